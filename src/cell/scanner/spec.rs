@@ -1,0 +1,274 @@
+//! The scanner as it is written in TOML presets and over HTTP: ranges, consistency, and the way to a [`Scanner`].
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::device::{DeviceName, Lens, OpticalDevice};
+use crate::cell::field_error::{FieldError, Findings};
+use crate::cell::pose_spec::PoseSpec;
+use crate::cell::shape_spec::BodySpec;
+use crate::geometry::{Device, Pose, Scanner as ScannerFrame};
+
+/// How far the rows of a printed rotation may be from orthonormal before it is refused.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+/// A structured-light scanner. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScannerSpec {
+    /// Name, unique among scanners.
+    pub name: String,
+    /// Working depth.
+    pub depth_mm: DepthSpec,
+    /// Left camera.
+    pub left: DeviceSpec,
+    /// Right camera.
+    pub right: DeviceSpec,
+    /// Projector.
+    pub projector: DeviceSpec,
+    /// Poses of a calibration board seen by both cameras, instead of `scanner_from_device` on each camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board_poses: Option<BoardPosesSpec>,
+    /// Mass, kg, 0.01 to 100.
+    pub mass_kg: f64,
+    /// Centre of mass in the scanner frame, mm. Default: the origin.
+    #[serde(default)]
+    pub centre_of_mass_mm: [f64; 3],
+    /// Envelope for collision tests, in the scanner frame.
+    #[serde(default)]
+    pub body: Vec<BodySpec>,
+    /// Practical measurement volume along x, y, z, mm, 1 to 10000 each.
+    pub practical_volume_mm: [f64; 3],
+    /// Edge of the cube that blocks of a large part must fit in, mm, 1 to 10000.
+    pub block_cube_mm: f64,
+}
+
+/// Working depth along +z of the scanner: 1 ≤ near < best < far ≤ 10000 mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DepthSpec {
+    /// Nearest depth, mm.
+    pub near: f64,
+    /// Depth of best focus, mm.
+    pub best: f64,
+    /// Farthest depth, mm.
+    pub far: f64,
+}
+
+/// One optical device: pinhole with skew and distortion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DeviceSpec {
+    /// Pose of the device in the scanner frame; left out for cameras when `board_poses` is given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scanner_from_device: Option<PoseSpec>,
+    /// Image width, pixels, 16 to 100000.
+    pub width_px: u32,
+    /// Image height, pixels, 16 to 100000.
+    pub height_px: u32,
+    /// Focal length along u, pixels, 1 to 1e6.
+    pub fx: f64,
+    /// Focal length along v, pixels, 1 to 1e6.
+    pub fy: f64,
+    /// Principal point, u, pixels, inside the image.
+    pub cx: f64,
+    /// Principal point, v, pixels, inside the image.
+    pub cy: f64,
+    /// Bouguet's α, -0.1 to 0.1. Default 0.
+    #[serde(default)]
+    pub skew: f64,
+    /// k1, k2, p1, p2, k3, each -10 to 10. Default 0.
+    #[serde(default)]
+    pub distortion: [f64; 5],
+    /// Largest incidence at which the device works, degrees, 1 to 89.9.
+    pub incidence_max_deg: f64,
+}
+
+/// One board, seen by both cameras at the same time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoardPosesSpec {
+    /// The board in the left camera.
+    pub left: BoardPoseSpec,
+    /// The board in the right camera.
+    pub right: BoardPoseSpec,
+}
+
+/// `camera_from_board` as calibration tools print it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoardPoseSpec {
+    /// Rows of the rotation matrix; orthonormal to 1e-3, projected onto the nearest rotation.
+    pub rotation_rows: [[f64; 3]; 3],
+    /// Origin of the board in the camera, mm.
+    pub translation_mm: [f64; 3],
+}
+
+impl ScannerSpec {
+    /// Checks every field and builds the scanner.
+    ///
+    /// # Errors
+    /// All fields that are out of range or inconsistent.
+    pub fn build(&self) -> Result<super::Scanner, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check(&mut findings);
+        findings.into_result()?;
+        let (scanner_from_left, scanner_from_right) = self.camera_poses();
+        let projector = self.projector.scanner_from_device.unwrap_or_default().pose();
+        Ok(super::Scanner {
+            name: self.name.clone(),
+            near_mm: self.depth_mm.near,
+            best_mm: self.depth_mm.best,
+            far_mm: self.depth_mm.far,
+            devices: [
+                self.left.build(DeviceName::Left, scanner_from_left),
+                self.right.build(DeviceName::Right, scanner_from_right),
+                self.projector.build(DeviceName::Projector, projector),
+            ],
+            mass_kg: self.mass_kg,
+            centre_of_mass_mm: Vector3::from(self.centre_of_mass_mm),
+            body: self.body.clone(),
+            practical_volume_mm: self.practical_volume_mm,
+            block_cube_mm: self.block_cube_mm,
+        })
+    }
+
+    fn camera_poses(&self) -> (Pose<ScannerFrame, Device>, Pose<ScannerFrame, Device>) {
+        match &self.board_poses {
+            Some(boards) => boards.rig(),
+            None => (
+                self.left.scanner_from_device.unwrap_or_default().pose(),
+                self.right.scanner_from_device.unwrap_or_default().pose(),
+            ),
+        }
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        findings.require(!self.name.is_empty(), "/name", || "is empty; name the scanner".into());
+        let DepthSpec { near, best, far } = self.depth_mm;
+        findings.range("/depth_mm/near", near, 1.0, 1e4, "mm");
+        findings.range("/depth_mm/best", best, 1.0, 1e4, "mm");
+        findings.range("/depth_mm/far", far, 1.0, 1e4, "mm");
+        findings.require(near < best && best < far, "/depth_mm", || {
+            format!("near {near}, best {best}, far {far}: must be near < best < far")
+        });
+        for (name, device) in [("left", &self.left), ("right", &self.right), ("projector", &self.projector)] {
+            device.check(&format!("/{name}"), findings);
+            let from_board = self.board_poses.is_some() && name != "projector";
+            findings.require(from_board != device.scanner_from_device.is_some(), format!("/{name}/scanner_from_device"), || {
+                if from_board {
+                    "is given beside board_poses; give one of the two".into()
+                } else {
+                    "is missing; give the device's pose".into()
+                }
+            });
+        }
+        if let Some(boards) = &self.board_poses {
+            boards.left.check("/board_poses/left", findings);
+            boards.right.check("/board_poses/right", findings);
+        }
+        findings.range("/mass_kg", self.mass_kg, 0.01, 100.0, "kg");
+        for (axis, value) in self.centre_of_mass_mm.iter().enumerate() {
+            findings.range(format!("/centre_of_mass_mm/{axis}"), *value, -1e4, 1e4, "mm");
+        }
+        for (index, body) in self.body.iter().enumerate() {
+            body.check(&format!("/body/{index}"), findings);
+        }
+        for (axis, value) in self.practical_volume_mm.iter().enumerate() {
+            findings.range(format!("/practical_volume_mm/{axis}"), *value, 1.0, 1e4, "mm");
+        }
+        findings.range("/block_cube_mm", self.block_cube_mm, 1.0, 1e4, "mm");
+    }
+}
+
+impl DeviceSpec {
+    fn check(&self, pointer: &str, findings: &mut Findings) {
+        if let Some(pose) = &self.scanner_from_device {
+            pose.check(&format!("{pointer}/scanner_from_device"), findings);
+        }
+        let (width, height) = (f64::from(self.width_px), f64::from(self.height_px));
+        findings.range(format!("{pointer}/width_px"), width, 16.0, 1e5, "px");
+        findings.range(format!("{pointer}/height_px"), height, 16.0, 1e5, "px");
+        findings.range(format!("{pointer}/fx"), self.fx, 1.0, 1e6, "px");
+        findings.range(format!("{pointer}/fy"), self.fy, 1.0, 1e6, "px");
+        findings.range(format!("{pointer}/cx"), self.cx, 0.0, width, "px");
+        findings.range(format!("{pointer}/cy"), self.cy, 0.0, height, "px");
+        findings.range(format!("{pointer}/skew"), self.skew, -0.1, 0.1, "");
+        for (index, k) in self.distortion.iter().enumerate() {
+            findings.range(format!("{pointer}/distortion/{index}"), *k, -10.0, 10.0, "");
+        }
+        findings.range(format!("{pointer}/incidence_max_deg"), self.incidence_max_deg, 1.0, 89.9, "°");
+    }
+
+    fn build(&self, name: DeviceName, scanner_from_device: Pose<ScannerFrame, Device>) -> OpticalDevice {
+        let lens = Lens {
+            width_px: f64::from(self.width_px),
+            height_px: f64::from(self.height_px),
+            fx: self.fx,
+            fy: self.fy,
+            cx: self.cx,
+            cy: self.cy,
+            skew: self.skew,
+            distortion: self.distortion,
+        };
+        OpticalDevice { name, scanner_from_device, lens, incidence_max_rad: self.incidence_max_deg.to_radians() }
+    }
+}
+
+impl BoardPoseSpec {
+    fn matrix(&self) -> Matrix3<f64> {
+        let [a, b, c] = self.rotation_rows;
+        Matrix3::new(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
+    }
+
+    fn check(&self, pointer: &str, findings: &mut Findings) {
+        let matrix = self.matrix();
+        let residual = (matrix * matrix.transpose() - Matrix3::identity()).amax();
+        findings.require(
+            residual <= ROTATION_TOLERANCE && matrix.determinant() > 0.0,
+            format!("{pointer}/rotation_rows"),
+            || {
+                format!(
+                    "is no rotation: R·Rᵀ is off identity by {residual}, determinant {}; allowed is {ROTATION_TOLERANCE}",
+                    matrix.determinant()
+                )
+            },
+        );
+        for (axis, value) in self.translation_mm.iter().enumerate() {
+            findings.range(format!("{pointer}/translation_mm/{axis}"), *value, -1e5, 1e5, "mm");
+        }
+    }
+
+    /// The pose, with the printed rotation projected onto SO(3) (nearest in the Frobenius norm, by SVD).
+    fn camera_from_board(&self) -> Isometry3<f64> {
+        let svd = self.matrix().svd(true, true);
+        let rotation = match (svd.u, svd.v_t) {
+            (Some(u), Some(v_t)) => Rotation3::from_matrix_unchecked(u * v_t),
+            _ => Rotation3::identity(),
+        };
+        Isometry3::from_parts(
+            Translation3::from(Vector3::from(self.translation_mm)),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        )
+    }
+}
+
+impl BoardPosesSpec {
+    /// Camera poses in the scanner frame: origin = middle of the baseline, x along it, z = mean optical axis made
+    /// perpendicular to x (method §2).
+    fn rig(&self) -> (Pose<ScannerFrame, Device>, Pose<ScannerFrame, Device>) {
+        let left_from_board = self.left.camera_from_board();
+        let right_from_left = self.right.camera_from_board() * left_from_board.inverse();
+        let left_from_right = right_from_left.inverse();
+        let baseline = left_from_right.translation.vector;
+        let x = baseline.normalize();
+        let mean_axis = Vector3::z() + left_from_right.rotation * Vector3::z();
+        let z = (mean_axis - x * x.dot(&mean_axis)).normalize();
+        let axes = Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
+        let left_from_scanner =
+            Isometry3::from_parts(Translation3::from(baseline * 0.5), UnitQuaternion::from_rotation_matrix(&axes));
+        let scanner_from_left = left_from_scanner.inverse();
+        (Pose::claim(scanner_from_left), Pose::claim(scanner_from_left * left_from_right))
+    }
+}

@@ -1,0 +1,77 @@
+//! Rigid bodies as they are written in specifications: obstacles of a cell, the envelope of a scanner.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::field_error::Findings;
+use super::pose_spec::PoseSpec;
+
+/// A rigid body and where it is in its owner's frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodySpec {
+    /// Name used in reports of collisions.
+    pub name: String,
+    /// Pose of the body in the frame of what it belongs to (base for obstacles, scanner for its envelope).
+    #[serde(default)]
+    pub owner_from_body: PoseSpec,
+    /// Its shape.
+    pub shape: ShapeSpec,
+}
+
+/// A shape, centred on its own origin.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ShapeSpec {
+    /// Box with edges along the axes.
+    Box {
+        /// Edge lengths, mm, above 0.
+        size_mm: [f64; 3],
+    },
+    /// Cylinder along z.
+    Cylinder {
+        /// Radius, mm, above 0.
+        radius_mm: f64,
+        /// Length along z, mm, above 0.
+        height_mm: f64,
+    },
+    /// Capsule along z.
+    Capsule {
+        /// Radius, mm, above 0.
+        radius_mm: f64,
+        /// Distance between the centres of its two half balls, mm.
+        length_mm: f64,
+    },
+    /// A mesh in millimetres: its id over HTTP, a file on the command line.
+    Mesh {
+        /// Mesh id or file.
+        mesh: String,
+    },
+}
+
+impl BodySpec {
+    /// Records what is wrong with this body, below `pointer`.
+    pub fn check(&self, pointer: &str, findings: &mut Findings) {
+        findings.require(!self.name.is_empty(), format!("{pointer}/name"), || "is empty; name the body".into());
+        self.owner_from_body.check(&format!("{pointer}/owner_from_body"), findings);
+        let mut size = |field: &str, value: f64| findings.range(format!("{pointer}/shape/{field}"), value, 0.01, 1e5, "mm");
+        match &self.shape {
+            ShapeSpec::Box { size_mm } => {
+                for (axis, edge_mm) in size_mm.iter().enumerate() {
+                    size(&format!("size_mm/{axis}"), *edge_mm);
+                }
+            }
+            ShapeSpec::Cylinder { radius_mm, height_mm } => {
+                size("radius_mm", *radius_mm);
+                size("height_mm", *height_mm);
+            }
+            ShapeSpec::Capsule { radius_mm, length_mm } => {
+                size("radius_mm", *radius_mm);
+                size("length_mm", *length_mm);
+            }
+            ShapeSpec::Mesh { mesh } => {
+                findings.require(!mesh.is_empty(), format!("{pointer}/shape/mesh"), || "is empty; name a mesh".into());
+            }
+        }
+    }
+}

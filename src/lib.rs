@@ -1,0 +1,5 @@
+#![doc = include_str!("ARCHITECTURE.md")]
+
+pub mod cell;
+pub mod geometry;
+pub mod planning;

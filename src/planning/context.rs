@@ -1,0 +1,102 @@
+//! What a running plan may ask of its surroundings: whether to stop, and whom to tell how far it is. No clock: who
+//! wants stage times measures them in the observer.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The stages of a plan, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    /// Mesh to patches and samples, with the structures that rays need.
+    Surface,
+    /// Patches to viewpoints.
+    Candidates,
+    /// Viewpoints to stations of the cell.
+    Stations,
+    /// Viewpoints to the table of what each measures.
+    Visibility,
+    /// The table to chosen views.
+    Selection,
+    /// Stations to an order and joint paths.
+    Sequence,
+    /// What is missed, and why.
+    Missed,
+}
+
+impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 7] =
+        [Self::Surface, Self::Candidates, Self::Stations, Self::Visibility, Self::Selection, Self::Sequence, Self::Missed];
+
+    /// Name in files and events.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Surface => "surface",
+            Self::Candidates => "candidates",
+            Self::Stations => "stations",
+            Self::Visibility => "visibility",
+            Self::Selection => "selection",
+            Self::Sequence => "sequence",
+            Self::Missed => "missed",
+        }
+    }
+}
+
+/// Who is told how far a plan is. Called from pool threads.
+pub trait Observer: Sync {
+    /// `stage` begins (again, when selection and sequence repeat).
+    fn begin(&self, stage: Stage);
+    /// `done` of `total` units of the running stage are finished. Calls may come out of order.
+    fn progress(&self, done: usize, total: usize);
+}
+
+/// An observer that listens to nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Observer for Silent {
+    fn begin(&self, _: Stage) {}
+    fn progress(&self, _: usize, _: usize) {}
+}
+
+/// The job was cancelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cancelled")]
+pub struct Cancelled;
+
+/// Cancel flag and observer of one plan.
+pub struct Context<'a> {
+    cancel: &'a AtomicBool,
+    observer: &'a dyn Observer,
+}
+
+impl<'a> Context<'a> {
+    /// A context that stops once `cancel` is true.
+    #[must_use]
+    pub fn new(cancel: &'a AtomicBool, observer: &'a dyn Observer) -> Self {
+        Self { cancel, observer }
+    }
+
+    /// Tells the observer that `stage` begins.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn begin(&self, stage: Stage) -> Result<(), Cancelled> {
+        self.check()?;
+        self.observer.begin(stage);
+        Ok(())
+    }
+
+    /// Tells the observer how far the stage is.
+    pub fn progress(&self, done: usize, total: usize) {
+        self.observer.progress(done, total);
+    }
+
+    /// Every loop asks this at least every 10 ms.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn check(&self) -> Result<(), Cancelled> {
+        if self.cancel.load(Ordering::Relaxed) { Err(Cancelled) } else { Ok(()) }
+    }
+}

@@ -1,0 +1,407 @@
+//! Every knob of a planning job: default, unit, range and source on each field. The names are those of files, HTTP
+//! and `--set`; angles are in degrees here, since this is the shape that users write, and radians from the first use on.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::cell::{FieldError, Findings, PoseSpec};
+
+/// All parameters of a plan. Unknown fields are refused.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlanParams {
+    /// Patches, samples and how the part lies.
+    pub part: PartParams,
+    /// Faces that are not asked for.
+    pub regions: RegionParams,
+    /// Values that the program carries to the scanner.
+    pub scan: ScanParams,
+    /// Values that the program carries to the robot.
+    pub motion: MotionParams,
+    /// Incidence limits of this job.
+    pub limits: LimitParams,
+    /// Which viewpoints are considered.
+    pub candidates: CandidateParams,
+    /// How visibility is computed.
+    pub visibility: VisibilityParams,
+    /// Weights of the score (method §5).
+    pub score: ScoreParams,
+    /// How views are chosen and when to stop.
+    pub selection: SelectionParams,
+    /// Seed of every pseudo-random choice. Default 0.
+    pub seed: u64,
+}
+
+/// Patches, samples and how the part lies.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PartParams {
+    /// Longest patch edge, mm, 0.05 to 1000. Default: 1/60 of the bounding box's diagonal.
+    pub patch_edge_mm: Option<f64>,
+    /// Samples per mm², 0.0001 to 1000; every patch has at least one. Default: one a patch.
+    pub samples_per_mm2: Option<f64>,
+    /// How the part lies on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
+    pub table_from_part: Option<PoseSpec>,
+    /// A fixture that occludes and collides and is not measured, modelled in the part's own coordinates and unit:
+    /// a mesh id over HTTP, a file on the command line.
+    pub fixture_mesh: Option<String>,
+}
+
+/// Faces that are not asked for.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RegionParams {
+    /// A face is excluded when any of these regions holds it (face list), or holds the sample (the others).
+    pub exclude: Vec<Region>,
+}
+
+/// A region of the part, in part coordinates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Region {
+    /// Faces of the uploaded file, counted from 0.
+    Faces {
+        /// Face numbers.
+        faces: Vec<u32>,
+    },
+    /// Axis-aligned box.
+    Box {
+        /// Lowest corner, mm.
+        min_mm: [f64; 3],
+        /// Highest corner, mm.
+        max_mm: [f64; 3],
+    },
+    /// Ball.
+    Sphere {
+        /// Centre, mm.
+        centre_mm: [f64; 3],
+        /// Radius, mm, above 0.
+        radius_mm: f64,
+    },
+    /// All points p with (p − point)·normal ≤ 0.
+    HalfSpace {
+        /// A point of the plane, mm.
+        point_mm: [f64; 3],
+        /// Outward direction, any length above 0.
+        normal: [f64; 3],
+    },
+    /// A named group of the file (`g` and `o` lines of OBJ).
+    Name {
+        /// The group's name.
+        name: String,
+    },
+}
+
+/// Values that the program carries to the scanner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ScanParams {
+    /// Projector brightness level, 0 to 9. Default 5.
+    pub brightness: u8,
+    /// Pause between arrival and capture, s, 0 to 60. Default 0.3.
+    pub settle_secs: f64,
+    /// Time of one capture, s, 0 to 600. Default 1.0.
+    pub capture_secs: f64,
+}
+
+impl Default for ScanParams {
+    fn default() -> Self {
+        Self { brightness: 5, settle_secs: 0.3, capture_secs: 1.0 }
+    }
+}
+
+/// Values that the program carries to the robot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct MotionParams {
+    /// Share of the axes' rated speed, 0.01 to 1. Default 0.25.
+    pub speed_fraction: f64,
+    /// Smallest distance between moving and other bodies, mm, 1 to 200. Default 5.
+    pub clearance_mm: f64,
+    /// Largest deviation of an emitted polyline from the planned path, degrees of any joint, 0.001 to 2. Default 0.1.
+    pub path_tolerance_deg: f64,
+}
+
+impl Default for MotionParams {
+    fn default() -> Self {
+        Self { speed_fraction: 0.25, clearance_mm: 5.0, path_tolerance_deg: 0.1 }
+    }
+}
+
+/// Incidence limits of this job.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct LimitParams {
+    /// Largest angle between surface normal and camera ray, degrees, 1 to 89.9. Default: the scanner's.
+    pub camera_deg: Option<f64>,
+    /// Largest angle between surface normal and projector ray, degrees, 1 to 89.9. Default: the scanner's.
+    pub projector_deg: Option<f64>,
+}
+
+/// A scheme that generates candidates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Strategy {
+    /// Block ellipsoid, Algorithm 1 (method §3).
+    Ellipsoid,
+}
+
+/// Part of the viewing sphere that is considered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Hemisphere {
+    /// Every direction.
+    Full,
+    /// Only viewpoints above the plate's plane.
+    AboveTable,
+}
+
+/// How far a candidate stands from the part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Standoff {
+    /// Half extent + F, then slid along the axis so that the seen surface lies around F.
+    Surface,
+    /// F from the block's centre.
+    Centre,
+}
+
+/// Which viewpoints are considered (method §3).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CandidateParams {
+    /// Schemes, in order; their candidates are joined. Default `["ellipsoid"]`.
+    pub strategies: Vec<Strategy>,
+    /// Polar step, and azimuth step near the equator, degrees, 1 to 90. Default 30.
+    pub step_small_deg: f64,
+    /// Azimuth step near the poles, degrees, 1 to 180. Default 45.
+    pub step_large_deg: f64,
+    /// Rolls about the viewing axis for each direction, degrees, -360 to 360. Default `[0]`.
+    pub rolls_deg: Vec<f64>,
+    /// Default: `full` without a cell, `above_table` with one.
+    pub hemisphere: Option<Hemisphere>,
+    /// Default `surface`.
+    pub standoff: Standoff,
+}
+
+impl Default for CandidateParams {
+    fn default() -> Self {
+        Self {
+            strategies: vec![Strategy::Ellipsoid],
+            step_small_deg: 30.0,
+            step_large_deg: 45.0,
+            rolls_deg: vec![0.0],
+            hemisphere: None,
+            standoff: Standoff::Surface,
+        }
+    }
+}
+
+/// A way to compute visibility. All agree on method §4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Engine {
+    /// Point samples and any-hit rays: the reference.
+    #[default]
+    Rays,
+}
+
+/// How visibility is computed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct VisibilityParams {
+    /// Default `rays`.
+    pub engine: Engine,
+}
+
+/// What the angle quality is measured against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ScoreAngle {
+    /// The direction from the sample to the viewpoint.
+    Ray,
+    /// The viewing axis (the thesis's literal form).
+    OpticalAxis,
+}
+
+/// Weights of the score (method §5), each 0 to 10.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ScoreParams {
+    /// Weight of the covered area. Default 0.5.
+    pub a: f64,
+    /// Weight of the quality. Default 0.5.
+    pub b: f64,
+    /// Weight of the angle in the quality. Default 0.6.
+    pub c: f64,
+    /// Weight of the distance in the quality. Default 0.4.
+    pub d: f64,
+    /// Default `ray`.
+    pub angle: ScoreAngle,
+}
+
+impl Default for ScoreParams {
+    fn default() -> Self {
+        Self { a: 0.5, b: 0.5, c: 0.6, d: 0.4, angle: ScoreAngle::Ray }
+    }
+}
+
+/// A way to choose views.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Solver {
+    /// The thesis's greedy.
+    #[default]
+    Greedy,
+}
+
+/// What greedy maximises.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Objective {
+    /// G_v = a·G_c + b·G_q.
+    #[default]
+    Score,
+    /// Plain area.
+    Coverage,
+}
+
+/// What the target is a share of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TargetOf {
+    /// Asked area that at least one kept candidate measures.
+    #[default]
+    Coverable,
+    /// All faces but excluded regions.
+    Asked,
+    /// The whole surface.
+    Total,
+}
+
+/// How views are chosen and when to stop (method §5).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SelectionParams {
+    /// Default `greedy`.
+    pub solver: Solver,
+    /// Default `score`.
+    pub objective: Objective,
+    /// Stop at this share, 0 to 1. Default 0.985.
+    pub target: f64,
+    /// Default `coverable`.
+    pub target_of: TargetOf,
+    /// Stop when the best view adds less than this share of the asked area, 0 to 1. Default 0.0001.
+    pub min_growth: f64,
+    /// At most this many views, 1 to 10000. Default: no limit.
+    pub max_views: Option<u32>,
+}
+
+impl Default for SelectionParams {
+    fn default() -> Self {
+        Self {
+            solver: Solver::Greedy,
+            objective: Objective::Score,
+            target: 0.985,
+            target_of: TargetOf::Coverable,
+            min_growth: 0.0001,
+            max_views: None,
+        }
+    }
+}
+
+impl PlanParams {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// All fields that are out of range, with the range.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check_part(&mut findings);
+        self.check_regions(&mut findings);
+        self.check_hardware_values(&mut findings);
+        self.check_candidates(&mut findings);
+        self.check_selection(&mut findings);
+        findings.into_result()
+    }
+
+    fn check_part(&self, findings: &mut Findings) {
+        if let Some(edge_mm) = self.part.patch_edge_mm {
+            findings.range("/part/patch_edge_mm", edge_mm, 0.05, 1000.0, "mm");
+        }
+        if let Some(density) = self.part.samples_per_mm2 {
+            findings.range("/part/samples_per_mm2", density, 0.0001, 1000.0, "per mm²");
+        }
+        if let Some(pose) = &self.part.table_from_part {
+            pose.check("/part/table_from_part", findings);
+        }
+    }
+
+    fn check_regions(&self, findings: &mut Findings) {
+        for (index, region) in self.regions.exclude.iter().enumerate() {
+            let at = format!("/regions/exclude/{index}");
+            match region {
+                Region::Faces { faces } => {
+                    findings.require(!faces.is_empty(), format!("{at}/faces"), || "is empty; name at least one face".into());
+                }
+                Region::Box { min_mm, max_mm } => {
+                    findings.require((0..3).all(|i| min_mm[i] <= max_mm[i]), format!("{at}/min_mm"), || {
+                        format!("{min_mm:?} is not below max_mm {max_mm:?} in every axis")
+                    });
+                }
+                Region::Sphere { radius_mm, .. } => {
+                    findings.range(format!("{at}/radius_mm"), *radius_mm, 1e-6, 1e5, "mm");
+                }
+                Region::HalfSpace { normal, .. } => {
+                    findings
+                        .require(normal.iter().any(|c| *c != 0.0), format!("{at}/normal"), || "is zero; give a direction".into());
+                }
+                Region::Name { name } => {
+                    findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group of the file".into());
+                }
+            }
+        }
+    }
+
+    fn check_hardware_values(&self, findings: &mut Findings) {
+        findings.range("/scan/brightness", f64::from(self.scan.brightness), 0.0, 9.0, "");
+        findings.range("/scan/settle_secs", self.scan.settle_secs, 0.0, 60.0, "s");
+        findings.range("/scan/capture_secs", self.scan.capture_secs, 0.0, 600.0, "s");
+        findings.range("/motion/speed_fraction", self.motion.speed_fraction, 0.01, 1.0, "");
+        findings.range("/motion/clearance_mm", self.motion.clearance_mm, 1.0, 200.0, "mm");
+        findings.range("/motion/path_tolerance_deg", self.motion.path_tolerance_deg, 0.001, 2.0, "°");
+        for (pointer, limit) in
+            [("/limits/camera_deg", self.limits.camera_deg), ("/limits/projector_deg", self.limits.projector_deg)]
+        {
+            if let Some(deg) = limit {
+                findings.range(pointer, deg, 1.0, 89.9, "°");
+            }
+        }
+    }
+
+    fn check_candidates(&self, findings: &mut Findings) {
+        let candidates = &self.candidates;
+        findings.require(!candidates.strategies.is_empty(), "/candidates/strategies", || "is empty; name at least one".into());
+        findings.range("/candidates/step_small_deg", candidates.step_small_deg, 1.0, 90.0, "°");
+        findings.range("/candidates/step_large_deg", candidates.step_large_deg, 1.0, 180.0, "°");
+        findings.require((1..=360).contains(&candidates.rolls_deg.len()), "/candidates/rolls_deg", || {
+            format!("has {} entries; allowed is 1 to 360", candidates.rolls_deg.len())
+        });
+        for (index, roll) in candidates.rolls_deg.iter().enumerate() {
+            findings.range(format!("/candidates/rolls_deg/{index}"), *roll, -360.0, 360.0, "°");
+        }
+    }
+
+    fn check_selection(&self, findings: &mut Findings) {
+        let score = &self.score;
+        for (name, weight) in [("a", score.a), ("b", score.b), ("c", score.c), ("d", score.d)] {
+            findings.range(format!("/score/{name}"), weight, 0.0, 10.0, "");
+        }
+        findings.require(score.a + score.b > 0.0, "/score/a", || "a and b are both 0; at least one must count".into());
+        findings.range("/selection/target", self.selection.target, 0.0, 1.0, "");
+        findings.range("/selection/min_growth", self.selection.min_growth, 0.0, 1.0, "");
+        if let Some(views) = self.selection.max_views {
+            findings.range("/selection/max_views", f64::from(views), 1.0, 10_000.0, "views");
+        }
+    }
+}

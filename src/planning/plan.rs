@@ -1,0 +1,305 @@
+//! The result of planning: an immutable value from which every file and every answer is rendered.
+
+use nalgebra::Point3;
+
+use super::candidates::{CandidateId, Label, Rejection};
+use super::params::PlanParams;
+use super::sequence::Sequence;
+use super::stations::Station;
+use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
+
+/// Dense number of a chosen view, in the order chosen, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ViewId(pub u32);
+
+/// A plan. Everything needed to write `plan.json`; no clock, no thread count.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// What was planned for.
+    pub part: PartFacts,
+    /// How the part lies; present with a cell.
+    pub table_from_part: Option<Pose<Table, Part>>,
+    /// Every knob that was in force, defaults resolved.
+    pub params: PlanParams,
+    /// How the candidates fared.
+    pub candidates: CandidateCounts,
+    /// What the chosen views measure.
+    pub coverage: Coverage,
+    /// The chosen views, in the order chosen.
+    pub views: Vec<PlannedView>,
+    /// Order and paths; present with a cell.
+    pub sequence: Option<Sequence>,
+    /// What is not measured, by cause, in the order of [`Cause`].
+    pub missed: Vec<MissedCause>,
+    /// Which rule ended the selection.
+    pub stopped_because: StopReason,
+}
+
+/// Facts of the planned part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartFacts {
+    /// SHA-256 of the uploaded file, lower-case hexadecimal.
+    pub sha256: String,
+    /// Triangles planned on.
+    pub triangles: usize,
+    /// Surface area.
+    pub area_mm2: f64,
+    /// Bounding box, part frame.
+    pub aabb: Aabb,
+}
+
+/// How many candidates there were.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CandidateCounts {
+    /// Generated.
+    pub generated: usize,
+    /// Kept for selection.
+    pub kept: usize,
+    /// Dropped, by reason.
+    pub rejected: std::collections::BTreeMap<Rejection, usize>,
+}
+
+/// Areas and shares of what is measured. Sums run over samples (method §4).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Coverage {
+    /// Whole surface.
+    pub total_area_mm2: f64,
+    /// All faces but excluded regions.
+    pub asked_area_mm2: f64,
+    /// Asked area that at least one kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// The same with the cell's reach ignored.
+    pub optically_coverable_area_mm2: f64,
+    /// Asked area that at least one chosen view measures.
+    pub measured_area_mm2: f64,
+    /// Measured area by grade A, B, C, D.
+    pub grade_area_mm2: [f64; 4],
+    /// Measured area after 1, 2, … views.
+    pub curve_area_mm2: Vec<f64>,
+}
+
+impl Coverage {
+    /// Measured share of the asked area; 0 when nothing is asked.
+    #[must_use]
+    pub fn of_asked(&self) -> f64 {
+        share(self.measured_area_mm2, self.asked_area_mm2)
+    }
+
+    /// Measured share of the coverable area.
+    #[must_use]
+    pub fn of_coverable(&self) -> f64 {
+        share(self.measured_area_mm2, self.coverable_area_mm2)
+    }
+
+    /// Measured share of the whole surface.
+    #[must_use]
+    pub fn of_total(&self) -> f64 {
+        share(self.measured_area_mm2, self.total_area_mm2)
+    }
+}
+
+/// `part / whole`, 0 where there is no whole.
+pub(crate) fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+/// One chosen view.
+#[derive(Clone, Debug)]
+pub struct PlannedView {
+    /// Number in the order chosen.
+    pub id: ViewId,
+    /// The candidate it was.
+    pub candidate: CandidateId,
+    /// Which side of the part it looks at.
+    pub label: Label,
+    /// Its pose.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Share of the asked area that it added when chosen.
+    pub gain_of_asked: f64,
+    /// Its score when chosen.
+    pub score: f64,
+    /// Where the cell takes it from; `None` without a cell, or when rejected.
+    pub station: Option<Station>,
+    /// Why it measures nothing, if so.
+    pub rejected: Option<Cause>,
+}
+
+/// Why a sample is not measured, in the order in which a candidate can fail (contract: the closed list).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Cause {
+    /// The part stands on it.
+    ExcludedResting,
+    /// Faces away from a device.
+    Facing,
+    /// Outside the working depth.
+    Depth,
+    /// Outside the left camera's image.
+    FrameLeft,
+    /// Outside the right camera's image.
+    FrameRight,
+    /// Outside the projector's field.
+    FrameProjector,
+    /// Too oblique for the left camera.
+    IncidenceLeft,
+    /// Too oblique for the right camera.
+    IncidenceRight,
+    /// Too oblique for the projector.
+    IncidenceProjector,
+    /// Hidden from the left camera.
+    ShadowLeft,
+    /// Hidden from the right camera.
+    ShadowRight,
+    /// Hidden from the projector.
+    ShadowProjector,
+    /// Measured only by views out of the robot's reach.
+    Unreachable,
+    /// Measured only by views at which something collides.
+    Collision,
+    /// Measured only by views to which no path was found.
+    NoPath,
+    /// Measured by a candidate that was not chosen.
+    NotChosen,
+}
+
+impl Cause {
+    /// Every cause, in order.
+    pub const ALL: [Self; 16] = [
+        Self::ExcludedResting,
+        Self::Facing,
+        Self::Depth,
+        Self::FrameLeft,
+        Self::FrameRight,
+        Self::FrameProjector,
+        Self::IncidenceLeft,
+        Self::IncidenceRight,
+        Self::IncidenceProjector,
+        Self::ShadowLeft,
+        Self::ShadowRight,
+        Self::ShadowProjector,
+        Self::Unreachable,
+        Self::Collision,
+        Self::NoPath,
+        Self::NotChosen,
+    ];
+
+    /// Name in files and answers.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::ExcludedResting => "excluded_resting",
+            Self::Facing => "facing",
+            Self::Depth => "depth",
+            Self::FrameLeft => "frame_left",
+            Self::FrameRight => "frame_right",
+            Self::FrameProjector => "frame_projector",
+            Self::IncidenceLeft => "incidence_left",
+            Self::IncidenceRight => "incidence_right",
+            Self::IncidenceProjector => "incidence_projector",
+            Self::ShadowLeft => "shadow_left",
+            Self::ShadowRight => "shadow_right",
+            Self::ShadowProjector => "shadow_projector",
+            Self::Unreachable => "unreachable",
+            Self::Collision => "collision",
+            Self::NoPath => "no_path",
+            Self::NotChosen => "not_chosen",
+        }
+    }
+}
+
+/// Area missed for one cause.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MissedCause {
+    /// The cause.
+    pub cause: Cause,
+    /// Area of its samples.
+    pub area_mm2: f64,
+    /// Connected spots, largest first.
+    pub spots: Vec<MissedSpot>,
+}
+
+/// A connected patch of surface missed for one cause.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MissedSpot {
+    /// Missed area in it.
+    pub area_mm2: f64,
+    /// Area-weighted centre, part frame.
+    pub centre_mm: Point3<f64>,
+    /// Faces of the uploaded file that it touches, ascending.
+    pub source_faces: Vec<u32>,
+}
+
+/// Which rule ended the selection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// The target share was reached.
+    Target,
+    /// The best view would add less than `selection.min_growth`.
+    Growth,
+    /// `selection.max_views` views were chosen.
+    MaxViews,
+    /// No candidate's score is positive.
+    NoGain,
+}
+
+impl StopReason {
+    /// Name in files and answers.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Target => "target",
+            Self::Growth => "growth",
+            Self::MaxViews => "max_views",
+            Self::NoGain => "no_gain",
+        }
+    }
+}
+
+/// Grade of a sample from its best chosen view's quality: A > 0.5, B > 0, C > −0.5, D the rest (method §5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Grade {
+    /// Above 0.5.
+    A,
+    /// Above 0.
+    B,
+    /// Above −0.5.
+    C,
+    /// The rest.
+    D,
+}
+
+impl Grade {
+    /// The grade of a quality c·Q_δ + d·Q_dis.
+    #[must_use]
+    pub fn of(quality: f64) -> Self {
+        match quality {
+            q if q > 0.5 => Self::A,
+            q if q > 0.0 => Self::B,
+            q if q > -0.5 => Self::C,
+            _ => Self::D,
+        }
+    }
+}
+
+/// What became of one sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Measured, with the grade of its best chosen view.
+    Measured(Grade),
+    /// Asked, not measured.
+    Missed(Cause),
+    /// In an excluded region.
+    NotAsked,
+}
+
+/// A plan and what is known of each sample: input of reports, listings and pictures.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The plan.
+    pub plan: Plan,
+    /// Patches and samples planned on.
+    pub surface: super::surface::Surface,
+    /// One a sample.
+    pub verdicts: Vec<Verdict>,
+    /// For each chosen view the samples it measures, ascending, with its quality at each.
+    pub measured_by_view: Vec<super::visibility::Row>,
+}

@@ -1,0 +1,27 @@
+//! Stations to an order and joint paths, from and back to home.
+
+use super::plan::ViewId;
+use super::stations::Station;
+
+/// Joints 1 to 6 and the table angle, radians.
+pub type Configuration = [f64; 7];
+
+/// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Leg {
+    /// Points between start and target, both left out.
+    pub via_rad: Vec<Configuration>,
+    /// Where it ends.
+    pub target: Station,
+    /// Predicted time.
+    pub duration_secs: f64,
+}
+
+/// A tour from home through every view with a station, and back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sequence {
+    /// Views in the order visited, each with the move that leads to it.
+    pub visits: Vec<(ViewId, Leg)>,
+    /// The move home.
+    pub return_home: Leg,
+}
