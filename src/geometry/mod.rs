@@ -1,7 +1,13 @@
 //! Floor 1, pure maths: frames, meshes and their files, ray queries. No I/O, no clock, no global state.
 
+pub mod demo_parts;
 mod frames;
 mod mesh;
+mod mesh_health;
+pub mod mesh_io;
+mod unit;
 
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, table_from_plate};
 pub use mesh::{Aabb, FaceGroup, Mesh};
+pub use mesh_health::{MeshHealth, MeshWarning, assess};
+pub use unit::{LengthUnit, UnknownUnit};
