@@ -1,0 +1,4 @@
+//! Floor 7, the JSON shapes, versioned: what files and answers look like. Degrees and plain arrays live here.
+
+pub mod echo;
+pub mod plan;
