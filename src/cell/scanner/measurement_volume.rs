@@ -73,6 +73,12 @@ impl OpticalDevice {
         })
     }
 
+    /// How far a point of the scanner frame lies outside the sides of what this device sees; negative inside.
+    #[must_use]
+    pub fn outside_mm(&self, point: &Point3<f64>) -> f64 {
+        self.sides().iter().map(|(side, _)| -side.depth_mm(point)).fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// What this device sees at `depth_mm` along z of the scanner.
     #[must_use]
     pub fn field_at(&self, depth_mm: f64) -> Field {
