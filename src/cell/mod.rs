@@ -8,5 +8,8 @@ mod shape_spec;
 
 pub use field_error::{FieldError, Findings};
 pub use pose_spec::PoseSpec;
-pub use scanner::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceName, DeviceSpec, Lens, OpticalDevice, Scanner, ScannerSpec};
+pub use scanner::{
+    BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
+    OpticalDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
+};
 pub use shape_spec::{BodySpec, ShapeSpec};

@@ -2,3 +2,4 @@
 
 pub mod echo;
 pub mod plan;
+pub mod scanner_facts;
