@@ -42,7 +42,7 @@ impl SpecLibrary for FileLibrary {
     }
 
     fn mesh(&self, name: &str) -> Option<Mesh> {
-        let read = mesh(Path::new(name), Some(LengthUnit::Mm));
+        let read = mesh(Path::new(name), Some(LengthUnit::Millimetre));
         read.inspect_err(|error| eprintln!("mesh {name}: {error}")).ok().map(|(read, _)| read.mesh)
     }
 
@@ -61,7 +61,10 @@ pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Option<T>) 
     }
     if !Path::new(name).exists() {
         let known = Presets.names(kind).join(", ");
-        return Err(CliError::BadInput(format!("--{kind} {name}: is no file and no preset; presets are {known}", kind = kind.as_str())));
+        return Err(CliError::BadInput(format!(
+            "--{kind} {name}: is no file and no preset; presets are {known}",
+            kind = kind.as_str()
+        )));
     }
     from_value(value(Path::new(name))?, name)
 }
@@ -87,7 +90,8 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
 /// Another shape.
 pub fn from_value<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
     serde_path_to_error::deserialize(value).map_err(|error| {
-        let pointer: String = error.path().to_string().split('.').filter(|part| *part != ".").map(|part| format!("/{part}")).collect();
+        let pointer: String =
+            error.path().to_string().split('.').filter(|part| *part != ".").map(|part| format!("/{part}")).collect();
         CliError::BadInput(format!("{what}: {}: {}", pointer, error.inner()))
     })
 }

@@ -15,6 +15,7 @@ use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
+use crate::wire::json_file_bytes;
 use crate::wire::plan::PlanDocument;
 
 /// Plan viewpoints, motion and robot program for a part.
@@ -95,7 +96,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let result = pool.install(|| job.run(&Context::new(cancel, &progress)));
     let seconds = progress.finish();
     let mut artifacts = result.map_err(explain)?;
-    artifacts.push(Artifact { name: "timings.json", bytes: json_bytes(&seconds)? });
+    artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
     write(&args.out, &artifacts)?;
     report(args, &artifacts)
 }
@@ -150,7 +151,8 @@ fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>
     pairs
         .iter()
         .map(|pair| {
-            let (key, value) = pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: is not KEY=VALUE")))?;
+            let (key, value) =
+                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: is not KEY=VALUE")))?;
             Ok((key.to_owned(), value.to_owned()))
         })
         .collect()
@@ -162,10 +164,6 @@ fn explain(error: PlanError) -> CliError {
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
         PlanError::NoPlan(_) => CliError::NoPlan(error.to_string()),
     }
-}
-
-fn json_bytes(value: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
-    serde_json::to_vec_pretty(value).map_err(|error| CliError::BadInput(error.to_string()))
 }
 
 fn write(out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {

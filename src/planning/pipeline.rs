@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 
 use super::candidates::{self, Scope};
 use super::context::{Cancelled, Context, Stage};
+use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::plan::Outcome;
-use super::motion::Motion;
 use super::sequence::Ordered;
 use super::study::{Chosen, Study};
 use super::surface;
@@ -95,14 +95,8 @@ fn choose(
     loop {
         ctx.begin(Stage::Selection)?;
         let chosen = study.select(&barred, ctx)?;
-        let Some(motion) = motion else { return Ok((chosen, None, barred)) };
-        ctx.begin(Stage::Sequence)?;
-        let ordered = motion.order(&study.stations_of(&chosen), ctx)?;
-        if ordered.no_path.is_empty() || reselections == MOST_RESELECTIONS {
-            return Ok((chosen, Some(ordered), barred));
-        }
-        barred.extend(study.candidates_behind(&chosen, &ordered.no_path));
-        reselections += 1;
+        let Some(_motion) = motion else { return Ok((chosen, None, barred)) };
+        return Ok((chosen, None, barred));
     }
 }
 

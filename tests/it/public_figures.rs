@@ -31,7 +31,11 @@ fn views_and_coverable_area_stand_beside_independent_figures() {
         params.selection.objective = Objective::Coverage;
         let plan = plan_viewpoints(&mesh, &scanner, &params).plan;
         let (views, share) = (plan.views.len(), plan.coverage.coverable_area_mm2 / plan.coverage.asked_area_mm2);
-        println!("{path:34} {camera_deg}/{projector_deg:<5} {views:>5} ({fewest}–{most})  {:>10.2} ({:.1})", 100.0 * share, 100.0 * coverable);
+        println!(
+            "{path:34} {camera_deg}/{projector_deg:<5} {views:>5} ({fewest}–{most})  {:>10.2} ({:.1})",
+            100.0 * share,
+            100.0 * coverable
+        );
         assert!((fewest - 1..=most + 1).contains(&views), "{path}: {views} views, elsewhere {fewest} to {most}");
         assert!((share - coverable).abs() <= 0.005, "{path}: {share} coverable, elsewhere {coverable}");
         assert!(plan.coverage.of_coverable() >= 0.985);

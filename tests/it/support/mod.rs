@@ -30,7 +30,7 @@ pub fn nominal_scanner() -> Scanner {
 /// A mesh of the shared data, its file axes kept, scaled about its box's centre to `extent_mm` along the longest axis.
 pub fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
     let bytes = std::fs::read(shared(path)?).expect("readable");
-    let mut mesh = mesh_io::read(&bytes, Some(LengthUnit::Mm), &Limits::default()).expect("a mesh").mesh;
+    let mut mesh = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default()).expect("a mesh").mesh;
     let (centre, scale) = (mesh.aabb().centre(), extent_mm / mesh.aabb().extent_mm().max());
     mesh.vertices_mm.iter_mut().for_each(|p| *p = nalgebra::Point3::from((*p - centre) * scale));
     Some(mesh)
