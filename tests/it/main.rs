@@ -3,3 +3,6 @@
 mod inspect_scanner;
 mod public_figures;
 mod support;
+//! The integration tests, one binary.
+
+mod meshes;
