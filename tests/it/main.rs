@@ -1,5 +1,6 @@
 //! The integration tests: one binary, one module a topic.
 
+mod architecture;
 mod inspect_scanner;
 mod public_figures;
 mod support;
