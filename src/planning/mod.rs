@@ -5,6 +5,7 @@ pub mod candidates;
 pub mod context;
 pub mod params;
 pub mod plan;
+pub mod report;
 pub mod sequence;
 pub mod stations;
 pub mod surface;
