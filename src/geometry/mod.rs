@@ -1,9 +1,15 @@
 //! Floor 1, pure maths: frames, meshes and their files, ray queries. No I/O, no clock, no global state.
 
+mod adjacency;
+mod face_lists;
 mod frames;
 mod mesh;
 mod preview;
+mod ray_scene;
 
+pub use adjacency::connected_components;
+pub use face_lists::FaceLists;
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, table_from_plate};
 pub use mesh::{Aabb, FaceGroup, Mesh};
-pub use preview::{FaceLists, NOT_DRAWN, Preview, glb, preview};
+pub use preview::{NOT_DRAWN, Preview, glb, preview};
+pub use ray_scene::RayScene;

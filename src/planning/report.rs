@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::params::PlanParams;
-use super::plan::{Coverage, MissedCause, Plan, PlannedView, share};
+use super::plan::{Coverage, MissedCause, Plan, share};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::geometry::Pose;
@@ -67,7 +67,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
-    write_views(out, &plan.views)?;
+    write_views(out, plan)?;
     if let Some(sequence) = &plan.sequence {
         write_sequence(out, sequence)?;
     }
@@ -124,11 +124,13 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
     Ok(())
 }
 
-fn write_views(out: &mut String, views: &[PlannedView]) -> fmt::Result {
-    writeln!(out, "\nviews, in the order chosen: {}", views.len())?;
-    for view in views {
-        write!(out, "  {:>3}  candidate {:<4} {:<7}", view.id.0, view.candidate.0, view.label.as_str())?;
-        writeln!(out, " gain {} % of asked, score {} mm²", percent(view.gain_of_asked), fixed(view.score, 1))?;
+fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
+    writeln!(out, "\nviews, in the order chosen: {}", plan.views.len())?;
+    for (view, measured_mm2) in plan.views.iter().zip(&plan.coverage.curve_area_mm2) {
+        writeln!(out, "  {:>3}  candidate {}, {}", view.id.0, view.candidate.0, view.label.as_str())?;
+        write!(out, "       adds {} % of asked, in all ", percent(view.gain_of_asked))?;
+        write!(out, "{} %", percent(share(*measured_mm2, plan.coverage.asked_area_mm2)))?;
+        writeln!(out, "; score {} mm²", fixed(view.score, 1))?;
         writeln!(out, "       {}", pose(&view.part_from_scanner))?;
         if let Some(station) = &view.station {
             writeln!(out, "       {}", station_text(station))?;

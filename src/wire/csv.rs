@@ -45,9 +45,12 @@ impl Csv {
         let _ = write!(self.text, "{cell}");
     }
 
-    /// A cell without a value.
-    pub(crate) fn nothing(&mut self) {
-        self.separate();
+    /// A number or name of ours, or an empty cell.
+    pub(crate) fn optional(&mut self, cell: Option<impl Display>) {
+        match cell {
+            Some(cell) => self.number(cell),
+            None => self.separate(),
+        }
     }
 
     /// Ends the row.

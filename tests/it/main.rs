@@ -1,1 +1,6 @@
-fn main() {}
+//! Integration tests, one binary.
+
+mod sample;
+
+mod look;
+mod report;

@@ -200,7 +200,7 @@ fn adopt_vanished(mesh: &Mesh, clusters: &Clusters, faces: &[[u32; 3]], face_of_
     for (triangle, face) in face_of_triangle.iter().enumerate().filter(|(_, face)| **face != NOT_DRAWN) {
         normals[*face as usize] += mesh.scaled_normal(triangle);
     }
-    let at_cluster = faces_at(faces, clusters.count);
+    let at_cluster = FaceLists::around(faces, clusters.count);
     for (triangle, adopted) in face_of_triangle.iter_mut().enumerate().filter(|(_, face)| **face == NOT_DRAWN) {
         let normal = mesh.scaled_normal(triangle);
         let agreement = |face: u32| normals[face as usize].try_normalize(0.0).map_or(-1.0, |n| n.dot(&normal));
@@ -212,26 +212,6 @@ fn adopt_vanished(mesh: &Mesh, clusters: &Clusters, faces: &[[u32; 3]], face_of_
             .max_by(|x, y| agreement(*x).total_cmp(&agreement(*y)).then(y.cmp(x)))
             .unwrap_or(NOT_DRAWN);
     }
-}
-
-/// For each cluster the faces at it.
-fn faces_at(faces: &[[u32; 3]], clusters: usize) -> FaceLists {
-    let mut offsets = vec![0u32; clusters + 1];
-    for cluster in faces.iter().flatten() {
-        offsets[*cluster as usize + 1] += 1;
-    }
-    for cluster in 0..clusters {
-        offsets[cluster + 1] += offsets[cluster];
-    }
-    let mut next = offsets.clone();
-    let mut list = vec![0; faces.len() * 3];
-    for (face, corners) in faces.iter().zip(0u32..).map(|(corners, face)| (face, corners)) {
-        for cluster in corners {
-            list[next[*cluster as usize] as usize] = face;
-            next[*cluster as usize] += 1;
-        }
-    }
-    FaceLists { offsets, faces: list }
 }
 
 /// Leaves out the clusters that no face uses.

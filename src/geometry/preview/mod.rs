@@ -13,7 +13,7 @@ mod tests;
 
 pub use glb::glb;
 
-use super::Mesh;
+use super::{FaceLists, Mesh};
 
 /// Stands in [`Preview::face_of_triangle`] for a triangle that the preview does not draw.
 pub const NOT_DRAWN: u32 = u32::MAX;
@@ -32,44 +32,12 @@ pub struct Preview {
     pub source_faces: FaceLists,
 }
 
-/// Lists of faces, kept one after the other.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct FaceLists {
-    /// Where each list begins in `faces`, and at last where the last one ends.
-    pub offsets: Vec<u32>,
-    /// The lists, one after the other.
-    pub faces: Vec<u32>,
-}
-
-impl FaceLists {
-    /// List number `index`.
-    #[must_use]
-    pub fn of(&self, index: usize) -> &[u32] {
-        &self.faces[self.offsets[index] as usize..self.offsets[index + 1] as usize]
-    }
-
-    fn trace(mesh: &Mesh, face_of_triangle: &[u32], faces: usize) -> Self {
-        let mut pairs: Vec<(u32, u32)> =
-            face_of_triangle.iter().copied().zip(mesh.source_face.iter().copied()).filter(|pair| pair.0 != NOT_DRAWN).collect();
-        pairs.sort_unstable();
-        pairs.dedup();
-        let mut offsets = vec![0u32; faces + 1];
-        for (face, _) in &pairs {
-            offsets[*face as usize + 1] += 1;
-        }
-        for face in 0..faces {
-            offsets[face + 1] += offsets[face];
-        }
-        Self { offsets, faces: pairs.into_iter().map(|(_, source)| source).collect() }
-    }
-}
-
 /// A preview of `mesh` with at most `max_triangles` faces. It is a picture, not a model: distances on it are off by up
 /// to a cell, and sheets closer than a cell may touch.
 #[must_use]
 pub fn preview(mesh: &Mesh, max_triangles: usize) -> Preview {
     let drawn = if mesh.faces.len() <= max_triangles { identity(mesh) } else { cluster::decimate(mesh, max_triangles) };
-    let source_faces = FaceLists::trace(mesh, &drawn.face_of_triangle, drawn.faces.len());
+    let source_faces = trace(mesh, &drawn.face_of_triangle, drawn.faces.len());
     Preview {
         positions_mm: drawn.positions_mm,
         faces: drawn.faces,
@@ -91,4 +59,13 @@ fn identity(mesh: &Mesh) -> Drawn {
         faces: mesh.faces.clone(),
         face_of_triangle: (0..).take(mesh.faces.len()).collect(),
     }
+}
+
+/// For each preview face the faces of the uploaded file behind it.
+fn trace(mesh: &Mesh, face_of_triangle: &[u32], faces: usize) -> FaceLists {
+    let drawn = face_of_triangle.iter().zip(&mesh.source_face).filter(|(face, _)| **face != NOT_DRAWN);
+    let mut pairs: Vec<(u32, u32)> = drawn.map(|(face, source)| (*face, *source)).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    FaceLists::group(&pairs, faces)
 }

@@ -4,7 +4,7 @@ use super::Csv;
 fn cells_are_separated_and_rows_end_in_crlf() {
     let mut csv = Csv::new(&["a", "b", "c"]);
     csv.number(-1.5);
-    csv.nothing();
+    csv.optional(None::<u8>);
     csv.text("plain");
     csv.end_row();
     assert_eq!(csv.finish(), "a,b,c\r\n-1.5,,plain\r\n");
