@@ -2,8 +2,7 @@
 
 mod architecture;
 mod inspect_scanner;
-mod public_figures;
-mod support;
-//! The integration tests, one binary.
-
 mod meshes;
+mod public_figures;
+mod report;
+mod support;
