@@ -3,6 +3,7 @@
 mod architecture;
 mod inspect_scanner;
 mod meshes;
+mod planning_with_cell;
 mod public_figures;
 mod report;
 mod support;
