@@ -4,8 +4,12 @@
 pub mod coverage;
 mod csv;
 pub mod echo;
+mod json_file;
 pub mod missed;
 pub mod plan;
 pub mod report;
+pub mod scanner_facts;
 mod tally;
 pub mod viewpoints;
+
+pub use json_file::json_file_bytes;

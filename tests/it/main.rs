@@ -1,6 +1,8 @@
-//! Integration tests, one binary.
+//! The integration tests: one binary, one module a topic.
 
-mod sample;
-
-mod look;
+mod architecture;
+mod inspect_scanner;
+mod meshes;
+mod public_figures;
 mod report;
+mod support;
