@@ -4,4 +4,7 @@ pub mod cell;
 pub mod cli;
 pub mod geometry;
 pub mod planning;
+pub mod service;
+#[cfg(test)]
+mod testing;
 pub mod wire;

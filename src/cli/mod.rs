@@ -2,7 +2,10 @@
 
 use std::process::ExitCode;
 
+pub mod files;
 pub mod inspect_scanner;
+pub mod plan;
+pub mod progress;
 
 /// Why a command ends without its result; each kind has its exit code (contract: 2, 3, 4).
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -99,9 +99,9 @@ pub struct DeviceDocument {
     /// Its pose.
     pub scanner_from_device: PoseSpec,
     /// Image width.
-    pub width_px: f64,
+    pub width_px: u32,
     /// Image height.
-    pub height_px: f64,
+    pub height_px: u32,
     /// Focal length along u, pixels.
     pub fx: f64,
     /// Focal length along v, pixels.
@@ -269,13 +269,9 @@ impl PlanDocument {
     }
 
     /// The file's bytes: indented JSON with a newline at the end. `plan_sha256` is over these.
-    ///
-    /// # Errors
-    /// None in practice; serde_json's signature.
-    pub fn to_bytes(&self) -> serde_json::Result<Vec<u8>> {
-        let mut bytes = serde_json::to_vec_pretty(self)?;
-        bytes.push(b'\n');
-        Ok(bytes)
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        super::json_file_bytes(self)
     }
 }
 
@@ -302,8 +298,8 @@ fn device_document(device: &OpticalDevice, limit_deg: Option<f64>) -> DeviceDocu
     DeviceDocument {
         name: device.name.as_str().to_owned(),
         scanner_from_device: PoseSpec::from(&device.scanner_from_device),
-        width_px: lens.width_px,
-        height_px: lens.height_px,
+        width_px: lens.width_px as u32,
+        height_px: lens.height_px as u32,
         fx: lens.fx,
         fy: lens.fy,
         cx: lens.cx,

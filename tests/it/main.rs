@@ -2,3 +2,8 @@
 
 mod architecture;
 mod inspect_scanner;
+mod public_figures;
+mod support;
+//! The integration tests, one binary.
+
+mod meshes;

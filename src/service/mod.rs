@@ -1,0 +1,3 @@
+//! Floor 8, the product without HTTP.
+
+pub mod plan_job;
