@@ -3,3 +3,4 @@
 pub mod cell;
 pub mod geometry;
 pub mod planning;
+pub mod wire;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::cell::FieldError;
-use crate::wire::{JobId, JobState, MeshId, SpecKind};
+use crate::wire::{JobId, JobState, MeshId, SpecCollection};
 
 /// Why the service did not do what was asked.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -18,7 +18,7 @@ pub enum Error {
     #[error("there is no {} {name:?}", kind.as_str())]
     SpecNotFound {
         /// Of which kind.
-        kind: SpecKind,
+        kind: SpecCollection,
         /// Called what.
         name: String,
     },
@@ -81,7 +81,7 @@ pub enum Error {
     #[error("{} {name:?} came with the program and cannot be changed; store yours under another name", kind.as_str())]
     SpecIsPreset {
         /// Of which kind.
-        kind: SpecKind,
+        kind: SpecCollection,
         /// Called what.
         name: String,
     },
@@ -89,7 +89,7 @@ pub enum Error {
     #[error("the {} {name:?} exists; say which version is to be replaced, with If-Match: {etag}", kind.as_str())]
     PreconditionRequired {
         /// Of which kind.
-        kind: SpecKind,
+        kind: SpecCollection,
         /// Called what.
         name: String,
         /// Its entity tag now.

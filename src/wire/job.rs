@@ -1,70 +1,16 @@
 //! A planning job: what is asked for, and how it stands.
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::marker::PhantomData;
 use std::str::FromStr;
 
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{self, MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::echo::Echo;
 use super::ids::{JobId, MeshId};
 use super::problem::JobProblem;
-use crate::cell::{FieldError, Findings, ScannerSpec};
+use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec};
 use crate::planning::params::PlanParams;
-
-/// A stored specification by name, or the specification itself.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
-#[serde(untagged)]
-pub enum NamedOr<T> {
-    /// Name of a stored specification or preset.
-    Name(String),
-    /// The specification.
-    Inline(Box<T>),
-}
-
-impl<T> NamedOr<T> {
-    /// The one with this name.
-    pub fn named(name: impl Into<String>) -> Self {
-        Self::Name(name.into())
-    }
-}
-
-// By hand, since serde's untagged enums lose the place of an error.
-impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NameOrMap<T>(PhantomData<T>);
-        impl<'de, T: Deserialize<'de>> Visitor<'de> for NameOrMap<T> {
-            type Value = NamedOr<T>;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a name or a specification")
-            }
-            fn visit_str<E: de::Error>(self, name: &str) -> Result<Self::Value, E> {
-                Ok(NamedOr::Name(name.to_owned()))
-            }
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
-                T::deserialize(MapAccessDeserializer::new(map)).map(|spec| NamedOr::Inline(Box::new(spec)))
-            }
-        }
-        deserializer.deserialize_any(NameOrMap(PhantomData))
-    }
-}
-
-/// The cell of a job: a name, `"none"`, or a specification.
-pub type CellChoice = NamedOr<serde_json::Map<String, serde_json::Value>>;
-
-/// What the client wants to find again in the job, the plan and the program.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Echo {
-    /// Labels.
-    pub labels: BTreeMap<String, String>,
-    /// Part number.
-    pub part_number: Option<String>,
-    /// Serial number.
-    pub serial: Option<String>,
-}
 
 /// What is to be planned. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -74,11 +20,10 @@ pub struct JobRequest {
     pub mesh_id: MeshId,
     /// The cell: a stored name, a specification, or `"none"` for viewpoints alone. Default `e05-transcan`.
     #[serde(default = "default_cell")]
-    #[schema(value_type = NamedOr<Object>)]
-    pub cell: CellChoice,
+    pub cell: Named<CellSpec>,
     /// The scanner, when `cell` is `"none"`: a stored name or a specification. Default `transcan-c`. A cell has its own.
     #[serde(default = "default_scanner")]
-    pub scanner: NamedOr<ScannerSpec>,
+    pub scanner: Named<ScannerSpec>,
     /// Parameters of the plan.
     #[serde(default)]
     pub params: PlanParams,
@@ -100,12 +45,12 @@ pub struct JobRequest {
     pub priority: i32,
 }
 
-fn default_cell() -> CellChoice {
-    NamedOr::named("e05-transcan")
+fn default_cell() -> Named<CellSpec> {
+    Named::Name("e05-transcan".into())
 }
 
-fn default_scanner() -> NamedOr<ScannerSpec> {
-    NamedOr::named("transcan-c")
+fn default_scanner() -> Named<ScannerSpec> {
+    Named::Name("transcan-c".into())
 }
 
 impl JobRequest {
@@ -232,10 +177,9 @@ pub struct Job {
     /// The mesh planned for.
     pub mesh_id: MeshId,
     /// The cell, as asked for.
-    #[schema(value_type = NamedOr<Object>)]
-    pub cell: CellChoice,
+    pub cell: Named<CellSpec>,
     /// The scanner, as asked for; counts when `cell` is `"none"`.
-    pub scanner: NamedOr<ScannerSpec>,
+    pub scanner: Named<ScannerSpec>,
     /// Parameters, defaults filled in.
     pub params: PlanParams,
     /// Labels, as given.

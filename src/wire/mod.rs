@@ -1,22 +1,24 @@
-//! Floor 7, the JSON shapes of files and answers, versioned, with typed ids. Keys carry their units; unknown fields in
-//! a request are refused with their JSON pointer. Nothing here decides anything.
+//! Floor 7, the JSON shapes of files and answers, versioned, with typed ids. Keys carry their units, degrees and plain
+//! arrays live here; unknown fields in a request are refused with their JSON pointer. Nothing here decides anything.
 
+pub mod echo;
 mod event;
 mod ids;
 mod job;
 mod json;
 mod mesh;
+pub mod plan;
 mod problem;
 mod spec;
 mod system;
 
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};
-pub use job::{CellChoice, Echo, Job, JobFile, JobPage, JobRequest, JobState, NamedOr};
+pub use job::{Job, JobFile, JobPage, JobRequest, JobState};
 pub use json::{ParseError, parse, pointer_of};
 pub use mesh::{BboxMm, Mesh, MeshHealth, MeshPage};
 pub use problem::{JobProblem, Problem, ProblemField};
-pub use spec::{SpecKind, SpecList, SpecListItem, is_spec_name};
+pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 pub use system::{Health, Readiness, ReadinessCheck, Version};
 
 #[cfg(test)]

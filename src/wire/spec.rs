@@ -3,9 +3,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Kinds of hardware specification.
+use crate::cell::SpecKind;
+
+/// Collections of hardware specifications.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SpecKind {
+pub enum SpecCollection {
     /// Structured-light scanners.
     Scanner,
     /// Robot arms.
@@ -16,19 +18,25 @@ pub enum SpecKind {
     Cell,
 }
 
-impl SpecKind {
-    /// Every kind.
+impl SpecCollection {
+    /// Every collection.
     pub const ALL: [Self; 4] = [Self::Scanner, Self::Robot, Self::Turntable, Self::Cell];
+
+    /// What its entries are.
+    #[must_use]
+    pub fn kind(self) -> SpecKind {
+        match self {
+            Self::Scanner => SpecKind::Scanner,
+            Self::Robot => SpecKind::Robot,
+            Self::Turntable => SpecKind::Turntable,
+            Self::Cell => SpecKind::Cell,
+        }
+    }
 
     /// `scanner`, `robot`, …
     #[must_use]
     pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Scanner => "scanner",
-            Self::Robot => "robot",
-            Self::Turntable => "turntable",
-            Self::Cell => "cell",
-        }
+        self.kind().as_str()
     }
 
     /// Name of the collection: of the route, and of the folder of presets.

@@ -25,3 +25,12 @@ pub struct Sequence {
     /// The move home.
     pub return_home: Leg,
 }
+
+/// A sequence, and the views to which no path was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ordered {
+    /// The tour through all other views.
+    pub sequence: Sequence,
+    /// Views left out.
+    pub no_path: Vec<ViewId>,
+}

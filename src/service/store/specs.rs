@@ -5,7 +5,7 @@ use sqlx::{Connection, Row, SqliteConnection};
 
 use super::Store;
 use crate::service::error::Error;
-use crate::wire::SpecKind;
+use crate::wire::SpecCollection;
 
 /// A stored specification.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,7 +51,7 @@ pub(crate) struct Put {
 
 impl Store {
     /// One specification.
-    pub(crate) async fn spec(&self, kind: SpecKind, name: &str) -> Result<Option<StoredSpec>, Error> {
+    pub(crate) async fn spec(&self, kind: SpecCollection, name: &str) -> Result<Option<StoredSpec>, Error> {
         let row = sqlx::query("SELECT name, version, body FROM spec WHERE kind = ?1 AND name = ?2")
             .bind(kind.as_str())
             .bind(name)
@@ -61,7 +61,7 @@ impl Store {
     }
 
     /// All specifications of a kind, by name.
-    pub(crate) async fn specs(&self, kind: SpecKind) -> Result<Vec<StoredSpec>, Error> {
+    pub(crate) async fn specs(&self, kind: SpecCollection) -> Result<Vec<StoredSpec>, Error> {
         let rows = sqlx::query("SELECT name, version, body FROM spec WHERE kind = ?1 ORDER BY name")
             .bind(kind.as_str())
             .fetch_all(&self.reader)
@@ -70,7 +70,7 @@ impl Store {
     }
 
     /// Stores a specification. Replacing one needs [`Precondition::Match`].
-    pub(crate) async fn put_spec(&self, kind: SpecKind, name: &str, body: &str, only_if: &Precondition) -> Result<Put, Error> {
+    pub(crate) async fn put_spec(&self, kind: SpecCollection, name: &str, body: &str, only_if: &Precondition) -> Result<Put, Error> {
         let mut writer = self.writer.lock().await;
         let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
         let now = etag_now(&mut tx, kind, name).await?;
@@ -98,7 +98,7 @@ impl Store {
     }
 
     /// Deletes a specification.
-    pub(crate) async fn delete_spec(&self, kind: SpecKind, name: &str, only_if: &Precondition) -> Result<(), Error> {
+    pub(crate) async fn delete_spec(&self, kind: SpecCollection, name: &str, only_if: &Precondition) -> Result<(), Error> {
         let mut writer = self.writer.lock().await;
         let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
         let now = etag_now(&mut tx, kind, name).await?;
@@ -114,7 +114,7 @@ impl Store {
     }
 }
 
-async fn etag_now(tx: &mut SqliteConnection, kind: SpecKind, name: &str) -> Result<Option<String>, Error> {
+async fn etag_now(tx: &mut SqliteConnection, kind: SpecCollection, name: &str) -> Result<Option<String>, Error> {
     let version: Option<i64> = sqlx::query_scalar("SELECT version FROM spec WHERE kind = ?1 AND name = ?2")
         .bind(kind.as_str())
         .bind(name)
