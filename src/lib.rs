@@ -3,4 +3,6 @@
 pub mod cell;
 pub mod geometry;
 pub mod planning;
+#[cfg(test)]
+mod testing;
 pub mod wire;

@@ -6,6 +6,8 @@
 mod blocks;
 mod ellipsoid;
 mod slide;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;

@@ -5,6 +5,8 @@
 //! Every engine answers by this one definition; [`cast`] is the seam at which they are chosen.
 
 mod rays;
+#[cfg(test)]
+mod tests;
 mod view;
 
 use rayon::prelude::*;

@@ -10,6 +10,9 @@ use super::params::{PartParams, Region, RegionParams};
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
+#[cfg(test)]
+mod tests;
+
 /// Default patch edge as a share of the bounding box's diagonal.
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
 /// Default number of samples that a part gets at least: a share of the area is then known to about 0.1 points.

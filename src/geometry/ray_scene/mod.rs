@@ -12,6 +12,9 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy};
 
 use super::mesh::{Aabb, Mesh};
 
+#[cfg(test)]
+mod tests;
+
 /// Widens a slab interval so that rounding never makes a box smaller: 1 + 2γ(3) for f64 (Ize 2013, *Robust BVH Ray
 /// Traversal*, JCGT 2(2), section 3), rounded up.
 const SLAB_WIDENING: f64 = 1.0 + 1e-15;
