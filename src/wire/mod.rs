@@ -17,7 +17,7 @@ pub use ids::{JobId, MeshId};
 pub use job::{Job, JobFile, JobPage, JobRequest, JobState};
 pub use json::{ParseError, parse, pointer_of};
 pub use mesh::{BboxMm, Mesh, MeshHealth, MeshPage};
-pub use problem::{JobProblem, Problem, ProblemField};
+pub use problem::{JobProblem, Problem, ProblemField, problem_type};
 pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 pub use system::{Health, Readiness, ReadinessCheck, Version};
 

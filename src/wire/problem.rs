@@ -60,3 +60,9 @@ pub struct JobProblem {
     /// The fields at fault, if any.
     pub errors: Vec<ProblemField>,
 }
+
+/// Reference to the description of a kind of problem.
+#[must_use]
+pub fn problem_type(code: &str) -> String {
+    format!("/problems#{code}")
+}
