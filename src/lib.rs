@@ -1,8 +1,10 @@
 #![doc = include_str!("ARCHITECTURE.md")]
 
 pub mod cell;
+pub mod cli;
 pub mod geometry;
 pub mod planning;
+pub mod service;
 #[cfg(test)]
 mod testing;
 pub mod wire;

@@ -1,12 +1,34 @@
 //! Floor 2, the hardware: scanner optics, robot, turntable, kinematics, collision. Specifications (`*Spec`) are the
 //! shapes users write, with degrees in `_deg` fields; what is built from them holds radians.
 
+mod axis;
+mod body;
+pub mod collision;
 mod field_error;
+pub mod kinematics;
+mod layout;
+mod library;
 mod pose_spec;
+mod robot;
 mod scanner;
 mod shape_spec;
+mod turntable;
 
+pub use axis::{Axes, Axis, AxisSpec, Configuration};
+pub use body::{Body, Shape};
+pub use collision::{CollisionScene, Contact};
 pub use field_error::{FieldError, Findings};
+pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec};
+pub use layout::{Cell, CellSpec, joints_of};
+pub use library::{Named, Presets, SpecKind, SpecLibrary, preset_text};
 pub use pose_spec::PoseSpec;
-pub use scanner::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceName, DeviceSpec, Lens, OpticalDevice, Scanner, ScannerSpec};
+pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
+pub use scanner::{
+    BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
+    OpticalDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
+};
 pub use shape_spec::{BodySpec, ShapeSpec};
+pub use turntable::{RotationSpec, Turntable, TurntableSpec};
+
+#[cfg(test)]
+mod tests;

@@ -1,6 +1,7 @@
 //! Floor 1, pure maths: frames, meshes and their files, ray queries. No I/O, no clock, no global state.
 
 mod adjacency;
+mod convex;
 pub mod demo_parts;
 mod frames;
 mod mesh;
@@ -10,6 +11,7 @@ mod ray_scene;
 mod unit;
 
 pub use adjacency::connected_components;
+pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, table_from_plate};
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess};

@@ -4,6 +4,7 @@
 pub mod candidates;
 pub mod context;
 mod missed;
+mod motion;
 pub mod params;
 mod pipeline;
 pub mod plan;

@@ -5,13 +5,18 @@ use std::collections::BTreeSet;
 
 use super::candidates::{self, Scope};
 use super::context::{Cancelled, Context, Stage};
+use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::plan::Outcome;
-use super::study::Study;
+use super::sequence::Ordered;
+use super::study::{Chosen, Study};
 use super::surface;
 use super::visibility;
-use crate::cell::{DeviceName, FieldError, Scanner};
+use crate::cell::{Cell, DeviceName, FieldError, PoseSpec, Scanner};
 use crate::geometry::{Mesh, Part, Pose, RayScene, Table};
+
+/// How often views without a path are given up for others; what then remains without one carries it as a rejection.
+const MOST_RESELECTIONS: usize = 4;
 
 /// What is planned for.
 pub struct PlanInput<'a> {
@@ -21,8 +26,10 @@ pub struct PlanInput<'a> {
     pub fixture: Option<&'a Mesh>,
     /// SHA-256 of the part's file, lower-case hexadecimal.
     pub part_sha256: &'a str,
-    /// The scanner.
+    /// The scanner; the cell's own where there is a cell.
     pub scanner: &'a Scanner,
+    /// The cell; `None` plans viewpoints alone.
+    pub cell: Option<&'a Cell>,
 }
 
 /// Why there is no plan.
@@ -55,22 +62,42 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     ctx.begin(Stage::Surface)?;
     let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
     let scene = RayScene::new([input.mesh].into_iter().chain(input.fixture));
-    let table_from_part = params.part.table_from_part.map_or_else(|| resting(input.mesh), |spec| spec.pose());
+    let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
 
     ctx.begin(Stage::Candidates)?;
     let scope = Scope { surface: &surface, scanner: input.scanner, table_from_part };
     let generated = candidates::generate(&scope, &params.candidates, input.mesh, &scene, ctx)?;
 
-    ctx.begin(Stage::Visibility)?;
+    let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part));
+    let generated = motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));
     let poses: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+
+    ctx.begin(Stage::Stations)?;
+    let reach = motion.as_ref().map(|motion| motion.reach(&poses, ctx)).transpose()?;
+    ctx.begin(Stage::Visibility)?;
     let table = visibility::cast(&surface, &poses, input.scanner, &scene, &params, ctx)?;
 
-    let study = Study::new(input, params, surface, table_from_part, generated, table, None)?;
-    ctx.begin(Stage::Selection)?;
-    let barred = BTreeSet::new();
-    let chosen = study.select(&barred, ctx)?;
+    let study = Study::new(input, &params, surface, table_from_part, generated, table, reach)?;
+    let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
-    Ok(study.conclude(&chosen, None, &barred))
+    Ok(study.conclude(&chosen, ordered, &barred))
+}
+
+/// Selection and sequence: a chosen view to which no path is found is barred and selection runs again, a bounded number
+/// of times.
+fn choose(
+    study: &Study<'_>,
+    motion: Option<&Motion<'_>>,
+    ctx: &Context<'_>,
+) -> Result<(Chosen, Option<Ordered>, BTreeSet<usize>), PlanError> {
+    let mut barred = BTreeSet::new();
+    let mut reselections = 0;
+    loop {
+        ctx.begin(Stage::Selection)?;
+        let chosen = study.select(&barred, ctx)?;
+        let Some(_motion) = motion else { return Ok((chosen, None, barred)) };
+        return Ok((chosen, None, barred));
+    }
 }
 
 /// Part axes parallel to the table's, bottom of the bounding box on the plate, its centre on the axis (method §1).
@@ -85,6 +112,7 @@ pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
 fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
     let mut resolved = params.clone();
     resolved.part = surface::resolve(&params.part, input.mesh);
+    resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));
     for device in &input.scanner.devices {
         let limit_deg = match device.name {
             DeviceName::Left | DeviceName::Right => &mut resolved.limits.camera_deg,
@@ -92,6 +120,7 @@ fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
         };
         limit_deg.get_or_insert(device.incidence_max_rad.to_degrees());
     }
-    resolved.candidates.hemisphere.get_or_insert(Hemisphere::Full);
+    let hemisphere = if input.cell.is_some() { Hemisphere::AboveTable } else { Hemisphere::Full };
+    resolved.candidates.hemisphere.get_or_insert(hemisphere);
     resolved
 }

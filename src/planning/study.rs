@@ -23,7 +23,7 @@ pub(super) type Reach = Vec<Result<Vec<Station>, Blocked>>;
 /// See the module.
 pub(super) struct Study<'a> {
     input: &'a PlanInput<'a>,
-    params: PlanParams,
+    params: &'a PlanParams,
     surface: Surface,
     table_from_part: Pose<Table, Part>,
     generated: Generated,
@@ -45,7 +45,7 @@ pub(super) struct Chosen {
 impl<'a> Study<'a> {
     pub(super) fn new(
         input: &'a PlanInput<'a>,
-        params: PlanParams,
+        params: &'a PlanParams,
         surface: Surface,
         table_from_part: Pose<Table, Part>,
         generated: Generated,
@@ -128,7 +128,7 @@ impl<'a> Study<'a> {
             stopped_because: chosen.selection.stopped_because,
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
-            params: self.params,
+            params: self.params.clone(),
         };
         let measured_by_view = measuring.into_iter().cloned().collect();
         Outcome { plan, surface: self.surface, verdicts, measured_by_view }

@@ -15,7 +15,7 @@ use crate::wire::SpecCollection;
 /// A snapshot of the store's specifications.
 pub(super) struct Library {
     stored: BTreeMap<(&'static str, String), String>,
-    meshes: BTreeMap<String, MeshSource>,
+    meshes: BTreeMap<String, (MeshSource, Option<String>)>,
     max_triangles: usize,
 }
 
@@ -31,7 +31,7 @@ impl App {
         for mesh in self.0.store.all_meshes().await? {
             let path = self.0.store.files().path(&mesh.sha256);
             let unit = unit_of(&mesh)?;
-            meshes.insert(mesh.id.to_string(), MeshSource { path, sha256: mesh.sha256, unit });
+            meshes.insert(mesh.id.to_string(), (MeshSource { path, sha256: mesh.sha256, unit }, mesh.name));
         }
         Ok(Library { stored, meshes, max_triangles: self.0.options.max_triangles })
     }
@@ -45,7 +45,12 @@ impl Library {
 
     /// The file of a mesh.
     pub(super) fn source(&self, id: &str) -> Option<&MeshSource> {
-        self.meshes.get(id)
+        self.meshes.get(id).map(|(source, _)| source)
+    }
+
+    /// The name that a mesh was given, else its id.
+    pub(super) fn part_name(&self, id: &str) -> String {
+        self.meshes.get(id).and_then(|(_, name)| name.clone()).unwrap_or_else(|| id.to_owned())
     }
 }
 

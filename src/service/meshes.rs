@@ -9,7 +9,7 @@ use tokio::task::JoinHandle;
 use super::app::App;
 use super::error::{Error, Fault};
 use super::store::{NewMesh, Page, Received, blocking};
-use crate::geometry::LengthUnit;
+use crate::geometry::{self, LengthUnit};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::wire::{Mesh, MeshHealth, MeshId, MeshPage};
 
@@ -197,11 +197,11 @@ pub(super) fn unit_of(mesh: &Mesh) -> Result<LengthUnit, Error> {
 /// What a file is as a mesh.
 fn inspect(bytes: &[u8], unit: LengthUnit, limits: &Limits) -> Result<MeshHealth, Error> {
     let read = mesh_io::read(bytes, Some(unit), limits).map_err(|error| Error::MeshUnreadable(error.to_string()))?;
-    Ok(MeshHealth::of(&read))
+    Ok(MeshHealth::new(&read))
 }
 
 /// The mesh of a file, thinned, as binary glTF.
 fn preview(bytes: &[u8], unit: LengthUnit, limits: &Limits) -> Result<Vec<u8>, Error> {
     let read = mesh_io::read(bytes, Some(unit), limits).map_err(|error| Error::MeshUnreadable(error.to_string()))?;
-    Ok(crate::geometry::preview::thin(&read.mesh, PREVIEW_TRIANGLES).to_glb())
+    Ok(geometry::glb(&geometry::preview(&read.mesh, PREVIEW_TRIANGLES)))
 }

@@ -11,6 +11,7 @@ mod jobs;
 mod library;
 mod meshes;
 mod options;
+pub mod plan_job;
 pub mod run;
 mod specs;
 mod store;

@@ -7,15 +7,16 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
+pub use super::plan_job::Artifact;
+use super::plan_job::PlanJob;
 use super::store::hex;
 use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
+use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
-use crate::planning::pipeline::{self, PlanError, PlanInput};
 use crate::wire::echo::Echo;
-use crate::wire::plan::PlanDocument;
 
 /// Plans: [`run`], or what a test puts in its place.
 pub type Planner = Arc<dyn Fn(&RunInput, &Context<'_>) -> Result<Vec<Artifact>, RunError> + Send + Sync>;
@@ -36,6 +37,8 @@ pub struct MeshSource {
 pub struct RunInput {
     /// The part.
     pub mesh: MeshSource,
+    /// Name of the part in reports.
+    pub part_name: String,
     /// What holds it.
     pub fixture: Option<MeshSource>,
     /// The cell, with its scanner, robot and turntable written out; `None` for viewpoints alone.
@@ -50,15 +53,6 @@ pub struct RunInput {
     pub params: PlanParams,
     /// What is echoed in the files.
     pub echo: Echo,
-}
-
-/// A file that came out.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Artifact {
-    /// Its name.
-    pub name: &'static str,
-    /// Its bytes.
-    pub bytes: Vec<u8>,
 }
 
 /// Why nothing came out.
@@ -82,14 +76,16 @@ impl From<PlanError> for RunError {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::Cancelled => Self::Cancelled,
-            PlanError::BadParams(errors) => Self::BadInput(errors.into_iter().map(below_params).collect()),
+            PlanError::BadParams(errors) => below("/params", errors),
             PlanError::NoPlan(reasons) => Self::NoPlan(reasons),
         }
     }
 }
 
-fn below_params(error: FieldError) -> FieldError {
-    FieldError { pointer: format!("/params{}", error.pointer), detail: error.detail }
+/// Findings of a part of the request.
+fn below(pointer: &str, errors: Vec<FieldError>) -> RunError {
+    let moved = errors.into_iter().map(|e| FieldError { pointer: format!("{pointer}{}", e.pointer), detail: e.detail });
+    RunError::BadInput(moved.collect())
 }
 
 impl MeshSource {
@@ -116,11 +112,23 @@ impl MeshSource {
 pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunError> {
     let mesh = input.mesh.read("/mesh_id", input.max_triangles)?;
     let fixture = input.fixture.as_ref().map(|f| f.read("/params/part/fixture_mesh", input.max_triangles)).transpose()?;
-    let scanner = input.scanner.build().map_err(RunError::BadInput)?;
-    let plan_input = PlanInput { mesh: &mesh, fixture: fixture.as_ref(), part_sha256: &input.mesh.sha256, scanner: &scanner };
-    let outcome = pipeline::plan(&plan_input, &input.params, ctx)?;
-    let plan = PlanDocument::new(&outcome, &scanner, &input.echo);
-    Ok(vec![Artifact { name: "plan.json", bytes: plan.to_bytes() }])
+    let cell = input.cell.as_ref().map(|cell| cell.build(&RunLibrary(input)));
+    let cell = cell.transpose().map_err(|errors| below("/cell", errors))?;
+    let scanner = match &cell {
+        Some(cell) => cell.scanner.clone(),
+        None => input.scanner.build().map_err(|errors| below("/scanner", errors))?,
+    };
+    let job = PlanJob {
+        mesh: &mesh,
+        fixture: fixture.as_ref(),
+        part_name: input.part_name.clone(),
+        part_sha256: &input.mesh.sha256,
+        scanner: &scanner,
+        cell: cell.as_ref(),
+        params: &input.params,
+        echo: input.echo.clone(),
+    };
+    job.run(ctx).map_err(RunError::from)
 }
 
 /// The meshes that a run brings with it, and the presets.

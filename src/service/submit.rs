@@ -28,6 +28,7 @@ pub struct JobQuery {
 #[derive(Debug, Serialize, Deserialize)]
 struct StoredInput {
     mesh: MeshFile,
+    part_name: String,
     fixture: Option<MeshFile>,
     cell: Option<CellSpec>,
     scanner: ScannerSpec,
@@ -96,8 +97,8 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let used = std::mem::take(&mut lookup.used);
     match (mesh, fixture, scanner) {
         (Some(mesh), None | Some(Some(_)), Some(scanner)) if errors.is_empty() => {
-            let fixture = fixture.flatten();
-            Ok((StoredInput { mesh, fixture, cell, scanner, body_meshes }, used.into_iter().collect()))
+            let (fixture, part_name) = (fixture.flatten(), library.part_name(&request.mesh_id.to_string()));
+            Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes }, used.into_iter().collect()))
         }
         _ => Err(errors),
     }
@@ -213,6 +214,7 @@ pub(super) fn run_input(attempt: &Attempt, files: &Files, max_triangles: usize) 
     let body_meshes = input.body_meshes.into_iter().map(|(name, file)| Ok((name, source(file)?)));
     Ok(RunInput {
         mesh: source(input.mesh)?,
+        part_name: input.part_name,
         fixture: input.fixture.map(source).transpose()?,
         cell: input.cell,
         scanner: input.scanner,

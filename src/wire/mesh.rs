@@ -4,26 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ids::MeshId;
-
-/// Axis-aligned bounding box.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct BboxMm {
-    /// Lowest corner, mm.
-    pub min: [f64; 3],
-    /// Highest corner, mm.
-    pub max: [f64; 3],
-}
-
-/// Facts of a mesh and what is wrong with it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct MeshHealth {
-    /// Triangles kept.
-    pub triangles: u64,
-    /// Bounding box.
-    pub bbox_mm: BboxMm,
-    /// Area of the surface.
-    pub area_mm2: f64,
-}
+use super::mesh_health::MeshHealth;
 
 /// An uploaded mesh.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -32,7 +13,7 @@ pub struct Mesh {
     pub id: MeshId,
     /// Name given at the upload.
     pub name: Option<String>,
-    /// Unit of the file's coordinates.
+    /// Unit of the file's coordinates: `mm`, `cm`, `m` or `inch`.
     pub unit: String,
     /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: String,

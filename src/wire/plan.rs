@@ -269,13 +269,9 @@ impl PlanDocument {
     }
 
     /// The file's bytes: indented JSON with a newline at the end. `plan_sha256` is over these.
-    ///
-    /// # Errors
-    /// None in practice; serde_json's signature.
-    pub fn to_bytes(&self) -> serde_json::Result<Vec<u8>> {
-        let mut bytes = serde_json::to_vec_pretty(self)?;
-        bytes.push(b'\n');
-        Ok(bytes)
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        super::json_file_bytes(self)
     }
 }
 

@@ -171,11 +171,9 @@ impl MeshError {
             | Self::OutOfRange { at, .. }
             | Self::BadIndex { at, .. }
             | Self::TooLarge { at, .. } => Some(*at),
-            Self::UnitMissing
-            | Self::EmptyFile
-            | Self::UnknownFormat
-            | Self::FormatNotRead { .. }
-            | Self::NoTriangles { .. } => None,
+            Self::UnitMissing | Self::EmptyFile | Self::UnknownFormat | Self::FormatNotRead { .. } | Self::NoTriangles { .. } => {
+                None
+            }
         }
     }
 }

@@ -104,11 +104,8 @@ pub(super) fn number(token: &[u8], at: Position) -> Result<f64, MeshError> {
 pub(super) fn coordinates<'a>(tokens: &mut impl Iterator<Item = &'a [u8]>, at: Position) -> Result<[f64; 3], MeshError> {
     let mut xyz = [0.0; 3];
     for value in &mut xyz {
-        let token = tokens.next().ok_or(MeshError::Syntax {
-            at,
-            expected: "three coordinates",
-            found: "the end of the line".into(),
-        })?;
+        let token =
+            tokens.next().ok_or(MeshError::Syntax { at, expected: "three coordinates", found: "the end of the line".into() })?;
         *value = number(token, at)?;
         if !value.is_finite() {
             return Err(MeshError::NotFinite { at, found: excerpt(token) });

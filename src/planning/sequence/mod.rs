@@ -3,8 +3,7 @@
 use super::plan::ViewId;
 use super::stations::Station;
 
-/// Joints 1 to 6 and the table angle, radians.
-pub type Configuration = [f64; 7];
+pub use crate::cell::Configuration;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]

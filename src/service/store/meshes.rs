@@ -94,6 +94,14 @@ impl Store {
         Ok(MeshPage { items, next_page_token })
     }
 
+    /// All meshes.
+    pub(crate) async fn all_meshes(&self) -> Result<Vec<Mesh>, Error> {
+        let rows = sqlx::query("SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh")
+            .fetch_all(&self.reader)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
     /// The hash of the preview made for a mesh earlier.
     pub(crate) async fn preview(&self, id: MeshId) -> Result<Option<String>, Error> {
         let row = sqlx::query_scalar("SELECT preview FROM mesh WHERE id = ?1")

@@ -46,8 +46,7 @@ impl<'a> Values<'a> {
             Self::Text { lines, tokens } => number(next_token(lines, tokens)?, lines.at()),
             Self::Binary { bytes, at, big_endian } => {
                 let value = decode(bytes, *at, scalar, *big_endian);
-                let value =
-                    value.ok_or(MeshError::Truncated { at: Position::Byte(*at as u64), expected: "a number" })?;
+                let value = value.ok_or(MeshError::Truncated { at: Position::Byte(*at as u64), expected: "a number" })?;
                 *at += scalar.size_bytes();
                 Ok(value)
             }

@@ -1,0 +1,148 @@
+//! One driven axis: a joint of the arm or the table. Also the seven of a cell together, with the time that a straight
+//! move in joint space takes.
+//!
+//! Time law: all axes start and stop together at rest. With s from 0 to 1 along the segment, every axis allows
+//! ds/dt ≤ v/|Δ| and d²s/dt² ≤ a/|Δ|; the least of each gives one trapezoid for all.
+
+use std::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::field_error::Findings;
+
+/// Joints 1 to 6 and the table angle, radians.
+pub type Configuration = [f64; 7];
+
+/// Largest angle that an axis may be given, degrees.
+const ANGLE_DEG: f64 = 3600.0;
+
+/// Limits of one joint: -3600 ≤ min < max ≤ 3600.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AxisSpec {
+    /// Lowest angle, degrees.
+    pub min_deg: f64,
+    /// Highest angle, degrees.
+    pub max_deg: f64,
+    /// Rated speed, degrees per second, 0.1 to 3600.
+    pub max_speed_deg_per_s: f64,
+    /// Rated acceleration, degrees per second squared, 0.1 to 100000.
+    pub max_acceleration_deg_per_s2: f64,
+}
+
+impl AxisSpec {
+    /// Records what is wrong with this axis, below `pointer`.
+    pub fn check(&self, pointer: &str, findings: &mut Findings) {
+        findings.range(format!("{pointer}/min_deg"), self.min_deg, -ANGLE_DEG, ANGLE_DEG, "°");
+        findings.range(format!("{pointer}/max_deg"), self.max_deg, -ANGLE_DEG, ANGLE_DEG, "°");
+        findings.require(self.min_deg < self.max_deg, format!("{pointer}/min_deg"), || {
+            format!("is {}°, not below max_deg {}°", self.min_deg, self.max_deg)
+        });
+        findings.range(format!("{pointer}/max_speed_deg_per_s"), self.max_speed_deg_per_s, 0.1, 3600.0, "°/s");
+        let acceleration = self.max_acceleration_deg_per_s2;
+        findings.range(format!("{pointer}/max_acceleration_deg_per_s2"), acceleration, 0.1, 1e5, "°/s²");
+    }
+
+    /// The axis in radians.
+    #[must_use]
+    pub fn build(&self) -> Axis {
+        Axis {
+            min_rad: self.min_deg.to_radians(),
+            max_rad: self.max_deg.to_radians(),
+            max_speed_rad_per_s: self.max_speed_deg_per_s.to_radians(),
+            max_acceleration_rad_per_s2: self.max_acceleration_deg_per_s2.to_radians(),
+        }
+    }
+}
+
+/// Limits of one axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    /// Lowest angle.
+    pub min_rad: f64,
+    /// Highest angle.
+    pub max_rad: f64,
+    /// Rated speed.
+    pub max_speed_rad_per_s: f64,
+    /// Rated acceleration.
+    pub max_acceleration_rad_per_s2: f64,
+}
+
+impl Axis {
+    /// Whether `angle_rad` is within the limits.
+    #[must_use]
+    pub fn allows(&self, angle_rad: f64) -> bool {
+        self.min_rad <= angle_rad && angle_rad <= self.max_rad
+    }
+
+    /// Every angle within the limits that equals `angle_rad` up to whole turns, ascending.
+    pub fn windings(&self, angle_rad: f64) -> impl Iterator<Item = f64> + Clone + use<> {
+        // The last digit of the division may put an angle on a limit one turn off: start one early, and filter.
+        let first = ((self.min_rad - angle_rad) / TAU).ceil() - 1.0;
+        let axis = *self;
+        let turns = ((self.max_rad - self.min_rad) / TAU) as usize + 3;
+        (0..turns).map(move |turn| angle_rad + TAU * (first + turn as f64)).filter(move |angle| axis.allows(*angle))
+    }
+}
+
+/// The seven axes of a cell: joints 1 to 6 and the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axes(pub [Axis; 7]);
+
+impl Axes {
+    /// Whether every axis is within its limits.
+    #[must_use]
+    pub fn allow(&self, configuration: &Configuration) -> bool {
+        self.0.iter().zip(configuration).all(|(axis, angle)| axis.allows(*angle))
+    }
+
+    /// Every configuration within the limits that differs from `configuration` by whole turns only.
+    #[must_use]
+    pub fn windings(&self, configuration: &Configuration) -> Vec<Configuration> {
+        let mut wound = vec![*configuration];
+        for (index, axis) in self.0.iter().enumerate() {
+            let turned = |partial: Configuration| {
+                axis.windings(partial[index]).map(move |angle| {
+                    let mut next = partial;
+                    next[index] = angle;
+                    next
+                })
+            };
+            wound = wound.into_iter().flat_map(turned).collect();
+        }
+        wound
+    }
+
+    /// Seconds of the straight, synchronised move from rest to rest; `speed_fraction` scales rated speeds and rated
+    /// accelerations alike.
+    #[must_use]
+    pub fn move_secs(&self, from: &Configuration, to: &Configuration, speed_fraction: f64) -> f64 {
+        let (mut speed, mut acceleration) = (f64::INFINITY, f64::INFINITY);
+        for ((axis, a), b) in self.0.iter().zip(from).zip(to) {
+            let travel_rad = (b - a).abs();
+            if travel_rad > 0.0 {
+                speed = speed.min(axis.max_speed_rad_per_s * speed_fraction / travel_rad);
+                acceleration = acceleration.min(axis.max_acceleration_rad_per_s2 * speed_fraction / travel_rad);
+            }
+        }
+        match () {
+            () if speed.is_infinite() => 0.0,
+            () if speed * speed >= acceleration => 2.0 / acceleration.sqrt(),
+            () => 1.0 / speed + speed / acceleration,
+        }
+    }
+
+    /// Seconds of a polyline: every corner is a stop.
+    #[must_use]
+    pub fn path_secs<'a>(&self, points: impl IntoIterator<Item = &'a Configuration>, speed_fraction: f64) -> f64 {
+        let mut points = points.into_iter();
+        let Some(mut from) = points.next() else { return 0.0 };
+        let mut secs = 0.0;
+        for to in points {
+            secs += self.move_secs(from, to, speed_fraction);
+            from = to;
+        }
+        secs
+    }
+}

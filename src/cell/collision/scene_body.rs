@@ -1,0 +1,124 @@
+//! The bodies of a cell, and what carries each.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use super::solid::Solid;
+use crate::cell::body::{Body, Shape};
+use crate::cell::layout::Cell;
+use crate::cell::robot::LinkCapsule;
+use crate::geometry::{Mesh, Part, Pose, Table};
+
+/// Half edge and depth of the block that stands for the floor, mm.
+const FLOOR_MM: [f64; 2] = [5000.0, 500.0];
+
+/// What a body moves with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Carrier {
+    /// Nothing.
+    Still,
+    /// The turning plate.
+    Plate,
+    /// Frame 0 to 6 of the arm.
+    Link(usize),
+}
+
+impl Carrier {
+    /// Number of joints between the foot and this.
+    pub(super) fn link(self) -> usize {
+        if let Self::Link(link) = self { link } else { 0 }
+    }
+
+    /// The robot's foot does not move either.
+    pub(super) fn is_still(self) -> bool {
+        matches!(self, Self::Still | Self::Link(0))
+    }
+}
+
+/// One body.
+#[derive(Clone, Debug)]
+pub(super) struct SceneBody {
+    pub(super) name: Arc<str>,
+    pub(super) carrier: Carrier,
+    /// Pose in the carrier's frame (base for what is still), mm.
+    pub(super) carrier_from_body: Isometry3<f64>,
+    pub(super) solid: Solid,
+    /// Farthest of its points from the carrier's origin; for riders of the plate from the table's axis.
+    pub(super) reach_mm: f64,
+    /// Stands below the part: the part may touch it.
+    holds_part: bool,
+}
+
+impl SceneBody {
+    fn new(name: &str, carrier: Carrier, carrier_from_body: Isometry3<f64>, solid: Solid) -> Self {
+        let reach_mm = solid.reach_mm(&carrier_from_body, carrier == Carrier::Plate);
+        Self { name: name.into(), carrier, carrier_from_body, solid, reach_mm, holds_part: false }
+    }
+
+    fn from_body(body: &Body, carrier: Carrier, carrier_from_owner: &Isometry3<f64>) -> Self {
+        Self::new(&body.name, carrier, carrier_from_owner * body.owner_from_body, Solid::from_shape(&body.shape))
+    }
+
+    /// Whether the two can move against each other, without being neighbours in the chain or the part on its table.
+    pub(super) fn may_meet(&self, other: &Self) -> bool {
+        match (self.carrier, other.carrier) {
+            (Carrier::Link(a), Carrier::Link(b)) => a.abs_diff(b) > 1,
+            (Carrier::Plate, Carrier::Plate) => false,
+            (Carrier::Plate, Carrier::Still) => !other.holds_part,
+            (Carrier::Still, Carrier::Plate) => !self.holds_part,
+            (a, b) => !(a.is_still() && b.is_still()),
+        }
+    }
+
+    /// Whether a point of the base frame lies in it; for bodies that do not move.
+    pub(super) fn holds(&self, point_mm: &Point3<f64>) -> bool {
+        let local = self.carrier_from_body.inverse() * point_mm;
+        self.solid.holds(&local)
+    }
+}
+
+/// Everything in the cell, in a fixed order: arm, mount, scanner, table, floor, obstacles, part, fixture.
+pub(super) fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
+    let flange = Carrier::Link(6);
+    let mut bodies: Vec<_> = cell.robot.links.iter().map(link_body).collect();
+    bodies.extend(cell.mount.iter().map(|body| SceneBody::from_body(body, flange, &Isometry3::identity())));
+    let flange_from_scanner = cell.flange_from_scanner.isometry();
+    bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::from_body(body, flange, flange_from_scanner)));
+    bodies.extend(table_bodies(cell));
+    bodies.extend(cell.floor_mm.map(floor));
+    bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, Carrier::Still, &Isometry3::identity())));
+    // In plate coordinates before rounding to single precision: files may lie far from their own origin.
+    let plate_from_part = table_from_part.isometry();
+    bodies.extend(riders.iter().filter(|(_, mesh)| !mesh.faces.is_empty()).map(|(name, mesh)| {
+        SceneBody::new(name, Carrier::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part))
+    }));
+    bodies
+}
+
+fn link_body(link: &LinkCapsule) -> SceneBody {
+    let axis = link.to_mm - link.from_mm;
+    // No rotation is found for −z and for no length at all; a capsule is the same either way round.
+    let along = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap_or_default();
+    let middle = Translation3::from(nalgebra::center(&link.from_mm, &link.to_mm).coords);
+    let shape = Shape::Capsule { radius_mm: link.radius_mm, length_mm: axis.norm() };
+    SceneBody::new(&link.name, Carrier::Link(link.link), Isometry3::from_parts(middle, along), Solid::from_shape(&shape))
+}
+
+/// The plate, round and so the same at every angle, and what is below it.
+fn table_bodies(cell: &Cell) -> Vec<SceneBody> {
+    let base_from_table = cell.base_from_table.isometry();
+    let thickness_mm = cell.turntable.plate_thickness_mm;
+    let shape = Shape::Cylinder { radius_mm: cell.turntable.plate_radius_mm, height_mm: thickness_mm };
+    let owner_from_body = Isometry3::translation(0.0, 0.0, -0.5 * thickness_mm);
+    let plate = Body { name: "turntable plate".into(), owner_from_body, shape };
+    let bodies = std::iter::once(&plate).chain(&cell.table_bodies);
+    bodies.map(|body| SceneBody { holds_part: true, ..SceneBody::from_body(body, Carrier::Still, base_from_table) }).collect()
+}
+
+fn floor(height_mm: f64) -> SceneBody {
+    let [half_mm, depth_mm] = FLOOR_MM;
+    let shape = Shape::Box { size_mm: [2.0 * half_mm, 2.0 * half_mm, depth_mm] };
+    let below = Isometry3::translation(0.0, 0.0, height_mm - 0.5 * depth_mm);
+    SceneBody { holds_part: true, ..SceneBody::new("floor", Carrier::Still, below, Solid::from_shape(&shape)) }
+}

@@ -1,0 +1,209 @@
+//! Shapes as collision tests see them, and the one question asked of two of them.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3};
+use parry3d::bounding_volume::{Aabb, BoundingVolume};
+use parry3d::math::{Pose, Rotation, Vector};
+use parry3d::partitioning::BvhNode;
+use parry3d::query::PointQuery;
+use parry3d::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex, closest_points};
+use parry3d::shape::{Cuboid, Cylinder, Segment, Shape as ParryShape, SupportMap, TriMesh, Triangle};
+
+use crate::cell::body::Shape;
+use crate::geometry::Mesh;
+
+/// A convex core grown by a radius, or a surface.
+#[derive(Clone, Debug)]
+pub(super) enum Solid {
+    Segment {
+        core: Segment,
+        radius_mm: f32,
+    },
+    Box(Cuboid),
+    /// With its pose, since parry's cylinders stand along y and ours along z.
+    Cylinder {
+        core: Cylinder,
+        body_from_core: Pose,
+    },
+    Mesh(Arc<TriMesh>),
+}
+
+/// The core of a convex solid and how far it is grown.
+struct Convex<'a> {
+    core: &'a dyn SupportMap,
+    pose: Pose,
+    radius_mm: f32,
+    aabb: Aabb,
+}
+
+impl Solid {
+    pub(super) fn from_shape(shape: &Shape) -> Self {
+        match shape {
+            Shape::Box { size_mm: [x, y, z] } => {
+                Self::Box(Cuboid::new(Vector::new(0.5 * *x as f32, 0.5 * *y as f32, 0.5 * *z as f32)))
+            }
+            Shape::Cylinder { radius_mm, height_mm } => Self::Cylinder {
+                core: Cylinder::new(0.5 * *height_mm as f32, *radius_mm as f32),
+                body_from_core: Pose::rotation(Vector::new(std::f32::consts::FRAC_PI_2, 0.0, 0.0)),
+            },
+            Shape::Capsule { radius_mm, length_mm } => {
+                let half = Vector::new(0.0, 0.0, 0.5 * *length_mm as f32);
+                Self::Segment { core: Segment::new(-half, half), radius_mm: *radius_mm as f32 }
+            }
+            Shape::Mesh(mesh) => Self::from_mesh(mesh, &Isometry3::identity()),
+        }
+    }
+
+    /// The surface of `mesh`, moved by `body_from_mesh`. A mesh without faces becomes a point at the origin.
+    pub(super) fn from_mesh(mesh: &Mesh, body_from_mesh: &Isometry3<f64>) -> Self {
+        let vertices = mesh.vertices_mm.iter().map(|vertex| parry_point(&(body_from_mesh * vertex))).collect();
+        match TriMesh::new(vertices, mesh.faces.clone()) {
+            Ok(surface) => Self::Mesh(Arc::new(surface)),
+            Err(_) => Self::Segment { core: Segment::new(Vector::ZERO, Vector::ZERO), radius_mm: 0.0 },
+        }
+    }
+
+    pub(super) fn aabb(&self, pose: &Pose) -> Aabb {
+        match self {
+            Self::Segment { core, radius_mm } => core.compute_aabb(pose).loosened(*radius_mm),
+            Self::Box(core) => core.compute_aabb(pose),
+            Self::Cylinder { core, body_from_core } => core.compute_aabb(&(*pose * *body_from_core)),
+            Self::Mesh(surface) => surface.compute_aabb(pose),
+        }
+    }
+
+    /// Farthest point from the carrier's origin, or from its z axis.
+    pub(super) fn reach_mm(&self, carrier_from_body: &Isometry3<f64>, from_axis: bool) -> f64 {
+        let pose = parry_pose(carrier_from_body);
+        let distance = |point: Vector| if from_axis { point.x.hypot(point.y) } else { point.length() };
+        let corners = match self {
+            Self::Mesh(surface) => surface.vertices().iter().map(|vertex| pose * *vertex).collect(),
+            _ => self.aabb(&pose).vertices().to_vec(),
+        };
+        f64::from(corners.into_iter().map(distance).fold(0.0, f32::max))
+    }
+
+    /// Whether a point of the body's frame lies in it.
+    pub(super) fn holds(&self, point_mm: &Point3<f64>) -> bool {
+        let point = parry_point(point_mm);
+        match self {
+            Self::Segment { core, radius_mm } => core.distance_to_local_point(point, true) <= *radius_mm,
+            Self::Box(core) => core.contains_local_point(point),
+            Self::Cylinder { core, body_from_core } => core.contains_local_point(body_from_core.inverse_transform_point(point)),
+            Self::Mesh(surface) => surrounds(surface, point),
+        }
+    }
+
+    fn convex(&self, pose: &Pose) -> Option<Convex<'_>> {
+        let (core, pose, radius_mm): (&dyn SupportMap, Pose, f32) = match self {
+            Self::Segment { core, radius_mm } => (core, *pose, *radius_mm),
+            Self::Box(core) => (core, *pose, 0.0),
+            Self::Cylinder { core, body_from_core } => (core, *pose * *body_from_core, 0.0),
+            Self::Mesh(_) => return None,
+        };
+        Some(Convex { core, pose, radius_mm, aabb: self.aabb(&pose) })
+    }
+}
+
+/// Whether two placed solids are closer than `margin`, or one is inside the other.
+pub(super) fn near((a, pose_a): (&Solid, &Pose), (b, pose_b): (&Solid, &Pose), margin: f32) -> bool {
+    match (a, b) {
+        (Solid::Mesh(a), Solid::Mesh(b)) => meshes_near((a, pose_a), (b, pose_b), margin),
+        (Solid::Mesh(surface), other) => convex_near_mesh(other, pose_b, surface, pose_a, margin),
+        (other, Solid::Mesh(surface)) => convex_near_mesh(other, pose_a, surface, pose_b, margin),
+        (a, b) => match (a.convex(pose_a), b.convex(pose_b)) {
+            (Some(a), Some(b)) => {
+                let limit = margin + a.radius_mm + b.radius_mm;
+                cores_near(a.core, b.core, &a.pose.inv_mul(&b.pose), limit)
+            }
+            _ => false,
+        },
+    }
+}
+
+fn convex_near_mesh(solid: &Solid, pose: &Pose, surface: &TriMesh, surface_pose: &Pose, margin: f32) -> bool {
+    let pose_in_mesh = surface_pose.inv_mul(pose);
+    solid
+        .convex(&pose_in_mesh)
+        .is_some_and(|convex| surface_near(surface, &convex, margin) || surrounds(surface, convex.aabb.center()))
+}
+
+/// Whether a triangle of `surface` is closer to `convex` (given in the mesh's frame) than `margin`.
+fn surface_near(surface: &TriMesh, convex: &Convex<'_>, margin: f32) -> bool {
+    let reach = convex.aabb.loosened(margin);
+    let limit = margin + convex.radius_mm;
+    let node_near = |node: &BvhNode| {
+        let aabb = node.aabb();
+        aabb.intersects(&reach) && {
+            let block = Cuboid::new(aabb.half_extents());
+            cores_near(&block, convex.core, &Pose::from_translation(aabb.center()).inv_mul(&convex.pose), limit)
+        }
+    };
+    surface.bvh().leaves(node_near).any(|leaf| cores_near(&surface.triangle(leaf), convex.core, &convex.pose, limit))
+}
+
+/// Two surfaces: each triangle of one that is near the other's box, against the other.
+fn meshes_near((a, pose_a): (&TriMesh, &Pose), (b, pose_b): (&TriMesh, &Pose), margin: f32) -> bool {
+    let b_from_a = pose_b.inv_mul(pose_a);
+    let reach = b.local_aabb().transform_by(&b_from_a.inverse()).loosened(margin);
+    a.bvh().leaves(|node| node.aabb().intersects(&reach)).any(|leaf| {
+        let Triangle { a, b: second, c } = a.triangle(leaf);
+        let triangle = Triangle::new(b_from_a * a, b_from_a * second, b_from_a * c);
+        let convex = Convex { core: &triangle, pose: Pose::IDENTITY, radius_mm: 0.0, aabb: triangle.local_aabb() };
+        surface_near(b, &convex, margin)
+    })
+}
+
+/// Whether two convex cores are closer than `limit`; `second` is placed in the frame of the first.
+fn cores_near<A: SupportMap + ?Sized, B: SupportMap + ?Sized>(first: &A, second: &B, pose: &Pose, limit: f32) -> bool {
+    let towards = -pose.translation;
+    let direction = towards.try_normalize().unwrap_or(Vector::X);
+    let mut simplex = VoronoiSimplex::new();
+    simplex.reset(CsoPoint::from_shapes(pose, first, second, direction));
+    !matches!(closest_points(pose, first, second, limit, false, &mut simplex), GJKResult::NoIntersection(_))
+}
+
+/// Whether a closed surface surrounds the point: an odd number of crossings along each of three axes. A hole in the
+/// surface lets a ray out, so of an open surface nothing is inside that the holes lay bare.
+fn surrounds(surface: &TriMesh, point: Vector) -> bool {
+    surface.local_aabb().contains_local_point(point)
+        && [Vector::X, Vector::Y, Vector::Z].iter().all(|axis| crossings(surface, point, *axis) % 2 == 1)
+}
+
+fn crossings(surface: &TriMesh, point: Vector, axis: Vector) -> usize {
+    let ahead = |node: &BvhNode| {
+        let (low, high) = (node.mins() - point, node.maxs() - point);
+        let along = high.dot(axis) >= 0.0;
+        // Across the ray's axis the box must hold the point; along it anything ahead counts.
+        let beside = (Vector::ONE - axis) * low.max(-high);
+        along && beside.max_element() <= 0.0
+    };
+    surface.bvh().leaves(ahead).filter(|leaf| crosses(&surface.triangle(*leaf), point, axis)).count()
+}
+
+/// Möller and Trumbore 1997, without the distance.
+fn crosses(triangle: &Triangle, point: Vector, axis: Vector) -> bool {
+    let (edge1, edge2) = (triangle.b - triangle.a, triangle.c - triangle.a);
+    let normal = axis.cross(edge2);
+    let determinant = edge1.dot(normal);
+    if determinant == 0.0 {
+        return false;
+    }
+    let offset = point - triangle.a;
+    let u = offset.dot(normal) / determinant;
+    let across = offset.cross(edge1);
+    let v = axis.dot(across) / determinant;
+    u >= 0.0 && v >= 0.0 && u + v <= 1.0 && edge2.dot(across) / determinant >= 0.0
+}
+
+/// Single precision, for parry.
+pub(super) fn parry_pose(isometry: &Isometry3<f64>) -> Pose {
+    let q = isometry.rotation.quaternion();
+    let translation = parry_point(&Point3::from(isometry.translation.vector));
+    Pose::from_parts(translation, Rotation::from_xyzw(q.i as f32, q.j as f32, q.k as f32, q.w as f32))
+}
+
+fn parry_point(point: &Point3<f64>) -> Vector {
+    Vector::new(point.x as f32, point.y as f32, point.z as f32)
+}

@@ -1,0 +1,214 @@
+//! The cell: which scanner, robot and turntable, and where each is. Joints to scanner, and plate to base, in the chain
+//! FK(joints) · flange_from_scanner = base_from_table · Rz(table angle) · table_from_part · part_from_scanner.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::axis::{Axes, Configuration};
+use super::body::{Body, unknown};
+use super::collision::CollisionScene;
+use super::field_error::{FieldError, Findings};
+use super::library::{Named, SpecKind, SpecLibrary};
+use super::pose_spec::PoseSpec;
+use super::robot::{Robot, RobotSpec};
+use super::scanner::{Scanner, ScannerSpec};
+use super::shape_spec::BodySpec;
+use super::turntable::{Turntable, TurntableSpec};
+use crate::geometry::{Base, Flange, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
+
+/// Clearance that the home position must have, mm: the least that a job may ask for.
+const HOME_CLEARANCE_MM: f64 = 1.0;
+
+/// A cell. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CellSpec {
+    /// Name, unique among cells.
+    pub name: String,
+    /// Scanner: a name or a specification.
+    pub scanner: Named<ScannerSpec>,
+    /// Robot: a name or a specification.
+    pub robot: Named<RobotSpec>,
+    /// Turntable: a name or a specification.
+    pub turntable: Named<TurntableSpec>,
+    /// Where the plate's centre is, at angle zero, seen from the robot's foot.
+    pub base_from_table: PoseSpec,
+    /// Where the scanner is on the flange: the hand-eye result.
+    pub flange_from_scanner: PoseSpec,
+    /// What holds the scanner, in the flange frame.
+    #[serde(default)]
+    pub mount: Vec<BodySpec>,
+    /// Joints 1 to 6 and the table angle where a program begins and ends, degrees.
+    pub home_deg: [f64; 7],
+    /// What stands around and does not move, in the base frame.
+    #[serde(default)]
+    pub obstacles: Vec<BodySpec>,
+    /// Height of the floor in the base frame, mm, -10000 to 10000; nothing moves below it. Default: no floor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor_mm: Option<f64>,
+}
+
+/// A cell, checked and in radians. Made from a [`CellSpec`].
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Name of the specification.
+    pub name: String,
+    /// Its scanner.
+    pub scanner: Scanner,
+    /// Its arm.
+    pub robot: Robot,
+    /// Its table.
+    pub turntable: Turntable,
+    /// The table at angle zero.
+    pub base_from_table: Pose<Base, Table>,
+    /// Hand-eye.
+    pub flange_from_scanner: Pose<Flange, ScannerFrame>,
+    /// Where a program begins and ends.
+    pub home_rad: Configuration,
+    /// Envelope of the scanner, in the scanner frame.
+    pub scanner_bodies: Vec<Body>,
+    /// What holds it, in the flange frame.
+    pub mount: Vec<Body>,
+    /// What stands below the plate, in the table frame.
+    pub table_bodies: Vec<Body>,
+    /// What stands around, in the base frame.
+    pub obstacles: Vec<Body>,
+    /// Height of the floor in the base frame.
+    pub floor_mm: Option<f64>,
+}
+
+impl CellSpec {
+    /// Finds what the specification names, checks every field and builds the cell.
+    ///
+    /// # Errors
+    /// All fields that are unknown, out of range or inconsistent with each other.
+    pub fn build(&self, library: &dyn SpecLibrary) -> Result<Cell, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check(&mut findings);
+        let scanner_spec = find(&self.scanner, SpecKind::Scanner, |name| library.scanner(name), library, &mut findings);
+        let robot_spec = find(&self.robot, SpecKind::Robot, |name| library.robot(name), library, &mut findings);
+        let turntable_spec = find(&self.turntable, SpecKind::Turntable, |name| library.turntable(name), library, &mut findings);
+        let scanner = scanner_spec.as_ref().and_then(|spec| below(spec.build(), "/scanner", &mut findings));
+        let robot = robot_spec.as_ref().and_then(|spec| below(spec.build(), "/robot", &mut findings));
+        let turntable = turntable_spec.as_ref().and_then(|spec| below(spec.build(), "/turntable", &mut findings));
+        let mount = Body::resolve(&self.mount, "/mount", library, &mut findings);
+        let obstacles = Body::resolve(&self.obstacles, "/obstacles", library, &mut findings);
+        let table_specs = turntable_spec.as_ref().map_or(&[][..], |spec| &spec.body);
+        let table_bodies = Body::resolve(table_specs, "/turntable/body", library, &mut findings);
+        let scanner_specs = scanner.as_ref().map_or(&[][..], |scanner| &scanner.body);
+        let scanner_bodies = Body::resolve(scanner_specs, "/scanner/body", library, &mut findings);
+        findings.into_result()?;
+        // Without findings the three are there.
+        let (Some(scanner), Some(robot), Some(turntable)) = (scanner, robot, turntable) else { return Err(Vec::new()) };
+        let cell = Cell {
+            name: self.name.clone(),
+            scanner,
+            robot,
+            turntable,
+            base_from_table: self.base_from_table.pose(),
+            flange_from_scanner: self.flange_from_scanner.pose(),
+            home_rad: self.home_deg.map(f64::to_radians),
+            scanner_bodies,
+            mount,
+            table_bodies,
+            obstacles,
+            floor_mm: self.floor_mm,
+        };
+        cell.check()?;
+        Ok(cell)
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        findings.require(!self.name.is_empty(), "/name", || "is empty; name the cell".into());
+        self.base_from_table.check("/base_from_table", findings);
+        self.flange_from_scanner.check("/flange_from_scanner", findings);
+        for (axis, angle) in self.home_deg.iter().enumerate() {
+            findings.range(format!("/home_deg/{axis}"), *angle, -3600.0, 3600.0, "°");
+        }
+        for (field, bodies) in [("mount", &self.mount), ("obstacles", &self.obstacles)] {
+            for (index, body) in bodies.iter().enumerate() {
+                body.check(&format!("/{field}/{index}"), findings);
+            }
+        }
+        if let Some(height_mm) = self.floor_mm {
+            findings.range("/floor_mm", height_mm, -10_000.0, 10_000.0, "mm");
+        }
+    }
+}
+
+/// The specification meant, or a finding that lists the names there are.
+fn find<T: Clone>(
+    named: &Named<T>,
+    kind: SpecKind,
+    lookup: impl Fn(&str) -> Option<T>,
+    library: &dyn SpecLibrary,
+    findings: &mut Findings,
+) -> Option<T> {
+    match named {
+        Named::Inline(spec) => Some((**spec).clone()),
+        Named::Name(name) => {
+            let found = lookup(name);
+            findings.require(found.is_some(), format!("/{}", kind.as_str()), || unknown(kind, name, library));
+            found
+        }
+    }
+}
+
+/// What was built, or its findings moved below `pointer`.
+fn below<T>(built: Result<T, Vec<FieldError>>, pointer: &str, findings: &mut Findings) -> Option<T> {
+    match built {
+        Ok(value) => Some(value),
+        Err(errors) => {
+            for FieldError { pointer: field, detail } in errors {
+                findings.push(format!("{pointer}{field}"), detail);
+            }
+            None
+        }
+    }
+}
+
+impl Cell {
+    /// The seven axes.
+    #[must_use]
+    pub fn axes(&self) -> Axes {
+        let joints = &self.robot.joints;
+        Axes(std::array::from_fn(|axis| joints.get(axis).copied().unwrap_or(self.turntable.axis)))
+    }
+
+    /// The plate after the table has turned.
+    #[must_use]
+    pub fn base_from_plate(&self, table_angle_rad: f64) -> Pose<Base, Plate> {
+        self.base_from_table * table_from_plate(table_angle_rad)
+    }
+
+    /// The scanner at these joints.
+    #[must_use]
+    pub fn base_from_scanner(&self, joints_rad: &[f64; 6]) -> Pose<Base, ScannerFrame> {
+        self.robot.base_from_flange(joints_rad) * self.flange_from_scanner
+    }
+
+    /// What only the parts together show: payload, home within the limits and clear of everything.
+    fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        let (mass_kg, payload_kg) = (self.scanner.mass_kg, self.robot.payload_kg);
+        findings.require(mass_kg <= payload_kg, "/scanner", || {
+            format!("weighs {mass_kg} kg, more than the robot's payload of {payload_kg} kg")
+        });
+        for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad).enumerate() {
+            findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {
+                let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
+                format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°", angle.to_degrees())
+            });
+        }
+        if let Some(contact) = CollisionScene::without_part(self, HOME_CLEARANCE_MM).check(&self.home_rad) {
+            findings.push("/home_deg", format!("collides: {contact} (closer than {HOME_CLEARANCE_MM} mm)"));
+        }
+        findings.into_result()
+    }
+}
+
+/// Joints 1 to 6 of a configuration.
+#[must_use]
+pub fn joints_of(configuration: &Configuration) -> [f64; 6] {
+    std::array::from_fn(|joint| configuration[joint])
+}

@@ -1,0 +1,151 @@
+//! Where a cell's specification finds what it names: the presets that ship with the program, or a store that adds its
+//! own to them.
+
+use std::fmt;
+
+use serde::de::{self, DeserializeOwned, MapAccess, Visitor, value::MapAccessDeserializer};
+use serde::{Deserialize, Deserializer, Serialize};
+use utoipa::ToSchema;
+
+use super::layout::CellSpec;
+use super::robot::RobotSpec;
+use super::scanner::ScannerSpec;
+use super::turntable::TurntableSpec;
+use crate::geometry::Mesh;
+
+/// A specification by name, or written out in place.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum Named<T> {
+    /// Name of a preset or of a stored specification.
+    Name(String),
+    /// The specification itself.
+    Inline(Box<T>),
+}
+
+/// Hand-written, so that an error inside an inline specification keeps its own words.
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Named<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NameOrMap<T>(std::marker::PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for NameOrMap<T> {
+            type Value = Named<T>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a name or a specification")
+            }
+            fn visit_str<E: de::Error>(self, name: &str) -> Result<Self::Value, E> {
+                Ok(Named::Name(name.to_owned()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                T::deserialize(MapAccessDeserializer::new(map)).map(|spec| Named::Inline(Box::new(spec)))
+            }
+        }
+        deserializer.deserialize_any(NameOrMap(std::marker::PhantomData))
+    }
+}
+
+/// What a library holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SpecKind {
+    /// Scanners.
+    Scanner,
+    /// Robots.
+    Robot,
+    /// Turntables.
+    Turntable,
+    /// Cells.
+    Cell,
+    /// Meshes of obstacles and bodies.
+    Mesh,
+}
+
+impl SpecKind {
+    /// Singular name.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Scanner => "scanner",
+            Self::Robot => "robot",
+            Self::Turntable => "turntable",
+            Self::Cell => "cell",
+            Self::Mesh => "mesh",
+        }
+    }
+}
+
+/// Finds specifications by name. An implementation that holds its own is expected to fall back on [`Presets`].
+pub trait SpecLibrary {
+    /// The scanner of this name.
+    fn scanner(&self, name: &str) -> Option<ScannerSpec>;
+    /// The robot of this name.
+    fn robot(&self, name: &str) -> Option<RobotSpec>;
+    /// The turntable of this name.
+    fn turntable(&self, name: &str) -> Option<TurntableSpec>;
+    /// The cell of this name.
+    fn cell(&self, name: &str) -> Option<CellSpec>;
+    /// The mesh of this id or file, millimetres.
+    fn mesh(&self, name: &str) -> Option<Mesh>;
+    /// Every name of a kind, for messages and lists.
+    fn names(&self, kind: SpecKind) -> Vec<String>;
+}
+
+/// What ships with the program, from `config/`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Presets;
+
+macro_rules! presets {
+    ($folder:literal: $($name:literal),+) => {
+        &[$(($name, include_str!(concat!("../../config/", $folder, "/", $name, ".toml")))),+]
+    };
+}
+
+const SCANNERS: &[(&str, &str)] = presets!("scanners": "transcan-c", "transcan-c-nominal");
+const ROBOTS: &[(&str, &str)] = presets!("robots": "hans-e05", "hans-e05-thesis");
+const TURNTABLES: &[(&str, &str)] = presets!("turntables": "minas-a6-500");
+const CELLS: &[(&str, &str)] = presets!("cells": "e05-transcan");
+
+/// The preset as it is written, with its comments.
+#[must_use]
+pub fn preset_text(kind: SpecKind, name: &str) -> Option<&'static str> {
+    table(kind).iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
+
+fn table(kind: SpecKind) -> &'static [(&'static str, &'static str)] {
+    match kind {
+        SpecKind::Scanner => SCANNERS,
+        SpecKind::Robot => ROBOTS,
+        SpecKind::Turntable => TURNTABLES,
+        SpecKind::Cell => CELLS,
+        SpecKind::Mesh => &[],
+    }
+}
+
+/// A test holds that every preset parses.
+fn parse<T: DeserializeOwned>(kind: SpecKind, name: &str) -> Option<T> {
+    preset_text(kind, name).and_then(|text| toml::from_str(text).ok())
+}
+
+impl SpecLibrary for Presets {
+    fn scanner(&self, name: &str) -> Option<ScannerSpec> {
+        parse(SpecKind::Scanner, name)
+    }
+
+    fn robot(&self, name: &str) -> Option<RobotSpec> {
+        parse(SpecKind::Robot, name)
+    }
+
+    fn turntable(&self, name: &str) -> Option<TurntableSpec> {
+        parse(SpecKind::Turntable, name)
+    }
+
+    fn cell(&self, name: &str) -> Option<CellSpec> {
+        parse(SpecKind::Cell, name)
+    }
+
+    fn mesh(&self, _: &str) -> Option<Mesh> {
+        None
+    }
+
+    fn names(&self, kind: SpecKind) -> Vec<String> {
+        table(kind).iter().map(|(name, _)| (*name).to_owned()).collect()
+    }
+}

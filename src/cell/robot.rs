@@ -1,0 +1,147 @@
+//! The arm: kinematics, joint limits, and capsules around its links for collision tests.
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::axis::{Axis, AxisSpec};
+use super::field_error::{FieldError, Findings};
+use super::kinematics::{Kinematics, KinematicsSpec, LinkFrames};
+use crate::geometry::{Base, Flange, Pose};
+
+/// A six-joint arm. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotSpec {
+    /// Name, unique among robots.
+    pub name: String,
+    /// Largest mass at the flange, kg, 0.1 to 2000.
+    pub payload_kg: f64,
+    /// Mass of the arm, kg, 0.1 to 10000.
+    pub mass_kg: f64,
+    /// How the arm is built.
+    pub kinematics: KinematicsSpec,
+    /// Joints 1 to 6.
+    pub joints: [AxisSpec; 6],
+    /// Envelope for collision tests; a link may have several.
+    pub links: Vec<LinkSpec>,
+}
+
+/// A capsule around a part of one link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LinkSpec {
+    /// Frame that it moves with: 0 the foot, 1 to 6 the joints, 6 the flange.
+    pub link: u8,
+    /// Name used in reports of collisions.
+    pub name: String,
+    /// Centre of one half ball, in the link's frame, mm, -5000 to 5000 each.
+    pub from_mm: [f64; 3],
+    /// Centre of the other half ball, mm, -5000 to 5000 each.
+    pub to_mm: [f64; 3],
+    /// Radius, mm, 1 to 1000.
+    pub radius_mm: f64,
+}
+
+impl RobotSpec {
+    /// Checks every field and builds the robot.
+    ///
+    /// # Errors
+    /// All fields that are out of range or inconsistent.
+    pub fn build(&self) -> Result<Robot, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check(&mut findings);
+        findings.into_result()?;
+        Ok(Robot {
+            name: self.name.clone(),
+            payload_kg: self.payload_kg,
+            mass_kg: self.mass_kg,
+            kinematics: self.kinematics.build(),
+            joints: self.joints.map(|joint| joint.build()),
+            links: self.links.iter().map(LinkSpec::build).collect(),
+        })
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        findings.require(!self.name.is_empty(), "/name", || "is empty; name the robot".into());
+        findings.range("/payload_kg", self.payload_kg, 0.1, 2000.0, "kg");
+        findings.range("/mass_kg", self.mass_kg, 0.1, 10_000.0, "kg");
+        self.kinematics.check("/kinematics", findings);
+        for (index, joint) in self.joints.iter().enumerate() {
+            joint.check(&format!("/joints/{index}"), findings);
+        }
+        findings.require(!self.links.is_empty(), "/links", || "is empty; collisions need at least one capsule".into());
+        for (index, link) in self.links.iter().enumerate() {
+            link.check(&format!("/links/{index}"), findings);
+        }
+    }
+}
+
+impl LinkSpec {
+    fn check(&self, pointer: &str, findings: &mut Findings) {
+        findings.range(format!("{pointer}/link"), f64::from(self.link), 0.0, 6.0, "");
+        findings.require(!self.name.is_empty(), format!("{pointer}/name"), || "is empty; name the link".into());
+        for (field, ends) in [("from_mm", self.from_mm), ("to_mm", self.to_mm)] {
+            for (axis, value) in ends.iter().enumerate() {
+                findings.range(format!("{pointer}/{field}/{axis}"), *value, -5000.0, 5000.0, "mm");
+            }
+        }
+        findings.range(format!("{pointer}/radius_mm"), self.radius_mm, 1.0, 1000.0, "mm");
+    }
+
+    fn build(&self) -> LinkCapsule {
+        LinkCapsule {
+            link: usize::from(self.link),
+            name: self.name.clone(),
+            from_mm: self.from_mm.into(),
+            to_mm: self.to_mm.into(),
+            radius_mm: self.radius_mm,
+        }
+    }
+}
+
+/// An arm, checked and in radians. Made from a [`RobotSpec`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    /// Name of the specification.
+    pub name: String,
+    /// Largest mass at the flange, kg.
+    pub payload_kg: f64,
+    /// Mass of the arm, kg.
+    pub mass_kg: f64,
+    /// Joints to frames, and back.
+    pub kinematics: Kinematics,
+    /// Limits of joints 1 to 6.
+    pub joints: [Axis; 6],
+    /// Envelope.
+    pub links: Vec<LinkCapsule>,
+}
+
+/// A capsule that moves with one link.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinkCapsule {
+    /// Frame that it moves with, 0 to 6.
+    pub link: usize,
+    /// Name used in reports of collisions.
+    pub name: String,
+    /// Centre of one half ball, link frame.
+    pub from_mm: Point3<f64>,
+    /// Centre of the other half ball.
+    pub to_mm: Point3<f64>,
+    /// Radius.
+    pub radius_mm: f64,
+}
+
+impl Robot {
+    /// Frames 0 to 6 at these joints.
+    #[must_use]
+    pub fn link_frames(&self, joints_rad: &[f64; 6]) -> LinkFrames {
+        self.kinematics.link_frames(joints_rad)
+    }
+
+    /// The flange at these joints.
+    #[must_use]
+    pub fn base_from_flange(&self, joints_rad: &[f64; 6]) -> Pose<Base, Flange> {
+        self.kinematics.base_from_flange(joints_rad)
+    }
+}

@@ -1,0 +1,138 @@
+use super::{
+    Axes, AxisSpec, Cell, CellSpec, FieldError, Named, Presets, RobotSpec, RotationSpec, SpecKind, SpecLibrary, TurntableSpec,
+    preset_text,
+};
+
+fn cell_spec() -> CellSpec {
+    Presets.cell("e05-transcan").expect("preset parses")
+}
+
+fn findings(spec: &CellSpec) -> Vec<FieldError> {
+    spec.build(&Presets).map(|cell: Cell| cell.name).expect_err("must be refused")
+}
+
+fn assert_finding(errors: &[FieldError], pointer: &str, words: &str) {
+    assert!(
+        errors.iter().any(|e| e.pointer == pointer && e.detail.contains(words)),
+        "no {pointer:?} with {words:?} in {errors:#?}"
+    );
+}
+
+#[test]
+fn every_preset_parses_builds_and_carries_its_file_name() {
+    for name in Presets.names(SpecKind::Scanner) {
+        assert_eq!(Presets.scanner(&name).expect("parses").build().expect("builds").name, name);
+    }
+    for name in Presets.names(SpecKind::Robot) {
+        assert_eq!(Presets.robot(&name).expect("parses").build().expect("builds").name, name);
+    }
+    for name in Presets.names(SpecKind::Turntable) {
+        assert_eq!(Presets.turntable(&name).expect("parses").build().expect("builds").name, name);
+    }
+    for name in Presets.names(SpecKind::Cell) {
+        let cell = Presets.cell(&name).expect("parses").build(&Presets);
+        assert_eq!(cell.unwrap_or_else(|errors| panic!("{errors:#?}")).name, name);
+    }
+    assert!(preset_text(SpecKind::Robot, "none").is_none());
+}
+
+#[test]
+fn specs_survive_json_and_toml() {
+    let spec = cell_spec();
+    let json = serde_json::to_string(&spec).expect("writes");
+    assert_eq!(serde_json::from_str::<CellSpec>(&json).expect("reads"), spec);
+    let robot = Presets.robot("hans-e05").expect("preset");
+    let toml = toml::to_string(&robot).expect("writes");
+    assert_eq!(toml::from_str::<RobotSpec>(&toml).expect("reads"), robot);
+}
+
+#[test]
+fn default_robot_is_at_most_as_wide_and_fast_as_the_thesis() {
+    let tight = Presets.robot("hans-e05").expect("preset").build().expect("builds");
+    let wide = Presets.robot("hans-e05-thesis").expect("preset").build().expect("builds");
+    for (a, b) in tight.joints.iter().zip(&wide.joints) {
+        assert!(a.min_rad >= b.min_rad && a.max_rad <= b.max_rad && a.max_speed_rad_per_s <= b.max_speed_rad_per_s);
+    }
+    assert_eq!(tight.kinematics, wide.kinematics);
+}
+
+#[test]
+fn unknown_names_list_the_known_ones() {
+    let mut spec = cell_spec();
+    spec.robot = Named::Name("hans-e5".into());
+    assert_finding(&findings(&spec), "/robot", "hans-e05, hans-e05-thesis");
+    spec.obstacles =
+        vec![toml::from_str("name = \"column\"\nshape = { kind = \"mesh\", mesh = \"column.stl\" }").expect("body parses")];
+    assert_finding(&findings(&spec), "/obstacles/0/shape/mesh", "\"column.stl\"");
+}
+
+#[test]
+fn an_inline_spec_keeps_its_own_error() {
+    let mut json = serde_json::to_value(cell_spec()).expect("writes");
+    json["turntable"] = serde_json::json!({"name": "t", "plate_diameter": 500.0});
+    let error = serde_json::from_value::<CellSpec>(json).expect_err("must be refused").to_string();
+    assert!(error.contains("plate_diameter"), "{error}");
+}
+
+#[test]
+fn inconsistent_cells_are_refused_with_the_field() {
+    let mut spec = cell_spec();
+    spec.flange_from_scanner.quaternion_xyzw = [0.0, 0.0, 0.5, 1.0];
+    assert_finding(&findings(&spec), "/flange_from_scanner/quaternion_xyzw", "norm");
+
+    let mut spec = cell_spec();
+    spec.home_deg[2] = 170.0;
+    assert_finding(&findings(&spec), "/home_deg/2", "149.5");
+
+    let mut spec = cell_spec();
+    let mut robot = Presets.robot("hans-e05").expect("preset");
+    robot.payload_kg = 2.0;
+    spec.robot = Named::Inline(Box::new(robot.clone()));
+    assert_finding(&findings(&spec), "/scanner", "payload");
+
+    robot.joints[3] = AxisSpec { min_deg: 10.0, max_deg: -10.0, ..robot.joints[3] };
+    robot.payload_kg = 5.0;
+    spec.robot = Named::Inline(Box::new(robot));
+    assert_finding(&findings(&spec), "/robot/joints/3/min_deg", "not below");
+
+    let mut spec = cell_spec();
+    let mut table = Presets.turntable("minas-a6-500").expect("preset");
+    table.rotation = RotationSpec::Limited { min_deg: 10.0, max_deg: 10.0 };
+    spec.turntable = Named::Inline(Box::new(table));
+    assert_finding(&findings(&spec), "/turntable/rotation/min_deg", "not below");
+}
+
+#[test]
+fn a_home_in_collision_is_refused_and_names_the_pair() {
+    let mut spec = cell_spec();
+    // A wall right through the arm at home.
+    spec.obstacles.push(
+        toml::from_str("name = \"wall\"\nshape = { kind = \"box\", size_mm = [3000.0, 3000.0, 3000.0] }").expect("body parses"),
+    );
+    assert_finding(&findings(&spec), "/home_deg", "wall");
+}
+
+#[test]
+fn a_continuous_table_plans_within_a_turn_each_way() {
+    let mut table: TurntableSpec = Presets.turntable("minas-a6-500").expect("preset");
+    table.rotation = RotationSpec::Continuous {};
+    let axis = table.build().expect("builds").axis;
+    assert_eq!((axis.min_rad, axis.max_rad), (-std::f64::consts::TAU, std::f64::consts::TAU));
+    assert_eq!(axis.windings(1.0).count(), 2);
+    assert_eq!(axis.windings(0.0).count(), 3);
+}
+
+#[test]
+fn move_time_is_the_trapezoid_of_the_slowest_axis() {
+    let axis = AxisSpec { min_deg: -360.0, max_deg: 360.0, max_speed_deg_per_s: 90.0, max_acceleration_deg_per_s2: 180.0 };
+    let axes = Axes([axis.build(); 7]);
+    let to = |deg: f64| [0.0, 0.0, deg.to_radians(), 0.0, 0.1, 0.0, 0.0];
+    let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
+    // 90° at 90°/s: 1 s of travel at full speed, and 0.5 s more for starting and stopping.
+    assert!(near(axes.move_secs(&to(0.0), &to(90.0), 1.0), 1.5));
+    // 20°: the top speed is never reached; 2·√(20/180).
+    assert!(near(axes.move_secs(&to(0.0), &to(20.0), 1.0), 2.0 * (20.0_f64 / 180.0).sqrt()));
+    assert!(near(axes.move_secs(&to(0.0), &to(90.0), 0.5), 90.0 / 45.0 + 45.0 / 90.0));
+    assert_eq!(axes.move_secs(&to(30.0), &to(30.0), 1.0), 0.0);
+    assert!(near(axes.path_secs(&[to(0.0), to(90.0), to(0.0)], 1.0), 3.0));
+}

@@ -1,0 +1,110 @@
+//! The turntable: a plate that turns about the table frame's +z, its limits, and what stands below it.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::axis::{Axis, AxisSpec};
+use super::field_error::{FieldError, Findings};
+use super::shape_spec::BodySpec;
+
+/// Angle range that is planned on for a table without end stops, degrees: a turn each way, so that a program's angles
+/// stay absolute.
+const CONTINUOUS_DEG: f64 = 360.0;
+
+/// A turntable. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TurntableSpec {
+    /// Name, unique among turntables.
+    pub name: String,
+    /// Diameter of the plate, mm, 1 to 10000.
+    pub plate_diameter_mm: f64,
+    /// Thickness of the plate, mm, 0.1 to 1000; its upper face is z = 0 of the table frame.
+    pub plate_thickness_mm: f64,
+    /// What it may turn through.
+    pub rotation: RotationSpec,
+    /// Rated speed, degrees per second, 0.1 to 3600.
+    pub max_speed_deg_per_s: f64,
+    /// Rated acceleration, degrees per second squared, 0.1 to 100000.
+    pub max_acceleration_deg_per_s2: f64,
+    /// Largest mass on the plate, kg, 0.1 to 100000.
+    pub max_load_kg: f64,
+    /// What stands below the plate and does not turn, in the table frame.
+    #[serde(default)]
+    pub body: Vec<BodySpec>,
+}
+
+/// What a table may turn through.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum RotationSpec {
+    /// Without end stops; plans stay within a turn each way.
+    Continuous {},
+    /// Between end stops: -3600 ≤ min < max ≤ 3600.
+    Limited {
+        /// Lowest angle, degrees.
+        min_deg: f64,
+        /// Highest angle, degrees.
+        max_deg: f64,
+    },
+}
+
+impl TurntableSpec {
+    /// Checks every field and builds the turntable.
+    ///
+    /// # Errors
+    /// All fields that are out of range or inconsistent.
+    pub fn build(&self) -> Result<Turntable, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check(&mut findings);
+        findings.into_result()?;
+        Ok(Turntable {
+            name: self.name.clone(),
+            plate_radius_mm: 0.5 * self.plate_diameter_mm,
+            plate_thickness_mm: self.plate_thickness_mm,
+            axis: self.axis().build(),
+            max_load_kg: self.max_load_kg,
+        })
+    }
+
+    fn axis(&self) -> AxisSpec {
+        let (min_deg, max_deg) = match self.rotation {
+            RotationSpec::Continuous {} => (-CONTINUOUS_DEG, CONTINUOUS_DEG),
+            RotationSpec::Limited { min_deg, max_deg } => (min_deg, max_deg),
+        };
+        let (max_speed_deg_per_s, max_acceleration_deg_per_s2) = (self.max_speed_deg_per_s, self.max_acceleration_deg_per_s2);
+        AxisSpec { min_deg, max_deg, max_speed_deg_per_s, max_acceleration_deg_per_s2 }
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        findings.require(!self.name.is_empty(), "/name", || "is empty; name the turntable".into());
+        findings.range("/plate_diameter_mm", self.plate_diameter_mm, 1.0, 1e4, "mm");
+        findings.range("/plate_thickness_mm", self.plate_thickness_mm, 0.1, 1000.0, "mm");
+        if let RotationSpec::Limited { min_deg, max_deg } = self.rotation {
+            findings.range("/rotation/min_deg", min_deg, -3600.0, 3600.0, "°");
+            findings.range("/rotation/max_deg", max_deg, -3600.0, 3600.0, "°");
+            findings.require(min_deg < max_deg, "/rotation/min_deg", || format!("is {min_deg}°, not below max_deg {max_deg}°"));
+        }
+        findings.range("/max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 3600.0, "°/s");
+        findings.range("/max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e5, "°/s²");
+        findings.range("/max_load_kg", self.max_load_kg, 0.1, 1e5, "kg");
+        for (index, body) in self.body.iter().enumerate() {
+            body.check(&format!("/body/{index}"), findings);
+        }
+    }
+}
+
+/// A turntable, checked and in radians. Made from a [`TurntableSpec`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Turntable {
+    /// Name of the specification.
+    pub name: String,
+    /// Radius of the plate.
+    pub plate_radius_mm: f64,
+    /// Thickness of the plate, below z = 0 of the table frame.
+    pub plate_thickness_mm: f64,
+    /// Limits.
+    pub axis: Axis,
+    /// Largest mass on the plate, kg.
+    pub max_load_kg: f64,
+}

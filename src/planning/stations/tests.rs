@@ -1,0 +1,98 @@
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::{Blocked, SPREAD_RAD, Station, inside_obstacle, solve};
+use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::planning::context::{Cancelled, Context, Silent};
+
+fn cell() -> Cell {
+    Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds")
+}
+
+fn cube(edge_mm: f64) -> Mesh {
+    let corner = |i: usize| Point3::new((i & 1) as f64, ((i >> 1) & 1) as f64, ((i >> 2) & 1) as f64) * edge_mm;
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
+}
+
+fn centred(edge_mm: f64) -> Pose<Table, Part> {
+    Pose::claim(Isometry3::translation(-0.5 * edge_mm, -0.5 * edge_mm, 0.0))
+}
+
+/// Looks at the middle of the cube from `polar` and `azimuth`, baseline level.
+fn view(edge_mm: f64, polar_deg: f64, azimuth_deg: f64, distance_mm: f64) -> Pose<Part, ScannerFrame> {
+    let (polar, azimuth) = (polar_deg.to_radians(), azimuth_deg.to_radians());
+    let out = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
+    let x = (-out).cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    let axes = nalgebra::Rotation3::from_basis_unchecked(&[x, (-out).cross(&x), -out]);
+    let centre = Vector3::repeat(0.5 * edge_mm);
+    Pose::from_parts(centre + out * distance_mm, UnitQuaternion::from_rotation_matrix(&axes))
+}
+
+fn solve_one(
+    cell: &Cell,
+    scene: &CollisionScene,
+    placed: &Pose<Table, Part>,
+    view: Pose<Part, ScannerFrame>,
+) -> Result<Vec<Station>, Blocked> {
+    let flag = AtomicBool::new(false);
+    let mut all = solve(&[view], cell, scene, placed, &Context::new(&flag, &Silent)).expect("not cancelled");
+    all.remove(0)
+}
+
+#[test]
+fn stations_put_the_scanner_on_the_view_within_limits_and_clear() {
+    let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
+    let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
+    let axes = cell.axes();
+    for (polar, azimuth) in [(30.0, 0.0), (60.0, 100.0), (80.0, 250.0)] {
+        let wanted = view(120.0, polar, azimuth, 540.0);
+        let stations = solve_one(&cell, &scene, &placed, wanted).expect("reachable");
+        assert!(stations.len() > 1, "a turning table leaves a choice");
+        for (index, station) in stations.iter().enumerate() {
+            let configuration = station.configuration();
+            assert!(axes.allow(&configuration) && scene.check(&configuration).is_none());
+            let plate_from_scanner =
+                cell.base_from_plate(station.table_angle_rad).inverse() * cell.base_from_scanner(&station.joints_rad);
+            let found = placed.isometry().inverse() * plate_from_scanner.isometry();
+            let expected = wanted.isometry();
+            assert!((found.translation.vector - expected.translation.vector).norm() < 1e-6);
+            assert!(found.rotation.angle_to(&expected.rotation) < 1e-7);
+            let secs = |s: &Station| axes.move_secs(&cell.home_rad, &s.configuration(), 1.0);
+            for other in &stations[..index] {
+                assert!(secs(other) <= secs(station), "cheapest first");
+                let apart = other.configuration().iter().zip(configuration).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(apart >= SPREAD_RAD, "stations must differ");
+            }
+        }
+    }
+}
+
+#[test]
+fn out_of_reach_and_in_the_way_are_told_apart() {
+    let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
+    let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
+    assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 60.0, 0.0, 5000.0)), Err(Blocked::Unreachable));
+    // From below the part the scanner would be inside the table.
+    let below = view(120.0, 179.0, 0.0, 200.0);
+    assert_eq!(solve_one(&cell, &scene, &placed, below), Err(Blocked::Collision));
+    assert!(inside_obstacle(&below, &cell, &scene, &placed));
+    assert!(!inside_obstacle(&view(120.0, 30.0, 0.0, 540.0), &cell, &scene, &placed));
+}
+
+#[test]
+fn threads_do_not_change_the_stations_and_a_cancel_is_heard() {
+    let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
+    let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
+    let views: Vec<_> = (0..8).map(|i| view(120.0, 20.0 + 9.0 * f64::from(i), 47.0 * f64::from(i), 540.0)).collect();
+    let run = |threads: usize, cancelled: bool| {
+        let flag = AtomicBool::new(cancelled);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
+        pool.install(|| solve(&views, &cell, &scene, &placed, &Context::new(&flag, &Silent)))
+    };
+    assert_eq!(run(1, false), run(2, false));
+    assert_eq!(run(2, true), Err(Cancelled));
+}
