@@ -149,8 +149,15 @@ impl App {
         let cancelled = self.0.store.job(attempt.id).await.is_ok_and(|job| job.state == JobState::Cancelling);
         cancel.fetch_or(cancelled || self.0.stopping.is_cancelled(), Ordering::Relaxed);
         let began = Instant::now();
-        let (outcome, timings) = self.outcome(&attempt, cancel).await;
-        let state = self.conclude(attempt.id, outcome, &timings).await;
+        let (result, timings) = self.plan(&attempt, cancel).await;
+        let state = {
+            let _no_sweep = self.0.store.hold_files().await;
+            let outcome = match result {
+                Ok(artifacts) => self.keep(artifacts, &timings).await,
+                Err(outcome) => outcome,
+            };
+            self.conclude(attempt.id, outcome, &timings).await
+        };
         self.0.runner.lock().remove(&attempt.id);
         let seconds = began.elapsed().as_secs_f64();
         metrics::counter!("vantage_attempts_total", "state" => state.map_or("unknown", JobState::as_str)).increment(1);
@@ -158,11 +165,15 @@ impl App {
         tracing::info!(state = state.map(JobState::as_str), seconds, "attempt ended");
     }
 
-    async fn outcome(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Outcome, BTreeMap<String, f64>) {
-        let files = self.0.store.files();
-        let input = match run_input(attempt, files, self.0.options.max_triangles) {
+    /// Plans, and tells how far it is meanwhile. Returns the files, or how the attempt ended without; and stage times.
+    async fn plan(
+        &self,
+        attempt: &Attempt,
+        cancel: Arc<AtomicBool>,
+    ) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
+        let input = match run_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
             Ok(input) => input,
-            Err(error) => return (Outcome::Failed(internal(&error)), BTreeMap::new()),
+            Err(error) => return (Err(Outcome::Failed(internal(&error))), BTreeMap::new()),
         };
         let (updates, told) = mpsc::unbounded_channel();
         let teller = tokio::spawn(tell(self.clone(), attempt.id, told));
@@ -172,13 +183,12 @@ impl App {
         // It ends with the tracker; what it could not tell is in its log.
         let _ = teller.await;
         let timings = times.lock().unwrap_or_else(PoisonError::into_inner).closed();
-        let outcome = match result {
-            Ok(artifacts) => self.keep(artifacts, &timings).await,
-            Err(Ended::With(RunError::Cancelled)) if self.0.stopping.is_cancelled() => Outcome::Interrupted,
-            Err(Ended::With(RunError::Cancelled)) => Outcome::Cancelled,
-            Err(ended) => Outcome::Failed(why(ended)),
-        };
-        (outcome, timings)
+        let result = result.map_err(|ended| match ended {
+            Ended::With(RunError::Cancelled) if self.0.stopping.is_cancelled() => Outcome::Interrupted,
+            Ended::With(RunError::Cancelled) => Outcome::Cancelled,
+            ended => Outcome::Failed(why(ended)),
+        });
+        (result, timings)
     }
 
     async fn keep(&self, mut artifacts: Vec<Artifact>, timings: &BTreeMap<String, f64>) -> Outcome {

@@ -85,7 +85,7 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let mut errors = request.check().err().unwrap_or_default();
     let mut lookup = Lookup { library, errors: &mut errors, used: BTreeSet::new() };
     let mesh = lookup.mesh("/mesh_id", &request.mesh_id.to_string());
-    let fixture = request.params.part.fixture_mesh.as_ref().map(|id| lookup.mesh("/params/part/fixture_mesh", id));
+    let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| lookup.mesh("/params/part/fixture_mesh", id));
     let cell = lookup.cell(&request.cell);
     let scanner = match &cell {
         Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name)),
@@ -96,8 +96,8 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
         bodies.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
     let used = std::mem::take(&mut lookup.used);
     match (mesh, fixture, scanner) {
-        (Some(mesh), None | Some(Some(_)), Some(scanner)) if errors.is_empty() => {
-            let (fixture, part_name) = (fixture.flatten(), library.part_name(&request.mesh_id.to_string()));
+        (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
+            let part_name = library.part_name(&request.mesh_id.to_string());
             Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes }, used.into_iter().collect()))
         }
         _ => Err(errors),

@@ -29,7 +29,6 @@ pub struct JobRequest {
     pub params: PlanParams,
     /// Labels, echoed in job, plan and program: at most 32, keys of 1 to 64 and values of up to 256 characters.
     #[serde(default)]
-    #[schema(max_properties = 32)]
     pub labels: BTreeMap<String, String>,
     /// Part number, echoed likewise.
     #[serde(default)]

@@ -25,7 +25,7 @@ impl From<FieldError> for ProblemField {
 pub struct Problem {
     /// Reference to the description of this kind of problem.
     #[serde(rename = "type")]
-    #[schema(format = UriReference)]
+    #[schema(format = "uri-reference")]
     pub kind: String,
     /// The kind of problem in a few words.
     pub title: String,
@@ -49,7 +49,7 @@ pub struct Problem {
 pub struct JobProblem {
     /// Reference to the description of this kind of problem.
     #[serde(rename = "type")]
-    #[schema(format = UriReference)]
+    #[schema(format = "uri-reference")]
     pub kind: String,
     /// The kind of problem in a few words.
     pub title: String,

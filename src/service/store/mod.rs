@@ -21,12 +21,13 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Connection, SqliteConnection, SqlitePool, SqlSafeStr};
 use tokio::sync::{Mutex, RwLock, broadcast};
 
-pub(crate) use files::{Files, Received, Receiver, hex};
+pub(crate) use files::{Files, Received, hex};
 pub(crate) use idempotency::IdempotencyKey;
 pub(crate) use jobs::{Attempt, JobFilter, NewJob, Outcome};
 pub(crate) use meshes::{MeshFile, NewMesh};
 pub(crate) use pages::Page;
-pub(crate) use specs::{Precondition, Put, StoredSpec};
+pub use specs::Precondition;
+pub(crate) use specs::{Put, StoredSpec};
 
 use super::error::{Error, Fault};
 use crate::wire::JobEvent;
