@@ -20,12 +20,12 @@ pub fn connected_components(mesh: &Mesh, faces: &[u32]) -> Vec<Vec<u32>> {
     }
     let mut components: Vec<Vec<u32>> = Vec::new();
     let mut component_of_root = std::collections::HashMap::new();
-    for position in 0..faces.len() {
+    for (position, face) in faces.iter().enumerate() {
         let component = *component_of_root.entry(root(&mut parent, position)).or_insert_with(|| {
             components.push(Vec::new());
             components.len() - 1
         });
-        components[component].push(faces[position]);
+        components[component].push(*face);
     }
     components
 }
@@ -36,4 +36,19 @@ fn root(parent: &mut [usize], mut node: usize) -> usize {
         node = parent[node];
     }
     node
+}
+
+#[cfg(test)]
+mod tests {
+    use super::connected_components;
+    use crate::testing::box_mesh;
+
+    #[test]
+    fn faces_that_share_an_edge_are_one_component() {
+        let mesh = box_mesh([0.0; 3], [1.0; 3]);
+        assert_eq!(connected_components(&mesh, &(0..12).collect::<Vec<_>>()), [(0..12).collect::<Vec<_>>()]);
+        // Bottom and top of a box share no edge; each is two triangles.
+        assert_eq!(connected_components(&mesh, &[0, 1, 2, 3]), [[0, 1], [2, 3]]);
+        assert!(connected_components(&mesh, &[]).is_empty());
+    }
 }

@@ -8,15 +8,14 @@ use tokio::task::JoinHandle;
 
 use super::app::App;
 use super::error::{Error, Fault};
+use super::plan_job::PREVIEW_TRIANGLES;
 use super::store::{NewMesh, Page, Received, blocking};
-use crate::geometry::LengthUnit;
+use crate::geometry::{self, LengthUnit};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::wire::{Mesh, MeshHealth, MeshId, MeshPage};
 
 /// Pieces of an upload that may wait for the disk.
 const PIECES_AHEAD: usize = 8;
-/// Triangles of a preview.
-const PREVIEW_TRIANGLES: usize = 300_000;
 
 /// An upload under way: pieces go to a thread that hashes and writes them. Dropped, it leaves nothing behind.
 pub struct Upload {
@@ -203,5 +202,5 @@ fn inspect(bytes: &[u8], unit: LengthUnit, limits: &Limits) -> Result<MeshHealth
 /// The mesh of a file, thinned, as binary glTF.
 fn preview(bytes: &[u8], unit: LengthUnit, limits: &Limits) -> Result<Vec<u8>, Error> {
     let read = mesh_io::read(bytes, Some(unit), limits).map_err(|error| Error::MeshUnreadable(error.to_string()))?;
-    Ok({ let _ = PREVIEW_TRIANGLES; read.mesh.faces.iter().flat_map(|f| f[0].to_le_bytes()).collect() })
+    Ok(geometry::glb(&geometry::preview(&read.mesh, PREVIEW_TRIANGLES)))
 }

@@ -1,6 +1,9 @@
-//! Floor 7, the JSON shapes of files and answers, versioned, with typed ids. Keys carry their units, degrees and plain
-//! arrays live here; unknown fields in a request are refused with their JSON pointer. Nothing here decides anything.
+//! Floor 7, what leaves the house: the JSON and CSV shapes of files and answers, versioned, with typed ids; the pages and
+//! pictures made for people. Keys carry their units, degrees and plain arrays live here; unknown fields in a request are
+//! refused with their JSON pointer.
 
+pub mod coverage;
+mod csv;
 pub mod echo;
 mod event;
 mod ids;
@@ -9,11 +12,15 @@ mod json;
 mod json_file;
 mod mesh;
 mod mesh_health;
+pub mod missed;
 pub mod plan;
 mod problem;
+pub mod report;
 pub mod scanner_facts;
 mod spec;
 mod system;
+mod tally;
+pub mod viewpoints;
 
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};

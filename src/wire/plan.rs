@@ -99,9 +99,9 @@ pub struct DeviceDocument {
     /// Its pose.
     pub scanner_from_device: PoseSpec,
     /// Image width.
-    pub width_px: f64,
+    pub width_px: u32,
     /// Image height.
-    pub height_px: f64,
+    pub height_px: u32,
     /// Focal length along u, pixels.
     pub fx: f64,
     /// Focal length along v, pixels.
@@ -298,8 +298,8 @@ fn device_document(device: &OpticalDevice, limit_deg: Option<f64>) -> DeviceDocu
     DeviceDocument {
         name: device.name.as_str().to_owned(),
         scanner_from_device: PoseSpec::from(&device.scanner_from_device),
-        width_px: lens.width_px,
-        height_px: lens.height_px,
+        width_px: lens.width_px as u32,
+        height_px: lens.height_px as u32,
         fx: lens.fx,
         fy: lens.fy,
         cx: lens.cx,

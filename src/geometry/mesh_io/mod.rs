@@ -103,6 +103,9 @@ pub fn read(bytes: &[u8], unit: Option<LengthUnit>, limits: &Limits) -> Result<R
         MeshFormat::Obj => obj::read(&text, &mut soup, limits),
         MeshFormat::Ply => ply::read(&text, &mut soup).map(|()| Vec::new()),
     }?;
+    if matches!(format, MeshFormat::StlBinary | MeshFormat::StlAscii) {
+        soup.weld_float_noise();
+    }
     let raw = soup.into_mesh(groups);
     if raw.faces.is_empty() {
         return Err(MeshError::NoTriangles { why: if raw.vertices_mm.is_empty() { "it has no faces" } else { "only points" } });

@@ -69,6 +69,25 @@ impl<'a> Soup<'a> {
         self.faces_in_file
     }
 
+    /// Welds vertices that differ by less than a 32-bit float can say at the size of the part. For STL, which has no
+    /// vertex numbers: CAD systems write one point as 0 here and 1e-17 there, and the part would fall into pieces.
+    /// No vertex moves but onto the first one of its grid cell.
+    pub(super) fn weld_float_noise(&mut self) {
+        let vertices_mm = &self.mesh.vertices_mm;
+        let largest_mm = vertices_mm.iter().flat_map(|v| v.iter()).fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        let cell_mm = largest_mm * f64::from(f32::EPSILON) / 2.0;
+        if cell_mm == 0.0 {
+            return;
+        }
+        let mut cells = HashMap::with_capacity(vertices_mm.len());
+        let first_of_cell: Vec<u32> = vertices_mm
+            .iter()
+            .zip(0..)
+            .map(|(v, id)| *cells.entry([v.x, v.y, v.z].map(|value| (value / cell_mm).round() as i64)).or_insert(id))
+            .collect();
+        self.mesh.faces.iter_mut().flatten().for_each(|v| *v = first_of_cell[*v as usize]);
+    }
+
     /// What was collected; degenerate triangles and unused vertices are still in it.
     pub(super) fn into_mesh(self, groups: Vec<FaceGroup>) -> Mesh {
         Mesh { groups, ..self.mesh }

@@ -128,6 +128,9 @@ struct Aim {
     direction: Vector3<f64>,
 }
 
+/// A pose that was generated, and the side it looks at.
+type Placed = (Pose<Table, ScannerFrame>, Label);
+
 /// What the candidates are generated for.
 pub struct Scope<'a> {
     /// The samples of the part.
@@ -186,7 +189,7 @@ fn place(
     aims: &[Aim],
     params: &CandidateParams,
     ctx: &Context<'_>,
-) -> Result<Vec<(Pose<Table, ScannerFrame>, Label)>, Cancelled> {
+) -> Result<Vec<Placed>, Cancelled> {
     let slide = slide::Slide::new(scope);
     let poses: Vec<Vec<_>> = aims
         .par_iter()

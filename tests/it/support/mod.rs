@@ -12,7 +12,7 @@ use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan};
 
 /// A file of the shared data, or `None` with a printed reason.
-pub fn shared(path: &str) -> Option<PathBuf> {
+pub(crate) fn shared(path: &str) -> Option<PathBuf> {
     let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(path);
     if file.exists() {
         return Some(file);
@@ -22,13 +22,13 @@ pub fn shared(path: &str) -> Option<PathBuf> {
 }
 
 /// The nominal rig of method §2.
-pub fn nominal_scanner() -> Scanner {
+pub(crate) fn nominal_scanner() -> Scanner {
     let text = include_str!("../../../config/scanners/transcan-c-nominal.toml");
     toml::from_str::<ScannerSpec>(text).expect("the preset parses").build().expect("the preset is valid")
 }
 
 /// A mesh of the shared data, its file axes kept, scaled about its box's centre to `extent_mm` along the longest axis.
-pub fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
+pub(crate) fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
     let bytes = std::fs::read(shared(path)?).expect("readable");
     let mut mesh = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default()).expect("a mesh").mesh;
     let (centre, scale) = (mesh.aabb().centre(), extent_mm / mesh.aabb().extent_mm().max());
@@ -37,7 +37,7 @@ pub fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
 }
 
 /// Plans the viewpoints alone.
-pub fn plan_viewpoints(mesh: &Mesh, scanner: &Scanner, params: &PlanParams) -> Outcome {
+pub(crate) fn plan_viewpoints(mesh: &Mesh, scanner: &Scanner, params: &PlanParams) -> Outcome {
     let cancel = AtomicBool::new(false);
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None };
     plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")

@@ -2,7 +2,7 @@
 
 use super::header::{Encoding, Header, Scalar};
 use crate::geometry::mesh_io::error::{MeshError, Position};
-use crate::geometry::mesh_io::text::{Lines, Tokens, excerpt, number};
+use crate::geometry::mesh_io::text::{Lines, Tokens, number};
 
 /// Where the next number comes from.
 pub(super) enum Values<'a> {
@@ -79,13 +79,18 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Refuses what comes after the last declared record: the header promised less than the file holds.
+    /// Refuses what comes after the last declared record: the header promised less than the file holds. White space, and
+    /// in binary files what is too short for a face, is padding.
     pub(super) fn finish(self) -> Result<(), MeshError> {
-        let (rest, at) = match &self {
-            Self::Text { lines, .. } => (lines.rest(), self.at()),
-            Self::Binary { bytes, at, .. } => (&bytes[*at..], self.at()),
+        const SHORTEST_FACE_BYTES: usize = 4;
+        let (rest, padding) = match &self {
+            Self::Text { lines, .. } => (lines.rest(), 0),
+            Self::Binary { bytes, at, .. } => (&bytes[*at..], SHORTEST_FACE_BYTES - 1),
         };
-        if rest.trim_ascii().is_empty() { Ok(()) } else { Err(MeshError::TrailingData { at, bytes: rest.len() as u64 }) }
+        if rest.len() <= padding || rest.trim_ascii().is_empty() {
+            return Ok(());
+        }
+        Err(MeshError::TrailingData { at: self.at(), bytes: rest.len() as u64 })
     }
 }
 
@@ -93,7 +98,7 @@ fn next_token<'a>(lines: &Lines<'a>, tokens: &mut Tokens<'a>) -> Result<&'a [u8]
     tokens.next().ok_or_else(|| MeshError::Syntax {
         at: lines.at(),
         expected: "another number of the record",
-        found: excerpt(b"\n"),
+        found: "the end of the line".into(),
     })
 }
 
