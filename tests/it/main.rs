@@ -1,1 +1,4 @@
-fn main() {}
+//! Integration tests: one module a topic.
+
+mod kinematics;
+mod reach_study;
