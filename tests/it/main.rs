@@ -2,8 +2,10 @@
 
 mod architecture;
 mod inspect_scanner;
+mod kinematics;
 mod meshes;
 mod planning_with_cell;
 mod public_figures;
+mod reach_study;
 mod report;
 mod support;
