@@ -2,8 +2,7 @@
 
 mod architecture;
 mod inspect_scanner;
+mod meshes;
+mod oracle_coverage;
 mod public_figures;
 mod support;
-//! The integration tests, one binary.
-
-mod meshes;
