@@ -7,8 +7,8 @@ depth. Points are drawn uniformly by area; each survivor of the cheap tests cost
 
     coverage_oracle.py MESH PLAN.json [--candidates POSES.json] [--largest-extent MM] [--points N] [--seed N]
 
-MESH is the file that was planned on, in millimetres; --largest-extent scales it about its origin as the planner's input
-was. POSES.json is a list of part_from_scanner, one for every candidate that was considered; with it `of_coverable` is
+MESH is the file that was planned on, in millimetres; --largest-extent scales it and puts the middle of its box at the
+origin, as the planner's input was. POSES.json is a list of part_from_scanner, one for every candidate that was considered; with it `of_coverable` is
 printed too. The answer is one JSON object on standard output. Lengths in millimetres.
 """
 
@@ -33,7 +33,8 @@ def load(path, largest_extent):
     triangles = np.asarray(mesh.vertices, dtype=float)[np.asarray(mesh.faces)]
     if largest_extent:
         corners = triangles.reshape(-1, 3)
-        triangles = triangles * (largest_extent / np.ptp(corners, axis=0).max())
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        triangles = (triangles - (low + high) / 2) * (largest_extent / (high - low).max())
     a, b, c = triangles.transpose(1, 0, 2)
     if np.einsum("ij,ij->i", a, np.cross(b, c)).sum() < 0:
         triangles = triangles[:, ::-1]

@@ -1,10 +1,11 @@
 //! What several topics share: where data lies, how parts are prepared, how a plan is made.
 
-use std::path::PathBuf;
+mod needs;
+
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::Point3;
-use vantage::cell::{Scanner, ScannerSpec};
+use vantage::cell::{Presets, Scanner, SpecLibrary};
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh};
 use vantage::planning::context::{Context, Silent};
@@ -12,20 +13,16 @@ use vantage::planning::params::PlanParams;
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan};
 
-/// A file of the shared data, or `None` with a printed reason.
-pub(crate) fn shared(path: &str) -> Option<PathBuf> {
-    let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(path);
-    if file.exists() {
-        return Some(file);
-    }
-    println!("skipped: {path} of the shared data is not on this machine");
-    None
-}
+pub(crate) use needs::{oracle_python, shared};
 
 /// The nominal rig of method §2.
 pub(crate) fn nominal_scanner() -> Scanner {
-    let text = include_str!("../../../config/scanners/transcan-c-nominal.toml");
-    toml::from_str::<ScannerSpec>(text).expect("the preset parses").build().expect("the preset is valid")
+    preset_scanner("transcan-c-nominal")
+}
+
+/// A scanner that ships with the program.
+pub(crate) fn preset_scanner(name: &str) -> Scanner {
+    Presets.scanner(name).expect("a preset").build().expect("the preset is valid")
 }
 
 /// A mesh of the shared data, its file axes kept, scaled about its box's centre to `extent_mm` along the longest axis.
