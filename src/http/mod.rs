@@ -20,7 +20,7 @@ pub use metrics::install as install_metrics;
 pub use options::Options;
 pub use problem::{Code, document as problems_document};
 pub use router::{openapi, router};
-pub use serve::{Server, ServeError};
+pub use serve::{ServeError, Server};
 
 #[cfg(test)]
 mod tests;

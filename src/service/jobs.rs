@@ -166,11 +166,7 @@ impl App {
     }
 
     /// Plans, and tells how far it is meanwhile. Returns the files, or how the attempt ended without; and stage times.
-    async fn plan(
-        &self,
-        attempt: &Attempt,
-        cancel: Arc<AtomicBool>,
-    ) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
+    async fn plan(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
         let input = match run_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
             Ok(input) => input,
             Err(error) => return (Err(Outcome::Failed(internal(&error))), BTreeMap::new()),
