@@ -1,5 +1,11 @@
 #![doc = include_str!("ARCHITECTURE.md")]
 
 pub mod cell;
+pub mod cli;
 pub mod geometry;
+pub mod http;
 pub mod planning;
+pub mod service;
+#[cfg(test)]
+mod testing;
+pub mod wire;

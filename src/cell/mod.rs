@@ -23,7 +23,10 @@ pub use layout::{Cell, CellSpec, joints_of};
 pub use library::{Named, Presets, SpecKind, SpecLibrary, preset_text};
 pub use pose_spec::PoseSpec;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
-pub use scanner::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceName, DeviceSpec, Lens, OpticalDevice, Scanner, ScannerSpec};
+pub use scanner::{
+    BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
+    OpticalDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
+};
 pub use shape_spec::{BodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};
 

@@ -53,9 +53,10 @@ impl<To, From> std::convert::From<&Pose<To, From>> for PoseSpec {
         let q = pose.isometry().rotation.quaternion();
         // q and -q are the same rotation: w >= 0 is written, so that equal poses read equal.
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        // Adding 0 turns −0 into 0.
         Self {
-            translation_mm: pose.isometry().translation.vector.into(),
-            quaternion_xyzw: [sign * q.i, sign * q.j, sign * q.k, sign * q.w],
+            translation_mm: pose.isometry().translation.vector.add_scalar(0.0).into(),
+            quaternion_xyzw: [q.i, q.j, q.k, q.w].map(|c| sign * c + 0.0),
         }
     }
 }

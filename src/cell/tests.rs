@@ -12,7 +12,10 @@ fn findings(spec: &CellSpec) -> Vec<FieldError> {
 }
 
 fn assert_finding(errors: &[FieldError], pointer: &str, words: &str) {
-    assert!(errors.iter().any(|e| e.pointer == pointer && e.detail.contains(words)), "no {pointer:?} with {words:?} in {errors:#?}");
+    assert!(
+        errors.iter().any(|e| e.pointer == pointer && e.detail.contains(words)),
+        "no {pointer:?} with {words:?} in {errors:#?}"
+    );
 }
 
 #[test]
@@ -58,9 +61,8 @@ fn unknown_names_list_the_known_ones() {
     let mut spec = cell_spec();
     spec.robot = Named::Name("hans-e5".into());
     assert_finding(&findings(&spec), "/robot", "hans-e05, hans-e05-thesis");
-    spec.obstacles = vec![
-        toml::from_str("name = \"column\"\nshape = { kind = \"mesh\", mesh = \"column.stl\" }").expect("body parses"),
-    ];
+    spec.obstacles =
+        vec![toml::from_str("name = \"column\"\nshape = { kind = \"mesh\", mesh = \"column.stl\" }").expect("body parses")];
     assert_finding(&findings(&spec), "/obstacles/0/shape/mesh", "\"column.stl\"");
 }
 

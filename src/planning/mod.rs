@@ -1,11 +1,19 @@
 //! Floor 3, the pipeline: mesh → surface → candidates → stations → visibility → selection → sequence → missed.
-//! A stage imports only earlier stages; [`pipeline`] sees all of them.
+//! A stage imports only earlier stages; [`plan()`] sees all of them.
 
 pub mod candidates;
 pub mod context;
+mod missed;
+mod motion;
 pub mod params;
+mod pipeline;
 pub mod plan;
+pub mod report;
+pub mod selection;
 pub mod sequence;
 pub mod stations;
+mod study;
 pub mod surface;
 pub mod visibility;
+
+pub use pipeline::{PlanError, PlanInput, plan, resting};

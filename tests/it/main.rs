@@ -1,4 +1,12 @@
-//! Integration tests: one module a topic.
+//! The integration tests: one binary, one module a topic.
 
+mod architecture;
+mod inspect_scanner;
 mod kinematics;
+mod meshes;
+mod oracle_coverage;
+mod planning_with_cell;
+mod public_figures;
 mod reach_study;
+mod report;
+mod support;

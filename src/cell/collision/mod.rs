@@ -78,13 +78,7 @@ impl CollisionScene {
     /// else than `clearance_mm`, save what is joined or touches by construction. Builds the box trees: 0.2 s for a million
     /// triangles.
     #[must_use]
-    pub fn new(
-        cell: &Cell,
-        part: &Mesh,
-        fixture: Option<&Mesh>,
-        table_from_part: &Pose<Table, Part>,
-        clearance_mm: f64,
-    ) -> Self {
+    pub fn new(cell: &Cell, part: &Mesh, fixture: Option<&Mesh>, table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
         let riders = std::iter::once(("part", part)).chain(fixture.map(|mesh| ("fixture", mesh)));
         Self::assemble(cell, &riders.collect::<Vec<_>>(), table_from_part, clearance_mm)
     }
@@ -179,10 +173,10 @@ impl CollisionScene {
 
     /// The first pair that comes closer than the clearance while every axis moves by up to `sweep`.
     fn contact(&self, placement: &Placement, sweep: &Configuration) -> Option<Contact> {
-        self.pairs.iter().find(|pair| self.is_near(pair, placement, sweep)).map(|pair| Contact {
-            a: Arc::clone(&self.bodies[pair.a].name),
-            b: Arc::clone(&self.bodies[pair.b].name),
-        })
+        self.pairs
+            .iter()
+            .find(|pair| self.is_near(pair, placement, sweep))
+            .map(|pair| Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) })
     }
 
     fn is_near(&self, pair: &Pair, placement: &Placement, sweep: &Configuration) -> bool {
@@ -243,9 +237,8 @@ fn halton(mut index: u32, base: u32) -> f64 {
 /// Every two bodies that can move against each other and are not joined by one joint.
 fn pairs(bodies: &[SceneBody], kinematics: &Kinematics) -> Vec<Pair> {
     let frames = kinematics.link_frames(&[0.0; 6]);
-    let between: [f64; 6] = std::array::from_fn(|link| {
-        (frames[link + 1].translation.vector - frames[link].translation.vector).norm()
-    });
+    let between: [f64; 6] =
+        std::array::from_fn(|link| (frames[link + 1].translation.vector - frames[link].translation.vector).norm());
     let mut pairs = Vec::new();
     for b in 0..bodies.len() {
         for a in 0..b {

@@ -16,10 +16,16 @@ use crate::geometry::Mesh;
 /// A convex core grown by a radius, or a surface.
 #[derive(Clone, Debug)]
 pub(super) enum Solid {
-    Segment { core: Segment, radius_mm: f32 },
+    Segment {
+        core: Segment,
+        radius_mm: f32,
+    },
     Box(Cuboid),
     /// With its pose, since parry's cylinders stand along y and ours along z.
-    Cylinder { core: Cylinder, body_from_core: Pose },
+    Cylinder {
+        core: Cylinder,
+        body_from_core: Pose,
+    },
     Mesh(Arc<TriMesh>),
 }
 
@@ -118,9 +124,9 @@ pub(super) fn near((a, pose_a): (&Solid, &Pose), (b, pose_b): (&Solid, &Pose), m
 
 fn convex_near_mesh(solid: &Solid, pose: &Pose, surface: &TriMesh, surface_pose: &Pose, margin: f32) -> bool {
     let pose_in_mesh = surface_pose.inv_mul(pose);
-    solid.convex(&pose_in_mesh).is_some_and(|convex| {
-        surface_near(surface, &convex, margin) || surrounds(surface, convex.aabb.center())
-    })
+    solid
+        .convex(&pose_in_mesh)
+        .is_some_and(|convex| surface_near(surface, &convex, margin) || surrounds(surface, convex.aabb.center()))
 }
 
 /// Whether a triangle of `surface` is closer to `convex` (given in the mesh's frame) than `margin`.

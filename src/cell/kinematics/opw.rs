@@ -114,9 +114,8 @@ impl Opw {
         let mut solutions = Vec::with_capacity(8);
         for (theta1, x, z) in self.shoulders(&wrist) {
             for (theta2, theta3) in self.elbows(x, z) {
-                let base_from_3 =
-                    Rotation3::from_axis_angle(&Vector3::z_axis(), theta1)
-                        * Rotation3::from_axis_angle(&Vector3::y_axis(), theta2 + theta3);
+                let base_from_3 = Rotation3::from_axis_angle(&Vector3::z_axis(), theta1)
+                    * Rotation3::from_axis_angle(&Vector3::y_axis(), theta2 + theta3);
                 for [theta4, theta5, theta6] in wrists(&(base_from_3.inverse() * rotation)) {
                     let theta = [theta1, theta2, theta3, theta4, theta5, theta6];
                     solutions.push(std::array::from_fn(|i| principal(self.signs[i] * (theta[i] + self.offsets_rad[i]))));

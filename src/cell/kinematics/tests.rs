@@ -47,11 +47,8 @@ fn error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
 fn round_trip(arm: &Kinematics, joints: &[f64; 6]) -> (f64, f64, usize) {
     let pose = arm.base_from_flange(joints);
     let branches = arm.branches(&pose);
-    let worst =
-        branches.iter().map(|branch| error(arm.base_from_flange(branch).isometry(), pose.isometry())).fold(0.0, f64::max);
-    let apart = |branch: &[f64; 6]| {
-        branch.iter().zip(joints).map(|(a, b)| 2.0 * (0.5 * (a - b)).sin().abs()).fold(0.0, f64::max)
-    };
+    let worst = branches.iter().map(|branch| error(arm.base_from_flange(branch).isometry(), pose.isometry())).fold(0.0, f64::max);
+    let apart = |branch: &[f64; 6]| branch.iter().zip(joints).map(|(a, b)| 2.0 * (0.5 * (a - b)).sin().abs()).fold(0.0, f64::max);
     (worst, branches.iter().map(apart).fold(f64::INFINITY, f64::min), branches.len())
 }
 

@@ -32,7 +32,8 @@ impl DeviceName {
     }
 }
 
-/// Intrinsic parameters.
+/// Intrinsic parameters, checked: the distortion model is one-to-one wherever the image looks. Made by
+/// [`super::ScannerSpec::build`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     /// Image width, pixels.
@@ -51,6 +52,9 @@ pub struct Lens {
     pub skew: f64,
     /// k1, k2, p1, p2, k3.
     pub distortion: [f64; 5],
+    /// Square of a radius in undistorted normalised coordinates that holds all the image sees and within which the
+    /// distortion is one-to-one; what lies outside it is outside the image, wherever the polynomial throws it.
+    pub(super) field_radius_squared: f64,
 }
 
 /// One optical device of a scanner.
@@ -64,62 +68,141 @@ pub struct OpticalDevice {
     pub lens: Lens,
     /// Largest incidence at which it works, radians.
     pub incidence_max_rad: f64,
+    /// Distance between pixels on the sensor, where known.
+    pub pixel_pitch_mm: Option<f64>,
 }
 
 /// Newton steps allowed when distortion is inverted; six reach 1e-15 for lenses of this kind.
-const UNDISTORT_STEPS: usize = 30;
+const UNDISTORT_STEPS: usize = 50;
+/// Points looked at on each edge of the image.
+const EDGE_SAMPLES: u32 = 64;
+/// How much the field's radius exceeds the largest one seen on the image's edge, whose samples may miss the maximum.
+const FIELD_MARGIN: f64 = 1.01;
 
 impl Lens {
-    /// Distorted normalised coordinates, and their derivative with respect to the undistorted ones.
-    fn distort(&self, n: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+    /// Derives the field; `None` when the distortion folds over inside it.
+    pub(super) fn with_field(mut self) -> Option<Self> {
+        let mut radius_squared = 0.0_f64;
+        for pixel in self.edges().into_iter().flatten() {
+            radius_squared = radius_squared.max(self.undistort(self.normalised(&pixel))?.norm_squared());
+        }
+        self.field_radius_squared = radius_squared * FIELD_MARGIN * FIELD_MARGIN;
+        self.is_one_to_one().then_some(self)
+    }
+
+    /// Whether the distortion is one-to-one on the disk of the field: its Jacobian is symmetric, hence the map is the
+    /// gradient of a potential, which is strictly convex where the Jacobian is positive definite. The Jacobian is
+    /// g(r²) across and h(r²) along the radius, g = 1 + k1 s + k2 s² + k3 s³, h = 1 + 3 k1 s + 5 k2 s² + 7 k3 s³, plus
+    /// the decentring part, of norm ≤ 6 r |(p1, p2)|. Sufficient, not necessary.
+    fn is_one_to_one(&self) -> bool {
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let decentring = 6.0 * self.field_radius_squared.sqrt() * p1.hypot(p2);
+        let lowest = |c: [f64; 3]| lowest_of_cubic(c, self.field_radius_squared);
+        lowest([k1, k2, k3]).min(lowest([3.0 * k1, 5.0 * k2, 7.0 * k3])) > decentring
+    }
+
+    /// Distorted normalised coordinates.
+    fn distort(&self, n: Vector2<f64>) -> Vector2<f64> {
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let (x, y) = (n.x, n.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        Vector2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    }
+
+    /// Derivative of [`Lens::distort`].
+    fn distort_jacobian(&self, n: Vector2<f64>) -> Matrix2<f64> {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
-        let distorted = Vector2::new(
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        );
         let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
-        let jacobian = Matrix2::new(
+        Matrix2::new(
             radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
             cross,
             cross,
             radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
-        );
-        (distorted, jacobian)
+        )
     }
 
-    /// Pixel of a point in the device frame; `None` behind the device, outside the image, or where the distortion
-    /// model folds over (its derivative is not positive definite there, so that a point far outside the field could
-    /// land inside the image).
+    /// Inverse of [`Lens::distort`] on the branch of the principal point: Newton from there, a step halved until it
+    /// helps. `None` where it does not converge, which does not happen inside the image of a lens with a field.
+    fn undistort(&self, distorted: Vector2<f64>) -> Option<Vector2<f64>> {
+        let mut n = Vector2::zeros();
+        let mut residual = distorted - self.distort(n);
+        for _ in 0..UNDISTORT_STEPS {
+            let step = self.distort_jacobian(n).try_inverse()? * residual;
+            let better = (0..8).find_map(|halvings| {
+                let trial = n + step * 0.5_f64.powi(halvings);
+                let left = distorted - self.distort(trial);
+                (left.norm_squared() < residual.norm_squared()).then_some((trial, left))
+            });
+            let Some(next) = better else { break };
+            (n, residual) = next;
+        }
+        (residual.norm() <= 1e-13 * (1.0 + distorted.norm())).then_some(n)
+    }
+
+    /// Distorted normalised coordinates of a pixel.
+    fn normalised(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        let y = (pixel.y - self.cy) / self.fy;
+        Vector2::new((pixel.x - self.cx) / self.fx - self.skew * y, y)
+    }
+
+    /// Pixels along the image's four edges, corner to corner, in turn: top, right, bottom, left.
+    fn edges(&self) -> [Vec<Vector2<f64>>; 4] {
+        let (w, h) = (self.width_px, self.height_px);
+        let corners = [Vector2::zeros(), Vector2::new(w, 0.0), Vector2::new(w, h), Vector2::new(0.0, h)];
+        std::array::from_fn(|edge| {
+            let (from, to) = (corners[edge], corners[(edge + 1) % 4]);
+            (0..=EDGE_SAMPLES).map(|i| from.lerp(&to, f64::from(i) / f64::from(EDGE_SAMPLES))).collect()
+        })
+    }
+
+    /// The rays (z = 1) of the image's four edges, device frame, in turn: top, right, bottom, left.
+    pub(super) fn edge_rays(&self) -> [Vec<Vector3<f64>>; 4] {
+        self.edges().map(|edge| edge.iter().map(|pixel| self.unproject(pixel)).collect())
+    }
+
+    /// Pixel of a point in the device frame; `None` behind the device or outside the image. A point so far outside
+    /// the field that the distortion polynomial folds it back into the image is outside.
     #[must_use]
     pub fn project(&self, p: &Point3<f64>) -> Option<Vector2<f64>> {
         if p.z <= 0.0 {
             return None;
         }
-        let (d, jacobian) = self.distort(Vector2::new(p.x / p.z, p.y / p.z));
+        let n = Vector2::new(p.x / p.z, p.y / p.z);
+        let d = self.distort(n);
         let pixel = Vector2::new(self.fx * (d.x + self.skew * d.y) + self.cx, self.fy * d.y + self.cy);
         let inside = 0.0 <= pixel.x && pixel.x < self.width_px && 0.0 <= pixel.y && pixel.y < self.height_px;
-        (inside && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0).then_some(pixel)
+        (inside && n.norm_squared() <= self.field_radius_squared).then_some(pixel)
     }
 
-    /// Direction (z = 1) in the device frame that is imaged at `pixel`; inverse of [`Lens::project`].
+    /// Direction (z = 1) in the device frame that is imaged at `pixel`; inverse of [`Lens::project`] over the image.
     #[must_use]
     pub fn unproject(&self, pixel: &Vector2<f64>) -> Vector3<f64> {
-        let y_distorted = (pixel.y - self.cy) / self.fy;
-        let target = Vector2::new((pixel.x - self.cx) / self.fx - self.skew * y_distorted, y_distorted);
-        let mut n = target;
-        for _ in 0..UNDISTORT_STEPS {
-            let (distorted, jacobian) = self.distort(n);
-            let Some(inverse) = jacobian.try_inverse() else { break };
-            let step = inverse * (target - distorted);
-            n += step;
-            if step.norm_squared() < 1e-32 {
-                break;
-            }
-        }
+        let distorted = self.normalised(pixel);
+        let n = self.undistort(distorted).unwrap_or(distorted);
         Vector3::new(n.x, n.y, 1.0)
     }
+
+    /// Full angles of view, along u and v, radians: 2·atan(size / 2f), distortion and principal point aside.
+    #[must_use]
+    pub fn field_of_view_rad(&self) -> [f64; 2] {
+        [2.0 * (self.width_px / (2.0 * self.fx)).atan(), 2.0 * (self.height_px / (2.0 * self.fy)).atan()]
+    }
+}
+
+/// Lowest value of 1 + c₀ s + c₁ s² + c₂ s³ for 0 ≤ s ≤ `end`.
+fn lowest_of_cubic([a, b, c]: [f64; 3], end: f64) -> f64 {
+    let value = |s: f64| 1.0 + s * (a + s * (b + s * c));
+    let root = (b * b - 3.0 * a * c).max(0.0).sqrt();
+    // Both forms of the quadratic's roots: one of them survives when c or b vanishes.
+    let stationary = [(-b + root) / (3.0 * c), (-b - root) / (3.0 * c), a / (-b + root), a / (-b - root)];
+    let inside = stationary.into_iter().filter(|s| 0.0 < *s && *s < end);
+    inside.map(value).fold(value(0.0).min(value(end)), f64::min)
 }

@@ -1,11 +1,17 @@
 //! The structured-light scanner: two cameras and a projector, a working depth, a body (method §2).
 
+mod depth_of_field;
 mod device;
+mod measurement_volume;
 mod spec;
+#[cfg(test)]
+mod tests;
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
+pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
+pub use measurement_volume::{Field, MeasurementVolume};
 pub use spec::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceSpec, ScannerSpec};
 
 use super::shape_spec::BodySpec;
@@ -29,8 +35,32 @@ pub struct Scanner {
     pub centre_of_mass_mm: Vector3<f64>,
     /// Envelope for collision tests, scanner frame.
     pub body: Vec<BodySpec>,
+    /// Measurement volume as its source states it from optics alone, mm along x, y, z of the scanner.
+    pub stated_volume_mm: Option<[f64; 3]>,
     /// Practical measurement volume, mm along x, y, z of the scanner.
     pub practical_volume_mm: [f64; 3],
     /// Edge of the cube that blocks of a large part must fit in (method §3), mm.
     pub block_cube_mm: f64,
+}
+
+impl Scanner {
+    /// Distance between the cameras' optical centres, mm.
+    #[must_use]
+    pub fn baseline_mm(&self) -> f64 {
+        let [left, right, _] = &self.devices;
+        (right.scanner_from_device.origin_mm() - left.scanner_from_device.origin_mm()).norm()
+    }
+
+    /// Angle between the cameras' optical axes, radians.
+    #[must_use]
+    pub fn axes_angle_rad(&self) -> f64 {
+        let [left, right, _] = self.devices.map(|device| device.scanner_from_device.direction(&Vector3::z()));
+        left.angle(&right)
+    }
+
+    /// The point (0, 0, F) of best focus, scanner frame.
+    #[must_use]
+    pub fn best_focus_mm(&self) -> Point3<f64> {
+        Point3::new(0.0, 0.0, self.best_mm)
+    }
 }

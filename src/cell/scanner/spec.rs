@@ -1,6 +1,6 @@
 //! The scanner as it is written in TOML presets and over HTTP: ranges, consistency, and the way to a [`Scanner`].
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -12,6 +12,8 @@ use crate::geometry::{Device, Pose, Scanner as ScannerFrame};
 
 /// How far the rows of a printed rotation may be from orthonormal before it is refused.
 const ROTATION_TOLERANCE: f64 = 1e-3;
+/// Cameras closer than this, along x of the scanner, cannot triangulate.
+const BASELINE_MIN_MM: f64 = 1.0;
 
 /// A structured-light scanner. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -38,6 +40,10 @@ pub struct ScannerSpec {
     /// Envelope for collision tests, in the scanner frame.
     #[serde(default)]
     pub body: Vec<BodySpec>,
+    /// Measurement volume as its source states it from optics alone, along x, y, z, mm, 1 to 10000 each; compared with
+    /// the volume derived here, used for nothing else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stated_volume_mm: Option<[f64; 3]>,
     /// Practical measurement volume along x, y, z, mm, 1 to 10000 each.
     pub practical_volume_mm: [f64; 3],
     /// Edge of the cube that blocks of a large part must fit in, mm, 1 to 10000.
@@ -83,6 +89,9 @@ pub struct DeviceSpec {
     pub distortion: [f64; 5],
     /// Largest incidence at which the device works, degrees, 1 to 89.9.
     pub incidence_max_deg: f64,
+    /// Distance between pixels on the sensor, µm, 0.1 to 100; only depth of field asks for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_pitch_um: Option<f64>,
 }
 
 /// One board, seen by both cameras at the same time.
@@ -109,26 +118,31 @@ impl ScannerSpec {
     /// Checks every field and builds the scanner.
     ///
     /// # Errors
-    /// All fields that are out of range or inconsistent.
+    /// All fields that are out of range; if none is, what the fields make together and should not.
     pub fn build(&self) -> Result<super::Scanner, Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check(&mut findings);
         findings.into_result()?;
+        let mut findings = Findings::default();
         let (scanner_from_left, scanner_from_right) = self.camera_poses();
         let projector = self.projector.scanner_from_device.unwrap_or_default().pose();
+        let devices = [
+            self.left.build(DeviceName::Left, scanner_from_left, &mut findings),
+            self.right.build(DeviceName::Right, scanner_from_right, &mut findings),
+            self.projector.build(DeviceName::Projector, projector, &mut findings),
+        ];
+        self.check_rig(&devices, &mut findings);
+        findings.into_result()?;
         Ok(super::Scanner {
             name: self.name.clone(),
             near_mm: self.depth_mm.near,
             best_mm: self.depth_mm.best,
             far_mm: self.depth_mm.far,
-            devices: [
-                self.left.build(DeviceName::Left, scanner_from_left),
-                self.right.build(DeviceName::Right, scanner_from_right),
-                self.projector.build(DeviceName::Projector, projector),
-            ],
+            devices,
             mass_kg: self.mass_kg,
             centre_of_mass_mm: Vector3::from(self.centre_of_mass_mm),
             body: self.body.clone(),
+            stated_volume_mm: self.stated_volume_mm,
             practical_volume_mm: self.practical_volume_mm,
             block_cube_mm: self.block_cube_mm,
         })
@@ -141,6 +155,24 @@ impl ScannerSpec {
                 self.left.scanner_from_device.unwrap_or_default().pose(),
                 self.right.scanner_from_device.unwrap_or_default().pose(),
             ),
+        }
+    }
+
+    /// The left camera is at −x of the right one, and all three devices see (0, 0, best).
+    fn check_rig(&self, devices: &[OpticalDevice; 3], findings: &mut Findings) {
+        let [left_mm, right_mm] = [0, 1].map(|camera: usize| devices[camera].scanner_from_device.origin_mm().x);
+        // Two equal board poses leave no baseline to lay x along: no number comes out, and the comparison fails.
+        if !(right_mm - left_mm >= BASELINE_MIN_MM) {
+            let pointer = if self.board_poses.is_some() { "/board_poses" } else { "/right/scanner_from_device" };
+            let detail = "put the right camera less than 1 mm beyond the left one along +x of the scanner";
+            return findings.push(pointer, format!("{detail}: left x = {left_mm} mm, right x = {right_mm} mm"));
+        }
+        let best = Point3::new(0.0, 0.0, self.depth_mm.best);
+        for device in devices {
+            let seen = device.lens.project(&device.scanner_from_device.inverse().point(&best)).is_some();
+            findings.require(seen, format!("/{}", device.name.as_str()), || {
+                format!("does not see the point (0, 0, {}) of best focus in the scanner frame", self.depth_mm.best)
+            });
         }
     }
 
@@ -165,8 +197,7 @@ impl ScannerSpec {
             });
         }
         if let Some(boards) = &self.board_poses {
-            boards.left.check("/board_poses/left", findings);
-            boards.right.check("/board_poses/right", findings);
+            boards.check(findings);
         }
         findings.range("/mass_kg", self.mass_kg, 0.01, 100.0, "kg");
         for (axis, value) in self.centre_of_mass_mm.iter().enumerate() {
@@ -174,6 +205,9 @@ impl ScannerSpec {
         }
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
+        }
+        for (axis, value) in self.stated_volume_mm.iter().flatten().enumerate() {
+            findings.range(format!("/stated_volume_mm/{axis}"), *value, 1.0, 1e4, "mm");
         }
         for (axis, value) in self.practical_volume_mm.iter().enumerate() {
             findings.range(format!("/practical_volume_mm/{axis}"), *value, 1.0, 1e4, "mm");
@@ -199,10 +233,13 @@ impl DeviceSpec {
             findings.range(format!("{pointer}/distortion/{index}"), *k, -10.0, 10.0, "");
         }
         findings.range(format!("{pointer}/incidence_max_deg"), self.incidence_max_deg, 1.0, 89.9, "°");
+        if let Some(pitch_um) = self.pixel_pitch_um {
+            findings.range(format!("{pointer}/pixel_pitch_um"), pitch_um, 0.1, 100.0, "µm");
+        }
     }
 
-    fn build(&self, name: DeviceName, scanner_from_device: Pose<ScannerFrame, Device>) -> OpticalDevice {
-        let lens = Lens {
+    fn build(&self, name: DeviceName, pose: Pose<ScannerFrame, Device>, findings: &mut Findings) -> OpticalDevice {
+        let flat = Lens {
             width_px: f64::from(self.width_px),
             height_px: f64::from(self.height_px),
             fx: self.fx,
@@ -211,8 +248,19 @@ impl DeviceSpec {
             cy: self.cy,
             skew: self.skew,
             distortion: self.distortion,
+            field_radius_squared: f64::INFINITY,
         };
-        OpticalDevice { name, scanner_from_device, lens, incidence_max_rad: self.incidence_max_deg.to_radians() }
+        let lens = flat.with_field();
+        findings.require(lens.is_some(), format!("/{}/distortion", name.as_str()), || {
+            format!("{:?} folds the image over itself; a lens images every direction of its field once", self.distortion)
+        });
+        OpticalDevice {
+            name,
+            scanner_from_device: pose,
+            lens: lens.unwrap_or(flat),
+            incidence_max_rad: self.incidence_max_deg.to_radians(),
+            pixel_pitch_mm: self.pixel_pitch_um.map(|um| um / 1000.0),
+        }
     }
 }
 
@@ -255,12 +303,15 @@ impl BoardPoseSpec {
 }
 
 impl BoardPosesSpec {
+    fn check(&self, findings: &mut Findings) {
+        self.left.check("/board_poses/left", findings);
+        self.right.check("/board_poses/right", findings);
+    }
+
     /// Camera poses in the scanner frame: origin = middle of the baseline, x along it, z = mean optical axis made
     /// perpendicular to x (method §2).
     fn rig(&self) -> (Pose<ScannerFrame, Device>, Pose<ScannerFrame, Device>) {
-        let left_from_board = self.left.camera_from_board();
-        let right_from_left = self.right.camera_from_board() * left_from_board.inverse();
-        let left_from_right = right_from_left.inverse();
+        let left_from_right = self.left.camera_from_board() * self.right.camera_from_board().inverse();
         let baseline = left_from_right.translation.vector;
         let x = baseline.normalize();
         let mean_axis = Vector3::z() + left_from_right.rotation * Vector3::z();

@@ -1,6 +1,22 @@
-//! Patches to viewpoints.
+//! Patches to viewpoints (method §3): which directions are considered, how far the scanner stands, how it rolls, and
+//! which viewpoints are dropped before anything is computed for them.
+//!
+//! Frames: everything is generated in `table` (the part as placed, +z up) and handed on as `part_from_scanner`.
 
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+mod blocks;
+mod ellipsoid;
+mod slide;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::context::{Cancelled, Context};
+use super::params::{CandidateParams, Hemisphere, Standoff, Strategy};
+use super::surface::Surface;
+use crate::cell::Scanner;
+use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
 
 /// Dense number of a candidate, as generated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -34,6 +50,30 @@ impl Label {
             Self::Back => "back",
             Self::Left => "left",
             Self::Front => "front",
+        }
+    }
+
+    /// The side that a viewpoint in direction `u` from its block looks at; `u` in the table frame. Sector borders
+    /// belong to the sector that starts there, counter-clockwise.
+    #[must_use]
+    pub fn of_direction(u: &Vector3<f64>) -> Self {
+        const TOP_FROM_COS: f64 = 0.5;
+        const BOTTOM_TO_COS: f64 = -0.866_025_403_784_438_6;
+        // One part in 10⁹ of slack keeps grid directions at exactly 60° and 150° on their side of the border.
+        const SLACK: f64 = 1e-9;
+        let cos = u.z / u.norm();
+        if cos >= TOP_FROM_COS - SLACK {
+            return Self::Top;
+        }
+        if cos <= BOTTOM_TO_COS + SLACK {
+            return Self::Bottom;
+        }
+        let quarter_turns = (u.y.atan2(u.x) / std::f64::consts::FRAC_PI_2 + 0.5 + SLACK).floor().rem_euclid(4.0);
+        match quarter_turns as u8 {
+            0 => Self::Right,
+            1 => Self::Back,
+            2 => Self::Left,
+            _ => Self::Front,
         }
     }
 }
@@ -76,4 +116,131 @@ pub struct Candidate {
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Which side it looks at.
     pub label: Label,
+}
+
+/// A direction from which a block is looked at, before roll and stand-off.
+struct Aim {
+    /// Centre of the block, table frame, mm.
+    centre: Point3<f64>,
+    /// Half extent of the block, mm.
+    half_extent: Vector3<f64>,
+    /// Unit direction on the unit sphere; the viewpoint stands at this direction times the semi-axes.
+    direction: Vector3<f64>,
+}
+
+/// A pose that was generated, and the side it looks at.
+type Placed = (Pose<Table, ScannerFrame>, Label);
+
+/// What the candidates are generated for.
+pub struct Scope<'a> {
+    /// The samples of the part.
+    pub surface: &'a Surface,
+    /// The scanner.
+    pub scanner: &'a Scanner,
+    /// How the part lies.
+    pub table_from_part: Pose<Table, Part>,
+}
+
+/// Candidates that are kept for visibility, and how many were generated and dropped.
+#[derive(Clone, Debug, Default)]
+pub struct Generated {
+    /// Kept, ascending by id.
+    pub kept: Vec<Candidate>,
+    /// Number generated.
+    pub generated: usize,
+    /// Dropped, with the reason.
+    pub rejected: Vec<(CandidateId, Rejection)>,
+}
+
+/// Generates the candidates of every strategy in `params` and drops those that no cell could use.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn generate(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    part: &Mesh,
+    scene: &RayScene,
+    ctx: &Context<'_>,
+) -> Result<Generated, Cancelled> {
+    let part_from_table = scope.table_from_part.inverse();
+    let mut placed = Vec::new();
+    for strategy in &params.strategies {
+        let aims = match strategy {
+            Strategy::Ellipsoid => ellipsoid::aims(&blocks::split(scope), params),
+        };
+        placed.extend(place(scope, &aims, params, ctx)?);
+    }
+    let mut generated = Generated { generated: placed.len(), ..Generated::default() };
+    for (number, (table_from_scanner, label)) in placed.into_iter().enumerate() {
+        let id = CandidateId(number as u32);
+        let part_from_scanner = part_from_table * table_from_scanner;
+        match unusable(scope, params, part, scene, &table_from_scanner, &part_from_scanner) {
+            Some(reason) => generated.rejected.push((id, reason)),
+            None => generated.kept.push(Candidate { id, part_from_scanner, label }),
+        }
+    }
+    Ok(generated)
+}
+
+/// Turns aims into poses: every roll, at the stand-off asked for.
+fn place(
+    scope: &Scope<'_>,
+    aims: &[Aim],
+    params: &CandidateParams,
+    ctx: &Context<'_>,
+) -> Result<Vec<Placed>, Cancelled> {
+    let slide = slide::Slide::new(scope);
+    let poses: Vec<Vec<_>> = aims
+        .par_iter()
+        .map(|aim| {
+            ctx.check()?;
+            let label = Label::of_direction(&aim.direction);
+            let semi_axes = match params.standoff {
+                Standoff::Centre => Vector3::from_element(scope.scanner.best_mm),
+                Standoff::Surface => aim.half_extent.add_scalar(scope.scanner.best_mm),
+            };
+            let offset = aim.direction.component_mul(&semi_axes);
+            let pose = |roll_deg: &f64| {
+                let orientation = looking_along(&-offset.normalize(), roll_deg.to_radians());
+                let position = match params.standoff {
+                    Standoff::Centre => aim.centre + offset,
+                    Standoff::Surface => slide.along_axis(aim.centre + offset, &orientation),
+                };
+                (Pose::from_parts(position.coords, orientation), label)
+            };
+            Ok(params.rolls_deg.iter().map(pose).collect())
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    Ok(poses.into_iter().flatten().collect())
+}
+
+/// Orientation of a scanner that looks along `axis` (unit): roll 0 has its baseline level, x = normalize(axis × up);
+/// straight up or down x is the table's +x (method §3).
+fn looking_along(axis: &Vector3<f64>, roll_rad: f64) -> UnitQuaternion<f64> {
+    /// Sine of the angle to the vertical below which an axis counts as vertical.
+    const VERTICAL: f64 = 1e-9;
+    let level = axis.cross(&Vector3::z());
+    let x = if level.norm() > VERTICAL { level.normalize() } else { Vector3::x() };
+    let axes = Rotation3::from_basis_unchecked(&[x, axis.cross(&x), *axis]);
+    UnitQuaternion::from_rotation_matrix(&axes) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad)
+}
+
+fn unusable(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    part: &Mesh,
+    scene: &RayScene,
+    table_from_scanner: &Pose<Table, ScannerFrame>,
+    part_from_scanner: &Pose<Part, ScannerFrame>,
+) -> Option<Rejection> {
+    let optical_centres = scope.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+    let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
+    if above_only && optical_centres.chain([Point3::origin()]).any(|centre| table_from_scanner.point(&centre).z <= 0.0) {
+        return Some(Rejection::BelowTable);
+    }
+    let viewpoint = part_from_scanner.origin_mm();
+    let aabb = part.aabb();
+    let in_box = (0..3).all(|axis| aabb.min[axis] <= viewpoint[axis] && viewpoint[axis] <= aabb.max[axis]);
+    (in_box && scene.winding_number(&viewpoint) > 0.5).then_some(Rejection::InsidePart)
 }

@@ -173,8 +173,7 @@ impl Search<'_> {
             if self.axes.0[6].windings(table_angle).next().is_none() {
                 continue;
             }
-            let base_from_flange =
-                base_from_scanner(view, self.cell, self.table_from_part, table_angle) * scanner_from_flange;
+            let base_from_flange = base_from_scanner(view, self.cell, self.table_from_part, table_angle) * scanner_from_flange;
             for joints in self.cell.robot.kinematics.branches(&base_from_flange) {
                 let wound = self.axes.windings(&Station { table_angle_rad: table_angle, joints_rad: joints }.configuration());
                 ways.extend(wound.into_iter().map(|configuration| Way {

@@ -32,7 +32,12 @@ fn view(edge_mm: f64, polar_deg: f64, azimuth_deg: f64, distance_mm: f64) -> Pos
     Pose::from_parts(centre + out * distance_mm, UnitQuaternion::from_rotation_matrix(&axes))
 }
 
-fn solve_one(cell: &Cell, scene: &CollisionScene, placed: &Pose<Table, Part>, view: Pose<Part, ScannerFrame>) -> Result<Vec<Station>, Blocked> {
+fn solve_one(
+    cell: &Cell,
+    scene: &CollisionScene,
+    placed: &Pose<Table, Part>,
+    view: Pose<Part, ScannerFrame>,
+) -> Result<Vec<Station>, Blocked> {
     let flag = AtomicBool::new(false);
     let mut all = solve(&[view], cell, scene, placed, &Context::new(&flag, &Silent)).expect("not cancelled");
     all.remove(0)
@@ -50,7 +55,8 @@ fn stations_put_the_scanner_on_the_view_within_limits_and_clear() {
         for (index, station) in stations.iter().enumerate() {
             let configuration = station.configuration();
             assert!(axes.allow(&configuration) && scene.check(&configuration).is_none());
-            let plate_from_scanner = cell.base_from_plate(station.table_angle_rad).inverse() * cell.base_from_scanner(&station.joints_rad);
+            let plate_from_scanner =
+                cell.base_from_plate(station.table_angle_rad).inverse() * cell.base_from_scanner(&station.joints_rad);
             let found = placed.isometry().inverse() * plate_from_scanner.isometry();
             let expected = wanted.isometry();
             assert!((found.translation.vector - expected.translation.vector).norm() < 1e-6);

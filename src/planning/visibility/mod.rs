@@ -1,10 +1,72 @@
-//! Viewpoints to the table of what each measures.
+//! Viewpoints to the table of what each measures (method §4). A sample is measured from a viewpoint iff for each device:
+//! it projects inside the image, nothing lies between it and the optical centre, the incidence is within the limit; and
+//! its depth is within the working depth. All at the same point.
+//!
+//! Every engine answers by this one definition; [`cast`] is the seam at which they are chosen.
+
+mod rays;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use rayon::prelude::*;
+
+use super::context::{Cancelled, Context};
+use super::params::{Engine, PlanParams};
+use super::surface::Surface;
+use crate::cell::Scanner;
+use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
+
+pub use view::{Optics, Step};
 
 /// What one view measures.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
     /// Samples measured, ascending.
     pub samples: Vec<u32>,
-    /// c·Q_δ + d·Q_dis at each of them.
+    /// c·Q_δ + d·Q_dis at each of them (method §5).
     pub quality: Vec<f32>,
+}
+
+/// What every view measures, and how far the others get. Rows are in the order of the views.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    /// One a view.
+    pub rows: Vec<Row>,
+    /// For each sample the step at which the view that gets furthest fails: [`Step::Measured`] when one measures it.
+    pub furthest: Vec<Step>,
+}
+
+/// Computes the table with the engine that `params` names.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn cast(
+    surface: &Surface,
+    views: &[Pose<Part, ScannerFrame>],
+    scanner: &Scanner,
+    scene: &RayScene,
+    params: &PlanParams,
+    ctx: &Context<'_>,
+) -> Result<Table, Cancelled> {
+    let optics = Optics::new(scanner, params);
+    match params.visibility.engine {
+        Engine::Rays => rays::cast(surface, views, &optics, scene, ctx),
+    }
+}
+
+/// Rebuilds the rows from blocks of samples: block-major pieces to view-major rows, in sample order.
+fn assemble(views: usize, blocks: Vec<(Vec<Row>, Vec<Step>)>) -> Table {
+    let rows = (0..views)
+        .into_par_iter()
+        .map(|view| {
+            let mut row = Row::default();
+            for (pieces, _) in &blocks {
+                row.samples.extend(&pieces[view].samples);
+                row.quality.extend(&pieces[view].quality);
+            }
+            row
+        })
+        .collect();
+    Table { rows, furthest: blocks.into_iter().flat_map(|(_, furthest)| furthest).collect() }
 }

@@ -1,0 +1,146 @@
+//! `vantage inspect SCANNER.toml`: what a scanner sees and where it measures, beside what its specification states.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+
+use super::CliError;
+use crate::cell::ScannerSpec;
+use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, ScannerFacts, StatedBox, VolumeFacts};
+
+/// Prints the facts of the scanner that `text` specifies: as lines to read, or as JSON.
+///
+/// # Errors
+/// [`CliError::BadInput`] when `text` is not TOML of a scanner, names every field that is out of range, or cannot be
+/// printed.
+pub fn run(text: &str, json: bool) -> Result<(), CliError> {
+    let answer = render(text, json)?;
+    std::io::stdout().write_all(answer.as_bytes()).map_err(|error| CliError::BadInput(format!("cannot write: {error}")))
+}
+
+/// What [`run`] prints.
+///
+/// # Errors
+/// As [`run`].
+pub fn render(text: &str, json: bool) -> Result<String, CliError> {
+    let spec: ScannerSpec = toml::from_str(text).map_err(|error| CliError::BadInput(format!("not a scanner: {error}")))?;
+    let scanner = spec
+        .build()
+        .map_err(|errors| CliError::BadInput(errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")))?;
+    let facts = ScannerFacts::new(&scanner);
+    if json {
+        let document = serde_json::to_string_pretty(&facts).map_err(|error| CliError::BadInput(error.to_string()))?;
+        return Ok(document + "\n");
+    }
+    Ok(describe(&facts))
+}
+
+fn describe(facts: &ScannerFacts) -> String {
+    let mut out = format!(
+        "scanner {}\nrig     baseline {:.2} mm, optical axes {:.2}° apart\n\n",
+        facts.name, facts.baseline_mm, facts.axes_angle_deg
+    );
+    out += "device     centre mm                 axis                     view          incidence up to\n";
+    for device in &facts.devices {
+        let [cx, cy, cz] = device.centre_mm;
+        let [ax, ay, az] = device.axis;
+        let [horizontal, vertical] = device.field_of_view_deg;
+        line(
+            &mut out,
+            format_args!(
+                "{:<10} {cx:>8.2} {cy:>6.2} {cz:>6.2}   {ax:>7.4} {ay:>7.4} {az:>7.4}   {horizontal:.1}° × {vertical:.1}°   {:.1}°",
+                device.name, device.incidence_max_deg
+            ),
+        );
+    }
+    describe_fields(&mut out, &facts.fields);
+    if let Some(field) = &facts.depth_of_field {
+        describe_depth_of_field(&mut out, field);
+    }
+    match &facts.volume {
+        Some(volume) => describe_volume(&mut out, volume),
+        None => out += "\nmeasurement volume: none about best focus\n",
+    }
+    out
+}
+
+/// Writing to a string cannot fail.
+fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
+    let _ = writeln!(out, "{text}");
+}
+
+fn describe_fields(out: &mut String, fields: &[FieldFacts]) {
+    *out += "\nfield mm   left x            right x           projector x       common x          common\n";
+    for field in fields {
+        let x = |[from, to]: [f64; 2]| format!("{from:>7.1} … {to:<7.1}");
+        let columns: String = field.devices.iter().chain([&field.common]).map(|f| x(f.x_mm)).collect();
+        let size = |[from, to]: [f64; 2]| (to - from).max(0.0);
+        line(
+            out,
+            format_args!("at {:<6.0} {columns} {:.1} × {:.1}", field.depth_mm, size(field.common.x_mm), size(field.common.y_mm)),
+        );
+    }
+}
+
+fn describe_depth_of_field(out: &mut String, facts: &DepthOfFieldFacts) {
+    line(
+        out,
+        format_args!(
+            "\ndepth of field of the left camera, f = {:.3} mm, circle of confusion {:.4} mm (2 px)",
+            facts.focal_mm, facts.circle_mm
+        ),
+    );
+    for stop in &facts.by_f_number {
+        let rear = stop.rear_mm.map_or_else(|| "infinite".to_owned(), |mm| format!("{mm:.1} mm"));
+        line(
+            out,
+            format_args!(
+                "at f/{:<5} front {:>5.1} mm, rear {rear}; infinite from {:.0} mm on",
+                stop.f_number, stop.front_mm, stop.hyperfocal_mm
+            ),
+        );
+    }
+    let ([front, rear], [by_front, by_rear]) = (facts.working_mm, facts.working_blur_mm);
+    line(
+        out,
+        format_args!(
+            "working    front {front:>5.1} mm, rear {rear:.1} mm: that of a lens whose circle of confusion times f-number is {by_front:.4} mm (front) and {by_rear:.4} mm (rear)"
+        ),
+    );
+}
+
+fn describe_volume(out: &mut String, volume: &VolumeFacts) {
+    let [x, y, z] = volume.largest_cuboid_mm;
+    line(
+        out,
+        format_args!(
+            "\nmeasurement volume: {:.3} l, {} corners; what distortion bends (up to {:.2} mm) is left out",
+            volume.volume_mm3 / 1e6,
+            volume.vertices_mm.len(),
+            volume.bow_mm
+        ),
+    );
+    *out += "boxes aligned with the scanner and centred on best focus, mm:\n";
+    line(out, format_args!("largest cuboid   {x:.1} × {y:.1} × {z:.1}"));
+    line(out, format_args!("largest cube     {:.1}", volume.largest_cube_mm));
+    for stated in &volume.stated {
+        describe_box(out, stated);
+    }
+    *out += "A stated box may reach outside: the polytope here is what all three devices see at every depth at once,\n\
+             while a box from a plane drawing takes the mean width over the depth, and a practical one what is worth\n\
+             scanning. Planning tests every point against the devices themselves; practical volume and block cube only\n\
+             steer where viewpoints are tried.\n";
+}
+
+fn describe_box(out: &mut String, stated: &StatedBox) {
+    let name = match stated.name {
+        "stated" => "stated by optics",
+        "practical" => "practical",
+        _ => "block cube",
+    };
+    let [x, y, z] = stated.size_mm;
+    line(out, format_args!("{name:<16} {x:.0} × {y:.0} × {z:.0}: {:.1} % inside", 100.0 * stated.inside));
+    for Excess { of, corner_mm: [x, y, z], outside_mm } in &stated.excess {
+        let what = if *of == "depth" { "working depth".to_owned() } else { format!("field of the {of}") };
+        line(out, format_args!("                   leaves the {what} by {outside_mm:.1} mm at ({x:.1}, {y:.1}, {z:.1})"));
+    }
+}

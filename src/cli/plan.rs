@@ -1,0 +1,200 @@
+//! `vantage plan`: the pipeline of the server without a server.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use serde_json::Value;
+
+use super::CliError;
+use super::files::{self, FileLibrary};
+use super::progress::Progress;
+use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
+use crate::geometry::LengthUnit;
+use crate::planning::PlanError;
+use crate::planning::context::Context;
+use crate::planning::params::PlanParams;
+use crate::service::plan_job::{Artifact, PlanJob};
+use crate::wire::echo::Echo;
+use crate::wire::json_file_bytes;
+use crate::wire::plan::PlanDocument;
+
+/// Plan viewpoints, motion and robot program for a part.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage plan part.stl --unit mm --out plan
+  vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
+  vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
+
+Files written to --out: plan.json, program.json, timings.json, report.html, report.txt, coverage.csv and listings.
+Exit codes: 0 done, 2 bad input, 3 no plan possible, 4 interrupted.")]
+pub struct PlanArgs {
+    /// The part: STL, OBJ or PLY.
+    mesh: PathBuf,
+    /// Unit of the file's coordinates: mm, cm, m or inch.
+    #[arg(long)]
+    unit: Option<LengthUnit>,
+    /// Cell: a preset's name, a TOML or JSON file, or `none` to plan viewpoints alone.
+    #[arg(long, default_value = "e05-transcan")]
+    cell: String,
+    /// Scanner for `--cell none`: a preset's name or a file.
+    #[arg(long)]
+    scanner: Option<String>,
+    /// Parameters: a TOML or JSON file.
+    #[arg(long)]
+    params: Option<PathBuf>,
+    /// One parameter, over the file's: `selection.target=0.99`. The value is JSON, else a string.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    sets: Vec<String>,
+    /// Folder for the results; made if it is not there.
+    #[arg(long)]
+    out: PathBuf,
+    /// Print plan.json to standard output.
+    #[arg(long)]
+    json: bool,
+    /// Threads to plan with; the plan does not depend on it. Default: all cores.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// A label that plan and program carry.
+    #[arg(long = "label", value_name = "KEY=VALUE")]
+    labels: Vec<String>,
+    /// Part number that plan and program carry.
+    #[arg(long)]
+    part_number: Option<String>,
+    /// Serial number that plan and program carry.
+    #[arg(long)]
+    serial: Option<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
+    let params = params(args)?;
+    let cell = cell(args)?;
+    let scanner = match &cell {
+        Some(cell) => cell.scanner.clone(),
+        None => scanner(args.scanner.as_deref().unwrap_or("transcan-c"))?,
+    };
+    let (part, part_sha256) = files::mesh(&args.mesh, args.unit)?;
+    let fixture = params.part.fixture_mesh.as_ref().map(|path| files::mesh(Path::new(path), args.unit)).transpose()?;
+    let job = PlanJob {
+        mesh: &part.mesh,
+        fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
+        part_name: args.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        part_sha256: &part_sha256,
+        scanner: &scanner,
+        cell: cell.as_ref(),
+        params: &params,
+        echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(args.threads.unwrap_or(0))
+        .build()
+        .map_err(|error| CliError::BadInput(format!("--threads: {error}")))?;
+    let progress = Progress::start();
+    let result = pool.install(|| job.run(&Context::new(cancel, &progress)));
+    let seconds = progress.finish();
+    let mut artifacts = result.map_err(explain)?;
+    artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
+    write(&args.out, &artifacts)?;
+    report(args, &artifacts)
+}
+
+fn cell(args: &PlanArgs) -> Result<Option<Cell>, CliError> {
+    if args.cell == "none" {
+        return Ok(None);
+    }
+    if args.scanner.is_some() {
+        return Err(CliError::BadInput("--scanner goes with --cell none; a cell names its own scanner".into()));
+    }
+    let spec: CellSpec = files::spec(SpecKind::Cell, &args.cell, Presets.cell(&args.cell))?;
+    spec.build(&FileLibrary).map(Some).map_err(|errors| files::findings(&args.cell, &errors))
+}
+
+fn scanner(name: &str) -> Result<Scanner, CliError> {
+    let spec: ScannerSpec = files::spec(SpecKind::Scanner, name, Presets.scanner(name))?;
+    spec.build().map_err(|errors| files::findings(name, &errors))
+}
+
+/// File first, then every `--set` over it.
+fn params(args: &PlanArgs) -> Result<PlanParams, CliError> {
+    let mut value = match &args.params {
+        Some(path) => files::value(path)?,
+        None => Value::Object(serde_json::Map::new()),
+    };
+    for set in &args.sets {
+        let (key, text) = set
+            .split_once('=')
+            .ok_or_else(|| CliError::BadInput(format!("--set {set}: is not KEY=VALUE, as in selection.target=0.99")))?;
+        let new = serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()));
+        insert(&mut value, key, new).map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
+    }
+    let params: PlanParams = files::from_value(value, "parameters")?;
+    params.check().map_err(|errors| files::findings("parameters", &errors))?;
+    Ok(params)
+}
+
+fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
+    let (path, last) = key.rsplit_once('.').map_or((None, key), |(path, last)| (Some(path), last));
+    let mut table = value;
+    for name in path.into_iter().flat_map(|path| path.split('.')) {
+        let map = table.as_object_mut().ok_or_else(|| format!("{name} lies below a value that has no parts"))?;
+        table = map.entry(name).or_insert_with(|| Value::Object(serde_json::Map::new()));
+    }
+    let map = table.as_object_mut().ok_or_else(|| format!("{last} lies below a value that has no parts"))?;
+    map.insert(last.to_owned(), new);
+    Ok(())
+}
+
+fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>, CliError> {
+    pairs
+        .iter()
+        .map(|pair| {
+            let (key, value) =
+                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: is not KEY=VALUE")))?;
+            Ok((key.to_owned(), value.to_owned()))
+        })
+        .collect()
+}
+
+fn explain(error: PlanError) -> CliError {
+    match error {
+        PlanError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
+        PlanError::BadParams(errors) => files::findings("parameters", &errors),
+        PlanError::NoPlan(_) => CliError::NoPlan(error.to_string()),
+    }
+}
+
+fn write(out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
+    let refuse = |path: &Path, error: std::io::Error| CliError::BadInput(format!("--out: {}: {error}", path.display()));
+    std::fs::create_dir_all(out).map_err(|error| refuse(out, error))?;
+    for artifact in artifacts {
+        let path = out.join(artifact.name);
+        std::fs::write(&path, &artifact.bytes).map_err(|error| refuse(&path, error))?;
+    }
+    Ok(())
+}
+
+/// What a person wants to know at once, or the plan itself for a program.
+fn report(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
+    let bytes = artifacts.iter().find(|artifact| artifact.name == "plan.json").map_or(&[][..], |artifact| &artifact.bytes);
+    if args.json {
+        print!("{}", String::from_utf8_lossy(bytes));
+        return Ok(());
+    }
+    let plan: PlanDocument = serde_json::from_slice(bytes).map_err(|error| CliError::BadInput(error.to_string()))?;
+    let coverage = &plan.coverage;
+    println!(
+        "{} views measure {:.2} % of the asked area, {:.2} % of what can be measured (stopped: {}).",
+        plan.viewpoints.len(),
+        100.0 * coverage.of_asked,
+        100.0 * coverage.of_coverable,
+        plan.stopped_because
+    );
+    for missed in &plan.missed {
+        println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
+    }
+    println!("Look at {}", args.out.join("report.html").display());
+    Ok(())
+}

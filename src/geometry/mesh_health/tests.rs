@@ -1,0 +1,141 @@
+use nalgebra::{Point3, Vector3};
+
+use super::*;
+use crate::geometry::FaceGroup;
+
+/// A cube of `size` at `offset`; `inverted` has its normals inwards.
+fn cube(size: f64, offset: Vector3<f64>, inverted: bool) -> Mesh {
+    let corner = |i: usize| Point3::from(offset + size * Vector3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64));
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let mut faces: Vec<[u32; 3]> = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    if inverted {
+        faces.iter_mut().for_each(|face| face.swap(1, 2));
+    }
+    let source_face = (0..faces.len() as u32).collect();
+    Mesh { vertices_mm: (0..8).map(corner).collect(), faces, source_face, groups: Vec::new() }
+}
+
+fn join(parts: impl IntoIterator<Item = Mesh>) -> Mesh {
+    let mut whole = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::<FaceGroup>::new() };
+    for part in parts {
+        let first = whole.vertices_mm.len() as u32;
+        let first_face = whole.faces.len() as u32;
+        whole.faces.extend(part.faces.iter().map(|face| face.map(|v| v + first)));
+        whole.source_face.extend(part.source_face.iter().map(|face| face + first_face));
+        whole.vertices_mm.extend(part.vertices_mm);
+    }
+    whole
+}
+
+fn at(x: f64) -> Vector3<f64> {
+    Vector3::new(x, x, x)
+}
+
+#[test]
+fn a_cube_is_sound() {
+    let health = assess(&cube(10.0, at(0.0), false));
+    assert_eq!((health.triangles, health.vertices, health.bodies, health.watertight), (12, 8, 1, true));
+    assert!((health.area_mm2 - 600.0).abs() < 1e-9 && (health.volume_mm3.expect("closed") - 1000.0).abs() < 1e-9);
+    assert_eq!((health.flipped_bodies, health.inconsistent_edges, health.warnings().len()), (0, 0, 0));
+}
+
+#[test]
+fn an_inverted_cube_is_turned() {
+    let (mesh, health) = clean(cube(10.0, at(0.0), true));
+    assert_eq!((health.flipped_bodies, health.volume_mm3.map(f64::round)), (1, Some(1000.0)));
+    assert!(mesh.scaled_normal(0).z < 0.0, "the bottom faces down again");
+    assert_eq!(health.warnings(), [MeshWarning::Flipped { bodies: 1 }]);
+}
+
+#[test]
+fn a_cavity_stays_and_a_part_inside_a_part_stays() {
+    for (inner_inverted, volume_mm3) in [(true, 1000.0 - 8.0), (false, 1000.0 + 8.0)] {
+        let (mesh, health) = clean(join([cube(10.0, at(0.0), false), cube(2.0, at(3.0), inner_inverted)]));
+        assert_eq!((health.bodies, health.flipped_bodies), (2, 0));
+        assert!((health.volume_mm3.expect("closed") - volume_mm3).abs() < 1e-9);
+        assert_eq!(mesh.scaled_normal(12).z > 0.0, inner_inverted);
+    }
+}
+
+#[test]
+fn a_file_that_is_inside_out_is_turned_with_its_cavities() {
+    let inside_out = join([cube(10.0, at(0.0), true), cube(6.0, at(2.0), false), cube(2.0, at(4.0), true)]);
+    let health = clean(inside_out).1;
+    assert_eq!(health.flipped_bodies, 3);
+    assert!((health.volume_mm3.expect("closed") - (1000.0 - 216.0 + 8.0)).abs() < 1e-9);
+}
+
+#[test]
+fn an_inverted_outer_body_leaves_a_right_cavity_alone() {
+    let health = clean(join([cube(10.0, at(0.0), true), cube(2.0, at(3.0), true)])).1;
+    assert_eq!((health.flipped_bodies, health.volume_mm3.map(f64::round)), (1, Some(992.0)));
+}
+
+#[test]
+fn side_by_side_bodies_are_judged_alone() {
+    let health = clean(join([cube(10.0, at(0.0), false), cube(2.0, at(20.0), true), cube(3.0, at(-9.0), true)])).1;
+    assert_eq!((health.bodies, health.flipped_bodies), (3, 2));
+}
+
+#[test]
+fn a_hole_is_counted_and_has_no_volume() {
+    let mut mesh = cube(10.0, at(0.0), true);
+    mesh.faces.pop();
+    mesh.source_face.pop();
+    let health = assess(&mesh);
+    assert_eq!((health.boundary_edges, health.watertight, health.volume_mm3), (3, false, None));
+    assert_eq!(health.flipped_bodies, 0, "an open body has no inside");
+}
+
+#[test]
+fn one_turned_triangle_shows_at_its_three_edges() {
+    let mut mesh = cube(10.0, at(0.0), false);
+    mesh.faces[4].swap(0, 1);
+    let health = assess(&mesh);
+    assert_eq!((health.inconsistent_edges, health.watertight, health.volume_mm3), (3, true, None));
+}
+
+#[test]
+fn degenerate_triangles_go_and_make_no_hole() {
+    let mut mesh = cube(10.0, at(0.0), false);
+    // A point on an edge of the bottom; the neighbour is split, and a triangle without area closes the gap.
+    let edge = [mesh.faces[0][0], mesh.faces[0][1]];
+    let middle = mesh.vertices_mm.len() as u32;
+    mesh.vertices_mm.push(nalgebra::center(&mesh.vertices_mm[edge[0] as usize], &mesh.vertices_mm[edge[1] as usize]));
+    let apex = mesh.faces[0][2];
+    mesh.faces[0] = [edge[0], middle, apex];
+    mesh.faces.extend([[middle, edge[1], apex], [edge[0], edge[1], middle], [0, 0, 1]]);
+    mesh.source_face.extend([0, 12, 13]);
+    mesh.vertices_mm.push(Point3::new(99.0, 99.0, 99.0));
+    let (mesh, health) = clean(mesh);
+    assert_eq!((health.triangles_in_file, health.triangles, health.degenerate_triangles), (15, 13, 2));
+    assert!(health.watertight && health.bodies == 1 && health.vertices == 9, "{health:?}");
+    assert_eq!(mesh.source_face, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 0]);
+    assert_eq!(health.aabb.max, Point3::new(10.0, 10.0, 10.0), "a vertex that nothing uses is not the part's");
+}
+
+#[test]
+fn duplicates_are_counted_in_any_winding() {
+    let mut mesh = cube(10.0, at(0.0), false);
+    let [a, b, c] = mesh.faces[0];
+    mesh.faces.extend([[b, c, a], [a, c, b]]);
+    mesh.source_face.extend([12, 13]);
+    let health = assess(&mesh);
+    assert_eq!((health.duplicate_triangles, health.non_manifold_edges, health.watertight), (2, 3, false));
+}
+
+#[test]
+fn the_unit_is_doubted_outside_of_1_mm_to_20_m() {
+    for (size, doubted) in [(0.5, true), (0.6, false), (11_000.0, false), (12_000.0, true)] {
+        let warnings = assess(&cube(size, at(0.0), false)).warnings();
+        assert_eq!(warnings.iter().any(|w| w.code() == "unit_suspect"), doubted, "{size}: {warnings:?}");
+    }
+}
+
+#[test]
+fn deep_nesting_ends_in_time_and_is_said() {
+    let shells = (0..6000).map(|i| cube(10_000.0 - f64::from(i), at(f64::from(i) * 0.5), true));
+    let health = clean(join(shells)).1;
+    assert!(health.unresolved_bodies > 0 && health.unresolved_bodies < 6000, "{}", health.unresolved_bodies);
+    assert!(health.warnings().iter().any(|w| w.code() == "orientation_unresolved"));
+}

@@ -1,0 +1,134 @@
+//! What a user should know about a mesh before planning on it, and what to do about it.
+
+use std::fmt;
+
+use super::MeshHealth;
+
+/// Parts smaller or larger than this have most likely been given the wrong unit.
+const USUAL_DIAGONAL_MM: std::ops::RangeInclusive<f64> = 1.0..=20_000.0;
+
+/// One thing to know about a mesh. `Display` says what, [`remedy`](Self::remedy) what to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MeshWarning {
+    /// The size is not that of a part to scan.
+    Size {
+        /// Diagonal of the bounding box.
+        diagonal_mm: f64,
+    },
+    /// Holes.
+    Open {
+        /// Edges of one triangle.
+        edges: usize,
+    },
+    /// Edges of more than two triangles.
+    NonManifold {
+        /// How many.
+        edges: usize,
+    },
+    /// Neighbours wound against each other.
+    Inconsistent {
+        /// Edges between them.
+        edges: usize,
+    },
+    /// Triangles dropped.
+    Degenerate {
+        /// How many.
+        triangles: usize,
+    },
+    /// Triangles there twice.
+    Duplicate {
+        /// How many too many.
+        triangles: usize,
+    },
+    /// Bodies turned.
+    Flipped {
+        /// How many.
+        bodies: usize,
+    },
+    /// Negative bodies left alone.
+    Unresolved {
+        /// How many.
+        bodies: usize,
+    },
+}
+
+impl MeshHealth {
+    /// Everything worth knowing, the gravest first.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<MeshWarning> {
+        use MeshWarning as W;
+        let diagonal_mm = self.diagonal_mm();
+        [
+            (!USUAL_DIAGONAL_MM.contains(&diagonal_mm)).then_some(W::Size { diagonal_mm }),
+            some(self.inconsistent_edges, |edges| W::Inconsistent { edges }),
+            some(self.unresolved_bodies, |bodies| W::Unresolved { bodies }),
+            some(self.flipped_bodies, |bodies| W::Flipped { bodies }),
+            some(self.boundary_edges, |edges| W::Open { edges }),
+            some(self.non_manifold_edges, |edges| W::NonManifold { edges }),
+            some(self.duplicate_triangles, |triangles| W::Duplicate { triangles }),
+            some(self.degenerate_triangles, |triangles| W::Degenerate { triangles }),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+fn some(count: usize, warning: impl FnOnce(usize) -> MeshWarning) -> Option<MeshWarning> {
+    (count > 0).then(|| warning(count))
+}
+
+impl MeshWarning {
+    /// Stable code, for programs.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Size { .. } => "unit_suspect",
+            Self::Open { .. } => "open_surface",
+            Self::NonManifold { .. } => "non_manifold_edges",
+            Self::Inconsistent { .. } => "inconsistent_winding",
+            Self::Degenerate { .. } => "degenerate_triangles_dropped",
+            Self::Duplicate { .. } => "duplicate_triangles",
+            Self::Flipped { .. } => "bodies_flipped",
+            Self::Unresolved { .. } => "orientation_unresolved",
+        }
+    }
+
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::Size { .. } => "check the unit of the file (mm, cm, m or inch)",
+            Self::Open { .. } => {
+                "only the side that the triangles face is planned for; close the surface if it should be a solid"
+            }
+            Self::NonManifold { .. } => "look for walls without thickness and bodies that touch along an edge",
+            Self::Inconsistent { .. } => {
+                "triangles that face the wrong way cannot be seen by any view; unify the normals in the CAD system"
+            }
+            Self::Degenerate { .. } => "nothing to do; they have no area to scan",
+            Self::Duplicate { .. } => "their area counts twice; remove the copies for exact coverage figures",
+            Self::Flipped { .. } => "nothing to do if these bodies are solid; re-export with outward normals to be sure",
+            Self::Unresolved { .. } => "these closed bodies may be inside out; export fewer nested bodies",
+        }
+    }
+}
+
+impl fmt::Display for MeshWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Size { diagonal_mm } => {
+                write!(f, "the diagonal is {diagonal_mm:.3} mm; parts to scan have 1 mm to 20 m")
+            }
+            Self::Open { edges } => write!(f, "the surface is open along {edges} edges"),
+            Self::NonManifold { edges } => write!(f, "{edges} edges belong to more than two triangles"),
+            Self::Inconsistent { edges } => write!(f, "the winding of neighbours disagrees at {edges} edges"),
+            Self::Degenerate { triangles } => write!(f, "{triangles} degenerate triangles were dropped"),
+            Self::Duplicate { triangles } => write!(f, "{triangles} triangles are there more than once"),
+            Self::Flipped { bodies } => write!(f, "{bodies} closed bodies were inside out and have been turned"),
+            Self::Unresolved { bodies } => {
+                write!(f, "{bodies} closed bodies have negative volume, and their nesting is too deep to judge")
+            }
+        }
+    }
+}

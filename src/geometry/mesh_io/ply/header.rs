@@ -1,0 +1,195 @@
+//! The header of a PLY file: text in any of the three line endings, whatever the body is.
+
+use crate::geometry::mesh_io::error::{MeshError, Position};
+use crate::geometry::mesh_io::text::{Line, Lines, excerpt};
+
+/// How the body is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+/// Type of a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+/// One number, or as many as a number before them says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Scalar(Scalar),
+    List { count: Scalar, item: Scalar },
+}
+
+#[derive(Debug)]
+pub(super) struct Property {
+    pub(super) name: Vec<u8>,
+    pub(super) kind: Kind,
+}
+
+/// A kind of record and how many of it there are.
+#[derive(Debug)]
+pub(super) struct Element {
+    pub(super) name: Vec<u8>,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+    pub(super) at: Position,
+}
+
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) encoding: Encoding,
+    pub(super) elements: Vec<Element>,
+    /// Byte and line at which the body begins.
+    pub(super) body_at: usize,
+    pub(super) body_line: u64,
+}
+
+impl Scalar {
+    fn named(name: &[u8]) -> Option<Self> {
+        Some(match name {
+            b"char" | b"int8" => Self::I8,
+            b"uchar" | b"uint8" => Self::U8,
+            b"short" | b"int16" => Self::I16,
+            b"ushort" | b"uint16" => Self::U16,
+            b"int" | b"int32" => Self::I32,
+            b"uint" | b"uint32" => Self::U32,
+            b"float" | b"float32" => Self::F32,
+            b"double" | b"float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub(super) fn size_bytes(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+}
+
+impl Element {
+    pub(super) fn property_names(&self) -> String {
+        excerpt(&self.properties.iter().map(|p| p.name.as_slice()).collect::<Vec<_>>().join(&b' '))
+    }
+
+    /// Fewest bytes that a record takes: a binary list may be empty, a text number is a digit and a separator.
+    fn least_bytes(&self, encoding: Encoding) -> u64 {
+        let least = |kind| match (encoding, kind) {
+            (Encoding::Ascii, _) => 2,
+            (_, Kind::Scalar(scalar) | Kind::List { count: scalar, .. }) => scalar.size_bytes() as u64,
+        };
+        self.properties.iter().map(|p| least(p.kind)).sum()
+    }
+}
+
+impl Header {
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, MeshError> {
+        let mut lines = Lines::new(bytes, 1);
+        let mut encoding = None;
+        let mut elements: Vec<Element> = Vec::new();
+        expect_line(&mut lines, b"ply", "\"ply\"")?;
+        loop {
+            let Some(line) = lines.next() else {
+                return Err(MeshError::Truncated { at: lines.at(), expected: "\"end_header\"" });
+            };
+            let words: Vec<&[u8]> = line.tokens().collect();
+            match words[..] {
+                [b"format", name, b"1.0"] if encoding.is_none() => encoding = Some(parse_encoding(name, line)?),
+                [b"comment" | b"obj_info", ..] | [] => {}
+                [b"element", name, count] => elements.push(parse_element(name, count, line)?),
+                [b"property", ref rest @ ..] => match elements.last_mut() {
+                    Some(element) => element.properties.push(parse_property(rest, line)?),
+                    None => return Err(syntax(line, "an element before its properties")),
+                },
+                [b"end_header"] => break,
+                _ => return Err(syntax(line, "a line of a PLY 1.0 header")),
+            }
+        }
+        let encoding =
+            encoding.ok_or(MeshError::Syntax { at: lines.at(), expected: "a format line", found: "\"end_header\"".into() })?;
+        let body_at = end_of_header(bytes, bytes.len() - lines.rest().len());
+        Ok(Self { encoding, elements, body_at, body_line: lines.number() + 1 })
+    }
+
+    /// Refuses counts that the file is too short for, before anything is allocated for them.
+    pub(super) fn check_counts(&self, file_bytes: usize) -> Result<(), MeshError> {
+        // The last line of a text body may lack its end.
+        let present = (file_bytes - self.body_at) as u64 + u64::from(self.encoding == Encoding::Ascii);
+        let mut needed = 0_u64;
+        for element in &self.elements {
+            needed = needed.saturating_add(element.count.saturating_mul(element.least_bytes(self.encoding)));
+            if needed > present {
+                return Err(MeshError::CountMismatch {
+                    at: element.at,
+                    declared: element.count,
+                    what: format!("records of {}", excerpt(&element.name)),
+                    needed_bytes: needed,
+                    present_bytes: present,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A header with bare CR ends at one CR; the LF after it, if any, is the first byte of a binary body.
+fn end_of_header(bytes: &[u8], after_last_line: usize) -> usize {
+    let first_end = bytes.iter().position(|&b| b == b'\r' || b == b'\n').unwrap_or_default();
+    let bare_cr = bytes[first_end..].starts_with(b"\r") && !bytes[first_end..].starts_with(b"\r\n");
+    if bare_cr && bytes[..after_last_line].ends_with(b"\r\n") { after_last_line - 1 } else { after_last_line }
+}
+
+fn expect_line(lines: &mut Lines<'_>, keyword: &[u8], expected: &'static str) -> Result<(), MeshError> {
+    match lines.next() {
+        Some(line) if line.text.trim_ascii() == keyword => Ok(()),
+        Some(line) => Err(syntax(line, expected)),
+        None => Err(MeshError::Truncated { at: lines.at(), expected }),
+    }
+}
+
+fn parse_encoding(name: &[u8], line: Line<'_>) -> Result<Encoding, MeshError> {
+    match name {
+        b"ascii" => Ok(Encoding::Ascii),
+        b"binary_little_endian" => Ok(Encoding::LittleEndian),
+        b"binary_big_endian" => Ok(Encoding::BigEndian),
+        _ => Err(syntax(line, "ascii, binary_little_endian or binary_big_endian")),
+    }
+}
+
+fn parse_element(name: &[u8], count: &[u8], line: Line<'_>) -> Result<Element, MeshError> {
+    let count = std::str::from_utf8(count).ok().and_then(|text| text.parse().ok());
+    let count = count.ok_or_else(|| syntax(line, "a number of records"))?;
+    Ok(Element { name: name.to_vec(), count, properties: Vec::new(), at: line.at() })
+}
+
+fn parse_property(words: &[&[u8]], line: Line<'_>) -> Result<Property, MeshError> {
+    let scalar = |name| Scalar::named(name).ok_or_else(|| syntax(line, "a number type of PLY"));
+    match *words {
+        [b"list", count, item, name] => {
+            let count = scalar(count)?;
+            if matches!(count, Scalar::F32 | Scalar::F64) {
+                return Err(syntax(line, "an integer type for the length of a list"));
+            }
+            Ok(Property { name: name.to_vec(), kind: Kind::List { count, item: scalar(item)? } })
+        }
+        [kind, name] => Ok(Property { name: name.to_vec(), kind: Kind::Scalar(scalar(kind)?) }),
+        _ => Err(syntax(line, "\"property TYPE NAME\" or \"property list TYPE TYPE NAME\"")),
+    }
+}
+
+fn syntax(line: Line<'_>, expected: &'static str) -> MeshError {
+    MeshError::Syntax { at: line.at(), expected, found: excerpt(line.text.trim_ascii()) }
+}

@@ -1,0 +1,137 @@
+//! PLY 1.0 (Turk, "The PLY Polygon File Format", 1994): a header that declares elements and their properties, then the
+//! records, as text or binary in either byte order. Read by our own code: the crates that read PLY refuse numbers such
+//! as `.5` and give no byte for what is wrong in binary files.
+
+mod header;
+mod values;
+
+use self::header::{Element, Header, Kind, Property, Scalar};
+use self::values::Values;
+use super::error::{MeshError, Position};
+use super::soup::Soup;
+
+/// Reads the elements `vertex` and `face`; passes over all others.
+pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
+    let header = Header::parse(bytes)?;
+    header.check_counts(bytes.len())?;
+    let mut values = Values::new(bytes, &header);
+    let mut vertices = None;
+    for element in &header.elements {
+        match element.name.as_slice() {
+            b"vertex" => vertices = Some(read_vertices(element, &mut values, soup)?),
+            b"face" => {
+                let vertices = vertices.as_deref().ok_or_else(|| MeshError::Syntax {
+                    at: element.at,
+                    expected: "the element vertex before the element face",
+                    found: "none".into(),
+                })?;
+                read_faces(element, &mut values, vertices, soup)?;
+            }
+            _ => skip_records(element, &mut values)?,
+        }
+    }
+    values.finish()
+}
+
+/// Number in the soup of each vertex of the file.
+fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>) -> Result<Vec<u32>, MeshError> {
+    let is_axis = |p: &Property, axis: &[u8]| p.name == axis && matches!(p.kind, Kind::Scalar(_));
+    let axes = [b"x", b"y", b"z"].map(|axis| element.properties.iter().position(|p| is_axis(p, axis)));
+    let [Some(_), Some(_), Some(_)] = axes else {
+        let found = element.property_names();
+        return Err(MeshError::Syntax { at: element.at, expected: "the properties x, y, z of vertex", found });
+    };
+    let mut vertices = Vec::with_capacity(element.count as usize);
+    for _ in 0..element.count {
+        values.begin_record("a vertex")?;
+        let at = values.at();
+        let mut xyz = [0.0; 3];
+        for (k, property) in element.properties.iter().enumerate() {
+            match (axes.iter().position(|&axis| axis == Some(k)), property.kind) {
+                (Some(axis), Kind::Scalar(scalar)) => xyz[axis] = values.next(scalar)?,
+                (_, kind) => skip_property(kind, values)?,
+            }
+        }
+        vertices.push(soup.vertex(xyz, at)?);
+    }
+    Ok(vertices)
+}
+
+fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &[u32], soup: &mut Soup<'_>) -> Result<(), MeshError> {
+    let is_corners = |name: &[u8]| name == b"vertex_indices" || name == b"vertex_index";
+    if element.count > 0 && !element.properties.iter().any(|p| is_corners(&p.name) && matches!(p.kind, Kind::List { .. })) {
+        let found = element.property_names();
+        return Err(MeshError::Syntax { at: element.at, expected: "the list vertex_indices (or vertex_index) of face", found });
+    }
+    let mut corners = Vec::new();
+    for _ in 0..element.count {
+        values.begin_record("a face")?;
+        let at = values.at();
+        for property in &element.properties {
+            match property.kind {
+                Kind::List { count, item } if is_corners(&property.name) => {
+                    read_corners(count, item, values, vertices, &mut corners)?;
+                }
+                kind => skip_property(kind, values)?,
+            }
+        }
+        soup.face(&corners, at)?;
+    }
+    Ok(())
+}
+
+fn read_corners(
+    count: Scalar,
+    item: Scalar,
+    values: &mut Values<'_>,
+    vertices: &[u32],
+    corners: &mut Vec<u32>,
+) -> Result<(), MeshError> {
+    let at = values.at();
+    let length = values.next_count(count)?;
+    if length < 3 {
+        return Err(MeshError::Syntax { at, expected: "at least three corners of a face", found: format!("{length} of them") });
+    }
+    corners.clear();
+    for _ in 0..length {
+        let at = values.at();
+        let index = values.next(item)?;
+        corners.push(*vertex(index, vertices).ok_or_else(|| bad_index(index, vertices.len(), at))?);
+    }
+    Ok(())
+}
+
+fn vertex(index: f64, vertices: &[u32]) -> Option<&u32> {
+    (index >= 0.0 && index.fract() == 0.0).then(|| vertices.get(index as usize))?
+}
+
+fn bad_index(index: f64, vertices: usize, at: Position) -> MeshError {
+    if index.fract() == 0.0 {
+        MeshError::BadIndex { at, index: index as i64, vertices, hint: " (counted from 0)" }
+    } else {
+        MeshError::Syntax { at, expected: "a vertex number", found: index.to_string() }
+    }
+}
+
+fn skip_records(element: &Element, values: &mut Values<'_>) -> Result<(), MeshError> {
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for _ in 0..element.count {
+        values.begin_record("a record")?;
+        for property in &element.properties {
+            skip_property(property.kind, values)?;
+        }
+    }
+    Ok(())
+}
+
+fn skip_property(kind: Kind, values: &mut Values<'_>) -> Result<(), MeshError> {
+    match kind {
+        Kind::Scalar(scalar) => values.skip(scalar, 1),
+        Kind::List { count, item } => {
+            let length = values.next_count(count)?;
+            values.skip(item, length)
+        }
+    }
+}

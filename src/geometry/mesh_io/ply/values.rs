@@ -1,0 +1,123 @@
+//! The body of a PLY file as a stream of numbers. Every number type of PLY fits an `f64` exactly.
+
+use super::header::{Encoding, Header, Scalar};
+use crate::geometry::mesh_io::error::{MeshError, Position};
+use crate::geometry::mesh_io::text::{Lines, Tokens, number};
+
+/// Where the next number comes from.
+pub(super) enum Values<'a> {
+    /// One record a line.
+    Text { lines: Lines<'a>, tokens: Tokens<'a> },
+    /// Records one after the other.
+    Binary { bytes: &'a [u8], at: usize, big_endian: bool },
+}
+
+impl<'a> Values<'a> {
+    pub(super) fn new(bytes: &'a [u8], header: &Header) -> Self {
+        match header.encoding {
+            Encoding::Ascii => {
+                let lines = Lines::new(&bytes[header.body_at..], header.body_line);
+                Self::Text { lines, tokens: Tokens::default() }
+            }
+            encoding => Self::Binary { bytes, at: header.body_at, big_endian: encoding == Encoding::BigEndian },
+        }
+    }
+
+    /// Place of what was read last (text) or of what comes next (binary).
+    pub(super) fn at(&self) -> Position {
+        match self {
+            Self::Text { lines, .. } => lines.at(),
+            Self::Binary { at, .. } => Position::Byte(*at as u64),
+        }
+    }
+
+    /// Goes to the next line that is not blank; what is left of the last one is not declared and is passed over.
+    pub(super) fn begin_record(&mut self, what: &'static str) -> Result<(), MeshError> {
+        if let Self::Text { lines, tokens } = self {
+            let record = lines.by_ref().find(|line| !line.text.trim_ascii().is_empty());
+            *tokens = record.ok_or(MeshError::Truncated { at: lines.at(), expected: what })?.tokens();
+        }
+        Ok(())
+    }
+
+    /// The next number.
+    pub(super) fn next(&mut self, scalar: Scalar) -> Result<f64, MeshError> {
+        match self {
+            Self::Text { lines, tokens } => number(next_token(lines, tokens)?, lines.at()),
+            Self::Binary { bytes, at, big_endian } => {
+                let value = decode(bytes, *at, scalar, *big_endian);
+                let value = value.ok_or(MeshError::Truncated { at: Position::Byte(*at as u64), expected: "a number" })?;
+                *at += scalar.size_bytes();
+                Ok(value)
+            }
+        }
+    }
+
+    /// The length of a list.
+    pub(super) fn next_count(&mut self, scalar: Scalar) -> Result<u64, MeshError> {
+        let at = self.at();
+        let value = self.next(scalar)?;
+        if value >= 0.0 && value.fract() == 0.0 {
+            return Ok(value as u64);
+        }
+        Err(MeshError::Syntax { at, expected: "the length of a list", found: value.to_string() })
+    }
+
+    /// Passes over `count` numbers.
+    pub(super) fn skip(&mut self, scalar: Scalar, count: u64) -> Result<(), MeshError> {
+        match self {
+            Self::Text { lines, tokens } => (0..count).try_for_each(|_| next_token(lines, tokens).map(drop)),
+            Self::Binary { bytes, at, .. } => {
+                let left = (bytes.len() - *at) as u64;
+                let size = count.saturating_mul(scalar.size_bytes() as u64);
+                if size > left {
+                    return Err(MeshError::Truncated { at: Position::Byte(*at as u64), expected: "a list of numbers" });
+                }
+                *at += size as usize;
+                Ok(())
+            }
+        }
+    }
+
+    /// Refuses what comes after the last declared record: the header promised less than the file holds. White space, and
+    /// in binary files what is too short for a face, is padding.
+    pub(super) fn finish(self) -> Result<(), MeshError> {
+        const SHORTEST_FACE_BYTES: usize = 4;
+        let (rest, padding) = match &self {
+            Self::Text { lines, .. } => (lines.rest(), 0),
+            Self::Binary { bytes, at, .. } => (&bytes[*at..], SHORTEST_FACE_BYTES - 1),
+        };
+        if rest.len() <= padding || rest.trim_ascii().is_empty() {
+            return Ok(());
+        }
+        Err(MeshError::TrailingData { at: self.at(), bytes: rest.len() as u64 })
+    }
+}
+
+fn next_token<'a>(lines: &Lines<'a>, tokens: &mut Tokens<'a>) -> Result<&'a [u8], MeshError> {
+    tokens.next().ok_or_else(|| MeshError::Syntax {
+        at: lines.at(),
+        expected: "another number of the record",
+        found: "the end of the line".into(),
+    })
+}
+
+fn decode(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> Option<f64> {
+    macro_rules! read {
+        ($type:ty) => {{
+            let raw = *bytes.get(at..)?.first_chunk()?;
+            let value = if big_endian { <$type>::from_be_bytes(raw) } else { <$type>::from_le_bytes(raw) };
+            f64::from(value)
+        }};
+    }
+    Some(match scalar {
+        Scalar::I8 => read!(i8),
+        Scalar::U8 => read!(u8),
+        Scalar::I16 => read!(i16),
+        Scalar::U16 => read!(u16),
+        Scalar::I32 => read!(i32),
+        Scalar::U32 => read!(u32),
+        Scalar::F32 => read!(f32),
+        Scalar::F64 => read!(f64),
+    })
+}

@@ -1,0 +1,148 @@
+//! Text of mesh files as bytes: lines ended by LF, CRLF or CR, tokens between white space, numbers. Bytes rather than
+//! `str`, because names in real files are in any encoding; only what is parsed must be ASCII.
+
+use std::borrow::Cow;
+
+use super::error::{MeshError, Position};
+
+/// One line without its end, and its number counted from 1.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line<'a> {
+    pub(super) number: u64,
+    pub(super) text: &'a [u8],
+}
+
+impl<'a> Line<'a> {
+    pub(super) fn at(self) -> Position {
+        Position::Line(self.number)
+    }
+
+    pub(super) fn tokens(self) -> Tokens<'a> {
+        Tokens::of(self.text)
+    }
+}
+
+/// The lines of `bytes`, numbered from `first`.
+#[derive(Clone, Debug)]
+pub(super) struct Lines<'a> {
+    rest: &'a [u8],
+    number: u64,
+}
+
+impl<'a> Lines<'a> {
+    pub(super) fn new(bytes: &'a [u8], first: u64) -> Self {
+        Self { rest: bytes, number: first - 1 }
+    }
+
+    /// Number of the line last given out.
+    pub(super) fn at(&self) -> Position {
+        Position::Line(self.number)
+    }
+
+    /// The same as a number, 0 before the first.
+    pub(super) fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// What follows the line last given out.
+    pub(super) fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = Line<'a>;
+
+    fn next(&mut self) -> Option<Line<'a>> {
+        if self.rest.is_empty() {
+            return None;
+        }
+        let end = self.rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(self.rest.len());
+        let (text, tail) = self.rest.split_at(end);
+        self.rest = tail.strip_prefix(b"\r\n").or_else(|| tail.get(1..)).unwrap_or_default();
+        self.number += 1;
+        Some(Line { number: self.number, text })
+    }
+}
+
+/// Words between white space.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tokens<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Tokens<'a> {
+    pub(super) fn of(text: &'a [u8]) -> Self {
+        Self { rest: text }
+    }
+
+    /// What follows the token last given out, trimmed.
+    pub(super) fn rest(&self) -> &'a [u8] {
+        self.rest.trim_ascii()
+    }
+}
+
+impl<'a> Iterator for Tokens<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let start = self.rest.trim_ascii_start();
+        let end = start.iter().position(u8::is_ascii_whitespace).unwrap_or(start.len());
+        let (token, rest) = start.split_at(end);
+        self.rest = rest;
+        (!token.is_empty()).then_some(token)
+    }
+}
+
+/// The value of a decimal number; NaN and infinities pass, for the caller to judge where they matter.
+pub(super) fn number(token: &[u8], at: Position) -> Result<f64, MeshError> {
+    let parsed = std::str::from_utf8(token).ok().and_then(|text| text.parse().ok());
+    parsed.ok_or_else(|| MeshError::Syntax { at, expected: "a number", found: excerpt(token) })
+}
+
+/// Three coordinates, each finite.
+pub(super) fn coordinates<'a>(tokens: &mut impl Iterator<Item = &'a [u8]>, at: Position) -> Result<[f64; 3], MeshError> {
+    let mut xyz = [0.0; 3];
+    for value in &mut xyz {
+        let token =
+            tokens.next().ok_or(MeshError::Syntax { at, expected: "three coordinates", found: "the end of the line".into() })?;
+        *value = number(token, at)?;
+        if !value.is_finite() {
+            return Err(MeshError::NotFinite { at, found: excerpt(token) });
+        }
+    }
+    Ok(xyz)
+}
+
+/// A short printable quotation of file content.
+pub(super) fn excerpt(bytes: &[u8]) -> String {
+    const LONGEST: usize = 40;
+    if bytes.is_empty() {
+        return "nothing".into();
+    }
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(LONGEST)]);
+    let more = if bytes.len() > LONGEST { "…" } else { "" };
+    format!("\"{}{more}\"", text.escape_debug())
+}
+
+/// The text without its byte order mark; UTF-16 with one becomes UTF-8.
+pub(super) fn without_byte_order_mark(bytes: &[u8]) -> Result<Cow<'_, [u8]>, MeshError> {
+    match bytes {
+        [0xEF, 0xBB, 0xBF, text @ ..] => Ok(Cow::Borrowed(text)),
+        [0xFF, 0xFE, text @ ..] => from_utf16(text, "UTF-16 (little endian)", u16::from_le_bytes).map(Cow::Owned),
+        [0xFE, 0xFF, text @ ..] => from_utf16(text, "UTF-16 (big endian)", u16::from_be_bytes).map(Cow::Owned),
+        _ => Ok(Cow::Borrowed(bytes)),
+    }
+}
+
+fn from_utf16(bytes: &[u8], encoding: &'static str, unit: fn([u8; 2]) -> u16) -> Result<Vec<u8>, MeshError> {
+    let (pairs, odd) = bytes.as_chunks::<2>();
+    let mut text = String::with_capacity(pairs.len());
+    let mut at = 2;
+    for decoded in char::decode_utf16(pairs.iter().map(|&pair| unit(pair))) {
+        let c = decoded.map_err(|_| MeshError::Encoding { at: Position::Byte(at), encoding })?;
+        at += 2 * c.len_utf16() as u64;
+        text.push(c);
+    }
+    if odd.is_empty() { Ok(text.into_bytes()) } else { Err(MeshError::Encoding { at: Position::Byte(at), encoding }) }
+}

@@ -1,0 +1,41 @@
+//! The cell's side of a plan: what the pipeline asks of stations and sequence, with the collision scene they share.
+
+use super::candidates::{Candidate, Generated, Rejection};
+use super::context::{Cancelled, Context};
+use super::params::PlanParams;
+use super::pipeline::PlanInput;
+use super::stations;
+use super::study::Reach;
+use crate::cell::{Cell, CollisionScene};
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
+
+/// A cell with the part on its plate.
+pub(super) struct Motion<'a> {
+    cell: &'a Cell,
+    scene: CollisionScene,
+    table_from_part: Pose<Table, Part>,
+}
+
+impl<'a> Motion<'a> {
+    pub(super) fn new(cell: &'a Cell, input: &PlanInput<'_>, params: &PlanParams, table_from_part: Pose<Table, Part>) -> Self {
+        let clearance_mm = params.motion.clearance_mm;
+        let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
+        Self { cell, scene, table_from_part }
+    }
+
+    /// Drops candidates that lie inside a standing body at every table angle.
+    pub(super) fn drop_inside_obstacles(&self, mut generated: Generated) -> Generated {
+        let inside = |candidate: &Candidate| {
+            stations::inside_obstacle(&candidate.part_from_scanner, self.cell, &self.scene, &self.table_from_part)
+        };
+        let (dropped, kept): (Vec<_>, Vec<_>) = generated.kept.into_iter().partition(inside);
+        generated.rejected.extend(dropped.iter().map(|candidate| (candidate.id, Rejection::InsideObstacle)));
+        generated.kept = kept;
+        generated
+    }
+
+    /// Stations of every view.
+    pub(super) fn reach(&self, views: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Reach, Cancelled> {
+        stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
+    }
+}

@@ -1,0 +1,126 @@
+//! The one file that sees every stage: mesh, scanner and cell in, an [`Outcome`] out. Pure: no clock, no I/O; the same
+//! input gives the same outcome on any number of threads. Call it inside the thread pool that it shall use.
+
+use std::collections::BTreeSet;
+
+use super::candidates::{self, Scope};
+use super::context::{Cancelled, Context, Stage};
+use super::motion::Motion;
+use super::params::{Hemisphere, PlanParams};
+use super::plan::Outcome;
+use super::sequence::Ordered;
+use super::study::{Chosen, Study};
+use super::surface;
+use super::visibility;
+use crate::cell::{Cell, DeviceName, FieldError, PoseSpec, Scanner};
+use crate::geometry::{Mesh, Part, Pose, RayScene, Table};
+
+/// How often views without a path are given up for others; what then remains without one carries it as a rejection.
+const MOST_RESELECTIONS: usize = 4;
+
+/// What is planned for.
+pub struct PlanInput<'a> {
+    /// The part.
+    pub mesh: &'a Mesh,
+    /// What holds it: occludes and collides, is not measured. In part coordinates.
+    pub fixture: Option<&'a Mesh>,
+    /// SHA-256 of the part's file, lower-case hexadecimal.
+    pub part_sha256: &'a str,
+    /// The scanner; the cell's own where there is a cell.
+    pub scanner: &'a Scanner,
+    /// The cell; `None` plans viewpoints alone.
+    pub cell: Option<&'a Cell>,
+}
+
+/// Why there is no plan.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlanError {
+    /// The job was cancelled.
+    #[error("cancelled")]
+    Cancelled,
+    /// Parameters that do not fit each other or the part.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    BadParams(Vec<FieldError>),
+    /// Nothing can be measured.
+    #[error("no plan is possible: {0}")]
+    NoPlan(String),
+}
+
+impl From<Cancelled> for PlanError {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+/// Plans.
+///
+/// # Errors
+/// [`PlanError`]. Area that cannot be measured is no error: it is counted, with its cause, in the outcome.
+pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
+    params.check().map_err(PlanError::BadParams)?;
+    let params = resolve(params, input);
+    ctx.begin(Stage::Surface)?;
+    let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+    let scene = RayScene::new([input.mesh].into_iter().chain(input.fixture));
+    let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
+
+    ctx.begin(Stage::Candidates)?;
+    let scope = Scope { surface: &surface, scanner: input.scanner, table_from_part };
+    let generated = candidates::generate(&scope, &params.candidates, input.mesh, &scene, ctx)?;
+
+    let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part));
+    let generated = motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));
+    let poses: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+
+    ctx.begin(Stage::Stations)?;
+    let reach = motion.as_ref().map(|motion| motion.reach(&poses, ctx)).transpose()?;
+    ctx.begin(Stage::Visibility)?;
+    let table = visibility::cast(&surface, &poses, input.scanner, &scene, &params, ctx)?;
+
+    let study = Study::new(input, &params, surface, table_from_part, generated, table, reach)?;
+    let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
+    ctx.begin(Stage::Missed)?;
+    Ok(study.conclude(&chosen, ordered, &barred))
+}
+
+/// Selection and sequence: a chosen view to which no path is found is barred and selection runs again, a bounded number
+/// of times.
+fn choose(
+    study: &Study<'_>,
+    motion: Option<&Motion<'_>>,
+    ctx: &Context<'_>,
+) -> Result<(Chosen, Option<Ordered>, BTreeSet<usize>), PlanError> {
+    let mut barred = BTreeSet::new();
+    let mut reselections = 0;
+    loop {
+        ctx.begin(Stage::Selection)?;
+        let chosen = study.select(&barred, ctx)?;
+        let Some(_motion) = motion else { return Ok((chosen, None, barred)) };
+        return Ok((chosen, None, barred));
+    }
+}
+
+/// Part axes parallel to the table's, bottom of the bounding box on the plate, its centre on the axis (method §1).
+#[must_use]
+pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
+    let aabb = mesh.aabb();
+    let centre = aabb.centre();
+    Pose::from_parts(-nalgebra::Vector3::new(centre.x, centre.y, aabb.min.z), nalgebra::UnitQuaternion::identity())
+}
+
+/// Fills in every default that depends on the part, the scanner or the presence of a cell.
+fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
+    let mut resolved = params.clone();
+    resolved.part = surface::resolve(&params.part, input.mesh);
+    resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));
+    for device in &input.scanner.devices {
+        let limit_deg = match device.name {
+            DeviceName::Left | DeviceName::Right => &mut resolved.limits.camera_deg,
+            DeviceName::Projector => &mut resolved.limits.projector_deg,
+        };
+        limit_deg.get_or_insert(device.incidence_max_rad.to_degrees());
+    }
+    let hemisphere = if input.cell.is_some() { Hemisphere::AboveTable } else { Hemisphere::Full };
+    resolved.candidates.hemisphere.get_or_insert(hemisphere);
+    resolved
+}

@@ -1,0 +1,82 @@
+//! Table to chosen views (thesis §3.3, method §5): the greedy rule and every rule that ends it.
+
+mod greedy;
+#[cfg(test)]
+mod tests;
+
+use super::context::{Cancelled, Context};
+use super::params::{ScoreParams, SelectionParams, Solver, TargetOf};
+use super::plan::StopReason;
+use super::visibility::Row;
+
+/// What views are chosen from.
+pub struct Problem<'a> {
+    /// Rows of the candidates that may be chosen, ascending by candidate number.
+    pub rows: Vec<&'a Row>,
+    /// Area that each sample stands for, mm²; 0 for samples that are not asked for.
+    pub asked_area_mm2: &'a [f64],
+    /// Area of the whole surface, mm².
+    pub total_mm2: f64,
+}
+
+/// One choice.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// Index into [`Problem::rows`].
+    pub row: usize,
+    /// Asked area that it added, mm².
+    pub gain_mm2: f64,
+    /// Its score when chosen, mm²: G_v, or plain area.
+    pub score: f64,
+}
+
+/// Chosen views, in the order chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Selection {
+    /// The choices.
+    pub choices: Vec<Choice>,
+    /// The rule that ended it.
+    pub stopped_because: StopReason,
+}
+
+/// Chooses views.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn select(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    score: &ScoreParams,
+    ctx: &Context<'_>,
+) -> Result<Selection, Cancelled> {
+    match params.solver {
+        Solver::Greedy => greedy::select(problem, params, score, ctx),
+    }
+}
+
+impl Problem<'_> {
+    /// Asked area that at least one row measures.
+    #[must_use]
+    pub fn coverable_mm2(&self) -> f64 {
+        let mut seen = vec![false; self.asked_area_mm2.len()];
+        for row in &self.rows {
+            row.samples.iter().for_each(|sample| seen[*sample as usize] = true);
+        }
+        seen.iter().zip(self.asked_area_mm2).filter(|(seen, _)| **seen).map(|(_, area_mm2)| area_mm2).sum()
+    }
+
+    /// Asked area.
+    #[must_use]
+    pub fn asked_mm2(&self) -> f64 {
+        self.asked_area_mm2.iter().sum()
+    }
+
+    fn target_mm2(&self, params: &SelectionParams) -> f64 {
+        let whole_mm2 = match params.target_of {
+            TargetOf::Coverable => self.coverable_mm2(),
+            TargetOf::Asked => self.asked_mm2(),
+            TargetOf::Total => self.total_mm2,
+        };
+        params.target * whole_mm2
+    }
+}

@@ -1,0 +1,265 @@
+//! A part with everything that is known before views are chosen, and the way from chosen views to an [`Outcome`]:
+//! verdict of every sample, coverage with its denominators, causes of what is missed.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::candidates::{Generated, Rejection};
+use super::context::Context;
+use super::missed;
+use super::params::PlanParams;
+use super::pipeline::{PlanError, PlanInput};
+use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, Verdict, ViewId};
+use super::selection::{self, Problem, Selection};
+use super::sequence::Ordered;
+use super::stations::{Blocked, Station};
+use super::surface::Surface;
+use super::visibility::{Row, Table as VisibilityTable};
+use crate::cell::FieldError;
+use crate::geometry::{Part, Pose, Table};
+
+/// Stations of every kept candidate, or why it has none.
+pub(super) type Reach = Vec<Result<Vec<Station>, Blocked>>;
+
+/// See the module.
+pub(super) struct Study<'a> {
+    input: &'a PlanInput<'a>,
+    params: &'a PlanParams,
+    surface: Surface,
+    table_from_part: Pose<Table, Part>,
+    generated: Generated,
+    /// One row a kept candidate.
+    table: VisibilityTable,
+    /// One a kept candidate; `None` without a cell.
+    reach: Option<Reach>,
+    /// Area of each sample, 0 where it is not asked for.
+    asked_area_mm2: Vec<f64>,
+}
+
+/// A selection over the kept candidates.
+pub(super) struct Chosen {
+    /// Index of each chosen candidate among the kept ones, in the order chosen.
+    kept: Vec<usize>,
+    selection: Selection,
+}
+
+impl<'a> Study<'a> {
+    pub(super) fn new(
+        input: &'a PlanInput<'a>,
+        params: &'a PlanParams,
+        surface: Surface,
+        table_from_part: Pose<Table, Part>,
+        generated: Generated,
+        table: VisibilityTable,
+        reach: Option<Reach>,
+    ) -> Result<Self, PlanError> {
+        let area = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
+        let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area).collect();
+        if !asked_area_mm2.iter().any(|area_mm2| *area_mm2 > 0.0) {
+            let detail = "leaves nothing of the part to measure; exclude less".into();
+            return Err(PlanError::BadParams(vec![FieldError { pointer: "/regions/exclude".into(), detail }]));
+        }
+        Ok(Self { input, params, surface, table_from_part, generated, table, reach, asked_area_mm2 })
+    }
+
+    /// Why a kept candidate cannot be used by the cell, if so.
+    fn blocked(&self, kept: usize) -> Option<Blocked> {
+        self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())
+    }
+
+    fn problem(&self, kept: &[usize]) -> Problem<'_> {
+        Problem {
+            rows: kept.iter().map(|kept| &self.table.rows[*kept]).collect(),
+            asked_area_mm2: &self.asked_area_mm2,
+            total_mm2: self.surface.area_where(|_| true),
+        }
+    }
+
+    /// Kept candidates that the cell can use.
+    fn usable(&self) -> Vec<usize> {
+        (0..self.generated.kept.len()).filter(|kept| self.blocked(*kept).is_none()).collect()
+    }
+
+    /// Chooses among the usable candidates that are not `barred`. The target stays a share of what all usable ones
+    /// measure.
+    pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
+        let usable: Vec<_> = self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect();
+        let selection = selection::select(&self.problem(&usable), &self.params.selection, &self.params.score, ctx)?;
+        if selection.choices.is_empty() && barred.is_empty() {
+            return Err(PlanError::NoPlan(self.why_nothing()));
+        }
+        Ok(Chosen { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+    }
+
+    /// Chosen views with their stations, for ordering.
+    pub(super) fn stations_of(&self, chosen: &Chosen) -> Vec<(ViewId, &[Station])> {
+        let stations = |kept: usize| match &self.reach {
+            Some(reach) => reach[kept].as_deref().unwrap_or_default(),
+            None => &[],
+        };
+        chosen.kept.iter().enumerate().map(|(view, kept)| (ViewId(view as u32), stations(*kept))).collect()
+    }
+
+    /// The kept candidates behind `views`.
+    pub(super) fn candidates_behind(&self, chosen: &Chosen, views: &[ViewId]) -> Vec<usize> {
+        views.iter().map(|view| chosen.kept[view.0 as usize]).collect()
+    }
+
+    /// The outcome of a selection, ordered when there is a cell. `barred` are candidates that were given up for want of
+    /// a path.
+    pub(super) fn conclude(self, chosen: &Chosen, ordered: Option<Ordered>, barred: &BTreeSet<usize>) -> Outcome {
+        let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| self.candidates_behind(chosen, &o.no_path)).collect();
+        let empty = Row::default();
+        let measuring: Vec<&Row> =
+            chosen.kept.iter().map(|kept| if no_path.contains(kept) { &empty } else { &self.table.rows[*kept] }).collect();
+        let given_up: BTreeSet<usize> = barred.union(&no_path).copied().collect();
+        let verdicts = self.verdicts(&measuring, &given_up);
+        let coverage = self.coverage(&measuring, &verdicts);
+        let plan = Plan {
+            part: PartFacts {
+                sha256: self.input.part_sha256.to_owned(),
+                triangles: self.input.mesh.faces.len(),
+                area_mm2: self.input.mesh.area_mm2(),
+                aabb: self.input.mesh.aabb(),
+            },
+            table_from_part: self.reach.is_some().then_some(self.table_from_part),
+            candidates: self.counts(),
+            views: self.views(chosen, ordered.as_ref(), &no_path, coverage.asked_area_mm2),
+            missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
+            stopped_because: chosen.selection.stopped_because,
+            sequence: ordered.map(|ordered| ordered.sequence),
+            coverage,
+            params: self.params.clone(),
+        };
+        let measured_by_view = measuring.into_iter().cloned().collect();
+        Outcome { plan, surface: self.surface, verdicts, measured_by_view }
+    }
+
+    fn verdicts(&self, measuring: &[&Row], given_up: &BTreeSet<usize>) -> Vec<Verdict> {
+        let samples = self.surface.sample_mm.len();
+        let mut best_quality = vec![f32::NEG_INFINITY; samples];
+        for row in measuring {
+            for (sample, quality) in row.samples.iter().zip(&row.quality) {
+                let best = &mut best_quality[*sample as usize];
+                *best = best.max(*quality);
+            }
+        }
+        let motion_cause = self.motion_causes(given_up);
+        let missed = |sample: usize| {
+            let rests = self.reach.is_some() && missed::rests(&self.surface, sample, &self.table_from_part);
+            if rests {
+                return Cause::ExcludedResting;
+            }
+            motion_cause[sample].or_else(|| missed::cause_of(self.table.furthest[sample])).unwrap_or(Cause::NotChosen)
+        };
+        (0..samples)
+            .map(|sample| match best_quality[sample] {
+                _ if !self.surface.asked[sample] => Verdict::NotAsked,
+                quality if quality > f32::NEG_INFINITY => Verdict::Measured(Grade::of(f64::from(quality))),
+                _ => Verdict::Missed(missed(sample)),
+            })
+            .collect()
+    }
+
+    /// For each sample that some kept candidate measures, how far the best such candidate got with the cell.
+    fn motion_causes(&self, given_up: &BTreeSet<usize>) -> Vec<Option<Cause>> {
+        let mut causes = vec![None; self.surface.sample_mm.len()];
+        for (kept, row) in self.table.rows.iter().enumerate() {
+            let cause = match self.blocked(kept) {
+                Some(Blocked::Unreachable) => Cause::Unreachable,
+                Some(Blocked::Collision) => Cause::Collision,
+                None if given_up.contains(&kept) => Cause::NoPath,
+                None => Cause::NotChosen,
+            };
+            for sample in &row.samples {
+                let known: &mut Option<Cause> = &mut causes[*sample as usize];
+                *known = Some(known.map_or(cause, |known| known.max(cause)));
+            }
+        }
+        causes
+    }
+
+    fn coverage(&self, measuring: &[&Row], verdicts: &[Verdict]) -> Coverage {
+        let all: Vec<_> = (0..self.generated.kept.len()).collect();
+        let mut coverage = Coverage {
+            total_area_mm2: self.surface.area_where(|_| true),
+            asked_area_mm2: self.surface.area_where(|sample| self.surface.asked[sample]),
+            coverable_area_mm2: self.problem(&self.usable()).coverable_mm2(),
+            optically_coverable_area_mm2: self.problem(&all).coverable_mm2(),
+            ..Coverage::default()
+        };
+        for (sample, verdict) in verdicts.iter().enumerate() {
+            if let Verdict::Measured(grade) = verdict {
+                coverage.grade_area_mm2[*grade as usize] += self.asked_area_mm2[sample];
+            }
+        }
+        coverage.measured_area_mm2 = coverage.grade_area_mm2.iter().sum();
+        let mut open_mm2 = self.asked_area_mm2.clone();
+        let mut covered_mm2 = 0.0;
+        for row in measuring {
+            covered_mm2 += row.samples.iter().map(|s| std::mem::take(&mut open_mm2[*s as usize])).sum::<f64>();
+            coverage.curve_area_mm2.push(covered_mm2);
+        }
+        coverage
+    }
+
+    fn counts(&self) -> CandidateCounts {
+        let mut rejected: BTreeMap<Rejection, usize> = BTreeMap::new();
+        let by_cell = (0..self.generated.kept.len()).filter_map(|kept| self.blocked(kept)).map(|blocked| match blocked {
+            Blocked::Unreachable => Rejection::Unreachable,
+            Blocked::Collision => Rejection::Collision,
+        });
+        for reason in self.generated.rejected.iter().map(|(_, reason)| *reason).chain(by_cell) {
+            *rejected.entry(reason).or_default() += 1;
+        }
+        CandidateCounts { generated: self.generated.generated, kept: self.usable().len(), rejected }
+    }
+
+    fn views(&self, chosen: &Chosen, ordered: Option<&Ordered>, no_path: &BTreeSet<usize>, asked_mm2: f64) -> Vec<PlannedView> {
+        let station = |view: ViewId| {
+            let visits = &ordered?.sequence.visits;
+            visits.iter().find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
+        };
+        let choices = chosen.kept.iter().zip(&chosen.selection.choices).enumerate();
+        choices
+            .map(|(number, (kept, choice))| {
+                let (id, candidate) = (ViewId(number as u32), &self.generated.kept[*kept]);
+                PlannedView {
+                    id,
+                    candidate: candidate.id,
+                    label: candidate.label,
+                    part_from_scanner: candidate.part_from_scanner,
+                    gain_of_asked: super::plan::share(choice.gain_mm2, asked_mm2),
+                    score: choice.score,
+                    station: station(id),
+                    rejected: no_path.contains(kept).then_some(Cause::NoPath),
+                }
+            })
+            .collect()
+    }
+
+    /// Which causes keep every candidate from measuring anything, in words.
+    fn why_nothing(&self) -> String {
+        let counts = self.counts();
+        let dropped: Vec<_> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
+        let verdicts = self.verdicts(&[], &BTreeSet::new());
+        let area_of = |cause: Cause| -> f64 {
+            (0..verdicts.len()).filter(|s| verdicts[*s] == Verdict::Missed(cause)).map(|s| self.asked_area_mm2[s]).sum()
+        };
+        let mut causes: Vec<_> = Cause::ALL.map(|cause| (cause, area_of(cause))).into();
+        causes.retain(|(_, area_mm2)| *area_mm2 > 0.0);
+        causes.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let asked_mm2: f64 = self.asked_area_mm2.iter().sum();
+        let named: Vec<_> = causes
+            .iter()
+            .take(3)
+            .map(|(cause, area)| format!("{} {:.0} % of the area", cause.as_str(), 100.0 * area / asked_mm2))
+            .collect();
+        let dropped = if dropped.is_empty() { "none".to_owned() } else { dropped.join(", ") };
+        format!(
+            "of {} candidates {} were usable (dropped: {dropped}), and none measures anything worth a view; causes: {}",
+            counts.generated,
+            counts.kept,
+            named.join(", ")
+        )
+    }
+}

@@ -1,0 +1,94 @@
+use nalgebra::{Point3, Vector3};
+
+use super::*;
+use crate::geometry::FaceGroup;
+
+/// A 60 × 40 mm plate of two triangles, +z up.
+fn plate() -> Mesh {
+    Mesh {
+        vertices_mm: [[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]].map(|[x, y]| Point3::new(x, y, 5.0)).into(),
+        faces: vec![[0, 1, 2], [0, 2, 3]],
+        source_face: vec![0, 1],
+        groups: vec![FaceGroup { name: "rim".into(), source_faces: vec![1] }],
+    }
+}
+
+fn params(edge_mm: f64, density: f64) -> PartParams {
+    PartParams { patch_edge_mm: Some(edge_mm), samples_per_mm2: Some(density), ..PartParams::default() }
+}
+
+fn sampled(edge_mm: f64, density: f64, regions: &[Region]) -> Surface {
+    let regions = RegionParams { exclude: regions.to_vec() };
+    sample(&plate(), &params(edge_mm, density), &regions, 7).unwrap_or_else(|errors| panic!("{errors:?}"))
+}
+
+#[test]
+fn patches_keep_the_area_and_respect_the_edge() {
+    let surface = sampled(3.0, 0.5, &[]);
+    let area_mm2: f64 = surface.patches.iter().map(|patch| patch.area_mm2).sum();
+    assert!((area_mm2 - 2400.0).abs() < 1e-9);
+    assert!((surface.area_where(|_| true) - 2400.0).abs() < 1e-9);
+    for patch in &surface.patches {
+        assert!(longest_edge_mm(&patch.corners_mm) <= 3.0);
+        assert!((patch.normal - Vector3::z()).norm() < 1e-12);
+        assert!(patch.samples >= 1);
+    }
+}
+
+#[test]
+fn samples_lie_in_their_patch_and_are_spread_evenly() {
+    let surface = sampled(100.0, 2.0, &[]);
+    assert_eq!(surface.patches.len(), 2);
+    assert_eq!(surface.sample_mm.len(), 4800);
+    let inside = |p: &Point3<f64>| (p.z - 5.0).abs() < 1e-12 && 0.0 <= p.x && p.x <= 60.0 && 0.0 <= p.y && p.y <= 40.0;
+    assert!(surface.sample_mm.iter().all(inside));
+    // Stratified points: each tenth of the plate holds its share to 3 %, where plain random points would miss by 5 %.
+    for tenth in 0..10 {
+        let left = 6.0 * f64::from(tenth);
+        let held = surface.sample_mm.iter().filter(|p| left <= p.x && p.x < left + 6.0).count();
+        assert!((held as f64 - 480.0).abs() < 15.0, "tenth {tenth} holds {held}");
+    }
+}
+
+#[test]
+fn the_seed_and_nothing_else_moves_samples() {
+    let again = |seed| {
+        let surface = sample(&plate(), &params(5.0, 1.0), &RegionParams::default(), seed);
+        surface.unwrap_or_else(|errors| panic!("{errors:?}")).sample_mm
+    };
+    assert_eq!(again(1), again(1));
+    assert_ne!(again(1), again(2));
+}
+
+#[test]
+fn every_kind_of_region_is_left_out() {
+    let asked_mm2 = |region: Region| {
+        let surface = sampled(0.8, 4.0, &[region]);
+        surface.area_where(|sample| surface.asked[sample])
+    };
+    assert!((asked_mm2(Region::Faces { faces: vec![0] }) - 1200.0).abs() < 1e-6);
+    assert!((asked_mm2(Region::Name { name: "rim".into() }) - 1200.0).abs() < 1e-6);
+    let half = Region::HalfSpace { point_mm: [15.0, 0.0, 0.0], normal: [2.0, 0.0, 0.0] };
+    assert!((asked_mm2(half) - 1800.0).abs() < 5.0);
+    let corner = Region::Box { min_mm: [-1.0, -1.0, 0.0], max_mm: [30.0, 20.0, 9.0] };
+    assert!((asked_mm2(corner) - 1800.0).abs() < 5.0);
+    let ball = Region::Sphere { centre_mm: [30.0, 20.0, 5.0], radius_mm: 10.0 };
+    assert!((asked_mm2(ball) - (2400.0 - 100.0 * std::f64::consts::PI)).abs() < 5.0);
+}
+
+#[test]
+fn unknown_faces_groups_and_absurd_densities_are_refused_by_name() {
+    let refused = |params: PartParams, region: Option<Region>| {
+        let regions = RegionParams { exclude: region.into_iter().collect() };
+        match sample(&plate(), &params, &regions, 0) {
+            Err(errors) => errors[0].to_string(),
+            Ok(_) => "accepted".into(),
+        }
+    };
+    let faces = refused(params(5.0, 1.0), Some(Region::Faces { faces: vec![2] }));
+    assert_eq!(faces, "/regions/exclude/0/faces: names face 2; the file's faces are 0 to 1");
+    let name = refused(params(5.0, 1.0), Some(Region::Name { name: "bore".into() }));
+    assert_eq!(name, "/regions/exclude/0/name: is \"bore\"; the file's groups are rim");
+    assert!(refused(params(0.001, 1.0), None).starts_with("/part/patch_edge_mm: is 0.001"));
+    assert!(refused(params(5.0, 1e6), None).starts_with("/part/samples_per_mm2: is 1000000"));
+}

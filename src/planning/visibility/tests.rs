@@ -1,0 +1,134 @@
+use std::collections::BTreeSet;
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::*;
+use crate::geometry::Mesh;
+use crate::planning::context::Silent;
+use crate::planning::params::{PartParams, RegionParams};
+use crate::planning::surface::sample;
+use crate::testing::{box_mesh, nominal_scanner};
+
+/// A scanner above the origin that looks straight down from `height_mm`, its baseline along x.
+fn looking_down(height_mm: f64) -> Pose<Part, ScannerFrame> {
+    Pose::from_parts(Vector3::new(0.0, 0.0, height_mm), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
+}
+
+fn sampled(mesh: &Mesh, density: f64) -> Surface {
+    let part = PartParams { patch_edge_mm: Some(20.0), samples_per_mm2: Some(density), ..PartParams::default() };
+    sample(mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"))
+}
+
+fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> Table {
+    let (scene, flag) = (RayScene::new([mesh]), AtomicBool::new(false));
+    cast(surface, poses, &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent)).unwrap_or_else(|_| unreachable!())
+}
+
+fn top_area_mm2(surface: &Surface, row: &Row) -> f64 {
+    let up = |sample: &&u32| surface.patch_of(**sample as usize).normal.z > 0.9;
+    row.samples.iter().filter(up).map(|sample| surface.sample_area_mm2(*sample as usize)).sum()
+}
+
+/// Area of a plate's top at depth `z_mm` that one view from above measures.
+fn plate_area_mm2(z_mm: f64) -> f64 {
+    let mesh = box_mesh([-200.0, -150.0, -5.0], [200.0, 150.0, 0.0]);
+    let surface = sampled(&mesh, 1.0);
+    top_area_mm2(&surface, &table(&mesh, &surface, &[looking_down(z_mm)], &PlanParams::default()).rows[0])
+}
+
+#[test]
+fn a_plate_at_best_focus_is_measured_over_the_common_field() {
+    // Method §2: 289 × 190 mm for the nominal rig.
+    let area_mm2 = plate_area_mm2(480.0);
+    assert!((area_mm2 / (289.0 * 190.0) - 1.0).abs() < 0.01, "{area_mm2}");
+}
+
+#[test]
+fn nothing_is_measured_outside_the_working_depth() {
+    assert!(plate_area_mm2(410.5) > 0.0 && plate_area_mm2(564.5) > 0.0);
+    assert_eq!((plate_area_mm2(409.5), plate_area_mm2(565.5)), (0.0, 0.0));
+}
+
+#[test]
+fn quality_is_best_below_the_viewpoint_and_falls_with_depth() {
+    let mesh = box_mesh([-0.5, -0.5, -5.0], [0.5, 0.5, 0.0]);
+    let surface = sampled(&mesh, 50.0);
+    let worst = |depth_mm: f64| {
+        let row = table(&mesh, &surface, &[looking_down(depth_mm)], &PlanParams::default()).rows.remove(0);
+        row.quality.into_iter().map(f64::from).fold(f64::INFINITY, f64::min)
+    };
+    assert!((worst(480.0) - 1.0).abs() < 0.01);
+    // D is 70 mm on the near side and 85 on the far side of F: half of it makes Q_dis 0, so 0.6 · 1 + 0.4 · 0.
+    assert!((worst(445.0) - 0.6).abs() < 0.01);
+    assert!((worst(522.5) - 0.6).abs() < 0.01);
+}
+
+#[test]
+fn a_step_hides_a_strip_from_the_camera_behind_it() {
+    // A wall of height h at x = 0 hides from a device at (c, 480) above the floor the strip of width h·c/(480 − h)
+    // beyond it. The left camera at −101 loses the strip right of the wall, the right camera at +101 that on its left.
+    let (half_mm, wall_mm, depth_mm) = (40.0, 30.0, 480.0);
+    let floor = box_mesh([-half_mm, -half_mm, -5.0], [half_mm, half_mm, 0.0]);
+    let wall = box_mesh([-0.5, -half_mm, 0.0], [0.5, half_mm, wall_mm]);
+    let both = Mesh {
+        vertices_mm: floor.vertices_mm.iter().chain(&wall.vertices_mm).copied().collect(),
+        faces: floor.faces.iter().copied().chain(wall.faces.iter().map(|face| face.map(|v| v + 8))).collect(),
+        source_face: (0..24).collect(),
+        groups: Vec::new(),
+    };
+    let surface = sampled(&both, 10.0);
+    let row = table(&both, &surface, &[looking_down(depth_mm)], &PlanParams::default()).rows.remove(0);
+    let on_floor = |sample: &&u32| surface.sample_mm[**sample as usize].z == 0.0;
+    let area_mm2: f64 = row.samples.iter().filter(on_floor).map(|s| surface.sample_area_mm2(*s as usize)).sum();
+    let centre_mm = 101.0;
+    let hidden_to_mm = 0.5 + (centre_mm + 0.5) * wall_mm / (depth_mm - wall_mm);
+    let expected_mm2 = 2.0 * half_mm * 2.0 * (half_mm - hidden_to_mm);
+    assert!((area_mm2 / expected_mm2 - 1.0).abs() < 0.01, "{area_mm2} against {expected_mm2}");
+}
+
+#[test]
+fn the_furthest_step_names_what_fails() {
+    let mesh = box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 20.0]);
+    let surface = sampled(&mesh, 1.0);
+    let steps = |height_mm: f64, params: &PlanParams| {
+        let table = table(&mesh, &surface, &[looking_down(height_mm)], params);
+        let top = |sample: &usize| surface.patch_of(*sample).normal.z > 0.9;
+        (0..surface.sample_mm.len()).filter(top).map(|sample| table.furthest[sample]).collect::<BTreeSet<_>>()
+    };
+    let plain = PlanParams::default();
+    assert_eq!(steps(500.0, &plain), BTreeSet::from([Step::Measured]));
+    assert_eq!(steps(300.0, &plain), BTreeSet::from([Step::Depth]));
+    assert_eq!(steps(-300.0, &plain), BTreeSet::from([Step::Facing]));
+    let mut strict = PlanParams::default();
+    // At the middle the cameras see the face at 11.9°: no sample is within 11.7° of both.
+    strict.limits.camera_deg = Some(11.7);
+    assert_eq!(steps(500.0, &strict), BTreeSet::from([Step::IncidenceLeft, Step::IncidenceRight]));
+}
+
+#[test]
+fn moving_part_and_scanner_together_changes_nothing() {
+    let mesh = box_mesh([-20.0, -30.0, 0.0], [20.0, 30.0, 25.0]);
+    let motion = Isometry3::from_parts(Translation3::new(310.0, -77.0, 12.5), UnitQuaternion::from_euler_angles(0.4, -1.1, 2.3));
+    let moved = Mesh { vertices_mm: mesh.vertices_mm.iter().map(|p| motion * p).collect(), ..mesh.clone() };
+    let still = looking_down(510.0);
+    let pose = Pose::claim(motion * still.isometry());
+    let params = PlanParams::default();
+    let here = sampled(&mesh, 1.0);
+    let mut there = here.clone();
+    there.sample_mm.iter_mut().for_each(|p| *p = motion * *p);
+    there.patches.iter_mut().for_each(|patch| patch.normal = motion * patch.normal);
+    let rows = [table(&mesh, &here, &[still], &params).rows.remove(0), table(&moved, &there, &[pose], &params).rows.remove(0)];
+    assert!(rows[0].samples.len() > 1000);
+    assert_eq!(rows[0].samples, rows[1].samples);
+    assert!(rows[0].quality.iter().zip(&rows[1].quality).all(|(a, b)| (a - b).abs() < 1e-6));
+}
+
+#[test]
+fn cancelling_ends_it() {
+    let mesh = box_mesh([-20.0; 3], [20.0; 3]);
+    let (surface, scene, flag) = (sampled(&mesh, 1.0), RayScene::new([&mesh]), AtomicBool::new(true));
+    let poses = [looking_down(500.0)];
+    let result = cast(&surface, &poses, &nominal_scanner(), &scene, &PlanParams::default(), &Context::new(&flag, &Silent));
+    assert!(result.is_err());
+}

@@ -1,0 +1,102 @@
+//! From a part, a cell and parameters to every result file: what the server's jobs and the command line share.
+
+use crate::cell::{Cell, PoseSpec, Scanner};
+use crate::geometry::{self, Mesh};
+use crate::planning::context::Context;
+use crate::planning::params::PlanParams;
+use crate::planning::plan::Outcome;
+use crate::planning::report::text;
+use crate::planning::{PlanError, PlanInput, plan};
+use crate::wire::echo::Echo;
+use crate::wire::plan::{CellDocument, PlanDocument};
+use crate::wire::report::{self, ReportInput};
+use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
+
+/// Most triangles of the preview that browsers draw and `coverage.bin` refers to.
+pub const PREVIEW_TRIANGLES: usize = 300_000;
+
+/// A file that came out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Artifact {
+    /// Its name.
+    pub name: &'static str,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// Everything that decides what comes out.
+pub struct PlanJob<'a> {
+    /// The part.
+    pub mesh: &'a Mesh,
+    /// What holds it, in the part's coordinates.
+    pub fixture: Option<&'a Mesh>,
+    /// Name of the part in reports.
+    pub part_name: String,
+    /// SHA-256 of the part's file.
+    pub part_sha256: &'a str,
+    /// The scanner; the cell's own where there is a cell.
+    pub scanner: &'a Scanner,
+    /// The cell; `None` for viewpoints alone.
+    pub cell: Option<&'a Cell>,
+    /// Parameters.
+    pub params: &'a PlanParams,
+    /// What the files echo.
+    pub echo: Echo,
+}
+
+impl PlanJob<'_> {
+    /// Plans and renders every file. Runs in the caller's thread pool.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn run(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
+        let input = PlanInput {
+            mesh: self.mesh,
+            fixture: self.fixture,
+            part_sha256: self.part_sha256,
+            scanner: self.scanner,
+            cell: self.cell,
+        };
+        let outcome = plan(&input, self.params, ctx)?;
+        Ok(self.render(&outcome))
+    }
+
+    fn render(&self, outcome: &Outcome) -> Vec<Artifact> {
+        let plan = &outcome.plan;
+        let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
+        let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES);
+        let report = ReportInput {
+            outcome,
+            mesh: self.mesh,
+            scanner: self.scanner,
+            cell_name: self.cell.map(|cell| cell.name.as_str()),
+            cycle_secs: None,
+            part_name: &self.part_name,
+            echo: &self.echo,
+        };
+        let files = [
+            ("plan.json", document),
+            ("viewpoints.json", json_file_bytes(&viewpoints::json(plan))),
+            ("viewpoints.csv", viewpoints::csv(plan).into_bytes()),
+            ("coverage.json", json_file_bytes(&coverage::json(outcome, self.mesh))),
+            ("coverage.csv", coverage::csv(outcome, self.mesh).into_bytes()),
+            ("coverage.bin", coverage::bin(outcome, &preview)),
+            ("missed.json", json_file_bytes(&missed::json(plan))),
+            ("report.txt", text(plan).into_bytes()),
+            ("report.html", report::html(&report).into_bytes()),
+        ];
+        files.map(|(name, bytes)| Artifact { name, bytes }).into()
+    }
+
+    fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {
+        let (cell, table_from_part) = (self.cell?, outcome.plan.table_from_part?);
+        Some(CellDocument {
+            name: cell.name.clone(),
+            base_from_table: PoseSpec::from(&cell.base_from_table),
+            table_from_part: PoseSpec::from(&table_from_part),
+            flange_from_scanner: PoseSpec::from(&cell.flange_from_scanner),
+            robot: cell.robot.name.clone(),
+            turntable: cell.turntable.name.clone(),
+        })
+    }
+}

@@ -1,0 +1,19 @@
+//! Shapes and hardware that unit tests share.
+
+use nalgebra::Point3;
+
+use crate::cell::{Presets, Scanner, SpecLibrary};
+use crate::geometry::Mesh;
+
+/// A closed box of twelve triangles between two corners.
+pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
+    let corner = |i: usize| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { max_mm[axis] } else { min_mm[axis] }));
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
+}
+
+/// The nominal rig of method §2.
+pub(crate) fn nominal_scanner() -> Scanner {
+    Presets.scanner("transcan-c-nominal").and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))
+}

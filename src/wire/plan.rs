@@ -1,0 +1,359 @@
+//! `plan.json`, schema `vantage.plan/1`. No clock, no thread count: the same input gives the same bytes.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::echo::Echo;
+use crate::cell::{OpticalDevice, PoseSpec, Scanner};
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{Cause, Coverage, MissedCause, Outcome, Plan, PlannedView};
+
+/// Schema name that the document carries.
+pub const PLAN_SCHEMA: &str = "vantage.plan/1";
+
+/// The whole document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlanDocument {
+    /// `vantage.plan/1`.
+    pub schema: String,
+    /// Version of the planner.
+    pub version: String,
+    /// Labels, part number and serial as given with the job.
+    #[serde(flatten)]
+    pub echo: Echo,
+    /// The planned part.
+    pub part: PartDocument,
+    /// The scanner planned for.
+    pub scanner: ScannerDocument,
+    /// The cell, `null` for viewpoints alone.
+    pub cell: Option<CellDocument>,
+    /// Every knob that was in force.
+    pub params: PlanParams,
+    /// How the candidates fared.
+    pub candidates: CandidatesDocument,
+    /// What the chosen views measure.
+    pub coverage: CoverageDocument,
+    /// The chosen views, in the order chosen.
+    pub viewpoints: Vec<ViewpointDocument>,
+    /// Viewpoint ids in the order visited.
+    pub sequence: Vec<u32>,
+    /// What is not measured, by cause.
+    pub missed: Vec<MissedDocument>,
+    /// Lower bound on the number of views, where one was computed.
+    pub bound: Option<BoundDocument>,
+    /// `target`, `growth`, `max_views` or `no_gain`.
+    pub stopped_because: String,
+}
+
+/// Facts of the part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PartDocument {
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Triangles planned on.
+    pub triangles: usize,
+    /// Surface area.
+    pub area_mm2: f64,
+    /// Bounding box, part frame.
+    pub bbox_mm: BoxDocument,
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BoxDocument {
+    /// Lowest corner.
+    pub min: [f64; 3],
+    /// Highest corner.
+    pub max: [f64; 3],
+}
+
+/// The scanner with everything that an independent check of visibility needs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ScannerDocument {
+    /// Name of its specification.
+    pub name: String,
+    /// Working depth.
+    pub depth_mm: DepthDocument,
+    /// Left camera, right camera, projector.
+    pub devices: Vec<DeviceDocument>,
+}
+
+/// Working depth along +z of the scanner.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DepthDocument {
+    /// Nearest.
+    pub near: f64,
+    /// Best focus.
+    pub best: f64,
+    /// Farthest.
+    pub far: f64,
+}
+
+/// One optical device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DeviceDocument {
+    /// `left`, `right` or `projector`.
+    pub name: String,
+    /// Its pose.
+    pub scanner_from_device: PoseSpec,
+    /// Image width.
+    pub width_px: u32,
+    /// Image height.
+    pub height_px: u32,
+    /// Focal length along u, pixels.
+    pub fx: f64,
+    /// Focal length along v, pixels.
+    pub fy: f64,
+    /// Principal point, u, pixels.
+    pub cx: f64,
+    /// Principal point, v, pixels.
+    pub cy: f64,
+    /// Bouguet's α.
+    pub skew: f64,
+    /// k1, k2, p1, p2, k3.
+    pub distortion: [f64; 5],
+    /// Largest incidence in force.
+    pub incidence_max_deg: f64,
+}
+
+/// The cell in force.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CellDocument {
+    /// Name of its specification.
+    pub name: String,
+    /// Turntable in the robot's base.
+    pub base_from_table: PoseSpec,
+    /// Part on the table.
+    pub table_from_part: PoseSpec,
+    /// Scanner on the flange.
+    pub flange_from_scanner: PoseSpec,
+    /// Name of the robot's specification.
+    pub robot: String,
+    /// Name of the turntable's specification.
+    pub turntable: String,
+}
+
+/// How the candidates fared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CandidatesDocument {
+    /// Generated.
+    pub generated: usize,
+    /// Kept for selection.
+    pub kept: usize,
+    /// Dropped, by reason.
+    pub rejected: BTreeMap<String, usize>,
+}
+
+/// Areas and shares of what is measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CoverageDocument {
+    /// All faces but excluded regions.
+    pub asked_area_mm2: f64,
+    /// Asked area that at least one kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// The same with the cell's reach ignored.
+    pub optically_coverable_area_mm2: f64,
+    /// Asked area that at least one chosen view measures.
+    pub measured_area_mm2: f64,
+    /// Measured share of the asked area.
+    pub of_asked: f64,
+    /// Measured share of the coverable area.
+    pub of_coverable: f64,
+    /// Measured share of the whole surface.
+    pub of_total: f64,
+    /// Shares of the asked area by grade; they add up to `of_asked`.
+    pub grades: GradesDocument,
+    /// Share of the asked area after 1, 2, … views.
+    pub curve: Vec<f64>,
+}
+
+/// Shares of the asked area by grade.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct GradesDocument {
+    /// Quality above 0.5.
+    #[serde(rename = "A")]
+    pub a: f64,
+    /// Above 0.
+    #[serde(rename = "B")]
+    pub b: f64,
+    /// Above −0.5.
+    #[serde(rename = "C")]
+    pub c: f64,
+    /// The rest.
+    #[serde(rename = "D")]
+    pub d: f64,
+}
+
+/// One chosen view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ViewpointDocument {
+    /// Number in the order chosen, from 0.
+    pub id: u32,
+    /// Number of the candidate.
+    pub candidate: u32,
+    /// `top`, `bottom`, `right`, `back`, `left` or `front`.
+    pub label: String,
+    /// Its pose.
+    pub part_from_scanner: PoseSpec,
+    /// Share of the asked area that it added when chosen.
+    pub gain_of_asked: f64,
+    /// Its score when chosen, mm².
+    pub score: f64,
+    /// Where the cell takes it from.
+    pub station: Option<StationDocument>,
+    /// Why it measures nothing, if so.
+    pub rejected: Option<String>,
+}
+
+/// Table angle and joints, degrees.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StationDocument {
+    /// Table angle.
+    pub table_angle_deg: f64,
+    /// Joints 1 to 6.
+    pub joints_deg: [f64; 6],
+}
+
+/// Area missed for one cause.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MissedDocument {
+    /// The cause, of the closed list.
+    pub reason: String,
+    /// Its area.
+    pub area_mm2: f64,
+    /// Number of connected spots.
+    pub spots: usize,
+    /// Centre of the largest spot, part frame.
+    pub centre_mm: [f64; 3],
+    /// The cheapest remedy that was tried and works; `null` where none was tried.
+    pub remedy: Option<String>,
+}
+
+/// Lower bound on the number of views.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct BoundDocument {
+    /// No plan over the same candidates needs fewer views.
+    pub views_lower: u32,
+    /// Views chosen minus `views_lower`.
+    pub gap: u32,
+}
+
+impl PlanDocument {
+    /// The document of an outcome.
+    #[must_use]
+    pub fn new(outcome: &Outcome, scanner: &Scanner, cell: Option<CellDocument>, echo: Echo) -> Self {
+        let plan = &outcome.plan;
+        let sequence = plan.sequence.iter().flat_map(|sequence| &sequence.visits).map(|(view, _)| view.0).collect();
+        Self {
+            schema: PLAN_SCHEMA.to_owned(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            echo,
+            part: part(plan),
+            scanner: scanner_document(scanner, &plan.params),
+            cell,
+            params: plan.params.clone(),
+            candidates: CandidatesDocument {
+                generated: plan.candidates.generated,
+                kept: plan.candidates.kept,
+                rejected: plan.candidates.rejected.iter().map(|(reason, n)| (reason.as_str().to_owned(), *n)).collect(),
+            },
+            coverage: CoverageDocument::from(&plan.coverage),
+            viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
+            sequence,
+            missed: plan.missed.iter().map(MissedDocument::from).collect(),
+            bound: None,
+            stopped_because: plan.stopped_because.as_str().to_owned(),
+        }
+    }
+
+    /// The file's bytes: indented JSON with a newline at the end. `plan_sha256` is over these.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        super::json_file_bytes(self)
+    }
+}
+
+fn part(plan: &Plan) -> PartDocument {
+    PartDocument {
+        sha256: plan.part.sha256.clone(),
+        triangles: plan.part.triangles,
+        area_mm2: plan.part.area_mm2,
+        bbox_mm: BoxDocument { min: plan.part.aabb.min.into(), max: plan.part.aabb.max.into() },
+    }
+}
+
+fn scanner_document(scanner: &Scanner, params: &PlanParams) -> ScannerDocument {
+    let limits = [params.limits.camera_deg, params.limits.camera_deg, params.limits.projector_deg];
+    ScannerDocument {
+        name: scanner.name.clone(),
+        depth_mm: DepthDocument { near: scanner.near_mm, best: scanner.best_mm, far: scanner.far_mm },
+        devices: scanner.devices.iter().zip(limits).map(|(device, limit)| device_document(device, limit)).collect(),
+    }
+}
+
+fn device_document(device: &OpticalDevice, limit_deg: Option<f64>) -> DeviceDocument {
+    let lens = &device.lens;
+    DeviceDocument {
+        name: device.name.as_str().to_owned(),
+        scanner_from_device: PoseSpec::from(&device.scanner_from_device),
+        width_px: lens.width_px as u32,
+        height_px: lens.height_px as u32,
+        fx: lens.fx,
+        fy: lens.fy,
+        cx: lens.cx,
+        cy: lens.cy,
+        skew: lens.skew,
+        distortion: lens.distortion,
+        incidence_max_deg: limit_deg.unwrap_or_else(|| device.incidence_max_rad.to_degrees()),
+    }
+}
+
+impl From<&Coverage> for CoverageDocument {
+    fn from(coverage: &Coverage) -> Self {
+        let of_asked = |area_mm2: f64| if coverage.asked_area_mm2 > 0.0 { area_mm2 / coverage.asked_area_mm2 } else { 0.0 };
+        let [a, b, c, d] = coverage.grade_area_mm2.map(of_asked);
+        Self {
+            asked_area_mm2: coverage.asked_area_mm2,
+            coverable_area_mm2: coverage.coverable_area_mm2,
+            optically_coverable_area_mm2: coverage.optically_coverable_area_mm2,
+            measured_area_mm2: coverage.measured_area_mm2,
+            of_asked: coverage.of_asked(),
+            of_coverable: coverage.of_coverable(),
+            of_total: coverage.of_total(),
+            grades: GradesDocument { a, b, c, d },
+            curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
+        }
+    }
+}
+
+impl From<&PlannedView> for ViewpointDocument {
+    fn from(view: &PlannedView) -> Self {
+        Self {
+            id: view.id.0,
+            candidate: view.candidate.0,
+            label: view.label.as_str().to_owned(),
+            part_from_scanner: PoseSpec::from(&view.part_from_scanner),
+            gain_of_asked: view.gain_of_asked,
+            score: view.score,
+            station: view.station.map(|station| StationDocument {
+                table_angle_deg: station.table_angle_rad.to_degrees(),
+                joints_deg: station.joints_rad.map(f64::to_degrees),
+            }),
+            rejected: view.rejected.map(|cause: Cause| cause.as_str().to_owned()),
+        }
+    }
+}
+
+impl From<&MissedCause> for MissedDocument {
+    fn from(missed: &MissedCause) -> Self {
+        Self {
+            reason: missed.cause.as_str().to_owned(),
+            area_mm2: missed.area_mm2,
+            spots: missed.spots.len(),
+            centre_mm: missed.spots.first().map_or([0.0; 3], |spot| spot.centre_mm.into()),
+            remedy: None,
+        }
+    }
+}

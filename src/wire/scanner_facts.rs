@@ -1,0 +1,243 @@
+//! What `vantage inspect` says of a scanner, schema `vantage.scanner_facts/1`: rig, depth of field, fields, volume.
+//! Scanner frame, millimetres and degrees.
+
+use nalgebra::{Point3, Vector3};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::cell::{DepthOfField, DeviceName, Field, MeasurementVolume, OpticalDevice, Scanner, hyperfocal_distance_mm};
+use crate::geometry::box_half_spaces;
+
+/// Schema name that the document carries.
+pub const SCANNER_FACTS_SCHEMA: &str = "vantage.scanner_facts/1";
+/// F-numbers that depth of field is listed for.
+const F_NUMBERS: [f64; 4] = [4.0, 5.6, 8.0, 11.0];
+/// Circle of confusion of that list, pixels.
+const CIRCLE_PX: f64 = 2.0;
+
+/// The whole document.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct ScannerFacts {
+    /// `vantage.scanner_facts/1`.
+    pub schema: &'static str,
+    /// Name of the scanner's specification.
+    pub name: String,
+    /// Distance between the cameras' optical centres.
+    pub baseline_mm: f64,
+    /// Angle between the cameras' optical axes.
+    pub axes_angle_deg: f64,
+    /// Left camera, right camera, projector.
+    pub devices: Vec<DeviceFacts>,
+    /// Fields at the nearest, the best and the farthest working depth.
+    pub fields: Vec<FieldFacts>,
+    /// Depth of field of the left camera's lens; `null` when its pixel pitch is not given.
+    pub depth_of_field: Option<DepthOfFieldFacts>,
+    /// The measurement volume; `null` when the devices have none about best focus.
+    pub volume: Option<VolumeFacts>,
+}
+
+/// One device.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct DeviceFacts {
+    /// `left`, `right` or `projector`.
+    pub name: &'static str,
+    /// Optical centre.
+    pub centre_mm: [f64; 3],
+    /// Optical axis, unit.
+    pub axis: [f64; 3],
+    /// Full angles of view along u and v.
+    pub field_of_view_deg: [f64; 2],
+    /// Largest incidence.
+    pub incidence_max_deg: f64,
+}
+
+/// What is seen at one depth.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct FieldFacts {
+    /// The depth along z.
+    pub depth_mm: f64,
+    /// Left camera, right camera, projector.
+    pub devices: Vec<IntervalFacts>,
+    /// All three.
+    pub common: IntervalFacts,
+}
+
+/// From and to on the lines y = 0 and x = 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
+pub struct IntervalFacts {
+    /// Along x at y = 0.
+    pub x_mm: [f64; 2],
+    /// Along y at x = 0.
+    pub y_mm: [f64; 2],
+}
+
+/// Depth of field of a lens focused at best focus.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct DepthOfFieldFacts {
+    /// Focal length.
+    pub focal_mm: f64,
+    /// Circle of confusion of the list.
+    pub circle_mm: f64,
+    /// The list.
+    pub by_f_number: Vec<StopFacts>,
+    /// Working depth, front and rear of best focus.
+    pub working_mm: [f64; 2],
+    /// δ·Fe that would explain the working depth, from its front and from its rear.
+    pub working_blur_mm: [f64; 2],
+}
+
+/// Depth of field at one f-number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
+pub struct StopFacts {
+    /// Effective f-number.
+    pub f_number: f64,
+    /// Towards the camera.
+    pub front_mm: f64,
+    /// Away from it; `null` for infinite.
+    pub rear_mm: Option<f64>,
+    /// From this focus distance on it is infinite.
+    pub hyperfocal_mm: f64,
+}
+
+/// The measurement volume and what fits in it.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct VolumeFacts {
+    /// Volume of the polytope.
+    pub volume_mm3: f64,
+    /// Its corners.
+    pub vertices_mm: Vec<[f64; 3]>,
+    /// What distortion bends a side by at best focus at most, given away by the polytope.
+    pub bow_mm: f64,
+    /// Largest cuboid by volume, aligned with the scanner and centred on best focus.
+    pub largest_cuboid_mm: [f64; 3],
+    /// Edge of the largest such cube.
+    pub largest_cube_mm: f64,
+    /// Boxes of the specification, centred on best focus, against the polytope.
+    pub stated: Vec<StatedBox>,
+}
+
+/// A box of the specification against the polytope.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct StatedBox {
+    /// `stated`, `practical` or `block_cube`.
+    pub name: &'static str,
+    /// Edge lengths.
+    pub size_mm: [f64; 3],
+    /// Share of its volume inside the polytope.
+    pub inside: f64,
+    /// Where it leaves the polytope.
+    pub excess: Vec<Excess>,
+}
+
+/// How far a corner of a box lies outside one device's field, or outside the working depth.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct Excess {
+    /// `left`, `right`, `projector` or `depth`.
+    pub of: &'static str,
+    /// The corner that lies farthest outside.
+    pub corner_mm: [f64; 3],
+    /// How far outside.
+    pub outside_mm: f64,
+}
+
+impl ScannerFacts {
+    /// The facts of a scanner.
+    #[must_use]
+    pub fn new(scanner: &Scanner) -> Self {
+        let depths = [scanner.near_mm, scanner.best_mm, scanner.far_mm];
+        Self {
+            schema: SCANNER_FACTS_SCHEMA,
+            name: scanner.name.clone(),
+            baseline_mm: scanner.baseline_mm(),
+            axes_angle_deg: scanner.axes_angle_rad().to_degrees(),
+            devices: scanner.devices.iter().map(DeviceFacts::from).collect(),
+            fields: depths.map(|depth_mm| field_facts(scanner, depth_mm)).to_vec(),
+            depth_of_field: depth_of_field(scanner),
+            volume: scanner.measurement_volume().map(|volume| volume_facts(scanner, &volume)),
+        }
+    }
+}
+
+impl From<&OpticalDevice> for DeviceFacts {
+    fn from(device: &OpticalDevice) -> Self {
+        Self {
+            name: device.name.as_str(),
+            centre_mm: device.scanner_from_device.origin_mm().into(),
+            axis: device.scanner_from_device.direction(&Vector3::z()).into(),
+            field_of_view_deg: device.lens.field_of_view_rad().map(f64::to_degrees),
+            incidence_max_deg: device.incidence_max_rad.to_degrees(),
+        }
+    }
+}
+
+impl From<Field> for IntervalFacts {
+    fn from(field: Field) -> Self {
+        Self { x_mm: field.x_mm, y_mm: field.y_mm }
+    }
+}
+
+fn field_facts(scanner: &Scanner, depth_mm: f64) -> FieldFacts {
+    FieldFacts {
+        depth_mm,
+        devices: scanner.devices.iter().map(|device| device.field_at(depth_mm).into()).collect(),
+        common: scanner.common_field_at(depth_mm).into(),
+    }
+}
+
+fn depth_of_field(scanner: &Scanner) -> Option<DepthOfFieldFacts> {
+    let left = scanner.devices.iter().find(|device| device.name == DeviceName::Left)?;
+    let pitch_mm = left.pixel_pitch_mm?;
+    let (focal_mm, circle_mm) = (left.lens.fx * pitch_mm, CIRCLE_PX * pitch_mm);
+    let working = DepthOfField { front_mm: scanner.best_mm - scanner.near_mm, rear_mm: scanner.far_mm - scanner.best_mm };
+    let stop = |f_number: f64| {
+        let blur_mm = circle_mm * f_number;
+        let field = DepthOfField::at(scanner.best_mm, focal_mm, blur_mm);
+        StopFacts {
+            f_number,
+            front_mm: field.front_mm,
+            rear_mm: field.rear_mm.is_finite().then_some(field.rear_mm),
+            hyperfocal_mm: hyperfocal_distance_mm(focal_mm, blur_mm),
+        }
+    };
+    Some(DepthOfFieldFacts {
+        focal_mm,
+        circle_mm,
+        by_f_number: F_NUMBERS.map(stop).to_vec(),
+        working_mm: [working.front_mm, working.rear_mm],
+        working_blur_mm: working.blur_mm(scanner.best_mm, focal_mm),
+    })
+}
+
+fn volume_facts(scanner: &Scanner, volume: &MeasurementVolume) -> VolumeFacts {
+    let cube = [scanner.block_cube_mm; 3];
+    let boxes = [("practical", scanner.practical_volume_mm), ("block_cube", cube)];
+    let stated = scanner.stated_volume_mm.map(|size_mm| ("stated", size_mm));
+    VolumeFacts {
+        volume_mm3: volume.polytope.volume_mm3,
+        vertices_mm: volume.polytope.vertices_mm.iter().map(|vertex| (*vertex).into()).collect(),
+        bow_mm: volume.bow_mm,
+        largest_cuboid_mm: volume.largest_cuboid_mm.into(),
+        largest_cube_mm: volume.largest_cube_mm,
+        stated: stated.into_iter().chain(boxes).map(|(name, size_mm)| stated_box(scanner, volume, name, size_mm)).collect(),
+    }
+}
+
+fn stated_box(scanner: &Scanner, volume: &MeasurementVolume, name: &'static str, size_mm: [f64; 3]) -> StatedBox {
+    let size = Vector3::from(size_mm);
+    let best = scanner.best_focus_mm();
+    let common_mm3 = volume.polytope.cut(box_half_spaces(&best, &size)).map_or(0.0, |common| common.volume_mm3);
+    let corners: Vec<Point3<f64>> = (0..8_u32)
+        .map(|octant| best + Vector3::from_fn(|axis, _| if octant >> axis & 1 == 0 { -0.5 } else { 0.5 } * size[axis]))
+        .collect();
+    let by_device =
+        scanner.devices.iter().filter_map(|device| worst(device.name.as_str(), &corners, |corner| device.outside_mm(corner)));
+    let by_depth = worst("depth", &corners, |corner| (scanner.near_mm - corner.z).max(corner.z - scanner.far_mm));
+    StatedBox { name, size_mm, inside: common_mm3 / size.product(), excess: by_device.chain(by_depth).collect() }
+}
+
+/// The corner farthest outside, if any is.
+fn worst(of: &'static str, corners: &[Point3<f64>], outside_mm: impl Fn(&Point3<f64>) -> f64) -> Option<Excess> {
+    let far = corners.iter().max_by(|a, b| outside_mm(a).total_cmp(&outside_mm(b)))?;
+    let outside_mm = outside_mm(far);
+    (outside_mm > 1e-6).then(|| Excess { of, corner_mm: (*far).into(), outside_mm })
+}

@@ -1,0 +1,40 @@
+//! What a test needs that is not in the repository. Where it is absent the test says so on standard error, past the
+//! test harness's capture, and ends; under `VANTAGE_TESTS=all`, which `tests/all` sets, an absent oracle or browser
+//! fails the test instead.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// A file of the public data set, which lies beside the repository where there is one. With the folder there, a file
+/// that is missing in it is a failure.
+pub(crate) fn shared(name: &str) -> Option<PathBuf> {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
+    if !folder.is_dir() {
+        say(&format!("skipped: needs {name} of the public data set, whose folder ../shared/data is absent"));
+        return None;
+    }
+    let file = folder.join(name);
+    assert!(file.is_file(), "{} is missing in the data set", file.display());
+    Some(file)
+}
+
+/// The interpreter in which `tests/oracles/requirements.txt` is installed.
+pub(crate) fn oracle_python() -> Option<PathBuf> {
+    installed("VANTAGE_ORACLE_PYTHON", "an independent oracle")
+}
+
+fn installed(variable: &str, what: &str) -> Option<PathBuf> {
+    if let Some(program) = std::env::var_os(variable) {
+        return Some(PathBuf::from(program));
+    }
+    let all = std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all");
+    assert!(!all, "VANTAGE_TESTS=all, but {variable} does not name {what}; run tests/all");
+    say(&format!("skipped: needs {what}, installed and run by tests/all ({variable} is not set)"));
+    None
+}
+
+/// Past the capture of `print!`, so that a skipped test cannot pass for one that ran.
+fn say(text: &str) {
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    let _ = writeln!(std::io::stderr(), "{test}: {text}");
+}
