@@ -48,8 +48,20 @@ fn collect_changes(key: &str, value: &Value, default: &Value, changed: &mut Vec<
                 collect_changes(&dotted, field, defaults.get(name).unwrap_or(&Value::Null), changed);
             }
         }
-        _ if value != default => changed.push((key.into(), abridged(value.to_string()))),
+        _ if value != default => changed.push((key.into(), abridged(rounded(value).to_string()))),
         _ => {}
+    }
+}
+
+/// The value with six significant digits in every number.
+fn rounded(value: &Value) -> Value {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            number.as_f64().and_then(|x| format!("{x:.5e}").parse::<f64>().ok()).map_or(Value::Null, Value::from)
+        }
+        Value::Array(items) => items.iter().map(rounded).collect(),
+        Value::Object(fields) => Value::Object(fields.iter().map(|(key, field)| (key.clone(), rounded(field))).collect()),
+        other => other.clone(),
     }
 }
 

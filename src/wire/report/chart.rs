@@ -74,7 +74,7 @@ impl Chart {
     fn ceiling(&self, svg: &mut String, coverable: f64) {
         let (y, right) = (Self::y(coverable), WIDTH - RIGHT);
         let _ = writeln!(svg, "<line class=\"ceiling\" x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\"/>");
-        let y = y - 5.0;
+        let y = y + 16.0;
         let _ = writeln!(svg, "<text x=\"{}\" y=\"{y:.1}\">coverable {}</text>", LEFT + 6.0, percent(coverable));
     }
 

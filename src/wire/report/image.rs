@@ -4,6 +4,8 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, Filter};
 
+use super::quantise::quantise;
+
 /// A picture with a transparent background, rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Image {
@@ -28,14 +30,17 @@ impl Image {
     /// # Errors
     /// None in practice: writing to memory does not fail.
     pub(super) fn png(&self) -> Result<Vec<u8>, EncodingError> {
+        let indexed = quantise(&self.rgba);
         let mut bytes = Vec::new();
         let mut encoder = Encoder::new(&mut bytes, self.size_px[0] as u32, self.size_px[1] as u32);
-        encoder.set_color(ColorType::Rgba);
+        encoder.set_color(ColorType::Indexed);
         encoder.set_depth(BitDepth::Eight);
-        encoder.set_compression(Compression::High);
-        encoder.set_filter(Filter::Adaptive);
+        encoder.set_palette(indexed.palette.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect::<Vec<u8>>());
+        encoder.set_trns(indexed.palette.iter().map(|[.., alpha]| *alpha).collect::<Vec<u8>>());
+        encoder.set_compression(Compression::Balanced);
+        encoder.set_filter(Filter::NoFilter);
         let mut writer = encoder.write_header()?;
-        writer.write_image_data(self.rgba.as_flattened())?;
+        writer.write_image_data(&indexed.indices)?;
         writer.finish()?;
         Ok(bytes)
     }

@@ -10,6 +10,7 @@ mod markup;
 mod page;
 mod palette;
 mod pictures;
+mod quantise;
 mod renderer;
 mod sections;
 mod shading;

@@ -105,7 +105,7 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
 /// Coverage after each view.
 pub(super) fn curve(input: &ReportInput<'_>) -> String {
     format!(
-        "<section>\n<h2>Coverage after each view</h2>\n<div class=\"card\">{}</div>\n</section>\n",
+        "<section>\n<h2>Coverage after each view</h2>\n<div class=\"card narrow\">{}</div>\n</section>\n",
         chart::curve(&input.outcome.plan.coverage)
     )
 }
@@ -139,7 +139,7 @@ fn missed_row(input: &ReportInput<'_>, missed: &MissedCause) -> String {
         .collect();
     format!(
         "<tr><td>{}<b>{}</b> <code>{}</code><br/><span class=\"soft\">{}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
-         <td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+         <td class=\"n\">{}</td><td class=\"soft keep\">{}</td></tr>\n",
         swatch(Ink::Missed(MissGroup::of(missed.cause))),
         words::cause_name(missed.cause),
         missed.cause.as_str(),
