@@ -1,6 +1,7 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod http;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;
@@ -9,4 +10,5 @@ mod planning_with_cell;
 mod public_figures;
 mod reach_study;
 mod report;
+mod server;
 mod support;
