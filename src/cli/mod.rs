@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+pub mod check;
 pub mod files;
 pub mod inspect_scanner;
 pub mod plan;
