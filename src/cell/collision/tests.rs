@@ -178,7 +178,8 @@ fn reach_bounds_every_motion() {
         let (before, after) = (scene.place(&from), scene.place(&to));
         for pair in &scene.pairs {
             let mut moved = 0.0;
-            for body in [pair.a, pair.b] {
+            // The plate is round: its bounding box turns, it does not move.
+            for body in [pair.a, pair.b].into_iter().filter(|body| &*scene.bodies[*body].name != "turntable plate") {
                 // Two bodies of the arm are watched from the inner one, all others from the foot.
                 let inner = if scene.bodies[pair.a].carrier.link() < scene.bodies[pair.b].carrier.link() { pair.a } else { pair.b };
                 let seen = |placement: &super::Placement, point| {
