@@ -7,6 +7,7 @@ pub mod http;
 pub mod planning;
 pub mod program;
 pub mod service;
+pub mod settings;
 #[cfg(test)]
 mod testing;
 pub mod wire;

@@ -6,10 +6,10 @@ use axum::extract::Path;
 use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE};
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Redirect, Response};
+use utoipa::ToSchema;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, ResponseBuilder, SecurityRequirement};
-use utoipa::ToSchema;
 use utoipa_swagger_ui::Config;
 
 use super::problem::{Code, PROBLEM_JSON, Problem};
@@ -74,7 +74,8 @@ pub(super) fn complete(openapi: &mut OpenApi) {
 fn add_problems(operation: &mut Operation) {
     let schema = Ref::from_schema_name("Problem");
     let content = ContentBuilder::new().schema(Some(schema)).build();
-    for (status, description) in [("4XX", "The request is refused; `code` says why."), ("5XX", "The server cannot do this now.")] {
+    for (status, description) in [("4XX", "The request is refused; `code` says why."), ("5XX", "The server cannot do this now.")]
+    {
         let response = ResponseBuilder::new().description(description).content(PROBLEM_JSON, content.clone()).build();
         operation.responses.responses.insert(status.to_owned(), response.into());
     }

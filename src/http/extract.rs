@@ -174,9 +174,11 @@ fn split_tags(tags: &str) -> Vec<String> {
 
 /// Whether `If-None-Match` holds the tag (weak comparison), so that the client has the newest version.
 pub(super) fn is_known(headers: &HeaderMap, etag: &str) -> bool {
-    headers.get_all(IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok()).any(|tags| {
-        tags.trim() == "*" || split_tags(tags).iter().any(|tag| tag.trim_start_matches("W/") == etag)
-    })
+    headers
+        .get_all(IF_NONE_MATCH)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .any(|tags| tags.trim() == "*" || split_tags(tags).iter().any(|tag| tag.trim_start_matches("W/") == etag))
 }
 
 /// `Idempotency-Key`: 1 to 255 visible ASCII characters.

@@ -22,8 +22,9 @@ use super::router::Site;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// What a page of ours may load: our own files, nothing inline and nothing from elsewhere.
-const POLICY: HeaderValue =
-    HeaderValue::from_static("default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'");
+const POLICY: HeaderValue = HeaderValue::from_static(
+    "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'",
+);
 
 /// The outermost layer.
 pub(super) async fn observe(State(site): State<Site>, request: Request, next: Next) -> Response {
@@ -62,7 +63,8 @@ fn set_headers(headers: &mut HeaderMap, id: &str) {
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-cache"));
     // A compressed answer has other bytes than the tag was made of: it is only equivalent.
     if headers.contains_key(CONTENT_ENCODING)
-        && let Some(weak) = text(headers, &ETAG).filter(|tag| tag.starts_with('"')).and_then(|tag| format!("W/{tag}").parse().ok())
+        && let Some(weak) =
+            text(headers, &ETAG).filter(|tag| tag.starts_with('"')).and_then(|tag| format!("W/{tag}").parse().ok())
     {
         headers.insert(ETAG, weak);
     }

@@ -25,7 +25,12 @@ pub fn install() {
 /// Everything collected, in Prometheus's text format.
 pub(super) fn text() -> String {
     let handle = COLLECTED.get().and_then(Option::as_ref);
-    handle.map(|handle| { handle.run_upkeep(); handle.render() }).unwrap_or_default()
+    handle
+        .map(|handle| {
+            handle.run_upkeep();
+            handle.render()
+        })
+        .unwrap_or_default()
 }
 
 /// Counts one answer.

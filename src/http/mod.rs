@@ -16,11 +16,12 @@ mod routes;
 mod serve;
 mod socket;
 
+pub use auth::ApiKey;
 pub use metrics::install as install_metrics;
 pub use options::Options;
 pub use problem::{Code, document as problems_document};
 pub use router::{openapi, router};
-pub use serve::{Server, ServeError};
+pub use serve::{ServeError, Server};
 
 #[cfg(test)]
 mod tests;

@@ -269,7 +269,8 @@ pub fn document() -> String {
          | code | meaning |\n| --- | --- |\n",
     );
     for (code, title) in FAILURE_CODES {
-        let anchor = if Code::ALL.iter().any(|other| other.as_str() == code) { String::new() } else { format!("<a id=\"{code}\"></a>") };
+        let anchor =
+            if Code::ALL.iter().any(|other| other.as_str() == code) { String::new() } else { format!("<a id=\"{code}\"></a>") };
         let _ = writeln!(text, "| {anchor}`{code}` | {title}. |");
     }
     text

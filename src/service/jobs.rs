@@ -166,11 +166,7 @@ impl App {
     }
 
     /// Plans, and tells how far it is meanwhile. Returns the files, or how the attempt ended without; and stage times.
-    async fn plan(
-        &self,
-        attempt: &Attempt,
-        cancel: Arc<AtomicBool>,
-    ) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
+    async fn plan(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
         let input = match run_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
             Ok(input) => input,
             Err(error) => return (Err(Outcome::Failed(internal(&error))), BTreeMap::new()),
@@ -289,7 +285,7 @@ struct Tracker {
 }
 
 /// Share of the work that is done before each stage begins, and after the last; a rule of thumb.
-const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.7, 0.8, 0.95, 1.0];
+const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.65, 0.7, 0.85, 0.9, 1.0];
 
 impl Tracker {
     fn new(updates: mpsc::UnboundedSender<Update>) -> Self {

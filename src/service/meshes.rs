@@ -10,8 +10,8 @@ use super::app::App;
 use super::error::{Error, Fault};
 use super::plan_job::PREVIEW_TRIANGLES;
 use super::store::{NewMesh, Page, Received, blocking};
-use crate::geometry::{self, LengthUnit};
 use crate::geometry::mesh_io::{self, Limits};
+use crate::geometry::{self, LengthUnit};
 use crate::wire::{Mesh, MeshHealth, MeshId, MeshPage};
 
 /// Pieces of an upload that may wait for the disk.

@@ -99,9 +99,8 @@ impl MeshSource {
             return Err(RunError::Damaged(format!("mesh {} is not what was uploaded", self.sha256)));
         }
         let read = mesh_io::read(&bytes, Some(self.unit), &Limits { max_triangles });
-        read.map(|read| read.mesh).map_err(|error| {
-            RunError::BadInput(vec![FieldError { pointer: pointer.to_owned(), detail: error.to_string() }])
-        })
+        read.map(|read| read.mesh)
+            .map_err(|error| RunError::BadInput(vec![FieldError { pointer: pointer.to_owned(), detail: error.to_string() }]))
     }
 }
 

@@ -104,9 +104,7 @@ impl JobRequest {
 
 fn text(findings: &mut Findings, pointer: &str, value: &str, low: usize, high: usize) {
     let length = value.chars().count();
-    findings.require((low..=high).contains(&length), pointer, || {
-        format!("has {length} characters; allowed are {low} to {high}")
-    });
+    findings.require((low..=high).contains(&length), pointer, || format!("has {length} characters; allowed are {low} to {high}"));
     findings.require(!value.chars().any(char::is_control), pointer, || "has a control character; none is allowed".into());
 }
 
@@ -135,8 +133,7 @@ pub enum JobState {
 
 impl JobState {
     /// Every state.
-    pub const ALL: [Self; 6] =
-        [Self::Queued, Self::Running, Self::Cancelling, Self::Succeeded, Self::Failed, Self::Cancelled];
+    pub const ALL: [Self; 6] = [Self::Queued, Self::Running, Self::Cancelling, Self::Succeeded, Self::Failed, Self::Cancelled];
 
     /// Name in files and answers.
     #[must_use]

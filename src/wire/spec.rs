@@ -55,9 +55,7 @@ impl SpecCollection {
 #[must_use]
 pub fn is_spec_name(name: &str) -> bool {
     let allowed = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || b"._-".contains(&c);
-    (1..=64).contains(&name.len())
-        && name.bytes().all(allowed)
-        && name.bytes().next().is_some_and(|c| c.is_ascii_alphanumeric())
+    (1..=64).contains(&name.len()) && name.bytes().all(allowed) && name.bytes().next().is_some_and(|c| c.is_ascii_alphanumeric())
 }
 
 /// One entry of a list of specifications.

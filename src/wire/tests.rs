@@ -13,8 +13,14 @@ const MESH: &str = "0192d3a0-0000-7000-8000-000000000001";
 #[test]
 fn the_pointer_names_the_field_at_fault() {
     assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "colour": 1}}"#)).0, "/colour");
-    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"tarket": 1}}}}}}"#)).0, "/params/selection/tarket");
-    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"target": "x"}}}}}}"#)).0, "/params/selection/target");
+    assert_eq!(
+        shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"tarket": 1}}}}}}"#)).0,
+        "/params/selection/tarket"
+    );
+    assert_eq!(
+        shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"target": "x"}}}}}}"#)).0,
+        "/params/selection/target"
+    );
     assert_eq!(shape(r#"{"mesh_id": "x"}"#).0, "/mesh_id");
     assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "scanner": {{"name": "a", "mass": 1}}}}"#)).0, "/scanner/mass");
     let (pointer, detail) = shape("{}");

@@ -59,7 +59,9 @@ fn urdf_poses(python: &str, joints: &[[f64; 6]], frames: &[&str]) -> Vec<Vec<Iso
     writer.join().expect("writer").expect("oracle reads");
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).expect("UTF-8");
-    text.lines().map(|line| serde_json::from_str::<Vec<[f64; 7]>>(line).expect("poses").iter().map(millimetres).collect()).collect()
+    text.lines()
+        .map(|line| serde_json::from_str::<Vec<[f64; 7]>>(line).expect("poses").iter().map(millimetres).collect())
+        .collect()
 }
 
 fn millimetres([x, y, z, i, j, k, w]: &[f64; 7]) -> Isometry3<f64> {
@@ -79,11 +81,8 @@ fn forward_and_inverse_agree_with_the_vendors_urdf() {
     let asked = spread_joints(&robot, 1000);
     let poses: Vec<_> = asked.iter().map(|q| robot.base_from_flange(q)).collect();
     // Every branch of every pose, sent through the vendor's chain, must come back to the pose.
-    let solved: Vec<(usize, [f64; 6])> = poses
-        .iter()
-        .enumerate()
-        .flat_map(|(i, pose)| robot.kinematics.branches(pose).into_iter().map(move |q| (i, q)))
-        .collect();
+    let solved: Vec<(usize, [f64; 6])> =
+        poses.iter().enumerate().flat_map(|(i, pose)| robot.kinematics.branches(pose).into_iter().map(move |q| (i, q))).collect();
     assert_eq!(solved.len(), 8 * asked.len());
     let joints: Vec<_> = asked.iter().copied().chain(solved.iter().map(|(_, q)| *q)).collect();
     let found = urdf_poses(&python, &joints, &["elfin_end_link"]);
@@ -143,7 +142,9 @@ fn capsules_hold_the_vendors_meshes() {
             .map(|vertex| {
                 let in_base = base_from_mesh * vertex;
                 let around = robot.links.iter().filter(|capsule| capsule.link.abs_diff(link) <= 1 && capsule.link <= link);
-                around.map(|capsule| distance_to(capsule, &(frames[capsule.link].inverse() * in_base))).fold(f64::INFINITY, f64::min)
+                around
+                    .map(|capsule| distance_to(capsule, &(frames[capsule.link].inverse() * in_base)))
+                    .fold(f64::INFINITY, f64::min)
             })
             .fold(0.0, f64::max);
         assert!(out_mm <= 0.5, "{name} stands {out_mm:.1} mm out of its capsules");

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Point3, Vector3};
 use vantage::cell::{Cell, Presets, SpecLibrary};
-use vantage::geometry::{Mesh, table_from_plate, Part, Plate, Pose, Table};
+use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PlanParams, Region};
 use vantage::planning::plan::{Cause, Outcome};
@@ -94,8 +94,10 @@ fn a_fixture_hides_what_lies_behind_it_and_is_not_measured() {
     assert!((coverage.total_area_mm2 - 9600.0).abs() < 1e-6, "the wall does not count");
     let open_mm2 = 9600.0 - 1600.0 - 1600.0;
     assert!((coverage.coverable_area_mm2 / open_mm2 - 1.0).abs() < 0.05, "{coverage:?}");
-    let hidden: f64 = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
-    let oblique: f64 = [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
+    let hidden: f64 =
+        [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
+    let oblique: f64 =
+        [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
     assert!(hidden > 1000.0 && hidden + oblique > 1500.0, "hidden {hidden}, oblique {oblique}");
 }
 

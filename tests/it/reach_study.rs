@@ -134,8 +134,7 @@ fn reach(foot_mm: f64, table_mm: f64, mount: Mount, edge_mm: f64) -> Option<Reac
     let scene = CollisionScene::new(&cell, &cube(edge_mm), None, &table_from_part, 5.0);
     let polar = |i: u32| FRAC_PI_2 * f64::from(i) / f64::from(ELEVATIONS - 1);
     let azimuth = |j: u32| TAU * f64::from(j) / f64::from(AZIMUTHS);
-    let views: Vec<_> =
-        (0..ELEVATIONS).flat_map(|i| (0..AZIMUTHS).map(move |j| view(edge_mm, polar(i), azimuth(j)))).collect();
+    let views: Vec<_> = (0..ELEVATIONS).flat_map(|i| (0..AZIMUTHS).map(move |j| view(edge_mm, polar(i), azimuth(j)))).collect();
     let flag = AtomicBool::new(false);
     let stations = solve_some(&views, &cell, &scene, &table_from_part, 1, &Context::new(&flag, &Silent)).expect("not cancelled");
     let rings = stations.chunks(AZIMUTHS as usize).map(|ring| ring.iter().filter(|found| found.is_ok()).count() as u32);
@@ -196,7 +195,11 @@ fn reach_table_is_what_the_layouts_reach() {
         (foot_mm, table_mm, Mount::Back),
     ] {
         let found = entry(foot_mm, table_mm, mount);
-        assert_eq!(found, recorded(&text, foot_mm, table_mm, mount), "{mount:?} at {foot_mm} / {table_mm}: see the module's header");
+        assert_eq!(
+            found,
+            recorded(&text, foot_mm, table_mm, mount),
+            "{mount:?} at {foot_mm} / {table_mm}: see the module's header"
+        );
     }
 }
 

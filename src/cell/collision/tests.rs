@@ -47,7 +47,8 @@ fn distances_between_solids_are_the_analytic_ones() {
     let block = cuboid([200.0, 100.0, 60.0]);
     let disc = Solid::from_shape(&Shape::Cylinder { radius_mm: 250.0, height_mm: 20.0 });
     let mesh = Solid::from_mesh(&box_mesh([-100.0, -50.0, -30.0], [100.0, 50.0, 30.0]), &Isometry3::identity());
-    let quarter = UnitQuaternion::from_rotation_matrix(&Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2));
+    let quarter =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2));
     let turned = |x, y, z| Isometry3::from_parts(nalgebra::Translation3::new(x, y, z), quarter);
     let diagonal = (100.0_f64 * 100.0 + 150.0 * 150.0 + 170.0 * 170.0).sqrt() - 50.0;
     let cases = [
@@ -172,7 +173,8 @@ fn reach_bounds_every_motion() {
     let scene = CollisionScene::new(&cell, &part, None, &Pose::identity(), 5.0);
     for seed in 1..200 {
         let axes = cell.axes();
-        let from: Configuration = std::array::from_fn(|i| axes.0[i].min_rad * (1.0 - 2.0 * super::halton(seed, super::PRIMES[i])));
+        let from: Configuration =
+            std::array::from_fn(|i| axes.0[i].min_rad * (1.0 - 2.0 * super::halton(seed, super::PRIMES[i])));
         let step: Configuration = std::array::from_fn(|i| 0.05 * super::halton(seed, super::PRIMES[6 - i]));
         let to = std::array::from_fn(|i| from[i] + step[i]);
         let (before, after) = (scene.place(&from), scene.place(&to));
@@ -181,7 +183,8 @@ fn reach_bounds_every_motion() {
             // The plate is round: its bounding box turns, it does not move.
             for body in [pair.a, pair.b].into_iter().filter(|body| &*scene.bodies[*body].name != "turntable plate") {
                 // Two bodies of the arm are watched from the inner one, all others from the foot.
-                let inner = if scene.bodies[pair.a].carrier.link() < scene.bodies[pair.b].carrier.link() { pair.a } else { pair.b };
+                let inner =
+                    if scene.bodies[pair.a].carrier.link() < scene.bodies[pair.b].carrier.link() { pair.a } else { pair.b };
                 let seen = |placement: &super::Placement, point| {
                     let both_on_arm = [pair.a, pair.b].iter().all(|b| scene.bodies[*b].carrier.link() > 0);
                     let eye = if both_on_arm { placement.poses[inner] } else { parry3d::math::Pose::IDENTITY };

@@ -70,8 +70,7 @@ fn accepted(job: Job) -> Accepted {
     responses((status = 200, description = "A page of jobs.", body = JobPage))
 )]
 pub(in crate::http) async fn list(State(site): State<Site>, mut params: Params) -> Result<axum::Json<JobPage>, Problem> {
-    let query =
-        JobQuery { state: params.value("state")?, label: params.text("label"), part_number: params.text("part_number") };
+    let query = JobQuery { state: params.value("state")?, label: params.text("label"), part_number: params.text("part_number") };
     let (page_size, page_token) = params.page()?;
     params.end()?;
     Ok(axum::Json(site.app.jobs(&query, page_size, page_token.as_deref()).await?))

@@ -27,10 +27,8 @@ impl IdempotencyKey {
         sqlx::query("DELETE FROM idempotency WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')")
             .execute(&mut *tx)
             .await?;
-        let row = sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1")
-            .bind(&self.key)
-            .fetch_optional(tx)
-            .await?;
+        let row =
+            sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1").bind(&self.key).fetch_optional(tx).await?;
         let Some(row) = row else { return Ok(None) };
         if row.try_get::<String, _>("fingerprint")? != self.fingerprint {
             return Err(Error::IdempotencyMismatch);

@@ -143,10 +143,8 @@ impl Store {
 
     /// Jobs in each state.
     pub(crate) async fn count_jobs(&self, state: JobState) -> Result<u64, Error> {
-        let count: i64 = sqlx::query_scalar("SELECT count(*) FROM job WHERE state = ?1")
-            .bind(state.as_str())
-            .fetch_one(&self.reader)
-            .await?;
+        let count: i64 =
+            sqlx::query_scalar("SELECT count(*) FROM job WHERE state = ?1").bind(state.as_str()).fetch_one(&self.reader).await?;
         Ok(count.unsigned_abs())
     }
 

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Connection, SqliteConnection, SqlitePool, SqlSafeStr};
+use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
 use tokio::sync::{Mutex, RwLock, broadcast};
 
 pub(crate) use files::{Files, Received, hex};
@@ -99,10 +99,10 @@ impl Store {
         let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options).await?;
         let (feed, _) = broadcast::channel(FEED_LENGTH);
         let store = Self { reader, writer: Mutex::new(writer), files, feed, sweep: RwLock::new(()), _in_use: in_use };
-        store.sweep_files().await.map_err(|error| OpenError::Folder {
-            path: data.display().to_string(),
-            source: std::io::Error::other(error),
-        })?;
+        store
+            .sweep_files()
+            .await
+            .map_err(|error| OpenError::Folder { path: data.display().to_string(), source: std::io::Error::other(error) })?;
         Ok(store)
     }
 

@@ -70,7 +70,13 @@ impl Store {
     }
 
     /// Stores a specification. Replacing one needs [`Precondition::Match`].
-    pub(crate) async fn put_spec(&self, kind: SpecCollection, name: &str, body: &str, only_if: &Precondition) -> Result<Put, Error> {
+    pub(crate) async fn put_spec(
+        &self,
+        kind: SpecCollection,
+        name: &str,
+        body: &str,
+        only_if: &Precondition,
+    ) -> Result<Put, Error> {
         let mut writer = self.writer.lock().await;
         let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
         let now = etag_now(&mut tx, kind, name).await?;

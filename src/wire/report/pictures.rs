@@ -44,8 +44,10 @@ pub(super) const SIDES: [Side; 3] = [
 
 /// A picture as markup: the image and the drawing over it.
 pub(super) fn overview(input: &ReportInput<'_>, scene: &Scene<'_>, side: &Side) -> String {
-    let placed_from_part = input.outcome.plan.table_from_part.map_or(nalgebra::UnitQuaternion::identity(), |pose| pose.isometry().rotation);
-    let (towards, up) = (placed_from_part.inverse() * Vector3::from(side.towards_camera), placed_from_part.inverse() * Vector3::z());
+    let placed_from_part =
+        input.outcome.plan.table_from_part.map_or(nalgebra::UnitQuaternion::identity(), |pose| pose.isometry().rotation);
+    let (towards, up) =
+        (placed_from_part.inverse() * Vector3::from(side.towards_camera), placed_from_part.inverse() * Vector3::z());
     let camera = Camera::bystander(&input.mesh.vertices_mm, towards, up, SIZE_PX);
     let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of).collect();
     let alt = format!("{}: the part, coloured by grade and by cause of miss", side.name);
@@ -59,8 +61,7 @@ pub(super) fn from_view(input: &ReportInput<'_>, scene: &Scene<'_>, view: &Plann
     let camera = Camera::fitted(camera_from_part, SIZE_PX, &input.mesh.vertices_mm);
     let alt = format!("The part as seen from view {} ({}), coloured by what this view measures", view.id.0, view.label.as_str());
     let field = shared_field(input.scanner);
-    let outline: Vec<String> =
-        field.iter().filter_map(|p| camera.pixel(p)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+    let outline: Vec<String> = field.iter().filter_map(|p| camera.pixel(p)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
     let outline = format!("<polygon class=\"field\" points=\"{}\"/>", outline.join(" "));
     markup(input, scene, &camera, &inks_of_view(input.outcome, row), &alt, &outline)
 }
@@ -140,7 +141,9 @@ fn scale(camera: &Camera, at: &Point3<f64>) -> String {
 /// share its middle.
 fn shared_field(scanner: &Scanner) -> Vec<Point3<f64>> {
     let device_from_scanner = scanner.devices.map(|device| (device.lens, device.scanner_from_device.inverse()));
-    let shared = |p: &Point3<f64>| device_from_scanner.iter().all(|(lens, pose): &(_, Pose<Device, ScannerFrame>)| lens.project(&pose.point(p)).is_some());
+    let shared = |p: &Point3<f64>| {
+        device_from_scanner.iter().all(|(lens, pose): &(_, Pose<Device, ScannerFrame>)| lens.project(&pose.point(p)).is_some())
+    };
     let at = |angle: f64, radius_mm: f64| Point3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), scanner.best_mm);
     if !shared(&at(0.0, 0.0)) {
         return Vec::new();

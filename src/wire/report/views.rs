@@ -16,8 +16,7 @@ use crate::planning::plan::{Grade, PlannedView, Verdict, share};
 use crate::planning::stations::Station;
 use crate::planning::visibility::Row;
 
-const GRADES: [Ink; 4] =
-    [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D)];
+const GRADES: [Ink; 4] = [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D)];
 
 /// The part from three sides, as the whole plan measures it.
 pub(super) fn overviews(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
@@ -83,10 +82,7 @@ fn triple_and_w(xyzw: &[f64; 4]) -> String {
 
 fn station(station: &Station) -> [(&'static str, String); 2] {
     let joints = station.joints_rad.map(|joint| number(joint.to_degrees(), 1)).join(", ");
-    [
-        ("turntable", format!("{}°", number(station.table_angle_rad.to_degrees(), 1))),
-        ("joints 1 to 6", format!("{joints}°")),
-    ]
+    [("turntable", format!("{}°", number(station.table_angle_rad.to_degrees(), 1))), ("joints 1 to 6", format!("{joints}°"))]
 }
 
 /// The inks that the pictures use: grades, misses that occur, and for views what others measure.
