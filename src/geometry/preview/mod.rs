@@ -38,12 +38,7 @@ pub struct Preview {
 pub fn preview(mesh: &Mesh, max_triangles: usize) -> Preview {
     let drawn = if mesh.faces.len() <= max_triangles { identity(mesh) } else { cluster::decimate(mesh, max_triangles) };
     let source_faces = trace(mesh, &drawn.face_of_triangle, drawn.faces.len());
-    Preview {
-        positions_mm: drawn.positions_mm,
-        faces: drawn.faces,
-        face_of_triangle: drawn.face_of_triangle,
-        source_faces,
-    }
+    Preview { positions_mm: drawn.positions_mm, faces: drawn.faces, face_of_triangle: drawn.face_of_triangle, source_faces }
 }
 
 /// A preview before its faces are traced back to the file.

@@ -68,9 +68,7 @@ impl Camera {
 
     /// Pixel of a point given in the camera's frame; `None` nearer than the near plane.
     pub(super) fn pixel(&self, p: &Point3<f64>) -> Option<[f64; 2]> {
-        (p.z >= NEAR_MM).then(|| {
-            [self.centre_px[0] + self.focal_px * p.x / p.z, self.centre_px[1] + self.focal_px * p.y / p.z]
-        })
+        (p.z >= NEAR_MM).then(|| [self.centre_px[0] + self.focal_px * p.x / p.z, self.centre_px[1] + self.focal_px * p.y / p.z])
     }
 
     /// Direction (z = 1), in the camera's frame, of what is imaged at a pixel.

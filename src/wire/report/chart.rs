@@ -92,7 +92,8 @@ impl Chart {
         }
         if let (Some((x, y)), Some(share)) = (points.last(), shares.last()) {
             let (x, y) = (x - 2.0, y + 20.0);
-            let _ = writeln!(svg, "<text class=\"value\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"end\">{}</text>", percent(*share));
+            let _ =
+                writeln!(svg, "<text class=\"value\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"end\">{}</text>", percent(*share));
         }
     }
 }

@@ -64,8 +64,10 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         figures.push(("figure", duration(moving_secs(sequence)), "moving"));
     }
     figures.extend(input.cycle_secs.map(|secs| ("figure", duration(secs), "a cycle, predicted")));
-    let figures: Vec<String> =
-        figures.iter().map(|(class, value, name)| format!("<div class=\"{class}\"><b>{value}</b><span>{name}</span></div>")).collect();
+    let figures: Vec<String> = figures
+        .iter()
+        .map(|(class, value, name)| format!("<div class=\"{class}\"><b>{value}</b><span>{name}</span></div>"))
+        .collect();
     format!(
         "<section>\n<div class=\"figures\">{}</div>\n{}<p style=\"margin-top:12px\"><b>Why it stopped:</b> {} \
          Of the {} asked for, some viewpoint that was considered can measure {} (the coverable area).</p>\n\
@@ -84,7 +86,8 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
 fn grades_bar(input: &ReportInput<'_>) -> String {
     let coverage = &input.outcome.plan.coverage;
     let grades = [(Grade::A, "A"), (Grade::B, "B"), (Grade::C, "C"), (Grade::D, "D")];
-    let shares = grades.map(|(grade, name)| (grade, name, share(coverage.grade_area_mm2[grade as usize], coverage.asked_area_mm2)));
+    let shares =
+        grades.map(|(grade, name)| (grade, name, share(coverage.grade_area_mm2[grade as usize], coverage.asked_area_mm2)));
     let (mut bar, mut legend, mut spoken) = (String::new(), String::new(), String::new());
     for (grade, name, share) in shares {
         let ink = Ink::Measured(grade);

@@ -42,8 +42,12 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::FrameLeft => "The point falls outside the image of the left camera.".into(),
         Cause::FrameRight => "The point falls outside the image of the right camera.".into(),
         Cause::FrameProjector => "The projector’s pattern does not reach the point.".into(),
-        Cause::IncidenceLeft => format!("The left camera looks along the surface: {}.", limit(params.limits.camera_deg, scanner, 0)),
-        Cause::IncidenceRight => format!("The right camera looks along the surface: {}.", limit(params.limits.camera_deg, scanner, 1)),
+        Cause::IncidenceLeft => {
+            format!("The left camera looks along the surface: {}.", limit(params.limits.camera_deg, scanner, 0))
+        }
+        Cause::IncidenceRight => {
+            format!("The right camera looks along the surface: {}.", limit(params.limits.camera_deg, scanner, 1))
+        }
         Cause::IncidenceProjector => {
             format!("The pattern grazes the surface: {}.", limit(params.limits.projector_deg, scanner, 2))
         }
