@@ -3,8 +3,10 @@
 pub mod cell;
 pub mod cli;
 pub mod geometry;
+pub mod http;
 pub mod planning;
 pub mod service;
+pub mod settings;
 #[cfg(test)]
 mod testing;
 pub mod wire;

@@ -121,6 +121,8 @@ impl CollisionScene {
     /// nothing can move further than the clearance: so nothing touches anywhere on a segment that is reported free.
     #[must_use]
     pub fn check_segment(&self, from: &Configuration, to: &Configuration) -> Option<Contact> {
+        // The same samples whichever way it is run.
+        let (from, to) = if from <= to { (from, to) } else { (to, from) };
         let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
         let widest_rad = travel.iter().fold(0.0, |widest: f64, angle| widest.max(angle.abs()));
         let steps = (widest_rad / STEP_RAD).ceil().max(1.0);
@@ -187,14 +189,13 @@ impl CollisionScene {
             )
     }
 
-    /// Pairs that touch at every sampled configuration touch by construction (a link bolted beside another), and say
-    /// nothing. Parts and fixtures are never excused.
+    /// Pairs on the arm that touch at every sampled configuration touch by construction (the wrist inside the flange's
+    /// capsule), and say nothing. What stands around the arm is never excused.
     fn drop_touching_pairs(&mut self, cell: &Cell) {
         let axes = cell.axes();
-        let rides_plate = |body: usize| self.bodies[body].carrier == Carrier::Plate;
-        let mut touching: Vec<usize> = (0..self.pairs.len())
-            .filter(|index| !rides_plate(self.pairs[*index].a) && !rides_plate(self.pairs[*index].b))
-            .collect();
+        let on_arm = |body: usize| matches!(self.bodies[body].carrier, Carrier::Link(_));
+        let mut touching: Vec<usize> =
+            (0..self.pairs.len()).filter(|index| on_arm(self.pairs[*index].a) && on_arm(self.pairs[*index].b)).collect();
         for sample in 1..=ALLOWED_PAIR_SAMPLES {
             let configuration = std::array::from_fn(|axis| {
                 let axis_limits = &axes.0[axis];

@@ -1,3 +1,4 @@
+<<<<<<< HEAD
 use std::collections::BTreeSet;
 
 use nalgebra::{Point3, Vector3};
@@ -198,3 +199,6 @@ fn glb_holds_positions_faces_and_the_way_back() {
     assert_eq!(words(&primitive["extras"]["source_faces"]["offsets"]), preview.source_faces.offsets);
     assert_eq!(words(&primitive["extras"]["source_faces"]["faces"]), preview.source_faces.faces);
 }
+=======
+
+>>>>>>> main

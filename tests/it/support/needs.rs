@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// A file of the public data set, which lies beside the repository where there is one. With the folder there, a file
 /// that is missing in it is a failure.
-pub(crate) fn data(name: &str) -> Option<PathBuf> {
+pub(crate) fn shared(name: &str) -> Option<PathBuf> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data"));
     if !folder.is_dir() {
         say(&format!("skipped: needs {name} of the public data set, whose folder ../shared/data is absent"));
