@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 use std::collections::BTreeSet;
 
 use nalgebra::{Point3, Vector3};
@@ -199,6 +198,3 @@ fn glb_holds_positions_faces_and_the_way_back() {
     assert_eq!(words(&primitive["extras"]["source_faces"]["offsets"]), preview.source_faces.offsets);
     assert_eq!(words(&primitive["extras"]["source_faces"]["faces"]), preview.source_faces.faces);
 }
-=======
-
->>>>>>> main

@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 use super::{changed_params, fixed};
 use crate::planning::params::{PlanParams, Region};
 
@@ -29,6 +28,3 @@ fn long_values_are_cut() {
     assert_eq!(changed.len(), 1);
     assert!(changed[0].1.chars().count() == 161 && changed[0].1.ends_with('…'));
 }
-=======
-
->>>>>>> main

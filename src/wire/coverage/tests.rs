@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 use nalgebra::{Point3, Vector3};
 
 use super::{FaceCounts, byte, byte_meanings, face_row};
@@ -50,6 +49,3 @@ fn every_byte_has_one_meaning() {
     assert_eq!((byte(Verdict::Measured(Grade::D)), byte(Verdict::Missed(Cause::ExcludedResting)), byte(OUT)), (3, 16, 255));
     assert_eq!(meanings[5].meaning, "facing");
 }
-=======
-
->>>>>>> main
