@@ -5,6 +5,8 @@
 //!
 //! Cost: O(patches + pixels); 200 000 triangles at 640 × 480 take about 0.1 s.
 
+use std::ops::Range;
+
 use nalgebra::Point3;
 
 use super::camera::Camera;
@@ -22,6 +24,8 @@ const STEPS: i64 = 16;
 const BACK_BIAS: f64 = 1e-5;
 /// Coordinates beyond this many steps are pulled in, far outside any picture: products then fit 64 bits.
 const FAR_STEPS: f64 = 1e9;
+/// Opacity of missed surface that something hides.
+const GLOW: f64 = 0.65;
 const NOTHING: u32 = u32::MAX;
 
 /// What all pictures of a part share.
@@ -38,31 +42,41 @@ impl<'a> Scene<'a> {
 
     /// The picture that `camera` takes, each surface sample in its ink. The background is transparent.
     pub(super) fn render(&self, camera: &Camera, inks: &[Ink]) -> Image {
-        let mut buffer = DepthBuffer::new(camera.size_px);
         let fine = finer(camera);
-        for (patch, number) in self.surface.patches.iter().zip(0..) {
+        let all = self.rasterise(&fine, |_| true);
+        develop(&fine, |x, y| self.colour(&all, &fine, inks, x, y))
+    }
+
+    /// The same, with missed surface glowing through whatever hides it.
+    pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
+        let fine = finer(camera);
+        let all = self.rasterise(&fine, |_| true);
+        let is_missed = |sample: usize| matches!(inks[sample], Ink::Missed(_));
+        let missed = self.rasterise(&fine, |patch| samples_of(patch).any(is_missed));
+        develop(&fine, |x, y| {
+            let front = self.colour(&all, &fine, inks, x, y)?;
+            let hidden = missed.hit(&fine, x, y).filter(|hit| all.patch[y * all.width + x] != hit.patch);
+            let ink = hidden.map(|hit| {
+                let p = fine.camera_from_part.inverse().point(&hit.at_mm);
+                inks[self.nearest_sample(&self.surface.patches[hit.patch as usize], &p)]
+            });
+            Some(match ink {
+                Some(ink @ Ink::Missed(_)) => mixed(front, ink.rgb(), GLOW),
+                _ => front,
+            })
+        })
+    }
+
+    fn rasterise(&self, fine: &Camera, keep: impl Fn(&Patch) -> bool) -> DepthBuffer {
+        let mut buffer = DepthBuffer::new(fine.size_px);
+        for (patch, number) in self.surface.patches.iter().zip(0..).filter(|(patch, _)| keep(patch)) {
             let corners = patch.corners_mm.map(|p| fine.camera_from_part.point(&p));
             let (fan, count) = Camera::beyond_near(corners);
             for last in 2..count {
-                buffer.draw(&fine, [fan[0], fan[last - 1], fan[last]], number);
+                buffer.draw(fine, [fan[0], fan[last - 1], fan[last]], number);
             }
         }
-        self.develop(&buffer, &fine, inks)
-    }
-
-    fn develop(&self, buffer: &DepthBuffer, fine: &Camera, inks: &[Ink]) -> Image {
-        let [width, height] = fine.size_px;
-        let mut sums = vec![[0u16; 4]; (width / SAMPLES) * (height / SAMPLES)];
-        for y in 0..height {
-            for x in 0..width {
-                if let Some(rgb) = self.colour(buffer, fine, inks, x, y) {
-                    let sum = &mut sums[(y / SAMPLES) * (width / SAMPLES) + x / SAMPLES];
-                    (0..3).for_each(|channel| sum[channel] += u16::from(rgb[channel]));
-                    sum[3] += 1;
-                }
-            }
-        }
-        Image::from_sums([width / SAMPLES, height / SAMPLES], &sums, (SAMPLES * SAMPLES) as u16)
+        buffer
     }
 
     /// Colour of one sample of the buffer; `None` where there is nothing.
@@ -79,10 +93,9 @@ impl<'a> Scene<'a> {
     }
 
     fn nearest_sample(&self, patch: &Patch, p: &Point3<f64>) -> usize {
-        let first = patch.first_sample as usize;
-        let range = first..first + patch.samples as usize;
         let distance = |sample: &usize| (self.surface.sample_mm[*sample] - p).norm_squared();
-        range.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(first)
+        let nearest = samples_of(patch).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        nearest.unwrap_or(patch.first_sample as usize)
     }
 
     /// Darkens a sample whose neighbour to the right or below lies on another sheet, or across a crease.
@@ -101,6 +114,32 @@ impl<'a> Scene<'a> {
             })
             .fold(1.0, f64::min)
     }
+}
+
+/// Sums up the samples of every pixel.
+fn develop(fine: &Camera, colour: impl Fn(usize, usize) -> Option<[u8; 3]>) -> Image {
+    let [width, height] = fine.size_px.map(|n| n / SAMPLES);
+    let mut sums = vec![[0u16; 4]; width * height];
+    for y in 0..height * SAMPLES {
+        for x in 0..width * SAMPLES {
+            if let Some(rgb) = colour(x, y) {
+                let sum = &mut sums[(y / SAMPLES) * width + x / SAMPLES];
+                (0..3).for_each(|channel| sum[channel] += u16::from(rgb[channel]));
+                sum[3] += 1;
+            }
+        }
+    }
+    Image::from_sums([width, height], &sums, (SAMPLES * SAMPLES) as u16)
+}
+
+fn samples_of(patch: &Patch) -> Range<usize> {
+    let first = patch.first_sample as usize;
+    first..first + patch.samples as usize
+}
+
+fn mixed(below: [u8; 3], above: [u8; 3], opacity: f64) -> [u8; 3] {
+    let mix = |channel: usize| f64::from(below[channel]) * (1.0 - opacity) + f64::from(above[channel]) * opacity;
+    [0, 1, 2].map(|channel| mix(channel).round() as u8)
 }
 
 /// The camera with one pixel a sample.
@@ -168,7 +207,7 @@ impl Edge {
 
 impl DepthBuffer {
     fn new(size_px: [usize; 2]) -> Self {
-        let [width, height] = size_px.map(|n| n * SAMPLES);
+        let [width, height] = size_px;
         Self { width, height, inverse_depth: vec![0.0; width * height], patch: vec![NOTHING; width * height] }
     }
 
@@ -233,7 +272,7 @@ fn corner(fine: &Camera, p: &Point3<f64>) -> Option<Corner> {
 }
 
 /// Samples whose centres can lie between the lowest and the highest of the corners, one step of tolerance included.
-fn span(corners: [i64; 3], size: usize) -> Option<std::ops::Range<usize>> {
+fn span(corners: [i64; 3], size: usize) -> Option<Range<usize>> {
     let low = corners.into_iter().min()?.saturating_sub(1 + STEPS / 2).div_euclid(STEPS).max(0);
     let high = (corners.into_iter().max()? + 1).div_euclid(STEPS).min(size as i64 - 1);
     (low <= high).then(|| low as usize..high as usize + 1)

@@ -49,7 +49,7 @@ impl<'a> Shading<'a> {
     pub(super) fn light(normal: &Vector3<f64>) -> f64 {
         let lamp = normal.dot(&TOWARDS_LAMP).max(0.0);
         let sky = 0.5 - 0.5 * normal.y;
-        0.62 + 0.34 * lamp + 0.1 * sky
+        0.70 + 0.28 * lamp + 0.06 * sky
     }
 
     /// Darkening between two neighbouring samples: their facets' normals, and the way from one to the other, camera
