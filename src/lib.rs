@@ -3,6 +3,7 @@
 pub mod cell;
 pub mod cli;
 pub mod geometry;
+pub mod http;
 pub mod planning;
 pub mod service;
 #[cfg(test)]

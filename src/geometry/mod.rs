@@ -3,17 +3,21 @@
 mod adjacency;
 mod convex;
 pub mod demo_parts;
+mod face_lists;
 mod frames;
 mod mesh;
 mod mesh_health;
 pub mod mesh_io;
+mod preview;
 mod ray_scene;
 mod unit;
 
 pub use adjacency::connected_components;
 pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
+pub use face_lists::FaceLists;
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, table_from_plate};
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess};
+pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::RayScene;
 pub use unit::{LengthUnit, UnknownUnit};

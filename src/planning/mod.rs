@@ -8,6 +8,7 @@ mod motion;
 pub mod params;
 mod pipeline;
 pub mod plan;
+pub mod report;
 pub mod selection;
 pub mod sequence;
 pub mod stations;

@@ -1,13 +1,19 @@
 //! From a part, a cell and parameters to every result file: what the server's jobs and the command line share.
 
 use crate::cell::{Cell, PoseSpec, Scanner};
-use crate::geometry::Mesh;
+use crate::geometry::{self, Mesh};
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::Outcome;
+use crate::planning::report::text;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
+use crate::wire::report::{self, ReportInput};
+use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
+
+/// Most triangles of the preview that browsers draw and `coverage.bin` refers to.
+pub const PREVIEW_TRIANGLES: usize = 300_000;
 
 /// A file that came out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,8 +62,30 @@ impl PlanJob<'_> {
     }
 
     fn render(&self, outcome: &Outcome) -> Vec<Artifact> {
-        let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
-        vec![Artifact { name: "plan.json", bytes: document.to_bytes() }]
+        let plan = &outcome.plan;
+        let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
+        let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES);
+        let report = ReportInput {
+            outcome,
+            mesh: self.mesh,
+            scanner: self.scanner,
+            cell_name: self.cell.map(|cell| cell.name.as_str()),
+            cycle_secs: None,
+            part_name: &self.part_name,
+            echo: &self.echo,
+        };
+        let files = [
+            ("plan.json", document),
+            ("viewpoints.json", json_file_bytes(&viewpoints::json(plan))),
+            ("viewpoints.csv", viewpoints::csv(plan).into_bytes()),
+            ("coverage.json", json_file_bytes(&coverage::json(outcome, self.mesh))),
+            ("coverage.csv", coverage::csv(outcome, self.mesh).into_bytes()),
+            ("coverage.bin", coverage::bin(outcome, &preview)),
+            ("missed.json", json_file_bytes(&missed::json(plan))),
+            ("report.txt", text(plan).into_bytes()),
+            ("report.html", report::html(&report).into_bytes()),
+        ];
+        files.map(|(name, bytes)| Artifact { name, bytes }).into()
     }
 
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {

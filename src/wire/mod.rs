@@ -1,8 +1,37 @@
-//! Floor 7, the JSON shapes, versioned: what files and answers look like. Degrees and plain arrays live here.
+//! Floor 7, what leaves the house: the JSON and CSV shapes of files and answers, versioned, with typed ids; the pages and
+//! pictures made for people. Keys carry their units, degrees and plain arrays live here; unknown fields in a request are
+//! refused with their JSON pointer.
 
+pub mod coverage;
+mod csv;
 pub mod echo;
+mod event;
+mod ids;
+mod job;
+mod json;
 mod json_file;
+mod mesh;
+mod mesh_health;
+pub mod missed;
 pub mod plan;
+mod problem;
+pub mod report;
 pub mod scanner_facts;
+mod spec;
+mod system;
+mod tally;
+pub mod viewpoints;
 
+pub use event::{EventKind, JobEvent};
+pub use ids::{JobId, MeshId};
+pub use job::{Job, JobFile, JobPage, JobRequest, JobState};
+pub use json::{ParseError, parse, pointer_of};
 pub use json_file::json_file_bytes;
+pub use mesh::{Mesh, MeshPage};
+pub use mesh_health::MeshHealth;
+pub use problem::{JobProblem, Problem, ProblemField, problem_type};
+pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
+pub use system::{Health, Readiness, ReadinessCheck, Version};
+
+#[cfg(test)]
+mod tests;

@@ -1,8 +1,11 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod closed_form;
 mod inspect_scanner;
 mod meshes;
 mod oracle_coverage;
+mod planning_with_cell;
 mod public_figures;
+mod report;
 mod support;

@@ -187,14 +187,13 @@ impl CollisionScene {
             )
     }
 
-    /// Pairs that touch at every sampled configuration touch by construction (a link bolted beside another), and say
-    /// nothing. Parts and fixtures are never excused.
+    /// Pairs on the arm that touch at every sampled configuration touch by construction (the wrist inside the flange's
+    /// capsule), and say nothing. What stands around the arm is never excused.
     fn drop_touching_pairs(&mut self, cell: &Cell) {
         let axes = cell.axes();
-        let rides_plate = |body: usize| self.bodies[body].carrier == Carrier::Plate;
-        let mut touching: Vec<usize> = (0..self.pairs.len())
-            .filter(|index| !rides_plate(self.pairs[*index].a) && !rides_plate(self.pairs[*index].b))
-            .collect();
+        let on_arm = |body: usize| matches!(self.bodies[body].carrier, Carrier::Link(_));
+        let mut touching: Vec<usize> =
+            (0..self.pairs.len()).filter(|index| on_arm(self.pairs[*index].a) && on_arm(self.pairs[*index].b)).collect();
         for sample in 1..=ALLOWED_PAIR_SAMPLES {
             let configuration = std::array::from_fn(|axis| {
                 let axis_limits = &axes.0[axis];

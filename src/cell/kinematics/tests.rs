@@ -75,8 +75,8 @@ fn e05_reaches_800_mm_from_shoulder_to_wrist_and_no_further() {
 
 #[test]
 fn agrees_with_standard_denavit_hartenberg_rows() {
-    // d1 = 220, a2 = 380, d4 = 420, d6 = 155: the arm's published rows. Their zero has the upper arm along x and the
-    // forearm's frame turned with it, hence the quarter turns on joints 2 and 3.
+    // d1 = 220, a2 = 380, d4 = 420, d6 = 155: the arm's reduced rows. Their zero has the upper arm along x, and the wrist
+    // turned about the forearm, hence the quarter turns on joints 2 and 3 and the half turn on joint 4.
     let row = |theta: f64, d: f64, a: f64, alpha: f64| {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), theta);
         let twist = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), alpha);
@@ -87,11 +87,11 @@ fn agrees_with_standard_denavit_hartenberg_rows() {
     let chain = row(q[0], 220.0, 0.0, FRAC_PI_2)
         * row(q[1] + FRAC_PI_2, 0.0, 380.0, 0.0)
         * row(-q[2] + FRAC_PI_2, 0.0, 0.0, FRAC_PI_2)
-        * row(q[3], 420.0, 0.0, -FRAC_PI_2)
+        * row(q[3] + PI, 420.0, 0.0, -FRAC_PI_2)
         * row(q[4], 0.0, 0.0, FRAC_PI_2)
         * row(q[5], 155.0, 0.0, 0.0);
     let flange = arm.base_from_flange(&q);
-    assert!((flange.isometry().translation.vector - chain.translation.vector).norm() < 1e-9, "{flange:?} {chain}");
+    assert!(error(flange.isometry(), &chain) < 1e-9, "{flange:?} {chain}");
 }
 
 #[test]

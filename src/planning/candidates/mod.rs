@@ -184,12 +184,7 @@ pub fn generate(
 }
 
 /// Turns aims into poses: every roll, at the stand-off asked for.
-fn place(
-    scope: &Scope<'_>,
-    aims: &[Aim],
-    params: &CandidateParams,
-    ctx: &Context<'_>,
-) -> Result<Vec<Placed>, Cancelled> {
+fn place(scope: &Scope<'_>, aims: &[Aim], params: &CandidateParams, ctx: &Context<'_>) -> Result<Vec<Placed>, Cancelled> {
     let slide = slide::Slide::new(scope);
     let poses: Vec<Vec<_>> = aims
         .par_iter()

@@ -76,10 +76,10 @@ fn out_of_reach_and_in_the_way_are_told_apart() {
     let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
     let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
     assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 60.0, 0.0, 5000.0)), Err(Blocked::Unreachable));
-    // From below the part the scanner would be inside the table.
-    let below = view(120.0, 179.0, 0.0, 200.0);
-    assert_eq!(solve_one(&cell, &scene, &placed, below), Err(Blocked::Collision));
-    assert!(inside_obstacle(&below, &cell, &scene, &placed));
+    // So close beside the part that the scanner's housing would be in the plate.
+    assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 90.0, 0.0, 200.0)), Err(Blocked::Collision));
+    // From below the part the viewpoint would be inside the table.
+    assert!(inside_obstacle(&view(120.0, 179.0, 0.0, 200.0), &cell, &scene, &placed));
     assert!(!inside_obstacle(&view(120.0, 30.0, 0.0, 540.0), &cell, &scene, &placed));
 }
 

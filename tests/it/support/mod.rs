@@ -1,9 +1,11 @@
 //! What several topics share: where data lies, how parts are prepared, how a plan is made.
 
 mod needs;
+pub(crate) mod shapes;
 
 use std::sync::atomic::AtomicBool;
 
+use nalgebra::Point3;
 use vantage::cell::{Presets, Scanner, SpecLibrary};
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh};
@@ -29,7 +31,7 @@ pub(crate) fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
     let bytes = std::fs::read(shared(path)?).expect("readable");
     let mut mesh = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default()).expect("a mesh").mesh;
     let (centre, scale) = (mesh.aabb().centre(), extent_mm / mesh.aabb().extent_mm().max());
-    mesh.vertices_mm.iter_mut().for_each(|p| *p = nalgebra::Point3::from((*p - centre) * scale));
+    mesh.vertices_mm.iter_mut().for_each(|p| *p = Point3::from((*p - centre) * scale));
     Some(mesh)
 }
 
@@ -38,4 +40,12 @@ pub(crate) fn plan_viewpoints(mesh: &Mesh, scanner: &Scanner, params: &PlanParam
     let cancel = AtomicBool::new(false);
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None };
     plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
+}
+
+/// A closed box of twelve triangles between two corners.
+pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
+    let corner = |i: usize| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { max_mm[axis] } else { min_mm[axis] }));
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
 }

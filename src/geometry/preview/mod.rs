@@ -1,0 +1,66 @@
+//! A lighter mesh to look at: decides which triangles a viewer gets, and keeps the way back from each of them to the
+//! uploaded file. A mesh within the budget is passed on unchanged; a larger one is thinned by vertex clustering on a
+//! grid whose cell size is searched, each cluster drawn at the point that best fits the planes of its triangles
+//! (Rossignac and Borrel 1993; Lindstrom, *Out-of-core simplification of large polygonal models*, 2000, §3). Clustering
+//! needs no connectivity, so that open, non-manifold and self-intersecting meshes pass.
+//!
+//! Part frame, mm. Cost: O(triangles) time a trial cell size (about a dozen), O(triangles) memory.
+
+mod cluster;
+mod glb;
+#[cfg(test)]
+mod tests;
+
+pub use glb::glb;
+
+use super::{FaceLists, Mesh};
+
+/// Stands in [`Preview::face_of_triangle`] for a triangle that the preview does not draw.
+pub const NOT_DRAWN: u32 = u32::MAX;
+
+/// A mesh to look at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Preview {
+    /// Vertex positions, part frame, mm.
+    pub positions_mm: Vec<[f32; 3]>,
+    /// Vertex indices a face, counter-clockwise seen from outside.
+    pub faces: Vec<[u32; 3]>,
+    /// For each triangle of the mesh the preview face that stands for it: the one it became, else a neighbour of the
+    /// point to which it shrank; [`NOT_DRAWN`] for bodies smaller than a cell.
+    pub face_of_triangle: Vec<u32>,
+    /// For each preview face the faces of the uploaded file behind it, ascending.
+    pub source_faces: FaceLists,
+}
+
+/// A preview of `mesh` with at most `max_triangles` faces. It is a picture, not a model: distances on it are off by up
+/// to a cell, and sheets closer than a cell may touch.
+#[must_use]
+pub fn preview(mesh: &Mesh, max_triangles: usize) -> Preview {
+    let drawn = if mesh.faces.len() <= max_triangles { identity(mesh) } else { cluster::decimate(mesh, max_triangles) };
+    let source_faces = trace(mesh, &drawn.face_of_triangle, drawn.faces.len());
+    Preview { positions_mm: drawn.positions_mm, faces: drawn.faces, face_of_triangle: drawn.face_of_triangle, source_faces }
+}
+
+/// A preview before its faces are traced back to the file.
+struct Drawn {
+    positions_mm: Vec<[f32; 3]>,
+    faces: Vec<[u32; 3]>,
+    face_of_triangle: Vec<u32>,
+}
+
+fn identity(mesh: &Mesh) -> Drawn {
+    Drawn {
+        positions_mm: mesh.vertices_mm.iter().map(|p| p.coords.map(|c| c as f32).into()).collect(),
+        faces: mesh.faces.clone(),
+        face_of_triangle: (0..).take(mesh.faces.len()).collect(),
+    }
+}
+
+/// For each preview face the faces of the uploaded file behind it.
+fn trace(mesh: &Mesh, face_of_triangle: &[u32], faces: usize) -> FaceLists {
+    let drawn = face_of_triangle.iter().zip(&mesh.source_face).filter(|(face, _)| **face != NOT_DRAWN);
+    let mut pairs: Vec<(u32, u32)> = drawn.map(|(face, source)| (*face, *source)).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    FaceLists::group(&pairs, faces)
+}

@@ -1,0 +1,181 @@
+//! What came out of a job. A result never changes: its tag is the hash of its bytes.
+
+use axum::extract::{Path, State};
+use axum::http::header::CONTENT_SECURITY_POLICY;
+use axum::http::{HeaderMap, HeaderValue};
+use axum::response::{IntoResponse, Response};
+
+use super::{immutable, job_id, not_modified};
+use crate::http::extract::Params;
+use crate::http::negotiate::{Form, choose};
+use crate::http::problem::Problem;
+use crate::http::router::Site;
+use crate::wire::plan::PlanDocument;
+
+const JSON: &str = "application/json";
+const CSV: &str = "text/csv; charset=utf-8";
+const HTML: &str = "text/html; charset=utf-8";
+const TEXT: &str = "text/plain; charset=utf-8";
+const BYTES: &str = "application/octet-stream";
+/// A report is one file with its pictures and styles inside; it loads nothing, and runs nothing.
+const REPORT_POLICY: HeaderValue =
+    HeaderValue::from_static("default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox");
+
+const fn form(name: &'static str, media_type: &'static str, file: &'static str) -> Form {
+    Form { name, media_type, file }
+}
+
+const PLAN: [Form; 1] = [form("json", JSON, "plan.json")];
+const PROGRAM: [Form; 2] = [form("json", JSON, "program.json"), form("csv", CSV, "program.csv")];
+const VIEWPOINTS: [Form; 2] = [form("json", JSON, "viewpoints.json"), form("csv", CSV, "viewpoints.csv")];
+const COVERAGE: [Form; 2] = [form("json", JSON, "coverage.json"), form("csv", CSV, "coverage.csv")];
+const MISSED: [Form; 1] = [form("json", JSON, "missed.json")];
+const TIMINGS: [Form; 1] = [form("json", JSON, "timings.json")];
+const REPORT: [Form; 2] = [form("html", HTML, "report.html"), form("text", TEXT, "report.txt")];
+const COVERAGE_BIN: [Form; 1] = [form("bin", BYTES, "coverage.bin")];
+
+/// The result in the form asked for, by `Accept` or by the query parameter `parameter`.
+async fn answer(
+    site: &Site,
+    id: &str,
+    headers: &HeaderMap,
+    mut params: Params,
+    parameter: &str,
+    forms: &[Form],
+) -> Result<Response, Problem> {
+    let asked = params.text(parameter);
+    params.end()?;
+    let id = job_id(id)?;
+    // Whether there is such a job goes before the form: who asks for the wrong form of nothing is told of the nothing.
+    site.app.job(id).await?;
+    let form = choose(headers, asked.as_deref(), forms)?;
+    let file = site.app.result(id, form.file).await?;
+    if let Some(response) = not_modified(headers, &file.sha256) {
+        return Ok(response);
+    }
+    let bytes = site.app.read(&file).await?;
+    let mut response = (immutable(&file.sha256, form.media_type), bytes).into_response();
+    response.headers_mut().insert("vary", HeaderValue::from_static("accept"));
+    if form.media_type == HTML {
+        response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
+    }
+    Ok(response)
+}
+
+macro_rules! result {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident, $id:literal, $path:literal, $forms:ident, $parameter:literal [$($form:literal),+],
+        $(($media:literal, $body:ty)),+
+    ) => {
+        $(#[doc = $doc])+
+        #[utoipa::path(
+            get,
+            path = $path,
+            tag = "results",
+            operation_id = $id,
+            params(
+                ("id" = uuid::Uuid, Path, description = "Id of the job."),
+                ($parameter = Option<String>, Query, description = concat!("Form of the answer, before `Accept`: one of", $(" `", $form, "`"),+, ".")),
+            ),
+            responses(
+                (status = 200, description = "The result; it never changes.", content($(($body = $media)),+),
+                    headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+                (status = 304, description = "The client has it."),
+            )
+        )]
+        pub(in crate::http) async fn $name(
+            State(site): State<Site>,
+            Path(id): Path<String>,
+            headers: HeaderMap,
+            params: Params,
+        ) -> Result<Response, Problem> {
+            answer(&site, &id, &headers, params, $parameter, &$forms).await
+        }
+    };
+}
+
+result! {
+    /// The plan
+    plan, "get_plan", "/jobs/{id}/plan", PLAN, "format" ["json"], ("application/json", PlanDocument)
+}
+result! {
+    /// The robot program
+    program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ["json", "csv"],
+    ("application/json", Object), ("text/csv", String)
+}
+result! {
+    /// The chosen viewpoints
+    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format" ["json", "csv"],
+    ("application/json", Object), ("text/csv", String)
+}
+result! {
+    /// What is covered, and how well
+    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format" ["json", "csv"],
+    ("application/json", Object), ("text/csv", String)
+}
+result! {
+    /// What is missed, and why
+    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" ["json"], ("application/json", Object)
+}
+result! {
+    /// Seconds spent in each stage
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" ["json"], ("application/json", Object)
+}
+result! {
+    /// The report for people
+    report, "get_report", "/jobs/{id}/report", REPORT, "format" ["html", "text"],
+    ("text/html", String), ("text/plain", String)
+}
+result! {
+    /// One byte a face of the preview
+    ///
+    /// The best grade by area majority, or why the face is missed.
+    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format" ["bin"],
+    ("application/octet-stream", super::super::docs::Bytes)
+}
+
+/// One of the files that came out, by name
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/files/{name}",
+    tag = "results",
+    operation_id = "get_job_file",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the job."),
+        ("name" = String, Path, description = "Name of the file, as in the job's `results`."),
+    ),
+    responses(
+        (status = 200, description = "The file; it never changes.", content(
+            (Object = "application/json"), (String = "text/csv"), (String = "text/html"), (String = "text/plain"),
+            (inline(super::super::docs::Bytes) = "application/octet-stream"),
+        )),
+        (status = 304, description = "The client has it."),
+    )
+)]
+pub(in crate::http) async fn file(
+    State(site): State<Site>,
+    Path((id, name)): Path<(String, String)>,
+    headers: HeaderMap,
+    params: Params,
+) -> Result<Response, Problem> {
+    params.end()?;
+    let id = job_id(&id)?;
+    let file = site.app.result(id, &name).await?;
+    if let Some(response) = not_modified(&headers, &file.sha256) {
+        return Ok(response);
+    }
+    let media_type = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
+        "json" => JSON,
+        "csv" => CSV,
+        "html" => HTML,
+        "txt" => TEXT,
+        _ => BYTES,
+    };
+    let bytes = site.app.read(&file).await?;
+    let mut response = (immutable(&file.sha256, media_type), bytes).into_response();
+    if media_type == HTML {
+        response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
+    }
+    Ok(response)
+}

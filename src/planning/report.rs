@@ -1,0 +1,220 @@
+//! A plan as stable readable text: what golden files hold, what diffs show, what the log gets. Numbers are rounded so
+//! that the last bit of a float never shows; a pose is given by its origin and two axes, since a quaternion near w = 0
+//! changes its sign for nothing. mm, mm², s and degrees.
+
+use std::fmt::{self, Write};
+
+use nalgebra::{Point3, Vector3};
+use serde_json::Value;
+
+use super::params::PlanParams;
+use super::plan::{Coverage, MissedCause, Plan, share};
+use super::sequence::{Leg, Sequence};
+use super::stations::Station;
+use crate::geometry::Pose;
+
+#[cfg(test)]
+mod tests;
+
+/// Characters of a parameter's value that are shown.
+const LONGEST_VALUE: usize = 160;
+
+/// The text. Same plan, same text; every line ends with a newline.
+#[must_use]
+pub fn text(plan: &Plan) -> String {
+    let mut out = String::new();
+    // Writing to a String cannot fail.
+    let _ = write_plan(&mut out, plan);
+    out
+}
+
+/// Every parameter that differs from its default, by its dotted key in alphabetical order, with its value as JSON, cut
+/// where it is long. Defaults that were resolved (`part.patch_edge_mm` …) are among them.
+#[must_use]
+pub fn changed_params(params: &PlanParams) -> Vec<(String, String)> {
+    let mut changed = Vec::new();
+    if let (Ok(value), Ok(default)) = (serde_json::to_value(params), serde_json::to_value(PlanParams::default())) {
+        collect_changes("", &value, &default, &mut changed);
+    }
+    changed.sort();
+    changed
+}
+
+fn collect_changes(key: &str, value: &Value, default: &Value, changed: &mut Vec<(String, String)>) {
+    match (value, default) {
+        (Value::Object(fields), Value::Object(defaults)) => {
+            for (name, field) in fields {
+                let dotted = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+                collect_changes(&dotted, field, defaults.get(name).unwrap_or(&Value::Null), changed);
+            }
+        }
+        _ if value != default => changed.push((key.into(), abridged(rounded(value).to_string()))),
+        _ => {}
+    }
+}
+
+/// The value with six significant digits in every number.
+fn rounded(value: &Value) -> Value {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            number.as_f64().and_then(|x| format!("{x:.5e}").parse::<f64>().ok()).map_or(Value::Null, Value::from)
+        }
+        Value::Array(items) => items.iter().map(rounded).collect(),
+        Value::Object(fields) => Value::Object(fields.iter().map(|(key, field)| (key.clone(), rounded(field))).collect()),
+        other => other.clone(),
+    }
+}
+
+/// A list of a thousand faces says no more than its beginning.
+fn abridged(text: String) -> String {
+    match text.char_indices().nth(LONGEST_VALUE) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
+    }
+}
+
+fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
+    write_part(out, plan)?;
+    write_params(out, &plan.params)?;
+    write_candidates(out, plan)?;
+    write_coverage(out, &plan.coverage)?;
+    writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
+    write_views(out, plan)?;
+    if let Some(sequence) = &plan.sequence {
+        write_sequence(out, sequence)?;
+    }
+    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
+}
+
+fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {
+    let part = &plan.part;
+    writeln!(out, "part {}", part.sha256)?;
+    writeln!(out, "  {} triangles, {} mm²", part.triangles, fixed(part.area_mm2, 1))?;
+    writeln!(out, "  box {} to {} mm", point(&part.aabb.min), point(&part.aabb.max))?;
+    if let Some(table_from_part) = &plan.table_from_part {
+        writeln!(out, "  on the table: {}", pose(table_from_part))?;
+    }
+    Ok(())
+}
+
+fn write_params(out: &mut String, params: &PlanParams) -> fmt::Result {
+    writeln!(out, "\nparameters that differ from the defaults")?;
+    let changed = changed_params(params);
+    if changed.is_empty() {
+        writeln!(out, "  none")?;
+    }
+    changed.iter().try_for_each(|(key, value)| writeln!(out, "  {key} = {value}"))
+}
+
+fn write_candidates(out: &mut String, plan: &Plan) -> fmt::Result {
+    let counts = &plan.candidates;
+    writeln!(out, "\ncandidates: {} generated, {} kept", counts.generated, counts.kept)?;
+    counts.rejected.iter().try_for_each(|(reason, count)| writeln!(out, "  rejected, {}: {count}", reason.as_str()))
+}
+
+fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
+    writeln!(out, "\ncoverage")?;
+    for (name, area_mm2) in [
+        ("whole surface", coverage.total_area_mm2),
+        ("asked", coverage.asked_area_mm2),
+        ("coverable, reach ignored", coverage.optically_coverable_area_mm2),
+        ("coverable", coverage.coverable_area_mm2),
+        ("measured", coverage.measured_area_mm2),
+    ] {
+        writeln!(out, "  {name:<24} {:>12} mm²", fixed(area_mm2, 1))?;
+    }
+    for (name, fraction) in [
+        ("measured of asked", coverage.of_asked()),
+        ("measured of coverable", coverage.of_coverable()),
+        ("measured of total", coverage.of_total()),
+    ] {
+        writeln!(out, "  {name:<24} {:>12} %", percent(fraction))?;
+    }
+    for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.grade_area_mm2) {
+        writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
+    }
+    Ok(())
+}
+
+fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
+    writeln!(out, "\nviews, in the order chosen: {}", plan.views.len())?;
+    for (view, measured_mm2) in plan.views.iter().zip(&plan.coverage.curve_area_mm2) {
+        writeln!(out, "  {:>3}  candidate {}, {}", view.id.0, view.candidate.0, view.label.as_str())?;
+        write!(out, "       adds {} % of asked, in all ", percent(view.gain_of_asked))?;
+        write!(out, "{} %", percent(share(*measured_mm2, plan.coverage.asked_area_mm2)))?;
+        writeln!(out, "; score {} mm²", fixed(view.score, 1))?;
+        writeln!(out, "       {}", pose(&view.part_from_scanner))?;
+        if let Some(station) = &view.station {
+            writeln!(out, "       {}", station_text(station))?;
+        }
+        if let Some(cause) = view.rejected {
+            writeln!(out, "       rejected, measures nothing: {}", cause.as_str())?;
+        }
+    }
+    Ok(())
+}
+
+fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
+    writeln!(out, "\nsequence, from home")?;
+    for (view, leg) in &sequence.visits {
+        writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
+    }
+    writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
+    writeln!(out, "  moving {} s in all", fixed(moving_secs(sequence), 1))
+}
+
+/// Predicted time of all moves.
+pub(crate) fn moving_secs(sequence: &Sequence) -> f64 {
+    sequence.visits.iter().map(|(_, leg)| leg.duration_secs).sum::<f64>() + sequence.return_home.duration_secs
+}
+
+fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -> fmt::Result {
+    writeln!(out, "\nmissed")?;
+    if missed.is_empty() {
+        writeln!(out, "  nothing")?;
+    }
+    for cause in missed {
+        write!(out, "  {:<20} {:>10} mm²", cause.cause.as_str(), fixed(cause.area_mm2, 1))?;
+        write!(out, " {:>6} % of asked, {} spots", percent(share(cause.area_mm2, asked_area_mm2)), cause.spots.len())?;
+        match cause.spots.first() {
+            Some(spot) => writeln!(out, ", largest {} mm² at {}", fixed(spot.area_mm2, 1), point(&spot.centre_mm))?,
+            None => writeln!(out)?,
+        }
+    }
+    Ok(())
+}
+
+fn leg_text(leg: &Leg) -> String {
+    format!("{} s, {} points between", fixed(leg.duration_secs, 1), leg.via_rad.len())
+}
+
+fn station_text(station: &Station) -> String {
+    let joints = station.joints_rad.map(|j| fixed(j.to_degrees(), 1)).join(" ");
+    format!("table {}°, joints {joints}°", fixed(station.table_angle_rad.to_degrees(), 1))
+}
+
+fn pose<To, From>(pose: &Pose<To, From>) -> String {
+    let (x, z) = (pose.direction(&Vector3::x()), pose.direction(&Vector3::z()));
+    format!("at {} mm, x {}, z {}", point(&pose.origin_mm()), axis(&x), axis(&z))
+}
+
+fn axis(v: &Vector3<f64>) -> String {
+    format!("({} {} {})", fixed(v.x, 3), fixed(v.y, 3), fixed(v.z, 3))
+}
+
+fn point(p: &Point3<f64>) -> String {
+    format!("({} {} {})", fixed(p.x, 1), fixed(p.y, 1), fixed(p.z, 1))
+}
+
+fn percent(fraction: f64) -> String {
+    fixed(fraction * 100.0, 2)
+}
+
+/// `value` with so many decimals; zero has no sign.
+pub(crate) fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| b == b'0' || b == b'.') => rest.into(),
+        _ => text,
+    }
+}

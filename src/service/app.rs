@@ -1,0 +1,133 @@
+//! The one value that everything goes through.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use super::error::{Error, Fault};
+use super::jobs::{self, Runner};
+use super::options::Options;
+use super::run::{self, Planner};
+use super::store::{OpenError, Store};
+use crate::wire::{JobState, ReadinessCheck};
+
+/// The service. Clones are the same service.
+#[derive(Clone)]
+pub struct App(pub(super) Arc<Inner>);
+
+pub(super) struct Inner {
+    pub(super) store: Store,
+    pub(super) options: Options,
+    pub(super) runner: Runner,
+    /// Meshes that may be parsed at the same time.
+    pub(super) parsing: Semaphore,
+    pub(super) stopping: CancellationToken,
+    tasks: TaskTracker,
+}
+
+impl App {
+    /// Opens the store, puts in order what an earlier process left, and begins to work on the queue.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub async fn open(options: Options) -> Result<Self, OpenError> {
+        Self::open_with(options, Arc::new(run::run)).await
+    }
+
+    /// The same, with another planner.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub async fn open_with(options: Options, planner: Planner) -> Result<Self, OpenError> {
+        let store = Store::open(&options.data_dir).await?;
+        let runner = Runner::new(&options, planner).map_err(|error| OpenError::Folder {
+            path: "the planning threads".to_owned(),
+            source: std::io::Error::other(error),
+        })?;
+        let parsing = Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into));
+        let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
+        let app = Self(Arc::new(Inner { store, options, runner, parsing, stopping, tasks }));
+        app.recover().await.map_err(|error| OpenError::Folder {
+            path: app.0.options.data_dir.display().to_string(),
+            source: std::io::Error::other(error),
+        })?;
+        for _ in 0..app.0.options.concurrent_jobs.max(1) {
+            app.0.tasks.spawn(jobs::work(app.clone()));
+        }
+        app.0.tasks.spawn(prune(app.clone()));
+        Ok(app)
+    }
+
+    /// Takes no more work, interrupts what is planned (it starts again with the next process) and waits for it.
+    pub async fn stop(&self) {
+        self.0.stopping.cancel();
+        self.0.runner.interrupt();
+        self.0.tasks.close();
+        self.0.tasks.wait().await;
+    }
+
+    /// Cancelled once the service stops.
+    #[must_use]
+    pub fn stopping(&self) -> CancellationToken {
+        self.0.stopping.clone()
+    }
+
+    /// The limits that the service was opened with.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.0.options
+    }
+
+    /// What must hold to take work, and whether it does.
+    pub async fn readiness(&self) -> Vec<ReadinessCheck> {
+        let check = |name: &str, ok: bool| ReadinessCheck { name: name.to_owned(), ok };
+        let (stopping, storage) = (self.0.stopping.is_cancelled(), self.0.store.probe().await);
+        if let Err(error) = &storage {
+            tracing::warn!(error = error as &dyn std::error::Error, "the store cannot be written");
+        }
+        vec![check("not_stopping", !stopping), check("storage", storage.is_ok()), check("planning", self.0.runner.is_alive())]
+    }
+
+    /// How many jobs are in each state that is not an end.
+    ///
+    /// # Errors
+    /// [`Error::Internal`].
+    pub async fn open_jobs(&self) -> Result<Vec<(JobState, u64)>, Error> {
+        let mut counts = Vec::new();
+        for state in [JobState::Queued, JobState::Running, JobState::Cancelling] {
+            counts.push((state, self.0.store.count_jobs(state).await?));
+        }
+        Ok(counts)
+    }
+
+    /// Carries a change through to its end also when the one who asked goes away.
+    pub(super) async fn to_the_end<T: Send + 'static>(
+        &self,
+        change: impl Future<Output = Result<T, Error>> + Send + 'static,
+    ) -> Result<T, Error> {
+        tokio::spawn(change).await.map_err(|error| Error::from(Fault::Task(error.to_string())))?
+    }
+
+    /// The folder of the store.
+    #[must_use]
+    pub fn data_dir(&self) -> &Path {
+        &self.0.options.data_dir
+    }
+}
+
+/// Drops old events every hour.
+async fn prune(app: App) {
+    let mut every_hour = tokio::time::interval(std::time::Duration::from_secs(3600));
+    loop {
+        tokio::select! {
+            () = app.0.stopping.cancelled() => return,
+            _ = every_hour.tick() => {}
+        }
+        if let Err(error) = app.0.store.prune_events(app.0.options.event_retention_hours).await {
+            tracing::warn!(error = &error as &dyn std::error::Error, "old events could not be dropped");
+        }
+    }
+}

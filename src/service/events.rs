@@ -1,0 +1,116 @@
+//! Events as a stream: first those of the past from the store, then those of the present; a reader who falls behind is
+//! taken back to the store. So every event comes exactly once and in order, and a slow reader costs no memory.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use tokio::sync::broadcast;
+use tokio::sync::broadcast::error::RecvError;
+
+use super::app::App;
+use super::error::Error;
+use crate::wire::{EventKind, JobEvent, JobId};
+
+/// Events read from the store at a time.
+const BATCH: u32 = 256;
+
+/// A stream of events, of one job until its end, or of all.
+pub struct EventStream {
+    app: App,
+    job: Option<JobId>,
+    last: i64,
+    live: broadcast::Receiver<Arc<JobEvent>>,
+    past: VecDeque<Arc<JobEvent>>,
+    behind: bool,
+    ended: bool,
+    missed: bool,
+}
+
+impl App {
+    /// Events after number `after`; without one, those of a job from its beginning, and those of all jobs from now on.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::Internal`].
+    pub async fn events(&self, job: Option<JobId>, after: Option<i64>) -> Result<EventStream, Error> {
+        let live = self.0.store.listen();
+        if let Some(job) = job {
+            self.0.store.job(job).await?;
+        }
+        let missed = match after {
+            Some(after) => self.0.store.is_pruned_after(after).await?,
+            None => false,
+        };
+        let last = match (after, job) {
+            (Some(after), _) => after,
+            (None, Some(_)) => 0,
+            (None, None) => self.0.store.newest_event().await?,
+        };
+        let mut stream =
+            EventStream { app: self.clone(), job, last, live, past: VecDeque::new(), behind: true, ended: false, missed };
+        stream.catch_up().await?;
+        Ok(stream)
+    }
+}
+
+impl EventStream {
+    /// Whether events after the one asked for have been dropped from the store.
+    #[must_use]
+    pub fn missed_some(&self) -> bool {
+        self.missed
+    }
+
+    /// Whether nothing will come: the job has ended and all was seen.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::Internal`].
+    pub async fn is_over(&self) -> Result<bool, Error> {
+        match self.job {
+            Some(job) if self.past.is_empty() => Ok(self.app.job(job).await?.state.is_ended()),
+            _ => Ok(false),
+        }
+    }
+
+    /// The next event; `None` after a job's last one, and when the service stops.
+    ///
+    /// # Errors
+    /// [`Error::Internal`].
+    pub async fn next(&mut self) -> Result<Option<Arc<JobEvent>>, Error> {
+        let stopping = self.app.stopping();
+        loop {
+            if self.ended {
+                return Ok(None);
+            }
+            if let Some(event) = self.past.pop_front() {
+                self.last = event.id;
+                self.ended = self.job.is_some() && is_last(event.kind);
+                return Ok(Some(event));
+            }
+            if self.behind {
+                self.catch_up().await?;
+                continue;
+            }
+            tokio::select! {
+                () = stopping.cancelled() => return Ok(None),
+                event = self.live.recv() => match event {
+                    Ok(event) if event.id > self.last && self.job.is_none_or(|job| job == event.job_id) => {
+                        self.past.push_back(event);
+                    }
+                    Ok(_) => {}
+                    Err(RecvError::Lagged(_)) => self.behind = true,
+                    Err(RecvError::Closed) => return Ok(None),
+                },
+            }
+        }
+    }
+
+    async fn catch_up(&mut self) -> Result<(), Error> {
+        let batch = self.app.0.store.events_after(self.job, self.last, BATCH).await?;
+        self.behind = batch.len() == BATCH as usize;
+        self.past.extend(batch);
+        Ok(())
+    }
+}
+
+fn is_last(kind: EventKind) -> bool {
+    matches!(kind, EventKind::Succeeded | EventKind::Failed | EventKind::Cancelled | EventKind::Deleted)
+}

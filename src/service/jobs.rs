@@ -1,0 +1,332 @@
+//! Working on the queue: one attempt after the other, each on the planning pool, with its own cancel flag. A panic ends
+//! its attempt and nothing else. Stage times are measured here, since planning reads no clock.
+
+use std::any::Any;
+use std::collections::{BTreeMap, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::sync::{Notify, mpsc, oneshot};
+
+use super::app::App;
+use super::error::Error;
+use super::failpoint;
+use super::options::Options;
+use super::run::{Artifact, Planner, RunError, RunInput};
+use super::store::{Attempt, Outcome};
+use super::submit::run_input;
+use crate::planning::context::{Context, Observer, Stage};
+use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
+
+/// Progress is told at most this often, the beginning of a stage always.
+const PROGRESS_EVERY: Duration = Duration::from_millis(500);
+/// How long to wait after the store failed.
+const STORE_RETRY: Duration = Duration::from_secs(1);
+
+/// Codes of a failed job's problem, with their titles.
+pub const FAILURE_CODES: [(&str, &str); 6] = [
+    ("job_input_invalid", "The job's input cannot be planned with"),
+    ("no_plan", "No plan is possible"),
+    ("job_panicked", "Planning broke off"),
+    ("job_attempts_exhausted", "The server died in every attempt at this job"),
+    ("storage_full", "The disk is full"),
+    ("internal", "The server is at fault"),
+];
+
+/// The planning pool and what runs on it.
+pub(super) struct Runner {
+    pool: rayon::ThreadPool,
+    planner: Planner,
+    running: Mutex<HashMap<JobId, Arc<AtomicBool>>>,
+    queue_grew: Notify,
+}
+
+impl Runner {
+    pub(super) fn new(options: &Options, planner: Planner) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(options.planning_threads)
+            .thread_name(|index| format!("planning-{index}"))
+            .build()?;
+        Ok(Self { pool, planner, running: Mutex::default(), queue_grew: Notify::new() })
+    }
+
+    /// Says that there is a job in the queue.
+    pub(super) fn wake(&self) {
+        self.queue_grew.notify_one();
+    }
+
+    /// Raises the cancel flag of a job that is planned.
+    pub(super) fn cancel(&self, id: JobId) {
+        if let Some(flag) = self.lock().get(&id) {
+            flag.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Raises every cancel flag.
+    pub(super) fn interrupt(&self) {
+        self.lock().values().for_each(|flag| flag.store(true, Ordering::Relaxed));
+    }
+
+    /// Whether the pool has threads to plan on.
+    pub(super) fn is_alive(&self) -> bool {
+        self.pool.current_num_threads() > 0
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, HashMap<JobId, Arc<AtomicBool>>> {
+        // The map is whole after every operation, also where a thread died in between.
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Plans on the pool.
+    async fn plan(&self, input: RunInput, cancel: Arc<AtomicBool>, observer: Arc<Tracker>) -> Result<Vec<Artifact>, Ended> {
+        let (sender, receiver) = oneshot::channel();
+        let planner = self.planner.clone();
+        self.pool.spawn(move || {
+            let context = Context::new(&cancel, &*observer);
+            // Nothing that the closure touches is used again after a panic.
+            let ended = catch_unwind(AssertUnwindSafe(|| planner(&input, &context)));
+            drop(observer);
+            // Nobody waits when the process stops.
+            let _ = sender.send(ended);
+        });
+        match receiver.await {
+            Ok(Ok(result)) => result.map_err(Ended::With),
+            Ok(Err(panic)) => Err(Ended::Panicked(panic_text(&*panic))),
+            Err(_) => Err(Ended::Panicked("the planning thread ended".to_owned())),
+        }
+    }
+}
+
+/// How an attempt ended without files.
+enum Ended {
+    With(RunError),
+    Panicked(String),
+}
+
+fn panic_text(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a message".to_owned())
+}
+
+/// Works on the queue until the service stops.
+pub(super) async fn work(app: App) {
+    let stopping = app.stopping();
+    while !stopping.is_cancelled() {
+        match app.0.store.claim().await {
+            Ok(Some(attempt)) => app.attempt(attempt).await,
+            Ok(None) => tokio::select! {
+                () = stopping.cancelled() => {}
+                () = app.0.runner.queue_grew.notified() => {}
+            },
+            Err(error) => {
+                tracing::error!(error = &error as &dyn std::error::Error, "the queue cannot be read");
+                tokio::time::sleep(STORE_RETRY).await;
+            }
+        }
+    }
+}
+
+impl App {
+    /// Puts the jobs of a process that died in order.
+    pub(super) async fn recover(&self) -> Result<(), Error> {
+        let attempts = self.0.options.max_attempts;
+        let why = format!("the process ended during each of {attempts} attempts; the job may need more memory than there is");
+        let found = self.0.store.recover(attempts, &failure("job_attempts_exhausted", why, Vec::new())).await?;
+        if found > 0 {
+            tracing::warn!(jobs = found, "an earlier process ended while jobs were planned; they start again");
+        }
+        Ok(())
+    }
+
+    #[tracing::instrument(skip_all, fields(job = %attempt.id, attempt = attempt.number))]
+    async fn attempt(&self, attempt: Attempt) {
+        failpoint::hit("job", "claimed");
+        let cancel = Arc::new(AtomicBool::new(false));
+        self.0.runner.lock().insert(attempt.id, cancel.clone());
+        // A cancellation or a stop between the claim and the line above has not seen the flag.
+        let cancelled = self.0.store.job(attempt.id).await.is_ok_and(|job| job.state == JobState::Cancelling);
+        cancel.fetch_or(cancelled || self.0.stopping.is_cancelled(), Ordering::Relaxed);
+        let began = Instant::now();
+        let (result, timings) = self.plan(&attempt, cancel).await;
+        let state = {
+            let _no_sweep = self.0.store.hold_files().await;
+            let outcome = match result {
+                Ok(artifacts) => self.keep(artifacts, &timings).await,
+                Err(outcome) => outcome,
+            };
+            self.conclude(attempt.id, outcome, &timings).await
+        };
+        self.0.runner.lock().remove(&attempt.id);
+        let seconds = began.elapsed().as_secs_f64();
+        metrics::counter!("vantage_attempts_total", "state" => state.map_or("unknown", JobState::as_str)).increment(1);
+        metrics::histogram!("vantage_attempt_seconds").record(seconds);
+        tracing::info!(state = state.map(JobState::as_str), seconds, "attempt ended");
+    }
+
+    /// Plans, and tells how far it is meanwhile. Returns the files, or how the attempt ended without; and stage times.
+    async fn plan(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
+        let input = match run_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
+            Ok(input) => input,
+            Err(error) => return (Err(Outcome::Failed(internal(&error))), BTreeMap::new()),
+        };
+        let (updates, told) = mpsc::unbounded_channel();
+        let teller = tokio::spawn(tell(self.clone(), attempt.id, told));
+        let tracker = Arc::new(Tracker::new(updates));
+        let times = tracker.times.clone();
+        let result = self.0.runner.plan(input, cancel, tracker).await;
+        // It ends with the tracker; what it could not tell is in its log.
+        let _ = teller.await;
+        let timings = times.lock().unwrap_or_else(PoisonError::into_inner).closed();
+        let result = result.map_err(|ended| match ended {
+            Ended::With(RunError::Cancelled) if self.0.stopping.is_cancelled() => Outcome::Interrupted,
+            Ended::With(RunError::Cancelled) => Outcome::Cancelled,
+            ended => Outcome::Failed(why(ended)),
+        });
+        (result, timings)
+    }
+
+    async fn keep(&self, mut artifacts: Vec<Artifact>, timings: &BTreeMap<String, f64>) -> Outcome {
+        match serde_json::to_vec_pretty(timings) {
+            Ok(bytes) => artifacts.push(Artifact { name: "timings.json", bytes }),
+            Err(error) => return Outcome::Failed(internal(&error.into())),
+        }
+        match self.0.store.put_files(artifacts.into_iter().map(|a| (a.name, a.bytes)).collect()).await {
+            Ok(files) => Outcome::Succeeded(files),
+            Err(Error::StorageFull) => Outcome::Failed(failure("storage_full", Error::StorageFull.to_string(), Vec::new())),
+            Err(error) => Outcome::Failed(internal(&error)),
+        }
+    }
+
+    /// Writes how an attempt ended, and does not give up before the service stops: else the job would run for ever.
+    async fn conclude(&self, id: JobId, outcome: Outcome, timings: &BTreeMap<String, f64>) -> Option<JobState> {
+        let timings = serde_json::to_string(timings).unwrap_or_else(|_| "{}".to_owned());
+        loop {
+            match self.0.store.end_attempt(id, &outcome, &timings).await {
+                Ok(state) => return Some(state),
+                Err(error) => tracing::error!(error = &error as &dyn std::error::Error, "the end of a job cannot be written"),
+            }
+            if self.0.stopping.is_cancelled() {
+                return None;
+            }
+            tokio::time::sleep(STORE_RETRY).await;
+        }
+    }
+}
+
+fn why(ended: Ended) -> JobProblem {
+    match ended {
+        Ended::Panicked(text) => failure("job_panicked", format!("a fault of the program: {text}"), Vec::new()),
+        Ended::With(error @ RunError::BadInput(_)) => {
+            let detail = error.to_string();
+            let RunError::BadInput(errors) = error else { return failure("job_input_invalid", detail, Vec::new()) };
+            failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
+        }
+        Ended::With(RunError::NoPlan(reasons)) => failure("no_plan", reasons, Vec::new()),
+        Ended::With(error @ (RunError::Damaged(_) | RunError::Cancelled)) => failure("internal", error.to_string(), Vec::new()),
+    }
+}
+
+fn internal(error: &Error) -> JobProblem {
+    tracing::error!(error = error as &dyn std::error::Error, "a job failed by a fault of ours");
+    failure("internal", error.to_string(), Vec::new())
+}
+
+fn failure(code: &str, detail: String, errors: Vec<ProblemField>) -> JobProblem {
+    let title = FAILURE_CODES.iter().find(|(known, _)| *known == code).map_or("", |(_, title)| title);
+    JobProblem { kind: problem_type(code), title: title.to_owned(), detail, code: code.to_owned(), errors }
+}
+
+/// How far an attempt is.
+struct Update {
+    stage: Stage,
+    fraction: f64,
+    timings: BTreeMap<String, f64>,
+}
+
+/// Writes progress down as it comes.
+async fn tell(app: App, id: JobId, mut updates: mpsc::UnboundedReceiver<Update>) {
+    while let Some(Update { stage, fraction, timings }) = updates.recv().await {
+        let timings = serde_json::to_string(&timings).unwrap_or_else(|_| "{}".to_owned());
+        if let Err(error) = app.0.store.progress(id, stage.as_str(), fraction, &timings).await {
+            tracing::warn!(error = &error as &dyn std::error::Error, "progress cannot be written");
+        }
+    }
+}
+
+/// Seconds spent in stages: those that are over, and the one that is not.
+#[derive(Default)]
+struct StageTimes {
+    seconds: BTreeMap<String, f64>,
+    now: Option<(Stage, Instant)>,
+    fraction: f64,
+    told: Option<Instant>,
+}
+
+impl StageTimes {
+    fn close(&mut self) {
+        if let Some((stage, began)) = self.now.take() {
+            // A stage that repeats adds up.
+            *self.seconds.entry(stage.as_str().to_owned()).or_default() += began.elapsed().as_secs_f64();
+        }
+    }
+
+    fn closed(&mut self) -> BTreeMap<String, f64> {
+        self.close();
+        self.seconds.clone()
+    }
+}
+
+/// The observer of one attempt.
+struct Tracker {
+    updates: mpsc::UnboundedSender<Update>,
+    times: Arc<Mutex<StageTimes>>,
+}
+
+/// Share of the work that is done before each stage begins, and after the last; a rule of thumb.
+const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.7, 0.8, 0.95, 1.0];
+
+impl Tracker {
+    fn new(updates: mpsc::UnboundedSender<Update>) -> Self {
+        Self { updates, times: Arc::default() }
+    }
+
+    /// Where in the whole `done` of `total` in `stage` is.
+    fn fraction(stage: Stage, done: usize, total: usize) -> f64 {
+        let index = Stage::ALL.iter().position(|other| *other == stage).unwrap_or_default();
+        let within = if total == 0 { 0.0 } else { (done as f64 / total as f64).min(1.0) };
+        DONE_BEFORE[index] + within * (DONE_BEFORE[index + 1] - DONE_BEFORE[index])
+    }
+
+    fn send(&self, times: &mut StageTimes, stage: Stage, fraction: f64) {
+        // Stages may repeat; the bar does not go back.
+        times.fraction = times.fraction.max(fraction);
+        times.told = Some(Instant::now());
+        let update = Update { stage, fraction: times.fraction, timings: times.seconds.clone() };
+        // Nobody listens once the process stops.
+        let _ = self.updates.send(update);
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, StageTimes> {
+        self.times.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Observer for Tracker {
+    fn begin(&self, stage: Stage) {
+        failpoint::hit("stage", stage.as_str());
+        let mut times = self.lock();
+        times.close();
+        times.now = Some((stage, Instant::now()));
+        self.send(&mut times, stage, Self::fraction(stage, 0, 1));
+    }
+
+    fn progress(&self, done: usize, total: usize) {
+        let mut times = self.lock();
+        let Some((stage, _)) = times.now else { return };
+        if times.told.is_none_or(|told| told.elapsed() >= PROGRESS_EVERY) {
+            self.send(&mut times, stage, Self::fraction(stage, done, total));
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! Stored hardware specifications beside the presets that ship with the program.
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::app::App;
+use super::error::Error;
+use super::library::Library;
+use super::store::{Precondition, Put, StoredSpec, blocking, hex};
+use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, preset_text};
+use crate::wire::{SpecCollection, SpecList, SpecListItem, is_spec_name};
+
+/// A specification as it is given out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SpecEntry {
+    /// Its JSON.
+    pub body: String,
+    /// Its strong entity tag, quotes included.
+    pub etag: String,
+    /// Whether it was just made.
+    pub created: bool,
+}
+
+/// A kind of specification: where it is kept, and whether one makes sense.
+pub(crate) trait Spec: Serialize + Send + 'static {
+    /// Where it is kept.
+    const COLLECTION: SpecCollection;
+    /// Its own name.
+    fn name(&self) -> &str;
+    /// Checks every field, with what it names looked up in `library`.
+    fn check(&self, library: &dyn SpecLibrary) -> Result<(), Vec<FieldError>>;
+}
+
+impl Spec for ScannerSpec {
+    const COLLECTION: SpecCollection = SpecCollection::Scanner;
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn check(&self, _: &dyn SpecLibrary) -> Result<(), Vec<FieldError>> {
+        self.build().map(drop)
+    }
+}
+
+impl Spec for RobotSpec {
+    const COLLECTION: SpecCollection = SpecCollection::Robot;
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn check(&self, _: &dyn SpecLibrary) -> Result<(), Vec<FieldError>> {
+        self.build().map(drop)
+    }
+}
+
+impl Spec for TurntableSpec {
+    const COLLECTION: SpecCollection = SpecCollection::Turntable;
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn check(&self, _: &dyn SpecLibrary) -> Result<(), Vec<FieldError>> {
+        self.build().map(drop)
+    }
+}
+
+impl Spec for CellSpec {
+    const COLLECTION: SpecCollection = SpecCollection::Cell;
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn check(&self, library: &dyn SpecLibrary) -> Result<(), Vec<FieldError>> {
+        self.build(library).map(drop)
+    }
+}
+
+impl App {
+    /// All specifications of a collection.
+    ///
+    /// # Errors
+    /// [`Error::Internal`].
+    pub async fn specs(&self, collection: SpecCollection) -> Result<SpecList, Error> {
+        let stored = self.0.store.specs(collection).await?;
+        let mut items: Vec<_> =
+            stored.into_iter().map(|StoredSpec { name, etag, .. }| SpecListItem { name, preset: false, etag }).collect();
+        for name in Presets.names(collection.kind()) {
+            let etag = preset(collection, &name)?.map(|entry| entry.etag).unwrap_or_default();
+            items.push(SpecListItem { name, preset: true, etag });
+        }
+        items.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(SpecList { items })
+    }
+
+    /// One specification.
+    ///
+    /// # Errors
+    /// [`Error::SpecNotFound`], [`Error::Internal`].
+    pub async fn spec(&self, collection: SpecCollection, name: &str) -> Result<SpecEntry, Error> {
+        if let Some(entry) = preset(collection, name)? {
+            return Ok(entry);
+        }
+        let stored = self.0.store.spec(collection, name).await?;
+        let StoredSpec { body, etag, .. } = stored.ok_or_else(|| not_found(collection, name))?;
+        Ok(SpecEntry { body, etag, created: false })
+    }
+
+    /// Stores a specification under its own name, which must be `name`.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::SpecIsPreset`], [`Error::PreconditionRequired`], [`Error::PreconditionFailed`],
+    /// [`Error::Internal`].
+    pub(crate) async fn put_spec<T: Spec>(&self, name: &str, spec: T, only_if: Precondition) -> Result<SpecEntry, Error> {
+        let collection = T::COLLECTION;
+        refuse_preset(collection, name)?;
+        check_name(collection, name, spec.name())?;
+        let (app, name, library) = (self.clone(), name.to_owned(), self.library().await?);
+        self.to_the_end(async move {
+            let body = blocking(move || check(&spec, &library)).await?;
+            let Put { created, etag } = app.0.store.put_spec(collection, &name, &body, &only_if).await?;
+            Ok(SpecEntry { body, etag, created })
+        })
+        .await
+    }
+
+    /// Deletes a stored specification.
+    ///
+    /// # Errors
+    /// [`Error::SpecNotFound`], [`Error::SpecIsPreset`], [`Error::PreconditionFailed`], [`Error::Internal`].
+    pub async fn delete_spec(&self, collection: SpecCollection, name: &str, only_if: Precondition) -> Result<(), Error> {
+        refuse_preset(collection, name)?;
+        let (app, name) = (self.clone(), name.to_owned());
+        self.to_the_end(async move { app.0.store.delete_spec(collection, &name, &only_if).await }).await
+    }
+}
+
+/// The specification's JSON, if it makes sense.
+fn check<T: Spec>(spec: &T, library: &Library) -> Result<String, Error> {
+    spec.check(library).map_err(Error::Invalid)?;
+    Ok(serde_json::to_string(spec)?)
+}
+
+/// A preset as JSON.
+fn preset(collection: SpecCollection, name: &str) -> Result<Option<SpecEntry>, Error> {
+    let body = match collection {
+        SpecCollection::Scanner => Presets.scanner(name).map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Robot => Presets.robot(name).map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Turntable => Presets.turntable(name).map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Cell => Presets.cell(name).map(|spec| serde_json::to_string(&spec)),
+    };
+    let Some(body) = body.transpose()? else { return Ok(None) };
+    let etag = format!("\"preset-{}\"", &hex(&Sha256::digest(&body))[..16]);
+    Ok(Some(SpecEntry { body, etag, created: false }))
+}
+
+fn refuse_preset(collection: SpecCollection, name: &str) -> Result<(), Error> {
+    match preset_text(collection.kind(), name) {
+        Some(_) => Err(Error::SpecIsPreset { kind: collection, name: name.to_owned() }),
+        None => Ok(()),
+    }
+}
+
+fn check_name(collection: SpecCollection, name: &str, own: &str) -> Result<(), Error> {
+    let finding = |detail: String| Err(Error::Invalid(vec![FieldError { pointer: "/name".to_owned(), detail }]));
+    if !is_spec_name(name) {
+        return finding(format!("{name:?} is no name: 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"));
+    }
+    if collection == SpecCollection::Cell && name == "none" {
+        return finding("\"none\" means no cell, and cannot name one".to_owned());
+    }
+    if own != name {
+        return finding(format!("is {own:?}; the path says {name:?}"));
+    }
+    Ok(())
+}
+
+fn not_found(collection: SpecCollection, name: &str) -> Error {
+    Error::SpecNotFound { kind: collection, name: name.to_owned() }
+}

@@ -1,0 +1,138 @@
+//! Rows of stored hardware specifications. A version is never given twice for a name, also after a deletion: it is
+//! taken from one counter for all.
+
+use sqlx::{Connection, Row, SqliteConnection};
+
+use super::Store;
+use crate::service::error::Error;
+use crate::wire::SpecCollection;
+
+/// A stored specification.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct StoredSpec {
+    /// Its name.
+    pub name: String,
+    /// Its JSON.
+    pub body: String,
+    /// Its strong entity tag, quotes included.
+    pub etag: String,
+}
+
+/// What must hold for a change (RFC 9110, section 13).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Precondition {
+    /// Nothing said.
+    None,
+    /// `If-Match`: one of these tags; empty for `*`, which any existing one matches.
+    Match(Vec<String>),
+    /// `If-None-Match: *`: it must not exist.
+    Absent,
+}
+
+impl Precondition {
+    /// Whether it holds when the entity tag is `now`.
+    fn holds(&self, now: Option<&str>) -> bool {
+        match (self, now) {
+            (Self::None, _) | (Self::Absent, None) => true,
+            (Self::Match(tags), Some(now)) => tags.is_empty() || tags.iter().any(|tag| tag == now),
+            (Self::Absent, Some(_)) | (Self::Match(_), None) => false,
+        }
+    }
+}
+
+/// What a put did.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Put {
+    /// Whether it is new.
+    pub created: bool,
+    /// The new entity tag.
+    pub etag: String,
+}
+
+impl Store {
+    /// One specification.
+    pub(crate) async fn spec(&self, kind: SpecCollection, name: &str) -> Result<Option<StoredSpec>, Error> {
+        let row = sqlx::query("SELECT name, version, body FROM spec WHERE kind = ?1 AND name = ?2")
+            .bind(kind.as_str())
+            .bind(name)
+            .fetch_optional(&self.reader)
+            .await?;
+        row.map(|row| read(&row)).transpose()
+    }
+
+    /// All specifications of a kind, by name.
+    pub(crate) async fn specs(&self, kind: SpecCollection) -> Result<Vec<StoredSpec>, Error> {
+        let rows = sqlx::query("SELECT name, version, body FROM spec WHERE kind = ?1 ORDER BY name")
+            .bind(kind.as_str())
+            .fetch_all(&self.reader)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// Stores a specification. Replacing one needs [`Precondition::Match`].
+    pub(crate) async fn put_spec(
+        &self,
+        kind: SpecCollection,
+        name: &str,
+        body: &str,
+        only_if: &Precondition,
+    ) -> Result<Put, Error> {
+        let mut writer = self.writer.lock().await;
+        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let now = etag_now(&mut tx, kind, name).await?;
+        if !only_if.holds(now.as_deref()) {
+            return Err(Error::PreconditionFailed(now));
+        }
+        if let (Some(etag), Precondition::None) = (&now, only_if) {
+            return Err(Error::PreconditionRequired { kind, name: name.to_owned(), etag: etag.clone() });
+        }
+        let version: i64 = sqlx::query_scalar(
+            "INSERT INTO spec_version (only_row, last) VALUES (1, 1)
+             ON CONFLICT (only_row) DO UPDATE SET last = last + 1 RETURNING last",
+        )
+        .fetch_one(&mut *tx)
+        .await?;
+        sqlx::query("INSERT OR REPLACE INTO spec (kind, name, version, body) VALUES (?1, ?2, ?3, ?4)")
+            .bind(kind.as_str())
+            .bind(name)
+            .bind(version)
+            .bind(body)
+            .execute(&mut *tx)
+            .await?;
+        tx.commit().await?;
+        Ok(Put { created: now.is_none(), etag: etag(version) })
+    }
+
+    /// Deletes a specification.
+    pub(crate) async fn delete_spec(&self, kind: SpecCollection, name: &str, only_if: &Precondition) -> Result<(), Error> {
+        let mut writer = self.writer.lock().await;
+        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let now = etag_now(&mut tx, kind, name).await?;
+        if now.is_none() {
+            return Err(Error::SpecNotFound { kind, name: name.to_owned() });
+        }
+        if !only_if.holds(now.as_deref()) {
+            return Err(Error::PreconditionFailed(now));
+        }
+        sqlx::query("DELETE FROM spec WHERE kind = ?1 AND name = ?2").bind(kind.as_str()).bind(name).execute(&mut *tx).await?;
+        tx.commit().await?;
+        Ok(())
+    }
+}
+
+async fn etag_now(tx: &mut SqliteConnection, kind: SpecCollection, name: &str) -> Result<Option<String>, Error> {
+    let version: Option<i64> = sqlx::query_scalar("SELECT version FROM spec WHERE kind = ?1 AND name = ?2")
+        .bind(kind.as_str())
+        .bind(name)
+        .fetch_optional(tx)
+        .await?;
+    Ok(version.map(etag))
+}
+
+fn etag(version: i64) -> String {
+    format!("\"{version}\"")
+}
+
+fn read(row: &sqlx::sqlite::SqliteRow) -> Result<StoredSpec, Error> {
+    Ok(StoredSpec { name: row.try_get("name")?, body: row.try_get("body")?, etag: etag(row.try_get("version")?) })
+}

@@ -1,0 +1,226 @@
+//! Accepting a job: everything it names is looked up and checked first, and what was found is kept with the job, so that
+//! a later change of a cell changes no accepted job.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use super::app::App;
+use super::error::Error;
+use super::library::Library;
+use super::run::{MeshSource, RunInput};
+use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking};
+use crate::cell::{BodySpec, CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary};
+use crate::wire::{Job, JobPage, JobRequest, JobState, MeshId};
+
+/// Which jobs are listed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct JobQuery {
+    /// Only in this state.
+    pub state: Option<JobState>,
+    /// Only with this label: `key` or `key=value`.
+    pub label: Option<String>,
+    /// Only with this part number.
+    pub part_number: Option<String>,
+}
+
+/// What a job is planned with, as it is kept with the job.
+#[derive(Debug, Serialize, Deserialize)]
+struct StoredInput {
+    mesh: MeshFile,
+    part_name: String,
+    fixture: Option<MeshFile>,
+    cell: Option<CellSpec>,
+    scanner: ScannerSpec,
+    body_meshes: BTreeMap<String, MeshFile>,
+}
+
+impl App {
+    /// Accepts a job. With an idempotency key that was used for the same request, gives the answer of then.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`],
+    /// [`Error::StorageFull`], [`Error::Internal`].
+    pub async fn submit(&self, request: JobRequest, idempotency_key: Option<&str>) -> Result<Job, Error> {
+        let canonical = format!("POST /api/v1/jobs {}", serde_json::to_string(&request)?);
+        let idempotency = idempotency_key.map(|key| IdempotencyKey::new(key, &canonical));
+        if let Some(key) = &idempotency
+            && let Some(answer) = self.0.store.replay(key).await?
+        {
+            return Ok(answer);
+        }
+        self.check_open()?;
+        let (app, library) = (self.clone(), self.library().await?);
+        self.to_the_end(async move {
+            let (request, input, meshes) = blocking(move || {
+                let (input, meshes) = resolve(&request, &library).map_err(Error::Invalid)?;
+                Ok((request, serde_json::to_string(&input)?, meshes))
+            })
+            .await?;
+            let queue_limit = app.0.options.max_queued_jobs;
+            let job = app.0.store.submit(NewJob { request, input, meshes, idempotency, queue_limit }).await?;
+            app.0.runner.wake();
+            Ok(job)
+        })
+        .await
+    }
+
+    /// A page of jobs, newest first.
+    ///
+    /// # Errors
+    /// [`Error::BadPageToken`], [`Error::Internal`].
+    pub async fn jobs(&self, query: &JobQuery, page_size: u32, page_token: Option<&str>) -> Result<JobPage, Error> {
+        let page = Page::new(page_size, page_token, &format!("jobs {query:?}"))?;
+        let label = query.label.as_deref().map(|label| match label.split_once('=') {
+            Some((key, value)) => (key.to_owned(), Some(value.to_owned())),
+            None => (label.to_owned(), None),
+        });
+        let filter = JobFilter { state: query.state, label, part_number: query.part_number.clone() };
+        self.0.store.jobs(&filter, &page).await
+    }
+}
+
+/// Looks up and checks everything that a request names.
+fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<MeshId>), Vec<FieldError>> {
+    let mut errors = request.check().err().unwrap_or_default();
+    let mut lookup = Lookup { library, errors: &mut errors, used: BTreeSet::new() };
+    let mesh = lookup.mesh("/mesh_id", &request.mesh_id.to_string());
+    let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| lookup.mesh("/params/part/fixture_mesh", id));
+    let cell = lookup.cell(&request.cell);
+    let scanner = match &cell {
+        Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name)),
+        None => lookup.scanner(&request.scanner),
+    };
+    let bodies = scanner.iter().flat_map(|s| &s.body).chain(cell.iter().flat_map(bodies_of));
+    let body_meshes: BTreeMap<_, _> =
+        bodies.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
+    let used = std::mem::take(&mut lookup.used);
+    match (mesh, fixture, scanner) {
+        (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
+            let part_name = library.part_name(&request.mesh_id.to_string());
+            Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes }, used.into_iter().collect()))
+        }
+        _ => Err(errors),
+    }
+}
+
+struct Lookup<'a> {
+    library: &'a Library,
+    errors: &'a mut Vec<FieldError>,
+    used: BTreeSet<MeshId>,
+}
+
+impl Lookup<'_> {
+    fn refuse(&mut self, pointer: &str, detail: String) {
+        self.errors.push(FieldError { pointer: pointer.to_owned(), detail });
+    }
+
+    fn mesh(&mut self, pointer: &str, id: &str) -> Option<MeshFile> {
+        // Ids are compared in their one spelling.
+        let id = id.parse::<MeshId>().ok();
+        match id.and_then(|id| self.library.source(&id.to_string()).map(|source| (id, source))) {
+            Some((id, source)) => {
+                self.used.insert(id);
+                Some(MeshFile { sha256: source.sha256.clone(), unit: source.unit.as_str().to_owned() })
+            }
+            None => {
+                self.refuse(pointer, "no mesh has this id; upload it with POST /api/v1/meshes".to_owned());
+                None
+            }
+        }
+    }
+
+    fn find<T: Clone>(
+        &mut self,
+        pointer: &str,
+        named: &Named<T>,
+        kind: SpecKind,
+        stored: impl Fn(&str) -> Option<T>,
+    ) -> Option<T> {
+        let name = match named {
+            Named::Inline(spec) => return Some((**spec).clone()),
+            Named::Name(name) => name,
+        };
+        let found = stored(name);
+        if found.is_none() {
+            let known = self.library.names(kind).join(", ");
+            self.refuse(pointer, format!("no {} is called {name:?}; known are {known}", kind.as_str()));
+        }
+        found
+    }
+
+    fn scanner(&mut self, named: &Named<ScannerSpec>) -> Option<ScannerSpec> {
+        let spec = self.find("/scanner", named, SpecKind::Scanner, |name| self.library.scanner(name))?;
+        self.built("/scanner", spec.build()).map(|_| spec)
+    }
+
+    /// The cell with all it names written out; `None` for `"none"`, and with an error recorded.
+    fn cell(&mut self, named: &Named<CellSpec>) -> Option<CellSpec> {
+        if matches!(named, Named::Name(name) if name == "none") {
+            return None;
+        }
+        let library = self.library;
+        let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name))?;
+        self.built("/cell", cell.build(library))?;
+        write_out(&mut cell.scanner, |name| library.scanner(name));
+        write_out(&mut cell.robot, |name| library.robot(name));
+        write_out(&mut cell.turntable, |name| library.turntable(name));
+        Some(cell)
+    }
+
+    fn built<T>(&mut self, pointer: &str, built: Result<T, Vec<FieldError>>) -> Option<T> {
+        let errors = match built {
+            Ok(value) => return Some(value),
+            Err(errors) => errors,
+        };
+        for error in errors {
+            self.refuse(&format!("{pointer}{}", error.pointer), error.detail);
+        }
+        None
+    }
+}
+
+fn write_out<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
+    if let Named::Name(name) = named
+        && let Some(spec) = stored(name)
+    {
+        *named = Named::Inline(Box::new(spec));
+    }
+}
+
+/// Bodies of a cell whose names are written out, its scanner's left out.
+fn bodies_of(cell: &CellSpec) -> impl Iterator<Item = &BodySpec> {
+    let turntable = match &cell.turntable {
+        Named::Inline(turntable) => &turntable.body[..],
+        Named::Name(_) => &[],
+    };
+    cell.mount.iter().chain(&cell.obstacles).chain(turntable)
+}
+
+fn mesh_of(body: &BodySpec) -> Option<&String> {
+    match &body.shape {
+        ShapeSpec::Mesh { mesh } => Some(mesh),
+        _ => None,
+    }
+}
+
+/// The input of a started job.
+pub(super) fn run_input(attempt: &Attempt, files: &Files, max_triangles: usize) -> Result<RunInput, Error> {
+    let input: StoredInput = serde_json::from_str(&attempt.input)?;
+    let source = |file: MeshFile| -> Result<MeshSource, Error> {
+        let unit = file.unit.parse().map_err(|_| super::error::Fault::Row(format!("unit {:?}", file.unit)))?;
+        Ok(MeshSource { path: files.path(&file.sha256), sha256: file.sha256, unit })
+    };
+    let body_meshes = input.body_meshes.into_iter().map(|(name, file)| Ok((name, source(file)?)));
+    Ok(RunInput {
+        mesh: source(input.mesh)?,
+        part_name: input.part_name,
+        fixture: input.fixture.map(source).transpose()?,
+        cell: input.cell,
+        scanner: input.scanner,
+        body_meshes: body_meshes.collect::<Result<_, Error>>()?,
+        max_triangles,
+        params: attempt.request.params.clone(),
+        echo: attempt.request.echo(),
+    })
+}

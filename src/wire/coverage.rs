@@ -1,0 +1,162 @@
+//! What became of the surface, face by face: `coverage.json` (schema `vantage.coverage/1`), `coverage.csv` and
+//! `coverage.bin`. Faces are those of the uploaded file, except in `coverage.bin`, whose faces are the preview's.
+//!
+//! | byte of `coverage.bin` | meaning |
+//! | --- | --- |
+//! | 0, 1, 2, 3 | mostly measured; grade A, B, C, D of most of the measured area |
+//! | 16 + i | mostly missed; number i of the closed list of causes, in its order, for most of the missed area |
+//! | 255 | mostly not asked for |
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::csv::Csv;
+use super::plan::CoverageDocument;
+use super::tally::{Tally, by_group};
+use crate::geometry::{Mesh, NOT_DRAWN, Preview};
+use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
+
+#[cfg(test)]
+mod tests;
+
+/// Schema name that the document carries.
+pub const COVERAGE_SCHEMA: &str = "vantage.coverage/1";
+/// First byte that stands for a cause in `coverage.bin`.
+const FIRST_CAUSE: u8 = 16;
+/// Byte of `coverage.bin` for faces that are not asked for.
+const NOT_ASKED: u8 = 255;
+/// A face counts as whole when all but this share of it is alike: sums over samples do not add up to the last bit.
+const WHOLE: f64 = 1.0 - 1e-9;
+
+/// Coverage of the part and a count of its faces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CoverageListing {
+    /// `vantage.coverage/1`.
+    pub schema: String,
+    /// The block of the plan.
+    pub coverage: CoverageDocument,
+    /// Faces of the uploaded file, by what became of them.
+    pub faces: FaceCounts,
+    /// What the bytes of `coverage.bin` mean.
+    pub bytes: Vec<ByteMeaning>,
+}
+
+/// Faces of the uploaded file, by what became of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FaceCounts {
+    /// All that have area.
+    pub total: usize,
+    /// Measured wherever they are asked for.
+    pub measured: usize,
+    /// Measured in part.
+    pub partly_measured: usize,
+    /// Asked for at least in part, and measured nowhere.
+    pub missed: usize,
+    /// Not asked for at all.
+    pub not_asked: usize,
+}
+
+/// Meaning of one byte of `coverage.bin`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ByteMeaning {
+    /// The byte.
+    pub byte: u8,
+    /// `A` to `D`, a cause of the closed list, or `not_asked`.
+    pub meaning: String,
+}
+
+/// The document of an outcome.
+#[must_use]
+pub fn json(outcome: &Outcome, mesh: &Mesh) -> CoverageListing {
+    let mut faces = FaceCounts::default();
+    for (_, tally) in by_source_face(outcome, mesh) {
+        faces.count(&tally);
+    }
+    CoverageListing {
+        schema: COVERAGE_SCHEMA.to_owned(),
+        coverage: CoverageDocument::from(&outcome.plan.coverage),
+        faces,
+        bytes: byte_meanings(),
+    }
+}
+
+impl FaceCounts {
+    fn count(&mut self, tally: &Tally) {
+        let asked_mm2 = tally.area_mm2 - tally.not_asked_mm2;
+        self.total += 1;
+        match tally.measured_mm2() {
+            _ if tally.not_asked_mm2 >= tally.area_mm2 * WHOLE => self.not_asked += 1,
+            measured_mm2 if measured_mm2 >= asked_mm2 * WHOLE => self.measured += 1,
+            measured_mm2 if measured_mm2 > 0.0 => self.partly_measured += 1,
+            _ => self.missed += 1,
+        }
+    }
+}
+
+/// One row a face of the uploaded file, from face 0 on without gaps: number, area, measured share of that area, grade of
+/// most of the measured area, cause of most of the missed area (`not_asked` where nothing of it is asked for). Cells
+/// without a value are empty; a face that was dropped as degenerate has area 0 and no values.
+#[must_use]
+pub fn csv(outcome: &Outcome, mesh: &Mesh) -> String {
+    let mut csv = Csv::new(&["face", "area_mm2", "measured_fraction", "best_grade", "reason"]);
+    let mut next = 0;
+    for (face, tally) in by_source_face(outcome, mesh) {
+        for dropped in next..face {
+            face_row(&mut csv, dropped, &Tally::default());
+        }
+        face_row(&mut csv, face, &tally);
+        next = face + 1;
+    }
+    csv.finish()
+}
+
+fn face_row(csv: &mut Csv, face: u32, tally: &Tally) {
+    csv.number(face);
+    csv.number(tally.area_mm2);
+    csv.optional((tally.area_mm2 > 0.0).then(|| format!("{:.6}", tally.measured_mm2() / tally.area_mm2)));
+    csv.text(tally.grade().map_or("", grade_name));
+    let not_asked = tally.area_mm2 > 0.0 && tally.not_asked_mm2 >= tally.area_mm2 * WHOLE;
+    csv.text(if not_asked { "not_asked" } else { tally.cause().map_or("", Cause::as_str) });
+    csv.end_row();
+}
+
+/// `coverage.bin`: one byte a face of `preview`, which must be a preview of the planned mesh.
+#[must_use]
+pub fn bin(outcome: &Outcome, preview: &Preview) -> Vec<u8> {
+    let mut bytes = vec![NOT_ASKED; preview.faces.len()];
+    for (face, tally) in by_group(outcome, |patch| preview.face_of_triangle[patch.face as usize]) {
+        if face != NOT_DRAWN {
+            bytes[face as usize] = byte(tally.majority());
+        }
+    }
+    bytes
+}
+
+fn by_source_face(outcome: &Outcome, mesh: &Mesh) -> impl Iterator<Item = (u32, Tally)> {
+    by_group(outcome, |patch| mesh.source_face[patch.face as usize])
+}
+
+fn byte(verdict: Verdict) -> u8 {
+    match verdict {
+        Verdict::Measured(grade) => grade as u8,
+        Verdict::Missed(cause) => FIRST_CAUSE + cause as u8,
+        Verdict::NotAsked => NOT_ASKED,
+    }
+}
+
+fn byte_meanings() -> Vec<ByteMeaning> {
+    let grades = [Grade::A, Grade::B, Grade::C, Grade::D].map(|grade| (Verdict::Measured(grade), grade_name(grade)));
+    let causes = Cause::ALL.map(|cause| (Verdict::Missed(cause), cause.as_str()));
+    let all = grades.into_iter().chain(causes).chain([(Verdict::NotAsked, "not_asked")]);
+    all.map(|(verdict, meaning)| ByteMeaning { byte: byte(verdict), meaning: meaning.to_owned() }).collect()
+}
+
+/// `A` to `D`.
+pub(crate) fn grade_name(grade: Grade) -> &'static str {
+    match grade {
+        Grade::A => "A",
+        Grade::B => "B",
+        Grade::C => "C",
+        Grade::D => "D",
+    }
+}

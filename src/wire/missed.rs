@@ -1,0 +1,67 @@
+//! `missed.json`, schema `vantage.missed/1`: what is not measured, by cause, down to the faces of the uploaded file.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::plan::MissedDocument;
+use crate::planning::plan::{MissedCause, MissedSpot, Plan};
+
+/// Schema name that the document carries.
+pub const MISSED_SCHEMA: &str = "vantage.missed/1";
+
+/// The listing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MissedListing {
+    /// `vantage.missed/1`.
+    pub schema: String,
+    /// All faces but excluded regions.
+    pub asked_area_mm2: f64,
+    /// Asked area that no chosen view measures.
+    pub missed_area_mm2: f64,
+    /// One entry a cause, as in the plan, with its spots.
+    pub missed: Vec<MissedEntry>,
+}
+
+/// Area missed for one cause.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MissedEntry {
+    /// The entry of the plan.
+    #[serde(flatten)]
+    pub summary: MissedDocument,
+    /// Its connected spots, largest first.
+    pub listing: Vec<SpotDocument>,
+}
+
+/// A connected patch of surface missed for one cause.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SpotDocument {
+    /// Missed area in it.
+    pub area_mm2: f64,
+    /// Its area-weighted centre, part frame.
+    pub centre_mm: [f64; 3],
+    /// Faces of the uploaded file that it touches, ascending.
+    pub faces: Vec<u32>,
+}
+
+/// The listing of a plan.
+#[must_use]
+pub fn json(plan: &Plan) -> MissedListing {
+    MissedListing {
+        schema: MISSED_SCHEMA.to_owned(),
+        asked_area_mm2: plan.coverage.asked_area_mm2,
+        missed_area_mm2: plan.missed.iter().map(|missed| missed.area_mm2).sum(),
+        missed: plan.missed.iter().map(MissedEntry::from).collect(),
+    }
+}
+
+impl From<&MissedCause> for MissedEntry {
+    fn from(missed: &MissedCause) -> Self {
+        Self { summary: MissedDocument::from(missed), listing: missed.spots.iter().map(SpotDocument::from).collect() }
+    }
+}
+
+impl From<&MissedSpot> for SpotDocument {
+    fn from(spot: &MissedSpot) -> Self {
+        Self { area_mm2: spot.area_mm2, centre_mm: spot.centre_mm.into(), faces: spot.source_faces.clone() }
+    }
+}

@@ -1,0 +1,215 @@
+//! The sections of the page that are text, tables and bars.
+
+use std::fmt::Write;
+
+use super::ReportInput;
+use super::chart;
+use super::markup::{area, duration, escape, number, percent, triple};
+use super::palette::{Ink, MissGroup};
+use super::views::swatch;
+use super::words;
+use crate::planning::plan::{Grade, MissedCause, share};
+use crate::planning::report::{changed_params, moving_secs};
+use crate::planning::sequence::Leg;
+
+/// Spots of each cause that are listed.
+const SPOTS_LISTED: usize = 3;
+/// Characters of the file's digest that are shown.
+const DIGEST_SHOWN: usize = 12;
+
+/// What was planned, for which part and which hardware.
+pub(super) fn header(input: &ReportInput<'_>) -> String {
+    let part = &input.outcome.plan.part;
+    let size = part.aabb.extent_mm();
+    let digest: String = part.sha256.chars().take(DIGEST_SHOWN).collect();
+    let size = [size.x, size.y, size.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
+    let mut facts = vec![
+        ("Size", format!("{size}\u{a0}mm")),
+        ("Surface", format!("{} in {} triangles", area(part.area_mm2), number(part.triangles as f64, 0))),
+        ("File, SHA-256", format!("<code title=\"{}\">{}…</code>", escape(&part.sha256), escape(&digest))),
+        ("Scanner", escape(&input.scanner.name)),
+        ("Cell", input.cell_name.map_or_else(|| "none: viewpoints alone".into(), escape)),
+    ];
+    facts.extend(input.echo.part_number.iter().map(|number| ("Part number", escape(number))));
+    facts.extend(input.echo.serial.iter().map(|serial| ("Serial number", escape(serial))));
+    let labels: Vec<String> = input
+        .echo
+        .labels
+        .iter()
+        .map(|(name, value)| format!("<span class=\"chip\">{}: {}</span>", escape(name), escape(value)))
+        .collect();
+    if !labels.is_empty() {
+        facts.push(("Labels", labels.join(" ")));
+    }
+    let facts: Vec<String> = facts.iter().map(|(name, value)| format!("<div><dt>{name}</dt><dd>{value}</dd></div>")).collect();
+    format!(
+        "<header>\n<p class=\"kind\">Scan plan</p>\n<h1>{}</h1>\n<dl class=\"facts\">{}</dl>\n</header>\n",
+        escape(input.part_name),
+        facts.concat()
+    )
+}
+
+/// The figures that matter, and what they are not.
+pub(super) fn headline(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let coverage = &plan.coverage;
+    let measuring = plan.views.iter().filter(|view| view.rejected.is_none()).count();
+    let mut figures = vec![
+        ("figure main", number(measuring as f64, 0), if measuring == 1 { "view" } else { "views" }),
+        ("figure main", percent(coverage.of_coverable()), "of the coverable area"),
+        ("figure", percent(coverage.of_asked()), "of the asked area"),
+        ("figure", percent(coverage.of_total()), "of the whole surface"),
+    ];
+    if let Some(sequence) = &plan.sequence {
+        figures.push(("figure", duration(moving_secs(sequence)), "moving"));
+    }
+    figures.extend(input.cycle_secs.map(|secs| ("figure", duration(secs), "a cycle, predicted")));
+    let figures: Vec<String> = figures
+        .iter()
+        .map(|(class, value, name)| format!("<div class=\"{class}\"><b>{value}</b><span>{name}</span></div>"))
+        .collect();
+    format!(
+        "<section>\n<div class=\"figures\">{}</div>\n{}<p style=\"margin-top:12px\"><b>Why it stopped:</b> {} \
+         Of the {} asked for, some viewpoint that was considered can measure {} (the coverable area).</p>\n\
+         <div class=\"notice\"><p><b>This is simulated coverage, computed from the model of the part and of the scanner. It is no \
+         measurement.</b> Shiny, dark or clear surfaces and a part that differs from its model give less. The planner is not \
+         safety-rated: guarding, speed limits and stops belong to the cell’s own safety system.</p></div>\n</section>\n",
+        figures.concat(),
+        grades_bar(input),
+        words::stop(plan.stopped_because, &plan.params),
+        area(coverage.asked_area_mm2),
+        area(coverage.coverable_area_mm2),
+    )
+}
+
+/// The asked area by grade, and the rest.
+fn grades_bar(input: &ReportInput<'_>) -> String {
+    let coverage = &input.outcome.plan.coverage;
+    let grades = [(Grade::A, "A"), (Grade::B, "B"), (Grade::C, "C"), (Grade::D, "D")];
+    let shares =
+        grades.map(|(grade, name)| (grade, name, share(coverage.grade_area_mm2[grade as usize], coverage.asked_area_mm2)));
+    let (mut bar, mut legend, mut spoken) = (String::new(), String::new(), String::new());
+    for (grade, name, share) in shares {
+        let ink = Ink::Measured(grade);
+        // Writing to a String cannot fail.
+        let _ = write!(bar, "<i style=\"width:{:.3}%;background:{}\"></i>", share * 100.0, ink.hex());
+        let _ = write!(legend, "<li>{}Grade {name} {}</li>", swatch(ink), percent(share));
+        let _ = write!(spoken, "grade {name} {}, ", percent(share));
+    }
+    let missed = percent(1.0 - coverage.of_asked());
+    format!(
+        "<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}not measured {missed}\">{bar}</div>\n\
+         <ul class=\"legend\">{legend}<li><span class=\"swatch\" style=\"background:var(--well)\"></span>Not measured {missed}</li></ul>\n\
+         <p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area. A grade says how squarely and how near best focus its best \
+         view sees a point: A is close to the ideal, D is close to the scanner’s limits.</p>\n"
+    )
+}
+
+/// Coverage after each view.
+pub(super) fn curve(input: &ReportInput<'_>) -> String {
+    format!(
+        "<section>\n<h2>Coverage after each view</h2>\n<div class=\"card narrow\">{}</div>\n</section>\n",
+        chart::curve(&input.outcome.plan.coverage)
+    )
+}
+
+/// What is missed, and why.
+pub(super) fn missed(input: &ReportInput<'_>) -> String {
+    let missed = &input.outcome.plan.missed;
+    if missed.is_empty() {
+        return "<section>\n<h2>What is missed</h2>\n<p>Nothing: all of the asked area is measured.</p>\n</section>\n".into();
+    }
+    let mut by_area: Vec<&MissedCause> = missed.iter().collect();
+    by_area.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    let rows: Vec<String> = by_area.iter().map(|cause| missed_row(input, cause)).collect();
+    format!(
+        "<section>\n<h2>What is missed, and why</h2>\n<p>Each spot stands under the cause that stops the viewpoint that comes closest \
+         to measuring it. Coordinates are the part’s own.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th>\
+         <th class=\"n\">Area</th><th class=\"n\">Of asked</th><th class=\"n\">Spots</th><th>Largest spots, centre in mm</th></tr></thead>\n\
+         <tbody>\n{}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\"><code>coverage.csv</code> lists every face of the \
+         uploaded file with its measured share, grade and cause.</p>\n</section>\n",
+        rows.concat()
+    )
+}
+
+fn missed_row(input: &ReportInput<'_>, missed: &MissedCause) -> String {
+    let plan = &input.outcome.plan;
+    let spots: Vec<String> = missed
+        .spots
+        .iter()
+        .take(SPOTS_LISTED)
+        .map(|spot| format!("{} at {}", area(spot.area_mm2), triple(spot.centre_mm.into(), 1)))
+        .collect();
+    format!(
+        "<tr><td>{}<b>{}</b> <code>{}</code><br/><span class=\"soft\">{}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
+         <td class=\"n\">{}</td><td class=\"soft keep\">{}</td></tr>\n",
+        swatch(Ink::Missed(MissGroup::of(missed.cause))),
+        words::cause_name(missed.cause),
+        missed.cause.as_str(),
+        words::cause_meaning(missed.cause, input.scanner, &plan.params),
+        area(missed.area_mm2),
+        percent(share(missed.area_mm2, plan.coverage.asked_area_mm2)),
+        number(missed.spots.len() as f64, 0),
+        spots.join("<br/>")
+    )
+}
+
+/// In which order the views are visited; empty without a cell.
+pub(super) fn order(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let Some(sequence) = &plan.sequence else { return String::new() };
+    let label = |id| plan.views.iter().find(|view| view.id == id).map_or("", |view| view.label.as_str());
+    let mut rows: Vec<String> = sequence
+        .visits
+        .iter()
+        .zip(1..)
+        .map(|((view, leg), stop)| order_row(&stop.to_string(), &format!("View {} ({})", view.0, label(*view)), leg))
+        .collect();
+    rows.push(order_row("", "Home", &sequence.return_home));
+    format!(
+        "<section>\n<h2>Visiting order</h2>\n<p>From home through every view and back; {} of motion in all.</p>\n\
+         <div class=\"card scroll\"><table>\n<thead><tr><th class=\"n\">Stop</th><th>At</th><th class=\"n\">Turntable</th>\
+         <th class=\"n\">Joints 1 to 6</th><th class=\"n\">Move</th><th class=\"n\">Points between</th></tr></thead>\n<tbody>\n{}</tbody>\
+         </table></div>\n</section>\n",
+        duration(moving_secs(sequence)),
+        rows.concat()
+    )
+}
+
+fn order_row(stop: &str, name: &str, leg: &Leg) -> String {
+    let joints = leg.target.joints_rad.map(|joint| number(joint.to_degrees(), 1)).join(", ");
+    format!(
+        "<tr><td class=\"n\">{stop}</td><td>{name}</td><td class=\"n\">{}°</td><td class=\"n\">{joints}°</td><td class=\"n\">{}</td>\
+         <td class=\"n\">{}</td></tr>\n",
+        number(leg.target.table_angle_rad.to_degrees(), 1),
+        duration(leg.duration_secs),
+        leg.via_rad.len()
+    )
+}
+
+/// Candidates, and the parameters that are not at their defaults.
+pub(super) fn settings(input: &ReportInput<'_>) -> String {
+    let counts = &input.outcome.plan.candidates;
+    let rejected: Vec<String> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
+    let rejected = if rejected.is_empty() { String::new() } else { format!(" Dropped: {}.", rejected.join(", ")) };
+    let rows: Vec<String> = changed_params(&input.outcome.plan.params)
+        .iter()
+        .map(|(key, value)| format!("<tr><td><code>{}</code></td><td><code>{}</code></td></tr>\n", escape(key), escape(value)))
+        .collect();
+    format!(
+        "<section>\n<h2>How it was planned</h2>\n<p>{} viewpoints were considered, {} of them usable.{rejected}</p>\n<div class=\"card \
+         scroll\"><table>\n<thead><tr><th>Parameter in force, where it differs from the default or was derived</th><th>Value</th></tr></thead>\n\
+         <tbody>\n{}</tbody></table></div>\n</section>\n",
+        counts.generated,
+        counts.kept,
+        rows.concat()
+    )
+}
+
+/// Where the numbers come from.
+pub(super) fn footer() -> String {
+    format!(
+        "<footer>\n<p>Written by Vantage {} from <code>plan.json</code>, which holds every number at full precision.</p>\n</footer>\n",
+        env!("CARGO_PKG_VERSION")
+    )
+}

@@ -1,0 +1,102 @@
+//! The pictures with their captions: the part from three sides, and one card for each chosen view.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Vector3;
+use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
+
+use super::ReportInput;
+use super::markup::{number, percent, triple};
+use super::palette::Ink;
+use super::pictures;
+use super::renderer::Scene;
+use super::words;
+use crate::cell::PoseSpec;
+use crate::planning::plan::{Grade, PlannedView, Verdict, share};
+use crate::planning::stations::Station;
+use crate::planning::visibility::Row;
+
+const GRADES: [Ink; 4] = [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D)];
+
+/// The part from three sides, as the whole plan measures it.
+pub(super) fn overviews(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+    let figure = |side: &pictures::Side| {
+        format!("<figure>{}<figcaption>{}</figcaption></figure>\n", pictures::overview(input, scene, side), side.name)
+    };
+    let figures: Vec<String> = pictures::SIDES.par_iter().map(figure).collect();
+    format!(
+        "<section>\n<h2>The part, as all views together measure it</h2>\n<div class=\"grid3\">\n{}</div>\n{}\
+         <p class=\"soft\">x, y, z are the axes of the uploaded file. The scale holds at the part’s centre.</p>\n</section>\n",
+        figures.concat(),
+        legend(input, false)
+    )
+}
+
+/// One card for each chosen view, in the order chosen.
+pub(super) fn chosen(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+    let views = &input.outcome.plan.views;
+    let cards: Vec<String> = views
+        .into_par_iter()
+        .zip(&input.outcome.measured_by_view)
+        .enumerate()
+        .map(|(position, (view, row))| card(input, scene, position, view, row))
+        .collect();
+    format!(
+        "<section>\n<h2>The chosen views</h2>\n<p>Each picture shows the part from the viewpoint itself, with the scanner’s \
+         baseline level. Blue is what this view measures, by its own grade; grey is left to other views. The dashed line is the \
+         field that both cameras and the projector share at best focus.</p>\n{}<div class=\"views\" style=\"margin-top:14px\">\n{}\
+         </div>\n</section>\n",
+        legend(input, true),
+        cards.concat()
+    )
+}
+
+fn card(input: &ReportInput<'_>, scene: &Scene<'_>, position: usize, view: &PlannedView, row: &Row) -> String {
+    let coverage = &input.outcome.plan.coverage;
+    let so_far = coverage.curve_area_mm2.get(position).map_or(0.0, |area_mm2| share(*area_mm2, coverage.asked_area_mm2));
+    let mut details = vec![
+        ("adds", format!("{} of the asked area, {} so far", percent(view.gain_of_asked), percent(so_far))),
+        ("viewpoint", format!("{} mm", triple(view.part_from_scanner.origin_mm().into(), 1))),
+        ("looks along", triple(view.part_from_scanner.direction(&Vector3::z()).into(), 3)),
+        ("quaternion", triple_and_w(&PoseSpec::from(&view.part_from_scanner).quaternion_xyzw)),
+    ];
+    details.extend(view.station.iter().flat_map(station));
+    if let Some(cause) = view.rejected {
+        details.push(("rejected", format!("measures nothing: {}", words::cause_name(cause))));
+    }
+    let rows: Vec<String> = details.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{value}</dd>")).collect();
+    format!(
+        "<figure>{}<figcaption><div class=\"head\"><h3>View {} <span class=\"chip\">{}</span></h3>\
+         <span class=\"soft\">candidate {}</span></div>\n<dl class=\"details\">{}</dl></figcaption></figure>\n",
+        pictures::from_view(input, scene, view, row),
+        view.id.0,
+        view.label.as_str(),
+        view.candidate.0,
+        rows.concat()
+    )
+}
+
+fn triple_and_w(xyzw: &[f64; 4]) -> String {
+    format!("({})", xyzw.map(|value| number(value, 5)).join(", "))
+}
+
+fn station(station: &Station) -> [(&'static str, String); 2] {
+    let joints = station.joints_rad.map(|joint| number(joint.to_degrees(), 1)).join(", ");
+    [("turntable", format!("{}°", number(station.table_angle_rad.to_degrees(), 1))), ("joints 1 to 6", format!("{joints}°"))]
+}
+
+/// The inks that the pictures use: grades, misses that occur, and for views what others measure.
+fn legend(input: &ReportInput<'_>, of_a_view: bool) -> String {
+    let others = input.outcome.verdicts.iter().filter(|verdict| !matches!(verdict, Verdict::Measured(_))).copied();
+    let mut inks: BTreeSet<Ink> = others.map(Ink::of).chain(GRADES).collect();
+    if of_a_view {
+        inks.insert(Ink::ByOthers);
+    }
+    let items: Vec<String> = inks.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();
+    format!("<ul class=\"legend\">{}</ul>\n", items.concat())
+}
+
+/// A small square of an ink.
+pub(super) fn swatch(ink: Ink) -> String {
+    format!("<span class=\"swatch\" style=\"background:{}\"></span>", ink.hex())
+}

@@ -1,0 +1,77 @@
+//! Stored hardware specifications, as listed.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::cell::SpecKind;
+
+/// Collections of hardware specifications.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SpecCollection {
+    /// Structured-light scanners.
+    Scanner,
+    /// Robot arms.
+    Robot,
+    /// Turntables.
+    Turntable,
+    /// Cells.
+    Cell,
+}
+
+impl SpecCollection {
+    /// Every collection.
+    pub const ALL: [Self; 4] = [Self::Scanner, Self::Robot, Self::Turntable, Self::Cell];
+
+    /// What its entries are.
+    #[must_use]
+    pub fn kind(self) -> SpecKind {
+        match self {
+            Self::Scanner => SpecKind::Scanner,
+            Self::Robot => SpecKind::Robot,
+            Self::Turntable => SpecKind::Turntable,
+            Self::Cell => SpecKind::Cell,
+        }
+    }
+
+    /// `scanner`, `robot`, …
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        self.kind().as_str()
+    }
+
+    /// Name of the collection: of the route, and of the folder of presets.
+    #[must_use]
+    pub fn plural(self) -> &'static str {
+        match self {
+            Self::Scanner => "scanners",
+            Self::Robot => "robots",
+            Self::Turntable => "turntables",
+            Self::Cell => "cells",
+        }
+    }
+}
+
+/// Whether `name` may name a specification: 1 to 64 of `a-z 0-9 . _ -`, beginning with a letter or digit.
+#[must_use]
+pub fn is_spec_name(name: &str) -> bool {
+    let allowed = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || b"._-".contains(&c);
+    (1..=64).contains(&name.len()) && name.bytes().all(allowed) && name.bytes().next().is_some_and(|c| c.is_ascii_alphanumeric())
+}
+
+/// One entry of a list of specifications.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SpecListItem {
+    /// Its name.
+    pub name: String,
+    /// Whether it came with the program and cannot be changed.
+    pub preset: bool,
+    /// Its entity tag, for `If-Match`.
+    pub etag: String,
+}
+
+/// All specifications of one kind, by name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SpecList {
+    /// The entries.
+    pub items: Vec<SpecListItem>,
+}

@@ -1,0 +1,100 @@
+//! What became of a group of patches, by area: the common ground of the face table, the preview's bytes and the
+//! pictures. Cost: O(samples), one tally alive at a time, so that ten million faces need no gigabytes.
+
+use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
+use crate::planning::surface::Patch;
+
+#[cfg(test)]
+mod tests;
+
+const GRADES: [Grade; 4] = [Grade::A, Grade::B, Grade::C, Grade::D];
+
+/// Areas of a group of patches. All add up over samples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Tally {
+    /// Whole area.
+    pub(crate) area_mm2: f64,
+    /// Area not asked for.
+    pub(crate) not_asked_mm2: f64,
+    grade_mm2: [f64; GRADES.len()],
+    cause_mm2: [f64; Cause::ALL.len()],
+}
+
+impl Tally {
+    fn add(&mut self, verdict: Verdict, area_mm2: f64) {
+        self.area_mm2 += area_mm2;
+        match verdict {
+            Verdict::Measured(grade) => self.grade_mm2[grade as usize] += area_mm2,
+            Verdict::Missed(cause) => self.cause_mm2[cause as usize] += area_mm2,
+            Verdict::NotAsked => self.not_asked_mm2 += area_mm2,
+        }
+    }
+
+    /// Adds a patch: each of its samples stands for an equal share of its area.
+    pub(crate) fn add_patch(&mut self, patch: &Patch, verdicts: &[Verdict]) {
+        let share_mm2 = patch.area_mm2 / f64::from(patch.samples);
+        let first = patch.first_sample as usize;
+        for verdict in &verdicts[first..first + patch.samples as usize] {
+            self.add(*verdict, share_mm2);
+        }
+    }
+
+    /// Measured area.
+    pub(crate) fn measured_mm2(&self) -> f64 {
+        self.grade_mm2.iter().sum()
+    }
+
+    /// Asked area that is not measured.
+    pub(crate) fn missed_mm2(&self) -> f64 {
+        self.cause_mm2.iter().sum()
+    }
+
+    /// The grade that most of the measured area has; the better one of equals.
+    pub(crate) fn grade(&self) -> Option<Grade> {
+        largest(&self.grade_mm2).map(|index| GRADES[index])
+    }
+
+    /// The cause of most of the missed area; the earlier one of equals.
+    pub(crate) fn cause(&self) -> Option<Cause> {
+        largest(&self.cause_mm2).map(|index| Cause::ALL[index])
+    }
+
+    /// What became of most of the area: first of all asked or not, then measured or missed, then grade or cause.
+    pub(crate) fn majority(&self) -> Verdict {
+        let measured_or_missed = if self.measured_mm2() >= self.missed_mm2() {
+            self.grade().map(Verdict::Measured)
+        } else {
+            self.cause().map(Verdict::Missed)
+        };
+        match measured_or_missed {
+            Some(verdict) if 2.0 * self.not_asked_mm2 <= self.area_mm2 => verdict,
+            _ => Verdict::NotAsked,
+        }
+    }
+}
+
+/// Index of the largest positive entry, the first of equals.
+fn largest(areas_mm2: &[f64]) -> Option<usize> {
+    let better = |best: Option<usize>, index: usize| match best {
+        Some(other) if areas_mm2[other] >= areas_mm2[index] => best,
+        _ if areas_mm2[index] > 0.0 => Some(index),
+        _ => best,
+    };
+    (0..areas_mm2.len()).fold(None, better)
+}
+
+/// A tally for each group that has patches, in ascending order of its number.
+pub(crate) fn by_group(outcome: &Outcome, group_of: impl Fn(&Patch) -> u32) -> impl Iterator<Item = (u32, Tally)> {
+    let mut order: Vec<(u32, u32)> = outcome.surface.patches.iter().map(group_of).zip(0..).collect();
+    // Patches mostly come in this order already, which this sort takes in one pass.
+    order.sort();
+    let mut runs = order.into_iter().peekable();
+    std::iter::from_fn(move || {
+        let (group, _) = *runs.peek()?;
+        let mut tally = Tally::default();
+        while let Some((_, patch)) = runs.next_if(|next| next.0 == group) {
+            tally.add_patch(&outcome.surface.patches[patch as usize], &outcome.verdicts);
+        }
+        Some((group, tally))
+    })
+}

@@ -1,0 +1,75 @@
+use super::*;
+
+#[track_caller]
+fn shape(body: &str) -> (String, String) {
+    match parse::<JobRequest>(body.as_bytes()) {
+        Err(ParseError::Shape { pointer, detail }) => (pointer, detail),
+        other => panic!("{other:?}"),
+    }
+}
+
+const MESH: &str = "0192d3a0-0000-7000-8000-000000000001";
+
+#[test]
+fn the_pointer_names_the_field_at_fault() {
+    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "colour": 1}}"#)).0, "/colour");
+    assert_eq!(
+        shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"tarket": 1}}}}}}"#)).0,
+        "/params/selection/tarket"
+    );
+    assert_eq!(
+        shape(&format!(r#"{{"mesh_id": "{MESH}", "params": {{"selection": {{"target": "x"}}}}}}"#)).0,
+        "/params/selection/target"
+    );
+    assert_eq!(shape(r#"{"mesh_id": "x"}"#).0, "/mesh_id");
+    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "scanner": {{"name": "a", "mass": 1}}}}"#)).0, "/scanner/mass");
+    let (pointer, detail) = shape("{}");
+    assert_eq!(pointer, "");
+    assert!(detail.contains("mesh_id"), "{detail}");
+}
+
+#[test]
+fn what_is_no_json_is_told_apart() {
+    for body in ["", "{", "\u{feff}{}", "{} {}", "{\"mesh_id\": 1e400}", &"[".repeat(10_000)] {
+        assert!(matches!(parse::<JobRequest>(body.as_bytes()), Err(ParseError::Syntax(_))), "{body:.20}");
+    }
+}
+
+#[test]
+fn keys_are_escaped_in_pointers() {
+    let error = parse::<std::collections::BTreeMap<String, u8>>(br#"{"a/b~c": -1}"#).expect_err("negative");
+    assert!(matches!(error, ParseError::Shape { pointer, .. } if pointer == "/a~1b~0c"));
+}
+
+#[test]
+fn a_request_gets_its_defaults_and_its_ranges() {
+    let request: JobRequest = parse(format!(r#"{{"mesh_id": "{MESH}"}}"#).as_bytes()).expect("defaults");
+    assert_eq!(request, JobRequest::new(MESH.parse().expect("an id")));
+    assert_eq!(request.check(), Ok(()));
+
+    let mut bad = request;
+    bad.priority = 101;
+    bad.labels.insert(String::new(), "line\nbreak".into());
+    bad.params.selection.target = 2.0;
+    let pointers: Vec<_> = bad.check().expect_err("four faults").into_iter().map(|e| e.pointer).collect();
+    assert_eq!(pointers, ["/labels", "/labels/", "/priority", "/params/selection/target"]);
+}
+
+#[test]
+fn an_id_has_one_spelling() {
+    assert!(MESH.parse::<MeshId>().is_ok());
+    for other in [MESH.replace('-', ""), format!("{{{MESH}}}"), format!("urn:uuid:{MESH}"), String::new(), "../x".into()] {
+        assert!(other.parse::<MeshId>().is_err(), "{other}");
+    }
+    assert!(JobId::generate() < JobId::generate());
+}
+
+#[test]
+fn names_of_specifications_are_plain() {
+    for good in ["a", "transcan-c", "e05.v2", "0_x", &"a".repeat(64)] {
+        assert!(is_spec_name(good), "{good}");
+    }
+    for bad in ["", "-a", ".", "..", "A", "a/b", "a b", "ä", "none\n", &"a".repeat(65)] {
+        assert!(!is_spec_name(bad), "{bad}");
+    }
+}

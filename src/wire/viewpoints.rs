@@ -1,0 +1,92 @@
+//! The chosen views as a listing: `viewpoints.json`, schema `vantage.viewpoints/1`, and `viewpoints.csv`, one row a view
+//! in the order chosen.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::csv::Csv;
+use super::plan::ViewpointDocument;
+use crate::planning::plan::{Plan, ViewId};
+
+/// Schema name that the document carries.
+pub const VIEWPOINTS_SCHEMA: &str = "vantage.viewpoints/1";
+
+const HEADER: [&str; 23] = [
+    "id",
+    "candidate",
+    "label",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+    "gain_of_asked",
+    "score",
+    "visit",
+    "table_angle_deg",
+    "j1_deg",
+    "j2_deg",
+    "j3_deg",
+    "j4_deg",
+    "j5_deg",
+    "j6_deg",
+    "move_secs",
+    "via_points",
+    "rejected",
+];
+
+/// The listing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ViewpointsDocument {
+    /// `vantage.viewpoints/1`.
+    pub schema: String,
+    /// The chosen views, in the order chosen.
+    pub viewpoints: Vec<ViewpointDocument>,
+    /// Their ids in the order visited; empty without a cell.
+    pub sequence: Vec<u32>,
+}
+
+/// The listing of a plan.
+#[must_use]
+pub fn json(plan: &Plan) -> ViewpointsDocument {
+    ViewpointsDocument {
+        schema: VIEWPOINTS_SCHEMA.to_owned(),
+        viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
+        sequence: plan.sequence.iter().flat_map(|sequence| &sequence.visits).map(|(view, _)| view.0).collect(),
+    }
+}
+
+/// The listing as a table. The pose is `part_from_scanner`; `visit` counts from 0 in the order visited, `move_secs` and
+/// `via_points` belong to the move that leads to the view. Cells without a value are empty.
+#[must_use]
+pub fn csv(plan: &Plan) -> String {
+    let mut csv = Csv::new(&HEADER);
+    for (view, planned) in json(plan).viewpoints.iter().zip(&plan.views) {
+        csv.number(view.id);
+        csv.number(view.candidate);
+        csv.text(&view.label);
+        let pose = &view.part_from_scanner;
+        pose.translation_mm.iter().chain(&pose.quaternion_xyzw).for_each(|value| csv.number(value));
+        csv.number(view.gain_of_asked);
+        csv.number(view.score);
+        let visit = visit(plan, planned.id);
+        csv.optional(visit.map(|(position, ..)| position));
+        csv.optional(view.station.map(|station| station.table_angle_deg));
+        (0..6).for_each(|joint| csv.optional(view.station.map(|station| station.joints_deg[joint])));
+        csv.optional(visit.map(|(_, secs, _)| secs));
+        csv.optional(visit.map(|(.., points)| points));
+        csv.text(view.rejected.as_deref().unwrap_or(""));
+        csv.end_row();
+    }
+    csv.finish()
+}
+
+/// Position in the order visited, seconds and points between of the move that leads there.
+fn visit(plan: &Plan, view: ViewId) -> Option<(usize, f64, usize)> {
+    let visits = &plan.sequence.as_ref()?.visits;
+    let position = visits.iter().position(|(visited, _)| *visited == view)?;
+    let leg = &visits[position].1;
+    Some((position, leg.duration_secs, leg.via_rad.len()))
+}

@@ -1,0 +1,111 @@
+//! A plan for a part on the table of the default cell: what must hold of every such plan.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Point3, Vector3};
+use vantage::cell::{Cell, Presets, SpecLibrary};
+use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::{PlanParams, Region};
+use vantage::planning::plan::{Cause, Outcome};
+use vantage::planning::{PlanError, PlanInput, plan};
+
+use crate::support::box_mesh;
+
+fn default_cell() -> Cell {
+    Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
+}
+
+fn planned(mesh: &Mesh, fixture: Option<&Mesh>, cell: &Cell, params: &PlanParams) -> Result<Outcome, PlanError> {
+    let cancel = AtomicBool::new(false);
+    let input = PlanInput { mesh, fixture, part_sha256: "", scanner: &cell.scanner, cell: Some(cell) };
+    plan(&input, params, &Context::new(&cancel, &Silent))
+}
+
+fn quick() -> PlanParams {
+    let mut params = PlanParams::default();
+    params.part.samples_per_mm2 = Some(0.3);
+    params
+}
+
+fn missed_mm2(outcome: &Outcome, cause: Cause) -> f64 {
+    outcome.plan.missed.iter().filter(|missed| missed.cause == cause).map(|missed| missed.area_mm2).sum()
+}
+
+#[test]
+fn a_box_on_the_table_is_measured_but_for_the_face_it_stands_on() {
+    let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let outcome = planned(&mesh, None, &cell, &quick()).expect("a plan");
+    let coverage = &outcome.plan.coverage;
+    assert!((missed_mm2(&outcome, Cause::ExcludedResting) - 2400.0).abs() < 1e-6);
+    assert!((coverage.asked_area_mm2 - 12_800.0).abs() < 1e-6);
+    assert!((coverage.coverable_area_mm2 - 10_400.0).abs() < 1e-6, "all but the underside: {coverage:?}");
+    assert!((coverage.grade_area_mm2.iter().sum::<f64>() - coverage.measured_area_mm2).abs() < 1e-6);
+    let missed: f64 = outcome.plan.missed.iter().map(|missed| missed.area_mm2).sum();
+    assert!((coverage.measured_area_mm2 + missed - coverage.asked_area_mm2).abs() < 1e-6);
+    assert!(coverage.curve_area_mm2.windows(2).all(|pair| pair[0] <= pair[1]));
+    assert!(coverage.of_coverable() >= 0.985);
+}
+
+#[test]
+fn every_station_puts_the_scanner_where_the_view_wants_it() {
+    let (cell, mesh) = (default_cell(), box_mesh([100.0, 50.0, -7.0], [160.0, 90.0, 33.0]));
+    let outcome = planned(&mesh, None, &cell, &quick()).expect("a plan");
+    let table_from_part: Pose<Table, Part> = outcome.plan.table_from_part.expect("a cell");
+    let plate_from_part: Pose<Plate, Part> = Pose::claim(*table_from_part.isometry());
+    assert!(!outcome.plan.views.is_empty());
+    for view in &outcome.plan.views {
+        let station = view.station.expect("every view has a station");
+        let reached = cell.base_from_scanner(&station.joints_rad);
+        let asked = cell.base_from_table * table_from_plate(station.table_angle_rad) * plate_from_part * view.part_from_scanner;
+        assert!((reached.origin_mm() - asked.origin_mm()).norm() < 1e-6);
+        for axis in [Vector3::x(), Vector3::z()] {
+            assert!((reached.direction(&axis) - asked.direction(&axis)).norm() < 1e-9);
+        }
+    }
+    let visited: Vec<_> = outcome.plan.sequence.expect("a cell").visits.iter().map(|(view, _)| *view).collect();
+    let mut sorted = visited.clone();
+    sorted.sort_unstable();
+    assert_eq!(sorted, outcome.plan.views.iter().map(|view| view.id).collect::<Vec<_>>());
+}
+
+#[test]
+fn what_is_excluded_is_neither_asked_for_nor_missed() {
+    let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let mut params = quick();
+    params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.0, 20.0], normal: [0.0, 0.0, 1.0] }];
+    let outcome = planned(&mesh, None, &cell, &params).expect("a plan");
+    let coverage = &outcome.plan.coverage;
+    assert!((coverage.asked_area_mm2 / (12_800.0 / 2.0) - 1.0).abs() < 0.01, "{coverage:?}");
+    assert_eq!(missed_mm2(&outcome, Cause::ExcludedResting), 0.0);
+    assert!((coverage.total_area_mm2 - 12_800.0).abs() < 1e-6);
+    params.regions.exclude = vec![Region::Box { min_mm: [-99.0; 3], max_mm: [99.0; 3] }];
+    let refused = planned(&mesh, None, &cell, &params).expect_err("nothing is left");
+    assert!(refused.to_string().starts_with("/regions/exclude: leaves nothing"), "{refused}");
+}
+
+#[test]
+fn a_fixture_hides_what_lies_behind_it_and_is_not_measured() {
+    let (cell, mesh) = (default_cell(), box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 40.0]));
+    // A wall 2 mm beside the right face, as high as the part: nothing can look in between.
+    let wall = box_mesh([22.0, -30.0, 0.0], [30.0, 30.0, 40.0]);
+    let outcome = planned(&mesh, Some(&wall), &cell, &quick()).expect("a plan");
+    let coverage = &outcome.plan.coverage;
+    assert!((coverage.total_area_mm2 - 9600.0).abs() < 1e-6, "the wall does not count");
+    let open_mm2 = 9600.0 - 1600.0 - 1600.0;
+    assert!((coverage.coverable_area_mm2 / open_mm2 - 1.0).abs() < 0.05, "{coverage:?}");
+    let hidden: f64 =
+        [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
+    let oblique: f64 =
+        [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
+    assert!(hidden > 1000.0 && hidden + oblique > 1500.0, "hidden {hidden}, oblique {oblique}");
+}
+
+#[test]
+fn a_part_beyond_the_arm_is_no_plan_with_reasons() {
+    let (mut cell, mesh) = (default_cell(), box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 40.0]));
+    let away = cell.base_from_table.origin_mm() + Vector3::new(3000.0, 0.0, 0.0);
+    cell.base_from_table = Pose::from_parts((away - Point3::origin()).cast(), nalgebra::UnitQuaternion::identity());
+    let refused = planned(&mesh, None, &cell, &quick()).expect_err("out of reach").to_string();
+    assert!(refused.contains("unreachable 33") && refused.contains("0 were usable"), "{refused}");
+}
