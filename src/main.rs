@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use std::sync::atomic::AtomicBool;
-use vantage::cli::{CliError, plan::PlanArgs};
+use vantage::cli::plan::PlanArgs;
 
 #[derive(Parser)]
 enum Command {
@@ -15,7 +15,7 @@ fn main() -> std::process::ExitCode {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
-            std::process::ExitCode::from(&error as &CliError)
+            std::process::ExitCode::from(error.exit_code())
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Floor 11, the command line.
 
-use std::process::ExitCode;
-
 pub mod files;
+pub mod inspect;
 pub mod inspect_scanner;
+pub mod part;
 pub mod plan;
 pub mod progress;
 
@@ -21,12 +21,17 @@ pub enum CliError {
     Cancelled(String),
 }
 
-impl From<&CliError> for ExitCode {
-    fn from(error: &CliError) -> Self {
-        Self::from(match error {
-            CliError::BadInput(_) => 2,
-            CliError::NoPlan(_) => 3,
-            CliError::Cancelled(_) => 4,
-        })
+impl CliError {
+    /// Exit code of the process.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::BadInput(_) => 2,
+            Self::NoPlan(_) => 3,
+            Self::Cancelled(_) => 4,
+        }
     }
 }
+
+#[cfg(test)]
+mod tests;

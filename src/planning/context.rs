@@ -20,12 +20,22 @@ pub enum Stage {
     Sequence,
     /// What is missed, and why.
     Missed,
+    /// The outcome to files.
+    Report,
 }
 
 impl Stage {
     /// Every stage, in order.
-    pub const ALL: [Self; 7] =
-        [Self::Surface, Self::Candidates, Self::Stations, Self::Visibility, Self::Selection, Self::Sequence, Self::Missed];
+    pub const ALL: [Self; 8] = [
+        Self::Surface,
+        Self::Candidates,
+        Self::Stations,
+        Self::Visibility,
+        Self::Selection,
+        Self::Sequence,
+        Self::Missed,
+        Self::Report,
+    ];
 
     /// Name in files and events.
     #[must_use]
@@ -38,6 +48,7 @@ impl Stage {
             Self::Selection => "selection",
             Self::Sequence => "sequence",
             Self::Missed => "missed",
+            Self::Report => "report",
         }
     }
 }

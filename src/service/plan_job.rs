@@ -2,7 +2,7 @@
 
 use crate::cell::{Cell, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh};
-use crate::planning::context::Context;
+use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::Outcome;
 use crate::planning::report::text;
@@ -58,6 +58,7 @@ impl PlanJob<'_> {
             cell: self.cell,
         };
         let outcome = plan(&input, self.params, ctx)?;
+        ctx.begin(Stage::Report)?;
         Ok(self.render(&outcome))
     }
 

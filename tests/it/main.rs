@@ -3,9 +3,11 @@
 mod architecture;
 mod closed_form;
 mod inspect_scanner;
+mod kinematics;
 mod meshes;
 mod oracle_coverage;
 mod planning_with_cell;
 mod public_figures;
+mod reach_study;
 mod report;
 mod support;

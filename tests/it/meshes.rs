@@ -98,7 +98,7 @@ fn every_mesh_agrees_with_the_table() {
 }
 
 /// What becomes of a file where it is not what its class and the table's reader suggest, and why.
-const EXCEPTIONS: [(&str, &str, &str); 11] = [
+const EXCEPTIONS: [(&str, &str, &str); 10] = [
     ("assimp/OBJ_number_formats.obj", "mesh_syntax line 11", "3.1+e2 is no number in any reading of the format"),
     ("assimp/PLY_issue623.ply", "mesh_syntax line 13", "the line that declares the faces is gone; every vertex lacks its list"),
     ("draco/delim_test.ply", "12", "CR alone ends the lines of its header; the table's reader gives up"),
@@ -109,7 +109,6 @@ const EXCEPTIONS: [(&str, &str, &str); 11] = [
     ("plyrs/empty_2_ok_little_endian.ply", "mesh_no_triangles", "legal, but empty"),
     ("plyrs/exponent_values_ok_ascii.ply", "mesh_no_triangles", "legal, but holds points only"),
     ("plyrs/floats_shorts.ply", "1", "floats and shorts are legal types"),
-    ("plyrs/single_elements_err_ascii.ply", "mesh_count_mismatch line 5", "two points are declared and one is there"),
 ];
 
 /// What the class of a row asks for: a triangle count, or the beginning of an error.

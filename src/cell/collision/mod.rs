@@ -121,6 +121,8 @@ impl CollisionScene {
     /// nothing can move further than the clearance: so nothing touches anywhere on a segment that is reported free.
     #[must_use]
     pub fn check_segment(&self, from: &Configuration, to: &Configuration) -> Option<Contact> {
+        // The same samples whichever way it is run.
+        let (from, to) = if from <= to { (from, to) } else { (to, from) };
         let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
         let widest_rad = travel.iter().fold(0.0, |widest: f64, angle| widest.max(angle.abs()));
         let steps = (widest_rad / STEP_RAD).ceil().max(1.0);

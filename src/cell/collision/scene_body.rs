@@ -105,15 +105,20 @@ fn link_body(link: &LinkCapsule) -> SceneBody {
     SceneBody::new(&link.name, Carrier::Link(link.link), Isometry3::from_parts(middle, along), Solid::from_shape(&shape))
 }
 
-/// The plate, round and so the same at every angle, and what is below it.
+/// The plate, and what is below it.
 fn table_bodies(cell: &Cell) -> Vec<SceneBody> {
     let base_from_table = cell.base_from_table.isometry();
-    let thickness_mm = cell.turntable.plate_thickness_mm;
-    let shape = Shape::Cylinder { radius_mm: cell.turntable.plate_radius_mm, height_mm: thickness_mm };
-    let owner_from_body = Isometry3::translation(0.0, 0.0, -0.5 * thickness_mm);
-    let plate = Body { name: "turntable plate".into(), owner_from_body, shape };
-    let bodies = std::iter::once(&plate).chain(&cell.table_bodies);
-    bodies.map(|body| SceneBody { holds_part: true, ..SceneBody::from_body(body, Carrier::Still, base_from_table) }).collect()
+    let below = cell.table_bodies.iter().map(|body| SceneBody::from_body(body, Carrier::Still, base_from_table));
+    std::iter::once(plate(cell)).chain(below.map(|body| SceneBody { holds_part: true, ..body })).collect()
+}
+
+/// It turns, so nothing may stand in it; it is round, so turning moves no point of it anywhere new.
+fn plate(cell: &Cell) -> SceneBody {
+    let height_mm = cell.turntable.plate_thickness_mm;
+    let shape = Shape::Cylinder { radius_mm: cell.turntable.plate_radius_mm, height_mm };
+    let plate_from_body = Isometry3::translation(0.0, 0.0, -0.5 * height_mm);
+    let solid = Solid::from_shape(&shape);
+    SceneBody { reach_mm: 0.0, ..SceneBody::new("turntable plate", Carrier::Plate, plate_from_body, solid) }
 }
 
 fn floor(height_mm: f64) -> SceneBody {

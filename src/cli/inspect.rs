@@ -1,0 +1,91 @@
+//! `vantage inspect MESH`: what a part is, what is wrong with it, and what to do about it.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::PathBuf;
+
+use super::CliError;
+use crate::geometry::LengthUnit;
+use crate::geometry::mesh_io::{Limits, MeshError, ReadMesh, read};
+use crate::wire::MeshHealth;
+
+/// Arguments of `vantage inspect`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct InspectArgs {
+    /// The file to look at; its format is found by content
+    pub file: PathBuf,
+    /// Unit of length the mesh is drawn in: mm, cm, m or inch
+    #[arg(long)]
+    pub unit: Option<LengthUnit>,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The report as JSON, with the unit that the file was taken to be in.
+#[derive(serde::Serialize)]
+struct Inspected<'a> {
+    unit: &'a str,
+    #[serde(flatten)]
+    health: &'a MeshHealth,
+}
+
+/// Prints the report of the file.
+///
+/// # Errors
+/// [`CliError::BadInput`] when the file cannot be read, with the place in it.
+pub fn run(args: &InspectArgs) -> Result<(), CliError> {
+    print!("{}", report(args)?);
+    Ok(())
+}
+
+/// What `run` prints.
+pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
+    let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
+    let bytes = fs::read(&args.file).map_err(|error| bad_input(&error))?;
+    let mesh = read(&bytes, args.unit, &Limits::default()).map_err(|error| match error {
+        MeshError::UnitMissing => bad_input(&format!("{error} with --unit")),
+        error => bad_input(&error),
+    })?;
+    let report = MeshHealth::new(&mesh);
+    if args.json {
+        let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report }).map_err(|error| bad_input(&error))?;
+        return Ok(json + "\n");
+    }
+    Ok(table(&args.file.display().to_string(), &mesh, &report))
+}
+
+fn table(name: &str, mesh: &ReadMesh, report: &MeshHealth) -> String {
+    let size = mesh.health.aabb.extent_mm();
+    let (min, max) = (report.bbox_mm.min, report.bbox_mm.max);
+    let span = |axis: usize| format!("{:.3} … {:.3}", min[axis], max[axis]);
+    let volume = report.volume_mm3.map_or("unknown (not closed, or inconsistently wound)".into(), |v| format!("{v:.1} mm³"));
+    let dropped = match report.triangles_in_file - report.triangles {
+        0 => String::new(),
+        _ => format!(" of {} in the file", report.triangles_in_file),
+    };
+    let rows = [
+        ("format", report.format.clone()),
+        ("unit", format!("{} (1 {} = {} mm)", mesh.unit, mesh.unit, mesh.unit.mm())),
+        ("size", format!("{:.3} × {:.3} × {:.3} mm", size.x, size.y, size.z)),
+        ("x, y, z", format!("{}, {}, {} mm", span(0), span(1), span(2))),
+        ("area", format!("{:.1} mm²", report.area_mm2)),
+        ("volume", volume),
+        ("triangles", format!("{}{dropped}", report.triangles)),
+        ("vertices", report.vertices.to_string()),
+        ("groups", mesh.mesh.groups.len().to_string()),
+        ("bodies", report.bodies.to_string()),
+        ("watertight", if report.watertight { "yes" } else { "no" }.into()),
+    ];
+    let mut text = format!("{name}\n");
+    for (key, value) in rows {
+        let _ = writeln!(text, "  {key:<11} {value}");
+    }
+    for warning in &report.warnings {
+        let _ = write!(text, "  ! {}\n    → {}\n", warning.detail, warning.remedy);
+    }
+    if report.warnings.is_empty() {
+        text.push_str("  no problems found\n");
+    }
+    text
+}

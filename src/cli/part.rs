@@ -1,0 +1,33 @@
+//! `vantage part base|figurine`: writes a demo part as STL, in millimetres.
+
+use std::fs;
+use std::path::PathBuf;
+
+use super::CliError;
+use crate::geometry::demo_parts::{DEFAULT_TRIANGLES, DemoPart};
+use crate::geometry::mesh_io::write_stl;
+
+/// Arguments of `vantage part`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct PartArgs {
+    /// Which part: base (121 × 73 × 37 mm consumer product) or figurine (150 mm tall)
+    pub part: DemoPart,
+    /// About how many triangles it should have
+    #[arg(long, default_value_t = DEFAULT_TRIANGLES)]
+    pub triangles: usize,
+    /// The STL file to write
+    #[arg(long)]
+    pub out: PathBuf,
+}
+
+/// Writes the part.
+///
+/// # Errors
+/// [`CliError::BadInput`] when the count is out of range or the file cannot be written.
+pub fn run(args: &PartArgs) -> Result<(), CliError> {
+    let mesh = args.part.mesh(args.triangles).map_err(|error| CliError::BadInput(error.to_string()))?;
+    let write = fs::write(&args.out, write_stl(&mesh));
+    write.map_err(|error| CliError::BadInput(format!("{}: {error}", args.out.display())))?;
+    println!("{}: {}, {} triangles, millimetres", args.out.display(), args.part, mesh.faces.len());
+    Ok(())
+}

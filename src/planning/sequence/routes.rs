@@ -1,0 +1,174 @@
+//! Checked moves between stations: straight where that is free, else by way of raised or retreated points, of the arm at
+//! home while the table turns, or of home itself. Every segment of a route that is returned was checked.
+
+use std::sync::OnceLock;
+
+use nalgebra::{Isometry3, Vector3};
+
+use crate::cell::{Axes, Cell, CollisionScene, Configuration, joints_of};
+use crate::geometry::{Base, Pose, Scanner as ScannerFrame};
+
+/// Ways to draw the scanner back: along its own −z, and up, mm.
+const RETREATS_MM: [[f64; 2]; 5] = [[100.0, 0.0], [250.0, 0.0], [0.0, 100.0], [0.0, 250.0], [150.0, 200.0]];
+/// A retreat on another branch is no retreat: no axis turns further than this on the way there, radians (80°).
+const RETREAT_TURN_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
+
+/// A way between two configurations, both left out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Route {
+    pub(super) via_rad: Vec<Configuration>,
+    pub(super) secs: f64,
+}
+
+impl Route {
+    /// The same way run backwards: as free, and as long.
+    pub(super) fn reversed(&self) -> Self {
+        Self { via_rad: self.via_rad.iter().rev().copied().collect(), secs: self.secs }
+    }
+}
+
+/// A station that can be reached from home.
+#[derive(Debug)]
+pub(super) struct Node {
+    /// Which view it takes.
+    pub(super) view: usize,
+    pub(super) configuration: Configuration,
+    pub(super) from_home: Route,
+    /// Points beside it with a free straight way to it; found when first asked for.
+    retreats: OnceLock<Vec<Configuration>>,
+}
+
+impl Node {
+    pub(super) fn new(view: usize, configuration: Configuration, from_home: Route) -> Self {
+        Self { view, configuration, from_home, retreats: OnceLock::new() }
+    }
+}
+
+/// Finds routes in one scene.
+pub(super) struct Routes<'a> {
+    cell: &'a Cell,
+    scene: &'a CollisionScene,
+    axes: Axes,
+    speed_fraction: f64,
+}
+
+impl<'a> Routes<'a> {
+    pub(super) fn new(cell: &'a Cell, scene: &'a CollisionScene, speed_fraction: f64) -> Self {
+        Self { cell, scene, axes: cell.axes(), speed_fraction }
+    }
+
+    /// Time of the straight move, free or not.
+    pub(super) fn straight_secs(&self, a: &Configuration, b: &Configuration) -> f64 {
+        self.axes.move_secs(a, b, self.speed_fraction)
+    }
+
+    /// The quickest free way from home that is known; `None` where there is none.
+    pub(super) fn from_home(&self, station: &Configuration) -> Option<Route> {
+        let home = &self.cell.home_rad;
+        if self.is_free(home, station) {
+            return Some(self.route(home, Vec::new(), station));
+        }
+        let turned = self.arm_at_home(station[6]);
+        let mut vias = vec![vec![turned]];
+        for retreat in self.retreats(station) {
+            vias.extend([vec![retreat], vec![turned, retreat]]);
+        }
+        self.quickest_free(home, vias, station, f64::INFINITY)
+    }
+
+    /// The quickest free way between two stations that is known; by home, if nothing else.
+    pub(super) fn between(&self, a: &Node, b: &Node) -> Route {
+        let (from, to) = (&a.configuration, &b.configuration);
+        if self.is_free(from, to) {
+            return self.route(from, Vec::new(), to);
+        }
+        let by_home = self.by_home(a, b);
+        self.quickest_free(from, self.detours(a, b), to, by_home.secs).unwrap_or(by_home)
+    }
+
+    fn by_home(&self, a: &Node, b: &Node) -> Route {
+        let mut via_rad = a.from_home.reversed().via_rad;
+        via_rad.push(self.cell.home_rad);
+        via_rad.extend(&b.from_home.via_rad);
+        self.route(&a.configuration, via_rad, &b.configuration)
+    }
+
+    fn detours(&self, a: &Node, b: &Node) -> Vec<Vec<Configuration>> {
+        let ends = |node: &Node| -> Vec<Vec<Configuration>> {
+            let retreats = node.retreats.get_or_init(|| self.retreats(&node.configuration));
+            std::iter::once(Vec::new()).chain(retreats.iter().map(|point| vec![*point])).collect()
+        };
+        let over_home = vec![self.arm_at_home(a.configuration[6]), self.arm_at_home(b.configuration[6])];
+        let mut detours = Vec::new();
+        for first in ends(a) {
+            for last in ends(b) {
+                detours.push([&first[..], &last].concat());
+                detours.push([&first[..], &over_home, &last].concat());
+            }
+        }
+        detours.retain(|vias| !vias.is_empty());
+        detours
+    }
+
+    /// The quickest of `vias` that is free and takes less than `limit_secs`.
+    fn quickest_free(
+        &self,
+        from: &Configuration,
+        vias: Vec<Vec<Configuration>>,
+        to: &Configuration,
+        limit_secs: f64,
+    ) -> Option<Route> {
+        let mut routes: Vec<_> = vias.into_iter().map(|via_rad| self.route(from, via_rad, to)).collect();
+        routes.retain(|route| route.secs < limit_secs);
+        routes.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        routes.into_iter().find(|route| {
+            let points: Vec<_> = std::iter::once(from).chain(&route.via_rad).chain(std::iter::once(to)).collect();
+            points.windows(2).all(|ends| self.is_free(ends[0], ends[1]))
+        })
+    }
+
+    /// Points beside `station` at the same table angle and on the same branch, each with a free straight way to it.
+    fn retreats(&self, station: &Configuration) -> Vec<Configuration> {
+        let base_from_scanner = self.cell.base_from_scanner(&joints_of(station));
+        RETREATS_MM
+            .iter()
+            .filter_map(|[back_mm, up_mm]| {
+                let shift = base_from_scanner.direction(&-Vector3::z()) * *back_mm + Vector3::z() * *up_mm;
+                let moved = Pose::claim(Isometry3::translation(shift.x, shift.y, shift.z) * base_from_scanner.isometry());
+                self.nearest(&moved, station)
+            })
+            .filter(|point| self.is_free(station, point))
+            .collect()
+    }
+
+    /// The joint vector for `base_from_scanner` that is nearest to `station`, if no axis turns far.
+    fn nearest(&self, base_from_scanner: &Pose<Base, ScannerFrame>, station: &Configuration) -> Option<Configuration> {
+        let base_from_flange = *base_from_scanner * self.cell.flange_from_scanner.inverse();
+        let branches = self.cell.robot.kinematics.branches(&base_from_flange);
+        let widest = |point: &Configuration| point.iter().zip(station).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        branches
+            .into_iter()
+            .flat_map(|joints| {
+                let at_table = std::array::from_fn(|axis| joints.get(axis).copied().unwrap_or(station[6]));
+                self.axes.windings(&at_table)
+            })
+            .filter(|point| widest(point) <= RETREAT_TURN_RAD)
+            .min_by(|a, b| widest(a).total_cmp(&widest(b)))
+    }
+
+    fn arm_at_home(&self, table_angle_rad: f64) -> Configuration {
+        let mut configuration = self.cell.home_rad;
+        configuration[6] = table_angle_rad;
+        configuration
+    }
+
+    fn route(&self, from: &Configuration, via_rad: Vec<Configuration>, to: &Configuration) -> Route {
+        let points = std::iter::once(from).chain(&via_rad).chain(std::iter::once(to));
+        let secs = self.axes.path_secs(points, self.speed_fraction);
+        Route { via_rad, secs }
+    }
+
+    fn is_free(&self, a: &Configuration, b: &Configuration) -> bool {
+        self.scene.check_segment(a, b).is_none()
+    }
+}

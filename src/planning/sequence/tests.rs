@@ -1,0 +1,169 @@
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::{Configuration, Leg, Ordered, order};
+use crate::cell::{BodySpec, Cell, CollisionScene, Presets, ShapeSpec, SpecLibrary};
+use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::planning::context::{Cancelled, Context, Silent};
+use crate::planning::params::PlanParams;
+use crate::planning::plan::ViewId;
+use crate::planning::stations::{Station, solve};
+
+const EDGE_MM: f64 = 120.0;
+
+fn cube() -> Mesh {
+    let corner = |i: usize| Point3::new((i & 1) as f64, ((i >> 1) & 1) as f64, ((i >> 2) & 1) as f64) * EDGE_MM;
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
+}
+
+fn placed() -> Pose<Table, Part> {
+    Pose::claim(Isometry3::translation(-0.5 * EDGE_MM, -0.5 * EDGE_MM, 0.0))
+}
+
+fn views(count: u32) -> Vec<Pose<Part, ScannerFrame>> {
+    (0..count)
+        .map(|i| {
+            let (polar, azimuth) = (0.3 + 1.1 * (f64::from(i) * 0.618_034).fract(), 2.4 * f64::from(i));
+            let out = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
+            let x = Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+            let axes = nalgebra::Rotation3::from_basis_unchecked(&[x, (-out).cross(&x), -out]);
+            Pose::from_parts(Vector3::repeat(0.5 * EDGE_MM) + out * 540.0, UnitQuaternion::from_rotation_matrix(&axes))
+        })
+        .collect()
+}
+
+struct Room {
+    cell: Cell,
+    scene: CollisionScene,
+    stations: Vec<Vec<Station>>,
+}
+
+fn room(count: u32, obstacles: Vec<BodySpec>) -> Room {
+    let mut spec = Presets.cell("e05-transcan").expect("preset");
+    spec.obstacles.extend(obstacles);
+    let cell = spec.build(&Presets).unwrap_or_else(|errors| panic!("{errors:#?}"));
+    let scene = CollisionScene::new(&cell, &cube(), None, &placed(), 5.0);
+    let flag = AtomicBool::new(false);
+    let solved = solve(&views(count), &cell, &scene, &placed(), &Context::new(&flag, &Silent)).expect("not cancelled");
+    let stations = solved.into_iter().map(|found| found.unwrap_or_default()).collect();
+    Room { cell, scene, stations }
+}
+
+impl Room {
+    fn order(&self) -> Result<Ordered, Cancelled> {
+        self.order_on(1, false)
+    }
+
+    fn order_on(&self, threads: usize, cancelled: bool) -> Result<Ordered, Cancelled> {
+        let listed: Vec<_> =
+            self.stations.iter().enumerate().map(|(i, stations)| (ViewId(i as u32), stations.as_slice())).collect();
+        let flag = AtomicBool::new(cancelled);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
+        pool.install(|| order(&listed, &self.cell, &self.scene, &PlanParams::default(), &Context::new(&flag, &Silent)))
+    }
+
+    /// Re-checks every segment at half a degree, its times and its limits, from the sequence alone.
+    fn assert_sound(&self, ordered: &Ordered) {
+        let axes = self.cell.axes();
+        let mut here = self.cell.home_rad;
+        let legs = ordered.sequence.visits.iter().map(|(_, leg)| leg).chain([&ordered.sequence.return_home]);
+        for Leg { via_rad, target, duration_secs } in legs {
+            let points: Vec<Configuration> = std::iter::once(here).chain(via_rad.iter().copied()).chain([target.configuration()]).collect();
+            assert!((axes.path_secs(&points, 0.25) - duration_secs).abs() < 1e-9);
+            for ends in points.windows(2) {
+                assert!(axes.allow(&ends[1]));
+                let widest = ends[0].iter().zip(ends[1]).map(|(a, b)| (a - b).abs().to_degrees()).fold(0.0, f64::max);
+                let steps = (widest / 0.5).ceil() as u32;
+                for step in 0..=steps {
+                    let t = f64::from(step) / f64::from(steps.max(1));
+                    let between = std::array::from_fn(|i| ends[0][i] + t * (ends[1][i] - ends[0][i]));
+                    // A hair below the clearance that was planned with: samples here are not the planner's own.
+                    assert_eq!(self.loose().check(&between), None);
+                }
+            }
+            here = target.configuration();
+        }
+        assert_eq!(here, self.cell.home_rad);
+    }
+
+    /// Clearance may dip between the planner's samples, but never to nothing.
+    fn loose(&self) -> CollisionScene {
+        CollisionScene::new(&self.cell, &cube(), None, &placed(), 0.5)
+    }
+}
+
+fn visited(ordered: &Ordered) -> Vec<u32> {
+    let mut ids: Vec<_> = ordered.sequence.visits.iter().map(|(view, _)| view.0).collect();
+    ids.sort_unstable();
+    ids
+}
+
+#[test]
+fn every_view_is_visited_once_on_checked_paths_from_home_to_home() {
+    for count in [7, 14] {
+        let room = room(count, Vec::new());
+        let ordered = room.order().expect("not cancelled");
+        assert_eq!(ordered.no_path, []);
+        assert_eq!(visited(&ordered), (0..count).collect::<Vec<_>>());
+        for (view, leg) in &ordered.sequence.visits {
+            assert!(room.stations[view.0 as usize].contains(&leg.target), "a station that was offered");
+        }
+        room.assert_sound(&ordered);
+    }
+}
+
+#[test]
+fn the_tour_is_no_longer_than_any_fixed_order_of_first_stations() {
+    let room = room(6, Vec::new());
+    let ordered = room.order().expect("not cancelled");
+    let axes = room.cell.axes();
+    let first: Vec<_> = room.stations.iter().map(|stations| stations[0].configuration()).collect();
+    // Straight moves are a lower bound of what such an order really takes.
+    let tour: Vec<_> = std::iter::once(room.cell.home_rad).chain(first).chain([room.cell.home_rad]).collect();
+    assert!(ordered.sequence.motion_secs() <= axes.path_secs(&tour, 0.25) + 1e-9);
+}
+
+#[test]
+fn an_obstacle_in_the_straight_way_is_gone_around() {
+    // A post beside the table, where the arm swings from one side to the other.
+    let post = |x: f64, y: f64| BodySpec {
+        name: "post".into(),
+        owner_from_body: crate::cell::PoseSpec { translation_mm: [x, y, 210.0], ..Default::default() },
+        shape: ShapeSpec::Cylinder { radius_mm: 30.0, height_mm: 900.0 },
+    };
+    let room = room(7, vec![post(300.0, 420.0), post(300.0, -420.0)]);
+    let ordered = room.order().expect("not cancelled");
+    room.assert_sound(&ordered);
+    assert!(visited(&ordered).len() + ordered.no_path.len() == 7);
+    // Two stations that the tour has on either side: the straight way between some of them is blocked.
+    let all: Vec<_> = room.stations.iter().flatten().map(Station::configuration).collect();
+    let blocked = all.iter().any(|a| all.iter().any(|b| room.scene.check_segment(a, b).is_some()));
+    assert!(blocked, "the posts stand in nobody's way: the case says nothing");
+}
+
+#[test]
+fn a_view_whose_stations_cannot_be_left_has_no_path() {
+    let mut room = room(4, Vec::new());
+    // Inside the table: whatever leads there collides.
+    let mut down = room.cell.home_rad;
+    down[1] = (-110.0_f64).to_radians();
+    assert!(room.scene.check(&down).is_some());
+    room.stations[2] = vec![Station::from(down)];
+    let ordered = room.order().expect("not cancelled");
+    assert_eq!(ordered.no_path, [ViewId(2)]);
+    assert_eq!(visited(&ordered), [0, 1, 3]);
+    room.stations = vec![Vec::new()];
+    let nothing = room.order().expect("not cancelled");
+    assert_eq!((nothing.sequence.visits.len(), nothing.sequence.motion_secs()), (0, 0.0));
+    assert_eq!(nothing.no_path, [ViewId(0)]);
+}
+
+#[test]
+fn threads_do_not_change_the_sequence_and_a_cancel_is_heard() {
+    let room = room(8, Vec::new());
+    assert_eq!(room.order_on(1, false), room.order_on(2, false));
+    assert_eq!(room.order_on(2, true), Err(Cancelled));
+}

@@ -1,0 +1,117 @@
+use std::ops::Range;
+use std::sync::atomic::AtomicBool;
+
+use proptest::prelude::*;
+
+use super::{Costs, Search, exact, shortest};
+use crate::planning::context::{Context, Silent};
+
+/// Groups of the sizes given, and times from the numbers given.
+fn instance(sizes: &[usize], secs: &[f64]) -> (Vec<Range<usize>>, Costs) {
+    let mut first = 0;
+    let groups = sizes
+        .iter()
+        .map(|size| {
+            first += size;
+            first - size..first
+        })
+        .collect();
+    let mut numbers = secs.iter().cycle();
+    let table: Vec<f64> = (0..(first + 1) * (first + 1)).map(|_| *numbers.next().expect("cycle")).collect();
+    (groups, Costs::new(first, |a, b| table[a * (first + 1) + b]))
+}
+
+fn length(tour: &[usize], costs: &Costs) -> f64 {
+    let steps: f64 = tour.windows(2).map(|step| costs.get(step[0], step[1])).sum();
+    costs.home(tour[0]) + steps + costs.home(tour[tour.len() - 1])
+}
+
+/// Every order and every choice.
+fn brute_force(groups: &[Range<usize>], costs: &Costs, tour: &mut Vec<usize>, used: &mut Vec<bool>) -> f64 {
+    if tour.len() == groups.len() {
+        return length(tour, costs);
+    }
+    let mut best = f64::INFINITY;
+    for group in 0..groups.len() {
+        if !used[group] {
+            used[group] = true;
+            for node in groups[group].clone() {
+                tour.push(node);
+                best = best.min(brute_force(groups, costs, tour, used));
+                tour.pop();
+            }
+            used[group] = false;
+        }
+    }
+    best
+}
+
+fn assert_visits_each_group_once(tour: &[usize], groups: &[Range<usize>]) {
+    let mut visited: Vec<_> = tour.iter().map(|node| groups.iter().position(|group| group.contains(node)).expect("a node")).collect();
+    visited.sort_unstable();
+    assert_eq!(visited, (0..groups.len()).collect::<Vec<_>>());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn exact_tours_are_as_short_as_brute_force_finds(
+        sizes in prop::collection::vec(1usize..4, 1..6),
+        secs in prop::collection::vec(0.1..10.0f64, 400),
+    ) {
+        let (groups, costs) = instance(&sizes, &secs);
+        let flag = AtomicBool::new(false);
+        let tour = shortest(&groups, &costs, &[], &Context::new(&flag, &Silent)).expect("not cancelled");
+        assert_visits_each_group_once(&tour, &groups);
+        let best = brute_force(&groups, &costs, &mut Vec::new(), &mut vec![false; groups.len()]);
+        prop_assert!((length(&tour, &costs) - best).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_local_search_reports_the_length_it_has_and_no_move_of_its_kind_helps(
+        sizes in prop::collection::vec(1usize..4, 10..14),
+        secs in prop::collection::vec(0.1..10.0f64, 1700),
+    ) {
+        let (groups, costs) = instance(&sizes, &secs);
+        let flag = AtomicBool::new(false);
+        let ctx = Context::new(&flag, &Silent);
+        let mut search = Search::new(&groups, &costs, &[]);
+        let at_first = search.secs;
+        while search.improve(&ctx).expect("not cancelled") {}
+        let tour = search.nodes();
+        assert_visits_each_group_once(&tour, &groups);
+        prop_assert!((length(&tour, &costs) - search.secs).abs() < 1e-9);
+        prop_assert!(search.secs <= at_first);
+        // From its own result it stays where it is.
+        let again = shortest(&groups, &costs, &tour, &ctx).expect("not cancelled");
+        prop_assert!((length(&again, &costs) - search.secs).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_local_search_comes_close_to_the_optimum_on_points_in_the_plane() {
+    // Three nodes a group, 11 groups, metric times: the exact solver still does it.
+    let (mut worst, mut exact_hits) = (1.0_f64, 0);
+    for seed in 0..10_u32 {
+        let at = |i: usize, step: f64| (f64::from(seed) * 0.37 + (i as f64 + 1.0) * step).fract();
+        let place = |node: usize| {
+            let group = node / 3;
+            [at(group, 0.618_034) + 0.1 * at(node, 0.414_214), at(group, 0.732_051) + 0.1 * at(node, 0.236_068)]
+        };
+        let secs = |a: usize, b: usize| {
+            let ([ax, ay], [bx, by]) = (place(a), place(b));
+            (ax - bx).hypot(ay - by)
+        };
+        let groups: Vec<_> = (0..11).map(|group| 3 * group..3 * group + 3).collect();
+        let costs = Costs::new(33, secs);
+        let flag = AtomicBool::new(false);
+        let ctx = Context::new(&flag, &Silent);
+        let best = length(&exact(&groups, &costs, &ctx).expect("not cancelled"), &costs);
+        let found = length(&shortest(&groups, &costs, &[], &ctx).expect("not cancelled"), &costs);
+        assert!(found >= best - 1e-9);
+        worst = worst.max(found / best);
+        exact_hits += u32::from(found < best + 1e-9);
+    }
+    assert!(worst < 1.1 && exact_hits >= 5, "worst {worst}, optimal in {exact_hits} of 10");
+}
