@@ -49,7 +49,8 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     })?;
     let report = MeshHealth::new(&mesh);
     if args.json {
-        let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report }).map_err(|error| bad_input(&error))?;
+        let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report })
+            .map_err(|error| bad_input(&error))?;
         return Ok(json + "\n");
     }
     Ok(table(&args.file.display().to_string(), &mesh, &report))

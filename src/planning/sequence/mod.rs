@@ -137,7 +137,11 @@ fn join_to_home(stations: &[(ViewId, &[Station])], routes: &Routes<'_>, ctx: &Co
 fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Vec<(usize, Route)>, Cancelled> {
     let nodes = &joined.nodes;
     let mut costs = Costs::new(nodes.len(), |a, b| {
-        if b == nodes.len() { nodes[a].from_home.secs } else { routes.straight_secs(&nodes[a].configuration, &nodes[b].configuration) }
+        if b == nodes.len() {
+            nodes[a].from_home.secs
+        } else {
+            routes.straight_secs(&nodes[a].configuration, &nodes[b].configuration)
+        }
     });
     let mut checked: HashMap<(usize, usize), Route> = HashMap::new();
     let mut tour = Vec::new();

@@ -71,7 +71,8 @@ impl Room {
         let mut here = self.cell.home_rad;
         let legs = ordered.sequence.visits.iter().map(|(_, leg)| leg).chain([&ordered.sequence.return_home]);
         for Leg { via_rad, target, duration_secs } in legs {
-            let points: Vec<Configuration> = std::iter::once(here).chain(via_rad.iter().copied()).chain([target.configuration()]).collect();
+            let points: Vec<Configuration> =
+                std::iter::once(here).chain(via_rad.iter().copied()).chain([target.configuration()]).collect();
             assert!((axes.path_secs(&points, 0.25) - duration_secs).abs() < 1e-9);
             for ends in points.windows(2) {
                 assert!(axes.allow(&ends[1]));

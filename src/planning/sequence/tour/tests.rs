@@ -47,7 +47,8 @@ fn brute_force(groups: &[Range<usize>], costs: &Costs, tour: &mut Vec<usize>, us
 }
 
 fn assert_visits_each_group_once(tour: &[usize], groups: &[Range<usize>]) {
-    let mut visited: Vec<_> = tour.iter().map(|node| groups.iter().position(|group| group.contains(node)).expect("a node")).collect();
+    let mut visited: Vec<_> =
+        tour.iter().map(|node| groups.iter().position(|group| group.contains(node)).expect("a node")).collect();
     visited.sort_unstable();
     assert_eq!(visited, (0..groups.len()).collect::<Vec<_>>());
 }
