@@ -6,6 +6,7 @@ pub mod geometry;
 pub mod http;
 pub mod planning;
 pub mod service;
+pub mod settings;
 #[cfg(test)]
 mod testing;
 pub mod wire;

@@ -1,21 +1,15 @@
-//! The `vantage` binary.
+//! The `vantage` binary: reads the command line and hands over.
 
-use clap::Parser;
-use std::sync::atomic::AtomicBool;
-use vantage::cli::plan::PlanArgs;
+use std::process::ExitCode;
 
-#[derive(Parser)]
-enum Command {
-    Plan(PlanArgs),
-}
+use clap::Parser as _;
 
-fn main() -> std::process::ExitCode {
-    let Command::Plan(args) = Command::parse();
-    match vantage::cli::plan::run(&args, &AtomicBool::new(false)) {
-        Ok(()) => std::process::ExitCode::SUCCESS,
+fn main() -> ExitCode {
+    match vantage::cli::Cli::parse().run() {
+        Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
-            std::process::ExitCode::from(error.exit_code())
+            ExitCode::from(error.exit_code())
         }
     }
 }

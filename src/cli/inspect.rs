@@ -1,12 +1,12 @@
-//! `vantage inspect MESH`: what a part is, what is wrong with it, and what to do about it.
+//! `vantage inspect FILE`: what a part is, what is wrong with it, and what to do about it; or what a scanner sees.
 
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 
-use super::CliError;
+use super::{CliError, inspect_scanner};
 use crate::geometry::LengthUnit;
-use crate::geometry::mesh_io::{Limits, MeshError, ReadMesh, read};
+use crate::geometry::mesh_io::{Limits, MeshError, ReadMesh, read, recognise};
 use crate::wire::MeshHealth;
 
 /// Arguments of `vantage inspect`.
@@ -43,6 +43,12 @@ pub fn run(args: &InspectArgs) -> Result<(), CliError> {
 pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
     let bytes = fs::read(&args.file).map_err(|error| bad_input(&error))?;
+    // Text that is no mesh is taken for a scanner's specification, whose reader says what it misses.
+    if recognise(&bytes) == Err(MeshError::UnknownFormat)
+        && let Ok(text) = std::str::from_utf8(&bytes)
+    {
+        return inspect_scanner::render(text, args.json).map_err(|error| bad_input(&error));
+    }
     let mesh = read(&bytes, args.unit, &Limits::default()).map_err(|error| match error {
         MeshError::UnitMissing => bad_input(&format!("{error} with --unit")),
         error => bad_input(&error),

@@ -1,15 +1,65 @@
-//! Floor 11, the command line.
+//! Floor 11, the command line: one binary, `vantage`, and what each of its commands ends with.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+pub mod demo;
 pub mod files;
+pub mod healthcheck;
 pub mod inspect;
 pub mod inspect_scanner;
 pub mod part;
 pub mod plan;
 pub mod progress;
+pub mod serve;
+mod telemetry;
+
+/// Plan automated 3D scans: mesh and cell in; viewpoints, proof of coverage and robot program out.
+#[derive(Debug, Parser)]
+#[command(
+    name = "vantage",
+    version,
+    max_term_width = 110,
+    after_help = "Examples:
+  vantage demo                                     a server with a sample part, planned at once
+  vantage plan part.stl --unit mm --out plan       plan a part without a server
+  vantage serve --data /var/lib/vantage            the server, at http://127.0.0.1:8080
+
+Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Serve(serve::ServeArgs),
+    Demo(demo::DemoArgs),
+    Plan(plan::PlanArgs),
+    Inspect(inspect::InspectArgs),
+    Part(part::PartArgs),
+    Completions(CompletionsArgs),
+    Healthcheck(healthcheck::HealthcheckArgs),
+}
+
+/// Print completions for a shell.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage completions bash > /etc/bash_completion.d/vantage")]
+struct CompletionsArgs {
+    /// The shell.
+    shell: clap_complete::Shell,
+}
 
 /// Why a command ends without its result; each kind has its exit code (contract: 2, 3, 4).
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CliError {
+    /// The machine is at fault: an address in use, a disk that cannot be written, a server that does not answer.
+    #[error("{0}")]
+    Failed(String),
     /// What was given cannot be used.
     #[error("{0}")]
     BadInput(String),
@@ -26,11 +76,61 @@ impl CliError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
+            Self::Failed(_) => 1,
             Self::BadInput(_) => 2,
             Self::NoPlan(_) => 3,
             Self::Cancelled(_) => 4,
         }
     }
+}
+
+impl Cli {
+    /// Does what the command line says.
+    ///
+    /// # Errors
+    /// [`CliError`].
+    pub fn run(self) -> Result<(), CliError> {
+        match self.command {
+            Command::Serve(args) => serve::run(&args),
+            Command::Demo(args) => demo::run(&args),
+            Command::Plan(args) => plan::run(&args, &*raised_by_ctrl_c()?),
+            Command::Inspect(args) => inspect::run(&args),
+            Command::Part(args) => part::run(&args),
+            Command::Completions(CompletionsArgs { shell }) => {
+                clap_complete::generate(shell, &mut Self::command(), "vantage", &mut std::io::stdout());
+                Ok(())
+            }
+            Command::Healthcheck(args) => healthcheck::run(&args),
+        }
+    }
+}
+
+/// A flag that the first ctrl-c raises; the second ends the process.
+fn raised_by_ctrl_c() -> Result<Arc<AtomicBool>, CliError> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = flag.clone();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(|e| failed("the runtime", &e))?;
+    std::thread::spawn(move || {
+        runtime.block_on(async {
+            if tokio::signal::ctrl_c().await.is_ok() {
+                raised.store(true, Ordering::Relaxed);
+            }
+            if tokio::signal::ctrl_c().await.is_ok() {
+                std::process::exit(EXIT_INTERRUPTED);
+            }
+        });
+    });
+    Ok(flag)
+}
+
+/// What a shell reports of a process that ctrl-c ended.
+const EXIT_INTERRUPTED: i32 = 130;
+
+/// An error with its causes on one line.
+fn failed(what: &str, error: &(dyn std::error::Error + 'static)) -> CliError {
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    let causes: Vec<String> = causes.map(ToString::to_string).collect();
+    CliError::Failed(format!("{what}: {}", causes.join(": ")))
 }
 
 #[cfg(test)]

@@ -4,11 +4,14 @@
 //! A browser cannot put a header on a link or an event stream, so reading (`GET`, `HEAD`) also works with the key in the
 //! cookie that the page sets. Changing never does: a cookie is sent along with other sites' requests.
 
+use std::fmt;
+
 use axum::extract::{Request, State};
 use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::extract::text;
@@ -18,11 +21,37 @@ use super::router::Site;
 /// Name of the cookie.
 const COOKIE_NAME: &str = "vantage_key";
 
+/// The server's key. It is not shown.
+#[derive(Clone, PartialEq, Eq, Deserialize)]
+#[serde(transparent)]
+pub struct ApiKey(String);
+
+impl ApiKey {
+    /// Whether it can be sent in a header and in a cookie, and is long enough to be a secret.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        (16..=256).contains(&self.0.len()) && self.0.bytes().all(|c| c.is_ascii_graphic() && c != b';' && c != b',')
+    }
+
+    /// Compares without telling by its duration how much is equal: digests of the two, all bytes.
+    #[must_use]
+    pub fn is(&self, presented: &str) -> bool {
+        let (own, presented) = (Sha256::digest(&self.0), Sha256::digest(presented));
+        own.iter().zip(presented.iter()).fold(0, |differing, (a, b)| differing | (a ^ b)) == 0
+    }
+}
+
+impl fmt::Debug for ApiKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("ApiKey(…)")
+    }
+}
+
 /// Lets a request with the key through.
 pub(super) async fn require_key(State(site): State<Site>, request: Request, next: Next) -> Response {
     let Some(key) = &site.options.api_key else { return next.run(request).await };
     match presented(request.method(), request.headers()) {
-        Some(presented) if is_same(presented, key) => next.run(request).await,
+        Some(presented) if key.is(presented) => next.run(request).await,
         Some(_) => refuse(Code::KeyWrong, "the key is not the one this server was configured with"),
         None => refuse(Code::KeyMissing, "send the server's key as Authorization: Bearer …"),
     }
@@ -46,12 +75,6 @@ fn presented<'a>(method: &Method, headers: &'a HeaderMap) -> Option<&'a str> {
 fn cookie(headers: &HeaderMap) -> Option<&str> {
     let pairs = text(headers, &COOKIE)?.split(';').filter_map(|pair| pair.trim().split_once('='));
     pairs.filter(|(name, _)| *name == COOKIE_NAME).map(|(_, value)| value).next()
-}
-
-/// Compares without telling by its duration how much is equal: digests of the two, all bytes.
-fn is_same(a: &str, b: &str) -> bool {
-    let (a, b) = (Sha256::digest(a), Sha256::digest(b));
-    a.iter().zip(b.iter()).fold(0, |differing, (a, b)| differing | (a ^ b)) == 0
 }
 
 /// Refuses a change that a page of another site asks a browser for: without a key, reaching the port is all it takes.

@@ -16,6 +16,7 @@ mod routes;
 mod serve;
 mod socket;
 
+pub use auth::ApiKey;
 pub use metrics::install as install_metrics;
 pub use options::Options;
 pub use problem::{Code, document as problems_document};

@@ -3,13 +3,15 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use super::auth::ApiKey;
+
 /// Addresses, keys, sizes and times of the HTTP side.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Where to listen.
     pub listen: SocketAddr,
     /// The key that `/api` asks for as a bearer token; without one nobody is asked.
-    pub api_key: Option<String>,
+    pub api_key: Option<ApiKey>,
     /// Connections at the same time.
     pub max_connections: usize,
     /// Streams at the same time on one HTTP/2 connection.

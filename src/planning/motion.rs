@@ -4,7 +4,9 @@ use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
 use super::params::PlanParams;
 use super::pipeline::PlanInput;
-use super::stations;
+use super::plan::ViewId;
+use super::sequence::{self, Ordered};
+use super::stations::{self, Station};
 use super::study::Reach;
 use crate::cell::{Cell, CollisionScene};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
@@ -14,13 +16,14 @@ pub(super) struct Motion<'a> {
     cell: &'a Cell,
     scene: CollisionScene,
     table_from_part: Pose<Table, Part>,
+    params: &'a PlanParams,
 }
 
 impl<'a> Motion<'a> {
-    pub(super) fn new(cell: &'a Cell, input: &PlanInput<'_>, params: &PlanParams, table_from_part: Pose<Table, Part>) -> Self {
+    pub(super) fn new(cell: &'a Cell, input: &PlanInput<'_>, params: &'a PlanParams, table_from_part: Pose<Table, Part>) -> Self {
         let clearance_mm = params.motion.clearance_mm;
         let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
-        Self { cell, scene, table_from_part }
+        Self { cell, scene, table_from_part, params }
     }
 
     /// Drops candidates that lie inside a standing body at every table angle.
@@ -37,5 +40,10 @@ impl<'a> Motion<'a> {
     /// Stations of every view.
     pub(super) fn reach(&self, views: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Reach, Cancelled> {
         stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
+    }
+
+    /// Order and paths through `views`.
+    pub(super) fn order(&self, views: &[(ViewId, &[Station])], ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
+        sequence::order(views, self.cell, &self.scene, self.params, ctx)
     }
 }

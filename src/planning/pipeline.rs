@@ -95,8 +95,14 @@ fn choose(
     loop {
         ctx.begin(Stage::Selection)?;
         let chosen = study.select(&barred, ctx)?;
-        let Some(_motion) = motion else { return Ok((chosen, None, barred)) };
-        return Ok((chosen, None, barred));
+        let Some(motion) = motion else { return Ok((chosen, None, barred)) };
+        ctx.begin(Stage::Sequence)?;
+        let ordered = motion.order(&study.stations_of(&chosen), ctx)?;
+        if ordered.no_path.is_empty() || reselections == MOST_RESELECTIONS {
+            return Ok((chosen, Some(ordered), barred));
+        }
+        barred.extend(study.candidates_behind(&chosen, &ordered.no_path));
+        reselections += 1;
     }
 }
 

@@ -1,0 +1,88 @@
+//! `vantage demo`: a server in a folder of its own, with a sample part that is planned at once.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use bytes::Bytes;
+
+use super::serve::{open, runtime, serve};
+use super::{CliError, failed, telemetry};
+use crate::geometry::mesh_io::write_stl;
+use crate::geometry::{LengthUnit, demo_parts};
+use crate::http::{ServeError, Server};
+use crate::service::{App, MeshUpload};
+use crate::settings::{Flags, Settings};
+use crate::wire::{Job, JobRequest, JobState};
+
+/// Triangles of the sample part, about.
+const TRIANGLES: usize = 20_000;
+
+/// Run a server with a sample part, planned at once; nothing is kept.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Opens no browser; it prints the address to open. Ctrl-C ends it and removes its folder.
+
+Example:
+  vantage demo")]
+pub struct DemoArgs {
+    /// Port; a free one is taken when it is in use.
+    #[arg(long, default_value_t = 8080)]
+    port: u16,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(args: &DemoArgs) -> Result<(), CliError> {
+    let folder = tempfile::Builder::new().prefix("vantage-demo-").tempdir().map_err(|e| failed("a temporary folder", &e))?;
+    let flags: Flags = vec![
+        ("store.data_dir", folder.path().display().to_string()),
+        ("server.listen", SocketAddr::from(([127, 0, 0, 1], args.port)).to_string()),
+        ("telemetry.log", "warn".to_owned()),
+    ];
+    let mut settings = Settings::load(None, &flags).map_err(|error| CliError::BadInput(error.to_string()))?;
+    telemetry::start(&settings.telemetry)?;
+    runtime()?.block_on(async {
+        let server = bind(&mut settings).await?;
+        let app = open(&settings).await?;
+        println!("Open http://{} in a browser. Ctrl-C ends the demo.", server.address());
+        tokio::spawn(show(app.clone()));
+        serve(server, app, &settings).await
+    })
+}
+
+/// Listens on the port asked for, or on a free one.
+async fn bind(settings: &mut Settings) -> Result<Server, CliError> {
+    match Server::bind(&settings.http()).await {
+        Err(ServeError::Bind { source, .. }) if source.kind() == std::io::ErrorKind::AddrInUse => {
+            settings.server.listen.set_port(0);
+            Server::bind(&settings.http()).await
+        }
+        bound => bound,
+    }
+    .map_err(|error| CliError::Failed(error.to_string()))
+}
+
+async fn show(app: App) {
+    match plan_sample(&app).await {
+        Ok(job) if job.state == JobState::Succeeded => println!("The sample part is planned: its report is on the page."),
+        Ok(job) => println!("The sample part is {}: {}", job.state.as_str(), job.problem.map(|p| p.detail).unwrap_or_default()),
+        Err(error) => eprintln!("the sample part: {error}"),
+    }
+}
+
+async fn plan_sample(app: &App) -> Result<Job, Box<dyn std::error::Error + Send + Sync>> {
+    let mesh = tokio::task::spawn_blocking(|| demo_parts::base(TRIANGLES)).await??;
+    let stl = write_stl(&mesh);
+    let mut upload = app.receive();
+    upload.write(Bytes::from(stl)).await?;
+    let about = MeshUpload { unit: LengthUnit::Millimetre, name: Some("sample base".to_owned()) };
+    let mesh = app.add_mesh(upload.finish(None).await?, about).await?;
+    let job = app.submit(JobRequest::new(mesh.id), None).await?;
+    loop {
+        let job = app.job_when_ended(job.id, Duration::from_secs(3600)).await?;
+        if job.state.is_ended() || app.stopping().is_cancelled() {
+            return Ok(job);
+        }
+    }
+}

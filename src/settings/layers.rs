@@ -1,0 +1,64 @@
+//! The layers of the settings, and from which of them a key comes.
+
+use std::path::Path;
+
+use config::{Config, ConfigError, Environment, File, FileFormat, Value};
+use serde::de::DeserializeOwned;
+
+use super::{Flags, SettingsError};
+
+const PREFIX: &str = "VANTAGE_";
+
+/// Layers read and put over each other.
+pub(super) struct Layers<'a> {
+    config: Config,
+    flags: &'a Flags,
+}
+
+impl<'a> Layers<'a> {
+    pub(super) fn read(
+        file: Option<&Path>,
+        environment: impl Iterator<Item = (String, String)>,
+        flags: &'a Flags,
+    ) -> Result<Self, SettingsError> {
+        let defaults = include_str!("../../config/default.toml");
+        let mut builder = Config::builder().add_source(File::from_str(defaults, FileFormat::Toml));
+        if let Some(file) = file {
+            builder = builder.add_source(File::from(file).format(FileFormat::Toml));
+        }
+        // Only names of the form VANTAGE_A__B are settings; others have their own meaning.
+        let ours = environment.filter(|(name, _)| name.strip_prefix(PREFIX).is_some_and(|name| name.contains("__")));
+        let environment = Environment::with_prefix("VANTAGE").prefix_separator("_").separator("__");
+        builder = builder.add_source(environment.source(Some(ours.collect())));
+        for (key, value) in flags {
+            builder = builder.set_override(key, value.as_str()).map_err(|error| refuse(&error))?;
+        }
+        Ok(Self { config: builder.build().map_err(|error| refuse(&error))?, flags })
+    }
+
+    /// The settings.
+    pub(super) fn settings<T: DeserializeOwned>(&self) -> Result<T, SettingsError> {
+        serde_path_to_error::deserialize(self.config.clone()).map_err(|error| {
+            let key = error.path().to_string();
+            let what = match error.inner() {
+                ConfigError::At { error, .. } => error.to_string(),
+                ConfigError::Type { unexpected, expected, .. } => format!("is {unexpected}; it has to be {expected}"),
+                other => other.to_string(),
+            };
+            SettingsError(vec![format!("{key} ({}): {what}", self.origin(&key))])
+        })
+    }
+
+    /// The layer that a key comes from.
+    pub(super) fn origin(&self, key: &str) -> String {
+        if self.flags.iter().any(|(flag, _)| *flag == key) {
+            return "a flag".to_owned();
+        }
+        let value = self.config.get::<Value>(key).ok();
+        value.and_then(|value| value.origin().map(str::to_owned)).unwrap_or_else(|| "config/default.toml, built in".to_owned())
+    }
+}
+
+fn refuse(error: &ConfigError) -> SettingsError {
+    SettingsError(vec![error.to_string()])
+}

@@ -1,0 +1,74 @@
+use super::*;
+
+fn load(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> Result<Settings, SettingsError> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("vantage.toml");
+    if let Some(text) = file {
+        std::fs::write(&path, text).expect("a file");
+    }
+    let environment = environment.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
+    Settings::from_layers(file.map(|_| path.as_path()), environment, flags)
+}
+
+#[track_caller]
+fn refusal(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> String {
+    load(file, environment, flags).expect_err("it is refused").to_string()
+}
+
+#[test]
+fn the_defaults_are_complete_and_stay_on_this_machine() {
+    let settings = load(None, &[], &Vec::new()).expect("defaults");
+    assert_eq!(settings.server.listen.to_string(), "127.0.0.1:8080");
+    assert_eq!(settings.limits.upload_bytes, 1 << 30);
+    assert_eq!(settings.service().planning_threads, 0);
+    assert_eq!(settings.http().header_timeout, Duration::from_secs(10));
+}
+
+#[test]
+fn each_layer_goes_over_the_one_before() {
+    let file = "[server]\nlisten = \"127.0.0.1:1\"\n[planning]\nthreads = 1\nmax_attempts = 4\n";
+    let environment = [("VANTAGE_SERVER__LISTEN", "127.0.0.1:2"), ("VANTAGE_PLANNING__THREADS", "2"), ("VANTAGE_FAILPOINT", "x")];
+    let flags = vec![("server.listen", "127.0.0.1:3".to_owned())];
+    let settings = load(Some(file), &environment, &flags).expect("settings");
+    assert_eq!(settings.server.listen.port(), 3);
+    assert_eq!((settings.planning.threads, settings.planning.max_attempts, settings.planning.concurrent_jobs), (2, 4, 1));
+}
+
+#[test]
+fn a_fault_names_key_layer_and_range() {
+    let text = refusal(Some("[server]\nheader_timeout_secs = 0\n"), &[], &Vec::new());
+    assert!(
+        text.contains("server.header_timeout_secs") && text.contains("vantage.toml") && text.contains("0.1 to 600"),
+        "{text}"
+    );
+    let text = refusal(None, &[("VANTAGE_PLANNING__THREADS", "many")], &Vec::new());
+    assert!(text.contains("planning.threads") && text.contains("environment"), "{text}");
+    let text = refusal(None, &[], &vec![("server.listen", "nowhere".to_owned())]);
+    assert!(text.contains("server.listen") && text.contains("a flag"), "{text}");
+    let text = refusal(Some("[server]\nlisen = \"x\"\n"), &[], &Vec::new());
+    assert!(text.contains("server.lisen") && text.contains("vantage.toml"), "{text}");
+    let text = refusal(Some("[colour]\n"), &[], &Vec::new());
+    assert!(text.contains("colour"), "{text}");
+    let text = refusal(Some("[server\n"), &[], &Vec::new());
+    assert!(text.contains("vantage.toml"), "{text}");
+}
+
+#[test]
+fn every_fault_is_told_at_once() {
+    let file = "[limits]\nupload_bytes = 1\nqueued_jobs = 0\n[planning]\nconcurrent_jobs = 0\n";
+    assert_eq!(refusal(Some(file), &[], &Vec::new()).lines().count(), 3);
+}
+
+#[test]
+fn other_machines_need_a_key_or_the_word() {
+    let open = ("VANTAGE_SERVER__LISTEN", "0.0.0.0:8080");
+    let text = refusal(None, &[open], &Vec::new());
+    assert!(text.contains("server.listen") && text.contains("api_key") && text.contains("--insecure"), "{text}");
+    assert!(load(None, &[open, ("VANTAGE_SERVER__INSECURE", "true")], &Vec::new()).is_ok());
+    let settings = load(None, &[open, ("VANTAGE_SERVER__API_KEY", "0012345678901234")], &Vec::new()).expect("with a key");
+    // It stays as it is written, though it looks like a number; and it is not shown.
+    assert!(settings.server.api_key.as_ref().is_some_and(|key| key.is("0012345678901234")));
+    assert!(!format!("{settings:?}").contains("0012345"));
+    let text = refusal(None, &[open, ("VANTAGE_SERVER__API_KEY", "too-short")], &Vec::new());
+    assert!(text.contains("server.api_key") && !text.contains("too-short"), "{text}");
+}

@@ -1,0 +1,228 @@
+// The page: lists jobs as they change, uploads a part and starts a job with the defaults, links results.
+
+const api = "/api/v1";
+const byId = (id) => document.getElementById(id);
+const jobs = new Map();
+const meshNames = new Map();
+let nextPage = null;
+
+// The key lies in a cookie of this session, so that links and the event stream carry it too; the server takes it from
+// the cookie for reading only.
+const key = () => document.cookie.split("; ").find((pair) => pair.startsWith("vantage_key="))?.slice("vantage_key=".length);
+const keepKey = (value) => { document.cookie = `vantage_key=${value}; path=/; SameSite=Strict`; };
+
+class Refused extends Error {
+  constructor(problem) {
+    super([problem.detail || problem.title, ...(problem.errors || []).map((e) => `${e.pointer}: ${e.detail}`)].join("\n"));
+    this.code = problem.code;
+  }
+}
+
+async function ask(path, options = {}) {
+  const headers = new Headers(options.headers);
+  if (key()) headers.set("Authorization", `Bearer ${key()}`);
+  const response = await fetch(api + path, { ...options, headers });
+  if (response.status === 401) {
+    await askForKey();
+    return ask(path, options);
+  }
+  if (!response.ok) {
+    throw new Refused(await response.json().catch(() => ({ title: `${response.status} ${response.statusText}` })));
+  }
+  return response.status === 204 ? null : response.json();
+}
+
+let asking = null;
+function askForKey() {
+  asking ??= new Promise((resolve) => {
+    const dialog = byId("key-dialog");
+    dialog.addEventListener("close", () => {
+      keepKey(byId("key-form").elements.key.value.trim());
+      byId("key-form").reset();
+      asking = null;
+      resolve();
+    }, { once: true });
+    dialog.addEventListener("cancel", (event) => event.preventDefault());
+    dialog.showModal();
+  });
+  return asking;
+}
+
+const element = (name, attributes, ...children) => {
+  const made = Object.assign(document.createElement(name), attributes);
+  made.append(...children);
+  return made;
+};
+
+const results = [
+  ["report.html", "Report", "report"], ["plan.json", "Plan", "plan"], ["program.json", "Program", "program"],
+  ["program.csv", "Program (CSV)", "program?dialect=csv"], ["viewpoints.csv", "Viewpoints (CSV)", "viewpoints?format=csv"],
+  ["coverage.csv", "Coverage (CSV)", "coverage?format=csv"], ["missed.json", "Missed", "missed"],
+  ["timings.json", "Timings", "timings"],
+];
+
+function facts(job) {
+  const cell = typeof job.cell === "string" ? job.cell : job.cell.name;
+  const spent = Object.values(job.timings).reduce((sum, seconds) => sum + seconds, 0);
+  return [
+    cell === "none" ? "viewpoints alone" : `cell ${cell}`,
+    job.part_number && `part number ${job.part_number}`,
+    job.serial && `serial ${job.serial}`,
+    ...Object.entries(job.labels).map(([name, value]) => `${name}: ${value}`),
+    job.state === "queued" && `place ${job.queue_position} in the queue`,
+    job.stage && `${job.stage}, ${Math.round(100 * job.fraction)} %`,
+    spent > 0 && `${spent.toFixed(1)} s`,
+  ].filter(Boolean).join(" · ");
+}
+
+function actions(job) {
+  const button = (text, work) => element("button", { type: "button", textContent: text, onclick: () => guarded(work) });
+  if (job.state === "queued" || job.state === "running") {
+    return [button("Cancel", () => ask(`/jobs/${job.id}/cancel`, { method: "POST" }))];
+  }
+  return job.state === "cancelling" ? [] : [button("Delete", () => ask(`/jobs/${job.id}`, { method: "DELETE" }))];
+}
+
+function draw(job) {
+  let item = byId(`job-${job.id}`);
+  if (!item) {
+    item = byId("job-template").content.firstElementChild.cloneNode(true);
+    item.id = `job-${job.id}`;
+    // Ids rise with time, and the newest stands first.
+    const after = [...byId("jobs").children].find((other) => other.id < item.id);
+    byId("jobs").insertBefore(item, after ?? null);
+  }
+  const old = item.dataset.state;
+  item.dataset.state = job.state;
+  item.querySelector(".part").textContent = meshNames.get(job.mesh_id) ?? job.mesh_id;
+  item.querySelector(".state").textContent = job.state;
+  const time = item.querySelector("time");
+  time.dateTime = job.created_at;
+  time.textContent = new Date(job.created_at).toLocaleString();
+  item.querySelector(".facts").textContent = facts(job);
+  const progress = item.querySelector("progress");
+  progress.hidden = !["running", "cancelling"].includes(job.state);
+  progress.value = job.fraction;
+  progress.setAttribute("aria-label", `Progress of ${item.querySelector(".part").textContent}`);
+  item.querySelector(".problem").textContent = job.problem
+    ? [`${job.problem.title}: ${job.problem.detail}`, ...job.problem.errors.map((e) => `${e.pointer}: ${e.detail}`)].join("\n") : "";
+  const names = new Set(job.results.map((file) => file.name));
+  item.querySelector(".results").replaceChildren(...results.filter(([name]) => names.has(name))
+    .map(([, text, path]) => element("a", { href: `${api}/jobs/${job.id}/${path}`, target: "_blank", rel: "noopener" }, text)));
+  // Buttons are left alone while nothing changes for them, so that focus stays.
+  if (old !== job.state) item.querySelector(".actions").replaceChildren(...actions(job));
+  byId("empty").hidden = true;
+}
+
+async function show(job) {
+  jobs.set(job.id, job);
+  if (!meshNames.has(job.mesh_id)) {
+    meshNames.set(job.mesh_id, await ask(`/meshes/${job.mesh_id}`).then((mesh) => mesh.name, () => null) ?? job.mesh_id);
+  }
+  draw(jobs.get(job.id) ?? job);
+}
+
+async function list(token) {
+  const page = await ask(`/jobs?page_size=25${token ? `&page_token=${encodeURIComponent(token)}` : ""}`);
+  for (const job of page.items) await show(job);
+  nextPage = page.next_page_token ?? null;
+  byId("more").hidden = !nextPage;
+  byId("empty").hidden = jobs.size > 0;
+}
+
+// One request a job at a time, and one more when something happened meanwhile.
+const reading = new Map();
+async function refresh(id) {
+  if (reading.has(id)) { reading.set(id, true); return; }
+  reading.set(id, false);
+  try {
+    await show(await ask(`/jobs/${id}`));
+  } catch (error) {
+    if (error.code === "job_not_found") forget(id);
+  }
+  const again = reading.get(id);
+  reading.delete(id);
+  if (again) refresh(id);
+}
+
+function forget(id) {
+  jobs.delete(id);
+  byId(`job-${id}`)?.remove();
+  byId("empty").hidden = jobs.size > 0;
+}
+
+function follow() {
+  const source = new EventSource(`${api}/events`);
+  source.onopen = () => { byId("connection").textContent = "live"; };
+  source.onerror = () => {
+    byId("connection").textContent = "not connected; trying again …";
+    // After an answer that is no stream, the browser does not come back by itself.
+    if (source.readyState === EventSource.CLOSED) setTimeout(() => list().then(follow, follow), 3000);
+  };
+  const changed = (event) => {
+    const about = JSON.parse(event.data);
+    const job = jobs.get(about.job_id);
+    if (event.type === "progress" && job) {
+      Object.assign(job, { stage: about.stage, fraction: about.fraction, state: about.state });
+      draw(job);
+    } else {
+      refresh(about.job_id);
+      // A place became free: everybody behind moves up.
+      for (const other of jobs.values()) if (other.state === "queued" && other.id !== about.job_id) refresh(other.id);
+    }
+  };
+  for (const kind of ["queued", "started", "progress", "cancelling", "succeeded", "failed", "cancelled"]) {
+    source.addEventListener(kind, changed);
+  }
+  source.addEventListener("deleted", (event) => forget(JSON.parse(event.data).job_id));
+  source.addEventListener("reset", () => guarded(() => list()));
+}
+
+async function guarded(work) {
+  byId("message").textContent = "";
+  try {
+    return await work();
+  } catch (error) {
+    byId("message").textContent = error.message;
+  }
+}
+
+async function start(event) {
+  event.preventDefault();
+  const form = event.target;
+  const fields = form.elements;
+  const button = form.querySelector("button");
+  button.disabled = true;
+  await guarded(async () => {
+    const file = fields.file.files[0];
+    const query = new URLSearchParams({ unit: fields.unit.value, name: file.name.slice(0, 200) });
+    const mesh = await ask(`/meshes?${query}`, { method: "POST", body: file });
+    meshNames.set(mesh.id, mesh.name ?? mesh.id);
+    const request = { mesh_id: mesh.id, cell: fields.cell.value };
+    if (request.cell === "none") request.scanner = fields.scanner.value;
+    if (fields.part_number.value) request.part_number = fields.part_number.value;
+    const headers = { "Content-Type": "application/json", "Idempotency-Key": crypto.getRandomValues(new Uint32Array(4)).join("-") };
+    await show(await ask("/jobs", { method: "POST", headers, body: JSON.stringify(request) }));
+    form.reset();
+    chooseCell();
+  });
+  button.disabled = false;
+}
+
+const chooseCell = () => { byId("scanner-field").hidden = byId("start").elements.cell.value !== "none"; };
+
+async function choices() {
+  const fields = byId("start").elements;
+  const [cells, scanners] = await Promise.all([ask("/cells"), ask("/scanners")]);
+  const option = (item, chosen) => element("option", { value: item.name, defaultSelected: item.name === chosen }, item.name);
+  fields.cell.prepend(...cells.items.map((item) => option(item, "e05-transcan")));
+  fields.scanner.append(...scanners.items.map((item) => option(item, "transcan-c")));
+  chooseCell();
+}
+
+byId("start").addEventListener("submit", start);
+byId("start").elements.cell.addEventListener("change", chooseCell);
+byId("more").addEventListener("click", () => guarded(() => list(nextPage)));
+await guarded(choices);
+await guarded(() => list());
+follow();
