@@ -1,12 +1,14 @@
 //! Kinematics and envelopes against the vendor's own model of the arm.
 
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use vantage::cell::{LinkCapsule, Presets, Robot, SpecLibrary};
 use vantage::geometry::Pose;
+
+use crate::support::{oracle_python, shared};
 
 const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/robots/elfin5.urdf");
 const MESHES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/robots/elfin_description/meshes/elfin5");
@@ -29,21 +31,14 @@ fn spread_joints(robot: &Robot, count: u32) -> Vec<[f64; 6]> {
         .collect()
 }
 
-/// The Python that has `yourdfpy`, and the vendor's model; a printed reason where one is missing.
-fn oracle() -> Option<String> {
-    if !PathBuf::from(URDF).exists() {
-        println!("skipped: {URDF} is not there");
-        return None;
-    }
-    let python = std::env::var("VANTAGE_ORACLE_PYTHON").ok();
-    if python.is_none() {
-        println!("skipped: VANTAGE_ORACLE_PYTHON names no Python with yourdfpy");
-    }
-    python
+/// The Python that has `yourdfpy`, where the vendor's model is there too.
+fn oracle() -> Option<PathBuf> {
+    shared("robots/elfin5.urdf")?;
+    oracle_python()
 }
 
 /// Poses of `frames` in elfin_base_link by the independent library, metres made millimetres: one list a joint vector.
-fn urdf_poses(python: &str, joints: &[[f64; 6]], frames: &[&str]) -> Vec<Vec<Isometry3<f64>>> {
+fn urdf_poses(python: &Path, joints: &[[f64; 6]], frames: &[&str]) -> Vec<Vec<Isometry3<f64>>> {
     let mut child = Command::new(python)
         .arg(ORACLE)
         .arg(URDF)

@@ -1,6 +1,7 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod closed_form;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;

@@ -1,6 +1,7 @@
 //! What several topics share: where data lies, how parts are prepared, how a plan is made.
 
 mod needs;
+pub(crate) mod shapes;
 
 use std::sync::atomic::AtomicBool;
 
