@@ -1,4 +1,4 @@
-//! The scanner as it is written in TOML presets and over HTTP: ranges, consistency, and the way to a [`Scanner`].
+//! The scanner as it is written in TOML presets and over HTTP: ranges, consistency, and the way to a [`Scanner`](super::Scanner).
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
