@@ -2,6 +2,7 @@
 
 mod architecture;
 mod closed_form;
+mod http;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;
@@ -10,4 +11,5 @@ mod planning_with_cell;
 mod public_figures;
 mod reach_study;
 mod report;
+mod server;
 mod support;
