@@ -10,6 +10,7 @@ mod oracle_coverage;
 mod planning_with_cell;
 mod public_figures;
 mod reach_study;
+mod readme;
 mod report;
 mod server;
 mod support;
