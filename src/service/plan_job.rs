@@ -2,6 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
+use super::store::hex;
 use crate::cell::{Cell, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh};
 use crate::planning::context::{Context, Stage};
