@@ -15,6 +15,7 @@ mod mesh_health;
 pub mod missed;
 pub mod plan;
 mod problem;
+pub mod program;
 pub mod report;
 pub mod scanner_facts;
 mod spec;
