@@ -7,13 +7,13 @@
 
 use std::ops::Range;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Rotation3};
 
 use super::camera::Camera;
 use super::image::Image;
 use super::palette::Ink;
-use super::shading::Shading;
-use crate::geometry::Mesh;
+use super::shading::{Lamp, Shading};
+use crate::geometry::{Mesh, assess};
 use crate::planning::surface::{Patch, Surface};
 
 /// Samples a pixel along each axis.
@@ -32,34 +32,35 @@ const NOTHING: u32 = u32::MAX;
 pub(super) struct Scene<'a> {
     surface: &'a Surface,
     shading: Shading<'a>,
+    /// Whether inner sides can come into sight: the mesh is open, or wound both ways.
+    pub(super) open: bool,
 }
 
 impl<'a> Scene<'a> {
     /// The scene of a part; `surface` must be that of `mesh`.
     pub(super) fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
-        Self { surface, shading: Shading::new(mesh) }
+        let health = assess(mesh);
+        let open = !health.watertight || health.inconsistent_edges > 0;
+        Self { surface, shading: Shading::new(mesh), open }
     }
 
     /// The picture that `camera` takes, each surface sample in its ink. The background is transparent.
     pub(super) fn render(&self, camera: &Camera, inks: &[Ink]) -> Image {
-        let fine = finer(camera);
-        let all = self.rasterise(&fine, |_| true);
-        develop(&fine, |x, y| self.colour(&all, &fine, inks, x, y))
+        let eye = Eye::new(camera);
+        let all = self.rasterise(&eye.fine, |_| true);
+        develop(&eye.fine, |x, y| self.colour(&all, &eye, inks, x, y))
     }
 
     /// The same, with missed surface glowing through whatever hides it.
     pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
-        let fine = finer(camera);
-        let all = self.rasterise(&fine, |_| true);
+        let eye = Eye::new(camera);
+        let all = self.rasterise(&eye.fine, |_| true);
         let is_missed = |sample: usize| matches!(inks[sample], Ink::Missed(_));
-        let missed = self.rasterise(&fine, |patch| samples_of(patch).any(is_missed));
-        develop(&fine, |x, y| {
-            let front = self.colour(&all, &fine, inks, x, y)?;
-            let hidden = missed.hit(&fine, x, y).filter(|hit| all.patch[y * all.width + x] != hit.patch);
-            let ink = hidden.map(|hit| {
-                let p = fine.camera_from_part.inverse().point(&hit.at_mm);
-                inks[self.nearest_sample(&self.surface.patches[hit.patch as usize], &p)]
-            });
+        let missed = self.rasterise(&eye.fine, |patch| samples_of(patch).any(is_missed));
+        develop(&eye.fine, |x, y| {
+            let front = self.colour(&all, &eye, inks, x, y)?;
+            let hidden = missed.patch_at(x, y).filter(|patch| all.patch_at(x, y) != Some(*patch));
+            let ink = hidden.map(|patch| inks[self.nearest_sample(self.patch(patch), &missed.point(&eye, x, y))]);
             Some(match ink {
                 Some(ink @ Ink::Missed(_)) => mixed(front, ink.rgb(), GLOW),
                 _ => front,
@@ -80,16 +81,19 @@ impl<'a> Scene<'a> {
     }
 
     /// Colour of one sample of the buffer; `None` where there is nothing.
-    fn colour(&self, buffer: &DepthBuffer, fine: &Camera, inks: &[Ink], x: usize, y: usize) -> Option<[u8; 3]> {
-        let hit = buffer.hit(fine, x, y)?;
-        let patch = &self.surface.patches[hit.patch as usize];
-        let outline = self.outline(buffer, fine, &hit, x, y);
-        if fine.camera_from_part.direction(&patch.normal).dot(&hit.at_mm.coords) >= 0.0 {
+    fn colour(&self, buffer: &DepthBuffer, eye: &Eye, inks: &[Ink], x: usize, y: usize) -> Option<[u8; 3]> {
+        let patch = self.patch(buffer.patch_at(x, y)?);
+        let p = buffer.point(eye, x, y);
+        let outline = self.outline(buffer, eye, patch, &p, x, y);
+        if patch.normal.dot(&(eye.at_mm - p)) <= 0.0 {
             return Some(scaled(Ink::Back.rgb(), outline));
         }
-        let p = fine.camera_from_part.inverse().point(&hit.at_mm);
-        let normal = fine.camera_from_part.direction(&self.shading.normal(patch.face, &p));
-        Some(scaled(inks[self.nearest_sample(patch, &p)].rgb(), Shading::light(&normal) * outline))
+        let light = eye.lamp.light(&self.shading.normal(patch.face, &p));
+        Some(scaled(inks[self.nearest_sample(patch, &p)].rgb(), light * outline))
+    }
+
+    fn patch(&self, number: u32) -> &Patch {
+        &self.surface.patches[number as usize]
     }
 
     fn nearest_sample(&self, patch: &Patch, p: &Point3<f64>) -> usize {
@@ -98,21 +102,35 @@ impl<'a> Scene<'a> {
         nearest.unwrap_or(patch.first_sample as usize)
     }
 
-    /// Darkens a sample whose neighbour to the right or below lies on another sheet, or across a crease.
-    fn outline(&self, buffer: &DepthBuffer, fine: &Camera, hit: &Hit, x: usize, y: usize) -> f64 {
-        let patch = &self.surface.patches[hit.patch as usize];
-        let normal = fine.camera_from_part.direction(&patch.normal);
-        [(x + 1, y), (x, y + 1)]
-            .into_iter()
-            .map(|(x, y)| match buffer.hit(fine, x, y) {
-                None => Shading::OUTLINE,
-                Some(next) if next.patch == hit.patch => 1.0,
-                Some(next) => {
-                    let other = fine.camera_from_part.direction(&self.surface.patches[next.patch as usize].normal);
-                    self.shading.edge(&normal, &other, &(next.at_mm - hit.at_mm))
-                }
-            })
-            .fold(1.0, f64::min)
+    /// Darkens a sample at `p` whose neighbour to the right or below lies on another sheet, or across a crease.
+    fn outline(&self, buffer: &DepthBuffer, eye: &Eye, patch: &Patch, p: &Point3<f64>, x: usize, y: usize) -> f64 {
+        let own = buffer.patch_at(x, y);
+        let darkening = |(x, y): (usize, usize)| match buffer.patch_at(x, y) {
+            None => Shading::OUTLINE,
+            next if next == own => 1.0,
+            Some(next) => self.shading.edge(&patch.normal, &self.patch(next).normal, &(buffer.point(eye, x, y) - p)),
+        };
+        darkening((x + 1, y)).min(darkening((x, y + 1)))
+    }
+}
+
+/// A camera with one pixel a sample, and what lighting needs of it, in the part's frame.
+struct Eye {
+    fine: Camera,
+    at_mm: Point3<f64>,
+    part_from_camera: Rotation3<f64>,
+    lamp: Lamp,
+}
+
+impl Eye {
+    fn new(camera: &Camera) -> Self {
+        let part_from_camera = camera.camera_from_part.inverse();
+        Self {
+            fine: finer(camera),
+            at_mm: part_from_camera.origin_mm(),
+            part_from_camera: part_from_camera.isometry().rotation.to_rotation_matrix(),
+            lamp: Lamp::beside(&part_from_camera),
+        }
     }
 }
 
@@ -155,13 +173,6 @@ fn finer(camera: &Camera) -> Camera {
 
 fn scaled(rgb: [u8; 3], light: f64) -> [u8; 3] {
     rgb.map(|channel| (f64::from(channel) * light).round().clamp(0.0, 255.0) as u8)
-}
-
-/// What a sample of the buffer sees.
-struct Hit {
-    patch: u32,
-    /// Where, in the camera's frame.
-    at_mm: Point3<f64>,
 }
 
 /// Nearest patch at each sample, row-major.
@@ -211,17 +222,17 @@ impl DepthBuffer {
         Self { width, height, inverse_depth: vec![0.0; width * height], patch: vec![NOTHING; width * height] }
     }
 
-    fn hit(&self, fine: &Camera, x: usize, y: usize) -> Option<Hit> {
-        if x >= self.width || y >= self.height {
-            return None;
-        }
-        let at = y * self.width + x;
-        let patch = self.patch[at];
-        (patch != NOTHING).then(|| {
-            let depth_mm = 1.0 / f64::from(self.inverse_depth[at]);
-            let direction = fine.direction([x as f64 + 0.5, y as f64 + 0.5]);
-            Hit { patch, at_mm: Point3::from(direction * depth_mm) }
-        })
+    /// The patch seen at a sample.
+    fn patch_at(&self, x: usize, y: usize) -> Option<u32> {
+        let inside = x < self.width && y < self.height;
+        inside.then(|| self.patch[y * self.width + x]).filter(|patch| *patch != NOTHING)
+    }
+
+    /// Where it is seen, part frame; only where there is a patch.
+    fn point(&self, eye: &Eye, x: usize, y: usize) -> Point3<f64> {
+        let depth_mm = 1.0 / f64::from(self.inverse_depth[y * self.width + x]);
+        let direction = eye.fine.direction([x as f64 + 0.5, y as f64 + 0.5]);
+        eye.at_mm + eye.part_from_camera * (direction * depth_mm)
     }
 
     /// Draws a triangle given in the camera's frame, all of it beyond the near plane.

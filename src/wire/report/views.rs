@@ -24,7 +24,7 @@ pub(super) fn overviews(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
         "<section>\n<h2>The part, as all views together measure it</h2>\n{}{}\
          <p class=\"soft\">x, y, z are the axes of the uploaded file. The scale holds at the part’s centre.</p>\n</section>\n",
         three_sides(|side| pictures::overview(input, scene, side)),
-        legend(input, &GRADES)
+        legend(input, scene, &GRADES)
     )
 }
 
@@ -37,7 +37,7 @@ pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
         "<section>\n<h2>Where it is missed</h2>\n<p>The part in grey, seen through: every missed spot shows in the colour of its cause, \
          paler where something hides it from this side.</p>\n{}{}</section>\n",
         three_sides(|side| pictures::misses(input, scene, side)),
-        legend(input, &[])
+        legend(input, scene, &[])
     )
 }
 
@@ -61,7 +61,7 @@ pub(super) fn chosen(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
          baseline level. Blue is what this view measures, by its own grade; grey is left to other views. The dashed line is the \
          field that both cameras and the projector share at best focus.</p>\n{}<div class=\"views\" style=\"margin-top:14px\">\n{}\
          </div>\n</section>\n",
-        legend(input, &[GRADES.as_slice(), &[Ink::ByOthers]].concat()),
+        legend(input, scene, &[GRADES.as_slice(), &[Ink::ByOthers]].concat()),
         cards.concat()
     )
 }
@@ -101,9 +101,12 @@ fn station(station: &Station) -> [(&'static str, String); 2] {
 }
 
 /// `measured`, and the inks of what is not measured.
-fn legend(input: &ReportInput<'_>, measured: &[Ink]) -> String {
+fn legend(input: &ReportInput<'_>, scene: &Scene<'_>, measured: &[Ink]) -> String {
     let others = input.outcome.verdicts.iter().filter(|verdict| !matches!(verdict, Verdict::Measured(_)));
-    let inks: BTreeSet<Ink> = others.copied().map(Ink::of).chain(measured.iter().copied()).collect();
+    let mut inks: BTreeSet<Ink> = others.copied().map(Ink::of).chain(measured.iter().copied()).collect();
+    if scene.open {
+        inks.insert(Ink::Back);
+    }
     let items: Vec<String> = inks.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();
     format!("<ul class=\"legend\">{}</ul>\n", items.concat())
 }
