@@ -217,7 +217,7 @@ impl From<&StepDocument> for Step {
 }
 
 fn degrees(configuration: &Configuration) -> [f64; 7] {
-    configuration.map(degrees)
+    configuration.map(angle::degrees)
 }
 
 /// The program as a table: a via point, a target or an action a row, with where arm and table are then. A move's time
