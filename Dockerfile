@@ -1,6 +1,6 @@
 # syntax=docker/dockerfile:1
 # Vantage's server. Build: docker build -t vantage .
-# Run: docker run -p 8080:8080 -v vantage-data:/data -e VANTAGE_SERVER__API_KEY=... vantage
+# Run: docker run -p 8080:8080 -v vantage-data:/data -e VANTAGE_SERVER__API_KEY="$(openssl rand -hex 24)" vantage
 
 FROM rust:1.95-slim-bookworm AS build
 WORKDIR /src

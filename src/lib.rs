@@ -5,6 +5,7 @@ pub mod cli;
 pub mod geometry;
 pub mod http;
 pub mod planning;
+pub mod program;
 pub mod service;
 pub mod settings;
 #[cfg(test)]

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+pub mod check;
 pub mod demo;
 pub mod files;
 pub mod healthcheck;
@@ -40,6 +41,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Plan(plan::PlanArgs),
     Inspect(inspect::InspectArgs),
+    Check(check::CheckArgs),
     Part(part::PartArgs),
     Completions(CompletionsArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
@@ -95,6 +97,7 @@ impl Cli {
             Command::Demo(args) => demo::run(&args),
             Command::Plan(args) => plan::run(&args, &*raised_by_ctrl_c()?),
             Command::Inspect(args) => inspect::run(&args),
+            Command::Check(args) => check::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Completions(CompletionsArgs { shell }) => {
                 clap_complete::generate(shell, &mut Self::command(), "vantage", &mut std::io::stdout());

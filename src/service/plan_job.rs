@@ -1,14 +1,20 @@
 //! From a part, a cell and parameters to every result file: what the server's jobs and the command line share.
 
+use sha2::{Digest, Sha256};
+
+use super::store::hex;
 use crate::cell::{Cell, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh};
 use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::Outcome;
+use crate::planning::plan::{Outcome, Plan};
 use crate::planning::report::text;
 use crate::planning::{PlanError, PlanInput, plan};
+use crate::program::{Program, compile};
+use crate::wire;
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
+use crate::wire::program::ProgramDocument;
 use crate::wire::report::{self, ReportInput};
 use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
 
@@ -65,17 +71,18 @@ impl PlanJob<'_> {
     fn render(&self, outcome: &Outcome) -> Vec<Artifact> {
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
+        let program = self.program(plan, &document);
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES);
         let report = ReportInput {
             outcome,
             mesh: self.mesh,
             scanner: self.scanner,
             cell_name: self.cell.map(|cell| cell.name.as_str()),
-            cycle_secs: None,
+            cycle_secs: program.as_ref().map(|program| program.cycle_secs),
             part_name: &self.part_name,
             echo: &self.echo,
         };
-        let files = [
+        let mut files = vec![
             ("plan.json", document),
             ("viewpoints.json", json_file_bytes(&viewpoints::json(plan))),
             ("viewpoints.csv", viewpoints::csv(plan).into_bytes()),
@@ -86,7 +93,17 @@ impl PlanJob<'_> {
             ("report.txt", text(plan).into_bytes()),
             ("report.html", report::html(&report).into_bytes()),
         ];
-        files.map(|(name, bytes)| Artifact { name, bytes }).into()
+        if let Some(program) = program {
+            files.push(("program.json", ProgramDocument::new(&program, self.echo.clone()).to_bytes()));
+            files.push(("program.csv", wire::program::csv(&program).into_bytes()));
+        }
+        files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect()
+    }
+
+    /// The robot program, where there is a cell; it names the bytes of the plan that it carries out.
+    fn program(&self, plan: &Plan, document: &[u8]) -> Option<Program> {
+        let plan_sha256 = hex(&Sha256::digest(document));
+        Some(compile(plan.sequence.as_ref()?, self.cell?, &plan_sha256, &plan.params))
     }
 
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {

@@ -2,6 +2,7 @@
 //! pictures made for people. Keys carry their units, degrees and plain arrays live here; unknown fields in a request are
 //! refused with their JSON pointer.
 
+mod angle;
 pub mod coverage;
 mod csv;
 pub mod echo;
@@ -15,6 +16,7 @@ mod mesh_health;
 pub mod missed;
 pub mod plan;
 mod problem;
+pub mod program;
 pub mod report;
 pub mod scanner_facts;
 mod spec;

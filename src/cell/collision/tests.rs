@@ -5,18 +5,11 @@ use super::solid::{Solid, near, parry_pose};
 use super::{CollisionScene, Contact};
 use crate::cell::body::Shape;
 use crate::cell::{Cell, Configuration, Presets, SpecLibrary};
-use crate::geometry::{Mesh, Pose};
+use crate::geometry::Pose;
+use crate::testing::box_mesh;
 
 fn cell() -> Cell {
     Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds")
-}
-
-/// A closed box.
-fn box_mesh(min: [f64; 3], max: [f64; 3]) -> Mesh {
-    let corner = |i: usize| Point3::new([min, max][i & 1][0], [min, max][(i >> 1) & 1][1], [min, max][(i >> 2) & 1][2]);
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
 }
 
 fn at(x: f64, y: f64, z: f64) -> Isometry3<f64> {
@@ -187,7 +180,8 @@ fn reach_bounds_every_motion() {
         let (before, after) = (scene.place(&from), scene.place(&to));
         for pair in &scene.pairs {
             let mut moved = 0.0;
-            for body in [pair.a, pair.b] {
+            // The plate is round: its bounding box turns, it does not move.
+            for body in [pair.a, pair.b].into_iter().filter(|body| &*scene.bodies[*body].name != "turntable plate") {
                 // Two bodies of the arm are watched from the inner one, all others from the foot.
                 let inner =
                     if scene.bodies[pair.a].carrier.link() < scene.bodies[pair.b].carrier.link() { pair.a } else { pair.b };

@@ -1,21 +1,19 @@
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::{Blocked, SPREAD_RAD, Station, inside_obstacle, solve};
 use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
+use crate::testing::box_mesh;
 
 fn cell() -> Cell {
     Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds")
 }
 
 fn cube(edge_mm: f64) -> Mesh {
-    let corner = |i: usize| Point3::new((i & 1) as f64, ((i >> 1) & 1) as f64, ((i >> 2) & 1) as f64) * edge_mm;
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
+    box_mesh([0.0; 3], [edge_mm; 3])
 }
 
 fn centred(edge_mm: f64) -> Pose<Table, Part> {

@@ -4,4 +4,4 @@ mod commands;
 mod hostile;
 mod kill;
 mod life;
-mod process;
+pub(crate) mod process;

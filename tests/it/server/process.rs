@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::http::api::cube;
 
 /// The program, with nothing of the environment that could change it.
-pub(super) fn vantage() -> Command {
+pub(crate) fn vantage() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_vantage"));
     for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("VANTAGE_")) {
         command.env_remove(name);
@@ -20,14 +20,14 @@ pub(super) fn vantage() -> Command {
 }
 
 /// A running server; killed when dropped.
-pub(super) struct Server {
+pub(crate) struct Server {
     child: Child,
-    pub(super) address: SocketAddr,
+    pub(crate) address: SocketAddr,
 }
 
 impl Server {
     /// Starts a server on a free port, with the store in `data`.
-    pub(super) fn start(data: &Path, environment: &[(&str, &str)]) -> Self {
+    pub(crate) fn start(data: &Path, environment: &[(&str, &str)]) -> Self {
         let mut child = spawn(data, environment);
         let mut line = String::new();
         BufReader::new(child.stdout.take().expect("its output")).read_line(&mut line).expect("a line");

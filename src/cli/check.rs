@@ -1,0 +1,259 @@
+//! `vantage check`: whether a specification, parameters, a plan or a program can be used, and if not what is wrong where.
+//! Each file says by its content what it is.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+use super::CliError;
+use super::files::{self, FileLibrary};
+use crate::cell::{
+    Cell, CellSpec, CollisionScene, FieldError, Findings, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
+};
+use crate::geometry::{LengthUnit, Part, Pose, Table};
+use crate::planning::params::PlanParams;
+use crate::planning::plan::ViewId;
+use crate::planning::resting;
+use crate::program::{self, Expected};
+use crate::wire::plan::{PLAN_SCHEMA, PlanDocument, ViewpointDocument};
+use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
+
+/// Clearance held when no plan says which, mm: the least that a job may ask for.
+const CLEARANCE_MM: f64 = 1.0;
+/// Taken off the plan's clearance, mm: angles that went through a file are not the planner's to the last digit.
+const ROUNDING_MM: f64 = 0.01;
+/// Shares add up to within this.
+const SHARE: f64 = 1e-9;
+
+/// Check specifications, parameters, plans and programs.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage check cell.toml robot.json params.toml
+  vantage check plan/plan.json plan/program.json
+  vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
+
+Without --cell a program is checked for its shape and ranges only. Exit codes: 0 nothing found, 2 something found.")]
+pub struct CheckArgs {
+    /// Files: TOML or JSON; what each is shows from its content.
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Cell to derive limits, times, collisions and poses with: a preset's name, or a TOML or JSON file.
+    #[arg(long)]
+    cell: Option<String>,
+    /// Plan that a program must carry out.
+    #[arg(long, requires = "cell")]
+    plan: Option<PathBuf>,
+    /// Part, for collisions: STL, OBJ or PLY.
+    #[arg(long, requires = "cell")]
+    mesh: Option<PathBuf>,
+    /// Fixture, for collisions, in the part's coordinates and unit.
+    #[arg(long, requires = "mesh")]
+    fixture: Option<PathBuf>,
+    /// Unit of the meshes: mm, cm, m or inch.
+    #[arg(long)]
+    unit: Option<LengthUnit>,
+}
+
+/// Checks every file; prints one line for each that is sound.
+///
+/// # Errors
+/// [`CliError::BadInput`] with every finding of every file, one a line.
+pub fn run(args: &CheckArgs) -> Result<(), CliError> {
+    let cell = args.cell.as_deref().map(cell).transpose()?;
+    let mut wrong = Vec::new();
+    for path in &args.files {
+        match check(path, args, cell.as_ref()) {
+            Ok(what) => println!("{}: {what}", path.display()),
+            Err(CliError::BadInput(findings)) => wrong.push(findings),
+            Err(other) => return Err(other),
+        }
+    }
+    if wrong.is_empty() { Ok(()) } else { Err(CliError::BadInput(wrong.join("\n"))) }
+}
+
+fn cell(name: &str) -> Result<Cell, CliError> {
+    let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
+    spec.build(&FileLibrary).map_err(|errors| files::findings(name, &errors))
+}
+
+/// What the file is, in words, when nothing is wrong with it.
+fn check(path: &Path, args: &CheckArgs, cell: Option<&Cell>) -> Result<String, CliError> {
+    let shown = path.display().to_string();
+    let value = files::value(path)?;
+    let refuse = |errors: Vec<FieldError>| files::findings(&shown, &errors);
+    match kind(&value) {
+        Some(Kind::Scanner) => read::<ScannerSpec>(value, &shown)?.build().map(|s| format!("scanner {}", s.name)).map_err(refuse),
+        Some(Kind::Robot) => read::<RobotSpec>(value, &shown)?.build().map(|r| format!("robot {}", r.name)).map_err(refuse),
+        Some(Kind::Turntable) => {
+            read::<TurntableSpec>(value, &shown)?.build().map(|t| format!("turntable {}", t.name)).map_err(refuse)
+        }
+        Some(Kind::Cell) => {
+            read::<CellSpec>(value, &shown)?.build(&FileLibrary).map(|c| format!("cell {}", c.name)).map_err(refuse)
+        }
+        Some(Kind::Params) => read::<PlanParams>(value, &shown)?.check().map(|()| "parameters".to_owned()).map_err(refuse),
+        Some(Kind::Plan) => {
+            let document: PlanDocument = read(value, &shown)?;
+            check_plan(&document, cell).map_err(refuse)?;
+            Ok(format!("plan with {} viewpoints{}", document.viewpoints.len(), depth(cell)))
+        }
+        Some(Kind::Program) => {
+            let document: ProgramDocument = read(value, &shown)?;
+            check_program(&document, &shown, args, cell)?;
+            Ok(format!("program with {} steps, {:.1} s{}", document.steps.len(), document.cycle_secs, depth(cell)))
+        }
+        None => Err(CliError::BadInput(format!(
+            "{shown}: is neither a scanner, robot, turntable or cell, nor parameters, a plan ({PLAN_SCHEMA}) or a program ({PROGRAM_SCHEMA})"
+        ))),
+    }
+}
+
+fn read<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
+    files::from_value(value, what)
+}
+
+/// How much was checked.
+fn depth(cell: Option<&Cell>) -> String {
+    cell.map_or_else(
+        || " (shape and ranges; with --cell also motion)".to_owned(),
+        |cell| format!(", sound in cell {}", cell.name),
+    )
+}
+
+enum Kind {
+    Scanner,
+    Robot,
+    Turntable,
+    Cell,
+    Params,
+    Plan,
+    Program,
+}
+
+/// By schema name, else by a field that only this kind has, else by parameter sections alone.
+fn kind(value: &Value) -> Option<Kind> {
+    let table = value.as_object()?;
+    let has = |key: &str| table.contains_key(key);
+    match table.get("schema").and_then(Value::as_str) {
+        Some(PLAN_SCHEMA) => return Some(Kind::Plan),
+        Some(PROGRAM_SCHEMA) => return Some(Kind::Program),
+        Some(_) => return None,
+        None => {}
+    }
+    let known = serde_json::to_value(PlanParams::default()).unwrap_or_default();
+    match () {
+        () if has("base_from_table") || has("flange_from_scanner") => Some(Kind::Cell),
+        () if has("kinematics") || has("joints") => Some(Kind::Robot),
+        () if has("plate_diameter_mm") || has("rotation") => Some(Kind::Turntable),
+        () if has("depth_mm") || has("projector") => Some(Kind::Scanner),
+        () if !table.is_empty() && table.keys().any(|key| known.get(key).is_some()) => Some(Kind::Params),
+        () => None,
+    }
+}
+
+/// References, shares and parameters of a plan; with its cell also that every station puts the scanner on its viewpoint.
+fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
+    let mut findings = Findings::default();
+    if let Err(errors) = document.params.check() {
+        errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
+    }
+    let ids: BTreeSet<u32> = document.viewpoints.iter().map(|view| view.id).collect();
+    findings.require(ids.len() == document.viewpoints.len(), "/viewpoints", || "two viewpoints have the same id".into());
+    let mut visited = BTreeSet::new();
+    for (index, id) in document.sequence.iter().enumerate() {
+        findings.require(ids.contains(id), format!("/sequence/{index}"), || format!("is {id}, which is no viewpoint"));
+        findings.require(visited.insert(*id), format!("/sequence/{index}"), || format!("visits {id} a second time"));
+    }
+    for (index, view) in document.viewpoints.iter().enumerate() {
+        check_view(index, view, visited.contains(&view.id), &mut findings);
+    }
+    let grades = &document.coverage.grades;
+    let (sum, of_asked) = (grades.a + grades.b + grades.c + grades.d, document.coverage.of_asked);
+    findings.require((sum - of_asked).abs() <= SHARE, "/coverage/grades", || format!("add up to {sum}; of_asked is {of_asked}"));
+    if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
+        check_stations(document, cell, &expected, &mut findings);
+    }
+    findings.into_result()
+}
+
+fn check_view(index: usize, view: &ViewpointDocument, is_visited: bool, findings: &mut Findings) {
+    let at = format!("/viewpoints/{index}");
+    view.part_from_scanner.check(&format!("{at}/part_from_scanner"), findings);
+    findings.require(view.station.is_some() == is_visited, format!("{at}/station"), || {
+        if is_visited {
+            "is missing, but the sequence visits it".into()
+        } else {
+            "is given, but the sequence leaves it out".into()
+        }
+    });
+    findings.require(view.rejected.is_none() || view.station.is_none(), format!("{at}/rejected"), || {
+        "is given beside a station; a rejected view has none".into()
+    });
+}
+
+fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, findings: &mut Findings) {
+    let axes = cell.axes();
+    for (index, view) in document.viewpoints.iter().enumerate() {
+        let Some(station) = view.station else { continue };
+        let [j1, j2, j3, j4, j5, j6] = station.joints_deg;
+        let configuration = [j1, j2, j3, j4, j5, j6, station.table_angle_deg].map(f64::to_radians);
+        let at = format!("/viewpoints/{index}/station");
+        for (axis, (limits, angle)) in axes.0.iter().zip(configuration).enumerate() {
+            let (min_deg, max_deg) = (limits.min_rad.to_degrees(), limits.max_rad.to_degrees());
+            let field = if axis < 6 { format!("{at}/joints_deg/{axis}") } else { format!("{at}/table_angle_deg") };
+            findings.range(field, angle.to_degrees(), min_deg - 1e-6, max_deg + 1e-6, "°");
+        }
+        let wanted = view.part_from_scanner.pose();
+        if let Some(fault) = program::off_pose(cell, &expected.table_from_part, ViewId(view.id), &configuration, &wanted) {
+            findings.push(at, fault.to_string());
+        }
+    }
+}
+
+/// What a plan with a cell asks of its program.
+fn expected(document: &PlanDocument, plan_sha256: String) -> Option<Expected> {
+    let table_from_part = document.cell.as_ref()?.table_from_part.pose();
+    let visited = document.viewpoints.iter().filter(|view| view.station.is_some());
+    let views = visited.map(|view| (ViewId(view.id), view.part_from_scanner.pose())).collect();
+    Some(Expected { plan_sha256, table_from_part, views })
+}
+
+fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell: Option<&Cell>) -> Result<(), CliError> {
+    let program = document.program().map_err(|errors| files::findings(shown, &errors))?;
+    let Some(cell) = cell else { return Ok(()) };
+    let plan = args.plan.as_deref().map(plan).transpose()?;
+    let clearance_mm = plan.as_ref().map_or(CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
+    let expected = plan.as_ref().and_then(|(_, expected)| expected.as_ref());
+    let scene = scene(args, cell, expected.map(|expected| expected.table_from_part), clearance_mm)?;
+    let found = program::check(&program, cell, &scene, expected);
+    let lines: Vec<_> = found.iter().map(|finding| format!("{shown}: {finding}")).collect();
+    if lines.is_empty() { Ok(()) } else { Err(CliError::BadInput(lines.join("\n"))) }
+}
+
+fn plan(path: &Path) -> Result<(PlanDocument, Option<Expected>), CliError> {
+    let shown = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let document: PlanDocument = read(files::value(path)?, &shown)?;
+    let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    let expected = expected(&document, sha256);
+    Ok((document, expected))
+}
+
+fn scene(
+    args: &CheckArgs,
+    cell: &Cell,
+    table_from_part: Option<Pose<Table, Part>>,
+    clearance_mm: f64,
+) -> Result<CollisionScene, CliError> {
+    let Some(path) = &args.mesh else { return Ok(CollisionScene::without_part(cell, clearance_mm)) };
+    let (part, _) = files::mesh(path, args.unit)?;
+    let fixture = args.fixture.as_deref().map(|path| files::mesh(path, args.unit)).transpose()?;
+    let table_from_part = table_from_part.unwrap_or_else(|| resting(&part.mesh));
+    let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
+    Ok(CollisionScene::new(cell, &part.mesh, fixture, &table_from_part, clearance_mm))
+}
+
+#[cfg(test)]
+mod tests;

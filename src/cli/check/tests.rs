@@ -1,0 +1,102 @@
+use std::path::PathBuf;
+
+use clap::Parser;
+use tempfile::TempDir;
+
+use super::{CheckArgs, run};
+use crate::cell::{Presets, SpecKind, SpecLibrary, preset_text};
+use crate::cli::CliError;
+use crate::planning::params::PlanParams;
+
+#[derive(Parser)]
+struct Line {
+    #[command(flatten)]
+    args: CheckArgs,
+}
+
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(TempDir::new().expect("folder"))
+    }
+
+    fn file(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, text).expect("writes");
+        path
+    }
+
+    fn check(&self, name: &str, text: &str) -> Result<(), String> {
+        let path = self.file(name, text);
+        check(&[&path.display().to_string()])
+    }
+}
+
+fn check(args: &[&str]) -> Result<(), String> {
+    let line = Line::try_parse_from([&["check"], args].concat()).map_err(|error| error.to_string())?;
+    run(&line.args).map_err(|error| match error {
+        CliError::BadInput(text) => text,
+        other => panic!("{other}"),
+    })
+}
+
+#[test]
+fn every_preset_is_recognised_and_sound() {
+    let folder = Folder::new();
+    for kind in [SpecKind::Scanner, SpecKind::Robot, SpecKind::Turntable, SpecKind::Cell] {
+        for name in Presets.names(kind) {
+            let text = preset_text(kind, &name).expect("preset");
+            assert_eq!(folder.check(&format!("{name}.toml"), text), Ok(()), "{name}");
+        }
+    }
+    let params = serde_json::to_string(&PlanParams::default()).expect("writes");
+    assert_eq!(folder.check("params.json", &params), Ok(()));
+}
+
+#[test]
+fn findings_name_file_field_value_and_range() {
+    let folder = Folder::new();
+    let robot = preset_text(SpecKind::Robot, "hans-e05").expect("preset").replace("payload_kg = 5.0", "payload_kg = -5.0");
+    let found = folder.check("arm.toml", &robot).expect_err("refused");
+    assert!(found.contains("arm.toml: /payload_kg: is -5 kg; allowed is 0.1 to 2000 kg"), "{found}");
+    let unknown = folder.check("params.toml", "[motion]\nclearance = 3.0\n").expect_err("refused");
+    assert!(unknown.contains("/motion/clearance") || unknown.contains("unknown field `clearance`"), "{unknown}");
+    let odd = folder.check("odd.toml", "colour = 3\n").expect_err("refused");
+    assert!(odd.contains("neither a scanner"), "{odd}");
+    let broken = folder.check("broken.json", "{\"schema\": ").expect_err("refused");
+    assert!(broken.contains("broken.json"), "{broken}");
+}
+
+#[test]
+fn all_files_are_checked_and_all_findings_told() {
+    let folder = Folder::new();
+    let first = folder.file("a.toml", "[motion]\nclearance_mm = 0.0\n");
+    let second = folder.file("b.toml", "[motion]\nspeed_fraction = 7.0\n");
+    let found = check(&[&first.display().to_string(), &second.display().to_string()]).expect_err("refused");
+    assert!(found.contains("/motion/clearance_mm") && found.contains("/motion/speed_fraction"), "{found}");
+    assert!(check(&[]).is_err());
+}
+
+#[test]
+fn a_program_is_linted_against_a_cell() {
+    let folder = Folder::new();
+    let home = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0];
+    let program = |joint: f64, secs: f64| {
+        serde_json::json!({
+            "schema": "vantage.program/1", "plan_sha256": "00".repeat(32), "robot": "hans-e05", "turntable": "minas-a6-500",
+            "home_deg": home, "cycle_secs": secs,
+            "steps": [{"op": "move_joints", "joints_deg": [joint, -30.0, 60.0, 0.0, 30.0, 0.0], "table_angle_deg": 0.0,
+                       "speed_fraction": 1.0, "via": [], "duration_secs": secs}],
+        })
+    };
+    let sound = folder.file("sound.json", &program(0.0, 0.0).to_string()).display().to_string();
+    assert_eq!(check(&[&sound]), Ok(()));
+    assert_eq!(check(&[&sound, "--cell", "e05-transcan"]), Ok(()));
+    let away = folder.file("away.json", &program(200.0, 1.0).to_string()).display().to_string();
+    assert_eq!(check(&[&away]), Ok(()), "without a cell only shape and ranges count");
+    let found = check(&[&away, "--cell", "e05-transcan"]).expect_err("refused");
+    assert!(found.contains("/steps/0: axis 1 is at 200.0000°") && found.contains("does not end at home"), "{found}");
+    let unknown = check(&[&sound, "--cell", "nowhere"]).expect_err("refused");
+    assert!(unknown.contains("e05-transcan"), "{unknown}");
+}

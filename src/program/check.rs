@@ -1,0 +1,288 @@
+//! The linter: from a program alone, with the cell it is for, what is wrong with it. Limits, times, collisions along every
+//! segment, and where the scanner is at each capture are derived anew; nothing is taken over from the planner.
+
+use std::collections::BTreeSet;
+
+use super::{Move, Program, Step};
+use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact, joints_of};
+use crate::geometry::{Part, Plate, Pose, Scanner as ScannerFrame, Table};
+use crate::planning::plan::ViewId;
+
+/// Angles that went through degrees and back are off by this at most, radians.
+const ROUNDING_RAD: f64 = 1e-9;
+/// Times that went through a file are off by this at most, seconds.
+const ROUNDING_SECS: f64 = 1e-6;
+/// How far the scanner may be from its viewpoint, mm.
+const PLACE_MM: f64 = 0.1;
+/// And how far turned, degrees.
+const PLACE_DEG: f64 = 0.01;
+/// Highest brightness level.
+const BRIGHTEST: u8 = 9;
+
+/// What the plan asks of its program.
+#[derive(Clone, Debug)]
+pub struct Expected {
+    /// SHA-256 of the plan's file, lower-case hexadecimal.
+    pub plan_sha256: String,
+    /// How the part lies.
+    pub table_from_part: Pose<Table, Part>,
+    /// Views that are to be scanned.
+    pub views: Vec<(ViewId, Pose<Part, ScannerFrame>)>,
+}
+
+/// Something wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// Step it is in, counted from 0; `None` when it is about the whole.
+    pub step: Option<usize>,
+    /// What it is.
+    pub fault: Fault,
+}
+
+impl std::fmt::Display for Finding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.step {
+            Some(step) => write!(f, "/steps/{step}: {}", self.fault),
+            None => self.fault.fmt(f),
+        }
+    }
+}
+
+/// Kinds of faults, with what was found and what is allowed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Fault {
+    /// Made for other hardware.
+    #[error("is for {what} {program:?}; the cell has {cell:?}")]
+    OtherHardware {
+        /// `robot` or `turntable`.
+        what: &'static str,
+        /// Name in the program.
+        program: String,
+        /// Name in the cell.
+        cell: String,
+    },
+    /// Made from another plan.
+    #[error("is made from plan {program}, not from {plan}")]
+    OtherPlan {
+        /// Hash in the program.
+        program: String,
+        /// Hash of the plan.
+        plan: String,
+    },
+    /// Home is not the cell's.
+    #[error("/home_deg differs from the cell's home")]
+    OtherHome,
+    /// An axis beyond its limits.
+    #[error("axis {axis} is at {angle_deg:.4}°; allowed is {min_deg:.4} to {max_deg:.4}°")]
+    OutsideLimits {
+        /// 1 to 6, or 7 for the table.
+        axis: usize,
+        /// Angle found.
+        angle_deg: f64,
+        /// Lowest allowed.
+        min_deg: f64,
+        /// Highest allowed.
+        max_deg: f64,
+    },
+    /// No share of the rated speed.
+    #[error("speed_fraction is {0}; allowed is above 0 to 1")]
+    SpeedFraction(f64),
+    /// Quicker than the axes allow, or slower than needed.
+    #[error("duration_secs is {stated:.6}; at this speed the move takes {derived:.6} s")]
+    Duration {
+        /// In the program.
+        stated: f64,
+        /// From the axes.
+        derived: f64,
+    },
+    /// Two bodies too close on the way.
+    #[error("collides on segment {segment}: {contact}")]
+    Collision {
+        /// 0 leads to the first via point, or to the target.
+        segment: usize,
+        /// The bodies.
+        contact: Contact,
+    },
+    /// A capture somewhere else than planned.
+    #[error("viewpoint {view} is scanned {mm:.4} mm and {deg:.5}° off its pose; allowed is {PLACE_MM} mm and {PLACE_DEG}°")]
+    OffPose {
+        /// The view.
+        view: u32,
+        /// Distance.
+        mm: f64,
+        /// Angle.
+        deg: f64,
+    },
+    /// A capture that the plan does not know.
+    #[error("viewpoint {0} is not one of the plan's")]
+    UnknownView(u32),
+    /// A second capture of one view.
+    #[error("viewpoint {0} is scanned a second time")]
+    Twice(u32),
+    /// No capture of a view of the plan.
+    #[error("viewpoint {0} of the plan is never scanned")]
+    NeverScanned(u32),
+    /// No such level.
+    #[error("brightness is {0}; allowed is 0 to {BRIGHTEST}")]
+    Brightness(u8),
+    /// A time that is none.
+    #[error("lasts {0} s; a time is finite and not negative")]
+    Time(f64),
+    /// The last step ends elsewhere.
+    #[error("the program does not end at home")]
+    NotHome,
+    /// The sum is wrong.
+    #[error("/cycle_secs is {stated:.6}; the steps take {derived:.6} s")]
+    CycleTime {
+        /// In the program.
+        stated: f64,
+        /// Sum of the steps.
+        derived: f64,
+    },
+}
+
+/// Everything that is wrong with `program` in `cell`, in the order of its steps; empty when it is sound. `scene` holds the
+/// part, if known, and the clearance to keep; with `expected` every capture is held against its viewpoint.
+#[must_use]
+pub fn check(program: &Program, cell: &Cell, scene: &CollisionScene, expected: Option<&Expected>) -> Vec<Finding> {
+    let mut linter = Linter { cell, scene, axes: cell.axes(), expected, findings: Vec::new(), scanned: BTreeSet::new() };
+    linter.whole(program);
+    let mut here = program.home_rad;
+    for (index, step) in program.steps.iter().enumerate() {
+        linter.step(index, step, &mut here);
+    }
+    linter.end(program, &here);
+    linter.findings
+}
+
+/// [`Fault::OffPose`] where the scanner is not on `wanted` at these joints and this table angle.
+#[must_use]
+pub fn off_pose(
+    cell: &Cell,
+    table_from_part: &Pose<Table, Part>,
+    view: ViewId,
+    configuration: &Configuration,
+    wanted: &Pose<Part, ScannerFrame>,
+) -> Option<Fault> {
+    // The plate's frame is the table's at angle zero, where the part's pose is given.
+    let plate_from_part: Pose<Plate, Part> = Pose::claim(*table_from_part.isometry());
+    let base_from_part = cell.base_from_plate(configuration[6]) * plate_from_part;
+    let found = base_from_part.inverse() * cell.base_from_scanner(&joints_of(configuration));
+    let mm = (found.origin_mm() - wanted.origin_mm()).norm();
+    let deg = found.isometry().rotation.angle_to(&wanted.isometry().rotation).to_degrees();
+    (mm > PLACE_MM || deg > PLACE_DEG).then_some(Fault::OffPose { view: view.0, mm, deg })
+}
+
+struct Linter<'a> {
+    cell: &'a Cell,
+    scene: &'a CollisionScene,
+    axes: Axes,
+    expected: Option<&'a Expected>,
+    findings: Vec<Finding>,
+    scanned: BTreeSet<ViewId>,
+}
+
+impl Linter<'_> {
+    fn find(&mut self, step: Option<usize>, fault: Fault) {
+        self.findings.push(Finding { step, fault });
+    }
+
+    fn whole(&mut self, program: &Program) {
+        let hardware =
+            [("robot", &program.robot, &self.cell.robot.name), ("turntable", &program.turntable, &self.cell.turntable.name)];
+        for (what, program, cell) in hardware.map(|(what, program, cell)| (what, program.clone(), cell.clone())) {
+            if program != cell {
+                self.find(None, Fault::OtherHardware { what, program, cell });
+            }
+        }
+        if let Some(expected) = self.expected.filter(|expected| expected.plan_sha256 != program.plan_sha256) {
+            let (program, plan) = (program.plan_sha256.clone(), expected.plan_sha256.clone());
+            self.find(None, Fault::OtherPlan { program, plan });
+        }
+        if !is_same(&program.home_rad, &self.cell.home_rad) {
+            self.find(None, Fault::OtherHome);
+        }
+    }
+
+    fn step(&mut self, index: usize, step: &Step, here: &mut Configuration) {
+        if !(step.secs().is_finite() && step.secs() >= 0.0) {
+            self.find(Some(index), Fault::Time(step.secs()));
+        }
+        match step {
+            Step::Move(step) => {
+                self.travel(index, step, here);
+                *here = step.target_rad;
+            }
+            Step::Settle { .. } => {}
+            Step::Scan { view, brightness, .. } => self.capture(index, *view, *brightness, here),
+        }
+    }
+
+    fn travel(&mut self, index: usize, step: &Move, here: &Configuration) {
+        let points: Vec<_> = std::iter::once(here).chain(&step.via_rad).chain([&step.target_rad]).copied().collect();
+        if !points[1..].iter().fold(true, |within, point| self.within_limits(index, point) && within) {
+            return;
+        }
+        if !(step.speed_fraction > 0.0 && step.speed_fraction <= 1.0) {
+            return self.find(Some(index), Fault::SpeedFraction(step.speed_fraction));
+        }
+        let (stated, derived) = (step.duration_secs, self.axes.path_secs(&points, step.speed_fraction));
+        if (stated - derived).abs() > ROUNDING_SECS {
+            self.find(Some(index), Fault::Duration { stated, derived });
+        }
+        for (segment, ends) in points.windows(2).enumerate() {
+            if let Some(contact) = self.scene.check_segment(&ends[0], &ends[1]) {
+                self.find(Some(index), Fault::Collision { segment, contact });
+            }
+        }
+    }
+
+    fn within_limits(&mut self, index: usize, point: &Configuration) -> bool {
+        let mut within = true;
+        for (axis, (limits, angle)) in self.axes.0.into_iter().zip(point).enumerate() {
+            let (min_rad, max_rad) = (limits.min_rad - ROUNDING_RAD, limits.max_rad + ROUNDING_RAD);
+            if !(min_rad <= *angle && *angle <= max_rad) {
+                within = false;
+                let [angle_deg, min_deg, max_deg] = [*angle, limits.min_rad, limits.max_rad].map(f64::to_degrees);
+                self.find(Some(index), Fault::OutsideLimits { axis: axis + 1, angle_deg, min_deg, max_deg });
+            }
+        }
+        within
+    }
+
+    fn capture(&mut self, index: usize, view: ViewId, brightness: u8, here: &Configuration) {
+        if brightness > BRIGHTEST {
+            self.find(Some(index), Fault::Brightness(brightness));
+        }
+        if !self.scanned.insert(view) {
+            self.find(Some(index), Fault::Twice(view.0));
+        }
+        let Some(expected) = self.expected else { return };
+        let Some((_, wanted)) = expected.views.iter().find(|(id, _)| *id == view) else {
+            return self.find(Some(index), Fault::UnknownView(view.0));
+        };
+        if let Some(fault) = off_pose(self.cell, &expected.table_from_part, view, here, wanted) {
+            self.find(Some(index), fault);
+        }
+    }
+
+    fn end(&mut self, program: &Program, here: &Configuration) {
+        if !is_same(here, &program.home_rad) {
+            self.find(None, Fault::NotHome);
+        }
+        for (view, _) in self.expected.iter().flat_map(|expected| &expected.views) {
+            if !self.scanned.contains(view) {
+                self.findings.push(Finding { step: None, fault: Fault::NeverScanned(view.0) });
+            }
+        }
+        let (stated, derived) = (program.cycle_secs, program.steps.iter().map(Step::secs).sum::<f64>());
+        // Not `>`: a cycle time that is no number is wrong too.
+        if !((stated - derived).abs() <= ROUNDING_SECS) {
+            self.find(None, Fault::CycleTime { stated, derived });
+        }
+    }
+}
+
+fn is_same(a: &Configuration, b: &Configuration) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ROUNDING_RAD)
+}

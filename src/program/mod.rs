@@ -1,0 +1,77 @@
+//! Floor 4, the robot program: everything an executor needs and nothing left to decide, whatever the robot's make.
+//! Radians and millimetres; degrees are the business of the shapes that leave the house.
+
+mod check;
+mod compile;
+
+pub use check::{Expected, Fault, Finding, check, off_pose};
+pub use compile::compile;
+
+use crate::cell::Configuration;
+use crate::planning::plan::ViewId;
+
+/// A program. Begins and ends at home; an immutable value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Program {
+    /// SHA-256 of the bytes of `plan.json`, lower-case hexadecimal.
+    pub plan_sha256: String,
+    /// Name of the robot's specification.
+    pub robot: String,
+    /// Name of the turntable's specification.
+    pub turntable: String,
+    /// Where the arm and table stand before the first step and after the last.
+    pub home_rad: Configuration,
+    /// What is done, one after another.
+    pub steps: Vec<Step>,
+    /// Predicted time of all steps.
+    pub cycle_secs: f64,
+}
+
+/// One step.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// Arm and table move.
+    Move(Move),
+    /// Everything stands still.
+    Settle {
+        /// How long.
+        secs: f64,
+    },
+    /// The scanner captures.
+    Scan {
+        /// Which view.
+        view: ViewId,
+        /// Projector brightness level.
+        brightness: u8,
+        /// How long it takes.
+        capture_secs: f64,
+    },
+}
+
+impl Step {
+    /// Predicted time.
+    #[must_use]
+    pub fn secs(&self) -> f64 {
+        match self {
+            Self::Move(step) => step.duration_secs,
+            Self::Settle { secs } => *secs,
+            Self::Scan { capture_secs, .. } => *capture_secs,
+        }
+    }
+}
+
+/// A polyline in joint space: straight, synchronised segments, at rest at every point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Move {
+    /// Points between start and target, both left out.
+    pub via_rad: Vec<Configuration>,
+    /// Where it ends.
+    pub target_rad: Configuration,
+    /// Share of the axes' rated speed and acceleration.
+    pub speed_fraction: f64,
+    /// Predicted time.
+    pub duration_secs: f64,
+}
+
+#[cfg(test)]
+mod tests;

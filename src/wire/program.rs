@@ -1,0 +1,269 @@
+//! `program.json`, schema `vantage.program/1`, and `program.csv`, one row for each point or action in the order of
+//! execution. Degrees here, radians inside.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::angle;
+use super::csv::Csv;
+use super::echo::Echo;
+use super::json_file_bytes;
+use crate::cell::{Configuration, FieldError, Findings};
+use crate::planning::plan::ViewId;
+use crate::program::{Move, Program, Step};
+
+/// Schema name that the document carries.
+pub const PROGRAM_SCHEMA: &str = "vantage.program/1";
+
+/// Largest angle that a program may contain, degrees.
+const ANGLE_DEG: f64 = 3600.0;
+/// Longest time, seconds.
+const LONGEST_SECS: f64 = 86_400.0;
+
+const HEADER: [&str; 13] = [
+    "step",
+    "op",
+    "j1_deg",
+    "j2_deg",
+    "j3_deg",
+    "j4_deg",
+    "j5_deg",
+    "j6_deg",
+    "table_angle_deg",
+    "speed_fraction",
+    "secs",
+    "viewpoint",
+    "brightness",
+];
+
+/// The whole document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProgramDocument {
+    /// `vantage.program/1`.
+    pub schema: String,
+    /// Labels, part number and serial as given with the job.
+    #[serde(flatten)]
+    pub echo: Echo,
+    /// SHA-256 of the bytes of `plan.json`.
+    pub plan_sha256: String,
+    /// Name of the robot's specification.
+    pub robot: String,
+    /// Name of the turntable's specification.
+    pub turntable: String,
+    /// Joints 1 to 6 and the table angle before the first step and after the last.
+    pub home_deg: [f64; 7],
+    /// What is done, one after another.
+    pub steps: Vec<StepDocument>,
+    /// Predicted time of all steps.
+    pub cycle_secs: f64,
+}
+
+/// One step.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "op", rename_all = "snake_case", deny_unknown_fields)]
+pub enum StepDocument {
+    /// Arm and table move along straight, synchronised segments in joint space, at rest at every point.
+    MoveJoints {
+        /// Joints 1 to 6 at the end.
+        joints_deg: [f64; 6],
+        /// Table angle at the end.
+        table_angle_deg: f64,
+        /// Share of the axes' rated speed and acceleration.
+        speed_fraction: f64,
+        /// Joints 1 to 6 and the table angle at points between start and end.
+        via: Vec<[f64; 7]>,
+        /// Predicted time.
+        duration_secs: f64,
+    },
+    /// Everything stands still.
+    Settle {
+        /// How long.
+        secs: f64,
+    },
+    /// The scanner captures.
+    Scan {
+        /// Viewpoint of the plan.
+        viewpoint: u32,
+        /// Projector brightness level.
+        brightness: u8,
+        /// How long the capture takes.
+        capture_secs: f64,
+    },
+}
+
+impl ProgramDocument {
+    /// The document of a program.
+    #[must_use]
+    pub fn new(program: &Program, echo: Echo) -> Self {
+        Self {
+            schema: PROGRAM_SCHEMA.to_owned(),
+            echo,
+            plan_sha256: program.plan_sha256.clone(),
+            robot: program.robot.clone(),
+            turntable: program.turntable.clone(),
+            home_deg: degrees(&program.home_rad),
+            steps: program.steps.iter().map(StepDocument::from).collect(),
+            cycle_secs: program.cycle_secs,
+        }
+    }
+
+    /// The bytes of `program.json`.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        json_file_bytes(self)
+    }
+
+    /// The program that the document says.
+    ///
+    /// # Errors
+    /// Another schema, a hash that is none, numbers out of range: each with its JSON pointer.
+    pub fn program(&self) -> Result<Program, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check(&mut findings);
+        findings.into_result()?;
+        Ok(Program {
+            plan_sha256: self.plan_sha256.clone(),
+            robot: self.robot.clone(),
+            turntable: self.turntable.clone(),
+            home_rad: self.home_deg.map(f64::to_radians),
+            steps: self.steps.iter().map(Step::from).collect(),
+            cycle_secs: self.cycle_secs,
+        })
+    }
+
+    fn check(&self, findings: &mut Findings) {
+        findings.require(self.schema == PROGRAM_SCHEMA, "/schema", || {
+            format!("is {:?}; this version reads {PROGRAM_SCHEMA:?}", self.schema)
+        });
+        let is_sha256 = self.plan_sha256.len() == 64 && self.plan_sha256.bytes().all(|b| b.is_ascii_hexdigit());
+        findings.require(is_sha256, "/plan_sha256", || "is no SHA-256: 64 hexadecimal digits".into());
+        angles("/home_deg", &self.home_deg, findings);
+        for (index, step) in self.steps.iter().enumerate() {
+            step.check(&format!("/steps/{index}"), findings);
+        }
+        findings.range("/cycle_secs", self.cycle_secs, 0.0, f64::MAX, "s");
+    }
+}
+
+fn angles(pointer: &str, angles_deg: &[f64], findings: &mut Findings) {
+    for (index, angle) in angles_deg.iter().enumerate() {
+        findings.range(format!("{pointer}/{index}"), *angle, -ANGLE_DEG, ANGLE_DEG, "°");
+    }
+}
+
+impl StepDocument {
+    fn check(&self, pointer: &str, findings: &mut Findings) {
+        match self {
+            Self::MoveJoints { joints_deg, table_angle_deg, speed_fraction, via, duration_secs } => {
+                angles(&format!("{pointer}/joints_deg"), joints_deg, findings);
+                findings.range(format!("{pointer}/table_angle_deg"), *table_angle_deg, -ANGLE_DEG, ANGLE_DEG, "°");
+                findings.range(format!("{pointer}/speed_fraction"), *speed_fraction, 0.001, 1.0, "");
+                for (index, point) in via.iter().enumerate() {
+                    angles(&format!("{pointer}/via/{index}"), point, findings);
+                }
+                findings.range(format!("{pointer}/duration_secs"), *duration_secs, 0.0, LONGEST_SECS, "s");
+            }
+            Self::Settle { secs } => findings.range(format!("{pointer}/secs"), *secs, 0.0, LONGEST_SECS, "s"),
+            Self::Scan { brightness, capture_secs, .. } => {
+                findings.range(format!("{pointer}/brightness"), f64::from(*brightness), 0.0, 9.0, "");
+                findings.range(format!("{pointer}/capture_secs"), *capture_secs, 0.0, LONGEST_SECS, "s");
+            }
+        }
+    }
+}
+
+impl From<&Step> for StepDocument {
+    fn from(step: &Step) -> Self {
+        match step {
+            Step::Move(step) => {
+                let [j1, j2, j3, j4, j5, j6, table_angle_deg] = degrees(&step.target_rad);
+                Self::MoveJoints {
+                    joints_deg: [j1, j2, j3, j4, j5, j6],
+                    table_angle_deg,
+                    speed_fraction: step.speed_fraction,
+                    via: step.via_rad.iter().map(degrees).collect(),
+                    duration_secs: step.duration_secs,
+                }
+            }
+            Step::Settle { secs } => Self::Settle { secs: *secs },
+            Step::Scan { view, brightness, capture_secs } => {
+                Self::Scan { viewpoint: view.0, brightness: *brightness, capture_secs: *capture_secs }
+            }
+        }
+    }
+}
+
+impl From<&StepDocument> for Step {
+    fn from(step: &StepDocument) -> Self {
+        match step {
+            StepDocument::MoveJoints {
+                joints_deg: [j1, j2, j3, j4, j5, j6],
+                table_angle_deg,
+                speed_fraction,
+                via,
+                duration_secs,
+            } => Self::Move(Move {
+                via_rad: via.iter().map(|point| point.map(f64::to_radians)).collect(),
+                target_rad: [*j1, *j2, *j3, *j4, *j5, *j6, *table_angle_deg].map(f64::to_radians),
+                speed_fraction: *speed_fraction,
+                duration_secs: *duration_secs,
+            }),
+            StepDocument::Settle { secs } => Self::Settle { secs: *secs },
+            StepDocument::Scan { viewpoint, brightness, capture_secs } => {
+                Self::Scan { view: ViewId(*viewpoint), brightness: *brightness, capture_secs: *capture_secs }
+            }
+        }
+    }
+}
+
+fn degrees(configuration: &Configuration) -> [f64; 7] {
+    configuration.map(angle::degrees)
+}
+
+/// The program as a table: a via point, a target or an action a row, with where arm and table are then. A move's time
+/// stands at its target.
+#[must_use]
+pub fn csv(program: &Program) -> String {
+    let mut table = Csv::new(&HEADER);
+    row(&mut table, None, "home", &program.home_rad, [None; 2], [None; 2]);
+    let mut here = program.home_rad;
+    for (index, step) in program.steps.iter().enumerate() {
+        let index = Some(index);
+        match step {
+            Step::Move(step) => {
+                let speed = Some(step.speed_fraction);
+                for point in &step.via_rad {
+                    row(&mut table, index, "via", point, [speed, None], [None; 2]);
+                }
+                here = step.target_rad;
+                row(&mut table, index, "move_joints", &here, [speed, Some(step.duration_secs)], [None; 2]);
+            }
+            Step::Settle { secs } => row(&mut table, index, "settle", &here, [None, Some(*secs)], [None; 2]),
+            Step::Scan { view, brightness, capture_secs } => {
+                let scan = [Some(view.0), Some(u32::from(*brightness))];
+                row(&mut table, index, "scan", &here, [None, Some(*capture_secs)], scan);
+            }
+        }
+    }
+    table.finish()
+}
+
+/// Numbers and words of ours only: nothing in it could be read as a formula.
+fn row(
+    table: &mut Csv,
+    index: Option<usize>,
+    op: &str,
+    here: &Configuration,
+    speed_and_secs: [Option<f64>; 2],
+    viewpoint_and_brightness: [Option<u32>; 2],
+) {
+    table.optional(index);
+    table.number(op);
+    degrees(here).iter().for_each(|angle_deg| table.number(angle_deg));
+    speed_and_secs.iter().for_each(|value| table.optional(*value));
+    viewpoint_and_brightness.iter().for_each(|value| table.optional(*value));
+    table.end_row();
+}
+
+#[cfg(test)]
+mod tests;
