@@ -56,7 +56,7 @@ async fn a_digest_is_held_against_the_file() {
     let api = Api::start().await;
     let right = format!("sha-512=:eA==:, sha-256=:{}:", BASE64_STANDARD.encode(Sha256::digest(cube(10.0))));
     api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &right)], cube(10.0)).await.ok(201);
-    api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &right)], cube(11.0)).await.problem("bad_digest");
+    api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &right)], cube(11.0)).await.problem("digest_mismatch");
     for unreadable in ["", "sha-256=abc", "sha-256=:eA==:", "md5=:eA==:", "sha-256=::", "\u{e4}"] {
         let answer = api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", unreadable)], cube(10.0)).await;
         answer.problem_at("bad_digest", &["Content-Digest"]);
