@@ -10,7 +10,9 @@ use sha2::{Digest, Sha256};
 
 use super::CliError;
 use super::files::{self, FileLibrary};
-use crate::cell::{Cell, CellSpec, CollisionScene, FieldError, Findings, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use crate::cell::{
+    Cell, CellSpec, CollisionScene, FieldError, Findings, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
+};
 use crate::geometry::{LengthUnit, Part, Pose, Table};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;
@@ -114,7 +116,10 @@ fn read<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
 
 /// How much was checked.
 fn depth(cell: Option<&Cell>) -> String {
-    cell.map_or_else(|| " (shape and ranges; with --cell also motion)".to_owned(), |cell| format!(", sound in cell {}", cell.name))
+    cell.map_or_else(
+        || " (shape and ranges; with --cell also motion)".to_owned(),
+        |cell| format!(", sound in cell {}", cell.name),
+    )
 }
 
 enum Kind {
@@ -166,9 +171,7 @@ fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<Fi
     }
     let grades = &document.coverage.grades;
     let (sum, of_asked) = (grades.a + grades.b + grades.c + grades.d, document.coverage.of_asked);
-    findings.require((sum - of_asked).abs() <= SHARE, "/coverage/grades", || {
-        format!("add up to {sum}; of_asked is {of_asked}")
-    });
+    findings.require((sum - of_asked).abs() <= SHARE, "/coverage/grades", || format!("add up to {sum}; of_asked is {of_asked}"));
     if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
         check_stations(document, cell, &expected, &mut findings);
     }
@@ -179,7 +182,11 @@ fn check_view(index: usize, view: &ViewpointDocument, is_visited: bool, findings
     let at = format!("/viewpoints/{index}");
     view.part_from_scanner.check(&format!("{at}/part_from_scanner"), findings);
     findings.require(view.station.is_some() == is_visited, format!("{at}/station"), || {
-        if is_visited { "is missing, but the sequence visits it".into() } else { "is given, but the sequence leaves it out".into() }
+        if is_visited {
+            "is missing, but the sequence visits it".into()
+        } else {
+            "is given, but the sequence leaves it out".into()
+        }
     });
     findings.require(view.rejected.is_none() || view.station.is_none(), format!("{at}/rejected"), || {
         "is given beside a station; a rejected view has none".into()

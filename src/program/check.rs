@@ -188,10 +188,8 @@ impl Linter<'_> {
     }
 
     fn whole(&mut self, program: &Program) {
-        let hardware = [
-            ("robot", &program.robot, &self.cell.robot.name),
-            ("turntable", &program.turntable, &self.cell.turntable.name),
-        ];
+        let hardware =
+            [("robot", &program.robot, &self.cell.robot.name), ("turntable", &program.turntable, &self.cell.turntable.name)];
         for (what, program, cell) in hardware.map(|(what, program, cell)| (what, program.clone(), cell.clone())) {
             if program != cell {
                 self.find(None, Fault::OtherHardware { what, program, cell });

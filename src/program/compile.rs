@@ -14,11 +14,7 @@ pub fn compile(sequence: &Sequence, cell: &Cell, plan_sha256: &str, params: &Pla
     for (view, leg) in &sequence.visits {
         steps.push(step(leg, speed_fraction));
         steps.push(Step::Settle { secs: params.scan.settle_secs });
-        steps.push(Step::Scan {
-            view: *view,
-            brightness: params.scan.brightness,
-            capture_secs: params.scan.capture_secs,
-        });
+        steps.push(Step::Scan { view: *view, brightness: params.scan.brightness, capture_secs: params.scan.capture_secs });
     }
     steps.push(step(&sequence.return_home, speed_fraction));
     Program {

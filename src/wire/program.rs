@@ -195,14 +195,18 @@ impl From<&Step> for StepDocument {
 impl From<&StepDocument> for Step {
     fn from(step: &StepDocument) -> Self {
         match step {
-            StepDocument::MoveJoints { joints_deg: [j1, j2, j3, j4, j5, j6], table_angle_deg, speed_fraction, via, duration_secs } => {
-                Self::Move(Move {
-                    via_rad: via.iter().map(|point| point.map(f64::to_radians)).collect(),
-                    target_rad: [*j1, *j2, *j3, *j4, *j5, *j6, *table_angle_deg].map(f64::to_radians),
-                    speed_fraction: *speed_fraction,
-                    duration_secs: *duration_secs,
-                })
-            }
+            StepDocument::MoveJoints {
+                joints_deg: [j1, j2, j3, j4, j5, j6],
+                table_angle_deg,
+                speed_fraction,
+                via,
+                duration_secs,
+            } => Self::Move(Move {
+                via_rad: via.iter().map(|point| point.map(f64::to_radians)).collect(),
+                target_rad: [*j1, *j2, *j3, *j4, *j5, *j6, *table_angle_deg].map(f64::to_radians),
+                speed_fraction: *speed_fraction,
+                duration_secs: *duration_secs,
+            }),
             StepDocument::Settle { secs } => Self::Settle { secs: *secs },
             StepDocument::Scan { viewpoint, brightness, capture_secs } => {
                 Self::Scan { view: ViewId(*viewpoint), brightness: *brightness, capture_secs: *capture_secs }

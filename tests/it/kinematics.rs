@@ -3,10 +3,16 @@
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
+use std::sync::atomic::AtomicBool;
 
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use vantage::cell::{LinkCapsule, Presets, Robot, SpecLibrary};
 use vantage::geometry::Pose;
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::PlanParams;
+use vantage::planning::{PlanInput, plan};
+
+use crate::support::box_mesh;
 
 const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/robots/elfin5.urdf");
 const MESHES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/robots/elfin_description/meshes/elfin5");
@@ -107,6 +113,26 @@ fn the_vendors_flange_is_reached_by_the_closed_form() {
         let nearest = branches.iter().map(error).fold(f64::INFINITY, f64::min);
         // The URDF's rounding (1.5708) turns into joint error near singularities: an elbow or wrist in line, the wrist over axis 1.
         assert!(nearest < 0.02 || q[2].sin().abs() < 0.1 || q[4].sin().abs() < 0.1, "{q:?}: {nearest}");
+    }
+}
+
+#[test]
+fn every_station_of_a_plan_holds_in_the_vendors_chain() {
+    let Some(python) = oracle() else { return };
+    let cell = Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds");
+    let (mesh, cancel) = (box_mesh([10.0, -40.0, 5.0], [130.0, 33.0, 42.0]), AtomicBool::new(false));
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let plan = plan(&input, &PlanParams::default(), &Context::new(&cancel, &Silent)).expect("a plan").plan;
+    let table_from_part = *plan.table_from_part.expect("a cell").isometry();
+    let stations: Vec<_> = plan.views.iter().map(|view| view.station.expect("reached")).collect();
+    assert!(stations.len() > 2);
+    let flanges = urdf_poses(&python, &stations.iter().map(|s| s.joints_rad).collect::<Vec<_>>(), &["elfin_end_link"]);
+    for ((view, station), flange) in plan.views.iter().zip(&stations).zip(flanges) {
+        let found = flange[0] * cell.flange_from_scanner.isometry();
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), station.table_angle_rad);
+        let base_from_part = cell.base_from_table.isometry() * turned * table_from_part;
+        let (mm, deg) = apart(&found, &(base_from_part * view.part_from_scanner.isometry()));
+        assert!(mm <= 0.1 && deg <= 0.01, "{mm} mm, {deg}°");
     }
 }
 

@@ -167,13 +167,7 @@ impl CollisionScene {
 
     /// The pairs of which the piece `middle ± half` of a segment is not yet proved free, or one that is in contact in
     /// its middle.
-    fn look<'a>(
-        &'a self,
-        segment: &Segment<'_>,
-        middle: f64,
-        half: f64,
-        pairs: &[&'a Pair],
-    ) -> Result<Vec<&'a Pair>, Contact> {
+    fn look<'a>(&'a self, segment: &Segment<'_>, middle: f64, half: f64, pairs: &[&'a Pair]) -> Result<Vec<&'a Pair>, Contact> {
         let sweep = segment.travel.map(|angle| half * angle.abs());
         let placement = self.place(&segment.at(middle));
         let mut open: Vec<&Pair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep)).copied().collect();
