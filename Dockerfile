@@ -1,6 +1,6 @@
 # syntax=docker/dockerfile:1
 # Vantage's server. Build: docker build -t vantage .
-# Run: docker run -p 8080:8080 -v vantage-data:/data -e VANTAGE_SERVER__API_KEY=... vantage
+# Run: docker run -p 8080:8080 -v vantage-data:/data -e VANTAGE_SERVER__API_KEY="$(openssl rand -hex 24)" vantage
 
 FROM rust:1.95-slim-bookworm AS build
 WORKDIR /src
@@ -20,8 +20,7 @@ RUN touch src/main.rs src/lib.rs \
     && install -D -m 0755 target/release/vantage /out/usr/local/bin/vantage \
     && install -d /out/data
 
-# C library and nothing else: no shell, no package manager.
-FROM gcr.io/distroless/cc-debian12:nonroot
+FROM debian:bookworm-slim
 LABEL org.opencontainers.image.title="vantage" \
       org.opencontainers.image.description="Plans automated 3D scans" \
       org.opencontainers.image.licenses="MIT OR Apache-2.0"

@@ -11,6 +11,7 @@ use super::CliError;
 use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh};
+use crate::service::hex;
 
 /// Finds specifications among the presets, else as files; meshes as files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -111,6 +112,5 @@ pub fn mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String),
     let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
     let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
     let read = mesh_io::read(&bytes, unit, &Limits::default()).map_err(|error| refuse(error.to_string()))?;
-    let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok((read, sha256))
+    Ok((read, hex(&Sha256::digest(&bytes))))
 }

@@ -9,8 +9,11 @@ use crate::geometry::LengthUnit;
 use crate::geometry::mesh_io::{Limits, MeshError, ReadMesh, read, recognise};
 use crate::wire::MeshHealth;
 
-/// Arguments of `vantage inspect`.
+/// Look at a mesh or a scanner: what it is, and what is wrong with it.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage inspect part.stl --unit mm
+  vantage inspect config/scanners/transcan-c.toml --json")]
 pub struct InspectArgs {
     /// The file to look at; its format is found by content
     pub file: PathBuf,

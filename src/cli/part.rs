@@ -7,8 +7,10 @@ use super::CliError;
 use crate::geometry::demo_parts::{DEFAULT_TRIANGLES, DemoPart};
 use crate::geometry::mesh_io::write_stl;
 
-/// Arguments of `vantage part`.
+/// Write a demo part as STL.
 #[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example:
+  vantage part base --triangles 50000 --out base.stl")]
 pub struct PartArgs {
     /// Which part: base (121 × 73 × 37 mm consumer product) or figurine (150 mm tall)
     pub part: DemoPart,

@@ -1,1 +1,128 @@
+//! Negotiation and the guarded socket, which the routes' tests reach only in part.
 
+use std::time::{Duration, Instant};
+
+use axum::http::HeaderMap;
+use axum::http::header::ACCEPT;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+
+use super::negotiate::{Form, choose};
+use super::socket::Guarded;
+
+const FORMS: [Form; 2] = [
+    Form { name: "json", media_type: "application/json", file: "a.json" },
+    Form { name: "csv", media_type: "text/csv; charset=utf-8", file: "a.csv" },
+];
+
+fn chosen(accept: &str, asked: Option<&str>) -> Option<&'static str> {
+    let mut headers = HeaderMap::new();
+    if !accept.is_empty() {
+        headers.insert(ACCEPT, accept.parse().expect("a header"));
+    }
+    choose(&headers, asked, &FORMS).ok().map(|form| form.name)
+}
+
+#[test]
+fn the_form_follows_accept() {
+    for (accept, form) in [
+        ("", Some("json")),
+        ("*/*", Some("json")),
+        ("text/csv", Some("csv")),
+        ("TEXT/CSV", Some("csv")),
+        ("text/*", Some("csv")),
+        ("text/csv;q=0.5, application/json", Some("json")),
+        ("text/csv, application/json;q=0.9", Some("csv")),
+        ("application/json, text/csv", Some("json")),
+        ("*/*;q=0.1, text/csv", Some("csv")),
+        ("text/csv;q=0, */*", Some("json")),
+        ("text/html,application/xhtml+xml,*/*;q=0.8", Some("json")),
+        ("application/json;q=0, text/csv;q=0", None),
+        ("text/html", None),
+        ("nonsense", None),
+        ("text/csv;q=nan", None),
+    ] {
+        assert_eq!(chosen(accept, None), form, "{accept:?}");
+    }
+}
+
+#[test]
+fn the_query_goes_before_accept() {
+    assert_eq!(chosen("application/json", Some("csv")), Some("csv"));
+    assert_eq!(chosen("*/*", Some("xml")), None);
+}
+
+const PREFACE: Duration = Duration::from_millis(200);
+const STALL: Duration = Duration::from_millis(400);
+
+fn guarded(buffer: usize) -> (DuplexStream, Guarded<DuplexStream>) {
+    let (client, server) = tokio::io::duplex(buffer);
+    (client, Guarded::new(server, PREFACE, STALL))
+}
+
+/// Cut off not before its time, and not much later, on a busy machine.
+#[track_caller]
+fn assert_cut_off(error: &std::io::Error, after: Duration, limit: Duration) {
+    assert_eq!(error.kind(), std::io::ErrorKind::TimedOut);
+    assert!((limit..limit * 10).contains(&after), "{after:?}");
+}
+
+#[tokio::test]
+async fn a_client_that_says_nothing_is_cut_off() {
+    let (_client, mut guarded) = guarded(64);
+    let began = Instant::now();
+    assert_cut_off(&guarded.read_u8().await.expect_err("cut off"), began.elapsed(), PREFACE);
+}
+
+#[tokio::test]
+async fn a_client_that_drips_is_cut_off_all_the_same() {
+    let (mut client, mut guarded) = guarded(64);
+    tokio::spawn(async move {
+        for byte in *b"PRI * HTTP/2.0" {
+            client.write_all(&[byte]).await.expect("open");
+            tokio::time::sleep(PREFACE / 4).await;
+        }
+        std::future::pending::<()>().await;
+    });
+    let began = Instant::now();
+    let error = loop {
+        if let Err(error) = guarded.read_u8().await {
+            break error;
+        }
+    };
+    assert_cut_off(&error, began.elapsed(), PREFACE);
+}
+
+#[tokio::test]
+async fn an_answered_client_may_wait_with_its_next_request() {
+    let (mut client, mut guarded) = guarded(64);
+    client.write_all(b"GET /").await.expect("open");
+    guarded.read_exact(&mut [0; 5]).await.expect("a request");
+    guarded.write_all(b"answer").await.expect("an answer");
+    tokio::spawn(async move {
+        tokio::time::sleep(3 * PREFACE).await;
+        client.write_all(b"!").await.expect("open");
+        std::future::pending::<()>().await;
+    });
+    assert_eq!(guarded.read_u8().await.expect("not cut off"), b'!');
+}
+
+#[tokio::test]
+async fn a_client_that_takes_nothing_is_cut_off() {
+    let (_client, mut guarded) = guarded(8);
+    let began = Instant::now();
+    assert_cut_off(&guarded.write_all(&[0; 64]).await.expect_err("cut off"), began.elapsed(), STALL);
+}
+
+#[tokio::test]
+async fn a_client_that_takes_its_answer_slowly_is_not() {
+    let (mut client, mut guarded) = guarded(8);
+    tokio::spawn(async move {
+        let mut piece = [0; 8];
+        while client.read_exact(&mut piece).await.is_ok() {
+            tokio::time::sleep(STALL / 4).await;
+        }
+    });
+    let began = Instant::now();
+    guarded.write_all(&[0; 64]).await.expect("taken");
+    assert!(began.elapsed() > STALL);
+}

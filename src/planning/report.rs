@@ -175,7 +175,7 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
     }
     for cause in missed {
         write!(out, "  {:<20} {:>10} mm²", cause.cause.as_str(), fixed(cause.area_mm2, 1))?;
-        write!(out, " {:>6} % of asked, {} spots", percent(share(cause.area_mm2, asked_area_mm2)), cause.spots.len())?;
+        write!(out, " {:>6} % of asked, {}", percent(share(cause.area_mm2, asked_area_mm2)), counted(cause.spots.len(), "spot"))?;
         match cause.spots.first() {
             Some(spot) => writeln!(out, ", largest {} mm² at {}", fixed(spot.area_mm2, 1), point(&spot.centre_mm))?,
             None => writeln!(out)?,
@@ -185,7 +185,11 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
 }
 
 fn leg_text(leg: &Leg) -> String {
-    format!("{} s, {} points between", fixed(leg.duration_secs, 1), leg.via_rad.len())
+    format!("{} s, {} between", fixed(leg.duration_secs, 1), counted(leg.via_rad.len(), "point"))
+}
+
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 fn station_text(station: &Station) -> String {

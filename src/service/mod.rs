@@ -27,6 +27,7 @@ pub use meshes::{FinishedUpload, MeshUpload, Upload};
 pub use options::Options;
 pub use run::Planner;
 pub use specs::SpecEntry;
+pub(crate) use store::hex;
 pub use store::{OpenError, Precondition};
 pub use submit::JobQuery;
 

@@ -186,7 +186,8 @@ pub struct Job {
     pub serial: Option<String>,
     /// Higher goes first.
     pub priority: i32,
-    /// Stage of planning, while it runs: `surface`, `candidates`, `stations`, `visibility`, `selection`, `sequence`, `missed`.
+    /// Stage of planning, while it runs: `surface`, `candidates`, `stations`, `visibility`, `selection`, `sequence`,
+    /// `missed`, `report`.
     pub stage: Option<String>,
     /// Share of the work that is done, 0 to 1; never falls within an attempt.
     pub fraction: f64,

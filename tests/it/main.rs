@@ -1,6 +1,8 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod closed_form;
+mod http;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;
@@ -8,5 +10,7 @@ mod oracle_coverage;
 mod planning_with_cell;
 mod public_figures;
 mod reach_study;
+mod readme;
 mod report;
+mod server;
 mod support;

@@ -7,14 +7,13 @@ use flate2::read::GzDecoder;
 use vantage::geometry::mesh_io::{Limits, MeshError, ReadMesh, read};
 use vantage::geometry::{LengthUnit, MeshHealth};
 
+use crate::support::shared;
+
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data");
 
 /// Rows of the table below `## {section}`, as trimmed cells; `None`, with a note, where the data is not there.
 fn table(section: &str) -> Option<Vec<Vec<String>>> {
-    let Ok(readme) = fs::read_to_string(Path::new(DATA).join("README.md")) else {
-        eprintln!("skipped: no test data at {DATA}");
-        return None;
-    };
+    let readme = fs::read_to_string(shared("README.md")?).expect("readable");
     let rows = readme
         .lines()
         .skip_while(|line| *line != format!("## {section}/"))

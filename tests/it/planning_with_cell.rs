@@ -94,11 +94,9 @@ fn a_fixture_hides_what_lies_behind_it_and_is_not_measured() {
     assert!((coverage.total_area_mm2 - 9600.0).abs() < 1e-6, "the wall does not count");
     let open_mm2 = 9600.0 - 1600.0 - 1600.0;
     assert!((coverage.coverable_area_mm2 / open_mm2 - 1.0).abs() < 0.05, "{coverage:?}");
-    let hidden: f64 =
+    let hidden_mm2: f64 =
         [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
-    let oblique: f64 =
-        [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector].map(|c| missed_mm2(&outcome, c)).iter().sum();
-    assert!(hidden > 1000.0 && hidden + oblique > 1500.0, "hidden {hidden}, oblique {oblique}");
+    assert!(hidden_mm2 > 1200.0, "the wall hides {hidden_mm2} of 1600 mm²");
 }
 
 #[test]

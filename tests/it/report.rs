@@ -1,1 +1,345 @@
+//! What a person looks at after a plan, made from a plan whose answers are known in closed form: a sphere seen from
+//! four sides. The text report is held by `tests/golden/plan_report.txt`; `UPDATE_GOLDEN=1` writes it anew.
 
+mod markup;
+
+use std::path::PathBuf;
+
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, preview};
+use vantage::planning::candidates::{CandidateId, Label, Rejection};
+use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
+use vantage::planning::plan::{
+    CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict,
+    ViewId,
+};
+use vantage::planning::report::text;
+use vantage::planning::sequence::{Leg, Sequence};
+use vantage::planning::stations::Station;
+use vantage::planning::surface::{self, Surface};
+use vantage::planning::visibility::Row;
+use vantage::wire::echo::Echo;
+use vantage::wire::report::{ReportInput, html};
+use vantage::wire::{coverage, missed, viewpoints};
+
+use crate::support::nominal_scanner;
+use markup::{data_uris, well_formed};
+
+const RADIUS_MM: f64 = 40.0;
+/// A view measures what it sees at less than this angle.
+const MEASURED_WITHIN: f64 = 60.0 * std::f64::consts::PI / 180.0;
+
+/// A sphere about the origin: 48 meridians, 24 rings of quads, each cut in two; a quad is a face of the file.
+fn sphere() -> Mesh {
+    let point = |ring: u32, meridian: u32| {
+        let (polar, azimuth) = (f64::from(ring) * 7.5f64.to_radians(), f64::from(meridian) * 7.5f64.to_radians());
+        Point3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos()) * RADIUS_MM
+    };
+    let vertices_mm = (0..=24).flat_map(|ring| (0..48).map(move |meridian| point(ring, meridian))).collect();
+    let index = |ring: u32, meridian: u32| ring * 48 + meridian % 48;
+    let mut mesh = Mesh { vertices_mm, faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
+    for (ring, meridian) in (0..24).flat_map(|ring| (0..48).map(move |meridian| (ring, meridian))) {
+        let [a, b, c, d] =
+            [index(ring, meridian), index(ring + 1, meridian), index(ring + 1, meridian + 1), index(ring, meridian + 1)];
+        let halves = [(ring < 23, [a, b, c]), (ring > 0, [a, c, d])];
+        for (_, face) in halves.into_iter().filter(|(has_area, _)| *has_area) {
+            mesh.faces.push(face);
+            mesh.source_face.push(ring * 48 + meridian);
+        }
+    }
+    mesh
+}
+
+/// Looks at the origin from 480 mm off the surface, baseline level.
+fn looking_from(direction: Vector3<f64>) -> Pose<Part, ScannerFrame> {
+    let z = -direction.normalize();
+    let x = z.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or(Vector3::x());
+    let axes = Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
+    let origin = Translation3::from(-z * (480.0 + RADIUS_MM));
+    Pose::claim(Isometry3::from_parts(origin, UnitQuaternion::from_rotation_matrix(&axes)))
+}
+
+fn row(surface: &Surface, pose: &Pose<Part, ScannerFrame>) -> Row {
+    let mut row = Row::default();
+    for (sample, p) in (0..).zip(&surface.sample_mm) {
+        let angle = surface.patch_of(sample as usize).normal.angle(&(pose.origin_mm() - p));
+        if angle < MEASURED_WITHIN {
+            row.samples.push(sample);
+            row.quality.push((1.0 - 2.0 * angle / 77.5f64.to_radians()) as f32);
+        }
+    }
+    row
+}
+
+fn verdicts(surface: &Surface, rows: &[Row]) -> Vec<Verdict> {
+    let mut best = vec![f32::NEG_INFINITY; surface.sample_mm.len()];
+    for (sample, quality) in rows.iter().flat_map(|row| row.samples.iter().zip(&row.quality)) {
+        best[*sample as usize] = best[*sample as usize].max(*quality);
+    }
+    let missed = |p: &Point3<f64>| if p.z < -0.8 * RADIUS_MM { Cause::ExcludedResting } else { Cause::ShadowLeft };
+    (0..best.len())
+        .map(|sample| match best[sample] {
+            _ if !surface.asked[sample] => Verdict::NotAsked,
+            quality if quality > f32::NEG_INFINITY => Verdict::Measured(Grade::of(f64::from(quality))),
+            _ => Verdict::Missed(missed(&surface.sample_mm[sample])),
+        })
+        .collect()
+}
+
+fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverage {
+    let area = |keep: &dyn Fn(usize) -> bool| surface.area_where(keep);
+    let measured = area(&|sample| matches!(verdicts[sample], Verdict::Measured(_)));
+    let seen_by = |first: usize| {
+        area(&|s| surface.asked[s] && rows[..first].iter().any(|row| row.samples.binary_search(&(s as u32)).is_ok()))
+    };
+    Coverage {
+        total_area_mm2: area(&|_| true),
+        asked_area_mm2: area(&|sample| surface.asked[sample]),
+        coverable_area_mm2: measured * 1.01,
+        optically_coverable_area_mm2: measured * 1.02,
+        measured_area_mm2: measured,
+        grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
+            .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
+        curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
+    }
+}
+
+fn missed_of(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<MissedCause> {
+    let spot = |cause: Cause| {
+        let samples: Vec<usize> = (0..verdicts.len()).filter(|sample| verdicts[*sample] == Verdict::Missed(cause)).collect();
+        let area_mm2: f64 = samples.iter().map(|sample| surface.sample_area_mm2(*sample)).sum();
+        let centre: Vector3<f64> =
+            samples.iter().map(|s| surface.sample_mm[*s].coords * surface.sample_area_mm2(*s) / area_mm2).sum();
+        let mut source_faces: Vec<u32> = samples.iter().map(|s| mesh.source_face[surface.patch_of(*s).face as usize]).collect();
+        source_faces.dedup();
+        MissedCause { cause, area_mm2, spots: vec![MissedSpot { area_mm2, centre_mm: centre.into(), source_faces }] }
+    };
+    vec![spot(Cause::ExcludedResting), spot(Cause::ShadowLeft)]
+}
+
+fn station(turns: f64) -> Station {
+    Station { table_angle_rad: turns, joints_rad: [0.1 * turns, -1.2, 1.1, 0.4, -0.3, 2.0] }
+}
+
+fn sequence(views: usize) -> Sequence {
+    let leg =
+        |turns: f64| Leg { via_rad: vec![[0.0; 7]; turns as usize % 2], target: station(turns), duration_secs: 1.25 + turns };
+    let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
+    Sequence { visits, return_home: leg(0.0) }
+}
+
+/// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.
+fn sphere_outcome(mesh: &Mesh) -> Outcome {
+    let mut params = PlanParams::default();
+    params.part = PartParams { patch_edge_mm: Some(5.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
+    params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }];
+    let surface =
+        surface::sample(mesh, &params.part, &RegionParams { exclude: params.regions.exclude.clone() }, 0).expect("a surface");
+    let sides =
+        [(Vector3::x(), Label::Right), (-Vector3::y(), Label::Front), (-Vector3::x(), Label::Left), (Vector3::z(), Label::Top)];
+    let poses = sides.map(|(direction, _)| looking_from(direction));
+    let rows: Vec<Row> = poses.iter().map(|pose| row(&surface, pose)).collect();
+    let verdicts = verdicts(&surface, &rows);
+    let coverage = coverage_of(&surface, &verdicts, &rows);
+    let gain = |view: usize| coverage.curve_area_mm2[view] - if view == 0 { 0.0 } else { coverage.curve_area_mm2[view - 1] };
+    let views = (0..sides.len()).map(|view| PlannedView {
+        id: ViewId(view as u32),
+        candidate: CandidateId(view as u32 * 7),
+        label: sides[view].1,
+        part_from_scanner: poses[view],
+        gain_of_asked: gain(view) / coverage.asked_area_mm2,
+        score: gain(view) * 0.7,
+        station: Some(station(view as f64)),
+        rejected: None,
+    });
+    let plan = Plan {
+        part: PartFacts { sha256: "ab".repeat(32), triangles: mesh.faces.len(), area_mm2: mesh.area_mm2(), aabb: mesh.aabb() },
+        table_from_part: Some(Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity())),
+        params,
+        candidates: CandidateCounts { generated: 62, kept: 50, rejected: [(Rejection::BelowTable, 12)].into() },
+        views: views.collect(),
+        sequence: Some(sequence(sides.len())),
+        missed: missed_of(mesh, &surface, &verdicts),
+        stopped_because: StopReason::Target,
+        coverage,
+    };
+    Outcome { plan, surface, verdicts, measured_by_view: rows }
+}
+
+fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {
+    let scanner = nominal_scanner();
+    html(&ReportInput { outcome, mesh, scanner: &scanner, cell_name: Some(part_name), cycle_secs: Some(143.2), part_name, echo })
+}
+
+#[test]
+fn text_report_matches_its_golden_file() {
+    let text = text(&sphere_outcome(&sphere()).plan);
+    let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/plan_report.txt"));
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        std::fs::write(&file, &text).expect("written");
+    }
+    let golden = std::fs::read_to_string(&file).expect("the golden file; UPDATE_GOLDEN=1 writes it");
+    for (line, (is, was)) in (1..).zip(text.lines().zip(golden.lines())) {
+        assert_eq!(is, was, "line {line}");
+    }
+    assert_eq!(text.lines().count(), golden.lines().count());
+}
+
+#[test]
+fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
+    let mesh = sphere();
+    let page = page(&mesh, &sphere_outcome(&mesh), "sphere", &Echo::default());
+    well_formed(&page).expect("well-formed");
+    for outside in ["http:", "https:", "src=\"//", "url(", "@import", "<script", "<link", "<iframe", "javascript:"] {
+        assert!(!page.contains(outside), "the page contains {outside}");
+    }
+    for said in [
+        "4</b><span>views",
+        "2\u{a0}min 23\u{a0}s",
+        "Hidden from the left camera",
+        "coverage.csv",
+        "It is no measurement",
+        "not safety-rated",
+    ] {
+        assert!(page.contains(said), "the page lacks {said:?}");
+    }
+}
+
+#[test]
+fn text_of_others_stays_text() {
+    let mesh = sphere();
+    let nasty = "\"><script>alert(1)</script><img src=x onerror='alert(2)'>&amp;\u{0}\u{202e}";
+    let echo = Echo {
+        labels: [(nasty.to_owned(), format!("]]>{nasty}"))].into(),
+        part_number: Some(format!("</title>{nasty}")),
+        serial: Some(format!("<!-- {nasty}")),
+    };
+    let page = page(&mesh, &sphere_outcome(&mesh), nasty, &echo);
+    well_formed(&page).expect("well-formed");
+    assert!(!page.contains("<script") && !page.contains("<img src=x") && !page.contains("<!-- "));
+    assert_eq!(page.matches("&lt;script&gt;alert(1)&lt;/script&gt;").count(), 7);
+    assert!(page.contains("&amp;amp;"));
+}
+
+#[test]
+fn pictures_decode_and_stay_small() {
+    let mesh = sphere();
+    let page = page(&mesh, &sphere_outcome(&mesh), "sphere", &Echo::default());
+    let pictures = data_uris(&page);
+    assert_eq!(pictures.len(), 3 + 4 + 3, "three sides, four views, three sides of misses");
+    assert_eq!(page.matches("<img ").count(), page.matches("alt=\"").count());
+    assert!(pictures.iter().all(|picture| picture.size_px == [640, 480]));
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+}
+
+#[test]
+fn a_view_shows_what_it_measures_where_it_looks() {
+    let mesh = sphere();
+    let outcome = sphere_outcome(&mesh);
+    let page = page(&mesh, &outcome, "sphere", &Echo::default());
+    // The picture of view 0, from +x: the sphere fills 90 % of the height about the middle, right of the picture is +y.
+    let picture = &data_uris(&page)[3];
+    let is_blue = |[r, _, b, a]: [u8; 4]| a == 255 && b > r + 40;
+    let is_red = |[r, g, b, _]: [u8; 4]| r > 40 && g < r / 2 && b < r / 2;
+    let is_grey = |[r, g, b, a]: [u8; 4]| a == 255 && r.max(g).max(b) - r.min(g).min(b) < 12;
+    assert!(is_blue(picture.at(320, 240)), "the middle is measured: {:?}", picture.at(320, 240));
+    assert_eq!(picture.at(10, 10)[3], 0, "the corner is empty");
+    // At 205 of 216 px from the middle the view is too oblique. Above, the view from above takes over, on the left the
+    // one from the front; the right is not asked for.
+    assert!(is_grey(picture.at(320, 240 - 205)), "{:?}", picture.at(320, 35));
+    assert!(is_grey(picture.at(320 - 205, 240)), "{:?}", picture.at(115, 240));
+    let right = picture.at(320 + 205, 240);
+    assert!(is_grey(right) && right[0] < picture.at(115, 240)[0], "not asked for is darker: {right:?}");
+    // The direction (0.45, 0.50, −0.74) is farther than 60° from every view.
+    let below_right = picture.at(320 + 111, 240 + 165);
+    assert!(is_red(below_right), "{below_right:?}");
+    assert!(is_blue(picture.at(320, 240 - 150)) && is_blue(picture.at(320 + 150, 240)));
+}
+
+#[test]
+fn same_bytes_on_any_number_of_threads() {
+    let mesh = sphere();
+    let outcome = sphere_outcome(&mesh);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| page(&mesh, &outcome, "sphere", &Echo::default()))
+    };
+    assert!(on(1) == on(3));
+    assert_eq!(text(&outcome.plan), text(&sphere_outcome(&mesh).plan));
+}
+
+#[test]
+fn face_table_adds_up() {
+    let mesh = sphere();
+    let outcome = sphere_outcome(&mesh);
+    let csv = coverage::csv(&outcome, &mesh);
+    let mut lines = csv.split("\r\n");
+    assert_eq!(lines.next(), Some("face,area_mm2,measured_fraction,best_grade,reason"));
+    let rows: Vec<Vec<&str>> = lines.filter(|line| !line.is_empty()).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 24 * 48);
+    assert!(rows.iter().enumerate().all(|(face, row)| row.len() == 5 && row[0] == face.to_string()));
+    let number = |cell: &str| cell.parse::<f64>().expect("a number");
+    let area: f64 = rows.iter().map(|row| number(row[1])).sum();
+    let measured: f64 = rows.iter().map(|row| number(row[1]) * number(row[2])).sum();
+    let coverage = &outcome.plan.coverage;
+    assert!((area / coverage.total_area_mm2 - 1.0).abs() < 1e-9);
+    assert!((measured - coverage.measured_area_mm2).abs() < 1e-3 * coverage.measured_area_mm2);
+    assert!(rows.iter().any(|row| row[4] == "shadow_left") && rows.iter().any(|row| row[4] == "not_asked"));
+    let document = coverage::json(&outcome, &mesh);
+    let counts = document.faces;
+    assert_eq!(counts.total, 24 * 48);
+    assert_eq!(counts.total, counts.measured + counts.partly_measured + counts.missed + counts.not_asked);
+    assert!(counts.measured > 0 && counts.partly_measured > 0 && counts.missed > 0 && counts.not_asked > 0);
+}
+
+#[test]
+fn preview_bytes_tell_the_same_story_on_fewer_faces() {
+    let mesh = sphere();
+    let outcome = sphere_outcome(&mesh);
+    let shares = |max_triangles: usize| {
+        let preview = preview(&mesh, max_triangles);
+        let bytes = coverage::bin(&outcome, &preview);
+        assert_eq!(bytes.len(), preview.faces.len());
+        assert!(preview.face_of_triangle.iter().all(|face| *face != NOT_DRAWN));
+        assert!(bytes.iter().all(|byte| matches!(byte, 0..=3 | 16..=31 | 255)));
+        let area_of = |face: usize| {
+            let [a, b, c] = preview.faces[face].map(|v| Point3::from(preview.positions_mm[v as usize].map(f64::from)));
+            0.5 * (b - a).cross(&(c - a)).norm()
+        };
+        let total: f64 = (0..bytes.len()).map(area_of).sum();
+        [0..4, 16..32, 255..256].map(|class: std::ops::Range<u16>| {
+            (0..bytes.len()).filter(|face| class.contains(&u16::from(bytes[*face]))).map(area_of).sum::<f64>() / total
+        })
+    };
+    let (all, fewer) = (shares(1_000_000), shares(900));
+    let measured = outcome.plan.coverage.of_total();
+    assert!((all[0] - measured).abs() < 0.02, "{all:?} {measured}");
+    assert!((0..3).all(|class| (all[class] - fewer[class]).abs() < 0.05), "{all:?} {fewer:?}");
+}
+
+#[test]
+fn listings_carry_the_contracts_names() {
+    let mesh = sphere();
+    let outcome = sphere_outcome(&mesh);
+    let views = serde_json::to_value(viewpoints::json(&outcome.plan)).expect("JSON");
+    assert_eq!(views["sequence"], serde_json::json!([3, 2, 1, 0]));
+    for key in ["id", "candidate", "label", "part_from_scanner", "gain_of_asked", "score", "station", "rejected"] {
+        assert!(views["viewpoints"][2].get(key).is_some(), "{key}");
+    }
+    let csv = viewpoints::csv(&outcome.plan);
+    let rows: Vec<Vec<&str>> = csv.split("\r\n").filter(|line| !line.is_empty()).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 1 + 4);
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()));
+    let column = |name: &str| rows[0].iter().position(|header| *header == name).expect("a column");
+    assert_eq!((rows[2][column("label")], rows[2][column("visit")], rows[4][column("visit")]), ("front", "2", "0"));
+    assert_eq!(rows[1][column("x_mm")].parse::<f64>().expect("a number"), 520.0);
+
+    let listing = serde_json::to_value(missed::json(&outcome.plan)).expect("JSON");
+    let shadow = &listing["missed"][1];
+    assert_eq!(
+        (shadow["reason"].as_str(), shadow["spots"].as_u64(), shadow["remedy"].is_null()),
+        (Some("shadow_left"), Some(1), true)
+    );
+    let faces = shadow["listing"][0]["faces"].as_array().expect("faces");
+    assert!(!faces.is_empty() && faces.iter().all(|face| face.as_u64() < Some(24 * 48)));
+}

@@ -1,4 +1,4 @@
-//! The scanner as it is written in TOML presets and over HTTP: ranges, consistency, and the way to a [`Scanner`].
+//! The scanner as it is written in TOML presets and over HTTP: ranges, consistency, and the way to a [`Scanner`](super::Scanner).
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -161,8 +161,9 @@ impl ScannerSpec {
     /// The left camera is at −x of the right one, and all three devices see (0, 0, best).
     fn check_rig(&self, devices: &[OpticalDevice; 3], findings: &mut Findings) {
         let [left_mm, right_mm] = [0, 1].map(|camera: usize| devices[camera].scanner_from_device.origin_mm().x);
-        // Two equal board poses leave no baseline to lay x along: no number comes out, and the comparison fails.
-        if !(right_mm - left_mm >= BASELINE_MIN_MM) {
+        let baseline_mm = right_mm - left_mm;
+        // Two equal board poses leave no baseline to lay x along: what comes out is not a number.
+        if baseline_mm.is_nan() || baseline_mm < BASELINE_MIN_MM {
             let pointer = if self.board_poses.is_some() { "/board_poses" } else { "/right/scanner_from_device" };
             let detail = "put the right camera less than 1 mm beyond the left one along +x of the scanner";
             return findings.push(pointer, format!("{detail}: left x = {left_mm} mm, right x = {right_mm} mm"));

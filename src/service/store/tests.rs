@@ -1,1 +1,282 @@
+//! The store by itself: what survives, what is put in order, what is refused.
 
+use super::*;
+use crate::service::store::specs::Precondition;
+use crate::wire::{EventKind, JobId, JobProblem, JobRequest, JobState, MeshHealth, MeshId, SpecCollection};
+
+struct Opened {
+    store: Store,
+    folder: tempfile::TempDir,
+}
+
+async fn open() -> Opened {
+    let folder = tempfile::tempdir().expect("a folder");
+    Opened { store: Store::open(folder.path()).await.expect("a store"), folder }
+}
+
+impl Opened {
+    async fn reopen(self) -> Self {
+        let Self { store, folder } = self;
+        drop(store);
+        Self { store: Store::open(folder.path()).await.expect("the store again"), folder }
+    }
+}
+
+fn health() -> MeshHealth {
+    serde_json::from_value(serde_json::json!({
+        "format": "stl_binary", "triangles_in_file": 1, "triangles": 1, "vertices": 3,
+        "bbox_mm": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0]}, "area_mm2": 0.5, "volume_mm3": null,
+        "watertight": false, "bodies": 1, "degenerate_triangles": 0, "duplicate_triangles": 0, "boundary_edges": 3,
+        "non_manifold_edges": 0, "inconsistent_edges": 0, "flipped_bodies": 0, "warnings": []
+    }))
+    .expect("a health report")
+}
+
+async fn add_mesh(store: &Store, bytes: &'static [u8]) -> crate::wire::Mesh {
+    let mut receiver = store.files().receive().expect("a receiver");
+    receiver.write(bytes).expect("written");
+    let received = receiver.finish().expect("finished");
+    let new = NewMesh { received, unit: "mm".into(), name: None, health: health() };
+    store.add_mesh(new).await.expect("a mesh")
+}
+
+fn new_job(mesh: MeshId, priority: i32) -> NewJob {
+    let request = JobRequest { priority, ..JobRequest::new(mesh) };
+    NewJob { request, input: "{}".into(), meshes: vec![mesh], idempotency: None, queue_limit: 100 }
+}
+
+async fn submit(store: &Store, mesh: MeshId) -> JobId {
+    store.submit(new_job(mesh, 0)).await.expect("a job").id
+}
+
+async fn succeed(store: &Store, id: JobId, files: Vec<(&'static str, Vec<u8>)>) -> JobState {
+    let files = store.put_files(files).await.expect("files");
+    store.end_attempt(id, &Outcome::Succeeded(files), "{}").await.expect("an end")
+}
+
+fn exhausted() -> JobProblem {
+    JobProblem { kind: String::new(), title: String::new(), detail: String::new(), code: "exhausted".into(), errors: vec![] }
+}
+
+async fn kinds(store: &Store, id: JobId) -> Vec<EventKind> {
+    store.events_after(Some(id), 0, 1000).await.expect("events").iter().map(|event| event.kind).collect()
+}
+
+fn stored_files(opened: &Opened) -> usize {
+    opened.store.files().list().expect("a list").len()
+}
+
+#[tokio::test]
+async fn the_same_upload_is_the_same_mesh() {
+    let opened = open().await;
+    let (a, b, c) =
+        (add_mesh(&opened.store, b"one").await, add_mesh(&opened.store, b"one").await, add_mesh(&opened.store, b"two").await);
+    assert_eq!(a, b);
+    assert_ne!(a.id, c.id);
+    assert_eq!(stored_files(&opened), 2);
+    let opened = opened.reopen().await;
+    assert_eq!(opened.store.mesh(a.id).await.expect("kept"), a);
+    assert_eq!(opened.store.files().read(&a.sha256).expect("its bytes"), b"one");
+}
+
+#[tokio::test]
+async fn highest_priority_goes_first_and_then_the_oldest() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let mut ids = Vec::new();
+    for priority in [0, 5, 0, 5] {
+        ids.push(store.submit(new_job(mesh, priority)).await.expect("a job").id);
+    }
+    assert_eq!(store.job(ids[2]).await.expect("it").queue_position, Some(4));
+    let mut claimed = Vec::new();
+    while let Some(attempt) = store.claim().await.expect("the queue") {
+        claimed.push(attempt.id);
+    }
+    assert_eq!(claimed, [ids[1], ids[3], ids[0], ids[2]]);
+    assert_eq!(store.job(ids[2]).await.expect("it").queue_position, None);
+}
+
+#[tokio::test]
+async fn a_process_that_died_leaves_jobs_that_start_again_until_it_is_their_fault() {
+    let mut opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await.id;
+    let id = submit(&opened.store, mesh).await;
+    for attempt in 1..=3 {
+        assert_eq!(opened.store.claim().await.expect("the queue").expect("a job").number, attempt);
+        opened = opened.reopen().await;
+        assert_eq!(opened.store.recover(3, &exhausted()).await.expect("order"), 1);
+        let job = opened.store.job(id).await.expect("it");
+        assert_eq!(job.attempts, attempt);
+        assert_eq!(job.state, if attempt < 3 { JobState::Queued } else { JobState::Failed });
+    }
+    let job = opened.store.job(id).await.expect("it");
+    assert_eq!(job.problem.expect("the reason").code, "exhausted");
+    assert!(job.ended_at.is_some());
+    use EventKind::{Failed, Queued, Started};
+    assert_eq!(kinds(&opened.store, id).await, [Queued, Started, Queued, Started, Queued, Started, Failed]);
+}
+
+#[tokio::test]
+async fn a_cancellation_outlives_the_process() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await.id;
+    let id = submit(&opened.store, mesh).await;
+    opened.store.claim().await.expect("the queue").expect("a job");
+    assert_eq!(opened.store.cancel(id).await.expect("it").state, JobState::Cancelling);
+    let opened = opened.reopen().await;
+    opened.store.recover(3, &exhausted()).await.expect("order");
+    assert_eq!(opened.store.job(id).await.expect("it").state, JobState::Cancelled);
+}
+
+#[tokio::test]
+async fn an_interrupted_attempt_does_not_count() {
+    let opened = open().await;
+    let store = &opened.store;
+    let id = submit(store, add_mesh(store, b"one").await.id).await;
+    for _ in 0..5 {
+        assert_eq!(store.claim().await.expect("the queue").expect("a job").number, 1);
+        assert_eq!(store.end_attempt(id, &Outcome::Interrupted, "{}").await.expect("an end"), JobState::Queued);
+    }
+    assert_eq!(store.job(id).await.expect("it").attempts, 0);
+}
+
+#[tokio::test]
+async fn a_cancelled_job_never_succeeds() {
+    let opened = open().await;
+    let store = &opened.store;
+    let id = submit(store, add_mesh(store, b"one").await.id).await;
+    store.claim().await.expect("the queue").expect("a job");
+    store.cancel(id).await.expect("cancelling");
+    assert_eq!(succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await, JobState::Cancelled);
+    let job = store.job(id).await.expect("it");
+    assert_eq!((job.state, job.results.len()), (JobState::Cancelled, 0));
+    assert!(matches!(store.result(id, "plan.json").await, Err(Error::NoResults { state: JobState::Cancelled, .. })));
+}
+
+#[tokio::test]
+async fn files_live_as_long_as_something_names_them() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let (a, b) = (submit(store, mesh).await, submit(store, mesh).await);
+    assert!(matches!(store.delete_mesh(mesh).await, Err(Error::MeshInUse(_))));
+    for id in [a, b] {
+        assert!(matches!(store.delete_job(id).await, Err(Error::JobNotEnded { .. })));
+        store.claim().await.expect("the queue").expect("a job");
+        succeed(store, id, vec![("plan.json", b"shared".to_vec()), ("report.txt", id.to_string().into_bytes())]).await;
+    }
+    assert_eq!(stored_files(&opened), 4);
+    store.delete_mesh(mesh).await.expect("free");
+    assert_eq!(stored_files(&opened), 3);
+    store.delete_job(a).await.expect("ended");
+    assert_eq!(stored_files(&opened), 2);
+    assert_eq!(store.result(b, "plan.json").await.expect("kept").size_bytes, 6);
+    store.delete_job(b).await.expect("ended");
+    assert_eq!(stored_files(&opened), 0);
+    assert_eq!(kinds(store, b).await.last(), Some(&EventKind::Deleted));
+}
+
+#[tokio::test]
+async fn what_a_crash_left_between_file_and_row_is_swept() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    opened.store.files().put(b"nobody's").expect("a file");
+    std::fs::write(opened.folder.path().join("unfinished/half"), b"ha").expect("a file");
+    assert_eq!(stored_files(&opened), 2);
+    let opened = opened.reopen().await;
+    assert_eq!(opened.store.files().list().expect("a list"), [mesh.sha256]);
+    assert_eq!(std::fs::read_dir(opened.folder.path().join("unfinished")).expect("a folder").count(), 0);
+}
+
+#[tokio::test]
+async fn a_damaged_file_is_not_given_out() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    std::fs::write(opened.store.files().path(&mesh.sha256), b"onE").expect("damage");
+    assert!(matches!(opened.store.files().read(&mesh.sha256), Err(Error::Internal(Fault::Damaged(name))) if name == mesh.sha256));
+}
+
+#[tokio::test]
+async fn two_processes_do_not_share_a_folder() {
+    let opened = open().await;
+    assert!(matches!(Store::open(opened.folder.path()).await, Err(OpenError::InUse(_))));
+}
+
+#[tokio::test]
+async fn a_store_of_a_later_version_is_refused() {
+    let opened = open().await;
+    sqlx::query("UPDATE _sqlx_migrations SET version = 99").execute(&mut *opened.store.writer.lock().await).await.expect("done");
+    let Opened { store, folder } = opened;
+    drop(store);
+    assert!(matches!(Store::open(folder.path()).await, Err(OpenError::Migration(_))));
+}
+
+#[tokio::test]
+async fn an_idempotency_key_lasts_a_day() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let with = |request: &str| NewJob { idempotency: Some(IdempotencyKey::new("key", request)), ..new_job(mesh, 0) };
+    let first = store.submit(with("a")).await.expect("a job");
+    store.claim().await.expect("the queue").expect("it runs");
+    // The answer of then, though the job has gone on since.
+    assert_eq!(store.submit(with("a")).await.expect("the same"), first);
+    assert!(matches!(store.submit(with("b")).await, Err(Error::IdempotencyMismatch)));
+    let back = "UPDATE idempotency SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-25 hours')";
+    sqlx::query(back).execute(&mut *store.writer.lock().await).await.expect("a day passes");
+    assert_ne!(store.submit(with("b")).await.expect("another job").id, first.id);
+}
+
+#[tokio::test]
+async fn the_queue_has_its_limit() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let limited = || NewJob { queue_limit: 1, ..new_job(mesh, 0) };
+    store.submit(limited()).await.expect("room");
+    assert!(matches!(store.submit(limited()).await, Err(Error::QueueFull { queued: 1 })));
+    store.claim().await.expect("the queue").expect("a job");
+    store.submit(limited()).await.expect("room again");
+}
+
+#[tokio::test]
+async fn old_events_go_but_not_those_of_open_jobs() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let ended = submit(store, mesh).await;
+    store.claim().await.expect("the queue").expect("a job");
+    succeed(store, ended, vec![]).await;
+    let waiting = submit(store, mesh).await;
+    let back = "UPDATE event SET at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 hours')";
+    sqlx::query(back).execute(&mut *store.writer.lock().await).await.expect("hours pass");
+    store.prune_events(4).await.expect("nothing is old enough");
+    assert_eq!(kinds(store, ended).await.len(), 3);
+    store.prune_events(2).await.expect("all are");
+    assert_eq!(kinds(store, ended).await, []);
+    assert_eq!(kinds(store, waiting).await, [EventKind::Queued]);
+    assert!(store.is_pruned_after(2).await.expect("known"));
+    assert!(!store.is_pruned_after(3).await.expect("known"));
+    // Numbers go on where they were.
+    let next = submit(store, mesh).await;
+    assert_eq!(store.events_after(Some(next), 0, 1).await.expect("events")[0].id, 5);
+}
+
+#[tokio::test]
+async fn a_version_is_never_given_twice() {
+    let opened = open().await;
+    let store = &opened.store;
+    let put = async |only_if: Precondition| store.put_spec(SpecCollection::Robot, "r", "{}", &only_if).await;
+    let first = put(Precondition::None).await.expect("new");
+    assert!(first.created);
+    assert!(matches!(put(Precondition::None).await, Err(Error::PreconditionRequired { etag, .. }) if etag == first.etag));
+    assert!(matches!(put(Precondition::Absent).await, Err(Error::PreconditionFailed(Some(_)))));
+    let second = put(Precondition::Match(vec![first.etag.clone()])).await.expect("replaced");
+    assert!(!second.created);
+    assert!(matches!(put(Precondition::Match(vec![first.etag.clone()])).await, Err(Error::PreconditionFailed(_))));
+    store.delete_spec(SpecCollection::Robot, "r", &Precondition::None).await.expect("gone");
+    assert!(matches!(put(Precondition::Match(vec![])).await, Err(Error::PreconditionFailed(None))));
+    let third = put(Precondition::Absent).await.expect("new again");
+    assert!(![first.etag, second.etag].contains(&third.etag));
+}

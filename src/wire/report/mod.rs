@@ -17,6 +17,9 @@ mod shading;
 mod views;
 mod words;
 
+#[cfg(test)]
+mod tests;
+
 use crate::cell::Scanner;
 use crate::geometry::Mesh;
 use crate::planning::plan::Outcome;
@@ -52,6 +55,7 @@ pub fn html(input: &ReportInput<'_>) -> String {
         views::overviews(input, &scene),
         views::chosen(input, &scene),
         sections::curve(input),
+        views::misses(input, &scene),
         sections::missed(input),
         sections::order(input),
         sections::settings(input),

@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::ReportInput;
 use super::camera::Camera;
+use super::image::Image;
 use super::markup::{escape, number};
 use super::palette::Ink;
 use super::renderer::Scene;
@@ -42,16 +43,27 @@ pub(super) const SIDES: [Side; 3] = [
     Side { name: "From below", towards_camera: [0.38, -0.62, -1.0] },
 ];
 
-/// A picture as markup: the image and the drawing over it.
+/// The part from a side, as the whole plan measures it.
 pub(super) fn overview(input: &ReportInput<'_>, scene: &Scene<'_>, side: &Side) -> String {
-    let placed_from_part =
-        input.outcome.plan.table_from_part.map_or(nalgebra::UnitQuaternion::identity(), |pose| pose.isometry().rotation);
-    let (towards, up) =
-        (placed_from_part.inverse() * Vector3::from(side.towards_camera), placed_from_part.inverse() * Vector3::z());
-    let camera = Camera::bystander(&input.mesh.vertices_mm, towards, up, SIZE_PX);
     let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of).collect();
+    let camera = bystander(input, side);
     let alt = format!("{}: the part, coloured by grade and by cause of miss", side.name);
-    markup(input, scene, &camera, &inks, &alt, "")
+    markup(input, &camera, &scene.render(&camera, &inks), &alt, "")
+}
+
+/// The part from a side in grey, with all that is missed showing through it.
+pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>, side: &Side) -> String {
+    let inks = without_view(input.outcome);
+    let camera = bystander(input, side);
+    let alt = format!("{}: the part in grey, missed surface showing through it in the colours of its causes", side.name);
+    markup(input, &camera, &scene.render_through(&camera, &inks), &alt, "")
+}
+
+fn bystander(input: &ReportInput<'_>, side: &Side) -> Camera {
+    let table_from_part = input.outcome.plan.table_from_part.unwrap_or(Pose::identity());
+    let part_from_table = table_from_part.inverse();
+    let towards_camera = part_from_table.direction(&Vector3::from(side.towards_camera));
+    Camera::bystander(&input.mesh.vertices_mm, towards_camera, part_from_table.direction(&Vector3::z()), SIZE_PX)
 }
 
 /// The part as the scanner sees it from a view.
@@ -63,19 +75,12 @@ pub(super) fn from_view(input: &ReportInput<'_>, scene: &Scene<'_>, view: &Plann
     let field = shared_field(input.scanner);
     let outline: Vec<String> = field.iter().filter_map(|p| camera.pixel(p)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
     let outline = format!("<polygon class=\"field\" points=\"{}\"/>", outline.join(" "));
-    markup(input, scene, &camera, &inks_of_view(input.outcome, row), &alt, &outline)
+    markup(input, &camera, &scene.render(&camera, &inks_of_view(input.outcome, row)), &alt, &outline)
 }
 
 /// Inks for one view: its own grades, grey where only others measure, and the plan's misses.
-pub(super) fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
-    let mut inks: Vec<Ink> = outcome
-        .verdicts
-        .iter()
-        .map(|verdict| match verdict {
-            Verdict::Measured(_) => Ink::ByOthers,
-            other => Ink::of(*other),
-        })
-        .collect();
+fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
+    let mut inks = without_view(outcome);
     for (sample, quality) in row.samples.iter().zip(&row.quality) {
         let ink = &mut inks[*sample as usize];
         if *ink != Ink::NotAsked {
@@ -85,13 +90,22 @@ pub(super) fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
     inks
 }
 
-fn markup(input: &ReportInput<'_>, scene: &Scene<'_>, camera: &Camera, inks: &[Ink], alt: &str, drawing: &str) -> String {
+/// Inks with every measured sample left grey.
+fn without_view(outcome: &Outcome) -> Vec<Ink> {
+    let grey = |verdict: &Verdict| match verdict {
+        Verdict::Measured(_) => Ink::ByOthers,
+        other => Ink::of(*other),
+    };
+    outcome.verdicts.iter().map(grey).collect()
+}
+
+fn markup(input: &ReportInput<'_>, camera: &Camera, image: &Image, alt: &str, drawing: &str) -> String {
     let [width, height] = camera.size_px;
     format!(
         "<div class=\"picture\"><img width=\"{width}\" height=\"{height}\" alt=\"{}\" src=\"{}\"/>\
          <svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">{drawing}{}{}</svg></div>",
         escape(alt),
-        scene.render(camera, inks).data_uri(),
+        image.data_uri(),
         axes(camera),
         scale(camera, &camera.camera_from_part.point(&input.mesh.aabb().centre())),
     )

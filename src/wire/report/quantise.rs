@@ -10,6 +10,8 @@ const PALETTE: usize = 256;
 const BITS: u32 = 5;
 /// Bits kept of the opacity, which has five values.
 const ALPHA_BITS: u32 = 3;
+/// Distinct counted colours.
+const KEYS: usize = 1 << (3 * BITS + ALPHA_BITS);
 
 /// A palette, and for each pixel its entry.
 pub(super) struct Indexed {
@@ -20,11 +22,57 @@ pub(super) struct Indexed {
 }
 
 /// Pixels of nearly the same colour.
-#[derive(Clone, Default)]
 struct Bin {
     key: u32,
     pixels: u64,
     sums: [u64; 4],
+}
+
+/// A run of bins that share an entry of the palette.
+struct Cut {
+    bins: Range<usize>,
+    /// How much it asks to be cut: largest spread of a channel, times the root of its pixels; 0 for a single bin.
+    worth: u64,
+    /// The channel of that spread.
+    channel: usize,
+}
+
+/// The picture with at most 256 colours.
+pub(super) fn quantise(rgba: &[[u8; 4]]) -> Indexed {
+    let mut bins = count(rgba);
+    let mut cuts = vec![Cut::new(&bins, 0..bins.len())];
+    while cuts.len() < PALETTE {
+        // The first of equals, so that the order is settled.
+        let Some(widest) = (0..cuts.len()).rev().max_by_key(|cut| cuts[*cut].worth).filter(|cut| cuts[*cut].worth > 0) else {
+            break;
+        };
+        let Range { start, end } = cuts[widest].bins;
+        let middle = start + halve(&mut bins[start..end], cuts[widest].channel);
+        cuts[widest] = Cut::new(&bins, start..middle);
+        cuts.push(Cut::new(&bins, middle..end));
+    }
+    let mut entry_of_key = vec![0; KEYS];
+    for (entry, cut) in cuts.iter().enumerate() {
+        bins[cut.bins.clone()].iter().for_each(|bin| entry_of_key[bin.key as usize] = entry as u8);
+    }
+    Indexed {
+        palette: cuts.iter().map(|cut| mean(&bins[cut.bins.clone()])).collect(),
+        indices: rgba.iter().map(|pixel| entry_of_key[key(*pixel) as usize]).collect(),
+    }
+}
+
+impl Cut {
+    fn new(all: &[Bin], range: Range<usize>) -> Self {
+        let bins = &all[range.clone()];
+        let weight = bins.iter().map(|bin| bin.pixels).sum::<u64>().isqrt();
+        let spread = |channel: usize| {
+            let means = bins.iter().map(|bin| bin.mean(channel));
+            means.clone().max().unwrap_or(0) - means.min().unwrap_or(0)
+        };
+        let spreads = [0, 1, 2, 3].map(spread);
+        let channel = (0..4).rev().max_by_key(|channel| spreads[*channel]).unwrap_or(0);
+        Self { bins: range, worth: weight * spreads[channel], channel }
+    }
 }
 
 impl Bin {
@@ -33,70 +81,32 @@ impl Bin {
     }
 }
 
-/// The picture with at most 256 colours.
-pub(super) fn quantise(rgba: &[[u8; 4]]) -> Indexed {
-    let mut bins = count(rgba);
-    let mut boxes: Vec<Range<usize>> = std::iter::once(0..bins.len()).collect();
-    while boxes.len() < PALETTE {
-        let Some((widest, channel)) = widest(&bins, &boxes) else { break };
-        let cut = boxes[widest].clone();
-        let middle = cut.start + halve(&mut bins[cut.clone()], channel);
-        boxes[widest] = cut.start..middle;
-        boxes.push(middle..cut.end);
-    }
-    let mut entry_of_key = vec![0; 1 << (3 * BITS + ALPHA_BITS)];
-    for (entry, range) in boxes.iter().enumerate() {
-        bins[range.clone()].iter().for_each(|bin| entry_of_key[bin.key as usize] = entry as u8);
-    }
-    Indexed {
-        palette: boxes.iter().map(|range| mean(&bins[range.clone()])).collect(),
-        indices: rgba.iter().map(|pixel| entry_of_key[key(*pixel) as usize]).collect(),
-    }
-}
-
 fn key([r, g, b, a]: [u8; 4]) -> u32 {
     let rgb = [r, g, b].iter().fold(0, |key, channel| (key << BITS) | (u32::from(*channel) >> (8 - BITS)));
     (rgb << ALPHA_BITS) | (u32::from(a) >> (8 - ALPHA_BITS))
 }
 
-/// The bins that have pixels, by key.
+/// The colours that occur, in the order in which they do.
 fn count(rgba: &[[u8; 4]]) -> Vec<Bin> {
-    let mut bins = vec![Bin::default(); 1 << (3 * BITS + ALPHA_BITS)];
+    let mut bins: Vec<Bin> = Vec::new();
+    let mut bin_of_key = vec![u32::MAX; KEYS];
     for pixel in rgba {
         let key = key(*pixel);
-        let bin = &mut bins[key as usize];
-        bin.key = key;
+        let at = &mut bin_of_key[key as usize];
+        if *at == u32::MAX {
+            *at = bins.len() as u32;
+            bins.push(Bin { key, pixels: 0, sums: [0; 4] });
+        }
+        let bin = &mut bins[*at as usize];
         bin.pixels += 1;
         (0..4).for_each(|channel| bin.sums[channel] += u64::from(pixel[channel]));
     }
-    bins.retain(|bin| bin.pixels > 0);
     bins
 }
 
-/// The box with the largest spread of any channel, weighted by the root of its pixels, and that channel; the first of
-/// equals.
-fn widest(bins: &[Bin], boxes: &[Range<usize>]) -> Option<(usize, usize)> {
-    let mut best = (0, None);
-    for (number, range) in boxes.iter().enumerate().filter(|(_, range)| range.len() > 1) {
-        let weight = bins[range.clone()].iter().map(|bin| bin.pixels).sum::<u64>().isqrt();
-        for channel in 0..4 {
-            let worth = weight * spread(&bins[range.clone()], channel);
-            if worth > best.0 {
-                best = (worth, Some((number, channel)));
-            }
-        }
-    }
-    best.1
-}
-
-fn spread(bins: &[Bin], channel: usize) -> u64 {
-    let means = bins.iter().map(|bin| bin.mean(channel));
-    means.clone().max().unwrap_or(0) - means.min().unwrap_or(0)
-}
-
-/// Sorts a box along a channel and says where half of its pixels are on each side.
+/// Sorts the bins of a cut along a channel and says where half of its pixels are on each side.
 fn halve(bins: &mut [Bin], channel: usize) -> usize {
-    bins.sort_by_key(|bin| (bin.mean(channel), bin.key));
+    bins.sort_by_cached_key(|bin| (bin.mean(channel), bin.key));
     let half = bins.iter().map(|bin| bin.pixels).sum::<u64>() / 2;
     let mut before = 0;
     let middle = bins.iter().position(|bin| {

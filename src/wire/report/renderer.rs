@@ -5,13 +5,15 @@
 //!
 //! Cost: O(patches + pixels); 200 000 triangles at 640 × 480 take about 0.1 s.
 
-use nalgebra::Point3;
+use std::ops::Range;
+
+use nalgebra::{Point3, Rotation3};
 
 use super::camera::Camera;
 use super::image::Image;
 use super::palette::Ink;
-use super::shading::Shading;
-use crate::geometry::Mesh;
+use super::shading::{Lamp, Shading};
+use crate::geometry::{Mesh, assess};
 use crate::planning::surface::{Patch, Surface};
 
 /// Samples a pixel along each axis.
@@ -22,85 +24,140 @@ const STEPS: i64 = 16;
 const BACK_BIAS: f64 = 1e-5;
 /// Coordinates beyond this many steps are pulled in, far outside any picture: products then fit 64 bits.
 const FAR_STEPS: f64 = 1e9;
+/// Opacity of missed surface that something hides.
+const GLOW: f64 = 0.65;
 const NOTHING: u32 = u32::MAX;
 
 /// What all pictures of a part share.
 pub(super) struct Scene<'a> {
     surface: &'a Surface,
     shading: Shading<'a>,
+    /// Whether inner sides can come into sight: the mesh is open, or wound both ways.
+    pub(super) open: bool,
 }
 
 impl<'a> Scene<'a> {
     /// The scene of a part; `surface` must be that of `mesh`.
     pub(super) fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
-        Self { surface, shading: Shading::new(mesh) }
+        let health = assess(mesh);
+        let open = !health.watertight || health.inconsistent_edges > 0;
+        Self { surface, shading: Shading::new(mesh), open }
     }
 
     /// The picture that `camera` takes, each surface sample in its ink. The background is transparent.
     pub(super) fn render(&self, camera: &Camera, inks: &[Ink]) -> Image {
-        let mut buffer = DepthBuffer::new(camera.size_px);
-        let fine = finer(camera);
-        for (patch, number) in self.surface.patches.iter().zip(0..) {
+        let eye = Eye::new(camera);
+        let all = self.rasterise(&eye.fine, |_| true);
+        develop(&eye.fine, |x, y| self.colour(&all, &eye, inks, x, y))
+    }
+
+    /// The same, with missed surface glowing through whatever hides it.
+    pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
+        let eye = Eye::new(camera);
+        let all = self.rasterise(&eye.fine, |_| true);
+        let is_missed = |sample: usize| matches!(inks[sample], Ink::Missed(_));
+        let missed = self.rasterise(&eye.fine, |patch| samples_of(patch).any(is_missed));
+        develop(&eye.fine, |x, y| {
+            let front = self.colour(&all, &eye, inks, x, y)?;
+            let hidden = missed.patch_at(x, y).filter(|patch| all.patch_at(x, y) != Some(*patch));
+            let ink = hidden.map(|patch| inks[self.nearest_sample(self.patch(patch), &missed.point(&eye, x, y))]);
+            Some(match ink {
+                Some(ink @ Ink::Missed(_)) => mixed(front, ink.rgb(), GLOW),
+                _ => front,
+            })
+        })
+    }
+
+    fn rasterise(&self, fine: &Camera, keep: impl Fn(&Patch) -> bool) -> DepthBuffer {
+        let mut buffer = DepthBuffer::new(fine.size_px);
+        for (patch, number) in self.surface.patches.iter().zip(0..).filter(|(patch, _)| keep(patch)) {
             let corners = patch.corners_mm.map(|p| fine.camera_from_part.point(&p));
             let (fan, count) = Camera::beyond_near(corners);
             for last in 2..count {
-                buffer.draw(&fine, [fan[0], fan[last - 1], fan[last]], number);
+                buffer.draw(fine, [fan[0], fan[last - 1], fan[last]], number);
             }
         }
-        self.develop(&buffer, &fine, inks)
-    }
-
-    fn develop(&self, buffer: &DepthBuffer, fine: &Camera, inks: &[Ink]) -> Image {
-        let [width, height] = fine.size_px;
-        let mut sums = vec![[0u16; 4]; (width / SAMPLES) * (height / SAMPLES)];
-        for y in 0..height {
-            for x in 0..width {
-                if let Some(rgb) = self.colour(buffer, fine, inks, x, y) {
-                    let sum = &mut sums[(y / SAMPLES) * (width / SAMPLES) + x / SAMPLES];
-                    (0..3).for_each(|channel| sum[channel] += u16::from(rgb[channel]));
-                    sum[3] += 1;
-                }
-            }
-        }
-        Image::from_sums([width / SAMPLES, height / SAMPLES], &sums, (SAMPLES * SAMPLES) as u16)
+        buffer
     }
 
     /// Colour of one sample of the buffer; `None` where there is nothing.
-    fn colour(&self, buffer: &DepthBuffer, fine: &Camera, inks: &[Ink], x: usize, y: usize) -> Option<[u8; 3]> {
-        let hit = buffer.hit(fine, x, y)?;
-        let patch = &self.surface.patches[hit.patch as usize];
-        let outline = self.outline(buffer, fine, &hit, x, y);
-        if fine.camera_from_part.direction(&patch.normal).dot(&hit.at_mm.coords) >= 0.0 {
+    fn colour(&self, buffer: &DepthBuffer, eye: &Eye, inks: &[Ink], x: usize, y: usize) -> Option<[u8; 3]> {
+        let patch = self.patch(buffer.patch_at(x, y)?);
+        let p = buffer.point(eye, x, y);
+        let outline = self.outline(buffer, eye, patch, &p, x, y);
+        if patch.normal.dot(&(eye.at_mm - p)) <= 0.0 {
             return Some(scaled(Ink::Back.rgb(), outline));
         }
-        let p = fine.camera_from_part.inverse().point(&hit.at_mm);
-        let normal = fine.camera_from_part.direction(&self.shading.normal(patch.face, &p));
-        Some(scaled(inks[self.nearest_sample(patch, &p)].rgb(), Shading::light(&normal) * outline))
+        let light = eye.lamp.light(&self.shading.normal(patch.face, &p));
+        Some(scaled(inks[self.nearest_sample(patch, &p)].rgb(), light * outline))
+    }
+
+    fn patch(&self, number: u32) -> &Patch {
+        &self.surface.patches[number as usize]
     }
 
     fn nearest_sample(&self, patch: &Patch, p: &Point3<f64>) -> usize {
-        let first = patch.first_sample as usize;
-        let range = first..first + patch.samples as usize;
         let distance = |sample: &usize| (self.surface.sample_mm[*sample] - p).norm_squared();
-        range.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(first)
+        let nearest = samples_of(patch).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        nearest.unwrap_or(patch.first_sample as usize)
     }
 
-    /// Darkens a sample whose neighbour to the right or below lies on another sheet, or across a crease.
-    fn outline(&self, buffer: &DepthBuffer, fine: &Camera, hit: &Hit, x: usize, y: usize) -> f64 {
-        let patch = &self.surface.patches[hit.patch as usize];
-        let normal = fine.camera_from_part.direction(&patch.normal);
-        [(x + 1, y), (x, y + 1)]
-            .into_iter()
-            .map(|(x, y)| match buffer.hit(fine, x, y) {
-                None => Shading::OUTLINE,
-                Some(next) if next.patch == hit.patch => 1.0,
-                Some(next) => {
-                    let other = fine.camera_from_part.direction(&self.surface.patches[next.patch as usize].normal);
-                    self.shading.edge(&normal, &other, &(next.at_mm - hit.at_mm))
-                }
-            })
-            .fold(1.0, f64::min)
+    /// Darkens a sample at `p` whose neighbour to the right or below lies on another sheet, or across a crease.
+    fn outline(&self, buffer: &DepthBuffer, eye: &Eye, patch: &Patch, p: &Point3<f64>, x: usize, y: usize) -> f64 {
+        let own = buffer.patch_at(x, y);
+        let darkening = |(x, y): (usize, usize)| match buffer.patch_at(x, y) {
+            None => Shading::OUTLINE,
+            next if next == own => 1.0,
+            Some(next) => self.shading.edge(&patch.normal, &self.patch(next).normal, &(buffer.point(eye, x, y) - p)),
+        };
+        darkening((x + 1, y)).min(darkening((x, y + 1)))
     }
+}
+
+/// A camera with one pixel a sample, and what lighting needs of it, in the part's frame.
+struct Eye {
+    fine: Camera,
+    at_mm: Point3<f64>,
+    part_from_camera: Rotation3<f64>,
+    lamp: Lamp,
+}
+
+impl Eye {
+    fn new(camera: &Camera) -> Self {
+        let part_from_camera = camera.camera_from_part.inverse();
+        Self {
+            fine: finer(camera),
+            at_mm: part_from_camera.origin_mm(),
+            part_from_camera: part_from_camera.isometry().rotation.to_rotation_matrix(),
+            lamp: Lamp::beside(&part_from_camera),
+        }
+    }
+}
+
+/// Sums up the samples of every pixel.
+fn develop(fine: &Camera, colour: impl Fn(usize, usize) -> Option<[u8; 3]>) -> Image {
+    let [width, height] = fine.size_px.map(|n| n / SAMPLES);
+    let mut sums = vec![[0u16; 4]; width * height];
+    for y in 0..height * SAMPLES {
+        for x in 0..width * SAMPLES {
+            if let Some(rgb) = colour(x, y) {
+                let sum = &mut sums[(y / SAMPLES) * width + x / SAMPLES];
+                (0..3).for_each(|channel| sum[channel] += u16::from(rgb[channel]));
+                sum[3] += 1;
+            }
+        }
+    }
+    Image::from_sums([width, height], &sums, (SAMPLES * SAMPLES) as u16)
+}
+
+fn samples_of(patch: &Patch) -> Range<usize> {
+    let first = patch.first_sample as usize;
+    first..first + patch.samples as usize
+}
+
+fn mixed(below: [u8; 3], above: [u8; 3], opacity: f64) -> [u8; 3] {
+    let mix = |channel: usize| f64::from(below[channel]) * (1.0 - opacity) + f64::from(above[channel]) * opacity;
+    [0, 1, 2].map(|channel| mix(channel).round() as u8)
 }
 
 /// The camera with one pixel a sample.
@@ -116,13 +173,6 @@ fn finer(camera: &Camera) -> Camera {
 
 fn scaled(rgb: [u8; 3], light: f64) -> [u8; 3] {
     rgb.map(|channel| (f64::from(channel) * light).round().clamp(0.0, 255.0) as u8)
-}
-
-/// What a sample of the buffer sees.
-struct Hit {
-    patch: u32,
-    /// Where, in the camera's frame.
-    at_mm: Point3<f64>,
 }
 
 /// Nearest patch at each sample, row-major.
@@ -168,21 +218,21 @@ impl Edge {
 
 impl DepthBuffer {
     fn new(size_px: [usize; 2]) -> Self {
-        let [width, height] = size_px.map(|n| n * SAMPLES);
+        let [width, height] = size_px;
         Self { width, height, inverse_depth: vec![0.0; width * height], patch: vec![NOTHING; width * height] }
     }
 
-    fn hit(&self, fine: &Camera, x: usize, y: usize) -> Option<Hit> {
-        if x >= self.width || y >= self.height {
-            return None;
-        }
-        let at = y * self.width + x;
-        let patch = self.patch[at];
-        (patch != NOTHING).then(|| {
-            let depth_mm = 1.0 / f64::from(self.inverse_depth[at]);
-            let direction = fine.direction([x as f64 + 0.5, y as f64 + 0.5]);
-            Hit { patch, at_mm: Point3::from(direction * depth_mm) }
-        })
+    /// The patch seen at a sample.
+    fn patch_at(&self, x: usize, y: usize) -> Option<u32> {
+        let inside = x < self.width && y < self.height;
+        inside.then(|| self.patch[y * self.width + x]).filter(|patch| *patch != NOTHING)
+    }
+
+    /// Where it is seen, part frame; only where there is a patch.
+    fn point(&self, eye: &Eye, x: usize, y: usize) -> Point3<f64> {
+        let depth_mm = 1.0 / f64::from(self.inverse_depth[y * self.width + x]);
+        let direction = eye.fine.direction([x as f64 + 0.5, y as f64 + 0.5]);
+        eye.at_mm + eye.part_from_camera * (direction * depth_mm)
     }
 
     /// Draws a triangle given in the camera's frame, all of it beyond the near plane.
@@ -233,7 +283,7 @@ fn corner(fine: &Camera, p: &Point3<f64>) -> Option<Corner> {
 }
 
 /// Samples whose centres can lie between the lowest and the highest of the corners, one step of tolerance included.
-fn span(corners: [i64; 3], size: usize) -> Option<std::ops::Range<usize>> {
+fn span(corners: [i64; 3], size: usize) -> Option<Range<usize>> {
     let low = corners.into_iter().min()?.saturating_sub(1 + STEPS / 2).div_euclid(STEPS).max(0);
     let high = (corners.into_iter().max()? + 1).div_euclid(STEPS).min(size as i64 - 1);
     (low <= high).then(|| low as usize..high as usize + 1)

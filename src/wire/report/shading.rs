@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{FaceLists, Mesh};
+use crate::geometry::{Device, FaceLists, Mesh, Part, Pose};
 
 /// Facets that meet at less than this angle are shaded as one smooth surface, and get no line: 40°.
 const CREASE_COS: f64 = 0.766;
@@ -15,6 +15,25 @@ const CREASE: f64 = 0.62;
 
 /// Towards the lamp, camera frame: above and to the left of who looks. A unit vector to four digits.
 const TOWARDS_LAMP: Vector3<f64> = Vector3::new(-0.3499, -0.5998, -0.7197);
+
+/// A lamp beside a camera and a sky above it, part frame.
+pub(super) struct Lamp {
+    towards_lamp: Vector3<f64>,
+    up: Vector3<f64>,
+}
+
+impl Lamp {
+    /// The lamp of a camera.
+    pub(super) fn beside(part_from_camera: &Pose<Part, Device>) -> Self {
+        Self { towards_lamp: part_from_camera.direction(&TOWARDS_LAMP), up: part_from_camera.direction(&-Vector3::y()) }
+    }
+
+    /// Brightness of a surface with this unit normal: never so dark that its colour is lost.
+    pub(super) fn light(&self, normal: &Vector3<f64>) -> f64 {
+        let sky = 0.5 + 0.5 * normal.dot(&self.up);
+        0.70 + 0.28 * normal.dot(&self.towards_lamp).max(0.0) + 0.06 * sky
+    }
+}
 
 /// How a part is lit.
 pub(super) struct Shading<'a> {
@@ -45,15 +64,7 @@ impl<'a> Shading<'a> {
         blended.try_normalize(1e-6).unwrap_or_else(|| scaled.normalize())
     }
 
-    /// Brightness of a surface with this unit normal, camera frame: never so dark that its colour is lost.
-    pub(super) fn light(normal: &Vector3<f64>) -> f64 {
-        let lamp = normal.dot(&TOWARDS_LAMP).max(0.0);
-        let sky = 0.5 - 0.5 * normal.y;
-        0.62 + 0.34 * lamp + 0.1 * sky
-    }
-
-    /// Darkening between two neighbouring samples: their facets' normals, and the way from one to the other, camera
-    /// frame.
+    /// Darkening between two neighbouring samples: their facets' normals, and the way from one to the other.
     pub(super) fn edge(&self, normal: &Vector3<f64>, other: &Vector3<f64>, way_mm: &Vector3<f64>) -> f64 {
         if way_mm.dot(normal).abs() > self.jump_mm && way_mm.dot(other).abs() > self.jump_mm {
             Self::OUTLINE

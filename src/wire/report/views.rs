@@ -20,16 +20,31 @@ const GRADES: [Ink; 4] = [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink:
 
 /// The part from three sides, as the whole plan measures it.
 pub(super) fn overviews(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
-    let figure = |side: &pictures::Side| {
-        format!("<figure>{}<figcaption>{}</figcaption></figure>\n", pictures::overview(input, scene, side), side.name)
-    };
-    let figures: Vec<String> = pictures::SIDES.par_iter().map(figure).collect();
     format!(
-        "<section>\n<h2>The part, as all views together measure it</h2>\n<div class=\"grid3\">\n{}</div>\n{}\
+        "<section>\n<h2>The part, as all views together measure it</h2>\n{}{}\
          <p class=\"soft\">x, y, z are the axes of the uploaded file. The scale holds at the part’s centre.</p>\n</section>\n",
-        figures.concat(),
-        legend(input, false)
+        three_sides(|side| pictures::overview(input, scene, side)),
+        legend(input, scene, &GRADES)
     )
+}
+
+/// The part from three sides, its misses showing through; empty when nothing is missed.
+pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+    if input.outcome.plan.missed.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<section>\n<h2>Where it is missed</h2>\n<p>The part in grey, seen through: every missed spot shows in the colour of its cause, \
+         paler where something hides it from this side.</p>\n{}{}</section>\n",
+        three_sides(|side| pictures::misses(input, scene, side)),
+        legend(input, scene, &[])
+    )
+}
+
+fn three_sides(picture: impl Fn(&pictures::Side) -> String + Sync) -> String {
+    let figure = |side: &pictures::Side| format!("<figure>{}<figcaption>{}</figcaption></figure>\n", picture(side), side.name);
+    let figures: Vec<String> = pictures::SIDES.par_iter().map(figure).collect();
+    format!("<div class=\"grid3\">\n{}</div>\n", figures.concat())
 }
 
 /// One card for each chosen view, in the order chosen.
@@ -46,7 +61,7 @@ pub(super) fn chosen(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
          baseline level. Blue is what this view measures, by its own grade; grey is left to other views. The dashed line is the \
          field that both cameras and the projector share at best focus.</p>\n{}<div class=\"views\" style=\"margin-top:14px\">\n{}\
          </div>\n</section>\n",
-        legend(input, true),
+        legend(input, scene, &[GRADES.as_slice(), &[Ink::ByOthers]].concat()),
         cards.concat()
     )
 }
@@ -85,12 +100,12 @@ fn station(station: &Station) -> [(&'static str, String); 2] {
     [("turntable", format!("{}°", number(station.table_angle_rad.to_degrees(), 1))), ("joints 1 to 6", format!("{joints}°"))]
 }
 
-/// The inks that the pictures use: grades, misses that occur, and for views what others measure.
-fn legend(input: &ReportInput<'_>, of_a_view: bool) -> String {
-    let others = input.outcome.verdicts.iter().filter(|verdict| !matches!(verdict, Verdict::Measured(_))).copied();
-    let mut inks: BTreeSet<Ink> = others.map(Ink::of).chain(GRADES).collect();
-    if of_a_view {
-        inks.insert(Ink::ByOthers);
+/// `measured`, and the inks of what is not measured.
+fn legend(input: &ReportInput<'_>, scene: &Scene<'_>, measured: &[Ink]) -> String {
+    let others = input.outcome.verdicts.iter().filter(|verdict| !matches!(verdict, Verdict::Measured(_)));
+    let mut inks: BTreeSet<Ink> = others.copied().map(Ink::of).chain(measured.iter().copied()).collect();
+    if scene.open {
+        inks.insert(Ink::Back);
     }
     let items: Vec<String> = inks.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();
     format!("<ul class=\"legend\">{}</ul>\n", items.concat())

@@ -1,6 +1,7 @@
 //! What several topics share: where data lies, how parts are prepared, how a plan is made.
 
 mod needs;
+pub(crate) mod shapes;
 
 use std::sync::atomic::AtomicBool;
 
@@ -13,7 +14,7 @@ use vantage::planning::params::PlanParams;
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan};
 
-pub(crate) use needs::{oracle_python, shared};
+pub(crate) use needs::{oracle_python, program, shared};
 
 /// The nominal rig of method §2.
 pub(crate) fn nominal_scanner() -> Scanner {

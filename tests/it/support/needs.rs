@@ -38,3 +38,14 @@ fn say(text: &str) {
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
     let _ = writeln!(std::io::stderr(), "{test}: {text}");
 }
+
+/// Whether a program is on the path.
+pub(crate) fn program(name: &str) -> bool {
+    let runs = std::process::Command::new(name).arg("--version").output().is_ok();
+    let all = std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all");
+    assert!(runs || !all, "VANTAGE_TESTS=all, but {name} is not installed; run tests/all");
+    if !runs {
+        say(&format!("skipped: needs {name}, installed by tests/all"));
+    }
+    runs
+}

@@ -1,0 +1,238 @@
+//! A service in a folder of its own, and its router to be asked.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::Router;
+use axum::body::{Body, to_bytes};
+use axum::http::{HeaderMap, Method, Request, StatusCode};
+use serde_json::{Value, json};
+use tower::ServiceExt as _;
+use vantage::http;
+use vantage::planning::context::{Context, Stage};
+use vantage::service::run::{Artifact, RunError, RunInput};
+use vantage::service::{self, App, Planner};
+
+pub(super) struct Api {
+    pub(super) app: App,
+    router: Router,
+    folder: tempfile::TempDir,
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub(super) struct Answer {
+    pub(super) status: StatusCode,
+    pub(super) headers: HeaderMap,
+    pub(super) bytes: Vec<u8>,
+}
+
+/// Every file that a job may come to.
+pub(super) const FILES: [&str; 11] = [
+    "plan.json",
+    "program.json",
+    "missed.json",
+    "viewpoints.json",
+    "viewpoints.csv",
+    "coverage.json",
+    "coverage.csv",
+    "coverage.bin",
+    "report.html",
+    "report.txt",
+    "program.csv",
+];
+
+/// The planner of these tests.
+fn planner() -> Planner {
+    Arc::new(|input: &RunInput, ctx: &Context<'_>| {
+        ctx.begin(Stage::Surface).map_err(|_| RunError::Cancelled)?;
+        match input.echo.labels.get("do").map(String::as_str) {
+            Some("panic") => panic!("as asked"),
+            Some("no_plan") => return Err(RunError::NoPlan("nothing is in reach".into())),
+            Some("bad_input") => input.mesh.read("/mesh_id", 1).map(drop)?,
+            Some("wait") => wait_for_cancel(ctx)?,
+            _ => {}
+        }
+        ctx.begin(Stage::Visibility).map_err(|_| RunError::Cancelled)?;
+        Ok(FILES.map(|name| Artifact { name, bytes: format!("{{\"file\": \"{name}\"}}").into_bytes() }).into())
+    })
+}
+
+fn wait_for_cancel(ctx: &Context<'_>) -> Result<(), RunError> {
+    let until = Instant::now() + Duration::from_secs(60);
+    while Instant::now() < until {
+        ctx.check().map_err(|_| RunError::Cancelled)?;
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Err(RunError::NoPlan("nobody cancelled".into()))
+}
+
+pub(super) fn http_options() -> http::Options {
+    http::Options {
+        listen: ([127, 0, 0, 1], 0).into(),
+        api_key: None,
+        max_connections: 16,
+        http2_max_streams: 16,
+        header_timeout: Duration::from_secs(10),
+        body_idle_timeout: Duration::from_millis(500),
+        request_timeout: Duration::from_secs(30),
+        drain_timeout: Duration::from_secs(1),
+        max_json_bytes: 64 * 1024,
+    }
+}
+
+pub(super) fn service_options() -> service::Options {
+    service::Options {
+        data_dir: std::path::PathBuf::new(),
+        planning_threads: 2,
+        concurrent_jobs: 1,
+        max_attempts: 3,
+        max_queued_jobs: 100,
+        max_upload_bytes: 1 << 20,
+        max_triangles: 10_000,
+        event_retention_hours: 1,
+    }
+}
+
+impl Api {
+    pub(super) async fn start() -> Self {
+        Self::start_with(service_options(), http_options()).await
+    }
+
+    pub(super) async fn start_with(mut service: service::Options, http: http::Options) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        service.data_dir = folder.path().to_owned();
+        let app = App::open_with(service, planner()).await.expect("a service");
+        Self { router: http::router(app.clone(), http), app, folder }
+    }
+
+    /// Files in the store that a row names, and files that none does yet.
+    pub(super) fn unfinished_files(&self) -> usize {
+        std::fs::read_dir(self.folder.path().join("unfinished")).expect("the folder").count()
+    }
+
+    pub(super) async fn raw(&self, request: Request<Body>) -> axum::response::Response {
+        self.router.clone().oneshot(request).await.expect("an answer")
+    }
+
+    pub(super) async fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: impl Into<Body>) -> Answer {
+        let mut request = Request::builder().method(Method::from_bytes(method.as_bytes()).expect("a method")).uri(path);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        Answer::read(self.raw(request.body(body.into()).expect("a request")).await).await
+    }
+
+    pub(super) async fn get(&self, path: &str) -> Answer {
+        self.send("GET", path, &[], Body::empty()).await
+    }
+
+    pub(super) async fn post_json(&self, path: &str, body: &Value) -> Answer {
+        self.send("POST", path, &[("content-type", "application/json")], body.to_string()).await
+    }
+
+    /// Uploads a cube; returns the mesh's id.
+    pub(super) async fn mesh(&self) -> String {
+        self.send("POST", "/api/v1/meshes?unit=mm&name=cube", &[], cube(10.0)).await.ok(201)["id"].as_str().expect("an id").into()
+    }
+
+    /// Starts a job without a cell; `what` is told to the planner. Returns the job's id.
+    pub(super) async fn job(&self, what: &str) -> String {
+        let mesh = self.mesh().await;
+        let request = json!({"mesh_id": mesh, "cell": "none", "labels": {"do": what}});
+        self.post_json("/api/v1/jobs", &request).await.ok(202)["id"].as_str().expect("an id").into()
+    }
+
+    /// The job once it has ended.
+    pub(super) async fn ended(&self, job: &str) -> Value {
+        let job = self.get(&format!("/api/v1/jobs/{job}?wait=30s")).await.ok(200);
+        assert!(["succeeded", "failed", "cancelled"].contains(&job["state"].as_str().expect("a state")), "{job}");
+        job
+    }
+
+    /// Waits until the job runs.
+    pub(super) async fn running(&self, job: &str) {
+        for _ in 0..500 {
+            if self.get(&format!("/api/v1/jobs/{job}")).await.ok(200)["state"] == "running" {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        panic!("{job} does not run");
+    }
+}
+
+impl Answer {
+    pub(super) async fn read(response: axum::response::Response) -> Self {
+        let (parts, body) = response.into_parts();
+        let bytes = to_bytes(body, usize::MAX).await.expect("a body").to_vec();
+        Self { status: parts.status, headers: parts.headers, bytes }
+    }
+
+    pub(super) fn header(&self, name: &str) -> &str {
+        self.headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default()
+    }
+
+    pub(super) fn text(&self) -> String {
+        String::from_utf8_lossy(&self.bytes).into_owned()
+    }
+
+    /// The JSON of an answer with this status.
+    #[track_caller]
+    pub(super) fn ok(&self, status: u16) -> Value {
+        assert_eq!(self.status.as_u16(), status, "{}", self.text());
+        serde_json::from_slice(&self.bytes).unwrap_or(Value::Null)
+    }
+
+    /// The problem, which must be whole and of this code.
+    #[track_caller]
+    pub(super) fn problem(&self, code: &str) -> Value {
+        assert_eq!(self.header("content-type"), "application/problem+json", "{} {}", self.status, self.text());
+        let problem: Value = serde_json::from_slice(&self.bytes).expect("JSON");
+        assert_eq!(problem["code"], code, "{problem}");
+        let known = http::Code::ALL.iter().find(|known| known.as_str() == code).expect("a known code");
+        assert_eq!(known.status(), self.status);
+        assert_eq!(problem["status"], self.status.as_u16());
+        assert_eq!(problem["type"], format!("/problems#{code}"));
+        assert_eq!(problem["request_id"], self.header("x-request-id"));
+        for text in ["title", "detail", "instance"] {
+            assert!(problem[text].as_str().is_some_and(|text| !text.is_empty()), "{problem}");
+        }
+        assert!(problem["errors"].is_array(), "{problem}");
+        problem
+    }
+
+    /// The problem, with the pointers of its fields.
+    #[track_caller]
+    pub(super) fn problem_at(&self, code: &str, pointers: &[&str]) -> Value {
+        let problem = self.problem(code);
+        let found: Vec<&str> =
+            problem["errors"].as_array().expect("a list").iter().filter_map(|e| e["pointer"].as_str()).collect();
+        assert_eq!(found, pointers, "{problem}");
+        problem
+    }
+}
+
+/// A closed cube as ASCII STL.
+pub(crate) fn cube(edge: f64) -> String {
+    let corner = |i: usize| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|bit| bit as f64 * edge);
+    let faces = [
+        [0, 2, 1],
+        [1, 2, 3],
+        [4, 5, 6],
+        [5, 7, 6],
+        [0, 1, 4],
+        [1, 5, 4],
+        [2, 6, 3],
+        [3, 6, 7],
+        [0, 4, 2],
+        [2, 4, 6],
+        [1, 3, 5],
+        [3, 7, 5],
+    ];
+    let facet = |face: &[usize; 3]| {
+        let vertices = face.map(|i| corner(i).map(|c| c.to_string()).join(" ")).map(|v| format!("vertex {v}\n")).concat();
+        format!("facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet\n")
+    };
+    format!("solid cube\n{}endsolid cube\n", faces.iter().map(facet).collect::<String>())
+}

@@ -1,0 +1,165 @@
+//! `api/` says what the server does: drift, routes and codes.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::api::{Api, http_options};
+
+/// Holds `api/<name>` against what the code says; `UPDATE_CONTRACT=1` writes it anew.
+#[track_caller]
+fn assert_committed(name: &str, now: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("api").join(name);
+    if std::env::var_os("UPDATE_CONTRACT").is_some() {
+        std::fs::write(&path, now).expect("written");
+    }
+    let committed = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(committed == now, "api/{name} is not what the code says; look at the change and run with UPDATE_CONTRACT=1");
+}
+
+fn document() -> serde_json::Value {
+    serde_json::to_value(vantage::http::openapi()).expect("JSON")
+}
+
+#[test]
+fn the_committed_openapi_document_is_the_server_s() {
+    assert_committed("openapi.json", &format!("{}\n", serde_json::to_string_pretty(&document()).expect("JSON")));
+}
+
+#[test]
+fn the_committed_list_of_problems_is_the_server_s() {
+    assert_committed("problems.md", &vantage::http::problems_document());
+}
+
+#[test]
+fn codes_are_different_and_documented() {
+    let document = vantage::http::problems_document();
+    let mut seen = BTreeSet::new();
+    for code in vantage::http::Code::ALL {
+        assert!(seen.insert(code.as_str()), "{} stands there twice", code.as_str());
+        assert!(document.contains(&format!("<a id=\"{0}\"></a>`{0}` | {1} |", code.as_str(), code.status().as_u16())));
+    }
+    for (code, _) in vantage::service::FAILURE_CODES {
+        assert!(document.contains(&format!("`{code}` |")), "{code}");
+    }
+}
+
+#[tokio::test]
+async fn the_document_is_served_and_is_of_openapi_3_1() {
+    let api = Api::start().await;
+    for path in ["/api/v1/openapi.json", "/docs/openapi.json"] {
+        assert_eq!(api.get(path).await.ok(200), document(), "{path}");
+    }
+    assert!(document()["openapi"].as_str().is_some_and(|version| version.starts_with("3.1.")));
+    assert_eq!(document()["info"]["title"], "Vantage");
+}
+
+/// Pages for people, which are no part of the interface.
+const PAGES: [&str; 5] = ["/", "/assets/{name}", "/docs", "/docs/", "/docs/{file}"];
+
+#[tokio::test]
+async fn every_route_is_in_the_document() {
+    let api = Api::start().await;
+    let router = vantage::http::router(api.app.clone(), http_options());
+    // The router's debug form lists its paths as `RouteId(n): "path"`.
+    let printed = format!("{router:?}");
+    let routed: BTreeSet<&str> = printed
+        .split("RouteId(")
+        .filter_map(|piece| piece.split_once("): \"").and_then(|(_, rest)| rest.split_once('"')).map(|(path, _)| path))
+        .filter(|path| path.starts_with('/') && !PAGES.contains(path))
+        .collect();
+    let document = document();
+    let documented: BTreeSet<&str> = document["paths"].as_object().expect("paths").keys().map(String::as_str).collect();
+    assert!(routed.len() > 20, "{routed:?}");
+    assert_eq!(routed, documented);
+}
+
+#[test]
+fn every_operation_says_what_can_go_wrong() {
+    let document = document();
+    let mut ids = BTreeSet::new();
+    for (path, item) in document["paths"].as_object().expect("paths") {
+        for (method, operation) in item.as_object().expect("operations") {
+            for status in ["4XX", "5XX"] {
+                let schema = &operation["responses"][status]["content"]["application/problem+json"]["schema"]["$ref"];
+                assert_eq!(schema, "#/components/schemas/Problem", "{method} {path}");
+            }
+            let id = operation["operationId"].as_str().expect("an id");
+            assert!(ids.insert(id.to_owned()), "{id} stands there twice");
+            assert!(operation["summary"].as_str().is_some_and(|summary| !summary.is_empty()), "{method} {path}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
+    let api = Api::start().await;
+    let page = api.get("/").await;
+    page.ok(200);
+    assert!(page.header("content-security-policy").starts_with("default-src 'self';"));
+    let html = page.text();
+    for inline in ["<script>", "<style", " style=", " onclick=", " onload=", "javascript:", "http://", "https://"] {
+        assert!(!html.contains(inline), "{inline}");
+    }
+    for asset in ["page.js", "style.css", "icon.svg"] {
+        assert!(html.contains(&format!("/assets/{asset}")), "{asset}");
+        let answer = api.get(&format!("/assets/{asset}")).await;
+        assert_eq!(answer.status, 200, "{asset}");
+        let known = api.send("GET", &format!("/assets/{asset}"), &[("if-none-match", answer.header("etag"))], "").await;
+        assert_eq!(known.status, 304);
+    }
+    api.get("/assets/nothing.js").await.problem("no_such_route");
+    api.get("/assets/..%2fCargo.toml").await.problem("no_such_route");
+
+    assert_eq!(api.get("/docs").await.status, 308);
+    assert!(api.get("/docs/").await.text().contains("swagger-ui"));
+    assert!(api.get("/docs/swagger-initializer.js").await.text().contains("/docs/openapi.json"));
+    api.get("/docs/nothing").await.problem("no_such_route");
+}
+
+#[tokio::test]
+async fn every_answer_has_its_headers() {
+    let api = Api::start().await;
+    for path in ["/healthz", "/nothing", "/", "/api/v1/jobs"] {
+        let answer = api.get(path).await;
+        assert_eq!(answer.header("x-content-type-options"), "nosniff", "{path}");
+        assert!(answer.header("content-security-policy").contains("frame-ancestors 'none'"), "{path}");
+        assert_eq!(answer.header("referrer-policy"), "no-referrer", "{path}");
+        assert!(!answer.header("x-request-id").is_empty(), "{path}");
+    }
+    let own = api.send("GET", "/healthz", &[("x-request-id", "mine-1")], "").await;
+    assert_eq!(own.header("x-request-id"), "mine-1");
+    for unfit in ["", "a b", "ä", &"x".repeat(129)] {
+        assert_ne!(api.send("GET", "/healthz", &[("x-request-id", unfit)], "").await.header("x-request-id"), unfit);
+    }
+}
+
+#[tokio::test]
+async fn the_server_tells_about_itself() {
+    vantage::http::install_metrics();
+    let api = Api::start().await;
+    assert_eq!(api.get("/healthz").await.ok(200)["status"], "ok");
+    assert_eq!(api.get("/readyz").await.ok(200)["status"], "ready");
+    assert_eq!(api.get("/version").await.ok(200)["version"], env!("CARGO_PKG_VERSION"));
+    assert!(api.get("/problems").await.text().starts_with("# Problems"));
+    let metrics = api.get("/metrics").await.text();
+    assert!(metrics.contains("vantage_jobs{state=\"queued\"} 0"), "{metrics}");
+    assert!(metrics.contains("vantage_http_requests_total{method=\"GET\",route=\"/healthz\",status=\"200\"}"), "{metrics}");
+}
+
+#[tokio::test]
+async fn a_stopping_server_says_so_and_takes_no_work() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let job = api.job("wait").await;
+    api.running(&job).await;
+    api.app.stop().await;
+    api.get("/readyz").await.problem_at("not_ready", &["not_stopping"]);
+    assert_eq!(api.get("/healthz").await.status, 200);
+    let answer = api.post_json("/api/v1/jobs", &serde_json::json!({"mesh_id": mesh})).await;
+    answer.problem("stopping");
+    assert!(!answer.header("retry-after").is_empty());
+    api.send("POST", "/api/v1/meshes?unit=mm", &[], "x").await.problem("stopping");
+    // What was planned waits for the next process, and the attempt does not count.
+    let job = api.get(&format!("/api/v1/jobs/{job}")).await.ok(200);
+    assert_eq!((job["state"].as_str(), job["attempts"].as_u64()), (Some("queued"), Some(0)));
+}

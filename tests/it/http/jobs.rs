@@ -1,0 +1,263 @@
+//! Jobs from their start to their end.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use super::api::{Api, http_options, service_options};
+
+#[tokio::test]
+async fn a_job_is_accepted_planned_and_told_about() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let request = json!({
+        "mesh_id": mesh, "cell": "none", "scanner": "transcan-c-nominal", "params": {"selection": {"target": 0.9}},
+        "labels": {"line": "7"}, "part_number": "P-1", "serial": "S-2", "priority": 5
+    });
+    let answer = api.post_json("/api/v1/jobs", &request).await;
+    let job = answer.ok(202);
+    let id = job["id"].as_str().expect("an id");
+    assert_eq!(answer.header("location"), format!("/api/v1/jobs/{id}"));
+    assert!(answer.header("retry-after").parse::<u32>().is_ok());
+    assert_eq!((&job["state"], &job["queue_position"], &job["attempts"]), (&json!("queued"), &json!(1), &json!(0)));
+
+    let job = api.ended(id).await;
+    assert_eq!(job["state"], "succeeded");
+    for (field, value) in request.as_object().expect("fields") {
+        if field != "params" {
+            assert_eq!(&job[field], value, "{field}");
+        }
+    }
+    assert_eq!(job["params"]["selection"]["target"], 0.9);
+    assert_eq!(job["params"]["seed"], 0);
+    assert_eq!((&job["fraction"], &job["stage"], &job["attempts"]), (&json!(1.0), &json!(null), &json!(1)));
+    assert_eq!((&job["problem"], &job["queue_position"]), (&json!(null), &json!(null)));
+    assert!(job["timings"]["surface"].as_f64().is_some_and(|seconds| seconds >= 0.0));
+    let names: Vec<&str> = job["results"].as_array().expect("a list").iter().filter_map(|file| file["name"].as_str()).collect();
+    assert_eq!(names.len(), 12);
+    assert!(names.contains(&"timings.json"));
+    let plan = job["results"].as_array().expect("a list").iter().find(|file| file["name"] == "plan.json").expect("a plan");
+    assert_eq!(job["plan_sha256"], plan["sha256"]);
+    assert!(job["created_at"].as_str() <= job["started_at"].as_str() && job["started_at"].as_str() <= job["ended_at"].as_str());
+}
+
+#[tokio::test]
+async fn a_cell_is_looked_up_and_kept_with_the_job() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let job = api.post_json("/api/v1/jobs", &json!({"mesh_id": mesh})).await.ok(202);
+    assert_eq!((&job["cell"], &job["scanner"]), (&json!("e05-transcan"), &json!("transcan-c")));
+    assert_eq!(api.ended(job["id"].as_str().expect("an id")).await["state"], "succeeded");
+    // A whole specification instead of a name.
+    let mut cell = api.get("/api/v1/cells/e05-transcan").await.ok(200);
+    cell["name"] = json!("ours");
+    let job = api.post_json("/api/v1/jobs", &json!({"mesh_id": mesh, "cell": cell})).await.ok(202);
+    assert_eq!(job["cell"]["name"], "ours");
+    assert_eq!(api.ended(job["id"].as_str().expect("an id")).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn a_request_is_refused_with_every_pointer() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let nobody = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
+    let scanner = api.get("/api/v1/scanners/transcan-c-nominal").await.ok(200);
+    let mut crossed = scanner.clone();
+    crossed["depth_mm"]["near"] = json!(600.0);
+    let labels: serde_json::Map<String, Value> = (0..33).map(|i| (format!("l{i}"), json!(""))).collect();
+    let merged = |fields: Value| {
+        let mut request = json!({"mesh_id": mesh, "cell": "none"});
+        request.as_object_mut().expect("an object").extend(fields.as_object().expect("an object").clone());
+        request
+    };
+    for (fields, code, pointers) in [
+        (json!({"mesh_id": nobody}), "invalid_fields", &["/mesh_id"][..]),
+        (json!({"mesh_id": "nothing"}), "bad_shape", &["/mesh_id"]),
+        (json!({"mesh_id": null}), "bad_shape", &["/mesh_id"]),
+        (json!({"cell": "nowhere"}), "invalid_fields", &["/cell"]),
+        (json!({"cell": 3}), "bad_shape", &["/cell"]),
+        (json!({"cell": {"name": "x", "size": 1}}), "bad_shape", &["/cell/size"]),
+        (json!({"scanner": "nothing"}), "invalid_fields", &["/scanner"]),
+        (json!({"scanner": crossed}), "invalid_fields", &["/scanner/depth_mm"]),
+        (json!({"colour": 1}), "bad_shape", &["/colour"]),
+        (json!({"params": {"selection": {"tarket": 1}}}), "bad_shape", &["/params/selection/tarket"]),
+        (json!({"params": {"selection": {"target": "high"}}}), "bad_shape", &["/params/selection/target"]),
+        (
+            json!({"params": {"selection": {"target": 2}, "score": {"a": 0, "b": 0}}, "priority": 101}),
+            "invalid_fields",
+            &["/priority", "/params/score/a", "/params/selection/target"],
+        ),
+        (json!({"params": {"part": {"fixture_mesh": nobody}}}), "invalid_fields", &["/params/part/fixture_mesh"]),
+        (json!({"params": {"part": {"fixture_mesh": "../x"}}}), "invalid_fields", &["/params/part/fixture_mesh"]),
+        (json!({"labels": labels}), "invalid_fields", &["/labels"]),
+        (json!({"labels": {"a": "\n"}}), "invalid_fields", &["/labels/a"]),
+        (json!({"labels": {"a": 1}}), "bad_shape", &["/labels/a"]),
+        (json!({"part_number": "x".repeat(129)}), "invalid_fields", &["/part_number"]),
+        (json!({"serial": ["x"]}), "bad_shape", &["/serial"]),
+        (json!({"priority": 1.5}), "bad_shape", &["/priority"]),
+    ] {
+        api.post_json("/api/v1/jobs", &merged(fields)).await.problem_at(code, pointers);
+    }
+    assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
+}
+
+#[tokio::test]
+async fn a_job_that_cannot_be_planned_says_why_and_harms_no_other() {
+    let api = Api::start().await;
+    for (what, code) in [("panic", "job_panicked"), ("no_plan", "no_plan"), ("bad_input", "job_input_invalid")] {
+        let job = api.job(what).await;
+        let job = api.ended(&job).await;
+        assert_eq!((&job["state"], &job["problem"]["code"]), (&json!("failed"), &json!(code)), "{job}");
+        assert_eq!(job["problem"]["type"], format!("/problems#{code}"));
+        assert!(job["problem"]["detail"].as_str().is_some_and(|detail| !detail.is_empty()));
+        assert_eq!(job["results"], json!([]));
+        let after = api.job("").await;
+        assert_eq!(api.ended(&after).await["state"], "succeeded");
+    }
+    let no_plan = api.job("no_plan").await;
+    assert_eq!(api.ended(&no_plan).await["problem"]["detail"], "nothing is in reach");
+}
+
+#[tokio::test]
+async fn a_running_job_is_cancelled_within_two_seconds() {
+    let api = Api::start().await;
+    let job = api.job("wait").await;
+    api.running(&job).await;
+    let asked = Instant::now();
+    let cancelling = api.post_json(&format!("/api/v1/jobs/{job}/cancel"), &json!(null)).await.ok(202);
+    assert!(asked.elapsed() < Duration::from_secs(1));
+    assert!(["cancelling", "cancelled"].contains(&cancelling["state"].as_str().expect("a state")));
+    assert_eq!(api.ended(&job).await["state"], "cancelled");
+    assert!(asked.elapsed() < Duration::from_secs(2), "{:?}", asked.elapsed());
+    // The cores are free: the next job runs at once.
+    let next = api.job("").await;
+    assert_eq!(api.ended(&next).await["state"], "succeeded");
+    // Asking again changes nothing.
+    assert_eq!(api.post_json(&format!("/api/v1/jobs/{job}/cancel"), &json!(null)).await.ok(202)["state"], "cancelled");
+    api.post_json(&format!("/api/v1/jobs/{next}/cancel"), &json!(null)).await.problem("job_ended");
+}
+
+#[tokio::test]
+async fn a_queued_job_is_cancelled_at_once_and_the_queue_moves_up() {
+    let api = Api::start().await;
+    let running = api.job("wait").await;
+    api.running(&running).await;
+    let (a, b) = (api.job("").await, api.job("").await);
+    assert_eq!(api.get(&format!("/api/v1/jobs/{b}")).await.ok(200)["queue_position"], 2);
+    assert_eq!(api.post_json(&format!("/api/v1/jobs/{a}/cancel"), &json!(null)).await.ok(202)["state"], "cancelled");
+    assert_eq!(api.get(&format!("/api/v1/jobs/{b}")).await.ok(200)["queue_position"], 1);
+    api.post_json(&format!("/api/v1/jobs/{running}/cancel"), &json!(null)).await.ok(202);
+    assert_eq!(api.ended(&b).await["state"], "succeeded");
+    assert_eq!(api.ended(&a).await["attempts"], 0);
+}
+
+#[tokio::test]
+async fn a_job_can_be_deleted_once_it_has_ended() {
+    let api = Api::start().await;
+    let job = api.job("wait").await;
+    let path = format!("/api/v1/jobs/{job}");
+    api.send("DELETE", &path, &[], "").await.problem("job_not_ended");
+    api.post_json(&format!("{path}/cancel"), &json!(null)).await.ok(202);
+    api.ended(&job).await;
+    assert_eq!(api.send("DELETE", &path, &[], "").await.status, 204);
+    api.send("DELETE", &path, &[], "").await.problem("job_not_found");
+    api.get(&path).await.problem("job_not_found");
+}
+
+#[tokio::test]
+async fn waiting_ends_with_the_job_or_with_the_time() {
+    let api = Api::start().await;
+    let job = api.job("wait").await;
+    let asked = Instant::now();
+    let still = api.get(&format!("/api/v1/jobs/{job}?wait=1s")).await.ok(200);
+    assert!(["queued", "running"].contains(&still["state"].as_str().expect("a state")));
+    assert!(asked.elapsed() >= Duration::from_secs(1));
+    let path = format!("/api/v1/jobs/{job}?wait=30");
+    let (waited, _) = tokio::join!(api.get(&path), async {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        api.post_json(&format!("/api/v1/jobs/{job}/cancel"), &json!(null)).await.ok(202)
+    });
+    assert_eq!(waited.ok(200)["state"], "cancelled");
+    assert!(asked.elapsed() < Duration::from_secs(10));
+    for wait in ["", "s", "61", "-1", "1.5", "1m", "+1", "99999999999999999999"] {
+        api.get(&format!("/api/v1/jobs/{job}?wait={wait}")).await.problem_at("bad_query", &["wait"]);
+    }
+}
+
+#[tokio::test]
+async fn a_key_starts_one_job_however_often_it_comes() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let send = async |key: &str, body: String| {
+        api.send("POST", "/api/v1/jobs", &[("content-type", "application/json"), ("idempotency-key", key)], body).await
+    };
+    let request = json!({"mesh_id": mesh, "cell": "none"}).to_string();
+    // Two at the same time, and one later, written in another way.
+    let (a, b) = tokio::join!(send("k1", request.clone()), send("k1", request.clone()));
+    let (a, b) = (a.ok(202), b.ok(202));
+    assert_eq!(a, b);
+    api.ended(a["id"].as_str().expect("an id")).await;
+    let again = send("k1", format!("{{ \"cell\": \"none\", \"priority\": 0, \"mesh_id\": \"{mesh}\" }}")).await;
+    assert_eq!(again.ok(202), a);
+    assert_eq!(again.header("location"), format!("/api/v1/jobs/{}", a["id"].as_str().expect("an id")));
+    send("k1", json!({"mesh_id": mesh, "cell": "none", "priority": 1}).to_string()).await.problem("idempotency_mismatch");
+    assert_ne!(send("k2", request.clone()).await.ok(202)["id"], a["id"]);
+    // A request that was refused has used no key.
+    send("k3", json!({"mesh_id": mesh, "cell": "nowhere"}).to_string()).await.problem("invalid_fields");
+    send("k3", request.clone()).await.ok(202);
+    for unfit in ["", &"k".repeat(256), "\u{e4}"] {
+        send(unfit, request.clone()).await.problem_at("bad_idempotency_key", &["Idempotency-Key"]);
+    }
+    assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"].as_array().expect("a list").len(), 3);
+}
+
+#[tokio::test]
+async fn lists_are_filtered_and_paged() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    for i in 0..6 {
+        let labels = json!({"line": (i % 2).to_string(), format!("only{i}"): ""});
+        let request = json!({"mesh_id": mesh, "cell": "none", "labels": labels, "part_number": format!("P{}", i / 3)});
+        let job = api.post_json("/api/v1/jobs", &request).await.ok(202);
+        api.ended(job["id"].as_str().expect("an id")).await;
+    }
+    let count = async |query: &str| {
+        let (mut found, mut token) = (0, String::new());
+        loop {
+            let page = api.get(&format!("/api/v1/jobs?page_size=2&{query}{token}")).await.ok(200);
+            found += page["items"].as_array().expect("a list").len();
+            match page["next_page_token"].as_str() {
+                Some(next) => token = format!("&page_token={next}"),
+                None => return found,
+            }
+        }
+    };
+    assert_eq!(count("").await, 6);
+    assert_eq!(count("state=succeeded").await, 6);
+    assert_eq!(count("state=failed").await, 0);
+    assert_eq!(count("label=line").await, 6);
+    assert_eq!(count("label=line%3D1").await, 3);
+    assert_eq!(count("label=only4").await, 1);
+    assert_eq!(count("label=only4%3Dx").await, 0);
+    assert_eq!(count("part_number=P0").await, 3);
+    assert_eq!(count("part_number=P0&label=line%3D1&state=succeeded").await, 1);
+    assert_eq!(count("label=%27%20OR%201%3D1").await, 0);
+    let page = api.get("/api/v1/jobs?page_size=1&state=succeeded").await.ok(200);
+    let token = page["next_page_token"].as_str().expect("more");
+    api.get(&format!("/api/v1/jobs?page_size=1&state=failed&page_token={token}")).await.problem("bad_page_token");
+    let newest = api.get("/api/v1/jobs?page_size=1").await.ok(200);
+    assert_eq!(newest["items"][0]["labels"]["only5"], "");
+}
+
+#[tokio::test]
+async fn a_full_queue_says_when_to_come_back() {
+    let api = Api::start_with(vantage::service::Options { max_queued_jobs: 1, ..service_options() }, http_options()).await;
+    let running = api.job("wait").await;
+    api.running(&running).await;
+    let mesh = api.mesh().await;
+    let request = json!({"mesh_id": mesh, "cell": "none"});
+    api.post_json("/api/v1/jobs", &request).await.ok(202);
+    let answer = api.post_json("/api/v1/jobs", &request).await;
+    answer.problem("queue_full");
+    assert!(answer.header("retry-after").parse::<u32>().is_ok());
+}

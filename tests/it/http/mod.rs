@@ -1,0 +1,12 @@
+//! HTTP through the real router, with a planner that does what a job's label `do` says; what planning itself comes to
+//! is tested elsewhere.
+
+pub(crate) mod api;
+mod auth;
+mod contract;
+mod events;
+mod jobs;
+mod meshes;
+mod refusals;
+mod results;
+mod specs;

@@ -1,0 +1,173 @@
+//! Every route and what it refuses: a table, from which no route may be missing.
+
+use std::collections::BTreeSet;
+
+use serde_json::json;
+
+use super::api::{Api, cube};
+
+const NOBODY: &str = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
+
+/// Route, and path with query, method, content type, body and the code it is refused with.
+type Case = (&'static str, &'static str, &'static str, &'static str, &'static str, &'static str);
+
+const CASES: &[Case] = &[
+    ("/api/v1/meshes", "/api/v1/meshes", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=furlong", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=mm&unit=mm", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=mm&size=1", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=mm&name=", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=mm&name=a%0ab", "POST", "", "x", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?unit=mm", "POST", "", "x", "mesh_unreadable"),
+    ("/api/v1/meshes", "/api/v1/meshes?page_size=0", "GET", "", "", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?page_size=1001", "GET", "", "", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?page_size=many", "GET", "", "", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes?state=queued", "GET", "", "", "bad_query"),
+    ("/api/v1/meshes", "/api/v1/meshes", "PATCH", "", "", "method_not_allowed"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/{nobody}", "GET", "", "", "mesh_not_found"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/nothing", "GET", "", "", "mesh_not_found"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/%ff", "GET", "", "", "bad_request"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/..%2f..%2fetc%2fpasswd", "GET", "", "", "mesh_not_found"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/{nobody}?x=1", "GET", "", "", "bad_query"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/{nobody}", "DELETE", "", "", "mesh_not_found"),
+    ("/api/v1/meshes/{id}", "/api/v1/meshes/{nobody}", "PUT", "", "", "method_not_allowed"),
+    ("/api/v1/meshes/{id}/file", "/api/v1/meshes/{nobody}/file", "GET", "", "", "mesh_not_found"),
+    ("/api/v1/meshes/{id}/file", "/api/v1/meshes/{nobody}/file", "DELETE", "", "", "method_not_allowed"),
+    ("/api/v1/meshes/{id}/preview.glb", "/api/v1/meshes/{nobody}/preview.glb", "GET", "", "", "mesh_not_found"),
+    ("/api/v1/scanners", "/api/v1/scanners?x=1", "GET", "", "", "bad_query"),
+    ("/api/v1/scanners", "/api/v1/scanners", "POST", "", "", "method_not_allowed"),
+    ("/api/v1/scanners/{name}", "/api/v1/scanners/nothing", "GET", "", "", "spec_not_found"),
+    ("/api/v1/scanners/{name}", "/api/v1/scanners/nothing", "DELETE", "", "", "spec_not_found"),
+    ("/api/v1/scanners/{name}", "/api/v1/scanners/a", "PUT", "text/plain", "{}", "unsupported_media_type"),
+    ("/api/v1/scanners/{name}", "/api/v1/scanners/a", "PUT", "application/json", "", "bad_json"),
+    ("/api/v1/scanners/{name}", "/api/v1/scanners/a", "PUT", "application/json", "{}", "bad_shape"),
+    ("/api/v1/robots", "/api/v1/robots", "DELETE", "", "", "method_not_allowed"),
+    ("/api/v1/robots/{name}", "/api/v1/robots/nothing", "GET", "", "", "spec_not_found"),
+    ("/api/v1/robots/{name}", "/api/v1/robots/a", "PUT", "application/json", "[]", "bad_shape"),
+    ("/api/v1/turntables", "/api/v1/turntables", "PUT", "", "", "method_not_allowed"),
+    ("/api/v1/turntables/{name}", "/api/v1/turntables/nothing", "GET", "", "", "spec_not_found"),
+    ("/api/v1/turntables/{name}", "/api/v1/turntables/a", "PUT", "application/json", "1", "bad_shape"),
+    ("/api/v1/cells", "/api/v1/cells", "POST", "", "", "method_not_allowed"),
+    ("/api/v1/cells/{name}", "/api/v1/cells/none", "GET", "", "", "spec_not_found"),
+    ("/api/v1/cells/{name}", "/api/v1/cells/a", "PUT", "application/json", "null", "bad_shape"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "", "{}", "unsupported_media_type"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json; charset=utf-8", "{}", "bad_shape"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "", "bad_json"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"mesh_id\"", "bad_json"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "\u{feff}{}", "bad_json"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"priority\":1e999}", "bad_json"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"seed\":NaN}", "bad_json"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"priority\":1,\"priority\":2}", "bad_shape"),
+    ("/api/v1/jobs", "/api/v1/jobs?wait=1", "POST", "application/json", "{}", "bad_query"),
+    ("/api/v1/jobs", "/api/v1/jobs?state=happy", "GET", "", "", "bad_query"),
+    ("/api/v1/jobs", "/api/v1/jobs?page_token=x", "GET", "", "", "bad_page_token"),
+    ("/api/v1/jobs", "/api/v1/jobs", "DELETE", "", "", "method_not_allowed"),
+    ("/api/v1/jobs/{id}", "/api/v1/jobs/{nobody}", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}", "/api/v1/jobs/{nobody}?wait=1s", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}", "/api/v1/jobs/{nobody}", "DELETE", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}", "/api/v1/jobs/%00", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/cancel", "/api/v1/jobs/{nobody}/cancel", "POST", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/cancel", "/api/v1/jobs/{nobody}/cancel", "GET", "", "", "method_not_allowed"),
+    ("/api/v1/jobs/{id}/events", "/api/v1/jobs/{nobody}/events", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/plan", "/api/v1/jobs/{nobody}/plan", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/program", "/api/v1/jobs/{nobody}/program?dialect=x", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/viewpoints", "/api/v1/jobs/{nobody}/viewpoints", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/coverage", "/api/v1/jobs/{nobody}/coverage", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/missed", "/api/v1/jobs/{nobody}/missed", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/timings", "/api/v1/jobs/{nobody}/timings", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/report", "/api/v1/jobs/{nobody}/report", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/coverage.bin", "/api/v1/jobs/{nobody}/coverage.bin", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/files/{name}", "/api/v1/jobs/{nobody}/files/plan.json", "GET", "", "", "job_not_found"),
+    ("/api/v1/events", "/api/v1/events?after=1", "GET", "", "", "bad_query"),
+    ("/api/v1/events", "/api/v1/events", "POST", "", "", "method_not_allowed"),
+    ("/api/v1/openapi.json", "/api/v1/openapi.json", "PUT", "", "", "method_not_allowed"),
+    ("/healthz", "/healthz", "POST", "", "", "method_not_allowed"),
+    ("/readyz", "/readyz", "POST", "", "", "method_not_allowed"),
+    ("/version", "/version", "POST", "", "", "method_not_allowed"),
+    ("/metrics", "/metrics", "POST", "", "", "method_not_allowed"),
+    ("/problems", "/problems", "POST", "", "", "method_not_allowed"),
+    ("", "/api/v2/jobs", "GET", "", "", "no_such_route"),
+    ("", "/api", "GET", "", "", "no_such_route"),
+    ("", "/api/v1", "GET", "", "", "no_such_route"),
+    ("", "/api/v1/", "GET", "", "", "no_such_route"),
+    ("", "/api/v1/jobs/", "GET", "", "", "no_such_route"),
+    ("", "//api/v1/jobs", "GET", "", "", "no_such_route"),
+    ("", "/%61pi/v1/jobs", "GET", "", "", "no_such_route"),
+];
+
+#[tokio::test]
+async fn every_route_refuses_what_it_cannot_take() {
+    let api = Api::start().await;
+    for (_, path, method, kind, body, code) in CASES {
+        let path = path.replace("{nobody}", NOBODY);
+        let headers = [("content-type", *kind)];
+        let answer = api.send(method, &path, if kind.is_empty() { &[] } else { &headers }, *body).await;
+        let problem = answer.problem(code);
+        assert_eq!(problem["instance"], path.split('?').next().expect("a path"), "{method} {path}");
+        if *code == "method_not_allowed" {
+            assert!(answer.header("allow").contains(|c: char| c.is_ascii_uppercase()), "{method} {path}");
+        }
+    }
+}
+
+#[test]
+fn no_route_is_missing_from_the_table() {
+    let tested: BTreeSet<&str> = CASES.iter().map(|case| case.0).filter(|route| !route.is_empty()).collect();
+    let document = serde_json::to_value(vantage::http::openapi()).expect("JSON");
+    let documented: BTreeSet<&str> = document["paths"].as_object().expect("paths").keys().map(String::as_str).collect();
+    assert_eq!(tested, documented);
+}
+
+#[tokio::test]
+async fn a_body_that_is_too_large_or_too_deep_is_refused() {
+    let api = Api::start().await;
+    let long = json!({"mesh_id": NOBODY, "serial": "x".repeat(65 * 1024)});
+    api.post_json("/api/v1/jobs", &long).await.problem("too_large");
+    let deep = format!("{{\"params\":{}", "{\"part\":".repeat(5000));
+    let answer = api.send("POST", "/api/v1/jobs", &[("content-type", "application/json")], deep).await;
+    assert!(answer.status.is_client_error(), "{}", answer.text());
+    let deep = "[".repeat(60_000);
+    let answer = api.send("POST", "/api/v1/jobs", &[("content-type", "application/json")], deep).await;
+    assert!(answer.status.is_client_error(), "{}", answer.text());
+}
+
+#[tokio::test]
+async fn compressed_bodies_are_refused() {
+    let api = Api::start().await;
+    for (method, path) in [("POST", "/api/v1/jobs"), ("PUT", "/api/v1/robots/a"), ("POST", "/api/v1/meshes?unit=mm")] {
+        let headers = [("content-type", "application/json"), ("content-encoding", "gzip")];
+        api.send(method, path, &headers, cube(1.0)).await.problem_at("unsupported_media_type", &["Content-Encoding"]);
+    }
+    let plain = [("content-encoding", "identity")];
+    api.send("POST", "/api/v1/meshes?unit=mm", &plain, cube(1.0)).await.ok(201);
+}
+
+#[tokio::test]
+async fn preconditions_are_read_strictly() {
+    let api = Api::start().await;
+    for headers in [
+        &[("if-match", "*"), ("if-none-match", "*")][..],
+        &[("if-none-match", "\"1\"")],
+        &[("if-match", "\"1\""), ("if-match", "\"2\"")],
+        &[("if-match", "\u{e4}")],
+    ] {
+        api.send("DELETE", "/api/v1/robots/a", headers, "").await.problem("bad_request");
+    }
+}
+
+#[tokio::test]
+async fn other_sites_pages_change_nothing() {
+    let api = Api::start().await;
+    let own = [("host", "127.0.0.1:8080"), ("origin", "http://127.0.0.1:8080")];
+    api.send("POST", "/api/v1/meshes?unit=mm", &own, cube(1.0)).await.ok(201);
+    api.send("POST", "/api/v1/meshes?unit=mm", &[("sec-fetch-site", "same-origin")], cube(1.0)).await.ok(201);
+    for headers in [
+        &[("sec-fetch-site", "cross-site")][..],
+        &[("sec-fetch-site", "same-site")],
+        &[("host", "127.0.0.1:8080"), ("origin", "http://evil.example")],
+        &[("host", "127.0.0.1:8080"), ("origin", "null")],
+    ] {
+        api.send("POST", "/api/v1/meshes?unit=mm", headers, cube(1.0)).await.problem("cross_site");
+        assert_eq!(api.send("GET", "/api/v1/meshes", headers, "").await.status, 200);
+    }
+}

@@ -1,0 +1,102 @@
+//! What came out of a job, in the forms that are asked for.
+
+use serde_json::json;
+
+use super::api::{Api, FILES};
+
+#[tokio::test]
+async fn each_result_comes_in_its_forms() {
+    let api = Api::start().await;
+    let job = api.job("").await;
+    api.ended(&job).await;
+    let html = "text/html; charset=utf-8";
+    let (csv, text, bytes) = ("text/csv; charset=utf-8", "text/plain; charset=utf-8", "application/octet-stream");
+    for (path, accept, kind, file) in [
+        ("plan", "", "application/json", "plan.json"),
+        ("plan?format=json", "text/csv", "application/json", "plan.json"),
+        ("program", "", "application/json", "program.json"),
+        ("program?dialect=csv", "", csv, "program.csv"),
+        ("program", "text/csv", csv, "program.csv"),
+        ("viewpoints", "*/*", "application/json", "viewpoints.json"),
+        ("viewpoints", "text/csv", csv, "viewpoints.csv"),
+        ("coverage", "", "application/json", "coverage.json"),
+        ("coverage?format=csv", "application/json", csv, "coverage.csv"),
+        ("missed", "", "application/json", "missed.json"),
+        ("report", "text/html,*/*;q=0.8", html, "report.html"),
+        ("report", "", html, "report.html"),
+        ("report?format=text", "", text, "report.txt"),
+        ("coverage.bin", "", bytes, "coverage.bin"),
+        ("files/report.txt", "", text, "report.txt"),
+        ("files/coverage.bin", "", bytes, "coverage.bin"),
+    ] {
+        let headers = [("accept", accept)];
+        let path = format!("/api/v1/jobs/{job}/{path}");
+        let answer = api.send("GET", &path, if accept.is_empty() { &[] } else { &headers }, "").await;
+        assert_eq!(answer.ok(200)["file"], file, "{path}");
+        assert_eq!(answer.header("content-type"), kind, "{path}");
+        assert!(answer.header("cache-control").contains("immutable"), "{path}");
+        if kind == html {
+            assert!(answer.header("content-security-policy").contains("sandbox"));
+        }
+        let etag = answer.header("etag").to_owned();
+        assert!(etag.len() == 66 && etag.starts_with('"'), "{etag}");
+        let mut known = headers.to_vec();
+        known.push(("if-none-match", &etag));
+        known.retain(|(_, value)| !value.is_empty());
+        assert_eq!(api.send("GET", &path, &known, "").await.status, 304, "{path}");
+        let head = api.send("HEAD", &path, if accept.is_empty() { &[] } else { &headers }, "").await;
+        assert_eq!((head.status.as_u16(), head.header("etag")), (200, etag.as_str()));
+    }
+    let timings = api.get(&format!("/api/v1/jobs/{job}/timings")).await.ok(200);
+    assert!(timings["visibility"].is_number(), "{timings}");
+    for name in FILES {
+        assert_eq!(api.get(&format!("/api/v1/jobs/{job}/files/{name}")).await.ok(200)["file"], name);
+    }
+}
+
+#[tokio::test]
+async fn other_forms_are_not_to_be_had() {
+    let api = Api::start().await;
+    let job = api.job("").await;
+    api.ended(&job).await;
+    for (path, accept) in [
+        ("plan", "text/csv"),
+        ("plan?format=csv", "*/*"),
+        ("program?dialect=cobol", "*/*"),
+        ("report", "application/json"),
+        ("coverage.bin", "image/png"),
+        ("viewpoints?format=", "*/*"),
+    ] {
+        let path = format!("/api/v1/jobs/{job}/{path}");
+        api.send("GET", &path, &[("accept", accept)], "").await.problem("not_acceptable");
+    }
+    api.get(&format!("/api/v1/jobs/{job}/program?format=json")).await.problem_at("bad_query", &["format"]);
+    for name in ["nothing", "plan.json%00", "..%2f..%2fvantage.db", "%2e%2e"] {
+        api.get(&format!("/api/v1/jobs/{job}/files/{name}")).await.problem("result_not_found");
+    }
+}
+
+#[tokio::test]
+async fn there_are_no_results_before_the_end_nor_after_a_bad_one() {
+    let api = Api::start().await;
+    let running = api.job("wait").await;
+    let failed = api.job("no_plan").await;
+    api.get(&format!("/api/v1/jobs/{running}/plan")).await.problem("no_results");
+    api.post_json(&format!("/api/v1/jobs/{running}/cancel"), &json!(null)).await.ok(202);
+    api.ended(&running).await;
+    api.ended(&failed).await;
+    for job in [running, failed] {
+        api.get(&format!("/api/v1/jobs/{job}/plan")).await.problem("no_results");
+        api.get(&format!("/api/v1/jobs/{job}/files/plan.json")).await.problem("no_results");
+    }
+}
+
+#[tokio::test]
+async fn large_answers_are_compressed_and_their_tag_says_so() {
+    let api = Api::start().await;
+    let document = api.send("GET", "/api/v1/openapi.json", &[("accept-encoding", "gzip")], "").await;
+    assert_eq!((document.status.as_u16(), document.header("content-encoding")), (200, "gzip"));
+    let page = api.send("GET", "/assets/page.js", &[("accept-encoding", "gzip")], "").await;
+    assert_eq!(page.header("content-encoding"), "gzip");
+    assert!(page.header("etag").starts_with("W/\""), "{}", page.header("etag"));
+}
