@@ -20,8 +20,7 @@ RUN touch src/main.rs src/lib.rs \
     && install -D -m 0755 target/release/vantage /out/usr/local/bin/vantage \
     && install -d /out/data
 
-# C library and nothing else: no shell, no package manager.
-FROM gcr.io/distroless/cc-debian12:nonroot
+FROM debian:bookworm-slim
 LABEL org.opencontainers.image.title="vantage" \
       org.opencontainers.image.description="Plans automated 3D scans" \
       org.opencontainers.image.licenses="MIT OR Apache-2.0"

@@ -39,6 +39,7 @@ pub struct CellSpec {
     #[serde(default)]
     pub mount: Vec<BodySpec>,
     /// Joints 1 to 6 and the table angle where a program begins and ends, degrees.
+    #[schema(min_items = 7, max_items = 7)]
     pub home_deg: [f64; 7],
     /// What stands around and does not move, in the base frame.
     #[serde(default)]

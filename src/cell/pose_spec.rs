@@ -17,8 +17,10 @@ const REACH_MM: f64 = 1e5;
 #[serde(deny_unknown_fields)]
 pub struct PoseSpec {
     /// Origin of the source frame in the target frame, millimetres.
+    #[schema(min_items = 3, max_items = 3)]
     pub translation_mm: [f64; 3],
     /// Unit quaternion, vector part first.
+    #[schema(min_items = 4, max_items = 4)]
     pub quaternion_xyzw: [f64; 4],
 }
 

@@ -36,8 +36,10 @@ pub struct LinkSpec {
     /// Name used in reports of collisions.
     pub name: String,
     /// Centre of one half ball, in the link's frame, mm, -5000 to 5000 each.
+    #[schema(min_items = 3, max_items = 3)]
     pub from_mm: [f64; 3],
     /// Centre of the other half ball, mm, -5000 to 5000 each.
+    #[schema(min_items = 3, max_items = 3)]
     pub to_mm: [f64; 3],
     /// Radius, mm, 1 to 1000.
     pub radius_mm: f64,

@@ -26,6 +26,7 @@ pub enum ShapeSpec {
     /// Box with edges along the axes.
     Box {
         /// Edge lengths, mm, above 0.
+        #[schema(min_items = 3, max_items = 3)]
         size_mm: [f64; 3],
     },
     /// Cylinder along z.

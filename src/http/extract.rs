@@ -160,9 +160,8 @@ impl FromRequestParts<Site> for Precondition {
         match (header(&IF_MATCH)?, header(&IF_NONE_MATCH)?) {
             (None, None) => Ok(Self::None),
             (Some(tags), None) => Ok(Self::Match(if tags.trim() == "*" { Vec::new() } else { split_tags(tags) })),
-            (None, Some(tags)) if tags.trim() == "*" => Ok(Self::Absent),
-            (None, Some(_)) => Err(Problem::at(Code::BadRequest, "If-None-Match", "can only be * with this method")),
-            (Some(_), Some(_)) => Err(Problem::at(Code::BadRequest, "If-None-Match", "stands beside If-Match; send one of them")),
+            (of, Some(tags)) if tags.trim() == "*" => Ok(of.map_or(Self::Absent, |_| Self::Never)),
+            (_, Some(_)) => Err(Problem::at(Code::BadRequest, "If-None-Match", "can only be * with this method")),
         }
     }
 }

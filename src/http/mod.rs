@@ -8,6 +8,7 @@ mod extract;
 mod layers;
 mod metrics;
 mod negotiate;
+mod openapi;
 mod options;
 mod page;
 mod problem;
@@ -20,7 +21,7 @@ pub use auth::ApiKey;
 pub use metrics::install as install_metrics;
 pub use options::Options;
 pub use problem::{Code, document as problems_document};
-pub use router::{openapi, router};
+pub use router::{document as openapi, router};
 pub use serve::{ServeError, Server};
 
 #[cfg(test)]

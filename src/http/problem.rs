@@ -62,7 +62,7 @@ codes! {
     BadQuery "bad_query" BAD_REQUEST "The query cannot be read" "A query parameter is unknown, missing or out of range; `errors` names it.";
     BadJson "bad_json" BAD_REQUEST "The body is no JSON" "The body is no JSON document.";
     BadBody "bad_body" BAD_REQUEST "The body cannot be read" "The body broke off, is empty, or is no proper multipart message.";
-    BadDigest "bad_digest" BAD_REQUEST "The digest does not fit the body" "`Content-Digest` cannot be read, or the body's SHA-256 is another one.";
+    BadDigest "bad_digest" BAD_REQUEST "The digest cannot be read" "`Content-Digest` is not `sha-256=:…:` (RFC 9530).";
     BadPageToken "bad_page_token" BAD_REQUEST "The page token cannot be used" "The page token does not come from this listing with these filters.";
     BadIdempotencyKey "bad_idempotency_key" BAD_REQUEST "The Idempotency-Key cannot be used" "An `Idempotency-Key` has 1 to 255 visible ASCII characters.";
     KeyMissing "key_missing" UNAUTHORIZED "A key is needed" "This server asks for its key: `Authorization: Bearer …`.";
@@ -87,6 +87,7 @@ codes! {
     BadShape "bad_shape" UNPROCESSABLE_ENTITY "The body is of another shape" "A field of the body is unknown, missing or of another type; `errors` names it.";
     InvalidFields "invalid_fields" UNPROCESSABLE_ENTITY "Fields are out of range or inconsistent" "`errors` names every field at fault, what it is and what is allowed.";
     MeshUnreadable "mesh_unreadable" UNPROCESSABLE_ENTITY "The file is no mesh that can be planned on" "The file is no STL, OBJ or PLY, is damaged, or is beyond the limits; `detail` says where and why.";
+    DigestMismatch "digest_mismatch" UNPROCESSABLE_ENTITY "The digest is not the body's" "The SHA-256 of the body is not the one in `Content-Digest`; it was changed on its way.";
     IdempotencyMismatch "idempotency_mismatch" UNPROCESSABLE_ENTITY "The Idempotency-Key was used for another request" "The same key came with another request within 24 hours.";
     PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "Say which version is to be replaced" "The specification exists; send its entity tag in `If-Match`.";
     HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request's headers are larger than the server allows.";
@@ -157,7 +158,7 @@ impl From<Error> for Problem {
             }
             Error::MeshUnreadable(_) => Self::new(Code::MeshUnreadable, detail),
             Error::UploadTooLarge { .. } => Self::new(Code::TooLarge, detail),
-            Error::DigestMismatch { .. } => Self::new(Code::BadDigest, detail),
+            Error::DigestMismatch { .. } => Self::new(Code::DigestMismatch, detail),
             Error::MeshInUse(_) => Self::new(Code::MeshInUse, detail),
             Error::JobNotEnded { .. } => Self::new(Code::JobNotEnded, detail),
             Error::JobEnded { .. } => Self::new(Code::JobEnded, detail),

@@ -15,7 +15,7 @@ use utoipa_axum::routes;
 
 use super::options::Options;
 use super::routes::{cells, events, jobs, meshes, results, robots, scanners, system, turntables};
-use super::{auth, docs, layers, page};
+use super::{auth, docs, layers, openapi, page};
 use crate::service::App;
 
 /// What every handler may use.
@@ -103,11 +103,10 @@ fn documented(site: Option<&Site>) -> OpenApiRouter<Site> {
             .merge(slow())
             .layer(from_fn_with_state(site.clone(), auth::require_key));
     }
-    OpenApiRouter::with_openapi(docs::ApiDoc::openapi()).nest("/api/v1", api).merge(open())
+    OpenApiRouter::with_openapi(openapi::ApiDoc::openapi()).nest("/api/v1", api).merge(open())
 }
 
 /// The router that serves `app`.
-#[must_use]
 pub fn router(app: App, options: Options) -> Router {
     let site = Site { app, options: Arc::new(options) };
     let (router, _) = documented(Some(&site)).split_for_parts();
@@ -121,8 +120,8 @@ pub fn router(app: App, options: Options) -> Router {
 
 /// The OpenAPI document.
 #[must_use]
-pub fn openapi() -> OpenApi {
-    let (_, mut openapi) = documented(None).split_for_parts();
-    docs::complete(&mut openapi);
-    openapi
+pub fn document() -> OpenApi {
+    let (_, mut document) = documented(None).split_for_parts();
+    openapi::complete(&mut document);
+    document
 }

@@ -67,13 +67,16 @@ pub enum Region {
     /// Axis-aligned box.
     Box {
         /// Lowest corner, mm.
+        #[schema(min_items = 3, max_items = 3)]
         min_mm: [f64; 3],
         /// Highest corner, mm.
+        #[schema(min_items = 3, max_items = 3)]
         max_mm: [f64; 3],
     },
     /// Ball.
     Sphere {
         /// Centre, mm.
+        #[schema(min_items = 3, max_items = 3)]
         centre_mm: [f64; 3],
         /// Radius, mm, above 0.
         radius_mm: f64,
@@ -81,8 +84,10 @@ pub enum Region {
     /// All points p with (p − point)·normal ≤ 0.
     HalfSpace {
         /// A point of the plane, mm.
+        #[schema(min_items = 3, max_items = 3)]
         point_mm: [f64; 3],
         /// Outward direction, any length above 0.
+        #[schema(min_items = 3, max_items = 3)]
         normal: [f64; 3],
     },
     /// A named group of the file (`g` and `o` lines of OBJ).

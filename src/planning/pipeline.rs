@@ -9,7 +9,7 @@ use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::plan::Outcome;
 use super::sequence::Ordered;
-use super::study::{Chosen, Study};
+use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
 use super::visibility;
 use crate::cell::{Cell, DeviceName, FieldError, PoseSpec, Scanner};
@@ -61,6 +61,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let params = resolve(params, input);
     ctx.begin(Stage::Surface)?;
     let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+    let asked_area_mm2 = asked_area_mm2(&surface)?;
     let scene = RayScene::new([input.mesh].into_iter().chain(input.fixture));
     let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
 
@@ -77,7 +78,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     ctx.begin(Stage::Visibility)?;
     let table = visibility::cast(&surface, &poses, input.scanner, &scene, &params, ctx)?;
 
-    let study = Study::new(input, &params, surface, table_from_part, generated, table, reach)?;
+    let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
     Ok(study.conclude(&chosen, ordered, &barred))

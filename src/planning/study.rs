@@ -22,17 +22,17 @@ pub(super) type Reach = Vec<Result<Vec<Station>, Blocked>>;
 
 /// See the module.
 pub(super) struct Study<'a> {
-    input: &'a PlanInput<'a>,
-    params: &'a PlanParams,
-    surface: Surface,
-    table_from_part: Pose<Table, Part>,
-    generated: Generated,
+    pub(super) input: &'a PlanInput<'a>,
+    pub(super) params: &'a PlanParams,
+    pub(super) surface: Surface,
+    pub(super) table_from_part: Pose<Table, Part>,
+    pub(super) generated: Generated,
     /// One row a kept candidate.
-    table: VisibilityTable,
+    pub(super) table: VisibilityTable,
     /// One a kept candidate; `None` without a cell.
-    reach: Option<Reach>,
-    /// Area of each sample, 0 where it is not asked for.
-    asked_area_mm2: Vec<f64>,
+    pub(super) reach: Option<Reach>,
+    /// See [`asked_area_mm2`].
+    pub(super) asked_area_mm2: Vec<f64>,
 }
 
 /// A selection over the kept candidates.
@@ -42,25 +42,21 @@ pub(super) struct Chosen {
     selection: Selection,
 }
 
-impl<'a> Study<'a> {
-    pub(super) fn new(
-        input: &'a PlanInput<'a>,
-        params: &'a PlanParams,
-        surface: Surface,
-        table_from_part: Pose<Table, Part>,
-        generated: Generated,
-        table: VisibilityTable,
-        reach: Option<Reach>,
-    ) -> Result<Self, PlanError> {
-        let area = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
-        let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area).collect();
-        if !asked_area_mm2.iter().any(|area_mm2| *area_mm2 > 0.0) {
-            let detail = "leaves nothing of the part to measure; exclude less".into();
-            return Err(PlanError::BadParams(vec![FieldError { pointer: "/regions/exclude".into(), detail }]));
-        }
-        Ok(Self { input, params, surface, table_from_part, generated, table, reach, asked_area_mm2 })
+/// Area of each sample, 0 where it is not asked for.
+///
+/// # Errors
+/// Nothing is asked for.
+pub(super) fn asked_area_mm2(surface: &Surface) -> Result<Vec<f64>, PlanError> {
+    let area = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
+    let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area).collect();
+    if asked_area_mm2.iter().any(|area_mm2| *area_mm2 > 0.0) {
+        return Ok(asked_area_mm2);
     }
+    let detail = "leaves nothing of the part to measure; exclude less".into();
+    Err(PlanError::BadParams(vec![FieldError { pointer: "/regions/exclude".into(), detail }]))
+}
 
+impl Study<'_> {
     /// Why a kept candidate cannot be used by the cell, if so.
     fn blocked(&self, kept: usize) -> Option<Blocked> {
         self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use config::{Config, ConfigError, Environment, File, FileFormat, Value};
+use config::{Config, ConfigError, Environment, File, FileFormat, Value, ValueKind};
 use serde::de::DeserializeOwned;
 
 use super::{Flags, SettingsError};
@@ -54,8 +54,11 @@ impl<'a> Layers<'a> {
         if self.flags.iter().any(|(flag, _)| *flag == key) {
             return "a flag".to_owned();
         }
-        let value = self.config.get::<Value>(key).ok();
-        value.and_then(|value| value.origin().map(str::to_owned)).unwrap_or_else(|| "config/default.toml, built in".to_owned())
+        let value = key.split('.').try_fold(&self.config.cache, |value, name| match &value.kind {
+            ValueKind::Table(table) => table.get(name),
+            _ => None,
+        });
+        value.and_then(Value::origin).unwrap_or("config/default.toml, built in").to_owned()
     }
 }
 

@@ -25,18 +25,21 @@ pub enum ParseError {
 /// [`ParseError`].
 pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ParseError> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| refuse(&error))?;
+    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| refuse(bytes, &error))?;
     deserializer.end().map_err(|error| ParseError::Syntax(error.to_string()))?;
     Ok(value)
 }
 
-fn refuse(error: &serde_path_to_error::Error<serde_json::Error>) -> ParseError {
+fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -> ParseError {
     let inner = error.inner();
-    if inner.is_data() {
-        ParseError::Shape { pointer: pointer_of(error.path()), detail: inner.to_string() }
-    } else {
-        ParseError::Syntax(inner.to_string())
+    // A list that is too long, or a number too large, counts as a fault of syntax with serde_json, though it is JSON.
+    let is_json = inner.is_data() || serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
+    if !is_json {
+        return ParseError::Syntax(inner.to_string());
     }
+    let detail = inner.to_string();
+    let detail = if detail.starts_with("trailing characters") { "has too many elements".to_owned() } else { detail };
+    ParseError::Shape { pointer: pointer_of(error.path()), detail }
 }
 
 /// The JSON pointer of a path.

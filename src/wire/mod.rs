@@ -2,6 +2,7 @@
 //! pictures made for people. Keys carry their units, degrees and plain arrays live here; unknown fields in a request are
 //! refused with their JSON pointer.
 
+mod angle;
 pub mod coverage;
 mod csv;
 pub mod echo;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::angle::degrees;
 use super::echo::Echo;
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::PlanParams;
@@ -306,7 +307,7 @@ fn device_document(device: &OpticalDevice, limit_deg: Option<f64>) -> DeviceDocu
         cy: lens.cy,
         skew: lens.skew,
         distortion: lens.distortion,
-        incidence_max_deg: limit_deg.unwrap_or_else(|| device.incidence_max_rad.to_degrees()),
+        incidence_max_deg: limit_deg.unwrap_or_else(|| degrees(device.incidence_max_rad)),
     }
 }
 
@@ -338,8 +339,8 @@ impl From<&PlannedView> for ViewpointDocument {
             gain_of_asked: view.gain_of_asked,
             score: view.score,
             station: view.station.map(|station| StationDocument {
-                table_angle_deg: station.table_angle_rad.to_degrees(),
-                joints_deg: station.joints_rad.map(f64::to_degrees),
+                table_angle_deg: degrees(station.table_angle_rad),
+                joints_deg: station.joints_rad.map(degrees),
             }),
             rejected: view.rejected.map(|cause: Cause| cause.as_str().to_owned()),
         }

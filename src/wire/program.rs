@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::angle;
 use super::csv::Csv;
 use super::echo::Echo;
 use super::json_file_bytes;
@@ -216,7 +217,7 @@ impl From<&StepDocument> for Step {
 }
 
 fn degrees(configuration: &Configuration) -> [f64; 7] {
-    configuration.map(f64::to_degrees)
+    configuration.map(angle::degrees)
 }
 
 /// The program as a table: a via point, a target or an action a row, with where arm and table are then. A move's time

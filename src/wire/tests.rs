@@ -29,8 +29,18 @@ fn the_pointer_names_the_field_at_fault() {
 }
 
 #[test]
+fn json_that_does_not_fit_is_no_fault_of_syntax() {
+    let cell = |field: &str| format!(r#"{{"mesh_id": "{MESH}", "cell": {{"name": "a", {field}}}}}"#);
+    let (pointer, detail) = shape(&cell(r#""base_from_table": {"translation_mm": [1, 2, 3, 4]}"#));
+    assert!(pointer.starts_with("/cell/base_from_table/translation_mm"), "{pointer}");
+    assert_eq!(detail, "has too many elements");
+    assert_eq!(shape(&format!(r#"{{"mesh_id": "{MESH}", "priority": 1e400}}"#)).0, "/priority");
+}
+
+#[test]
 fn what_is_no_json_is_told_apart() {
-    for body in ["", "{", "\u{feff}{}", "{} {}", "{\"mesh_id\": 1e400}", &"[".repeat(10_000)] {
+    let twice = format!(r#"{{"mesh_id": "{MESH}"}} {{}}"#);
+    for body in ["", "{", "\u{feff}{}", &twice, "{\"labels\": {\"a\""] {
         assert!(matches!(parse::<JobRequest>(body.as_bytes()), Err(ParseError::Syntax(_))), "{body:.20}");
     }
 }

@@ -1,6 +1,14 @@
-//! The commands of README, as they stand there.
+//! The commands of README, as they stand there, and its figures.
 
 use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use vantage::cell::{Presets, SpecLibrary};
+use vantage::geometry::Mesh;
+use vantage::geometry::demo_parts::{self, DEFAULT_TRIANGLES};
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::PlanParams;
+use vantage::planning::{PlanInput, plan};
 
 use crate::server::process::{Server, vantage};
 use crate::support::program;
@@ -73,4 +81,40 @@ fn every_parameter_that_readme_sets_is_one() {
         found += 1;
     }
     assert!(found >= 3, "README shows --set {found} times");
+}
+
+/// A row of README's table for a demo part under the thesis's settings: standing on the table of the default cell, target
+/// 99 % of the coverable area or growth below 0.01 %.
+fn thesis_row(name: &str, mesh: &Mesh, weight: f64) -> String {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let mut params = PlanParams::default();
+    (params.score.a, params.score.b, params.selection.target) = (weight, weight, 0.99);
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let cancel = AtomicBool::new(false);
+    let plan = plan(&input, &params, &Context::new(&cancel, &Silent)).expect("a plan").plan;
+    let coverage = &plan.coverage;
+    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    format!(
+        "| {name} | {weight} / {weight} | {} | {} | {} | {} |",
+        plan.views.len(),
+        percent(coverage.of_coverable()),
+        percent(coverage.of_asked()),
+        percent(coverage.grade_area_mm2[0] / coverage.asked_area_mm2)
+    )
+}
+
+#[test]
+fn the_figures_of_the_demo_parts_are_what_a_plan_gives() {
+    let parts = [
+        ("base, 121 × 73 × 37 mm", demo_parts::base(DEFAULT_TRIANGLES)),
+        ("figurine, 150 mm", demo_parts::figurine(DEFAULT_TRIANGLES)),
+    ];
+    for (name, mesh) in parts {
+        let mesh = mesh.expect("a demo part");
+        for weight in [1.0, 0.5] {
+            let row = thesis_row(name, &mesh, weight);
+            println!("{row}");
+            assert!(README.contains(&row), "README lacks\n{row}");
+        }
+    }
 }

@@ -38,8 +38,10 @@ pub struct OpwSpec {
     /// Wrist centre to flange, mm, 0 to 5000.
     pub c4_mm: f64,
     /// 1 or -1 for each joint.
+    #[schema(min_items = 6, max_items = 6)]
     pub sign_corrections: [i8; 6],
     /// Model angle at the vendor's zero, negated, degrees, -360 to 360 each.
+    #[schema(min_items = 6, max_items = 6)]
     pub offsets_deg: [f64; 6],
 }
 

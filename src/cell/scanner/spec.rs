@@ -36,6 +36,7 @@ pub struct ScannerSpec {
     pub mass_kg: f64,
     /// Centre of mass in the scanner frame, mm. Default: the origin.
     #[serde(default)]
+    #[schema(min_items = 3, max_items = 3)]
     pub centre_of_mass_mm: [f64; 3],
     /// Envelope for collision tests, in the scanner frame.
     #[serde(default)]
@@ -43,8 +44,10 @@ pub struct ScannerSpec {
     /// Measurement volume as its source states it from optics alone, along x, y, z, mm, 1 to 10000 each; compared with
     /// the volume derived here, used for nothing else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 3, max_items = 3)]
     pub stated_volume_mm: Option<[f64; 3]>,
     /// Practical measurement volume along x, y, z, mm, 1 to 10000 each.
+    #[schema(min_items = 3, max_items = 3)]
     pub practical_volume_mm: [f64; 3],
     /// Edge of the cube that blocks of a large part must fit in, mm, 1 to 10000.
     pub block_cube_mm: f64,
@@ -86,6 +89,7 @@ pub struct DeviceSpec {
     pub skew: f64,
     /// k1, k2, p1, p2, k3, each -10 to 10. Default 0.
     #[serde(default)]
+    #[schema(min_items = 5, max_items = 5)]
     pub distortion: [f64; 5],
     /// Largest incidence at which the device works, degrees, 1 to 89.9.
     pub incidence_max_deg: f64,
@@ -109,8 +113,10 @@ pub struct BoardPosesSpec {
 #[serde(deny_unknown_fields)]
 pub struct BoardPoseSpec {
     /// Rows of the rotation matrix; orthonormal to 1e-3, projected onto the nearest rotation.
+    #[schema(min_items = 3, max_items = 3)]
     pub rotation_rows: [[f64; 3]; 3],
     /// Origin of the board in the camera, mm.
+    #[schema(min_items = 3, max_items = 3)]
     pub translation_mm: [f64; 3],
 }
 

@@ -21,7 +21,8 @@ use crate::http::router::Site;
     tag = "events",
     operation_id = "follow_all",
     params(("Last-Event-ID" = Option<u32>, Header, description = "Id of the last event seen.")),
-    responses((status = 200, description = "The stream; it does not end.", content_type = "text/event-stream", body = String))
+    responses((status = 200, description = "The stream; it does not end.", content_type = "text/event-stream",
+        body = inline(super::super::openapi::ServerSentEvent)))
 )]
 pub(in crate::http) async fn all(State(site): State<Site>, headers: HeaderMap, params: Params) -> Result<Response, Problem> {
     params.end()?;
@@ -41,7 +42,8 @@ pub(in crate::http) async fn all(State(site): State<Site>, headers: HeaderMap, p
         ("Last-Event-ID" = Option<u32>, Header, description = "Id of the last event seen."),
     ),
     responses(
-        (status = 200, description = "The stream.", content_type = "text/event-stream", body = String),
+        (status = 200, description = "The stream.", content_type = "text/event-stream",
+        body = inline(super::super::openapi::ServerSentEvent)),
         (status = 204, description = "The job has ended and all its events were seen."),
     )
 )]

@@ -31,11 +31,11 @@ const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
     tag = "meshes",
     operation_id = "upload_mesh",
     params(
-        ("unit" = inline(super::super::docs::Unit), Query, description = "Unit of the file's coordinates; none of the formats says it."),
+        ("unit" = inline(super::super::openapi::Unit), Query, description = "Unit of the file's coordinates; none of the formats says it."),
         ("name" = Option<String>, Query, description = "Name for reports and lists.", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
+        ("Content-Digest" = Option<String>, Header, pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
     ),
-    request_body(description = "The file.", content((inline(super::super::docs::Bytes) = "application/octet-stream"))),
+    request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(
         (status = 201, description = "The mesh, with its health report.", body = Mesh,
             headers(("Location" = String, description = "Path of the mesh."))),
@@ -185,7 +185,7 @@ pub(in crate::http) async fn delete(
     operation_id = "get_mesh_file",
     params(("id" = uuid::Uuid, Path, description = "Id of the mesh.")),
     responses(
-        (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::docs::Bytes)),
+        (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has it."),
     )
 )]
@@ -219,7 +219,7 @@ pub(in crate::http) async fn file(
     operation_id = "get_mesh_preview",
     params(("id" = uuid::Uuid, Path, description = "Id of the mesh.")),
     responses(
-        (status = 200, description = "The preview.", content_type = "model/gltf-binary", body = inline(super::super::docs::Bytes)),
+        (status = 200, description = "The preview.", content_type = "model/gltf-binary", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has it."),
     )
 )]

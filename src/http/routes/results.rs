@@ -1,5 +1,6 @@
 //! What came out of a job. A result never changes: its tag is the hash of its bytes.
 
+
 use axum::extract::{Path, State};
 use axum::http::header::CONTENT_SECURITY_POLICY;
 use axum::http::{HeaderMap, HeaderValue};
@@ -10,7 +11,10 @@ use crate::http::extract::Params;
 use crate::http::negotiate::{Form, choose};
 use crate::http::problem::Problem;
 use crate::http::router::Site;
+use crate::wire::coverage::CoverageListing;
+use crate::wire::missed::MissedListing;
 use crate::wire::plan::PlanDocument;
+use crate::wire::viewpoints::ViewpointsDocument;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv; charset=utf-8";
@@ -107,20 +111,20 @@ result! {
 result! {
     /// The chosen viewpoints
     viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format" ["json", "csv"],
-    ("application/json", Object), ("text/csv", String)
+    ("application/json", ViewpointsDocument), ("text/csv", String)
 }
 result! {
     /// What is covered, and how well
     coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format" ["json", "csv"],
-    ("application/json", Object), ("text/csv", String)
+    ("application/json", CoverageListing), ("text/csv", String)
 }
 result! {
     /// What is missed, and why
-    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" ["json"], ("application/json", Object)
+    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" ["json"], ("application/json", MissedListing)
 }
 result! {
     /// Seconds spent in each stage
-    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" ["json"], ("application/json", Object)
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" ["json"], ("application/json", BTreeMap<String, f64>)
 }
 result! {
     /// The report for people
@@ -132,7 +136,7 @@ result! {
     ///
     /// The best grade by area majority, or why the face is missed.
     coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format" ["bin"],
-    ("application/octet-stream", super::super::docs::Bytes)
+    ("application/octet-stream", super::super::openapi::Bytes)
 }
 
 /// One of the files that came out, by name
@@ -148,7 +152,7 @@ result! {
     responses(
         (status = 200, description = "The file; it never changes.", content(
             (Object = "application/json"), (String = "text/csv"), (String = "text/html"), (String = "text/plain"),
-            (inline(super::super::docs::Bytes) = "application/octet-stream"),
+            (inline(super::super::openapi::Bytes) = "application/octet-stream"),
         )),
         (status = 304, description = "The client has it."),
     )

@@ -17,9 +17,9 @@ macro_rules! collection {
             use crate::service::{Precondition, SpecEntry};
             use crate::wire::{SpecCollection, SpecList};
 
-            #[doc = concat!("List all: presets and stored ones, by name")]
             #[utoipa::path(
                 get,
+                summary = concat!("List all ", $one, "s, presets and stored ones, by name"),
                 path = $list_path,
                 tag = "specifications",
                 operation_id = $list_id,
@@ -30,9 +30,9 @@ macro_rules! collection {
                 Ok(axum::Json(site.app.specs(SpecCollection::$variant).await?))
             }
 
-            #[doc = concat!("Look at a ", $one)]
             #[utoipa::path(
                 get,
+                summary = concat!("Look at a ", $one),
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $get_id,
@@ -57,18 +57,17 @@ macro_rules! collection {
                 Ok((StatusCode::OK, tag(&entry), JSON, entry.body).into_response())
             }
 
-            #[doc = concat!("Store a ", $one)]
-            ///
-            /// To replace one, say which version, with `If-Match`. Presets cannot be replaced.
             #[utoipa::path(
                 put,
+                summary = concat!("Store a ", $one),
+                description = "To replace one, say which version, with `If-Match`. Presets cannot be replaced.",
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $put_id,
                 params(
                     ("name" = String, Path, description = "Its name, as in the body.", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
                     ("If-Match" = Option<String>, Header, description = "Tag of the version to be replaced."),
-                    ("If-None-Match" = Option<String>, Header, description = "`*`: only if there is none."),
+                    ("If-None-Match" = Option<String>, Header, pattern = "^[*]$", description = "`*`: only if there is none."),
                 ),
                 request_body = $spec,
                 responses(
@@ -91,11 +90,10 @@ macro_rules! collection {
                 Ok((status, tag(&entry), JSON, entry.body).into_response())
             }
 
-            #[doc = concat!("Delete a stored ", $one)]
-            ///
-            /// Accepted jobs have their own copy and go on with it.
             #[utoipa::path(
                 delete,
+                summary = concat!("Delete a stored ", $one),
+                description = "Accepted jobs have their own copy and go on with it.",
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $delete_id,

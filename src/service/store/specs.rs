@@ -27,6 +27,8 @@ pub enum Precondition {
     Match(Vec<String>),
     /// `If-None-Match: *`: it must not exist.
     Absent,
+    /// Both of them, which nothing fulfils.
+    Never,
 }
 
 impl Precondition {
@@ -35,7 +37,7 @@ impl Precondition {
         match (self, now) {
             (Self::None, _) | (Self::Absent, None) => true,
             (Self::Match(tags), Some(now)) => tags.is_empty() || tags.iter().any(|tag| tag == now),
-            (Self::Absent, Some(_)) | (Self::Match(_), None) => false,
+            (Self::Absent, Some(_)) | (Self::Match(_), None) | (Self::Never, _) => false,
         }
     }
 }

@@ -106,9 +106,16 @@ impl Api {
         Self { router: http::router(app.clone(), http), app, folder }
     }
 
-    /// Files in the store that a row names, and files that none does yet.
-    pub(super) fn unfinished_files(&self) -> usize {
-        std::fs::read_dir(self.folder.path().join("unfinished")).expect("the folder").count()
+    /// Waits until no upload has left anything behind.
+    pub(super) async fn nothing_is_left(&self) {
+        let unfinished = self.folder.path().join("unfinished");
+        for _ in 0..100 {
+            if std::fs::read_dir(&unfinished).expect("the folder").count() == 0 {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        panic!("something is left in {}", unfinished.display());
     }
 
     pub(super) async fn raw(&self, request: Request<Body>) -> axum::response::Response {

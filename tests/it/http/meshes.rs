@@ -48,7 +48,7 @@ async fn a_form_is_taken_by_its_field() {
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, other).await.problem_at("bad_body", &["file"]);
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, body[..150].to_owned()).await.problem("bad_body");
     api.send("POST", "/api/v1/meshes?unit=mm", &[("content-type", "multipart/form-data")], body).await.problem("bad_body");
-    assert_eq!(api.unfinished_files(), 0);
+    api.nothing_is_left().await;
 }
 
 #[tokio::test]
@@ -56,7 +56,7 @@ async fn a_digest_is_held_against_the_file() {
     let api = Api::start().await;
     let right = format!("sha-512=:eA==:, sha-256=:{}:", BASE64_STANDARD.encode(Sha256::digest(cube(10.0))));
     api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &right)], cube(10.0)).await.ok(201);
-    api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &right)], cube(11.0)).await.problem("bad_digest");
+    api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &right)], cube(11.0)).await.problem("digest_mismatch");
     for unreadable in ["", "sha-256=abc", "sha-256=:eA==:", "md5=:eA==:", "sha-256=::", "\u{e4}"] {
         let answer = api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", unreadable)], cube(10.0)).await;
         answer.problem_at("bad_digest", &["Content-Digest"]);
@@ -71,7 +71,7 @@ async fn what_is_too_large_is_refused_before_and_while_it_comes() {
     assert!(announced.problem("too_large")["detail"].as_str().is_some_and(|detail| detail.contains("1000")));
     let endless = stream::repeat_with(|| Ok::<_, std::io::Error>(Bytes::from_static(&[0; 100])));
     api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(endless)).await.problem("too_large");
-    assert_eq!(api.unfinished_files(), 0);
+    api.nothing_is_left().await;
 }
 
 #[tokio::test]
@@ -81,13 +81,7 @@ async fn a_body_that_stalls_or_breaks_leaves_nothing() {
     api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(stalls)).await.problem("request_timeout");
     let breaks = stream::iter([Ok(Bytes::from_static(b"solid")), Err(std::io::Error::other("gone"))]);
     api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(breaks)).await.problem("bad_body");
-    for _ in 0..100 {
-        if api.unfinished_files() == 0 {
-            return;
-        }
-        tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-    }
-    panic!("{} files were left", api.unfinished_files());
+    api.nothing_is_left().await;
 }
 
 #[tokio::test]

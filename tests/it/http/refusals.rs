@@ -55,10 +55,17 @@ const CASES: &[Case] = &[
     ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "", "bad_json"),
     ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"mesh_id\"", "bad_json"),
     ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "\u{feff}{}", "bad_json"),
-    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"priority\":1e999}", "bad_json"),
-    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"seed\":NaN}", "bad_json"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"priority\":1e999}", "bad_shape"),
+    ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"priority\":NaN}", "bad_json"),
     ("/api/v1/jobs", "/api/v1/jobs", "POST", "application/json", "{\"priority\":1,\"priority\":2}", "bad_shape"),
-    ("/api/v1/jobs", "/api/v1/jobs?wait=1", "POST", "application/json", "{}", "bad_query"),
+    (
+        "/api/v1/jobs",
+        "/api/v1/jobs?wait=1",
+        "POST",
+        "application/json",
+        "{\"mesh_id\":\"01a1f77c-78a1-7554-855a-a9513c22aa2b\"}",
+        "bad_query",
+    ),
     ("/api/v1/jobs", "/api/v1/jobs?state=happy", "GET", "", "", "bad_query"),
     ("/api/v1/jobs", "/api/v1/jobs?page_token=x", "GET", "", "", "bad_page_token"),
     ("/api/v1/jobs", "/api/v1/jobs", "DELETE", "", "", "method_not_allowed"),
@@ -146,8 +153,8 @@ async fn compressed_bodies_are_refused() {
 async fn preconditions_are_read_strictly() {
     let api = Api::start().await;
     for headers in [
-        &[("if-match", "*"), ("if-none-match", "*")][..],
-        &[("if-none-match", "\"1\"")],
+        &[("if-none-match", "\"1\"")][..],
+        &[("if-match", "*"), ("if-none-match", "\"1\"")],
         &[("if-match", "\"1\""), ("if-match", "\"2\"")],
         &[("if-match", "\u{e4}")],
     ] {

@@ -34,6 +34,7 @@ async fn a_specification_is_stored_replaced_and_deleted() {
         assert_eq!(required.header("etag"), created.header("etag"));
         put(&api, &path, &spec, &[("if-none-match", "*")]).await.problem("precondition_failed");
         put(&api, &path, &spec, &[("if-match", "\"0\"")]).await.problem("precondition_failed");
+        put(&api, &path, &spec, &[("if-match", "*"), ("if-none-match", "*")]).await.problem("precondition_failed");
         put(&api, &path, &spec, &[("if-match", &format!("W/{}", created.header("etag")))]).await.problem("precondition_failed");
         let replaced = put(&api, &path, &spec, &[("if-match", created.header("etag"))]).await;
         replaced.ok(200);

@@ -1,0 +1,180 @@
+//! The OpenAPI document: its frame, schemas that only it needs, and what the routes' own descriptions cannot say.
+
+use utoipa::ToSchema;
+use utoipa::openapi::link::Link;
+use utoipa::openapi::path::{Operation, Parameter};
+use utoipa::openapi::schema::{AdditionalProperties, Schema, SchemaType, Type};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
+use utoipa::openapi::{ContentBuilder, OpenApi, PathItem, Ref, RefOr, ResponseBuilder, SecurityRequirement};
+
+use super::problem::PROBLEM_JSON;
+use crate::wire;
+
+/// The document's frame; the routes add themselves.
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "Vantage",
+        description = "Plans automated 3D scans: mesh and cell in; viewpoints, proof of coverage, reasons for what is missed, \
+                       collision-free motion and robot program out.\n\nUnits are in the keys. Unknown fields are refused. \
+                       Every answer that is not 2xx or 3xx is a problem (RFC 9457) with a stable `code`.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
+        contact()
+    ),
+    tags(
+        (name = "meshes", description = "Parts and fixtures."),
+        (name = "specifications", description = "Scanners, robots, turntables and cells."),
+        (name = "jobs", description = "Planning."),
+        (name = "results", description = "What came out of a job."),
+        (name = "events", description = "What happens to jobs, as it happens."),
+        (name = "server", description = "The server itself.")
+    ),
+    components(schemas(wire::Problem, wire::JobEvent))
+)]
+pub(super) struct ApiDoc;
+
+/// Unit of length of a mesh file.
+#[derive(ToSchema)]
+#[schema(rename_all = "lowercase")]
+#[expect(dead_code, reason = "only its schema is used; the geometry room knows no schemas")]
+pub(super) enum Unit {
+    Mm,
+    Cm,
+    M,
+    Inch,
+}
+
+/// Bytes.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "only its schema is used")]
+pub(super) struct Bytes(Vec<u8>);
+
+/// One server-sent event.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "only its schema is used; events are written by axum")]
+pub(super) struct ServerSentEvent {
+    /// Number of the event, for `Last-Event-ID`; `reset` has none.
+    id: String,
+    /// `queued`, `started`, `progress`, `cancelling`, `succeeded`, `failed`, `cancelled`, `deleted` or `reset`.
+    event: String,
+    /// A `JobEvent` as JSON; of `reset` an empty object.
+    data: String,
+}
+
+/// Adds what all routes share, and straightens what the derived schemas cannot express.
+pub(super) fn complete(openapi: &mut OpenApi) {
+    for (path, item) in &mut openapi.paths.paths {
+        for operation in operations(item) {
+            add_problems(operation);
+            operation.parameters.iter_mut().flatten().for_each(forbid_null);
+            if path.starts_with("/api/") {
+                let keys = [SecurityRequirement::default(), SecurityRequirement::new::<_, _, &str>("key", [])];
+                operation.security = Some(keys.into());
+            }
+        }
+    }
+    add_links(openapi);
+    let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, where it has one.")).build();
+    let components = openapi.components.get_or_insert_default();
+    components.add_security_scheme("key", SecurityScheme::Http(key));
+    let combined: Vec<String> = components.schemas.values().flat_map(combined_names).collect();
+    for name in combined {
+        if let Some(RefOr::T(Schema::Object(object))) = components.schemas.get_mut(&name) {
+            open_up(&mut object.additional_properties);
+        }
+    }
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+    [&mut item.get, &mut item.put, &mut item.post, &mut item.delete].into_iter().flatten()
+}
+
+fn add_problems(operation: &mut Operation) {
+    let schema = Ref::from_schema_name("Problem");
+    let content = ContentBuilder::new().schema(Some(schema)).build();
+    for (status, description) in [("4XX", "The request is refused; `code` says why."), ("5XX", "The server cannot do this now.")]
+    {
+        let response = ResponseBuilder::new().description(description).content(PROBLEM_JSON, content.clone()).build();
+        operation.responses.responses.insert(status.to_owned(), response.into());
+    }
+}
+
+/// A parameter that need not be given is still never null: there is no way to write that in a path, query or header.
+fn forbid_null(parameter: &mut RefOr<Parameter>) {
+    let RefOr::T(parameter) = parameter else { return };
+    match &mut parameter.schema {
+        Some(RefOr::T(Schema::Object(object))) => {
+            if let SchemaType::Array(types) = &mut object.schema_type {
+                types.retain(|kind| *kind != Type::Null);
+                if let [kind] = &types[..] {
+                    object.schema_type = SchemaType::Type(kind.clone());
+                }
+            }
+        }
+        Some(RefOr::T(Schema::OneOf(one_of))) => one_of.items.retain(|item| !is_null(item)),
+        _ => {}
+    }
+}
+
+fn is_null(schema: &RefOr<Schema>) -> bool {
+    matches!(schema, RefOr::T(Schema::Object(object)) if matches!(object.schema_type, SchemaType::Type(Type::Null)))
+}
+
+/// Names of the schemas that are one part of several in an `allOf`.
+fn combined_names(schema: &RefOr<Schema>) -> Vec<String> {
+    match schema {
+        RefOr::T(Schema::AllOf(all_of)) => all_of.items.iter().filter_map(name_of).collect(),
+        RefOr::T(Schema::OneOf(one_of)) => one_of.items.iter().flat_map(combined_names).collect(),
+        _ => Vec::new(),
+    }
+}
+
+fn name_of(schema: &RefOr<Schema>) -> Option<String> {
+    match schema {
+        RefOr::Ref(reference) => reference.ref_location.rsplit('/').next().map(str::to_owned),
+        RefOr::T(_) => None,
+    }
+}
+
+/// A part of an `allOf` cannot refuse the properties of the other parts.
+fn open_up(additional: &mut Option<Box<AdditionalProperties<Schema>>>) {
+    if matches!(additional.as_deref(), Some(AdditionalProperties::FreeForm(false))) {
+        *additional = None;
+    }
+}
+
+/// Says which answer leads on to which request.
+fn add_links(openapi: &mut OpenApi) {
+    let mut results = Vec::new();
+    for item in openapi.paths.paths.values_mut() {
+        let of_results = operations(item).filter(|o| o.tags.iter().flatten().any(|tag| tag == "results"));
+        results.extend(of_results.filter_map(|operation| operation.operation_id.clone()));
+    }
+    let of_job = ["get_job", "follow_job", "cancel_job", "delete_job"].map(str::to_owned);
+    let of_mesh = ["get_mesh", "get_mesh_file", "get_mesh_preview", "delete_mesh"];
+    for item in openapi.paths.paths.values_mut() {
+        for operation in operations(item) {
+            let id = operation.operation_id.clone().unwrap_or_default();
+            if id == "create_job" {
+                results.iter().chain(&of_job).for_each(|to| link(operation, "202", to, "id", "$response.body#/id"));
+            } else if id == "upload_mesh" {
+                of_mesh.iter().for_each(|to| link(operation, "201", to, "id", "$response.body#/id"));
+            } else if let Some(kind) = id.strip_prefix("put_") {
+                for to in ["get", "delete"] {
+                    link(operation, "201", &format!("{to}_{kind}"), "name", "$request.path.name");
+                }
+            }
+        }
+    }
+}
+
+fn link(operation: &mut Operation, status: &str, to: &str, parameter: &str, value: &str) {
+    if let Some(RefOr::T(response)) = operation.responses.responses.get_mut(status) {
+        let mut link = Link::builder().operation_id(to).parameter(parameter, value);
+        if to == "get_job_file" {
+            link = link.parameter("name", "plan.json");
+        }
+        response.links.insert(to.to_owned(), link.build().into());
+    }
+}
