@@ -11,7 +11,7 @@ use nalgebra::{Point3, Rotation3};
 use super::camera::Camera;
 use super::depth_buffer::DepthBuffer;
 use super::image::Image;
-use super::palette::Ink;
+use super::palette::{Ink, MissGroup};
 use super::shading::{Lamp, Shading};
 use crate::geometry::{Mesh, assess};
 use crate::planning::surface::{Patch, Surface};
@@ -44,18 +44,19 @@ impl<'a> Scene<'a> {
         develop(&eye.fine, |x, y| self.colour(&all, &eye, inks, x, y))
     }
 
-    /// The same, with missed surface glowing through whatever hides it.
+    /// The same, with missed surface glowing through whatever hides it; not what the part stands on, which would darken
+    /// all of it and is plain to see from below.
     pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
         let eye = Eye::new(camera);
         let all = self.rasterise(&eye.fine, |_| true);
-        let is_missed = |sample: usize| matches!(inks[sample], Ink::Missed(_));
-        let missed = self.rasterise(&eye.fine, |patch| samples_of(patch).any(is_missed));
+        let glows = |ink: Ink| matches!(ink, Ink::Missed(group) if group != MissGroup::Resting);
+        let missed = self.rasterise(&eye.fine, |patch| samples_of(patch).any(|sample| glows(inks[sample])));
         develop(&eye.fine, |x, y| {
             let front = self.colour(&all, &eye, inks, x, y)?;
             let hidden = missed.patch_at(x, y).filter(|patch| all.patch_at(x, y) != Some(*patch));
             let ink = hidden.map(|patch| inks[self.nearest_sample(self.patch(patch), &eye.point(&missed, x, y))]);
             Some(match ink {
-                Some(ink @ Ink::Missed(_)) => mixed(front, ink.rgb(), GLOW),
+                Some(ink) if glows(ink) => mixed(front, ink.rgb(), GLOW),
                 _ => front,
             })
         })

@@ -117,6 +117,9 @@ fn misses_show_through_what_hides_them_and_nothing_else_does() {
     assert_eq!(pixel(&through, 20, 40), pixel(&plain, 20, 40), "beside the hidden square");
     let (seen, covered) = (pixel(&through, 40, 40), pixel(&plain, 40, 40));
     assert!(seen[0] > seen[1] + 30, "the hidden miss reddens {covered:?} to {seen:?}");
+    let resting = Ink::Missed(MissGroup::Resting);
+    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]);
+    assert_eq!(pixel(&stands, 40, 40), covered, "what the part stands on does not darken it");
     let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]);
     assert_eq!(ink_of(pixel(&measured, 40, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }
