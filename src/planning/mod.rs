@@ -2,6 +2,7 @@
 //! A stage imports only earlier stages; [`plan()`] sees all of them.
 
 pub mod candidates;
+mod cause;
 pub mod context;
 mod missed;
 mod motion;

@@ -145,7 +145,7 @@ impl Study<'_> {
             if rests {
                 return Cause::ExcludedResting;
             }
-            motion_cause[sample].or_else(|| missed::cause_of(self.table.furthest[sample])).unwrap_or(Cause::NotChosen)
+            motion_cause[sample].unwrap_or(self.table.furthest[sample])
         };
         (0..samples)
             .map(|sample| match best_quality[sample] {

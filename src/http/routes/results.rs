@@ -1,6 +1,5 @@
 //! What came out of a job. A result never changes: its tag is the hash of its bytes.
 
-
 use axum::extract::{Path, State};
 use axum::http::header::CONTENT_SECURITY_POLICY;
 use axum::http::{HeaderMap, HeaderValue};
