@@ -3,6 +3,7 @@
 mod architecture;
 mod closed_form;
 mod http;
+mod goldens;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;
