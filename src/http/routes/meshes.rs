@@ -33,7 +33,7 @@ const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
     params(
         ("unit" = inline(super::super::openapi::Unit), Query, description = "Unit of the file's coordinates; none of the formats says it."),
         ("name" = Option<String>, Query, description = "Name for reports and lists.", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
+        ("Content-Digest" = Option<String>, Header, example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:", pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
     ),
     request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(
