@@ -107,7 +107,6 @@ fn documented(site: Option<&Site>) -> OpenApiRouter<Site> {
 }
 
 /// The router that serves `app`.
-#[must_use]
 pub fn router(app: App, options: Options) -> Router {
     let site = Site { app, options: Arc::new(options) };
     let (router, _) = documented(Some(&site)).split_for_parts();

@@ -5,32 +5,12 @@ use nalgebra::Vector3;
 
 use super::plan::{Cause, MissedCause, MissedSpot, Verdict};
 use super::surface::Surface;
-use super::visibility::Step;
 use crate::geometry::{Mesh, Part, Pose, Table, connected_components};
 
 /// How near the plate a sample lies that the part rests on, mm.
 const RESTING_WITHIN_MM: f64 = 0.1;
 /// How steeply it must face down: within 8° of the vertical.
 const RESTING_NORMAL_COS: f64 = -0.99;
-
-/// The cause that a failing step stands for; `None` for [`Step::Measured`].
-#[must_use]
-pub(super) fn cause_of(step: Step) -> Option<Cause> {
-    Some(match step {
-        Step::Facing => Cause::Facing,
-        Step::Depth => Cause::Depth,
-        Step::FrameLeft => Cause::FrameLeft,
-        Step::FrameRight => Cause::FrameRight,
-        Step::FrameProjector => Cause::FrameProjector,
-        Step::IncidenceLeft => Cause::IncidenceLeft,
-        Step::IncidenceRight => Cause::IncidenceRight,
-        Step::IncidenceProjector => Cause::IncidenceProjector,
-        Step::ShadowLeft => Cause::ShadowLeft,
-        Step::ShadowRight => Cause::ShadowRight,
-        Step::ShadowProjector => Cause::ShadowProjector,
-        Step::Measured => return None,
-    })
-}
 
 /// Whether a sample belongs to the faces that the part stands on.
 #[must_use]

@@ -2,11 +2,14 @@
 //! A stage imports only earlier stages; [`plan()`] sees all of them.
 
 pub mod candidates;
+mod cause;
 pub mod context;
+mod error;
 mod missed;
 mod motion;
 pub mod params;
 mod pipeline;
+mod placement;
 pub mod plan;
 pub mod report;
 pub mod selection;
@@ -16,4 +19,5 @@ mod study;
 pub mod surface;
 pub mod visibility;
 
-pub use pipeline::{PlanError, PlanInput, plan, resting};
+pub use error::PlanError;
+pub use pipeline::{PlanInput, plan, resting};

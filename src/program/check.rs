@@ -220,7 +220,7 @@ impl Linter<'_> {
 
     fn travel(&mut self, index: usize, step: &Move, here: &Configuration) {
         let points: Vec<_> = std::iter::once(here).chain(&step.via_rad).chain([&step.target_rad]).copied().collect();
-        if !points[1..].iter().fold(true, |within, point| self.within_limits(index, point) && within) {
+        if points[1..].iter().filter(|point| !self.within_limits(index, point)).count() > 0 {
             return;
         }
         if !(step.speed_fraction > 0.0 && step.speed_fraction <= 1.0) {
@@ -276,8 +276,9 @@ impl Linter<'_> {
             }
         }
         let (stated, derived) = (program.cycle_secs, program.steps.iter().map(Step::secs).sum::<f64>());
-        // Not `>`: a cycle time that is no number is wrong too.
-        if !((stated - derived).abs() <= ROUNDING_SECS) {
+        // A cycle time that is no number agrees with nothing.
+        let agrees = (stated - derived).abs() <= ROUNDING_SECS;
+        if !agrees {
             self.find(None, Fault::CycleTime { stated, derived });
         }
     }

@@ -7,11 +7,13 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use vantage::cell::{BodySpec, CellSpec, CollisionScene, Named, PoseSpec, Presets, RotationSpec, ShapeSpec, SpecLibrary};
 use vantage::geometry::{Flange, Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::stations::solve_some;
+
+use crate::support::box_mesh;
 
 /// Distance of the robot's foot from the table's axis.
 const FOOT_MM: [f64; 6] = [300.0, 350.0, 375.0, 400.0, 450.0, 500.0];
@@ -103,10 +105,7 @@ fn layout(foot_mm: f64, table_mm: f64, mount: Mount) -> CellSpec {
 }
 
 fn cube(edge_mm: f64) -> Mesh {
-    let corner = |i: usize| Point3::new((i & 1) as f64, ((i >> 1) & 1) as f64, ((i >> 2) & 1) as f64) * edge_mm;
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
+    box_mesh([0.0; 3], [edge_mm; 3])
 }
 
 /// Looks at the cube's centre, baseline level.

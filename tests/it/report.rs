@@ -130,11 +130,11 @@ fn sequence(views: usize) -> Sequence {
 
 /// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.
 fn sphere_outcome(mesh: &Mesh) -> Outcome {
-    let mut params = PlanParams::default();
-    params.part = PartParams { patch_edge_mm: Some(5.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
-    params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }];
-    let surface =
-        surface::sample(mesh, &params.part, &RegionParams { exclude: params.regions.exclude.clone() }, 0).expect("a surface");
+    let part = PartParams { patch_edge_mm: Some(5.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
+    let regions =
+        RegionParams { exclude: vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }] };
+    let surface = surface::sample(mesh, &part, &regions, 0).expect("a surface");
+    let params = PlanParams { part, regions, ..PlanParams::default() };
     let sides =
         [(Vector3::x(), Label::Right), (-Vector3::y(), Label::Front), (-Vector3::x(), Label::Left), (Vector3::z(), Label::Top)];
     let poses = sides.map(|(direction, _)| looking_from(direction));

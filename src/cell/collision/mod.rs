@@ -67,6 +67,19 @@ struct Pair {
     reach_mm: Configuration,
 }
 
+/// A straight way in joint space.
+struct Segment<'a> {
+    from: &'a Configuration,
+    travel: &'a Configuration,
+}
+
+impl Segment<'_> {
+    /// The configuration at `share` of the way.
+    fn at(&self, share: f64) -> Configuration {
+        std::array::from_fn(|axis| self.from[axis] + share * self.travel[axis])
+    }
+}
+
 /// Where every body is at one configuration.
 struct Placement {
     poses: Vec<ParryPose>,
@@ -112,7 +125,8 @@ impl CollisionScene {
     /// The first pair that is closer than the clearance; `None` when all is clear.
     #[must_use]
     pub fn check(&self, configuration: &Configuration) -> Option<Contact> {
-        self.contact(&self.place(configuration), &[0.0; 7])
+        let placement = self.place(configuration);
+        self.pairs.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
     }
 
     /// The first pair found closer than the clearance on the straight segment in joint space, both ends included.
@@ -126,27 +140,42 @@ impl CollisionScene {
         let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
         let widest_rad = travel.iter().fold(0.0, |widest: f64, angle| widest.max(angle.abs()));
         let steps = (widest_rad / STEP_RAD).ceil().max(1.0);
-        self.check(from).or_else(|| self.check(to)).or_else(|| {
-            (0..steps as u64).find_map(|step| {
-                let middle = (step as f64 + 0.5) / steps;
-                self.check_around(from, &travel, middle, 0.5 / steps)
-            })
-        })
+        let segment = Segment { from, travel: &travel };
+        self.check(from).or_else(|| self.check(to)).or_else(|| self.check_inside(&segment, steps).err())
     }
 
-    /// Proves the piece `middle ± half` of a segment free, or finds a contact in it.
-    fn check_around(&self, from: &Configuration, travel: &Configuration, middle: f64, half: f64) -> Option<Contact> {
-        let configuration: Configuration = std::array::from_fn(|axis| from[axis] + middle * travel[axis]);
-        let sweep = travel.map(|angle| half * angle.abs());
-        let placement = self.place(&configuration);
-        self.contact(&placement, &sweep)?;
-        if let Some(contact) = self.contact(&placement, &[0.0; 7]) {
-            return Some(contact);
+    /// Proves a segment free. Pieces are looked at coarse to fine, all of one length before any shorter one: a contact
+    /// mostly shows early. A pair that is far enough apart for its whole piece is done with; for the others the piece is
+    /// halved.
+    fn check_inside(&self, segment: &Segment<'_>, steps: f64) -> Result<(), Contact> {
+        let all: Vec<&Pair> = self.pairs.iter().collect();
+        let mut pieces: Vec<(f64, Vec<&Pair>)> =
+            (0..steps as u64).map(|step| ((step as f64 + 0.5) / steps, all.clone())).collect();
+        let mut half = 0.5 / steps;
+        while !pieces.is_empty() {
+            let mut finer = Vec::new();
+            for (middle, pairs) in pieces {
+                let open = self.look(segment, middle, half, &pairs)?;
+                if !open.is_empty() {
+                    finer.extend([(middle - 0.5 * half, open.clone()), (middle + 0.5 * half, open)]);
+                }
+            }
+            (pieces, half) = (finer, 0.5 * half);
         }
-        if self.pairs.iter().all(|pair| pair.motion_mm(&sweep) <= self.clearance_mm) {
-            return None;
+        Ok(())
+    }
+
+    /// The pairs of which the piece `middle ± half` of a segment is not yet proved free, or one that is in contact in
+    /// its middle.
+    fn look<'a>(&'a self, segment: &Segment<'_>, middle: f64, half: f64, pairs: &[&'a Pair]) -> Result<Vec<&'a Pair>, Contact> {
+        let sweep = segment.travel.map(|angle| half * angle.abs());
+        let placement = self.place(&segment.at(middle));
+        let mut open: Vec<&Pair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep)).copied().collect();
+        if let Some(pair) = open.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])) {
+            return Err(self.contact_of(pair));
         }
-        [-0.5, 0.5].iter().find_map(|side| self.check_around(from, travel, middle + side * half, 0.5 * half))
+        open.retain(|pair| pair.motion_mm(&sweep) > self.clearance_mm);
+        Ok(open)
     }
 
     /// Whether a point lies in a body that does not move (obstacle, table, floor, the robot's foot).
@@ -171,14 +200,11 @@ impl CollisionScene {
         Placement { poses, boxes }
     }
 
-    /// The first pair that comes closer than the clearance while every axis moves by up to `sweep`.
-    fn contact(&self, placement: &Placement, sweep: &Configuration) -> Option<Contact> {
-        self.pairs
-            .iter()
-            .find(|pair| self.is_near(pair, placement, sweep))
-            .map(|pair| Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) })
+    fn contact_of(&self, pair: &Pair) -> Contact {
+        Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) }
     }
 
+    /// Whether the two may come closer than the clearance while every axis moves by up to `sweep`.
     fn is_near(&self, pair: &Pair, placement: &Placement, sweep: &Configuration) -> bool {
         let margin = (self.clearance_mm + pair.motion_mm(sweep)) as f32;
         placement.boxes[pair.a].loosened(margin).intersects(&placement.boxes[pair.b])

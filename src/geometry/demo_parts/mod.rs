@@ -25,9 +25,9 @@ pub const TRIANGLES: RangeInclusive<usize> = 8_000..=2_000_000;
 /// The parts there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DemoPart {
-    /// [`base`]
+    /// [`base()`]
     Base,
-    /// [`figurine`]
+    /// [`figurine()`]
     Figurine,
 }
 

@@ -112,7 +112,7 @@ fn join_to_home(stations: &[(ViewId, &[Station])], routes: &Routes<'_>, ctx: &Co
             let joined = of_view.par_iter().map(|station| {
                 ctx.check()?;
                 let configuration = station.configuration();
-                let route = routes.from_home(&configuration);
+                let route = routes.home_route(&configuration);
                 ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
                 Ok(route.map(|route| (configuration, route)))
             });

@@ -63,7 +63,7 @@ impl<'a> Routes<'a> {
     }
 
     /// The quickest free way from home that is known; `None` where there is none.
-    pub(super) fn from_home(&self, station: &Configuration) -> Option<Route> {
+    pub(super) fn home_route(&self, station: &Configuration) -> Option<Route> {
         let home = &self.cell.home_rad;
         if self.is_free(home, station) {
             return Some(self.route(home, Vec::new(), station));

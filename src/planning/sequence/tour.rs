@@ -120,6 +120,8 @@ struct Search<'a> {
     to_here: Vec<Vec<f64>>,
     to_home: Vec<Vec<f64>>,
     secs: f64,
+    /// Shortest step between any nodes of two groups, row-major, (groups + 1)²; the last row and column are home.
+    least_steps: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
@@ -129,7 +131,8 @@ impl<'a> Search<'a> {
         } else {
             known.iter().filter_map(|node| groups.iter().position(|group| group.contains(node))).collect()
         };
-        let mut search = Self { groups, costs, order, to_here: Vec::new(), to_home: Vec::new(), secs: 0.0 };
+        let least_steps = least_steps(groups, costs);
+        let mut search = Self { groups, costs, order, to_here: Vec::new(), to_home: Vec::new(), secs: 0.0, least_steps };
         search.refresh();
         search
     }
@@ -147,7 +150,8 @@ impl<'a> Search<'a> {
             ctx.check()?;
             for last in first + 1..self.order.len() {
                 let limit = self.secs - LEAST_GAIN_SECS;
-                let better = rearranged(&self.order[first..=last]).find(|piece| self.with_piece(first, piece) < limit);
+                let better = rearranged(&self.order[first..=last])
+                    .find(|piece| self.at_least(first, piece) < limit && self.with_piece(first, piece) < limit);
                 if let Some(better) = better {
                     self.order[first..=last].copy_from_slice(&better);
                     self.refresh();
@@ -155,6 +159,21 @@ impl<'a> Search<'a> {
             }
         }
         Ok(self.secs < before)
+    }
+
+    /// A quick lower bound of [`Self::with_piece`]: every step between the nearest nodes of its groups.
+    fn at_least(&self, first: usize, piece: &[usize]) -> f64 {
+        let least = |secs: &[f64]| secs.iter().copied().fold(f64::INFINITY, f64::min);
+        let (home, after) = (self.groups.len(), first + piece.len());
+        let before = first.checked_sub(1).map_or((home, 0.0), |i| (self.order[i], least(&self.to_here[i])));
+        let onward = self.order.get(after).map_or((home, 0.0), |group| (*group, least(&self.to_home[after])));
+        let mut from = before.0;
+        let mut secs = before.1 + onward.1;
+        for to in piece.iter().chain([&onward.0]) {
+            secs += self.least_steps[from * (home + 1) + to];
+            from = *to;
+        }
+        secs
     }
 
     /// Time of the tour with `piece` in place of as many groups from position `first` on.
@@ -223,6 +242,15 @@ impl<'a> Search<'a> {
         }
         tour
     }
+}
+
+fn least_steps(groups: &[Range<usize>], costs: &Costs) -> Vec<f64> {
+    let home = costs.nodes..costs.nodes + 1;
+    let all: Vec<_> = groups.iter().chain([&home]).collect();
+    let least = |a: &Range<usize>, b: &Range<usize>| {
+        a.clone().flat_map(|from| b.clone().map(move |to| costs.get(from, to))).fold(f64::INFINITY, f64::min)
+    };
+    all.iter().flat_map(|a| all.iter().map(move |b| least(a, b))).collect()
 }
 
 /// `piece` reversed, and with up to three groups moved from its front to its back or the other way, as they are or turned.

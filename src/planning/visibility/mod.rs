@@ -11,13 +11,14 @@ mod view;
 
 use rayon::prelude::*;
 
+use super::cause::Cause;
 use super::context::{Cancelled, Context};
 use super::params::{Engine, PlanParams};
 use super::surface::Surface;
 use crate::cell::Scanner;
 use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
 
-pub use view::{Optics, Step};
+pub use view::Optics;
 
 /// What one view measures.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,8 +34,8 @@ pub struct Row {
 pub struct Table {
     /// One a view.
     pub rows: Vec<Row>,
-    /// For each sample the step at which the view that gets furthest fails: [`Step::Measured`] when one measures it.
-    pub furthest: Vec<Step>,
+    /// For each sample why it is not measured by the view that gets furthest, among those that do not measure it.
+    pub furthest: Vec<Cause>,
 }
 
 /// Computes the table with the engine that `params` names.
@@ -56,7 +57,7 @@ pub fn cast(
 }
 
 /// Rebuilds the rows from blocks of samples: block-major pieces to view-major rows, in sample order.
-fn assemble(views: usize, blocks: Vec<(Vec<Row>, Vec<Step>)>) -> Table {
+fn assemble(views: usize, blocks: Vec<(Vec<Row>, Vec<Cause>)>) -> Table {
     let rows = (0..views)
         .into_par_iter()
         .map(|view| {

@@ -6,9 +6,10 @@
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::view::{Optics, SHADOWS, Step, View};
+use super::view::{Optics, SHADOWS, View};
 use super::{Row, Table, assemble};
 use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
+use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;
 
@@ -46,20 +47,22 @@ fn cast_block(
     scene: &RayScene,
     samples: std::ops::Range<usize>,
     ctx: &Context<'_>,
-) -> Result<(Vec<Row>, Vec<Step>), Cancelled> {
-    let mut furthest = vec![Step::Facing; samples.len()];
+) -> Result<(Vec<Row>, Vec<Cause>), Cancelled> {
+    let mut furthest = vec![Cause::Facing; samples.len()];
     let mut rows = Vec::with_capacity(views.len());
     for view in views {
         ctx.check()?;
         let mut row = Row::default();
         for sample in samples.clone() {
-            let result = measure(surface, view, scene, sample);
-            let step = result.err().unwrap_or(Step::Measured);
-            let best = &mut furthest[sample - samples.start];
-            *best = (*best).max(step);
-            if let Ok(quality) = result {
-                row.samples.push(sample as u32);
-                row.quality.push(quality);
+            match measure(surface, view, scene, sample) {
+                Ok(quality) => {
+                    row.samples.push(sample as u32);
+                    row.quality.push(quality);
+                }
+                Err(cause) => {
+                    let furthest = &mut furthest[sample - samples.start];
+                    *furthest = (*furthest).max(cause);
+                }
             }
         }
         rows.push(row);
@@ -67,12 +70,12 @@ fn cast_block(
     Ok((rows, furthest))
 }
 
-fn measure(surface: &Surface, view: &View<'_>, scene: &RayScene, sample: usize) -> Result<f32, Step> {
+fn measure(surface: &Surface, view: &View<'_>, scene: &RayScene, sample: usize) -> Result<f32, Cause> {
     let p = &surface.sample_mm[sample];
     let quality = view.before_shadow(p, &surface.patch_of(sample).normal)?;
-    for (centre, step) in view.centres_mm.iter().zip(SHADOWS) {
+    for (centre, cause) in view.centres_mm.iter().zip(SHADOWS) {
         if scene.blocked(centre, p, RAY_END_SHARE) {
-            return Err(step);
+            return Err(cause);
         }
     }
     Ok(quality)

@@ -88,22 +88,21 @@ fn a_step_hides_a_strip_from_the_camera_behind_it() {
 }
 
 #[test]
-fn the_furthest_step_names_what_fails() {
+fn the_furthest_view_names_the_cause() {
     let mesh = box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 20.0]);
     let surface = sampled(&mesh, 1.0);
-    let steps = |height_mm: f64, params: &PlanParams| {
+    let causes = |height_mm: f64, params: &PlanParams| {
         let table = table(&mesh, &surface, &[looking_down(height_mm)], params);
         let top = |sample: &usize| surface.patch_of(*sample).normal.z > 0.9;
         (0..surface.sample_mm.len()).filter(top).map(|sample| table.furthest[sample]).collect::<BTreeSet<_>>()
     };
     let plain = PlanParams::default();
-    assert_eq!(steps(500.0, &plain), BTreeSet::from([Step::Measured]));
-    assert_eq!(steps(300.0, &plain), BTreeSet::from([Step::Depth]));
-    assert_eq!(steps(-300.0, &plain), BTreeSet::from([Step::Facing]));
+    assert_eq!(causes(300.0, &plain), BTreeSet::from([Cause::Depth]));
+    assert_eq!(causes(-300.0, &plain), BTreeSet::from([Cause::Facing]));
     let mut strict = PlanParams::default();
     // At the middle the cameras see the face at 11.9°: no sample is within 11.7° of both.
     strict.limits.camera_deg = Some(11.7);
-    assert_eq!(steps(500.0, &strict), BTreeSet::from([Step::IncidenceLeft, Step::IncidenceRight]));
+    assert_eq!(causes(500.0, &strict), BTreeSet::from([Cause::IncidenceLeft, Cause::IncidenceRight]));
 }
 
 #[test]

@@ -5,41 +5,13 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::cell::{DeviceName, Lens, Scanner};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::planning::cause::Cause;
 use crate::planning::params::{PlanParams, ScoreAngle};
 
-/// How far a sample gets from one viewpoint; the step at which it fails.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Step {
-    /// Faces away from a device.
-    Facing,
-    /// Outside the working depth.
-    Depth,
-    /// Outside the left camera's image.
-    FrameLeft,
-    /// Outside the right camera's image.
-    FrameRight,
-    /// Outside the projector's field.
-    FrameProjector,
-    /// Too oblique for the left camera.
-    IncidenceLeft,
-    /// Too oblique for the right camera.
-    IncidenceRight,
-    /// Too oblique for the projector.
-    IncidenceProjector,
-    /// Hidden from the left camera.
-    ShadowLeft,
-    /// Hidden from the right camera.
-    ShadowRight,
-    /// Hidden from the projector.
-    ShadowProjector,
-    /// Fails nowhere.
-    Measured,
-}
-
-const FRAMES: [Step; 3] = [Step::FrameLeft, Step::FrameRight, Step::FrameProjector];
-const INCIDENCES: [Step; 3] = [Step::IncidenceLeft, Step::IncidenceRight, Step::IncidenceProjector];
-/// The shadow step of each device.
-pub(super) const SHADOWS: [Step; 3] = [Step::ShadowLeft, Step::ShadowRight, Step::ShadowProjector];
+const FRAMES: [Cause; 3] = [Cause::FrameLeft, Cause::FrameRight, Cause::FrameProjector];
+const INCIDENCES: [Cause; 3] = [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector];
+/// What it is called when a device does not see a sample.
+pub(super) const SHADOWS: [Cause; 3] = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector];
 
 /// The scanner and the limits of the job, ready for many samples.
 pub struct Optics {
@@ -111,16 +83,16 @@ pub struct View<'a> {
 
 impl View<'_> {
     /// The first step before any shadow at which a sample fails; else its quality.
-    pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> Result<f32, Step> {
+    pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> Result<f32, Cause> {
         let optics = self.optics;
         let towards = self.centres_mm.map(|centre| centre - p);
         let along_normal = towards.map(|direction| normal.dot(&direction));
         if along_normal.iter().any(|cos| *cos <= 0.0) {
-            return Err(Step::Facing);
+            return Err(Cause::Facing);
         }
         let in_scanner = self.scanner_from_part * p;
         if !(optics.near_mm <= in_scanner.z && in_scanner.z <= optics.far_mm) {
-            return Err(Step::Depth);
+            return Err(Cause::Depth);
         }
         for (device, step) in optics.devices.iter().zip(FRAMES) {
             device.lens.project(&(device.device_from_scanner * in_scanner)).ok_or(step)?;

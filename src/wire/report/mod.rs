@@ -5,6 +5,7 @@
 
 mod camera;
 mod chart;
+mod depth_buffer;
 mod image;
 mod markup;
 mod page;

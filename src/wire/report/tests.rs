@@ -117,32 +117,37 @@ fn misses_show_through_what_hides_them_and_nothing_else_does() {
     assert_eq!(pixel(&through, 20, 40), pixel(&plain, 20, 40), "beside the hidden square");
     let (seen, covered) = (pixel(&through, 40, 40), pixel(&plain, 40, 40));
     assert!(seen[0] > seen[1] + 30, "the hidden miss reddens {covered:?} to {seen:?}");
+    let resting = Ink::Missed(MissGroup::Resting);
+    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]);
+    assert_eq!(pixel(&stands, 40, 40), covered, "what the part stands on does not darken it");
     let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]);
     assert_eq!(ink_of(pixel(&measured, 40, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }
 
 #[test]
-fn refined_patches_leave_no_pinholes() {
-    // Neighbouring triangles of different size are refined differently, so that corners meet edges.
-    let (vertices, faces) = square(37.0, 100.0);
-    let mut with_apex = vertices.to_vec();
-    with_apex.push([3.3, -5.7, 100.0]);
-    let mesh = mesh_of(&with_apex, &[[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]);
-    assert_eq!(faces.len(), 2);
-    let surface = surface_of(&mesh, 2.9);
-    let turned = Pose::claim(Isometry3::from_parts(
-        nalgebra::Translation3::new(0.7, -0.4, 12.3),
-        UnitQuaternion::from_euler_angles(0.31, -0.22, 0.47),
-    ));
-    let camera = Camera { camera_from_part: turned, ..camera() };
+fn corners_on_edges_leave_no_pinholes() {
+    // A square whose diagonal is one long edge below and many short ones above, as some files have it.
+    let (vertices, _) = square(37.0, 100.0);
+    let mut with_corners = vertices.to_vec();
+    with_corners.extend((1..40).map(|i| [f64::from(i) * 1.85 - 37.0, f64::from(i) * 1.85 - 37.0, 100.0]));
+    let along: Vec<u32> = std::iter::once(0).chain(4..43).chain([2]).collect();
+    let mut faces = vec![[0, 1, 2]];
+    faces.extend(along.windows(2).map(|pair| [pair[0], pair[1], 3]));
+    let mesh = mesh_of(&with_corners, &faces);
+    let surface = surface_of(&mesh, 1000.0);
+    let scene = Scene::new(&mesh, &surface);
     let inks = vec![INK_A; surface.sample_mm.len()];
-    let image = Scene::new(&mesh, &surface).render(&camera, &inks);
-    // Within a row, opaque pixels must be one run.
-    for row in image.rgba.chunks(80) {
-        let first = row.iter().position(|pixel| pixel[3] == 255);
-        let last = row.iter().rposition(|pixel| pixel[3] == 255);
-        if let (Some(first), Some(last)) = (first, last) {
-            assert!(row[first..=last].iter().all(|pixel| pixel[3] == 255));
+    for turn in 0..12 {
+        let rotation = UnitQuaternion::from_euler_angles(0.31, -0.22, 0.47 * f64::from(turn));
+        let camera_from_part = Pose::claim(Isometry3::from_parts(nalgebra::Translation3::new(0.7, -0.4, 12.3), rotation));
+        let image = scene.render(&Camera::fitted(camera_from_part, [640, 480], &mesh.vertices_mm), &inks);
+        // Within a row, opaque pixels must be one run.
+        for row in image.rgba.chunks(640) {
+            let first = row.iter().position(|pixel| pixel[3] == 255);
+            let last = row.iter().rposition(|pixel| pixel[3] == 255);
+            if let (Some(first), Some(last)) = (first, last) {
+                assert!(row[first..=last].iter().all(|pixel| pixel[3] == 255), "a pinhole at turn {turn}");
+            }
         }
     }
 }

@@ -12,7 +12,7 @@ use super::pictures;
 use super::renderer::Scene;
 use super::words;
 use crate::cell::PoseSpec;
-use crate::planning::plan::{Grade, PlannedView, Verdict, share};
+use crate::planning::plan::{Cause, Grade, PlannedView, Verdict, share};
 use crate::planning::stations::Station;
 use crate::planning::visibility::Row;
 
@@ -30,12 +30,15 @@ pub(super) fn overviews(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
 
 /// The part from three sides, its misses showing through; empty when nothing is missed.
 pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
-    if input.outcome.plan.missed.is_empty() {
+    let missed = &input.outcome.plan.missed;
+    if missed.is_empty() {
         return String::new();
     }
+    let rests = missed.iter().any(|missed| missed.cause == Cause::ExcludedResting);
+    let resting = if rests { " What the part stands on shows from below only." } else { "" };
     format!(
         "<section>\n<h2>Where it is missed</h2>\n<p>The part in grey, seen through: every missed spot shows in the colour of its cause, \
-         paler where something hides it from this side.</p>\n{}{}</section>\n",
+         paler where something hides it from this side.{resting}</p>\n{}{}</section>\n",
         three_sides(|side| pictures::misses(input, scene, side)),
         legend(input, scene, &[])
     )
