@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Deserialize;
 use vantage::cell::{PoseSpec, Scanner};
-use vantage::geometry::{Mesh};
+use vantage::geometry::Mesh;
 use vantage::planning::candidates::{self, Scope};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PlanParams, Standoff};
