@@ -2,8 +2,8 @@
 
 mod architecture;
 mod closed_form;
-mod http;
 mod goldens;
+mod http;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;
