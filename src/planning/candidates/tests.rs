@@ -12,7 +12,9 @@ use crate::testing::{box_mesh, nominal_scanner};
 
 fn generated(extent_mm: [f64; 3], params: &CandidateParams) -> Generated {
     let mesh = box_mesh([0.0; 3], extent_mm);
-    let part = PartParams { patch_edge_mm: Some(15.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
+    let longest_mm = extent_mm.into_iter().fold(0.0, f64::max);
+    let (patch_edge_mm, samples_per_mm2) = (Some(0.15 * longest_mm), Some(6000.0 / mesh.area_mm2()));
+    let part = PartParams { patch_edge_mm, samples_per_mm2, ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let scanner = nominal_scanner();
     let scope = Scope { surface: &surface, scanner: &scanner, table_from_part: resting(&mesh) };
@@ -98,7 +100,8 @@ fn above_the_table_means_every_optical_centre() {
 #[test]
 fn a_viewpoint_in_the_middle_of_a_large_shell_is_dropped() {
     // A 1.2 m box: the inward blocks' viewpoints at the far side lie inside it.
-    let generated = generated([1200.0, 1200.0, 1200.0], &CandidateParams::default());
+    let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::default() };
+    let generated = generated([1200.0, 1200.0, 1200.0], &params);
     assert!(generated.rejected.iter().any(|(_, reason)| *reason == Rejection::InsidePart));
     let inside = |candidate: &Candidate| {
         let p = candidate.part_from_scanner.origin_mm();
