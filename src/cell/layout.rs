@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::axis::{Axes, Configuration};
 use super::body::{Body, unknown};
-use super::collision::CollisionScene;
+use super::collision::{CollisionScene, LEAST_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, SpecKind, SpecLibrary};
 use super::pose_spec::PoseSpec;
@@ -15,9 +15,6 @@ use super::scanner::{Scanner, ScannerSpec};
 use super::shape_spec::BodySpec;
 use super::turntable::{Turntable, TurntableSpec};
 use crate::geometry::{Base, Flange, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
-
-/// Clearance that the home position must have, mm: the least that a job may ask for.
-const HOME_CLEARANCE_MM: f64 = 1.0;
 
 /// A cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -201,8 +198,8 @@ impl Cell {
                 format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°", angle.to_degrees())
             });
         }
-        if let Some(contact) = CollisionScene::without_part(self, HOME_CLEARANCE_MM).check(&self.home_rad) {
-            findings.push("/home_deg", format!("collides: {contact} (closer than {HOME_CLEARANCE_MM} mm)"));
+        if let Some(contact) = CollisionScene::without_part(self, LEAST_CLEARANCE_MM).check(&self.home_rad) {
+            findings.push("/home_deg", format!("collides: {contact} (closer than {LEAST_CLEARANCE_MM} mm)"));
         }
         findings.into_result()
     }
