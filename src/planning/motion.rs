@@ -2,6 +2,7 @@
 
 use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
+use super::error::PlanError;
 use super::params::PlanParams;
 use super::pipeline::PlanInput;
 use super::plan::ViewId;
@@ -20,10 +21,23 @@ pub(super) struct Motion<'a> {
 }
 
 impl<'a> Motion<'a> {
-    pub(super) fn new(cell: &'a Cell, input: &PlanInput<'_>, params: &'a PlanParams, table_from_part: Pose<Table, Part>) -> Self {
+    /// # Errors
+    /// [`PlanError::BadParams`] when part or fixture meets what stands around or below the table.
+    pub(super) fn new(
+        cell: &'a Cell,
+        input: &PlanInput<'_>,
+        params: &'a PlanParams,
+        table_from_part: Pose<Table, Part>,
+    ) -> Result<Self, PlanError> {
         let clearance_mm = params.motion.clearance_mm;
         let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
-        Self { cell, scene, table_from_part, params }
+        match scene.placement_contact() {
+            Some(contact) => {
+                let detail = format!("lets {contact} meet; move the part, or what it meets");
+                Err(PlanError::param("/part/table_from_part", detail))
+            }
+            None => Ok(Self { cell, scene, table_from_part, params }),
+        }
     }
 
     /// Drops candidates that lie inside a standing body at every table angle.

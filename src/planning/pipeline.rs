@@ -53,7 +53,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let scope = Scope { surface: &surface, scanner: input.scanner, table_from_part };
     let generated = candidates::generate(&scope, &params.candidates, input.mesh, ctx)?;
 
-    let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part));
+    let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part)).transpose()?;
     let generated = motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));
     let poses: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
 
