@@ -15,5 +15,5 @@ pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
 
 /// The nominal rig of method §2.
 pub(crate) fn nominal_scanner() -> Scanner {
-    Presets.scanner("transcan-c-nominal").and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))
+    Presets.scanner("transcan-c-nominal").ok().and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))
 }

@@ -19,7 +19,7 @@ const ANGLE_DEG: f64 = 3600.0;
 
 /// Limits of one joint: -3600 ≤ min < max ≤ 3600.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct AxisSpec {
     /// Lowest angle, degrees.
     pub min_deg: f64,

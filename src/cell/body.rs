@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 
 use super::field_error::Findings;
-use super::library::{SpecKind, SpecLibrary};
+use super::library::{NotFound, SpecKind, SpecLibrary};
 use super::shape_spec::{BodySpec, ShapeSpec};
 use crate::geometry::Mesh;
 
@@ -47,42 +47,45 @@ pub enum Shape {
 }
 
 impl Body {
-    /// Bodies of checked specifications; a mesh that `library` lacks is a finding below `pointer`.
+    /// Bodies of checked specifications; a mesh that `library` cannot give is a finding below `pointer`.
     pub(super) fn resolve(specs: &[BodySpec], pointer: &str, library: &dyn SpecLibrary, findings: &mut Findings) -> Vec<Self> {
         let mut bodies = Vec::with_capacity(specs.len());
         for (index, spec) in specs.iter().enumerate() {
-            let Some(shape) = Shape::resolve(&spec.shape, library) else {
-                findings.push(format!("{pointer}/{index}/shape/mesh"), unknown(SpecKind::Mesh, shape_mesh(&spec.shape), library));
-                continue;
-            };
-            bodies.push(Self {
-                name: spec.name.clone(),
-                owner_from_body: *spec.owner_from_body.pose::<(), ()>().isometry(),
-                shape,
-            });
+            match Shape::resolve(&spec.shape, library) {
+                Ok(shape) => bodies.push(Self {
+                    name: spec.name.clone(),
+                    owner_from_body: *spec.owner_from_body.pose::<(), ()>().isometry(),
+                    shape,
+                }),
+                Err(detail) => findings.push(format!("{pointer}/{index}/shape/mesh"), detail),
+            }
         }
         bodies
     }
 }
 
 impl Shape {
-    fn resolve(spec: &ShapeSpec, library: &dyn SpecLibrary) -> Option<Self> {
-        Some(match spec {
+    fn resolve(spec: &ShapeSpec, library: &dyn SpecLibrary) -> Result<Self, String> {
+        Ok(match spec {
             ShapeSpec::Box { size_mm } => Self::Box { size_mm: *size_mm },
             ShapeSpec::Cylinder { radius_mm, height_mm } => Self::Cylinder { radius_mm: *radius_mm, height_mm: *height_mm },
             ShapeSpec::Capsule { radius_mm, length_mm } => Self::Capsule { radius_mm: *radius_mm, length_mm: *length_mm },
-            ShapeSpec::Mesh { mesh } => Self::Mesh(Arc::new(library.mesh(mesh).filter(|mesh| !mesh.faces.is_empty())?)),
+            ShapeSpec::Mesh { mesh: name } => match library.mesh(name) {
+                Ok(mesh) if mesh.faces.is_empty() => return Err(format!("is {name:?}, which has no faces")),
+                Ok(mesh) => Self::Mesh(Arc::new(mesh)),
+                Err(error) => return Err(not_found(&error, SpecKind::Mesh, name, library)),
+            },
         })
     }
 }
 
-fn shape_mesh(spec: &ShapeSpec) -> &str {
-    if let ShapeSpec::Mesh { mesh } = spec { mesh } else { "" }
-}
-
-/// The message for a name that `library` does not know.
-pub(super) fn unknown(kind: SpecKind, name: &str, library: &dyn SpecLibrary) -> String {
+/// The message for a name of which `library` gives nothing: why, or the names that it knows.
+pub(super) fn not_found(error: &NotFound, kind: SpecKind, name: &str, library: &dyn SpecLibrary) -> String {
+    let named = format!("is {name:?}, which {error}");
+    if *error != NotFound::Unknown {
+        return named;
+    }
     let names = library.names(kind);
     let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-    format!("is {name:?}, which is unknown; known {} names: {known}", kind.as_str())
+    format!("{named}; known {} names: {known}", kind.as_str())
 }

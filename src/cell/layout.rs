@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::axis::{Axes, Configuration};
-use super::body::{Body, unknown};
-use super::collision::CollisionScene;
+use super::body::{Body, not_found};
+use super::collision::{CollisionScene, LEAST_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
-use super::library::{Named, SpecKind, SpecLibrary};
+use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::PoseSpec;
 use super::robot::{Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
@@ -16,12 +16,9 @@ use super::shape_spec::BodySpec;
 use super::turntable::{Turntable, TurntableSpec};
 use crate::geometry::{Base, Flange, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
 
-/// Clearance that the home position must have, mm: the least that a job may ask for.
-const HOME_CLEARANCE_MM: f64 = 1.0;
-
 /// A cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct CellSpec {
     /// Name, unique among cells.
     pub name: String,
@@ -38,6 +35,9 @@ pub struct CellSpec {
     /// What holds the scanner, in the flange frame.
     #[serde(default)]
     pub mount: Vec<BodySpec>,
+    /// Mass of what holds the scanner, kg, 0 to 1000; the arm carries it too. Default 0.
+    #[serde(default)]
+    pub mount_mass_kg: f64,
     /// Joints 1 to 6 and the table angle where a program begins and ends, degrees.
     #[schema(min_items = 7, max_items = 7)]
     pub home_deg: [f64; 7],
@@ -70,6 +70,8 @@ pub struct Cell {
     pub scanner_bodies: Vec<Body>,
     /// What holds it, in the flange frame.
     pub mount: Vec<Body>,
+    /// Mass of that, kg.
+    pub mount_mass_kg: f64,
     /// What stands below the plate, in the table frame.
     pub table_bodies: Vec<Body>,
     /// What stands around, in the base frame.
@@ -111,6 +113,7 @@ impl CellSpec {
             home_rad: self.home_deg.map(f64::to_radians),
             scanner_bodies,
             mount,
+            mount_mass_kg: self.mount_mass_kg,
             table_bodies,
             obstacles,
             floor_mm: self.floor_mm,
@@ -123,6 +126,7 @@ impl CellSpec {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the cell".into());
         self.base_from_table.check("/base_from_table", findings);
         self.flange_from_scanner.check("/flange_from_scanner", findings);
+        findings.range("/mount_mass_kg", self.mount_mass_kg, 0.0, 1000.0, "kg");
         for (axis, angle) in self.home_deg.iter().enumerate() {
             findings.range(format!("/home_deg/{axis}"), *angle, -3600.0, 3600.0, "°");
         }
@@ -137,11 +141,11 @@ impl CellSpec {
     }
 }
 
-/// The specification meant, or a finding that lists the names there are.
+/// The specification meant, or a finding that says why there is none.
 fn find<T: Clone>(
     named: &Named<T>,
     kind: SpecKind,
-    lookup: impl Fn(&str) -> Option<T>,
+    lookup: impl Fn(&str) -> Result<T, NotFound>,
     library: &dyn SpecLibrary,
     findings: &mut Findings,
 ) -> Option<T> {
@@ -149,8 +153,7 @@ fn find<T: Clone>(
         Named::Inline(spec) => Some((**spec).clone()),
         Named::Name(name) => {
             let found = lookup(name);
-            findings.require(found.is_some(), format!("/{}", kind.as_str()), || unknown(kind, name, library));
-            found
+            found.map_err(|error| findings.push(format!("/{}", kind.as_str()), not_found(&error, kind, name, library))).ok()
         }
     }
 }
@@ -191,9 +194,9 @@ impl Cell {
     /// What only the parts together show: payload, home within the limits and clear of everything.
     fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
-        let (mass_kg, payload_kg) = (self.scanner.mass_kg, self.robot.payload_kg);
-        findings.require(mass_kg <= payload_kg, "/scanner", || {
-            format!("weighs {mass_kg} kg, more than the robot's payload of {payload_kg} kg")
+        let (scanner_kg, mount_kg, payload_kg) = (self.scanner.mass_kg, self.mount_mass_kg, self.robot.payload_kg);
+        findings.require(scanner_kg + mount_kg <= payload_kg, "/scanner", || {
+            format!("weighs {scanner_kg} kg and its mount {mount_kg} kg, more than the robot's payload of {payload_kg} kg")
         });
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad).enumerate() {
             findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {
@@ -201,8 +204,8 @@ impl Cell {
                 format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°", angle.to_degrees())
             });
         }
-        if let Some(contact) = CollisionScene::without_part(self, HOME_CLEARANCE_MM).check(&self.home_rad) {
-            findings.push("/home_deg", format!("collides: {contact} (closer than {HOME_CLEARANCE_MM} mm)"));
+        if let Some(contact) = CollisionScene::without_part(self, LEAST_CLEARANCE_MM).check(&self.home_rad) {
+            findings.push("/home_deg", format!("collides: {contact} (closer than {LEAST_CLEARANCE_MM} mm)"));
         }
         findings.into_result()
     }

@@ -72,18 +72,32 @@ impl SpecKind {
     }
 }
 
+/// Why a library does not give what a name stands for.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NotFound {
+    /// Nothing has this name.
+    #[error("is unknown")]
+    Unknown,
+    /// What has it cannot be used, and why.
+    #[error("cannot be used: {0}")]
+    Unusable(String),
+}
+
 /// Finds specifications by name. An implementation that holds its own is expected to fall back on [`Presets`].
+///
+/// Every lookup's error is [`NotFound`].
+#[expect(clippy::missing_errors_doc, reason = "said once, for all")]
 pub trait SpecLibrary {
     /// The scanner of this name.
-    fn scanner(&self, name: &str) -> Option<ScannerSpec>;
+    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound>;
     /// The robot of this name.
-    fn robot(&self, name: &str) -> Option<RobotSpec>;
+    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound>;
     /// The turntable of this name.
-    fn turntable(&self, name: &str) -> Option<TurntableSpec>;
+    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound>;
     /// The cell of this name.
-    fn cell(&self, name: &str) -> Option<CellSpec>;
+    fn cell(&self, name: &str) -> Result<CellSpec, NotFound>;
     /// The mesh of this id or file, millimetres.
-    fn mesh(&self, name: &str) -> Option<Mesh>;
+    fn mesh(&self, name: &str) -> Result<Mesh, NotFound>;
     /// Every name of a kind, for messages and lists.
     fn names(&self, kind: SpecKind) -> Vec<String>;
 }
@@ -120,29 +134,30 @@ fn table(kind: SpecKind) -> &'static [(&'static str, &'static str)] {
 }
 
 /// A test holds that every preset parses.
-fn parse<T: DeserializeOwned>(kind: SpecKind, name: &str) -> Option<T> {
-    preset_text(kind, name).and_then(|text| toml::from_str(text).ok())
+fn parse<T: DeserializeOwned>(kind: SpecKind, name: &str) -> Result<T, NotFound> {
+    let text = preset_text(kind, name).ok_or(NotFound::Unknown)?;
+    toml::from_str(text).map_err(|error| NotFound::Unusable(error.to_string()))
 }
 
 impl SpecLibrary for Presets {
-    fn scanner(&self, name: &str) -> Option<ScannerSpec> {
+    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
         parse(SpecKind::Scanner, name)
     }
 
-    fn robot(&self, name: &str) -> Option<RobotSpec> {
+    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
         parse(SpecKind::Robot, name)
     }
 
-    fn turntable(&self, name: &str) -> Option<TurntableSpec> {
+    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
         parse(SpecKind::Turntable, name)
     }
 
-    fn cell(&self, name: &str) -> Option<CellSpec> {
+    fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
         parse(SpecKind::Cell, name)
     }
 
-    fn mesh(&self, _: &str) -> Option<Mesh> {
-        None
+    fn mesh(&self, _: &str) -> Result<Mesh, NotFound> {
+        Err(NotFound::Unknown)
     }
 
     fn names(&self, kind: SpecKind) -> Vec<String> {

@@ -20,7 +20,7 @@ pub use collision::{CollisionScene, Contact};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec};
 pub use layout::{Cell, CellSpec, joints_of};
-pub use library::{Named, Presets, SpecKind, SpecLibrary, preset_text};
+pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
 pub use pose_spec::PoseSpec;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{

@@ -14,7 +14,7 @@ const REACH_MM: f64 = 1e5;
 
 /// `{"translation_mm": [x, y, z], "quaternion_xyzw": [x, y, z, w]}`, named target-from-source by its key.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct PoseSpec {
     /// Origin of the source frame in the target frame, millimetres.
     #[schema(min_items = 3, max_items = 3)]

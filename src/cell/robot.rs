@@ -11,14 +11,12 @@ use crate::geometry::{Base, Flange, Pose};
 
 /// A six-joint arm. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct RobotSpec {
     /// Name, unique among robots.
     pub name: String,
     /// Largest mass at the flange, kg, 0.1 to 2000.
     pub payload_kg: f64,
-    /// Mass of the arm, kg, 0.1 to 10000.
-    pub mass_kg: f64,
     /// How the arm is built.
     pub kinematics: KinematicsSpec,
     /// Joints 1 to 6.
@@ -29,7 +27,7 @@ pub struct RobotSpec {
 
 /// A capsule around a part of one link.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct LinkSpec {
     /// Frame that it moves with: 0 the foot, 1 to 6 the joints, 6 the flange.
     pub link: u8,
@@ -57,7 +55,6 @@ impl RobotSpec {
         Ok(Robot {
             name: self.name.clone(),
             payload_kg: self.payload_kg,
-            mass_kg: self.mass_kg,
             kinematics: self.kinematics.build(),
             joints: self.joints.map(|joint| joint.build()),
             links: self.links.iter().map(LinkSpec::build).collect(),
@@ -67,7 +64,6 @@ impl RobotSpec {
     fn check(&self, findings: &mut Findings) {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the robot".into());
         findings.range("/payload_kg", self.payload_kg, 0.1, 2000.0, "kg");
-        findings.range("/mass_kg", self.mass_kg, 0.1, 10_000.0, "kg");
         self.kinematics.check("/kinematics", findings);
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(&format!("/joints/{index}"), findings);
@@ -109,8 +105,6 @@ pub struct Robot {
     pub name: String,
     /// Largest mass at the flange, kg.
     pub payload_kg: f64,
-    /// Mass of the arm, kg.
-    pub mass_kg: f64,
     /// Joints to frames, and back.
     pub kinematics: Kinematics,
     /// Limits of joints 1 to 6.

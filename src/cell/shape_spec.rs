@@ -8,7 +8,7 @@ use super::pose_spec::PoseSpec;
 
 /// A rigid body and where it is in its owner's frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct BodySpec {
     /// Name used in reports of collisions.
     pub name: String,
@@ -21,7 +21,7 @@ pub struct BodySpec {
 
 /// A shape, centred on its own origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum ShapeSpec {
     /// Box with edges along the axes.
     Box {

@@ -90,6 +90,12 @@ fn inconsistent_cells_are_refused_with_the_field() {
     spec.robot = Named::Inline(Box::new(robot.clone()));
     assert_finding(&findings(&spec), "/scanner", "payload");
 
+    let mut heavy = cell_spec();
+    heavy.mount_mass_kg = 2.4;
+    assert_finding(&findings(&heavy), "/scanner", "2.7 kg and its mount 2.4 kg, more than the robot's payload of 5 kg");
+    heavy.mount_mass_kg = 2.3;
+    assert!(heavy.build(&Presets).is_ok(), "5 kg in all");
+
     robot.joints[3] = AxisSpec { min_deg: 10.0, max_deg: -10.0, ..robot.joints[3] };
     robot.payload_kg = 5.0;
     spec.robot = Named::Inline(Box::new(robot));
@@ -135,4 +141,25 @@ fn move_time_is_the_trapezoid_of_the_slowest_axis() {
     assert!(near(axes.move_secs(&to(0.0), &to(90.0), 0.5), 90.0 / 45.0 + 45.0 / 90.0));
     assert_eq!(axes.move_secs(&to(30.0), &to(30.0), 1.0), 0.0);
     assert!(near(axes.path_secs(&[to(0.0), to(90.0), to(0.0)], 1.0), 3.0));
+}
+
+#[test]
+fn a_value_that_should_be_an_object_is_refused_in_the_user_s_words() {
+    fn refused<T: serde::de::DeserializeOwned>(text: &str) -> String {
+        serde_json::from_str::<T>(text).err().map(|error| error.to_string()).unwrap_or_default()
+    }
+    let said = [
+        refused::<super::ScannerSpec>(r#"{"depth_mm": 3}"#),
+        refused::<RobotSpec>("3"),
+        refused::<TurntableSpec>(r#"{"rotation": true}"#),
+        refused::<CellSpec>("\"none\""),
+        refused::<super::PoseSpec>("7"),
+        refused::<super::BodySpec>(r#"{"shape": "box"}"#),
+        refused::<AxisSpec>("3"),
+        refused::<super::KinematicsSpec>(r#""opw""#),
+        refused::<super::OpwSpec>("1.5"),
+    ];
+    for message in said {
+        assert!(message.contains("expected an object"), "{message}");
+    }
 }

@@ -13,7 +13,7 @@ const CONTINUOUS_DEG: f64 = 360.0;
 
 /// A turntable. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct TurntableSpec {
     /// Name, unique among turntables.
     pub name: String,
@@ -27,8 +27,6 @@ pub struct TurntableSpec {
     pub max_speed_deg_per_s: f64,
     /// Rated acceleration, degrees per second squared, 0.1 to 100000.
     pub max_acceleration_deg_per_s2: f64,
-    /// Largest mass on the plate, kg, 0.1 to 100000.
-    pub max_load_kg: f64,
     /// What stands below the plate and does not turn, in the table frame.
     #[serde(default)]
     pub body: Vec<BodySpec>,
@@ -36,7 +34,7 @@ pub struct TurntableSpec {
 
 /// What a table may turn through.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum RotationSpec {
     /// Without end stops; plans stay within a turn each way.
     Continuous {},
@@ -63,7 +61,6 @@ impl TurntableSpec {
             plate_radius_mm: 0.5 * self.plate_diameter_mm,
             plate_thickness_mm: self.plate_thickness_mm,
             axis: self.axis().build(),
-            max_load_kg: self.max_load_kg,
         })
     }
 
@@ -87,7 +84,6 @@ impl TurntableSpec {
         }
         findings.range("/max_speed_deg_per_s", self.max_speed_deg_per_s, 0.1, 3600.0, "°/s");
         findings.range("/max_acceleration_deg_per_s2", self.max_acceleration_deg_per_s2, 0.1, 1e5, "°/s²");
-        findings.range("/max_load_kg", self.max_load_kg, 0.1, 1e5, "kg");
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
         }
@@ -105,6 +101,4 @@ pub struct Turntable {
     pub plate_thickness_mm: f64,
     /// Limits.
     pub axis: Axis,
-    /// Largest mass on the plate, kg.
-    pub max_load_kg: f64,
 }

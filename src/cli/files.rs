@@ -8,7 +8,7 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::CliError;
-use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::service::hex;
@@ -18,33 +18,31 @@ use crate::service::hex;
 pub struct FileLibrary;
 
 impl FileLibrary {
-    fn file<T: DeserializeOwned>(kind: SpecKind, path: &str) -> Option<T> {
-        let read = value(Path::new(path)).and_then(|value| from_value(value, path));
-        // A library answers with or without; what is wrong with a file is said where it is found.
-        read.inspect_err(|error| eprintln!("{} {path}: {error}", kind.as_str())).ok()
+    fn file<T: DeserializeOwned>(path: &str) -> Result<T, NotFound> {
+        let read = existing(path)?;
+        value(read).and_then(|value| from_value(value, path)).map_err(unusable)
     }
 }
 
 impl SpecLibrary for FileLibrary {
-    fn scanner(&self, name: &str) -> Option<ScannerSpec> {
-        Presets.scanner(name).or_else(|| Self::file(SpecKind::Scanner, name))
+    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
+        Presets.scanner(name).or_else(|_| Self::file(name))
     }
 
-    fn robot(&self, name: &str) -> Option<RobotSpec> {
-        Presets.robot(name).or_else(|| Self::file(SpecKind::Robot, name))
+    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
+        Presets.robot(name).or_else(|_| Self::file(name))
     }
 
-    fn turntable(&self, name: &str) -> Option<TurntableSpec> {
-        Presets.turntable(name).or_else(|| Self::file(SpecKind::Turntable, name))
+    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
+        Presets.turntable(name).or_else(|_| Self::file(name))
     }
 
-    fn cell(&self, name: &str) -> Option<CellSpec> {
-        Presets.cell(name).or_else(|| Self::file(SpecKind::Cell, name))
+    fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
+        Presets.cell(name).or_else(|_| Self::file(name))
     }
 
-    fn mesh(&self, name: &str) -> Option<Mesh> {
-        let read = mesh(Path::new(name), Some(LengthUnit::Millimetre));
-        read.inspect_err(|error| eprintln!("mesh {name}: {error}")).ok().map(|(read, _)| read.mesh)
+    fn mesh(&self, name: &str) -> Result<Mesh, NotFound> {
+        mesh(existing(name)?, Some(LengthUnit::Millimetre)).map(|(read, _)| read.mesh).map_err(unusable)
     }
 
     fn names(&self, kind: SpecKind) -> Vec<String> {
@@ -52,12 +50,22 @@ impl SpecLibrary for FileLibrary {
     }
 }
 
+/// The path, if anything is there.
+fn existing(path: &str) -> Result<&Path, NotFound> {
+    let path = Path::new(path);
+    if path.exists() { Ok(path) } else { Err(NotFound::Unknown) }
+}
+
+fn unusable(error: CliError) -> NotFound {
+    NotFound::Unusable(error.to_string())
+}
+
 /// A specification by a preset's name or a file's path.
 ///
 /// # Errors
 /// Neither a preset nor a readable file of this shape.
-pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Option<T>) -> Result<T, CliError> {
-    if let Some(preset) = preset {
+pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Result<T, NotFound>) -> Result<T, CliError> {
+    if let Ok(preset) = preset {
         return Ok(preset);
     }
     if !Path::new(name).exists() {
@@ -75,14 +83,26 @@ pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Option<T>) 
 /// # Errors
 /// Unreadable, or neither.
 pub fn value(path: &Path) -> Result<Value, CliError> {
-    let shown = path.display();
-    let text = std::fs::read_to_string(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
+    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+    let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
+    let text = text.ok_or_else(|| refuse("is no TOML or JSON text".to_owned()))?;
     let read = if text.trim_start().starts_with('{') {
         serde_json::from_str(&text).map_err(|error| error.to_string())
     } else {
-        toml::from_str(&text).map_err(|error| error.to_string())
+        toml::from_str(&text).map_err(|error| toml_fault(&text, &error))
     };
-    read.map_err(|error| CliError::BadInput(format!("{shown}: {error}")))
+    read.map_err(refuse)
+}
+
+/// What is wrong with a TOML file, on one line.
+fn toml_fault(text: &str, error: &toml::de::Error) -> String {
+    let before = error.span().and_then(|span| text.get(..span.start));
+    let place = before.map(|before| {
+        let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+        format!(" at line {} column {column}", before.matches('\n').count() + 1)
+    });
+    format!("{}{}", error.message().trim_end().replace('\n', ", "), place.unwrap_or_default())
 }
 
 /// A value as `T`; errors carry the JSON pointer.

@@ -111,6 +111,12 @@ impl<A, B, C> Mul<Pose<B, C>> for Pose<A, B> {
     }
 }
 
+/// Plate and table coincide at angle zero, and there is where a pose on the table is given: the same pose, on the plate.
+#[must_use]
+pub fn plate_from_placed<Placed>(table_from_placed: &Pose<Table, Placed>) -> Pose<Plate, Placed> {
+    Pose::claim(*table_from_placed.isometry())
+}
+
 /// The turning table: where the plate is after it has turned by `angle_rad` about the table's +z.
 #[must_use]
 pub fn table_from_plate(angle_rad: f64) -> Pose<Table, Plate> {

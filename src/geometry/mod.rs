@@ -15,7 +15,7 @@ mod unit;
 pub use adjacency::connected_components;
 pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
 pub use face_lists::FaceLists;
-pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, table_from_plate};
+pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, plate_from_placed, table_from_plate};
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};

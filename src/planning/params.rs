@@ -8,7 +8,7 @@ use crate::cell::{FieldError, Findings, PoseSpec};
 
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct PlanParams {
     /// Patches, samples and how the part lies.
     pub part: PartParams,
@@ -34,7 +34,7 @@ pub struct PlanParams {
 
 /// Patches, samples and how the part lies.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct PartParams {
     /// Longest patch edge, mm, 0.05 to 1000. Default: 1/60 of the bounding box's diagonal.
     pub patch_edge_mm: Option<f64>,
@@ -49,7 +49,7 @@ pub struct PartParams {
 
 /// Faces that are not asked for.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct RegionParams {
     /// A face is excluded when any of these regions holds it (face list), or holds the sample (the others).
     pub exclude: Vec<Region>,
@@ -57,7 +57,7 @@ pub struct RegionParams {
 
 /// A region of the part, in part coordinates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum Region {
     /// Faces of the uploaded file, counted from 0.
     Faces {
@@ -99,7 +99,7 @@ pub enum Region {
 
 /// Values that the program carries to the scanner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct ScanParams {
     /// Projector brightness level, 0 to 9. Default 5.
     pub brightness: u8,
@@ -117,7 +117,7 @@ impl Default for ScanParams {
 
 /// Values that the program carries to the robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct MotionParams {
     /// Share of the axes' rated speed, 0.01 to 1. Default 0.25.
     pub speed_fraction: f64,
@@ -135,7 +135,7 @@ impl Default for MotionParams {
 
 /// Incidence limits of this job.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct LimitParams {
     /// Largest angle between surface normal and camera ray, degrees, 1 to 89.9. Default: the scanner's.
     pub camera_deg: Option<f64>,
@@ -173,7 +173,7 @@ pub enum Standoff {
 
 /// Which viewpoints are considered (method §3).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct CandidateParams {
     /// Schemes, in order; their candidates are joined. Default `["ellipsoid"]`.
     pub strategies: Vec<Strategy>,
@@ -213,7 +213,7 @@ pub enum Engine {
 
 /// How visibility is computed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct VisibilityParams {
     /// Default `rays`.
     pub engine: Engine,
@@ -231,7 +231,7 @@ pub enum ScoreAngle {
 
 /// Weights of the score (method §5), each 0 to 10.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct ScoreParams {
     /// Weight of the covered area. Default 0.5.
     pub a: f64,
@@ -286,7 +286,7 @@ pub enum TargetOf {
 
 /// How views are chosen and when to stop (method §5).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct SelectionParams {
     /// Default `greedy`.
     pub solver: Solver,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::{Move, Program, Step};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact, joints_of};
-use crate::geometry::{Part, Plate, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table, plate_from_placed};
 use crate::planning::plan::ViewId;
 
 /// Angles that went through degrees and back are off by this at most, radians.
@@ -164,9 +164,7 @@ pub fn off_pose(
     configuration: &Configuration,
     wanted: &Pose<Part, ScannerFrame>,
 ) -> Option<Fault> {
-    // The plate's frame is the table's at angle zero, where the part's pose is given.
-    let plate_from_part: Pose<Plate, Part> = Pose::claim(*table_from_part.isometry());
-    let base_from_part = cell.base_from_plate(configuration[6]) * plate_from_part;
+    let base_from_part = cell.base_from_plate(configuration[6]) * plate_from_placed(table_from_part);
     let found = base_from_part.inverse() * cell.base_from_scanner(&joints_of(configuration));
     let mm = (found.origin_mm() - wanted.origin_mm()).norm();
     let deg = found.isometry().rotation.angle_to(&wanted.isometry().rotation).to_degrees();

@@ -8,7 +8,7 @@ use super::app::App;
 use super::error::Error;
 use super::meshes::unit_of;
 use super::run::MeshSource;
-use crate::cell::{CellSpec, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use crate::cell::{CellSpec, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::Mesh;
 use crate::wire::SpecCollection;
 
@@ -38,9 +38,9 @@ impl App {
 }
 
 impl Library {
-    fn get<T: DeserializeOwned>(&self, kind: SpecKind, name: &str) -> Option<T> {
-        let body = self.stored.get(&(kind.as_str(), name.to_owned()))?;
-        serde_json::from_str(body).ok()
+    fn get<T: DeserializeOwned>(&self, kind: SpecKind, name: &str) -> Result<T, NotFound> {
+        let body = self.stored.get(&(kind.as_str(), name.to_owned())).ok_or(NotFound::Unknown)?;
+        serde_json::from_str(body).map_err(|error| NotFound::Unusable(error.to_string()))
     }
 
     /// The file of a mesh.
@@ -56,24 +56,25 @@ impl Library {
 
 // A preset's name cannot be stored under, so the order of the two does not matter.
 impl SpecLibrary for Library {
-    fn scanner(&self, name: &str) -> Option<ScannerSpec> {
-        self.get(SpecKind::Scanner, name).or_else(|| Presets.scanner(name))
+    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
+        Presets.scanner(name).or_else(|_| self.get(SpecKind::Scanner, name))
     }
 
-    fn robot(&self, name: &str) -> Option<RobotSpec> {
-        self.get(SpecKind::Robot, name).or_else(|| Presets.robot(name))
+    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
+        Presets.robot(name).or_else(|_| self.get(SpecKind::Robot, name))
     }
 
-    fn turntable(&self, name: &str) -> Option<TurntableSpec> {
-        self.get(SpecKind::Turntable, name).or_else(|| Presets.turntable(name))
+    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
+        Presets.turntable(name).or_else(|_| self.get(SpecKind::Turntable, name))
     }
 
-    fn cell(&self, name: &str) -> Option<CellSpec> {
-        self.get(SpecKind::Cell, name).or_else(|| Presets.cell(name))
+    fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
+        Presets.cell(name).or_else(|_| self.get(SpecKind::Cell, name))
     }
 
-    fn mesh(&self, name: &str) -> Option<Mesh> {
-        self.source(name).and_then(|source| source.read("", self.max_triangles).ok())
+    fn mesh(&self, name: &str) -> Result<Mesh, NotFound> {
+        let source = self.source(name).ok_or(NotFound::Unknown)?;
+        source.read("", self.max_triangles).map_err(|error| NotFound::Unusable(error.to_string()))
     }
 
     fn names(&self, kind: SpecKind) -> Vec<String> {

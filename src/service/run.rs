@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 pub use super::plan_job::Artifact;
 use super::plan_job::PlanJob;
 use super::store::hex;
-use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::planning::PlanError;
@@ -134,24 +134,25 @@ pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunErro
 pub struct RunLibrary<'a>(pub &'a RunInput);
 
 impl SpecLibrary for RunLibrary<'_> {
-    fn scanner(&self, name: &str) -> Option<ScannerSpec> {
+    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
         Presets.scanner(name)
     }
 
-    fn robot(&self, name: &str) -> Option<RobotSpec> {
+    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
         Presets.robot(name)
     }
 
-    fn turntable(&self, name: &str) -> Option<TurntableSpec> {
+    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
         Presets.turntable(name)
     }
 
-    fn cell(&self, name: &str) -> Option<CellSpec> {
+    fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
         Presets.cell(name)
     }
 
-    fn mesh(&self, name: &str) -> Option<Mesh> {
-        self.0.body_meshes.get(name).and_then(|source| source.read("/cell", self.0.max_triangles).ok())
+    fn mesh(&self, name: &str) -> Result<Mesh, NotFound> {
+        let source = self.0.body_meshes.get(name).ok_or(NotFound::Unknown)?;
+        source.read("/cell", self.0.max_triangles).map_err(|error| NotFound::Unusable(error.to_string()))
     }
 
     fn names(&self, kind: SpecKind) -> Vec<String> {

@@ -139,10 +139,10 @@ fn check<T: Spec>(spec: &T, library: &Library) -> Result<String, Error> {
 /// A preset as JSON.
 fn preset(collection: SpecCollection, name: &str) -> Result<Option<SpecEntry>, Error> {
     let body = match collection {
-        SpecCollection::Scanner => Presets.scanner(name).map(|spec| serde_json::to_string(&spec)),
-        SpecCollection::Robot => Presets.robot(name).map(|spec| serde_json::to_string(&spec)),
-        SpecCollection::Turntable => Presets.turntable(name).map(|spec| serde_json::to_string(&spec)),
-        SpecCollection::Cell => Presets.cell(name).map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Scanner => Presets.scanner(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Robot => Presets.robot(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Turntable => Presets.turntable(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Cell => Presets.cell(name).ok().map(|spec| serde_json::to_string(&spec)),
     };
     let Some(body) = body.transpose()? else { return Ok(None) };
     let etag = format!("\"preset-{}\"", &hex(&Sha256::digest(&body))[..16]);

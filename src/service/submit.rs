@@ -88,7 +88,7 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| lookup.mesh("/params/part/fixture_mesh", id));
     let cell = lookup.cell(&request.cell);
     let scanner = match &cell {
-        Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name)),
+        Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name).ok()),
         None => lookup.scanner(&request.scanner),
     };
     let bodies = scanner.iter().flat_map(|s| &s.body).chain(cell.iter().flat_map(bodies_of));
@@ -150,7 +150,7 @@ impl Lookup<'_> {
     }
 
     fn scanner(&mut self, named: &Named<ScannerSpec>) -> Option<ScannerSpec> {
-        let spec = self.find("/scanner", named, SpecKind::Scanner, |name| self.library.scanner(name))?;
+        let spec = self.find("/scanner", named, SpecKind::Scanner, |name| self.library.scanner(name).ok())?;
         self.built("/scanner", spec.build()).map(|_| spec)
     }
 
@@ -160,11 +160,11 @@ impl Lookup<'_> {
             return None;
         }
         let library = self.library;
-        let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name))?;
+        let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name).ok())?;
         self.built("/cell", cell.build(library))?;
-        write_out(&mut cell.scanner, |name| library.scanner(name));
-        write_out(&mut cell.robot, |name| library.robot(name));
-        write_out(&mut cell.turntable, |name| library.turntable(name));
+        write_out(&mut cell.scanner, |name| library.scanner(name).ok());
+        write_out(&mut cell.robot, |name| library.robot(name).ok());
+        write_out(&mut cell.turntable, |name| library.turntable(name).ok());
         Some(cell)
     }
 

@@ -14,7 +14,7 @@ use crate::planning::params::PlanParams;
 
 /// What is to be planned. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct JobRequest {
     /// The mesh to plan for.
     pub mesh_id: MeshId,

@@ -16,6 +16,7 @@ pub const PLAN_SCHEMA: &str = "vantage.plan/1";
 
 /// The whole document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct PlanDocument {
     /// `vantage.plan/1`.
     pub schema: String,
@@ -50,6 +51,7 @@ pub struct PlanDocument {
 
 /// Facts of the part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct PartDocument {
     /// SHA-256 of the file.
     pub sha256: String,
@@ -63,6 +65,7 @@ pub struct PartDocument {
 
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct BoxDocument {
     /// Lowest corner.
     pub min: [f64; 3],
@@ -72,6 +75,7 @@ pub struct BoxDocument {
 
 /// The scanner with everything that an independent check of visibility needs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct ScannerDocument {
     /// Name of its specification.
     pub name: String,
@@ -83,6 +87,7 @@ pub struct ScannerDocument {
 
 /// Working depth along +z of the scanner.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct DepthDocument {
     /// Nearest.
     pub near: f64,
@@ -94,6 +99,7 @@ pub struct DepthDocument {
 
 /// One optical device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct DeviceDocument {
     /// `left`, `right` or `projector`.
     pub name: String,
@@ -121,6 +127,7 @@ pub struct DeviceDocument {
 
 /// The cell in force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct CellDocument {
     /// Name of its specification.
     pub name: String,
@@ -138,6 +145,7 @@ pub struct CellDocument {
 
 /// How the candidates fared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct CandidatesDocument {
     /// Generated.
     pub generated: usize,
@@ -149,6 +157,7 @@ pub struct CandidatesDocument {
 
 /// Areas and shares of what is measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct CoverageDocument {
     /// All faces but excluded regions.
     pub asked_area_mm2: f64,
@@ -172,6 +181,7 @@ pub struct CoverageDocument {
 
 /// Shares of the asked area by grade.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct GradesDocument {
     /// Quality above 0.5.
     #[serde(rename = "A")]
@@ -189,6 +199,7 @@ pub struct GradesDocument {
 
 /// One chosen view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct ViewpointDocument {
     /// Number in the order chosen, from 0.
     pub id: u32,
@@ -210,6 +221,7 @@ pub struct ViewpointDocument {
 
 /// Table angle and joints, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct StationDocument {
     /// Table angle.
     pub table_angle_deg: f64,
@@ -219,6 +231,7 @@ pub struct StationDocument {
 
 /// Area missed for one cause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct MissedDocument {
     /// The cause, of the closed list.
     pub reason: String,
@@ -234,6 +247,7 @@ pub struct MissedDocument {
 
 /// Lower bound on the number of views.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct BoundDocument {
     /// No plan over the same candidates needs fewer views.
     pub views_lower: u32,

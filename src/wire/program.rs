@@ -38,6 +38,7 @@ const HEADER: [&str; 13] = [
 
 /// The whole document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
 pub struct ProgramDocument {
     /// `vantage.program/1`.
     pub schema: String,
@@ -60,7 +61,7 @@ pub struct ProgramDocument {
 
 /// One step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "op", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "op", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum StepDocument {
     /// Arm and table move along straight, synchronised segments in joint space, at rest at every point.
     MoveJoints {

@@ -14,24 +14,29 @@
 mod scene_body;
 mod solid;
 
+use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::Arc;
 
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::Pose as ParryPose;
 
 use self::scene_body::{Carrier, SceneBody, assemble};
 use self::solid::{near, parry_pose};
-use super::axis::Configuration;
+use super::axis::{Axis, Configuration};
 use super::kinematics::Kinematics;
 use super::layout::{Cell, joints_of};
 use crate::geometry::{Base, Mesh, Part, Pose, Table};
 
 /// Coarsest step along a segment, radians of any axis.
 const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// The least clearance that a job may ask for, mm.
+pub const LEAST_CLEARANCE_MM: f64 = 1.0;
 /// Configurations at which a pair must touch to be taken as touching by construction.
 const ALLOWED_PAIR_SAMPLES: u32 = 200;
+/// How deep what stands on the plate may be in what stands below, mm: it may lie on it, as on a floor level with the plate.
+const LYING_MM: f64 = 0.5;
 
 /// Two bodies that are closer than they may be.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,6 +58,7 @@ impl fmt::Display for Contact {
 pub struct CollisionScene {
     kinematics: Kinematics,
     base_from_table: Pose<Base, Table>,
+    table_axis: Axis,
     bodies: Vec<SceneBody>,
     pairs: Vec<Pair>,
     clearance_mm: f64,
@@ -65,6 +71,8 @@ struct Pair {
     b: usize,
     /// Upper bound on how far they move against each other for each radian of each axis, mm.
     reach_mm: Configuration,
+    /// How far apart they stay.
+    clearance_mm: f64,
 }
 
 /// A straight way in joint space.
@@ -104,15 +112,16 @@ impl CollisionScene {
 
     fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
         let bodies = assemble(cell, riders, table_from_part);
-        let pairs = pairs(&bodies, &cell.robot.kinematics);
+        let pairs = pairs(&bodies, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
         let mut scene = Self {
             kinematics: cell.robot.kinematics.clone(),
             base_from_table: cell.base_from_table,
+            table_axis: cell.turntable.axis,
             bodies,
             pairs,
             clearance_mm,
         };
-        scene.drop_touching_pairs(cell);
+        scene.excuse_pairs_of_the_arm(cell);
         scene
     }
 
@@ -174,7 +183,7 @@ impl CollisionScene {
         if let Some(pair) = open.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])) {
             return Err(self.contact_of(pair));
         }
-        open.retain(|pair| pair.motion_mm(&sweep) > self.clearance_mm);
+        open.retain(|pair| pair.motion_mm(&sweep) > pair.clearance_mm);
         Ok(open)
     }
 
@@ -204,9 +213,13 @@ impl CollisionScene {
         Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) }
     }
 
-    /// Whether the two may come closer than the clearance while every axis moves by up to `sweep`.
+    /// Whether the two may come closer than their clearance while every axis moves by up to `sweep`.
     fn is_near(&self, pair: &Pair, placement: &Placement, sweep: &Configuration) -> bool {
-        let margin = (self.clearance_mm + pair.motion_mm(sweep)) as f32;
+        self.is_closer(pair, placement, pair.clearance_mm + pair.motion_mm(sweep))
+    }
+
+    fn is_closer(&self, pair: &Pair, placement: &Placement, distance_mm: f64) -> bool {
+        let margin = distance_mm as f32;
         placement.boxes[pair.a].loosened(margin).intersects(&placement.boxes[pair.b])
             && near(
                 (&self.bodies[pair.a].solid, &placement.poses[pair.a]),
@@ -216,28 +229,55 @@ impl CollisionScene {
     }
 
     /// Pairs on the arm that touch at every sampled configuration touch by construction (the wrist inside the flange's
-    /// capsule), and say nothing. What stands around the arm is never excused.
-    fn drop_touching_pairs(&mut self, cell: &Cell) {
+    /// capsule), and say nothing. Those that are merely never as far apart as the clearance must not touch. What stands
+    /// around the arm is never excused.
+    fn excuse_pairs_of_the_arm(&mut self, cell: &Cell) {
         let axes = cell.axes();
         let on_arm = |body: usize| matches!(self.bodies[body].carrier, Carrier::Link(_));
-        let mut touching: Vec<usize> =
+        let mut crowded: Vec<usize> =
             (0..self.pairs.len()).filter(|index| on_arm(self.pairs[*index].a) && on_arm(self.pairs[*index].b)).collect();
+        let mut touching = crowded.clone();
         for sample in 1..=ALLOWED_PAIR_SAMPLES {
             let configuration = std::array::from_fn(|axis| {
                 let axis_limits = &axes.0[axis];
                 axis_limits.min_rad + (axis_limits.max_rad - axis_limits.min_rad) * halton(sample, PRIMES[axis])
             });
             let placement = self.place(&configuration);
-            touching.retain(|index| self.is_near(&self.pairs[*index], &placement, &[0.0; 7]));
-            if touching.is_empty() {
+            touching.retain(|index| self.is_closer(&self.pairs[*index], &placement, 0.0));
+            crowded.retain(|index| self.is_near(&self.pairs[*index], &placement, &[0.0; 7]));
+            if crowded.is_empty() {
                 return;
             }
+        }
+        for index in crowded {
+            self.pairs[index].clearance_mm = self.clearance_mm.min(LEAST_CLEARANCE_MM);
         }
         let mut index = 0;
         self.pairs.retain(|_| {
             index += 1;
             touching.binary_search(&(index - 1)).is_err()
         });
+    }
+
+    /// What part or fixture stands in, though a configuration is not to blame: at some table angle what stands below
+    /// (housing, floor), on which it may lie; and as it is placed, at angle zero, what stands around. Beside the table
+    /// other angles are for [`CollisionScene::check`] to judge. The plate is not tested, nor the fixture against the part,
+    /// since they hold them.
+    #[must_use]
+    pub fn placement_contact(&self) -> Option<Contact> {
+        let mut lifted = self.clone();
+        for body in lifted.bodies.iter_mut().filter(|body| body.is_rider()) {
+            body.carrier_from_body = Isometry3::translation(0.0, 0.0, LYING_MM) * body.carrier_from_body;
+        }
+        let with = |stands: fn(&SceneBody) -> bool| {
+            let meet = move |a: &SceneBody, b: &SceneBody| (a.is_rider() && stands(b)) || (b.is_rider() && stands(a));
+            let pairs = pairs(&lifted.bodies, &lifted.kinematics, 0.5 * LYING_MM, meet);
+            Self { pairs, ..lifted.clone() }
+        };
+        let Axis { min_rad, max_rad, .. } = self.table_axis;
+        let turned = |angle: f64| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, angle];
+        let below = with(SceneBody::is_below_part).check_segment(&turned(min_rad), &turned(max_rad.min(min_rad + TAU)));
+        below.or_else(|| with(SceneBody::is_around_part).check(&turned(0.0_f64.clamp(min_rad, max_rad))))
     }
 }
 
@@ -260,16 +300,21 @@ fn halton(mut index: u32, base: u32) -> f64 {
     value
 }
 
-/// Every two bodies that can move against each other and are not joined by one joint.
-fn pairs(bodies: &[SceneBody], kinematics: &Kinematics) -> Vec<Pair> {
+/// Every two bodies that `may_meet`.
+fn pairs(
+    bodies: &[SceneBody],
+    kinematics: &Kinematics,
+    clearance_mm: f64,
+    may_meet: impl Fn(&SceneBody, &SceneBody) -> bool,
+) -> Vec<Pair> {
     let frames = kinematics.link_frames(&[0.0; 6]);
     let between: [f64; 6] =
         std::array::from_fn(|link| (frames[link + 1].translation.vector - frames[link].translation.vector).norm());
     let mut pairs = Vec::new();
     for b in 0..bodies.len() {
         for a in 0..b {
-            if bodies[a].may_meet(&bodies[b]) {
-                pairs.push(Pair { a, b, reach_mm: relative_reach_mm(&bodies[a], &bodies[b], &between) });
+            if may_meet(&bodies[a], &bodies[b]) {
+                pairs.push(Pair { a, b, reach_mm: relative_reach_mm(&bodies[a], &bodies[b], &between), clearance_mm });
             }
         }
     }

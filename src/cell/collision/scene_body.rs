@@ -8,7 +8,7 @@ use super::solid::Solid;
 use crate::cell::body::{Body, Shape};
 use crate::cell::layout::Cell;
 use crate::cell::robot::LinkCapsule;
-use crate::geometry::{Mesh, Part, Pose, Table};
+use crate::geometry::{Mesh, Part, Pose, Table, plate_from_placed};
 
 /// Half edge and depth of the block that stands for the floor, mm.
 const FLOOR_MM: [f64; 2] = [5000.0, 500.0];
@@ -46,7 +46,7 @@ pub(super) struct SceneBody {
     pub(super) solid: Solid,
     /// Farthest of its points from the carrier's origin; for riders of the plate from the table's axis.
     pub(super) reach_mm: f64,
-    /// Stands below the part: the part may touch it.
+    /// Is below the part: the part may touch it.
     holds_part: bool,
 }
 
@@ -71,6 +71,21 @@ impl SceneBody {
         }
     }
 
+    /// Part or fixture.
+    pub(super) fn is_rider(&self) -> bool {
+        self.carrier == Carrier::Plate && !self.holds_part
+    }
+
+    /// Stands still below the part.
+    pub(super) fn is_below_part(&self) -> bool {
+        self.carrier.is_still() && self.holds_part
+    }
+
+    /// Stands still, and not below the part.
+    pub(super) fn is_around_part(&self) -> bool {
+        self.carrier.is_still() && !self.holds_part
+    }
+
     /// Whether a point of the base frame lies in it; for bodies that do not move.
     pub(super) fn holds(&self, point_mm: &Point3<f64>) -> bool {
         let local = self.carrier_from_body.inverse() * point_mm;
@@ -89,9 +104,9 @@ pub(super) fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &
     bodies.extend(cell.floor_mm.map(floor));
     bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, Carrier::Still, &Isometry3::identity())));
     // In plate coordinates before rounding to single precision: files may lie far from their own origin.
-    let plate_from_part = table_from_part.isometry();
+    let plate_from_part = plate_from_placed(table_from_part);
     bodies.extend(riders.iter().filter(|(_, mesh)| !mesh.faces.is_empty()).map(|(name, mesh)| {
-        SceneBody::new(name, Carrier::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part))
+        SceneBody::new(name, Carrier::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
     }));
     bodies
 }
@@ -118,7 +133,7 @@ fn plate(cell: &Cell) -> SceneBody {
     let shape = Shape::Cylinder { radius_mm: cell.turntable.plate_radius_mm, height_mm };
     let plate_from_body = Isometry3::translation(0.0, 0.0, -0.5 * height_mm);
     let solid = Solid::from_shape(&shape);
-    SceneBody { reach_mm: 0.0, ..SceneBody::new("turntable plate", Carrier::Plate, plate_from_body, solid) }
+    SceneBody { reach_mm: 0.0, holds_part: true, ..SceneBody::new("turntable plate", Carrier::Plate, plate_from_body, solid) }
 }
 
 fn floor(height_mm: f64) -> SceneBody {

@@ -143,9 +143,16 @@ fn surface_near(surface: &TriMesh, convex: &Convex<'_>, margin: f32) -> bool {
     surface.bvh().leaves(node_near).any(|leaf| cores_near(&surface.triangle(leaf), convex.core, &convex.pose, limit))
 }
 
-/// Two surfaces: each triangle of one that is near the other's box, against the other.
+/// Two surfaces: each triangle of one that is near the other's box, against the other; or one within the other, which a
+/// single vertex shows where the surfaces do not meet.
 fn meshes_near((a, pose_a): (&TriMesh, &Pose), (b, pose_b): (&TriMesh, &Pose), margin: f32) -> bool {
     let b_from_a = pose_b.inv_mul(pose_a);
+    surfaces_near(a, b, &b_from_a, margin)
+        || a.vertices().first().is_some_and(|vertex| surrounds(b, b_from_a * *vertex))
+        || b.vertices().first().is_some_and(|vertex| surrounds(a, b_from_a.inverse() * *vertex))
+}
+
+fn surfaces_near(a: &TriMesh, b: &TriMesh, b_from_a: &Pose, margin: f32) -> bool {
     let reach = b.local_aabb().transform_by(&b_from_a.inverse()).loosened(margin);
     a.bvh().leaves(|node| node.aabb().intersects(&reach)).any(|leaf| {
         let Triangle { a, b: second, c } = a.triangle(leaf);

@@ -3,9 +3,9 @@ use proptest::prelude::*;
 
 use super::solid::{Solid, near, parry_pose};
 use super::{CollisionScene, Contact};
-use crate::cell::body::Shape;
+use crate::cell::body::{Body, Shape};
 use crate::cell::{Cell, Configuration, Presets, SpecLibrary};
-use crate::geometry::Pose;
+use crate::geometry::{Mesh, Pose};
 use crate::testing::box_mesh;
 
 fn cell() -> Cell {
@@ -198,4 +198,73 @@ fn reach_bounds_every_motion() {
             assert!(moved <= pair.motion_mm(&step) + 0.01, "{moved} over {}", pair.motion_mm(&step));
         }
     }
+}
+
+fn on_arm(scene: &CollisionScene) -> Vec<(usize, usize)> {
+    let is_link = |body: usize| matches!(scene.bodies[body].carrier, super::Carrier::Link(_));
+    scene.pairs.iter().map(|pair| (pair.a, pair.b)).filter(|(a, b)| is_link(*a) && is_link(*b)).collect()
+}
+
+#[test]
+fn a_larger_clearance_excuses_no_pair_of_the_arm_and_leaves_it_room_to_be() {
+    let cell = Cell { obstacles: Vec::new(), ..cell() };
+    let least = on_arm(&CollisionScene::without_part(&cell, 1.0));
+    assert!(least.len() > 30);
+    for clearance_mm in [5.0, 20.0, 50.0, 100.0] {
+        let scene = CollisionScene::without_part(&cell, clearance_mm);
+        assert_eq!(on_arm(&scene), least, "{clearance_mm} mm");
+        assert_eq!(scene.check(&cell.home_rad), None, "{clearance_mm} mm");
+    }
+}
+
+#[test]
+fn a_mesh_inside_another_is_near_it_and_beside_it_is_not() {
+    let mesh = |half_mm: f64| Solid::from_mesh(&box_mesh([-half_mm; 3], [half_mm; 3]), &Isometry3::identity());
+    let (small, large) = (mesh(10.0), mesh(200.0));
+    let inside = at(30.0, -40.0, 50.0);
+    assert_eq!(measured((&small, inside), (&large, at(0.0, 0.0, 0.0))), 0.0);
+    assert_eq!(measured((&large, at(0.0, 0.0, 0.0)), (&small, inside)), 0.0);
+    let beside = measured((&small, at(300.0, 0.0, 0.0)), (&large, at(0.0, 0.0, 0.0)));
+    assert!((beside - 90.0).abs() < 0.2, "{beside}");
+}
+
+#[test]
+fn a_placement_is_refused_where_the_part_stands_in_what_it_should_stand_on() {
+    let cell = cell();
+    let on_plate = box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 200.0]);
+    let contact = |cell: &Cell, part: &Mesh, fixture: Option<&Mesh>| {
+        let scene = CollisionScene::new(cell, part, fixture, &Pose::identity(), 5.0);
+        scene.placement_contact().map(|contact| [contact.a.to_string(), contact.b.to_string()].join(" and "))
+    };
+    assert_eq!(contact(&cell, &on_plate, None), None);
+    let sunk = box_mesh([-100.0, -100.0, -60.0], [100.0, 100.0, 140.0]);
+    assert_eq!(contact(&cell, &sunk, None).as_deref(), Some("turntable housing and part"));
+    assert_eq!(contact(&cell, &on_plate, Some(&sunk)).as_deref(), Some("turntable housing and fixture"));
+    let bolt = box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 60.0]);
+    assert_eq!(contact(&cell, &on_plate, Some(&bolt)), None, "a fixture holds the part, from within too");
+    // Floor at the height of the plate: what overhangs it lies on the floor, and may; what hangs over its rim may not.
+    let sunken_table = Cell { floor_mm: Some(-200.0), ..cell.clone() };
+    let wide = box_mesh([-280.0, -30.0, 0.0], [280.0, 30.0, 50.0]);
+    assert_eq!(contact(&sunken_table, &wide, None), None);
+    let hanging = box_mesh([-280.0, -30.0, -3.0], [280.0, 30.0, 50.0]);
+    assert_eq!(contact(&sunken_table, &hanging, None).as_deref(), Some("floor and part"));
+}
+
+#[test]
+fn a_placement_is_tested_over_the_whole_turn_below_and_as_placed_beside() {
+    let wall = |owner_from_body: Isometry3<f64>| Body {
+        name: "wall".into(),
+        owner_from_body,
+        shape: Shape::Box { size_mm: [40.0, 40.0, 40.0] },
+    };
+    let cell = cell();
+    let arm = box_mesh([200.0, -10.0, -50.0], [240.0, 10.0, 50.0]);
+    let contact = |cell: &Cell| CollisionScene::new(cell, &arm, None, &Pose::identity(), 5.0).placement_contact();
+    assert_eq!(contact(&cell), None);
+    // Below the plate, a quarter turn away from where the part hangs down over the rim.
+    let below = Cell { table_bodies: vec![wall(at(0.0, -220.0, -40.0))], ..cell.clone() };
+    assert_eq!(contact(&below).map(|contact| contact.to_string()).as_deref(), Some("wall and part"));
+    let around = |x, y| Cell { obstacles: vec![wall(at(400.0 + x, y, -200.0))], ..cell.clone() };
+    assert_eq!(contact(&around(220.0, 0.0)).map(|contact| contact.to_string()).as_deref(), Some("wall and part"));
+    assert_eq!(contact(&around(0.0, 220.0)), None, "the table need not turn there");
 }

@@ -19,7 +19,7 @@ pub type LinkFrames = [Isometry3<f64>; 7];
 
 /// How an arm is built.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum KinematicsSpec {
     /// Ortho-parallel basis with spherical wrist.
     Opw(OpwSpec),

@@ -21,7 +21,7 @@ const COSINE_SLACK: f64 = 1e-12;
 
 /// Dimensions, signs and offsets of an ortho-parallel arm with a spherical wrist.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct OpwSpec {
     /// Axis 1 to shoulder, along x, mm, -5000 to 5000.
     pub a1_mm: f64,

@@ -17,7 +17,7 @@ const BASELINE_MIN_MM: f64 = 1.0;
 
 /// A structured-light scanner. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ScannerSpec {
     /// Name, unique among scanners.
     pub name: String,
@@ -34,10 +34,6 @@ pub struct ScannerSpec {
     pub board_poses: Option<BoardPosesSpec>,
     /// Mass, kg, 0.01 to 100.
     pub mass_kg: f64,
-    /// Centre of mass in the scanner frame, mm. Default: the origin.
-    #[serde(default)]
-    #[schema(min_items = 3, max_items = 3)]
-    pub centre_of_mass_mm: [f64; 3],
     /// Envelope for collision tests, in the scanner frame.
     #[serde(default)]
     pub body: Vec<BodySpec>,
@@ -55,7 +51,7 @@ pub struct ScannerSpec {
 
 /// Working depth along +z of the scanner: 1 ≤ near < best < far ≤ 10000 mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct DepthSpec {
     /// Nearest depth, mm.
     pub near: f64,
@@ -67,7 +63,7 @@ pub struct DepthSpec {
 
 /// One optical device: pinhole with skew and distortion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct DeviceSpec {
     /// Pose of the device in the scanner frame; left out for cameras when `board_poses` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -100,7 +96,7 @@ pub struct DeviceSpec {
 
 /// One board, seen by both cameras at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct BoardPosesSpec {
     /// The board in the left camera.
     pub left: BoardPoseSpec,
@@ -110,7 +106,7 @@ pub struct BoardPosesSpec {
 
 /// `camera_from_board` as calibration tools print it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object")]
 pub struct BoardPoseSpec {
     /// Rows of the rotation matrix; orthonormal to 1e-3, projected onto the nearest rotation.
     #[schema(min_items = 3, max_items = 3)]
@@ -146,7 +142,6 @@ impl ScannerSpec {
             far_mm: self.depth_mm.far,
             devices,
             mass_kg: self.mass_kg,
-            centre_of_mass_mm: Vector3::from(self.centre_of_mass_mm),
             body: self.body.clone(),
             stated_volume_mm: self.stated_volume_mm,
             practical_volume_mm: self.practical_volume_mm,
@@ -207,9 +202,6 @@ impl ScannerSpec {
             boards.check(findings);
         }
         findings.range("/mass_kg", self.mass_kg, 0.01, 100.0, "kg");
-        for (axis, value) in self.centre_of_mass_mm.iter().enumerate() {
-            findings.range(format!("/centre_of_mass_mm/{axis}"), *value, -1e4, 1e4, "mm");
-        }
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
         }

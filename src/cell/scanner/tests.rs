@@ -339,7 +339,6 @@ mod refusals {
             ("/name", |s| s.name.clear()),
             ("/mass_kg", |s| s.mass_kg = 0.0),
             ("/mass_kg", |s| s.mass_kg = f64::NAN),
-            ("/centre_of_mass_mm/1", |s| s.centre_of_mass_mm[1] = f64::INFINITY),
             ("/practical_volume_mm/2", |s| s.practical_volume_mm[2] = 0.5),
             ("/stated_volume_mm/0", |s| s.stated_volume_mm = Some([0.0, 1.0, 1.0])),
             ("/block_cube_mm", |s| s.block_cube_mm = 10_001.0),

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::context::{Cancelled, Context};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration, joints_of};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table, plate_from_placed};
 
 /// Step of the table, in whole parts of a turn: 5°.
 const TABLE_STEPS: u32 = 72;
@@ -118,9 +118,7 @@ fn base_from_scanner(
     table_from_part: &Pose<Table, Part>,
     table_angle_rad: f64,
 ) -> Pose<crate::geometry::Base, ScannerFrame> {
-    // The plate's frame is the table's at angle zero, where `table_from_part` is given.
-    let plate_from_part = Pose::claim(*table_from_part.isometry());
-    cell.base_from_plate(table_angle_rad) * plate_from_part * *part_from_scanner
+    cell.base_from_plate(table_angle_rad) * plate_from_placed(table_from_part) * *part_from_scanner
 }
 
 struct Search<'a> {

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::{Blocked, SPREAD_RAD, Station, inside_obstacle, solve};
 use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use crate::geometry::demo_parts::DemoPart;
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
 use crate::testing::box_mesh;
@@ -93,4 +94,19 @@ fn threads_do_not_change_the_stations_and_a_cancel_is_heard() {
     };
     assert_eq!(run(1, false), run(2, false));
     assert_eq!(run(2, true), Err(Cancelled));
+}
+
+#[test]
+fn a_larger_clearance_still_leaves_stations_on_the_demo_base() {
+    let (cell, part) = (cell(), DemoPart::Base.mesh(20_000).expect("a part"));
+    let (min, middle) = (part.aabb().min, part.aabb().centre());
+    let placed = Pose::claim(Isometry3::translation(-middle.x, -middle.y, -min.z));
+    let to_middle: Pose<Part, Part> = Pose::claim(Isometry3::from(middle.coords));
+    let views = [0.0, 90.0, 180.0, 270.0].map(|azimuth| to_middle * view(0.0, 40.0, azimuth, 520.0));
+    let flag = AtomicBool::new(false);
+    for clearance_mm in [5.0, 20.0, 50.0] {
+        let scene = CollisionScene::new(&cell, &part, None, &placed, clearance_mm);
+        let solved = solve(&views, &cell, &scene, &placed, &Context::new(&flag, &Silent)).expect("not cancelled");
+        assert!(solved.iter().all(Result::is_ok), "{clearance_mm} mm: {solved:?}");
+    }
 }
