@@ -1,5 +1,5 @@
 //! Floor 9, the service over HTTP: routes, problems, negotiation, and the loop that accepts connections. The only room
-//! that knows axum, and [`problem`] the only place that knows which status means what.
+//! that knows axum, and the one that knows which status means what (`problem.rs`).
 
 mod auth;
 mod docs;

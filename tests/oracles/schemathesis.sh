@@ -4,7 +4,7 @@
 # Needs VANTAGE_ORACLE_PYTHON, an interpreter with tests/oracles/requirements.txt; without it, says so and ends well.
 set -euo pipefail
 folder=$(cd "$(dirname "$0")" && pwd)
-binary=${1:?the vantage binary}
+binary=$(realpath "${1:?the vantage binary}")
 shift
 
 if [ -z "${VANTAGE_ORACLE_PYTHON:-}" ]; then
@@ -30,6 +30,8 @@ done
 # A mesh to be found among the ids that are made up.
 mesh=$(PYTHONPATH=$folder "$VANTAGE_ORACLE_PYTHON" -m schemathesis_hooks "$address" "$key")
 
+# It keeps a cache where it runs.
+cd "$work"
 SCHEMATHESIS_HOOKS=schemathesis_hooks PYTHONPATH=$folder VANTAGE_ORACLE_MESH=$mesh \
     "$VANTAGE_ORACLE_PYTHON" -m schemathesis.cli --config-file "$folder/schemathesis.toml" \
     run "$address/api/v1/openapi.json" --header "Authorization: Bearer $key" "$@"
