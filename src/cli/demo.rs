@@ -74,7 +74,7 @@ async fn show(app: App) {
 async fn plan_sample(app: &App) -> Result<Job, Box<dyn std::error::Error + Send + Sync>> {
     let mesh = tokio::task::spawn_blocking(|| demo_parts::base(TRIANGLES)).await??;
     let stl = write_stl(&mesh);
-    let mut upload = app.receive();
+    let mut upload = app.receive().await?;
     upload.write(Bytes::from(stl)).await?;
     let about = MeshUpload { unit: LengthUnit::Millimetre, name: Some("sample base".to_owned()) };
     let mesh = app.add_mesh(upload.finish(None).await?, about).await?;

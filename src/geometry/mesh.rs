@@ -30,6 +30,12 @@ impl Aabb {
         Self { min: self.min.inf(point), max: self.max.sup(point) }
     }
 
+    /// Whether `point` lies in the box, its faces included.
+    #[must_use]
+    pub fn holds(&self, point: &Point3<f64>) -> bool {
+        (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
+    }
+
     /// Edge lengths.
     #[must_use]
     pub fn extent_mm(&self) -> Vector3<f64> {

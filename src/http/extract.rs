@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::str::FromStr;
+use std::time::{Duration, Instant};
 
 use axum::body::Body;
 use axum::extract::{FromRequest, FromRequestParts, OptionalFromRequestParts, Query, Request};
@@ -67,11 +68,42 @@ async fn read(body: Body, limit: usize) -> Result<Vec<u8>, Problem> {
 
 /// Why a body broke off.
 pub(super) fn broken(error: &(dyn std::error::Error + 'static)) -> Problem {
-    let mut causes = std::iter::successors(Some(error), |error| error.source());
-    if causes.any(|cause| cause.is::<tower_http::timeout::TimeoutError>()) {
-        return Problem::new(Code::RequestTimeout, "no piece of the body came for too long");
+    if has_stalled(error) { too_slow() } else { Problem::new(Code::BadBody, "the body broke off") }
+}
+
+/// Whether no piece of a body came for too long.
+pub(super) fn has_stalled(error: &(dyn std::error::Error + 'static)) -> bool {
+    std::iter::successors(Some(error), |error| error.source()).any(|cause| cause.is::<tower_http::timeout::TimeoutError>())
+}
+
+pub(super) fn too_slow() -> Problem {
+    Problem::new(Code::RequestTimeout, "the body came too slowly")
+}
+
+/// The pace of an upload. Some bytes now and then keep a connection alive; for an upload, which holds a thread, they
+/// are not enough.
+pub(super) struct Pace {
+    began: Instant,
+    grace: Duration,
+    received_bytes: u64,
+}
+
+/// Slowest upload, bytes a second, on average.
+const SLOWEST_UPLOAD: f64 = 1024.0;
+
+impl Pace {
+    /// Begins to count; the pace is looked at once `grace` is over.
+    pub(super) fn new(grace: Duration) -> Self {
+        Self { began: Instant::now(), grace, received_bytes: 0 }
     }
-    Problem::new(Code::BadBody, "the body broke off")
+
+    /// Counts one more piece.
+    pub(super) fn count(&mut self, bytes: usize) -> Result<(), Problem> {
+        self.received_bytes += bytes as u64;
+        let elapsed = self.began.elapsed();
+        let too_few = (self.received_bytes as f64) < SLOWEST_UPLOAD * elapsed.as_secs_f64();
+        if elapsed > self.grace && too_few { Err(too_slow()) } else { Ok(()) }
+    }
 }
 
 /// The value of a header, if it is text.

@@ -1,5 +1,7 @@
 //! The OpenAPI document: its frame, schemas that only it needs, and what the routes' own descriptions cannot say.
 
+use std::collections::BTreeMap;
+
 use utoipa::ToSchema;
 use utoipa::openapi::link::Link;
 use utoipa::openapi::path::{Operation, Parameter};
@@ -49,6 +51,19 @@ pub(super) enum Unit {
 #[schema(value_type = String, format = Binary)]
 #[expect(dead_code, reason = "only its schema is used")]
 pub(super) struct Bytes(Vec<u8>);
+
+/// Seconds spent in each stage, by its name.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "only its schema is used; the file is written by the service")]
+pub(super) struct StageSeconds(BTreeMap<String, f64>);
+
+/// Whatever version there is.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "only its schema is used; preconditions are read by hand")]
+pub(super) enum AnyVersion {
+    #[schema(rename = "*")]
+    Any,
+}
 
 /// One server-sent event.
 #[derive(ToSchema)]
@@ -151,13 +166,15 @@ fn add_links(openapi: &mut OpenApi) {
         let of_results = operations(item).filter(|o| o.tags.iter().flatten().any(|tag| tag == "results"));
         results.extend(of_results.filter_map(|operation| operation.operation_id.clone()));
     }
-    let of_job = ["get_job", "follow_job", "cancel_job", "delete_job"].map(str::to_owned);
+    let of_job = ["get_job", "follow_job", "cancel_job", "delete_job"];
     let of_mesh = ["get_mesh", "get_mesh_file", "get_mesh_preview", "delete_mesh"];
     for item in openapi.paths.paths.values_mut() {
         for operation in operations(item) {
             let id = operation.operation_id.clone().unwrap_or_default();
             if id == "create_job" {
-                results.iter().chain(&of_job).for_each(|to| link(operation, "202", to, "id", "$response.body#/id"));
+                of_job.iter().for_each(|to| link(operation, "202", to, "id", "$response.body#/id"));
+            } else if id == "get_job" {
+                results.iter().for_each(|to| link(operation, "200", to, "id", "$response.body#/id"));
             } else if id == "upload_mesh" {
                 of_mesh.iter().for_each(|to| link(operation, "201", to, "id", "$response.body#/id"));
             } else if let Some(kind) = id.strip_prefix("put_") {
@@ -172,9 +189,11 @@ fn add_links(openapi: &mut OpenApi) {
 fn link(operation: &mut Operation, status: &str, to: &str, parameter: &str, value: &str) {
     if let Some(RefOr::T(response)) = operation.responses.responses.get_mut(status) {
         let mut link = Link::builder().operation_id(to).parameter(parameter, value);
-        if to == "get_job_file" {
-            link = link.parameter("name", "plan.json");
-        }
+        link = match to {
+            "get_job_file" => link.parameter("name", "plan.json"),
+            "get_job" => link.parameter("wait", "5s"),
+            _ => link,
+        };
         response.links.insert(to.to_owned(), link.build().into());
     }
 }

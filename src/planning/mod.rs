@@ -4,10 +4,12 @@
 pub mod candidates;
 mod cause;
 pub mod context;
+mod error;
 mod missed;
 mod motion;
 pub mod params;
 mod pipeline;
+mod placement;
 pub mod plan;
 pub mod report;
 pub mod selection;
@@ -17,4 +19,5 @@ mod study;
 pub mod surface;
 pub mod visibility;
 
-pub use pipeline::{PlanError, PlanInput, plan, resting};
+pub use error::PlanError;
+pub use pipeline::{PlanInput, plan, resting};

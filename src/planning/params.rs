@@ -38,7 +38,7 @@ pub struct PlanParams {
 pub struct PartParams {
     /// Longest patch edge, mm, 0.05 to 1000. Default: 1/60 of the bounding box's diagonal.
     pub patch_edge_mm: Option<f64>,
-    /// Samples per mm², 0.0001 to 1000; every patch has at least one. Default: one a patch.
+    /// Samples per mm², 0.0001 to 1000; every patch has at least one. Default: 50 000 on the part.
     pub samples_per_mm2: Option<f64>,
     /// How the part lies on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
     pub table_from_part: Option<PoseSpec>,
@@ -298,7 +298,7 @@ pub struct SelectionParams {
     pub target_of: TargetOf,
     /// Stop when the best view adds less than this share of the asked area, 0 to 1. Default 0.0001.
     pub min_growth: f64,
-    /// At most this many views, 1 to 10000. Default: no limit.
+    /// At most this many views, 1 to 1000. Default: no limit.
     pub max_views: Option<u32>,
 }
 
@@ -406,7 +406,7 @@ impl PlanParams {
         findings.range("/selection/target", self.selection.target, 0.0, 1.0, "");
         findings.range("/selection/min_growth", self.selection.min_growth, 0.0, 1.0, "");
         if let Some(views) = self.selection.max_views {
-            findings.range("/selection/max_views", f64::from(views), 1.0, 10_000.0, "views");
+            findings.range("/selection/max_views", f64::from(views), 1.0, 1000.0, "views");
         }
     }
 }

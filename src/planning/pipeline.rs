@@ -4,15 +4,17 @@
 use std::collections::BTreeSet;
 
 use super::candidates::{self, Scope};
-use super::context::{Cancelled, Context, Stage};
+use super::context::{Context, Stage};
+use super::error::PlanError;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
+use super::placement;
 use super::plan::Outcome;
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
 use super::visibility;
-use crate::cell::{Cell, DeviceName, FieldError, PoseSpec, Scanner};
+use crate::cell::{Cell, DeviceName, PoseSpec, Scanner};
 use crate::geometry::{Mesh, Part, Pose, RayScene, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
@@ -32,26 +34,6 @@ pub struct PlanInput<'a> {
     pub cell: Option<&'a Cell>,
 }
 
-/// Why there is no plan.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PlanError {
-    /// The job was cancelled.
-    #[error("cancelled")]
-    Cancelled,
-    /// Parameters that do not fit each other or the part.
-    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    BadParams(Vec<FieldError>),
-    /// Nothing can be measured.
-    #[error("no plan is possible: {0}")]
-    NoPlan(String),
-}
-
-impl From<Cancelled> for PlanError {
-    fn from(_: Cancelled) -> Self {
-        Self::Cancelled
-    }
-}
-
 /// Plans.
 ///
 /// # Errors
@@ -62,12 +44,14 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     ctx.begin(Stage::Surface)?;
     let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
     let asked_area_mm2 = asked_area_mm2(&surface)?;
-    let scene = RayScene::new([input.mesh].into_iter().chain(input.fixture));
     let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
+    let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
+    let scene = RayScene::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+    input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
 
     ctx.begin(Stage::Candidates)?;
     let scope = Scope { surface: &surface, scanner: input.scanner, table_from_part };
-    let generated = candidates::generate(&scope, &params.candidates, input.mesh, &scene, ctx)?;
+    let generated = candidates::generate(&scope, &params.candidates, input.mesh, ctx)?;
 
     let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part));
     let generated = motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));

@@ -158,6 +158,8 @@ pub enum StopReason {
     MaxViews,
     /// No candidate's score is positive.
     NoGain,
+    /// Views were left without a path after others had been tried in their place.
+    NoPath,
 }
 
 impl StopReason {
@@ -169,6 +171,7 @@ impl StopReason {
             Self::Growth => "growth",
             Self::MaxViews => "max_views",
             Self::NoGain => "no_gain",
+            Self::NoPath => "no_path",
         }
     }
 }

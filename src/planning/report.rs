@@ -160,12 +160,7 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
         writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
     }
     writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
-    writeln!(out, "  moving {} s in all", fixed(moving_secs(sequence), 1))
-}
-
-/// Predicted time of all moves.
-pub(crate) fn moving_secs(sequence: &Sequence) -> f64 {
-    sequence.visits.iter().map(|(_, leg)| leg.duration_secs).sum::<f64>() + sequence.return_home.duration_secs
+    writeln!(out, "  moving {} s in all", fixed(sequence.motion_secs(), 1))
 }
 
 fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -> fmt::Result {

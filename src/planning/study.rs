@@ -5,16 +5,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::candidates::{Generated, Rejection};
 use super::context::Context;
+use super::error::PlanError;
 use super::missed;
 use super::params::PlanParams;
-use super::pipeline::{PlanError, PlanInput};
-use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, Verdict, ViewId};
+use super::pipeline::PlanInput;
+use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict, ViewId};
 use super::selection::{self, Problem, Selection};
 use super::sequence::Ordered;
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
 use super::visibility::{Row, Table as VisibilityTable};
-use crate::cell::FieldError;
 use crate::geometry::{Part, Pose, Table};
 
 /// Stations of every kept candidate, or why it has none.
@@ -52,8 +52,7 @@ pub(super) fn asked_area_mm2(surface: &Surface) -> Result<Vec<f64>, PlanError> {
     if asked_area_mm2.iter().any(|area_mm2| *area_mm2 > 0.0) {
         return Ok(asked_area_mm2);
     }
-    let detail = "leaves nothing of the part to measure; exclude less".into();
-    Err(PlanError::BadParams(vec![FieldError { pointer: "/regions/exclude".into(), detail }]))
+    Err(PlanError::param("/regions/exclude", "leaves nothing of the part to measure; exclude less".into()))
 }
 
 impl Study<'_> {
@@ -119,9 +118,9 @@ impl Study<'_> {
             },
             table_from_part: self.reach.is_some().then_some(self.table_from_part),
             candidates: self.counts(),
-            views: self.views(chosen, ordered.as_ref(), &no_path, coverage.asked_area_mm2),
+            views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
             missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
-            stopped_because: chosen.selection.stopped_because,
+            stopped_because: if no_path.is_empty() { chosen.selection.stopped_because } else { StopReason::NoPath },
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
             params: self.params.clone(),
@@ -210,11 +209,19 @@ impl Study<'_> {
         CandidateCounts { generated: self.generated.generated, kept: self.usable().len(), rejected }
     }
 
-    fn views(&self, chosen: &Chosen, ordered: Option<&Ordered>, no_path: &BTreeSet<usize>, asked_mm2: f64) -> Vec<PlannedView> {
+    fn views(
+        &self,
+        chosen: &Chosen,
+        ordered: Option<&Ordered>,
+        no_path: &BTreeSet<usize>,
+        coverage: &Coverage,
+    ) -> Vec<PlannedView> {
         let station = |view: ViewId| {
             let visits = &ordered?.sequence.visits;
             visits.iter().find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
         };
+        let curve = &coverage.curve_area_mm2;
+        let gain_mm2 = |number: usize| if number == 0 { curve[0] } else { curve[number] - curve[number - 1] };
         let choices = chosen.kept.iter().zip(&chosen.selection.choices).enumerate();
         choices
             .map(|(number, (kept, choice))| {
@@ -224,7 +231,7 @@ impl Study<'_> {
                     candidate: candidate.id,
                     label: candidate.label,
                     part_from_scanner: candidate.part_from_scanner,
-                    gain_of_asked: super::plan::share(choice.gain_mm2, asked_mm2),
+                    gain_of_asked: super::plan::share(gain_mm2(number), coverage.asked_area_mm2),
                     score: choice.score,
                     station: station(id),
                     rejected: no_path.contains(kept).then_some(Cause::NoPath),

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-use tokio::sync::Semaphore;
+use tokio::sync::{Mutex, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -13,6 +14,11 @@ use super::options::Options;
 use super::run::{self, Planner};
 use super::store::{OpenError, Store};
 use crate::wire::{JobState, ReadinessCheck};
+
+/// Uploads at the same time; each holds one of the threads that may block, of which there are 512.
+const UPLOADS: usize = 64;
+/// The store is tried this often.
+const PROBE_EVERY: Duration = Duration::from_secs(1);
 
 /// The service. Clones are the same service.
 #[derive(Clone)]
@@ -24,6 +30,10 @@ pub(super) struct Inner {
     pub(super) runner: Runner,
     /// Meshes that may be parsed at the same time.
     pub(super) parsing: Semaphore,
+    /// Uploads that may come in at the same time.
+    pub(super) uploads: Arc<Semaphore>,
+    /// When the store was last seen to be writable, or not.
+    probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
     tasks: TaskTracker,
 }
@@ -43,17 +53,12 @@ impl App {
     /// [`OpenError`].
     pub async fn open_with(options: Options, planner: Planner) -> Result<Self, OpenError> {
         let store = Store::open(&options.data_dir).await?;
-        let runner = Runner::new(&options, planner).map_err(|error| OpenError::Folder {
-            path: "the planning threads".to_owned(),
-            source: std::io::Error::other(error),
-        })?;
+        let runner = Runner::new(&options, planner)?;
         let parsing = Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into));
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let app = Self(Arc::new(Inner { store, options, runner, parsing, stopping, tasks }));
-        app.recover().await.map_err(|error| OpenError::Folder {
-            path: app.0.options.data_dir.display().to_string(),
-            source: std::io::Error::other(error),
-        })?;
+        let (uploads, probed) = (Arc::new(Semaphore::new(UPLOADS)), Mutex::default());
+        let app = Self(Arc::new(Inner { store, options, runner, parsing, uploads, probed, stopping, tasks }));
+        app.recover().await?;
         for _ in 0..app.0.options.concurrent_jobs.max(1) {
             app.0.tasks.spawn(jobs::work(app.clone()));
         }
@@ -84,11 +89,27 @@ impl App {
     /// What must hold to take work, and whether it does.
     pub async fn readiness(&self) -> Vec<ReadinessCheck> {
         let check = |name: &str, ok: bool| ReadinessCheck { name: name.to_owned(), ok };
-        let (stopping, storage) = (self.0.stopping.is_cancelled(), self.0.store.probe().await);
-        if let Err(error) = &storage {
+        vec![
+            check("not_stopping", !self.0.stopping.is_cancelled()),
+            check("storage", self.is_writable().await),
+            check("planning", self.0.runner.is_alive()),
+        ]
+    }
+
+    /// Whether the store can be written. Anybody may ask, and it costs a write: so it is tried once a second at most.
+    async fn is_writable(&self) -> bool {
+        let mut probed = self.0.probed.lock().await;
+        if let Some((at, writable)) = *probed
+            && at.elapsed() < PROBE_EVERY
+        {
+            return writable;
+        }
+        let result = self.0.store.probe().await;
+        if let Err(error) = &result {
             tracing::warn!(error = error as &dyn std::error::Error, "the store cannot be written");
         }
-        vec![check("not_stopping", !stopping), check("storage", storage.is_ok()), check("planning", self.0.runner.is_alive())]
+        *probed = Some((Instant::now(), result.is_ok()));
+        result.is_ok()
     }
 
     /// How many jobs are in each state that is not an end.
@@ -120,7 +141,7 @@ impl App {
 
 /// Drops old events every hour.
 async fn prune(app: App) {
-    let mut every_hour = tokio::time::interval(std::time::Duration::from_secs(3600));
+    let mut every_hour = tokio::time::interval(Duration::from_secs(3600));
     loop {
         tokio::select! {
             () = app.0.stopping.cancelled() => return,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use bytes::Bytes;
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::task::JoinHandle;
 
 use super::app::App;
@@ -23,6 +23,7 @@ pub struct Upload {
     writer: JoinHandle<Result<Option<Received>, Error>>,
     received_bytes: u64,
     limit_bytes: u64,
+    _place: OwnedSemaphorePermit,
 }
 
 enum Piece {
@@ -81,9 +82,13 @@ fn ended_early() -> Error {
 }
 
 impl App {
-    /// Begins an upload.
-    #[must_use]
-    pub fn receive(&self) -> Upload {
+    /// Begins an upload, once there is a place for it: each holds a thread that writes.
+    ///
+    /// # Errors
+    /// [`Error::Draining`].
+    pub async fn receive(&self) -> Result<Upload, Error> {
+        self.check_open()?;
+        let place = self.0.uploads.clone().acquire_owned().await.map_err(|_| Error::Draining)?;
         let (sender, mut pieces) = mpsc::channel(PIECES_AHEAD);
         let files = self.0.store.files().clone();
         let writer = tokio::task::spawn_blocking(move || {
@@ -96,7 +101,8 @@ impl App {
             }
             Ok(None)
         });
-        Upload { pieces: sender, writer, received_bytes: 0, limit_bytes: self.0.options.max_upload_bytes }
+        let limit_bytes = self.0.options.max_upload_bytes;
+        Ok(Upload { pieces: sender, writer, received_bytes: 0, limit_bytes, _place: place })
     }
 
     /// Looks into an upload and keeps it, if it is a mesh.

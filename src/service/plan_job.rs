@@ -5,7 +5,7 @@ use sha2::{Digest, Sha256};
 use super::store::hex;
 use crate::cell::{Cell, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh};
-use crate::planning::context::{Context, Stage};
+use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::report::text;
@@ -65,10 +65,10 @@ impl PlanJob<'_> {
         };
         let outcome = plan(&input, self.params, ctx)?;
         ctx.begin(Stage::Report)?;
-        Ok(self.render(&outcome))
+        Ok(self.render(&outcome, ctx)?)
     }
 
-    fn render(&self, outcome: &Outcome) -> Vec<Artifact> {
+    fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
         let program = self.program(plan, &document);
@@ -91,13 +91,13 @@ impl PlanJob<'_> {
             ("coverage.bin", coverage::bin(outcome, &preview)),
             ("missed.json", json_file_bytes(&missed::json(plan))),
             ("report.txt", text(plan).into_bytes()),
-            ("report.html", report::html(&report).into_bytes()),
+            ("report.html", report::html(&report, ctx)?.into_bytes()),
         ];
         if let Some(program) = program {
             files.push(("program.json", ProgramDocument::new(&program, self.echo.clone()).to_bytes()));
             files.push(("program.csv", wire::program::csv(&program).into_bytes()));
         }
-        files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect()
+        Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
     /// The robot program, where there is a cell; it names the bytes of the plan that it carries out.

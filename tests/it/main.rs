@@ -2,6 +2,7 @@
 
 mod architecture;
 mod closed_form;
+mod goldens;
 mod http;
 mod inspect_scanner;
 mod kinematics;

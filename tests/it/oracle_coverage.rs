@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Deserialize;
 use vantage::cell::{PoseSpec, Scanner};
-use vantage::geometry::{Mesh, RayScene};
+use vantage::geometry::Mesh;
 use vantage::planning::candidates::{self, Scope};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PlanParams, Standoff};
@@ -106,7 +106,7 @@ fn candidate_poses(outcome: &Outcome, mesh: &Mesh, scanner: &Scanner) -> Vec<Pos
     let scope = Scope { surface: &outcome.surface, scanner, table_from_part };
     let cancel = AtomicBool::new(false);
     let context = Context::new(&cancel, &Silent);
-    let generated = candidates::generate(&scope, &params.candidates, mesh, &RayScene::new([mesh]), &context);
+    let generated = candidates::generate(&scope, &params.candidates, mesh, &context);
     let kept = generated.expect("not cancelled").kept;
     assert_eq!(kept.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");
     kept.iter().map(|candidate| PoseSpec::from(&candidate.part_from_scanner)).collect()

@@ -3,10 +3,10 @@
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Point3, Vector3};
-use vantage::cell::{Cell, Presets, SpecLibrary};
+use vantage::cell::{Cell, PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{PlanParams, Region};
+use vantage::planning::params::{Hemisphere, PlanParams, Region};
 use vantage::planning::plan::{Cause, Outcome};
 use vantage::planning::{PlanError, PlanInput, plan};
 
@@ -106,4 +106,26 @@ fn a_part_beyond_the_arm_is_no_plan_with_reasons() {
     cell.base_from_table = Pose::from_parts((away - Point3::origin()).cast(), nalgebra::UnitQuaternion::identity());
     let refused = planned(&mesh, None, &cell, &quick()).expect_err("out of reach").to_string();
     assert!(refused.contains("unreachable 33") && refused.contains("0 were usable"), "{refused}");
+}
+
+#[test]
+fn a_part_in_the_plate_above_it_or_beside_it_is_refused() {
+    let (cell, mesh) = (default_cell(), box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 40.0]));
+    let refusal = |translation_mm: [f64; 3]| {
+        let mut params = quick();
+        params.part.table_from_part = Some(PoseSpec { translation_mm, ..PoseSpec::default() });
+        planned(&mesh, None, &cell, &params).expect_err("refused").to_string()
+    };
+    assert!(refusal([0.0, 0.0, -15.0]).contains("/part/table_from_part: sinks the part 15.000 mm into the plate"));
+    assert!(refusal([0.0, 0.0, 30.0]).contains("leaves the part 30.000 mm above the plate"));
+    assert!(refusal([400.0, 0.0, 0.0]).contains("stands the part 400.0 mm from the table's axis"));
+}
+
+#[test]
+fn the_plate_hides_the_underside_from_views_below_it() {
+    let (cell, mesh) = (default_cell(), box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 40.0]));
+    let mut params = quick();
+    params.candidates.hemisphere = Some(Hemisphere::Full);
+    let coverage = planned(&mesh, None, &cell, &params).expect("a plan").plan.coverage;
+    assert!((coverage.optically_coverable_area_mm2 - (9600.0 - 1600.0)).abs() < 1e-6, "{coverage:?}");
 }

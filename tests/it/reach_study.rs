@@ -1,5 +1,5 @@
 //! Where to put robot, table and scanner: how much of the viewing hemisphere a layout reaches, collisions included. The
-//! table in `config/cells/REACH.md` is written with `VANTAGE_BLESS=1 cargo test --release --test it reach_study`; a plain
+//! table in `config/cells/REACH.md` is written with `UPDATE_GOLDEN=1 cargo test --release --test it reach_study`; a plain
 //! run recomputes the chosen layout and its neighbours and holds the file and the preset `e05-transcan` to it.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -181,7 +181,7 @@ fn recorded(text: &str, foot_mm: f64, table_mm: f64, mount: Mount) -> String {
 
 #[test]
 fn reach_table_is_what_the_layouts_reach() {
-    if std::env::var_os("VANTAGE_BLESS").is_some() {
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
         std::fs::write(file(), document()).expect("writes");
     }
     let text = std::fs::read_to_string(file()).expect("config/cells/REACH.md");

@@ -4,10 +4,12 @@
 mod markup;
 
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, preview};
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
+use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
     CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict,
@@ -168,7 +170,9 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {
     let scanner = nominal_scanner();
-    html(&ReportInput { outcome, mesh, scanner: &scanner, cell_name: Some(part_name), cycle_secs: Some(143.2), part_name, echo })
+    let (cell_name, cycle_secs, flag) = (Some(part_name), Some(143.2), AtomicBool::new(false));
+    let input = ReportInput { outcome, mesh, scanner: &scanner, cell_name, cycle_secs, part_name, echo };
+    html(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 
 #[test]

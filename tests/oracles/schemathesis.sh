@@ -27,7 +27,10 @@ for _ in $(seq 100); do
     sleep 0.1
 done
 
-SCHEMATHESIS_HOOKS=schemathesis_hooks PYTHONPATH=$folder \
+# A mesh to be found among the ids that are made up.
+mesh=$(PYTHONPATH=$folder "$VANTAGE_ORACLE_PYTHON" -m schemathesis_hooks "$address" "$key")
+
+SCHEMATHESIS_HOOKS=schemathesis_hooks PYTHONPATH=$folder VANTAGE_ORACLE_MESH=$mesh \
     "$VANTAGE_ORACLE_PYTHON" -m schemathesis.cli --config-file "$folder/schemathesis.toml" \
     run "$address/api/v1/openapi.json" --header "Authorization: Bearer $key" "$@"
 

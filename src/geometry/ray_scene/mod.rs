@@ -106,21 +106,17 @@ impl RayScene {
         self.corners_mm.iter().any(|corners| segment.meets_triangle(corners))
     }
 
-    /// Generalised winding number of the surface about `point` (Jacobson, Kavan, Sorkine-Hornung 2013, eq. 5 and 6):
-    /// about 1 inside a closed surface, about 0 outside. O(n).
+    /// Whether `point` lies inside the surface: most of three rays in unrelated directions cross it an odd number of
+    /// times. Exact for closed surfaces; where a surface is open the majority decides.
     #[must_use]
-    pub fn winding_number(&self, point: &Point3<f64>) -> f64 {
-        let solid_angle: f64 = self
-            .corners_mm
-            .iter()
-            .map(|corners| {
-                let [a, b, c] = corners.map(|corner| corner - point);
-                let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
-                let denominator = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-                2.0 * a.dot(&b.cross(&c)).atan2(denominator)
-            })
-            .sum();
-        solid_angle / (4.0 * std::f64::consts::PI)
+    pub fn encloses(&self, point: &Point3<f64>) -> bool {
+        const DIRECTIONS: [[f64; 3]; 3] = [[0.36, 0.48, 0.8], [-0.61, 0.27, 0.74], [0.19, -0.83, -0.52]];
+        let odd = |direction: &[f64; 3]| {
+            let segment = Segment::new(*point, Vector3::from(*direction), f64::INFINITY);
+            let near = self.bvh.leaves(|node| segment.meets_box(widened(node.mins()), widened(node.maxs())));
+            near.filter(|triangle| segment.meets_triangle(&self.corners_mm[*triangle as usize])).count() % 2 == 1
+        };
+        DIRECTIONS.iter().filter(|direction| odd(direction)).count() >= 2
     }
 }
 

@@ -46,10 +46,14 @@ fn an_empty_scene_blocks_nothing() {
 }
 
 #[test]
-fn the_winding_number_tells_inside_from_outside() {
+fn inside_is_told_from_outside() {
     let scene = RayScene::new([&octahedron()]);
-    assert!((scene.winding_number(&Point3::new(0.1, 0.2, 0.1)) - 1.0).abs() < 1e-12);
-    assert!(scene.winding_number(&Point3::new(1.0, 1.0, 1.0)).abs() < 1e-12);
+    for inside in [[0.1, 0.2, 0.1], [0.0, 0.0, 0.0], [0.0, 0.0, -0.99]] {
+        assert!(scene.encloses(&Point3::from(inside)), "{inside:?}");
+    }
+    for outside in [[1.0, 1.0, 1.0], [0.0, 0.0, 1.01], [-0.5, -0.6, 0.0]] {
+        assert!(!scene.encloses(&Point3::from(outside)), "{outside:?}");
+    }
 }
 
 fn coordinate() -> impl Strategy<Value = f64> {

@@ -1,6 +1,7 @@
 //! Meshes: upload, look, fetch, delete.
 
 use axum::body::Body;
+use axum::extract::multipart::MultipartError;
 use axum::extract::{FromRequest, Multipart, Path, Request, State};
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, LOCATION};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
@@ -12,7 +13,7 @@ use tokio_util::io::ReaderStream;
 
 use super::{immutable, mesh_id, not_modified};
 use crate::geometry::LengthUnit;
-use crate::http::extract::{Params, broken, check_encoding, text};
+use crate::http::extract::{Pace, Params, broken, check_encoding, has_stalled, text, too_slow};
 use crate::http::problem::{Code, Problem};
 use crate::http::router::Site;
 use crate::service::{FinishedUpload, MeshUpload, Upload};
@@ -33,7 +34,7 @@ const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
     params(
         ("unit" = inline(super::super::openapi::Unit), Query, description = "Unit of the file's coordinates; none of the formats says it."),
         ("name" = Option<String>, Query, description = "Name for reports and lists.", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
+        ("Content-Digest" = Option<String>, Header, format = "content-digest", example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:", pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
     ),
     request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(
@@ -52,11 +53,11 @@ pub(in crate::http) async fn upload(
     check_encoding(request.headers())?;
     check_length(request.headers(), site.app.options().max_upload_bytes)?;
     let announced = announced_sha256(request.headers())?;
-    let upload = site.app.receive();
+    let upload = site.app.receive().await?;
     let finished = if is_multipart(request.headers()) {
         receive_form(upload, request, &site, announced.as_deref()).await?
     } else {
-        receive_body(upload, request.into_body(), announced.as_deref()).await?
+        receive_body(upload, request.into_body(), &site, announced.as_deref()).await?
     };
     let mesh = site.app.add_mesh(finished, MeshUpload { unit, name }).await?;
     Ok((StatusCode::CREATED, [(LOCATION, format!("/api/v1/meshes/{}", mesh.id))], axum::Json(mesh)))
@@ -87,10 +88,12 @@ fn is_multipart(headers: &HeaderMap) -> bool {
     text(headers, &CONTENT_TYPE).is_some_and(|value| value.to_ascii_lowercase().starts_with("multipart/form-data"))
 }
 
-async fn receive_body(mut upload: Upload, body: Body, announced: Option<&str>) -> Result<FinishedUpload, Problem> {
-    let mut pieces = body.into_data_stream();
+async fn receive_body(mut upload: Upload, body: Body, site: &Site, announced: Option<&str>) -> Result<FinishedUpload, Problem> {
+    let (mut pieces, mut pace) = (body.into_data_stream(), Pace::new(site.options.body_idle_timeout));
     while let Some(piece) = pieces.next().await {
-        upload.write(piece.map_err(|error| broken(&error))?).await?;
+        let piece = piece.map_err(|error| broken(&error))?;
+        pace.count(piece.len())?;
+        upload.write(piece).await?;
     }
     Ok(upload.finish(announced).await?)
 }
@@ -101,23 +104,22 @@ async fn receive_form(
     site: &Site,
     announced: Option<&str>,
 ) -> Result<FinishedUpload, Problem> {
-    let refuse = |error: &axum::extract::multipart::MultipartError| match broken(error) {
-        problem if error.status() == StatusCode::BAD_REQUEST => {
-            let _ = problem;
-            Problem::new(Code::BadBody, error.body_text())
-        }
-        problem => problem,
-    };
+    let mut pace = Pace::new(site.options.body_idle_timeout);
     let mut form = Multipart::from_request(request, site).await.map_err(|e| Problem::new(Code::BadBody, e.body_text()))?;
-    while let Some(mut field) = form.next_field().await.map_err(|error| refuse(&error))? {
+    while let Some(mut field) = form.next_field().await.map_err(|error| broken_form(&error))? {
         if field.name() == Some("file") {
-            while let Some(piece) = field.chunk().await.map_err(|error| refuse(&error))? {
+            while let Some(piece) = field.chunk().await.map_err(|error| broken_form(&error))? {
+                pace.count(piece.len())?;
                 upload.write(piece).await?;
             }
             return Ok(upload.finish(announced).await?);
         }
     }
     Err(Problem::at(Code::BadBody, "file", "the form has no field of this name"))
+}
+
+fn broken_form(error: &MultipartError) -> Problem {
+    if has_stalled(error) { too_slow() } else { Problem::new(Code::BadBody, error.body_text()) }
 }
 
 /// List meshes, newest first

@@ -13,6 +13,7 @@ use crate::http::router::Site;
 use crate::wire::coverage::CoverageListing;
 use crate::wire::missed::MissedListing;
 use crate::wire::plan::PlanDocument;
+use crate::wire::program::ProgramDocument;
 use crate::wire::viewpoints::ViewpointsDocument;
 
 const JSON: &str = "application/json";
@@ -105,7 +106,7 @@ result! {
 result! {
     /// The robot program
     program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ["json", "csv"],
-    ("application/json", Object), ("text/csv", String)
+    ("application/json", ProgramDocument), ("text/csv", String)
 }
 result! {
     /// The chosen viewpoints
@@ -123,7 +124,7 @@ result! {
 }
 result! {
     /// Seconds spent in each stage
-    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" ["json"], ("application/json", BTreeMap<String, f64>)
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" ["json"], ("application/json", super::super::openapi::StageSeconds)
 }
 result! {
     /// The report for people

@@ -67,7 +67,7 @@ macro_rules! collection {
                 params(
                     ("name" = String, Path, description = "Its name, as in the body.", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
                     ("If-Match" = Option<String>, Header, description = "Tag of the version to be replaced."),
-                    ("If-None-Match" = Option<String>, Header, pattern = "^[*]$", description = "`*`: only if there is none."),
+                    ("If-None-Match" = inline(Option<super::super::super::openapi::AnyVersion>), Header, description = "`*`: only if there is none."),
                 ),
                 request_body = $spec,
                 responses(

@@ -4,22 +4,8 @@
 
 use nalgebra::Vector3;
 
-use super::Aim;
-use super::blocks::Block;
-use crate::planning::params::CandidateParams;
-
-/// Aims of every block, block by block.
-pub(super) fn aims(blocks: &[Block], params: &CandidateParams) -> Vec<Aim> {
-    let directions = directions(params.step_small_deg, params.step_large_deg);
-    blocks
-        .iter()
-        .flat_map(|block| {
-            directions.iter().map(|direction| Aim { centre: block.centre, half_extent: block.half_extent, direction: *direction })
-        })
-        .collect()
-}
-
-fn directions(small_deg: f64, large_deg: f64) -> Vec<Vector3<f64>> {
+/// Points of the unit sphere.
+pub(super) fn directions(small_deg: f64, large_deg: f64) -> Vec<Vector3<f64>> {
     // Slack against rounding of the grid: 180° and 360° themselves are never a step.
     const SLACK_DEG: f64 = 1e-9;
     let steps =

@@ -9,14 +9,17 @@ mod slide;
 #[cfg(test)]
 mod tests;
 
+use std::sync::OnceLock;
+
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::context::{Cancelled, Context};
+use super::error::PlanError;
 use super::params::{CandidateParams, Hemisphere, Standoff, Strategy};
 use super::surface::Surface;
 use crate::cell::Scanner;
-use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
+use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
 
 /// Dense number of a candidate, as generated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -128,6 +131,12 @@ struct Aim {
     direction: Vector3<f64>,
 }
 
+impl Aim {
+    fn new(block: &blocks::Block, direction: &Vector3<f64>) -> Self {
+        Self { centre: block.centre, half_extent: block.half_extent, direction: *direction }
+    }
+}
+
 /// A pose that was generated, and the side it looks at.
 type Placed = (Pose<Table, ScannerFrame>, Label);
 
@@ -152,35 +161,60 @@ pub struct Generated {
     pub rejected: Vec<(CandidateId, Rejection)>,
 }
 
+/// Most candidates of one job.
+const MOST_CANDIDATES: usize = 50_000;
+/// Most pairs of candidate and sample: bounds the table of what each measures to about 8 GB.
+const MOST_PAIRS: usize = 1_000_000_000;
+
 /// Generates the candidates of every strategy in `params` and drops those that no cell could use.
 ///
 /// # Errors
-/// [`Cancelled`].
-pub fn generate(
-    scope: &Scope<'_>,
-    params: &CandidateParams,
-    part: &Mesh,
-    scene: &RayScene,
-    ctx: &Context<'_>,
-) -> Result<Generated, Cancelled> {
+/// [`PlanError::Cancelled`]; [`PlanError::BadParams`] when there would be too many.
+pub fn generate(scope: &Scope<'_>, params: &CandidateParams, part: &Mesh, ctx: &Context<'_>) -> Result<Generated, PlanError> {
     let part_from_table = scope.table_from_part.inverse();
     let mut placed = Vec::new();
     for strategy in &params.strategies {
-        let aims = match strategy {
-            Strategy::Ellipsoid => ellipsoid::aims(&blocks::split(scope), params),
+        let blocks = blocks::split(scope);
+        let directions = match strategy {
+            Strategy::Ellipsoid => ellipsoid::directions(params.step_small_deg, params.step_large_deg),
         };
+        refuse_too_many(placed.len() + blocks.len() * directions.len() * params.rolls_deg.len(), scope)?;
+        let aims: Vec<_> =
+            blocks.iter().flat_map(|block| directions.iter().map(|direction| Aim::new(block, direction))).collect();
         placed.extend(place(scope, &aims, params, ctx)?);
     }
-    let mut generated = Generated { generated: placed.len(), ..Generated::default() };
-    for (number, (table_from_scanner, label)) in placed.into_iter().enumerate() {
-        let id = CandidateId(number as u32);
-        let part_from_scanner = part_from_table * table_from_scanner;
-        match unusable(scope, params, part, scene, &table_from_scanner, &part_from_scanner) {
-            Some(reason) => generated.rejected.push((id, reason)),
-            None => generated.kept.push(Candidate { id, part_from_scanner, label }),
+    let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
+    let filter = Filter { scope, above_only, part, aabb: part.aabb(), scene: OnceLock::new() };
+    let judged: Vec<_> = placed
+        .into_par_iter()
+        .enumerate()
+        .map(|(number, (table_from_scanner, label))| {
+            ctx.check()?;
+            let part_from_scanner = part_from_table * table_from_scanner;
+            let candidate = Candidate { id: CandidateId(number as u32), part_from_scanner, label };
+            Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    let mut generated = Generated { generated: judged.len(), ..Generated::default() };
+    for (reason, candidate) in judged {
+        match reason {
+            Some(reason) => generated.rejected.push((candidate.id, reason)),
+            None => generated.kept.push(candidate),
         }
     }
     Ok(generated)
+}
+
+fn refuse_too_many(candidates: usize, scope: &Scope<'_>) -> Result<(), PlanError> {
+    let samples = scope.surface.sample_mm.len();
+    if candidates <= MOST_CANDIDATES && candidates.saturating_mul(samples) <= MOST_PAIRS {
+        return Ok(());
+    }
+    let detail = format!(
+        "and its steps and rolls give {candidates} candidates for {samples} samples; allowed are {MOST_CANDIDATES} candidates \
+         and {MOST_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"
+    );
+    Err(PlanError::param("/candidates/strategies", detail))
 }
 
 /// Turns aims into poses: every roll, at the stand-off asked for.
@@ -221,21 +255,25 @@ fn looking_along(axis: &Vector3<f64>, roll_rad: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&axes) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad)
 }
 
-fn unusable(
-    scope: &Scope<'_>,
-    params: &CandidateParams,
-    part: &Mesh,
-    scene: &RayScene,
-    table_from_scanner: &Pose<Table, ScannerFrame>,
-    part_from_scanner: &Pose<Part, ScannerFrame>,
-) -> Option<Rejection> {
-    let optical_centres = scope.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
-    let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
-    if above_only && optical_centres.chain([Point3::origin()]).any(|centre| table_from_scanner.point(&centre).z <= 0.0) {
-        return Some(Rejection::BelowTable);
+/// What every candidate is held against.
+struct Filter<'a> {
+    scope: &'a Scope<'a>,
+    above_only: bool,
+    part: &'a Mesh,
+    aabb: Aabb,
+    /// The part alone, made when the first viewpoint lies in its box: rare for parts smaller than the stand-off.
+    scene: OnceLock<RayScene>,
+}
+
+impl Filter<'_> {
+    fn unusable(&self, candidate: &Candidate, table_from_scanner: &Pose<Table, ScannerFrame>) -> Option<Rejection> {
+        let optical_centres = self.scope.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+        let below = |centre: Point3<f64>| table_from_scanner.point(&centre).z <= 0.0;
+        if self.above_only && optical_centres.chain([Point3::origin()]).any(below) {
+            return Some(Rejection::BelowTable);
+        }
+        let viewpoint = candidate.part_from_scanner.origin_mm();
+        let encloses = || self.scene.get_or_init(|| RayScene::new([self.part])).encloses(&viewpoint);
+        (self.aabb.holds(&viewpoint) && encloses()).then_some(Rejection::InsidePart)
     }
-    let viewpoint = part_from_scanner.origin_mm();
-    let aabb = part.aabb();
-    let in_box = (0..3).all(|axis| aabb.min[axis] <= viewpoint[axis] && viewpoint[axis] <= aabb.max[axis]);
-    (in_box && scene.winding_number(&viewpoint) > 0.5).then_some(Rejection::InsidePart)
 }

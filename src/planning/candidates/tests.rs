@@ -12,13 +12,14 @@ use crate::testing::{box_mesh, nominal_scanner};
 
 fn generated(extent_mm: [f64; 3], params: &CandidateParams) -> Generated {
     let mesh = box_mesh([0.0; 3], extent_mm);
-    let part = PartParams { patch_edge_mm: Some(15.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
+    let longest_mm = extent_mm.into_iter().fold(0.0, f64::max);
+    let (patch_edge_mm, samples_per_mm2) = (Some(0.15 * longest_mm), Some(6000.0 / mesh.area_mm2()));
+    let part = PartParams { patch_edge_mm, samples_per_mm2, ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let scanner = nominal_scanner();
     let scope = Scope { surface: &surface, scanner: &scanner, table_from_part: resting(&mesh) };
-    let scene = RayScene::new([&mesh]);
     let ctx_flag = AtomicBool::new(false);
-    generate(&scope, params, &mesh, &scene, &Context::new(&ctx_flag, &Silent)).unwrap_or_else(|_| unreachable!())
+    generate(&scope, params, &mesh, &Context::new(&ctx_flag, &Silent)).unwrap_or_else(|_| unreachable!())
 }
 
 fn poses(generated: &Generated) -> Vec<Pose<Part, ScannerFrame>> {
@@ -94,4 +95,36 @@ fn above_the_table_means_every_optical_centre() {
     assert!(generated.rejected.iter().all(|(_, reason)| *reason == Rejection::BelowTable));
     // θ = 120°, 150° and 180° lie below; at 90° the scanner stands at half the part's height, its baseline level.
     assert_eq!((generated.kept.len(), generated.rejected.len()), (33, 21));
+}
+
+#[test]
+fn a_viewpoint_in_the_middle_of_a_large_shell_is_dropped() {
+    // A 1.2 m box: the inward blocks' viewpoints at the far side lie inside it.
+    let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::default() };
+    let generated = generated([1200.0, 1200.0, 1200.0], &params);
+    assert!(generated.rejected.iter().any(|(_, reason)| *reason == Rejection::InsidePart));
+    let inside = |candidate: &Candidate| {
+        let p = candidate.part_from_scanner.origin_mm();
+        (0..3).all(|axis| 1.0 < p[axis] && p[axis] < 1199.0)
+    };
+    assert!(!generated.kept.iter().any(inside));
+}
+
+#[test]
+fn absurd_numbers_of_candidates_are_refused_before_they_are_made() {
+    let refused = |extent_mm: [f64; 3], params: &CandidateParams| {
+        let mesh = box_mesh([0.0; 3], extent_mm);
+        let part = PartParams { patch_edge_mm: Some(extent_mm[0]), samples_per_mm2: Some(1e-4), ..PartParams::default() };
+        let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+        let scanner = nominal_scanner();
+        let scope = Scope { surface: &surface, scanner: &scanner, table_from_part: resting(&mesh) };
+        let flag = AtomicBool::new(false);
+        match generate(&scope, params, &mesh, &Context::new(&flag, &Silent)) {
+            Err(error) => error.to_string(),
+            Ok(_) => "accepted".into(),
+        }
+    };
+    let fine = CandidateParams { step_small_deg: 1.0, step_large_deg: 1.0, ..CandidateParams::default() };
+    assert!(refused([100.0, 100.0, 100.0], &fine).contains("allowed are 50000 candidates"));
+    assert!(refused([20_000.0, 20_000.0, 20_000.0], &CandidateParams::default()).contains("look at the part's unit"));
 }

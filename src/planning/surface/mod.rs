@@ -91,7 +91,7 @@ pub fn resolve(params: &PartParams, mesh: &Mesh) -> PartParams {
     resolved
 }
 
-/// Cuts `mesh` into patches and places the samples. `params` must be resolved.
+/// Cuts `mesh` into patches and places the samples, after [`resolve`].
 ///
 /// # Errors
 /// A patch edge or a density that would give more than 40 million samples; an excluded group that the file lacks.

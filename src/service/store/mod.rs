@@ -63,6 +63,12 @@ pub enum OpenError {
     /// The database cannot be used.
     #[error("cannot open the database")]
     Database(#[from] sqlx::Error),
+    /// There are no threads to plan on.
+    #[error("cannot start the planning threads")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// What an earlier process left cannot be put in order.
+    #[error("cannot put in order what an earlier process left")]
+    Recovery(#[from] Error),
     /// The database is of another version of the program.
     #[error("cannot bring the database to this version of the program")]
     Migration(#[from] sqlx::migrate::MigrateError),
@@ -99,10 +105,7 @@ impl Store {
         let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options).await?;
         let (feed, _) = broadcast::channel(FEED_LENGTH);
         let store = Self { reader, writer: Mutex::new(writer), files, feed, sweep: RwLock::new(()), _in_use: in_use };
-        store
-            .sweep_files()
-            .await
-            .map_err(|error| OpenError::Folder { path: data.display().to_string(), source: std::io::Error::other(error) })?;
+        store.sweep_files().await?;
         Ok(store)
     }
 

@@ -23,6 +23,7 @@ mod tests;
 
 use crate::cell::Scanner;
 use crate::geometry::Mesh;
+use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::Outcome;
 use crate::wire::echo::Echo;
 
@@ -46,15 +47,17 @@ pub struct ReportInput<'a> {
 }
 
 /// The page.
-#[must_use]
-pub fn html(input: &ReportInput<'_>) -> String {
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn html(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
     let scene = renderer::Scene::new(input.mesh, &input.outcome.surface);
     let body = [
         sections::header(input),
         "<main>\n".to_owned(),
         sections::headline(input),
         views::overviews(input, &scene),
-        views::chosen(input, &scene),
+        views::chosen(input, &scene, ctx)?,
         sections::curve(input),
         views::misses(input, &scene),
         sections::missed(input),
@@ -63,5 +66,5 @@ pub fn html(input: &ReportInput<'_>) -> String {
         "</main>\n".to_owned(),
         sections::footer(),
     ];
-    page::document(&format!("Scan plan: {}", input.part_name), &body.concat())
+    Ok(page::document(&format!("Scan plan: {}", input.part_name), &body.concat()))
 }

@@ -9,7 +9,7 @@ use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Grade, MissedCause, share};
-use crate::planning::report::{changed_params, moving_secs};
+use crate::planning::report::changed_params;
 use crate::planning::sequence::Leg;
 
 /// Spots of each cause that are listed.
@@ -61,7 +61,7 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         ("figure", percent(coverage.of_total()), "of the whole surface"),
     ];
     if let Some(sequence) = &plan.sequence {
-        figures.push(("figure", duration(moving_secs(sequence)), "moving"));
+        figures.push(("figure", duration(sequence.motion_secs()), "moving"));
     }
     figures.extend(input.cycle_secs.map(|secs| ("figure", duration(secs), "a cycle, predicted")));
     let figures: Vec<String> = figures
@@ -171,7 +171,7 @@ pub(super) fn order(input: &ReportInput<'_>) -> String {
          <div class=\"card scroll\"><table>\n<thead><tr><th class=\"n\">Stop</th><th>At</th><th class=\"n\">Turntable</th>\
          <th class=\"n\">Joints 1 to 6</th><th class=\"n\">Move</th><th class=\"n\">Points between</th></tr></thead>\n<tbody>\n{}</tbody>\
          </table></div>\n</section>\n",
-        duration(moving_secs(sequence)),
+        duration(sequence.motion_secs()),
         rows.concat()
     )
 }

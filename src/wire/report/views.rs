@@ -1,6 +1,7 @@
 //! The pictures with their captions: the part from three sides, and one card for each chosen view.
 
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::Vector3;
 use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
@@ -12,6 +13,7 @@ use super::pictures;
 use super::renderer::Scene;
 use super::words;
 use crate::cell::PoseSpec;
+use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Cause, Grade, PlannedView, Verdict, share};
 use crate::planning::stations::Station;
 use crate::planning::visibility::Row;
@@ -51,22 +53,31 @@ fn three_sides(picture: impl Fn(&pictures::Side) -> String + Sync) -> String {
 }
 
 /// One card for each chosen view, in the order chosen.
-pub(super) fn chosen(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn chosen(input: &ReportInput<'_>, scene: &Scene<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
     let views = &input.outcome.plan.views;
+    let done = AtomicUsize::new(0);
     let cards: Vec<String> = views
         .into_par_iter()
         .zip(&input.outcome.measured_by_view)
         .enumerate()
-        .map(|(position, (view, row))| card(input, scene, position, view, row))
-        .collect();
-    format!(
+        .map(|(position, (view, row))| {
+            ctx.check()?;
+            let card = card(input, scene, position, view, row);
+            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
+            Ok(card)
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    Ok(format!(
         "<section>\n<h2>The chosen views</h2>\n<p>Each picture shows the part from the viewpoint itself, with the scanner’s \
          baseline level. Blue is what this view measures, by its own grade; grey is left to other views. The dashed line is the \
          field that both cameras and the projector share at best focus.</p>\n{}<div class=\"views\" style=\"margin-top:14px\">\n{}\
          </div>\n</section>\n",
         legend(input, scene, &[GRADES.as_slice(), &[Ink::ByOthers]].concat()),
         cards.concat()
-    )
+    ))
 }
 
 fn card(input: &ReportInput<'_>, scene: &Scene<'_>, position: usize, view: &PlannedView, row: &Row) -> String {

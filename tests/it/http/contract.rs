@@ -5,15 +5,15 @@ use std::path::Path;
 
 use super::api::{Api, http_options};
 
-/// Holds `api/<name>` against what the code says; `UPDATE_CONTRACT=1` writes it anew.
+/// Holds `api/<name>` against what the code says; `UPDATE_GOLDEN=1` writes it anew.
 #[track_caller]
 fn assert_committed(name: &str, now: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("api").join(name);
-    if std::env::var_os("UPDATE_CONTRACT").is_some() {
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
         std::fs::write(&path, now).expect("written");
     }
     let committed = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(committed == now, "api/{name} is not what the code says; look at the change and run with UPDATE_CONTRACT=1");
+    assert!(committed == now, "api/{name} is not what the code says; look at the change and run with UPDATE_GOLDEN=1");
 }
 
 fn document() -> serde_json::Value {

@@ -1,5 +1,7 @@
 //! Uploading meshes and looking at them.
 
+use std::time::{Duration, Instant};
+
 use axum::body::{Body, Bytes};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
@@ -81,6 +83,19 @@ async fn a_body_that_stalls_or_breaks_leaves_nothing() {
     api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(stalls)).await.problem("request_timeout");
     let breaks = stream::iter([Ok(Bytes::from_static(b"solid")), Err(std::io::Error::other("gone"))]);
     api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(breaks)).await.problem("bad_body");
+    api.nothing_is_left().await;
+}
+
+#[tokio::test]
+async fn a_body_that_drips_is_given_up() {
+    let api = Api::start().await;
+    let drips = stream::unfold((), |()| async {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        Some((Ok::<_, std::io::Error>(Bytes::from_static(b"s")), ()))
+    });
+    let began = Instant::now();
+    api.send("POST", "/api/v1/meshes?unit=mm", &[], Body::from_stream(drips)).await.problem("request_timeout");
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
     api.nothing_is_left().await;
 }
 

@@ -4,4 +4,5 @@ mod commands;
 mod hostile;
 mod kill;
 mod life;
+mod oracle_schemathesis;
 pub(crate) mod process;

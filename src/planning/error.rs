@@ -1,0 +1,31 @@
+//! Why there is no plan at all.
+
+use super::context::Cancelled;
+use crate::cell::FieldError;
+
+/// See the module.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlanError {
+    /// The job was cancelled.
+    #[error("cancelled")]
+    Cancelled,
+    /// Parameters that do not fit each other, the part or the cell.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    BadParams(Vec<FieldError>),
+    /// Nothing can be measured.
+    #[error("no plan is possible: {0}")]
+    NoPlan(String),
+}
+
+impl PlanError {
+    /// One parameter that does not fit.
+    pub(super) fn param(pointer: &str, detail: String) -> Self {
+        Self::BadParams(vec![FieldError { pointer: pointer.to_owned(), detail }])
+    }
+}
+
+impl From<Cancelled> for PlanError {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
