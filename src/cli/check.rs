@@ -1,7 +1,8 @@
 //! `vantage check`: whether a specification, parameters, a plan or a program can be used, and if not what is wrong where.
 //! Each file says by its content what it is.
 
-use std::collections::BTreeSet;
+mod plan;
+
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -10,23 +11,20 @@ use sha2::{Digest, Sha256};
 
 use super::CliError;
 use super::files::{self, FileLibrary};
+use crate::cell::collision::LEAST_CLEARANCE_MM;
 use crate::cell::{
-    Cell, CellSpec, CollisionScene, FieldError, Findings, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
+    Cell, CellSpec, CollisionScene, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
 };
 use crate::geometry::{LengthUnit, Part, Pose, Table};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;
 use crate::planning::resting;
 use crate::program::{self, Expected};
-use crate::wire::plan::{PLAN_SCHEMA, PlanDocument, ViewpointDocument};
+use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 
-/// Clearance held when no plan says which, mm: the least that a job may ask for.
-const CLEARANCE_MM: f64 = 1.0;
 /// Taken off the plan's clearance, mm: angles that went through a file are not the planner's to the last digit.
 const ROUNDING_MM: f64 = 0.01;
-/// Shares add up to within this.
-const SHARE: f64 = 1e-9;
 
 /// Check specifications, parameters, plans and programs.
 #[derive(Debug, clap::Args)]
@@ -96,7 +94,7 @@ fn check(path: &Path, args: &CheckArgs, cell: Option<&Cell>) -> Result<String, C
         Some(Kind::Params) => read::<PlanParams>(value, &shown)?.check().map(|()| "parameters".to_owned()).map_err(refuse),
         Some(Kind::Plan) => {
             let document: PlanDocument = read(value, &shown)?;
-            check_plan(&document, cell).map_err(refuse)?;
+            plan::check(&document, cell).map_err(refuse)?;
             Ok(format!("plan with {} viewpoints{}", document.viewpoints.len(), depth(cell)))
         }
         Some(Kind::Program) => {
@@ -153,65 +151,6 @@ fn kind(value: &Value) -> Option<Kind> {
     }
 }
 
-/// References, shares and parameters of a plan; with its cell also that every station puts the scanner on its viewpoint.
-fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
-    let mut findings = Findings::default();
-    if let Err(errors) = document.params.check() {
-        errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
-    }
-    let ids: BTreeSet<u32> = document.viewpoints.iter().map(|view| view.id).collect();
-    findings.require(ids.len() == document.viewpoints.len(), "/viewpoints", || "two viewpoints have the same id".into());
-    let mut visited = BTreeSet::new();
-    for (index, id) in document.sequence.iter().enumerate() {
-        findings.require(ids.contains(id), format!("/sequence/{index}"), || format!("is {id}, which is no viewpoint"));
-        findings.require(visited.insert(*id), format!("/sequence/{index}"), || format!("visits {id} a second time"));
-    }
-    for (index, view) in document.viewpoints.iter().enumerate() {
-        check_view(index, view, visited.contains(&view.id), &mut findings);
-    }
-    let grades = &document.coverage.grades;
-    let (sum, of_asked) = (grades.a + grades.b + grades.c + grades.d, document.coverage.of_asked);
-    findings.require((sum - of_asked).abs() <= SHARE, "/coverage/grades", || format!("add up to {sum}; of_asked is {of_asked}"));
-    if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
-        check_stations(document, cell, &expected, &mut findings);
-    }
-    findings.into_result()
-}
-
-fn check_view(index: usize, view: &ViewpointDocument, is_visited: bool, findings: &mut Findings) {
-    let at = format!("/viewpoints/{index}");
-    view.part_from_scanner.check(&format!("{at}/part_from_scanner"), findings);
-    findings.require(view.station.is_some() == is_visited, format!("{at}/station"), || {
-        if is_visited {
-            "is missing, but the sequence visits it".into()
-        } else {
-            "is given, but the sequence leaves it out".into()
-        }
-    });
-    findings.require(view.rejected.is_none() || view.station.is_none(), format!("{at}/rejected"), || {
-        "is given beside a station; a rejected view has none".into()
-    });
-}
-
-fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, findings: &mut Findings) {
-    let axes = cell.axes();
-    for (index, view) in document.viewpoints.iter().enumerate() {
-        let Some(station) = view.station else { continue };
-        let [j1, j2, j3, j4, j5, j6] = station.joints_deg;
-        let configuration = [j1, j2, j3, j4, j5, j6, station.table_angle_deg].map(f64::to_radians);
-        let at = format!("/viewpoints/{index}/station");
-        for (axis, (limits, angle)) in axes.0.iter().zip(configuration).enumerate() {
-            let (min_deg, max_deg) = (limits.min_rad.to_degrees(), limits.max_rad.to_degrees());
-            let field = if axis < 6 { format!("{at}/joints_deg/{axis}") } else { format!("{at}/table_angle_deg") };
-            findings.range(field, angle.to_degrees(), min_deg - 1e-6, max_deg + 1e-6, "°");
-        }
-        let wanted = view.part_from_scanner.pose();
-        if let Some(fault) = program::off_pose(cell, &expected.table_from_part, ViewId(view.id), &configuration, &wanted) {
-            findings.push(at, fault.to_string());
-        }
-    }
-}
-
 /// What a plan with a cell asks of its program.
 fn expected(document: &PlanDocument, plan_sha256: String) -> Option<Expected> {
     let table_from_part = document.cell.as_ref()?.table_from_part.pose();
@@ -223,8 +162,8 @@ fn expected(document: &PlanDocument, plan_sha256: String) -> Option<Expected> {
 fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell: Option<&Cell>) -> Result<(), CliError> {
     let program = document.program().map_err(|errors| files::findings(shown, &errors))?;
     let Some(cell) = cell else { return Ok(()) };
-    let plan = args.plan.as_deref().map(plan).transpose()?;
-    let clearance_mm = plan.as_ref().map_or(CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
+    let plan = args.plan.as_deref().map(read_plan).transpose()?;
+    let clearance_mm = plan.as_ref().map_or(LEAST_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
     let expected = plan.as_ref().and_then(|(_, expected)| expected.as_ref());
     let scene = scene(args, cell, expected.map(|expected| expected.table_from_part), clearance_mm)?;
     let found = program::check(&program, cell, &scene, expected);
@@ -232,7 +171,7 @@ fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell
     if lines.is_empty() { Ok(()) } else { Err(CliError::BadInput(lines.join("\n"))) }
 }
 
-fn plan(path: &Path) -> Result<(PlanDocument, Option<Expected>), CliError> {
+fn read_plan(path: &Path) -> Result<(PlanDocument, Option<Expected>), CliError> {
     let shown = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
     let document: PlanDocument = read(files::value(path)?, &shown)?;

@@ -5,16 +5,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use self::signals::Signals;
+
 pub mod check;
 pub mod demo;
 pub mod files;
 pub mod healthcheck;
 pub mod inspect;
 pub mod inspect_scanner;
+mod out;
 pub mod part;
 pub mod plan;
 pub mod progress;
 pub mod serve;
+mod signals;
 mod telemetry;
 
 /// Plan automated 3D scans: mesh and cell in; viewpoints, proof of coverage and robot program out.
@@ -95,7 +99,7 @@ impl Cli {
         match self.command {
             Command::Serve(args) => serve::run(&args),
             Command::Demo(args) => demo::run(&args),
-            Command::Plan(args) => plan::run(&args, &*raised_by_ctrl_c()?),
+            Command::Plan(args) => plan::run(&args, &*raised_by_signal()?),
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Part(args) => part::run(&args),
@@ -108,19 +112,18 @@ impl Cli {
     }
 }
 
-/// A flag that the first ctrl-c raises; the second ends the process.
-fn raised_by_ctrl_c() -> Result<Arc<AtomicBool>, CliError> {
+/// A flag that the first ctrl-c or SIGTERM raises; the second ends the process.
+fn raised_by_signal() -> Result<Arc<AtomicBool>, CliError> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(|e| failed("the runtime", &e))?;
+    let mut signals = runtime.block_on(async { Signals::listen() })?;
     std::thread::spawn(move || {
         runtime.block_on(async {
-            if tokio::signal::ctrl_c().await.is_ok() {
-                raised.store(true, Ordering::Relaxed);
-            }
-            if tokio::signal::ctrl_c().await.is_ok() {
-                std::process::exit(EXIT_INTERRUPTED);
-            }
+            signals.next().await;
+            raised.store(true, Ordering::Relaxed);
+            signals.next().await;
+            std::process::exit(EXIT_INTERRUPTED);
         });
     });
     Ok(flag)

@@ -5,11 +5,12 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::Value;
 
-use super::CliError;
 use super::files::{self, FileLibrary};
 use super::progress::Progress;
+use super::{CliError, out};
 use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::LengthUnit;
+use crate::geometry::mesh_io::ReadMesh;
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
@@ -26,7 +27,7 @@ use crate::wire::plan::PlanDocument;
   vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
 
 Files written to --out: plan.json, program.json, timings.json, report.html, report.txt, coverage.csv and listings.
-Exit codes: 0 done, 2 bad input, 3 no plan possible, 4 interrupted.")]
+Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted.")]
 pub struct PlanArgs {
     /// The part: STL, OBJ or PLY.
     mesh: PathBuf,
@@ -51,9 +52,9 @@ pub struct PlanArgs {
     /// Print plan.json to standard output.
     #[arg(long)]
     json: bool,
-    /// Threads to plan with; the plan does not depend on it. Default: all cores.
-    #[arg(long)]
-    threads: Option<usize>,
+    /// Threads to plan with, 0 to 1024; the plan does not depend on it. 0: all cores.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    threads: u16,
     /// A label that plan and program carry.
     #[arg(long = "label", value_name = "KEY=VALUE")]
     labels: Vec<String>,
@@ -76,8 +77,8 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         Some(cell) => cell.scanner.clone(),
         None => scanner(args.scanner.as_deref().unwrap_or("transcan-c"))?,
     };
-    let (part, part_sha256) = files::mesh(&args.mesh, args.unit)?;
-    let fixture = params.part.fixture_mesh.as_ref().map(|path| files::mesh(Path::new(path), args.unit)).transpose()?;
+    let (part, part_sha256) = mesh(&args.mesh, args.unit)?;
+    let fixture = params.part.fixture_mesh.as_ref().map(|path| mesh(Path::new(path), args.unit)).transpose()?;
     let job = PlanJob {
         mesh: &part.mesh,
         fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
@@ -88,17 +89,27 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         params: &params,
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
     };
+    out::prepare(&args.out)?;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads.unwrap_or(0))
+        .num_threads(usize::from(args.threads))
         .build()
-        .map_err(|error| CliError::BadInput(format!("--threads: {error}")))?;
+        .map_err(|error| CliError::Failed(format!("--threads: {error}")))?;
     let progress = Progress::start();
     let result = pool.install(|| job.run(&Context::new(cancel, &progress)));
     let seconds = progress.finish();
     let mut artifacts = result.map_err(explain)?;
     artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
-    write(&args.out, &artifacts)?;
+    out::write(&args.out, &artifacts)?;
     report(args, &artifacts)
+}
+
+/// The mesh, after what is suspicious about it was told: a wrong unit is better seen before an hour than after.
+fn mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), CliError> {
+    let (read, sha256) = files::mesh(path, unit)?;
+    for warning in read.health.warnings() {
+        eprintln!("{}: {warning}\n  → {}", path.display(), warning.remedy());
+    }
+    Ok((read, sha256))
 }
 
 fn cell(args: &PlanArgs) -> Result<Option<Cell>, CliError> {
@@ -164,16 +175,6 @@ fn explain(error: PlanError) -> CliError {
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
         PlanError::NoPlan(_) => CliError::NoPlan(error.to_string()),
     }
-}
-
-fn write(out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
-    let refuse = |path: &Path, error: std::io::Error| CliError::BadInput(format!("--out: {}: {error}", path.display()));
-    std::fs::create_dir_all(out).map_err(|error| refuse(out, error))?;
-    for artifact in artifacts {
-        let path = out.join(artifact.name);
-        std::fs::write(&path, &artifact.bytes).map_err(|error| refuse(&path, error))?;
-    }
-    Ok(())
 }
 
 /// What a person wants to know at once, or the plan itself for a program.

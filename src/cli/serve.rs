@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::signals::Signals;
 use super::{CliError, EXIT_INTERRUPTED, failed, telemetry};
 use crate::http::{self, Server};
 use crate::service::App;
@@ -88,38 +89,4 @@ pub(super) async fn serve(server: Server, app: App, settings: &Settings) -> Resu
         tracing::warn!("some requests were cut off: they did not end within server.drain_timeout_secs");
     }
     Ok(())
-}
-
-/// The signals that end a server.
-struct Signals {
-    #[cfg(unix)]
-    terminate: tokio::signal::unix::Signal,
-}
-
-impl Signals {
-    #[cfg(unix)]
-    fn listen() -> Result<Self, CliError> {
-        use tokio::signal::unix::{SignalKind, signal};
-        let terminate = signal(SignalKind::terminate()).map_err(|error| failed("SIGTERM", &error))?;
-        Ok(Self { terminate })
-    }
-
-    #[cfg(unix)]
-    async fn next(&mut self) -> &'static str {
-        tokio::select! {
-            _ = self.terminate.recv() => "SIGTERM",
-            _ = tokio::signal::ctrl_c() => "SIGINT",
-        }
-    }
-
-    #[cfg(not(unix))]
-    fn listen() -> Result<Self, CliError> {
-        Ok(Self {})
-    }
-
-    #[cfg(not(unix))]
-    async fn next(&mut self) -> &'static str {
-        let _ = tokio::signal::ctrl_c().await;
-        "ctrl-c"
-    }
 }

@@ -55,3 +55,54 @@ fn part_writes_what_inspect_reads() {
     let few = part::PartArgs { triangles: 10, ..args };
     assert_eq!(part::run(&few).expect_err("too few").exit_code(), 2);
 }
+
+/// A plan that stops before it begins, since it is cancelled.
+fn plan_cancelled(extra: &[&str]) -> Result<(), CliError> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let part = folder.path().join("part.obj");
+    std::fs::write(&part, TRIANGLE).expect("a file");
+    let part = part.display().to_string();
+    let line = [&["vantage", "plan", &part, "--unit", "mm", "--cell", "none"], extra].concat();
+    let cli = Cli::try_parse_from(line).map_err(|error| CliError::BadInput(error.to_string()))?;
+    let Command::Plan(args) = cli.command else { unreachable!("the command asked for") };
+    plan::run(&args, &AtomicBool::new(true))
+}
+
+#[test]
+fn the_folder_for_results_is_made_and_tried_before_planning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("taken");
+    std::fs::write(&file, b"kept").expect("a file");
+    for out in [file.clone(), file.join("below")] {
+        let error = plan_cancelled(&["--out", &out.display().to_string()]).expect_err("no folder");
+        assert!(error.exit_code() == 2 && error.to_string().contains("name a folder"), "{error}");
+    }
+    let fresh = folder.path().join("a/b");
+    let error = plan_cancelled(&["--out", &fresh.display().to_string()]).expect_err("cancelled");
+    assert_eq!(error.exit_code(), 4, "{error}");
+    assert_eq!(std::fs::read_dir(&fresh).expect("made").count(), 0, "the trial leaves nothing");
+    if cfg!(target_os = "linux") {
+        let error = plan_cancelled(&["--out", "/proc/nowhere"]).expect_err("the system's own");
+        assert!(error.exit_code() == 1 && error.to_string().contains("cannot be written"), "{error}");
+    }
+}
+
+#[test]
+fn results_replace_what_was_there_and_leave_no_parts() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("plan.json"), b"old").expect("a file");
+    let artifact = |bytes: &[u8]| crate::service::plan_job::Artifact { name: "plan.json", bytes: bytes.to_vec() };
+    out::write(folder.path(), &[artifact(b"new")]).expect("written");
+    assert_eq!(std::fs::read(folder.path().join("plan.json")).expect("there"), b"new");
+    assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
+    let error = out::write(&folder.path().join("gone"), &[artifact(b"")]).expect_err("no folder");
+    assert_eq!(error.exit_code(), 1, "{error}");
+}
+
+#[test]
+fn threads_are_a_number_up_to_1024() {
+    for wrong in ["1025", "70000", "many"] {
+        let refused = plan_cancelled(&["--out", "out", "--threads", wrong]).expect_err("out of range");
+        assert!(refused.exit_code() == 2 && refused.to_string().contains("--threads"), "{refused}");
+    }
+}

@@ -100,3 +100,48 @@ fn a_program_is_linted_against_a_cell() {
     let unknown = check(&[&sound, "--cell", "nowhere"]).expect_err("refused");
     assert!(unknown.contains("e05-transcan"), "{unknown}");
 }
+
+#[test]
+fn a_binary_file_is_refused_in_a_line() {
+    let folder = Folder::new();
+    for bytes in [&b"\xff\xfe\x00solid"[..], b"name = \"x\"\0"] {
+        let path = folder.0.path().join("part.stl");
+        std::fs::write(&path, bytes).expect("writes");
+        let found = check(&[&path.display().to_string()]).expect_err("refused");
+        assert!(found.ends_with("part.stl: is no TOML or JSON text"), "{found}");
+    }
+}
+
+#[test]
+fn a_cell_says_at_its_field_what_is_wrong_with_a_file_it_names() {
+    let folder = Folder::new();
+    let cell = preset_text(SpecKind::Cell, "e05-transcan").expect("preset");
+    let named = |field: &str, preset: &str, path: &std::path::Path| {
+        let text = cell.replace(&format!("{field} = \"{preset}\""), &format!("{field} = {:?}", path.display().to_string()));
+        folder.check("cell.toml", &text).expect_err("refused")
+    };
+    let broken = folder.file("scanner.toml", "name = \"mine\"\ndepth_mm = \n");
+    let found = named("scanner", "transcan-c", &broken);
+    assert!(found.contains("cell.toml: /scanner: is") && found.contains("cannot be used") && found.contains("line 2"), "{found}");
+    assert_eq!(found.lines().count(), 1, "{found}");
+    let other = folder.file("robot.toml", "name = \"arm\"\npayload_kg = \"much\"\n");
+    let found = named("robot", "hans-e05", &other);
+    assert!(found.contains("cell.toml: /robot: is") && found.contains("/payload_kg"), "{found}");
+    let found = named("turntable", "minas-a6-500", &folder.0.path().join("nowhere.toml"));
+    assert!(found.contains("/turntable: is") && found.contains("which is unknown; known turntable names"), "{found}");
+    let mesh = folder.file("column.stl", "no mesh");
+    let column =
+        format!("[[obstacles]]\nname = \"column\"\nshape = {{ kind = \"mesh\", mesh = {:?} }}\n", mesh.display().to_string());
+    let found = folder.check("meshes.toml", &format!("{cell}\n{column}")).expect_err("refused");
+    assert!(found.contains("/obstacles/1/shape/mesh: is") && found.contains("column.stl: "), "{found}");
+}
+
+#[test]
+fn messages_speak_of_files_not_of_types() {
+    let folder = Folder::new();
+    let found = folder.check("params.toml", "selection = 3\n").expect_err("refused");
+    assert!(found.ends_with("/selection: invalid type: integer `3`, expected an object"), "{found}");
+    let plan = serde_json::json!({"schema": "vantage.plan/1", "version": "0", "part": 3});
+    let found = folder.check("plan.json", &plan.to_string()).expect_err("refused");
+    assert!(found.contains("expected an object"), "{found}");
+}

@@ -1,0 +1,204 @@
+//! What a plan's document must say whoever wrote it: names of the closed lists, shares that are shares and add up, ids
+//! and sequence that fit each other; and with the cell that every station puts the scanner on its viewpoint.
+
+use std::collections::BTreeSet;
+
+use super::{Expected, expected};
+use crate::cell::{Cell, FieldError, Findings};
+use crate::planning::candidates::Label;
+use crate::planning::plan::{Cause, ViewId};
+use crate::program;
+use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, ViewpointDocument};
+
+/// Shares add up to within this.
+const SHARE: f64 = 1e-9;
+/// Areas, as shares of the asked area, are sums in different orders.
+const AREA: f64 = 1e-6;
+/// Angles went through degrees, °.
+const ROUNDING_DEG: f64 = 1e-6;
+/// Rules that may have ended a selection.
+const STOPPED: [&str; 5] = ["target", "growth", "max_views", "no_gain", "no_path"];
+/// Why a chosen view may measure nothing.
+const REJECTED: [Cause; 3] = [Cause::Unreachable, Cause::Collision, Cause::NoPath];
+/// Sides that a view may look at.
+const LABELS: [Label; 6] = [Label::Top, Label::Bottom, Label::Right, Label::Back, Label::Left, Label::Front];
+
+/// Everything that is wrong with the document.
+pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
+    let mut findings = Findings::default();
+    if let Err(errors) = document.params.check() {
+        errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
+    }
+    check_part(&document.part, &mut findings);
+    check_candidates(document, &mut findings);
+    check_coverage(&document.coverage, &mut findings);
+    check_views(document, &mut findings);
+    check_missed(document, &mut findings);
+    one_of("/stopped_because", &document.stopped_because, &STOPPED, &mut findings);
+    if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
+        check_stations(document, cell, &expected, &mut findings);
+    }
+    findings.into_result()
+}
+
+fn one_of(pointer: impl std::fmt::Display, name: &str, allowed: &[&str], findings: &mut Findings) {
+    findings.require(allowed.contains(&name), pointer, || format!("is {name:?}; allowed is one of {}", allowed.join(", ")));
+}
+
+fn above_zero(pointer: &str, value: f64, unit: &str, findings: &mut Findings) {
+    let is_above = value.is_finite() && value > 0.0;
+    findings.require(is_above, pointer, || format!("is {value} {unit}; allowed is above 0 {unit}"));
+}
+
+/// A share of 0 to 1, to within rounding.
+fn share(pointer: impl std::fmt::Display, value: f64, findings: &mut Findings) {
+    let is_share = (-SHARE..=1.0 + SHARE).contains(&value);
+    findings.require(is_share, pointer, || format!("is {value}; allowed is 0 to 1"));
+}
+
+fn check_part(part: &PartDocument, findings: &mut Findings) {
+    let is_hash = part.sha256.len() == 64 && part.sha256.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+    findings.require(is_hash, "/part/sha256", || format!("is {:?}; allowed are 64 of 0-9 and a-f", part.sha256));
+    findings.require(part.triangles > 0, "/part/triangles", || "is 0; allowed is 1 and more".into());
+    above_zero("/part/area_mm2", part.area_mm2, "mm²", findings);
+    let (min, max) = (part.bbox_mm.min, part.bbox_mm.max);
+    findings.require((0..3).all(|axis| min[axis] <= max[axis]), "/part/bbox_mm/min", || {
+        format!("is {min:?}; allowed is up to max, {max:?}, in every axis")
+    });
+}
+
+fn check_candidates(document: &PlanDocument, findings: &mut Findings) {
+    let (kept, generated) = (document.candidates.kept, document.candidates.generated);
+    findings.require(kept <= generated, "/candidates/kept", || format!("is {kept}; allowed is up to generated, {generated}"));
+    let views = document.viewpoints.len();
+    findings.require(views <= kept, "/viewpoints", || format!("has {views} entries; allowed is up to candidates.kept, {kept}"));
+}
+
+fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
+    let asked_mm2 = coverage.asked_area_mm2;
+    above_zero("/coverage/asked_area_mm2", asked_mm2, "mm²", findings);
+    let areas = [
+        ("measured_area_mm2", coverage.measured_area_mm2, coverage.coverable_area_mm2),
+        ("coverable_area_mm2", coverage.coverable_area_mm2, coverage.optically_coverable_area_mm2),
+        ("optically_coverable_area_mm2", coverage.optically_coverable_area_mm2, asked_mm2),
+    ];
+    for (field, area_mm2, whole_mm2) in areas {
+        let fits = (0.0..=whole_mm2 + AREA * asked_mm2).contains(&area_mm2);
+        findings.require(fits, format!("/coverage/{field}"), || format!("is {area_mm2} mm²; allowed is 0 to {whole_mm2} mm²"));
+    }
+    let shares = [("of_asked", coverage.of_asked), ("of_coverable", coverage.of_coverable), ("of_total", coverage.of_total)];
+    for (field, value) in shares {
+        share(format!("/coverage/{field}"), value, findings);
+    }
+    for (field, value, whole_mm2) in
+        [("of_asked", coverage.of_asked, asked_mm2), ("of_coverable", coverage.of_coverable, coverage.coverable_area_mm2)]
+    {
+        let derived = if whole_mm2 > 0.0 { coverage.measured_area_mm2 / whole_mm2 } else { 0.0 };
+        findings.require((value - derived).abs() <= AREA, format!("/coverage/{field}"), || {
+            format!("is {value}; by measured_area_mm2 it is {derived}")
+        });
+    }
+    check_grades(coverage, findings);
+    check_curve(coverage, findings);
+}
+
+fn check_grades(coverage: &CoverageDocument, findings: &mut Findings) {
+    let grades = &coverage.grades;
+    for (grade, value) in [("A", grades.a), ("B", grades.b), ("C", grades.c), ("D", grades.d)] {
+        share(format!("/coverage/grades/{grade}"), value, findings);
+    }
+    let (sum, of_asked) = (grades.a + grades.b + grades.c + grades.d, coverage.of_asked);
+    findings.require((sum - of_asked).abs() <= SHARE, "/coverage/grades", || format!("add up to {sum}; of_asked is {of_asked}"));
+}
+
+fn check_curve(coverage: &CoverageDocument, findings: &mut Findings) {
+    let mut before = 0.0;
+    for (index, value) in coverage.curve.iter().copied().enumerate() {
+        let at = format!("/coverage/curve/{index}");
+        share(&at, value, findings);
+        findings.require(value >= before - SHARE, at, || format!("is {value}; allowed is the one before, {before}, and more"));
+        before = value;
+    }
+    let of_asked = coverage.of_asked;
+    findings
+        .require((before - of_asked).abs() <= SHARE, "/coverage/curve", || format!("ends at {before}; of_asked is {of_asked}"));
+}
+
+fn check_views(document: &PlanDocument, findings: &mut Findings) {
+    let stations: BTreeSet<u32> = document.viewpoints.iter().filter(|view| view.station.is_some()).map(|view| view.id).collect();
+    let mut visited = BTreeSet::new();
+    for (index, id) in document.sequence.iter().enumerate() {
+        let at = format!("/sequence/{index}");
+        findings.require(stations.contains(id), &at, || format!("is {id}; allowed are ids of viewpoints with a station"));
+        findings.require(visited.insert(*id), at, || format!("visits {id} a second time"));
+    }
+    for (index, view) in document.viewpoints.iter().enumerate() {
+        check_view(index, view, document.cell.is_some(), &visited, findings);
+    }
+    let measuring = document.viewpoints.iter().filter(|view| view.rejected.is_none()).count();
+    let entries = document.coverage.curve.len();
+    findings.require(entries == measuring, "/coverage/curve", || {
+        format!("has {entries} entries; allowed is one for each of the {measuring} viewpoints that are not rejected")
+    });
+}
+
+fn check_view(index: usize, view: &ViewpointDocument, with_cell: bool, visited: &BTreeSet<u32>, findings: &mut Findings) {
+    let at = format!("/viewpoints/{index}");
+    findings.require(view.id as usize == index, format!("{at}/id"), || {
+        format!("is {}; allowed is {index}: viewpoints count from 0 in the order chosen", view.id)
+    });
+    one_of(format!("{at}/label"), &view.label, &LABELS.map(Label::as_str), findings);
+    view.part_from_scanner.check(&format!("{at}/part_from_scanner"), findings);
+    share(format!("{at}/gain_of_asked"), view.gain_of_asked, findings);
+    if let Some(rejected) = &view.rejected {
+        one_of(format!("{at}/rejected"), rejected, &REJECTED.map(Cause::as_str), findings);
+    }
+    let station = match (view.station.is_some(), with_cell, view.rejected.is_some()) {
+        (true, false, _) => Some("is given, but the plan has no cell; allowed is null"),
+        (true, _, true) => Some("is given, but the view is rejected; allowed is null"),
+        (true, ..) if !visited.contains(&view.id) => Some("is given, but the sequence leaves it out"),
+        (false, true, false) => Some("is missing; a plan with a cell has one, or says why in rejected"),
+        _ => None,
+    };
+    findings.require(station.is_none(), format!("{at}/station"), || station.unwrap_or_default().into());
+}
+
+fn check_missed(document: &PlanDocument, findings: &mut Findings) {
+    let mut causes = BTreeSet::new();
+    for (index, missed) in document.missed.iter().enumerate() {
+        let at = format!("/missed/{index}");
+        one_of(format!("{at}/reason"), &missed.reason, &Cause::ALL.map(Cause::as_str), findings);
+        findings.require(causes.insert(&missed.reason), format!("{at}/reason"), || {
+            format!("is {:?} a second time; allowed is one entry a cause", missed.reason)
+        });
+        above_zero(&format!("{at}/area_mm2"), missed.area_mm2, "mm²", findings);
+    }
+    let coverage = &document.coverage;
+    let left_mm2 = coverage.asked_area_mm2 - coverage.measured_area_mm2;
+    let missed_mm2: f64 = document.missed.iter().fold(0.0, |sum, missed| sum + missed.area_mm2);
+    findings.require((missed_mm2 - left_mm2).abs() <= AREA * coverage.asked_area_mm2, "/missed", || {
+        format!("adds up to {missed_mm2} mm²; asked less measured is {left_mm2} mm²")
+    });
+}
+
+fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, findings: &mut Findings) {
+    let axes = cell.axes();
+    for (index, view) in document.viewpoints.iter().enumerate() {
+        let Some(station) = view.station else { continue };
+        let [j1, j2, j3, j4, j5, j6] = station.joints_deg;
+        let configuration = [j1, j2, j3, j4, j5, j6, station.table_angle_deg].map(f64::to_radians);
+        let at = format!("/viewpoints/{index}/station");
+        for (axis, (limits, angle)) in axes.0.iter().zip(configuration).enumerate() {
+            let (min_deg, max_deg) = (limits.min_rad.to_degrees(), limits.max_rad.to_degrees());
+            let field = if axis < 6 { format!("{at}/joints_deg/{axis}") } else { format!("{at}/table_angle_deg") };
+            findings.range(field, angle.to_degrees(), min_deg - ROUNDING_DEG, max_deg + ROUNDING_DEG, "°");
+        }
+        let wanted = view.part_from_scanner.pose();
+        if let Some(fault) = program::off_pose(cell, &expected.table_from_part, ViewId(view.id), &configuration, &wanted) {
+            findings.push(at, fault.to_string());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

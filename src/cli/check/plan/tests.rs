@@ -1,0 +1,84 @@
+use std::sync::atomic::AtomicBool;
+
+use serde_json::{Value, json};
+
+use super::check;
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::PlanParams;
+use crate::service::plan_job::PlanJob;
+use crate::testing::{box_mesh, nominal_scanner};
+use crate::wire::echo::Echo;
+
+/// The plan of a block without a cell, as a file holds it.
+fn plan() -> Value {
+    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
+    let mut params = PlanParams::default();
+    params.selection.max_views = Some(2);
+    params.limits.camera_deg = Some(35.0);
+    let job = PlanJob {
+        mesh: &mesh,
+        fixture: None,
+        part_name: "block".into(),
+        part_sha256: &"0a".repeat(32),
+        scanner: &scanner,
+        cell: None,
+        params: &params,
+        echo: Echo::default(),
+    };
+    let files = job.run(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    let plan = files.iter().find(|file| file.name == "plan.json").expect("the plan");
+    serde_json::from_slice(&plan.bytes).expect("JSON")
+}
+
+/// Everything found, a line each.
+fn found(plan: &Value) -> String {
+    let document = serde_json::from_value(plan.clone()).expect("of the right shape");
+    let errors = check(&document, None).err().unwrap_or_default();
+    errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
+    let plan = plan();
+    assert_eq!(found(&plan), "");
+    let views = plan["viewpoints"].as_array().map_or(0, Vec::len);
+    assert!(views > 1 && plan["missed"].as_array().is_some_and(|missed| !missed.is_empty()), "too little to falsify");
+    let half = plan["coverage"]["of_asked"].as_f64().map(|share| 0.5 * share);
+    let cases = [
+        ("/missed/0/reason", json!("gremlins"), "is \"gremlins\"; allowed is one of excluded_resting, facing, depth"),
+        ("/missed/0/area_mm2", json!(-4.0), "is -4 mm²; allowed is above 0 mm²"),
+        ("/viewpoints/0/label", json!("above"), "is \"above\"; allowed is one of top, bottom, right, back, left, front"),
+        ("/viewpoints/0/rejected", json!("tired"), "is \"tired\"; allowed is one of unreachable, collision, no_path"),
+        ("/viewpoints/1/id", json!(0), "is 0; allowed is 1"),
+        ("/viewpoints/0/gain_of_asked", json!(1.5), "is 1.5; allowed is 0 to 1"),
+        ("/stopped_because", json!("bored"), "is \"bored\"; allowed is one of target, growth, max_views, no_gain, no_path"),
+        ("/sequence", json!([0]), "/sequence/0: is 0; allowed are ids of viewpoints with a station"),
+        ("/coverage/of_asked", json!(1.2), "is 1.2; allowed is 0 to 1"),
+        ("/coverage/of_coverable", json!(-0.1), "is -0.1; allowed is 0 to 1"),
+        ("/coverage/of_total", json!(2), "is 2; allowed is 0 to 1"),
+        ("/coverage/of_coverable", json!(0.5), "by measured_area_mm2 it is"),
+        ("/coverage/curve/0", json!(1.0), "/coverage/curve/1: is 0."),
+        ("/coverage/curve", json!([half, half]), "of_asked is"),
+        ("/coverage/curve", json!([]), "has 0 entries; allowed is one for each"),
+        ("/coverage/grades/A", json!(-0.2), "/coverage/grades/A: is -0.2; allowed is 0 to 1"),
+        ("/coverage/measured_area_mm2", json!(1e9), "/coverage/measured_area_mm2: is 1000000000 mm²; allowed is 0 to"),
+        ("/coverage/asked_area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
+        ("/part/sha256", json!("0A".repeat(32)), "allowed are 64 of 0-9 and a-f"),
+        ("/part/area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
+        ("/part/triangles", json!(0), "allowed is 1 and more"),
+        ("/part/bbox_mm/min", json!([1e3, 0, 0]), "allowed is up to max"),
+        ("/candidates/kept", json!(1_000_000), "allowed is up to generated"),
+        ("/missed", json!([]), "adds up to 0 mm²; asked less measured is"),
+    ];
+    for (pointer, value, words) in cases {
+        let mut changed = plan.clone();
+        *changed.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer} is there")) = value;
+        let found = found(&changed);
+        // What contradicts the change may stand elsewhere; then the words say where.
+        let tells = |line: &str| line.contains(words) && (words.starts_with('/') || line.starts_with(pointer));
+        assert!(found.lines().any(tells), "{pointer}: {words:?} in\n{found}");
+    }
+    let mut stationed = plan.clone();
+    stationed["viewpoints"][0]["station"] = json!({"table_angle_deg": 0.0, "joints_deg": [0, 0, 0, 0, 0, 0]});
+    assert!(found(&stationed).contains("/viewpoints/0/station: is given, but the plan has no cell"));
+}
