@@ -5,6 +5,7 @@ pub mod candidates;
 mod cause;
 pub mod context;
 mod error;
+mod input;
 mod missed;
 mod motion;
 pub mod params;
@@ -20,4 +21,5 @@ pub mod surface;
 pub mod visibility;
 
 pub use error::PlanError;
-pub use pipeline::{PlanInput, plan, resting};
+pub use input::PlanInput;
+pub use pipeline::{plan, resting};

@@ -3,9 +3,9 @@
 use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
 use super::error::PlanError;
+use super::input::PlanInput;
 use super::params::PlanParams;
-use super::pipeline::PlanInput;
-use super::plan::ViewId;
+use super::selection::ViewId;
 use super::sequence::{self, Ordered};
 use super::stations::{self, Station};
 use super::study::Reach;

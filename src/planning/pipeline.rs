@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use super::candidates::{self, Scope};
 use super::context::{Context, Stage};
 use super::error::PlanError;
+use super::input::PlanInput;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
@@ -14,25 +15,11 @@ use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
 use super::visibility;
-use crate::cell::{Cell, DeviceName, PoseSpec, Scanner};
+use crate::cell::{DeviceName, PoseSpec};
 use crate::geometry::{Mesh, Part, Pose, RayScene, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
 const MOST_RESELECTIONS: usize = 4;
-
-/// What is planned for.
-pub struct PlanInput<'a> {
-    /// The part.
-    pub mesh: &'a Mesh,
-    /// What holds it: occludes and collides, is not measured. In part coordinates.
-    pub fixture: Option<&'a Mesh>,
-    /// SHA-256 of the part's file, lower-case hexadecimal.
-    pub part_sha256: &'a str,
-    /// The scanner; the cell's own where there is a cell.
-    pub scanner: &'a Scanner,
-    /// The cell; `None` plans viewpoints alone.
-    pub cell: Option<&'a Cell>,
-}
 
 /// Plans.
 ///

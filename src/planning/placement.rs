@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::error::PlanError;
-use super::pipeline::PlanInput;
+use super::input::PlanInput;
 use crate::cell::Cell;
 use crate::geometry::{Mesh, Part, Pose, Table};
 

@@ -5,13 +5,10 @@ use nalgebra::Point3;
 use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 use super::params::PlanParams;
+pub use super::selection::{StopReason, ViewId};
 use super::sequence::Sequence;
 use super::stations::Station;
 use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
-
-/// Dense number of a chosen view, in the order chosen, from 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ViewId(pub u32);
 
 /// A plan. Everything needed to write `plan.json`; no clock, no thread count.
 #[derive(Clone, Debug)]
@@ -145,35 +142,6 @@ pub struct MissedSpot {
     pub centre_mm: Point3<f64>,
     /// Faces of the uploaded file that it touches, ascending.
     pub source_faces: Vec<u32>,
-}
-
-/// Which rule ended the selection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StopReason {
-    /// The target share was reached.
-    Target,
-    /// The best view would add less than `selection.min_growth`.
-    Growth,
-    /// `selection.max_views` views were chosen.
-    MaxViews,
-    /// No candidate's score is positive.
-    NoGain,
-    /// Views were left without a path after others had been tried in their place.
-    NoPath,
-}
-
-impl StopReason {
-    /// Name in files and answers.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Target => "target",
-            Self::Growth => "growth",
-            Self::MaxViews => "max_views",
-            Self::NoGain => "no_gain",
-            Self::NoPath => "no_path",
-        }
-    }
 }
 
 /// Grade of a sample from its best chosen view's quality: A > 0.5, B > 0, C > −0.5, D the rest (method §5).

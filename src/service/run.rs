@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 pub use super::plan_job::Artifact;
 use super::plan_job::PlanJob;
 use super::store::hex;
-use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::planning::PlanError;
@@ -130,24 +130,25 @@ pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunErro
     job.run(ctx).map_err(RunError::from)
 }
 
-/// The meshes that a run brings with it, and the presets.
+/// The meshes that a run brings with it. Its specifications are written out, so that a preset that changes between two
+/// versions changes no accepted job.
 pub struct RunLibrary<'a>(pub &'a RunInput);
 
 impl SpecLibrary for RunLibrary<'_> {
-    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
-        Presets.scanner(name)
+    fn scanner(&self, _: &str) -> Result<ScannerSpec, NotFound> {
+        Err(NotFound::Unknown)
     }
 
-    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
-        Presets.robot(name)
+    fn robot(&self, _: &str) -> Result<RobotSpec, NotFound> {
+        Err(NotFound::Unknown)
     }
 
-    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
-        Presets.turntable(name)
+    fn turntable(&self, _: &str) -> Result<TurntableSpec, NotFound> {
+        Err(NotFound::Unknown)
     }
 
-    fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
-        Presets.cell(name)
+    fn cell(&self, _: &str) -> Result<CellSpec, NotFound> {
+        Err(NotFound::Unknown)
     }
 
     fn mesh(&self, name: &str) -> Result<Mesh, NotFound> {
@@ -155,7 +156,7 @@ impl SpecLibrary for RunLibrary<'_> {
         source.read("/cell", self.0.max_triangles).map_err(|error| NotFound::Unusable(error.to_string()))
     }
 
-    fn names(&self, kind: SpecKind) -> Vec<String> {
-        Presets.names(kind)
+    fn names(&self, _: SpecKind) -> Vec<String> {
+        Vec::new()
     }
 }

@@ -4,10 +4,9 @@
 
 use rayon::prelude::*;
 
-use super::{Choice, Problem, Selection};
+use super::{Choice, Problem, Selection, StopReason};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
-use crate::planning::plan::StopReason;
 
 /// Rounding of the running sum of areas: a target of 100 % is met by the sum of all parts in another order.
 const SUM_SLACK: f64 = 1e-9;

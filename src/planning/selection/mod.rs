@@ -6,8 +6,11 @@ mod tests;
 
 use super::context::{Cancelled, Context};
 use super::params::{ScoreParams, SelectionParams, Solver, TargetOf};
-use super::plan::StopReason;
 use super::visibility::Row;
+
+/// Dense number of a chosen view, in the order chosen, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ViewId(pub u32);
 
 /// What views are chosen from.
 pub struct Problem<'a> {
@@ -28,6 +31,35 @@ pub struct Choice {
     pub gain_mm2: f64,
     /// Its score when chosen, mm²: G_v, or plain area.
     pub score: f64,
+}
+
+/// Which rule ended the selection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// The target share was reached.
+    Target,
+    /// The best view would add less than `selection.min_growth`.
+    Growth,
+    /// `selection.max_views` views were chosen.
+    MaxViews,
+    /// No candidate's score is positive.
+    NoGain,
+    /// Views were left without a path after others had been tried in their place.
+    NoPath,
+}
+
+impl StopReason {
+    /// Name in files and answers.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Target => "target",
+            Self::Growth => "growth",
+            Self::MaxViews => "max_views",
+            Self::NoGain => "no_gain",
+            Self::NoPath => "no_path",
+        }
+    }
 }
 
 /// Chosen views, in the order chosen.

@@ -23,7 +23,7 @@ use self::routes::{Node, Route, Routes};
 use self::tour::Costs;
 use super::context::{Cancelled, Context};
 use super::params::PlanParams;
-use super::plan::ViewId;
+use super::selection::ViewId;
 use super::stations::Station;
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};

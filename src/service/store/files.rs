@@ -67,12 +67,12 @@ impl Files {
     /// Gives a received file its name. A file that is there already stays as it is.
     pub(crate) fn adopt(&self, received: Received) -> io::Result<PathBuf> {
         let path = self.path(&received.sha256);
-        if path.exists() {
-            return Ok(path);
-        }
         let folder = path.parent().unwrap_or(&self.files);
-        fs::create_dir_all(folder)?;
-        received.file.persist(&path).map_err(|e| e.error)?;
+        if !path.exists() {
+            fs::create_dir_all(folder)?;
+            received.file.persist(&path).map_err(|e| e.error)?;
+        }
+        // Also for a file that was there: another upload may have named it and not come to this line yet.
         File::open(folder)?.sync_all()?;
         File::open(&self.files)?.sync_all()?;
         Ok(path)

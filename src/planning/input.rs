@@ -1,0 +1,18 @@
+//! What a plan is made for: borrowed, so that a job's part is held once.
+
+use crate::cell::{Cell, Scanner};
+use crate::geometry::Mesh;
+
+/// What is planned for.
+pub struct PlanInput<'a> {
+    /// The part.
+    pub mesh: &'a Mesh,
+    /// What holds it: occludes and collides, is not measured. In part coordinates.
+    pub fixture: Option<&'a Mesh>,
+    /// SHA-256 of the part's file, lower-case hexadecimal.
+    pub part_sha256: &'a str,
+    /// The scanner; the cell's own where there is a cell.
+    pub scanner: &'a Scanner,
+    /// The cell; `None` plans viewpoints alone.
+    pub cell: Option<&'a Cell>,
+}
