@@ -4,5 +4,6 @@ mod commands;
 mod hostile;
 mod kill;
 mod life;
+mod oracle_browser;
 mod oracle_schemathesis;
 pub(crate) mod process;

@@ -14,7 +14,7 @@ use vantage::planning::params::PlanParams;
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan};
 
-pub(crate) use needs::{oracle_python, program, shared};
+pub(crate) use needs::{chromium, oracle_python, program, shared};
 
 /// The nominal rig of method §2.
 pub(crate) fn nominal_scanner() -> Scanner {

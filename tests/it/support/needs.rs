@@ -23,6 +23,11 @@ pub(crate) fn oracle_python() -> Option<PathBuf> {
     installed("VANTAGE_ORACLE_PYTHON", "an independent oracle")
 }
 
+/// The browser for the pages.
+pub(crate) fn chromium() -> Option<PathBuf> {
+    installed("VANTAGE_CHROMIUM", "a Chromium")
+}
+
 fn installed(variable: &str, what: &str) -> Option<PathBuf> {
     if let Some(program) = std::env::var_os(variable) {
         return Some(PathBuf::from(program));
