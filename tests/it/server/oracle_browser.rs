@@ -1,6 +1,7 @@
 //! The page at `/` in a real browser: it must list a job and link its results, without scripts failing.
 
-use std::process::Command;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use super::process::Server;
 use crate::support::chromium;
@@ -16,16 +17,39 @@ fn the_page_lists_a_job_and_links_its_results() {
     assert_eq!(server.ended(id)["state"], "succeeded");
 
     let profile = tempfile::tempdir().expect("a folder");
-    let output = Command::new(browser)
+    let started = Command::new("timeout")
+        .arg("60")
+        .arg(browser)
         .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"])
         .args(["--disable-background-networking", "--disable-component-update", "--virtual-time-budget=4000", "--dump-dom"])
         .arg(format!("--user-data-dir={}", profile.path().display()))
         .arg(server.url("/"))
-        .output()
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
         .expect("the browser starts");
+    // The page keeps its stream of events open, and the browser's virtual time stands still with it: once the page has
+    // asked for everything, the server's end lets the browser come to its own.
+    wait_for_route(&server, "/api/v1/events");
+    std::thread::sleep(Duration::from_secs(2));
+    drop(server);
+    let output = started.wait_with_output().expect("the browser ends");
     let page = String::from_utf8_lossy(&output.stdout);
     let list = page.split("<template").next().expect("what stands before the template");
     for wanted in ["succeeded", &format!("/api/v1/jobs/{id}/plan"), &format!("/api/v1/jobs/{id}/report")] {
         assert!(list.contains(wanted), "{wanted} is not in\n{list}");
+    }
+}
+
+/// Waits until the server has been asked for `route`.
+fn wait_for_route(server: &Server, route: &str) {
+    let asked = || {
+        let mut answer = ureq::get(server.url("/metrics")).call().expect("an answer");
+        answer.body_mut().read_to_string().expect("text").contains(&format!("route=\"{route}\""))
+    };
+    let until = Instant::now() + Duration::from_secs(60);
+    while !asked() {
+        assert!(Instant::now() < until, "the page does not ask for {route}");
+        std::thread::sleep(Duration::from_millis(100));
     }
 }
