@@ -8,7 +8,7 @@ use super::context::Context;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::missed;
-use super::params::PlanParams;
+use super::params::{PlanParams, SelectionParams, TargetOf};
 use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict, ViewId};
 use super::selection::{self, Problem, Selection};
 use super::sequence::Ordered;
@@ -55,6 +55,20 @@ pub(super) fn asked_area_mm2(surface: &Surface) -> Result<Vec<f64>, PlanError> {
     Err(PlanError::param("/regions/exclude", "leaves nothing of the part to measure; exclude less".into()))
 }
 
+/// A selection that met its target among the views that have a path has not met it when what the given-up views would
+/// have measured counts too, as it does in the coverable area.
+fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &SelectionParams) -> StopReason {
+    /// Sums of areas in another order.
+    const SUM_SLACK: f64 = 1e-9;
+    let reached = match params.target_of {
+        TargetOf::Coverable => coverage.of_coverable(),
+        TargetOf::Asked => coverage.of_asked(),
+        TargetOf::Total => coverage.of_total(),
+    };
+    let short = reached < params.target - SUM_SLACK;
+    if ended_by == StopReason::Target && short { StopReason::NoPath } else { ended_by }
+}
+
 impl Study<'_> {
     /// Why a kept candidate cannot be used by the cell, if so.
     fn blocked(&self, kept: usize) -> Option<Blocked> {
@@ -74,8 +88,8 @@ impl Study<'_> {
         (0..self.generated.kept.len()).filter(|kept| self.blocked(*kept).is_none()).collect()
     }
 
-    /// Chooses among the usable candidates that are not `barred`. The target stays a share of what all usable ones
-    /// measure.
+    /// Chooses among the usable candidates that are not `barred`. A target of the coverable area is here a share of what
+    /// those measure; see [`stopped_because`] for what is then said of it.
     pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
         let usable: Vec<_> = self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect();
         let selection = selection::select(&self.problem(&usable), &self.params.selection, &self.params.score, ctx)?;
@@ -120,7 +134,7 @@ impl Study<'_> {
             candidates: self.counts(),
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
             missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
-            stopped_because: if no_path.is_empty() { chosen.selection.stopped_because } else { StopReason::NoPath },
+            stopped_because: stopped_because(chosen.selection.stopped_because, &coverage, &self.params.selection),
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
             params: self.params.clone(),
@@ -264,5 +278,19 @@ impl Study<'_> {
             counts.kept,
             named.join(", ")
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_met_without_the_given_up_views_is_not_called_met() {
+        let params = SelectionParams::default();
+        let covered = |measured_area_mm2| Coverage { measured_area_mm2, coverable_area_mm2: 100.0, ..Coverage::default() };
+        assert_eq!(stopped_because(StopReason::Target, &covered(98.5), &params), StopReason::Target);
+        assert_eq!(stopped_because(StopReason::Target, &covered(95.0), &params), StopReason::NoPath);
+        assert_eq!(stopped_because(StopReason::Growth, &covered(95.0), &params), StopReason::Growth);
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use super::{Expected, expected};
 use crate::cell::{Cell, FieldError, Findings};
 use crate::planning::candidates::Label;
-use crate::planning::plan::{Cause, ViewId};
+use crate::planning::plan::{Cause, StopReason, ViewId};
 use crate::program;
 use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, ViewpointDocument};
 
@@ -16,8 +16,6 @@ const SHARE: f64 = 1e-9;
 const AREA: f64 = 1e-6;
 /// Angles went through degrees, °.
 const ROUNDING_DEG: f64 = 1e-6;
-/// Rules that may have ended a selection.
-const STOPPED: [&str; 5] = ["target", "growth", "max_views", "no_gain", "no_path"];
 /// Why a chosen view may measure nothing.
 const REJECTED: [Cause; 3] = [Cause::Unreachable, Cause::Collision, Cause::NoPath];
 /// Sides that a view may look at.
@@ -34,7 +32,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     check_coverage(&document.coverage, &mut findings);
     check_views(document, &mut findings);
     check_missed(document, &mut findings);
-    one_of("/stopped_because", &document.stopped_because, &STOPPED, &mut findings);
+    one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
     if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
         check_stations(document, cell, &expected, &mut findings);
     }

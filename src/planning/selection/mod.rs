@@ -44,11 +44,14 @@ pub enum StopReason {
     MaxViews,
     /// No candidate's score is positive.
     NoGain,
-    /// Views were left without a path after others had been tried in their place.
+    /// The target was met only of what the views with a path measure; others were tried in place of those without.
     NoPath,
 }
 
 impl StopReason {
+    /// Every rule.
+    pub const ALL: [Self; 5] = [Self::Target, Self::Growth, Self::MaxViews, Self::NoGain, Self::NoPath];
+
     /// Name in files and answers.
     #[must_use]
     pub fn as_str(self) -> &'static str {

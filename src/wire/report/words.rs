@@ -91,6 +91,9 @@ pub(super) fn stop(reason: StopReason, params: &PlanParams) -> String {
             None => "The limit of views was reached.".into(),
         },
         StopReason::NoGain => "No further view would have added anything worth its cost.".into(),
-        StopReason::NoPath => "Views were left without a collision-free path after others had been tried in their place.".into(),
+        StopReason::NoPath => {
+            "The target was reached only of what the views with a collision-free path measure; to others no path was found."
+                .into()
+        }
     }
 }
