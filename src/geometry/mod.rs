@@ -10,6 +10,7 @@ mod mesh_health;
 pub mod mesh_io;
 mod preview;
 mod ray_scene;
+mod simd;
 mod unit;
 
 pub use adjacency::connected_components;
@@ -20,4 +21,5 @@ pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::RayScene;
+pub use simd::{Kernel, SimdLevel};
 pub use unit::{LengthUnit, UnknownUnit};

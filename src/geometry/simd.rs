@@ -1,0 +1,141 @@
+//! Runs a numeric kernel with the widest vector instructions of the CPU at hand, chosen at run time, so that one binary
+//! suits every x86-64 CPU. A kernel is plain Rust that the compiler vectorises; each level only widens the registers it
+//! may use. Rust neither reorders floating-point sums nor contracts a·b + c, and every operation that a kernel uses is
+//! correctly rounded by IEEE 754, so a kernel gives the same bits at every level.
+//!
+//! The only module with `unsafe`: a function compiled for instructions that the CPU may lack may be called only where it
+//! has them. The proof is a value of [`SimdLevel`]: its fields are private, and [`SimdLevel::available`] makes one only
+//! for instructions that were detected.
+
+/// A computation that is compiled once a level.
+pub trait Kernel {
+    /// What it gives.
+    type Output;
+
+    /// The computation. Mark it, and what it calls in its loops, `#[inline(always)]`: only what is inlined here is
+    /// compiled for the level's instructions.
+    fn run(self) -> Self::Output;
+}
+
+/// Vector instructions that this CPU has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SimdLevel(Instructions);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Instructions {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl SimdLevel {
+    /// What every CPU of the target has: SSE2 on x86-64.
+    pub const PORTABLE: Self = Self(Instructions::Portable);
+
+    /// All levels of this CPU, narrowest first.
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "one level there"))]
+        let mut levels = vec![Self::PORTABLE];
+        #[cfg(target_arch = "x86_64")]
+        {
+            let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            let avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl");
+            levels.extend(avx2.then_some(Self(Instructions::Avx2)));
+            levels.extend((avx2 && avx512).then_some(Self(Instructions::Avx512)));
+        }
+        levels
+    }
+
+    /// The widest level of this CPU.
+    #[must_use]
+    pub fn widest() -> Self {
+        Self::available().last().copied().unwrap_or(Self::PORTABLE)
+    }
+
+    /// `portable`, `avx2`, `avx512`.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self.0 {
+            Instructions::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx512 => "avx512",
+        }
+    }
+
+    /// Runs `kernel` compiled for this level.
+    #[inline]
+    #[cfg_attr(target_arch = "x86_64", expect(unsafe_code, reason = "calls code compiled for instructions that were detected"))]
+    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        match self.0 {
+            Instructions::Portable => kernel.run(),
+            // SAFETY: a value with these instructions is made in `available` alone, after they were detected, and a CPU
+            // does not lose instructions while a process runs.
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2 => unsafe { with_avx2(kernel) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx512 => unsafe { with_avx512(kernel) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,avx512f,avx512bw,avx512dq,avx512vl")]
+fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Kernel, SimdLevel};
+
+    struct Polynomial<'a>(&'a mut [f32; 64]);
+
+    impl Kernel for Polynomial<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run(self) {
+            for x in self.0 {
+                *x = (*x * 1.1 + 0.3) * *x / (*x * *x + 1.0).sqrt();
+            }
+        }
+    }
+
+    #[test]
+    fn every_level_gives_the_same_bits() {
+        let values: [f32; 64] = std::array::from_fn(|i| (i as f32 - 31.7) * 0.37);
+        let results: Vec<_> = SimdLevel::available()
+            .into_iter()
+            .map(|level| {
+                let mut values = values;
+                level.run(Polynomial(&mut values));
+                values.map(f32::to_bits)
+            })
+            .collect();
+        assert!(results.windows(2).all(|pair| pair[0] == pair[1]), "levels {:?} differ", SimdLevel::available());
+    }
+
+    #[test]
+    fn the_widest_level_is_the_last_and_names_differ() {
+        let names: Vec<_> = SimdLevel::available().into_iter().map(SimdLevel::as_str).collect();
+        assert_eq!(names[0], "portable");
+        assert_eq!(names.last(), Some(&SimdLevel::widest().as_str()));
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len());
+    }
+}
