@@ -36,7 +36,7 @@ pub(crate) fn rows(
     scanner: &Scanner,
     params: &PlanParams,
 ) -> Vec<Row> {
-    let (scene, cancel) = (RayScene::new([mesh]), AtomicBool::new(false));
+    let (scene, cancel) = (visibility::Occluders::new([mesh]), AtomicBool::new(false));
     visibility::cast(surface, poses, scanner, &scene, params, &Context::new(&cancel, &Silent)).expect("not cancelled").rows
 }
 

@@ -4,6 +4,7 @@
 //!
 //! Every engine answers by this one definition; [`cast`] is the seam at which they are chosen.
 
+mod raster;
 mod rays;
 #[cfg(test)]
 mod tests;
@@ -16,7 +17,7 @@ use super::context::{Cancelled, Context};
 use super::params::{Engine, PlanParams};
 use super::surface::Surface;
 use crate::cell::Scanner;
-use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
+use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame};
 
 pub use view::Optics;
 
@@ -38,6 +39,23 @@ pub struct Table {
     pub furthest: Vec<Cause>,
 }
 
+/// Everything that may lie between a sample and a device, ready for every engine.
+pub struct Occluders {
+    rays: RayScene,
+    clusters: raster::Clusters,
+}
+
+impl Occluders {
+    /// Of the part, and whatever stands around it, in one frame; the part comes first.
+    #[must_use]
+    pub fn new<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
+        let meshes: Vec<_> = meshes.into_iter().collect();
+        let rays = RayScene::new(meshes.iter().copied());
+        let clusters = raster::Clusters::new(&meshes, &rays.leaf_order());
+        Self { rays, clusters }
+    }
+}
+
 /// Computes the table with the engine that `params` names.
 ///
 /// # Errors
@@ -46,13 +64,14 @@ pub fn cast(
     surface: &Surface,
     views: &[Pose<Part, ScannerFrame>],
     scanner: &Scanner,
-    scene: &RayScene,
+    occluders: &Occluders,
     params: &PlanParams,
     ctx: &Context<'_>,
 ) -> Result<Table, Cancelled> {
     let optics = Optics::new(scanner, params);
     match params.visibility.engine {
-        Engine::Rays => rays::cast(surface, views, &optics, scene, ctx),
+        Engine::Raster => raster::cast(surface, views, &optics, occluders, ctx),
+        Engine::Rays => rays::cast(surface, views, &optics, &occluders.rays, ctx),
     }
 }
 

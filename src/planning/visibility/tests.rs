@@ -21,7 +21,7 @@ fn sampled(mesh: &Mesh, density: f64) -> Surface {
 }
 
 fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> Table {
-    let (scene, flag) = (RayScene::new([mesh]), AtomicBool::new(false));
+    let (scene, flag) = (Occluders::new([mesh]), AtomicBool::new(false));
     cast(surface, poses, &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent)).unwrap_or_else(|_| unreachable!())
 }
 
@@ -126,7 +126,7 @@ fn moving_part_and_scanner_together_changes_nothing() {
 #[test]
 fn cancelling_ends_it() {
     let mesh = box_mesh([-20.0; 3], [20.0; 3]);
-    let (surface, scene, flag) = (sampled(&mesh, 1.0), RayScene::new([&mesh]), AtomicBool::new(true));
+    let (surface, scene, flag) = (sampled(&mesh, 1.0), Occluders::new([&mesh]), AtomicBool::new(true));
     let poses = [looking_down(500.0)];
     let result = cast(&surface, &poses, &nominal_scanner(), &scene, &PlanParams::default(), &Context::new(&flag, &Silent));
     assert!(result.is_err());
