@@ -105,6 +105,11 @@ impl View<'_> {
         Ok(self.quality(&in_scanner, normal))
     }
 
+    /// The quality of a sample that is measured.
+    pub(super) fn quality_at(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
+        self.quality(&(self.scanner_from_part * p), normal)
+    }
+
     /// c·Q_δ + d·Q_dis (method §5), each clamped to [−1, 1]. D is the half range on the sample's side of F.
     fn quality(&self, in_scanner: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
         let optics = self.optics;
