@@ -2,18 +2,21 @@
 //! repeat. Ties break by candidate number.
 //!
 //! A candidate's score is summed in an order that the samples' numbers alone decide, so that it does not depend on
-//! threads. Cost: views × rows × words, and an addition for every measured sample that shares its word with an open one:
-//! 0.1 s on two cores for 500 rows that measure 27 % of 1.1 million samples in runs, 1 s when they measure them at random.
+//! threads, and only candidates are scored again that can still be the best (Minoux 1978, *Accelerated Greedy Algorithms
+//! for Maximizing Submodular Set Functions*). Cost: at most views × table; for 500 rows that measure 27 % of 1.1 million
+//! samples 0.1 to 0.3 s on two cores.
 
 use rayon::prelude::*;
 
 use super::{Choice, Problem, Selection, StopReason};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
-use crate::planning::visibility::{Row, SampleSet, ones};
+use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
 /// Rounding of the running sum of areas: a target of 100 % is met by the sum of all parts in another order.
 const SUM_SLACK: f64 = 1e-9;
+/// Candidates that are scored at once.
+const BATCH: usize = 16;
 /// Sums side by side: sample s belongs to sum s mod 8.
 const LANES: usize = 8;
 /// Stands for the steps of a word when quality does not count.
@@ -28,7 +31,7 @@ pub(super) fn select(
     let target_mm2 = problem.target_mm2(params) * (1.0 - SUM_SLACK);
     let least_gain_mm2 = params.min_growth * problem.asked_mm2();
     let most_views = params.max_views.map_or(usize::MAX, |views| views as usize);
-    let mut open = Open::all(problem);
+    let (mut race, mut open) = (Race::new(problem, params.objective, weights), Open::all(problem));
     let mut choices: Vec<Choice> = Vec::new();
     let mut covered_mm2 = 0.0;
     let stopped_because = loop {
@@ -39,7 +42,7 @@ pub(super) fn select(
         if choices.len() >= most_views {
             break StopReason::MaxViews;
         }
-        let Some(best) = best_choice(problem, params.objective, weights, &open, ctx)? else { break StopReason::NoGain };
+        let Some(best) = race.best_choice(&open, ctx)? else { break StopReason::NoGain };
         if best.gain_mm2 < least_gain_mm2 {
             break StopReason::Growth;
         }
@@ -51,27 +54,69 @@ pub(super) fn select(
     Ok(Selection { choices, stopped_because })
 }
 
-/// The candidate with the highest positive score; the lowest number among equals.
-fn best_choice(
-    problem: &Problem<'_>,
+/// Candidates with what each can still score at most.
+struct Race<'a> {
+    problem: &'a Problem<'a>,
     objective: Objective,
-    weights: &ScoreParams,
-    open: &Open,
-    ctx: &Context<'_>,
-) -> Result<Option<Choice>, Cancelled> {
-    let scores: Vec<f64> = problem
-        .rows
-        .par_iter()
-        .map(|row| {
-            ctx.check()?;
-            Ok(open.score(row, objective, weights))
-        })
-        .collect::<Result<_, Cancelled>>()?;
-    let better = |best: Option<(usize, f64)>, (row, score)| {
-        if score > best.map_or(0.0, |best| best.1) { Some((row, score)) } else { best }
-    };
-    let best = scores.into_iter().enumerate().fold(None, better);
-    Ok(best.map(|(row, score)| Choice { row, gain_mm2: open.area_mm2(problem.rows[row]), score }))
+    weights: &'a ScoreParams,
+    at_most: Vec<f64>,
+}
+
+impl<'a> Race<'a> {
+    fn new(problem: &'a Problem<'a>, objective: Objective, weights: &'a ScoreParams) -> Self {
+        Self { problem, objective, weights, at_most: vec![f64::INFINITY; problem.rows.len()] }
+    }
+
+    /// The candidate with the highest positive score; the lowest number among equals. Those are not scored whose score
+    /// in an earlier round is already too low: where no sample is worth less than nothing, scores only fall. That holds
+    /// to the last bit, since a sum in a fixed order never grows when some of its terms become 0.
+    fn best_choice(&mut self, open: &Open, ctx: &Context<'_>) -> Result<Option<Choice>, Cancelled> {
+        let mut order: Vec<usize> = (0..self.at_most.len()).collect();
+        order.sort_by(|a, b| self.at_most[*b].total_cmp(&self.at_most[*a]));
+        let mut best = None;
+        for batch in order.chunks(BATCH) {
+            if best.is_some_and(|best| precedes(best, (batch[0], self.at_most[batch[0]]))) {
+                break;
+            }
+            let score = |row: &usize| ctx.check().map(|()| (*row, self.score(*row, open)));
+            for (row, score) in batch.par_iter().map(score).collect::<Result<Vec<_>, Cancelled>>()? {
+                self.at_most[row] = if self.scores_only_fall(row) { score } else { f64::INFINITY };
+                if score > 0.0 && best.is_none_or(|best| precedes((row, score), best)) {
+                    best = Some((row, score));
+                }
+            }
+        }
+        Ok(best.map(|(row, score)| Choice { row, gain_mm2: open.area_mm2(self.problem.rows[row]), score }))
+    }
+
+    /// Scale and steps of a row's quality, where the score counts it.
+    fn quality(&self, row: usize) -> Option<(QualityScale, &'a [i16])> {
+        let counts = self.objective == Objective::Score && self.weights.b > 0.0;
+        self.problem.rows[row].quality().filter(|_| counts)
+    }
+
+    fn scores_only_fall(&self, row: usize) -> bool {
+        self.quality(row).is_none_or(|(scale, _)| self.weights.a >= self.weights.b * f64::from(scale.greatest()))
+    }
+
+    /// G_v = a·G_c + b·G_q, or plain area.
+    fn score(&self, row: usize, open: &Open) -> f64 {
+        let measured = self.problem.rows[row];
+        match (self.objective, self.quality(row)) {
+            // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
+            (_, Some((scale, steps))) => {
+                let whole = f64::from(i16::MAX);
+                open.sum(measured, Some(steps), self.weights.a * whole, self.weights.b * f64::from(scale.greatest())) / whole
+            }
+            (Objective::Score, None) => self.weights.a * open.area_mm2(measured),
+            (Objective::Coverage, None) => open.area_mm2(measured),
+        }
+    }
+}
+
+/// Whether a candidate with its score goes before another: by score, then by number.
+fn precedes((row, score): (usize, f64), (other, other_score): (usize, f64)) -> bool {
+    score > other_score || score == other_score && row < other
 }
 
 /// What is not yet covered.
@@ -93,19 +138,6 @@ impl Open {
     fn close(&mut self, row: &Row) {
         self.samples.remove_all(row.measured());
         row.samples().for_each(|sample| self.area_mm2[sample as usize] = 0.0);
-    }
-
-    /// G_v = a·G_c + b·G_q, or plain area.
-    fn score(&self, row: &Row, objective: Objective, weights: &ScoreParams) -> f64 {
-        match (objective, row.quality()) {
-            // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
-            (Objective::Score, Some((scale, steps))) if weights.b > 0.0 => {
-                let whole = f64::from(i16::MAX);
-                self.sum(row, Some(steps), weights.a * whole, weights.b * f64::from(scale.greatest())) / whole
-            }
-            (Objective::Score, _) => weights.a * self.area_mm2(row),
-            (Objective::Coverage, _) => self.area_mm2(row),
-        }
     }
 
     fn area_mm2(&self, row: &Row) -> f64 {

@@ -44,7 +44,7 @@ impl QualityScale {
     /// The nearest step.
     #[must_use]
     pub fn quantise(self, quality: f32) -> i16 {
-        (quality / self.greatest * STEPS).round() as i16
+        (quality / self.greatest * STEPS).round().clamp(-STEPS, STEPS) as i16
     }
 
     /// Quality of a step.
