@@ -181,6 +181,11 @@ impl View<'_> {
         }
     }
 
+    /// The quality of a sample that is measured.
+    pub(super) fn quality_at(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
+        self.quality(self.scanner.apply((*p).into()), (*normal).into()) as f32
+    }
+
     /// c·Q_δ + d·Q_dis (method §5), each clamped to [−1, 1]. D is the half range on the sample's side of F.
     #[inline(always)]
     fn quality(&self, in_scanner: [f64; 3], normal: [f64; 3]) -> f64 {

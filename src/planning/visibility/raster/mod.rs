@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
-use super::{Occluders, Row, Table};
+use super::{Occluders, QualityScale, Row, SampleSet, Table};
 use crate::geometry::{Kernel, Part, Pose, Scanner as ScannerFrame, SimdLevel};
 use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
@@ -55,10 +55,11 @@ pub(super) fn cast(
     surface: &Surface,
     poses: &[Pose<Part, ScannerFrame>],
     optics: &Optics,
+    kept_quality: Option<QualityScale>,
     occluders: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<Table, Cancelled> {
-    let engine = Engine::new(surface, optics, occluders, ctx);
+    let engine = Engine::new(surface, optics, kept_quality, occluders, ctx);
     let done = AtomicUsize::new(0);
     let pool: Mutex<Vec<Scratch>> = Mutex::default();
     let row = |pose: &Pose<Part, ScannerFrame>, grain: usize| {
@@ -81,6 +82,7 @@ pub(super) fn cast(
 struct Engine<'a> {
     surface: &'a Surface,
     optics: &'a Optics,
+    kept_quality: Option<QualityScale>,
     occluders: &'a Occluders,
     samples: Samples,
     grids: [Grid; 3],
@@ -92,8 +94,10 @@ struct Engine<'a> {
 struct Scratch {
     /// Number of the first step at which each sample fails, [`PASSES`] or [`DOUBT`]; by clusters.
     states: Vec<[u8; SAMPLES]>,
-    /// Quality of each sample in its place in the surface; left over where it is not measured.
-    quality: Vec<f32>,
+    /// Step of quality of each sample that passes the steps before any shadow; by clusters.
+    steps: Vec<[i16; SAMPLES]>,
+    /// The same of the measured samples, in their places in the surface.
+    steps_by_sample: Vec<i16>,
     /// Highest number of a cause so far, of each sample.
     furthest: Vec<[u8; SAMPLES]>,
     /// Tiles that samples fall on, by device.
@@ -102,11 +106,18 @@ struct Scratch {
 }
 
 impl<'a> Engine<'a> {
-    fn new(surface: &'a Surface, optics: &'a Optics, occluders: &'a Occluders, ctx: &'a Context<'a>) -> Self {
+    fn new(
+        surface: &'a Surface,
+        optics: &'a Optics,
+        kept_quality: Option<QualityScale>,
+        occluders: &'a Occluders,
+        ctx: &'a Context<'a>,
+    ) -> Self {
         let order = occluders.rays.leaf_order();
         Self {
             surface,
             optics,
+            kept_quality,
             occluders,
             samples: Samples::new(surface, &order),
             grids: [0, 1, 2].map(|d| Grid::of(optics.lens(d))),
@@ -119,7 +130,8 @@ impl<'a> Engine<'a> {
         let clusters = self.samples.clusters.len();
         Scratch {
             states: vec![[0; SAMPLES]; clusters],
-            quality: vec![0.0; clusters * SAMPLES],
+            steps: vec![[0; SAMPLES]; clusters],
+            steps_by_sample: vec![0; self.surface.sample_mm.len()],
             furthest: vec![[Cause::Facing as u8; SAMPLES]; clusters],
             touched: self.grids.map(|grid| std::iter::repeat_with(AtomicBool::default).take(grid.tiles()).collect()),
             canvas: Canvas::default(),
@@ -142,15 +154,16 @@ impl<'a> Engine<'a> {
         scratch.touched.iter().flatten().for_each(|tile| tile.store(false, Ordering::Relaxed));
         let touched = &scratch.touched;
         let tasks = self.samples.clusters.par_chunks(TASK).zip(scratch.states.par_chunks_mut(TASK));
-        let tasks = tasks.zip(scratch.quality.par_chunks_mut(TASK * SAMPLES));
-        tasks.with_min_len(grain).try_for_each(|((clusters, states), quality)| {
+        let tasks = tasks.zip(scratch.steps.par_chunks_mut(TASK));
+        let scale = self.kept_quality.unwrap_or_default();
+        tasks.with_min_len(grain).try_for_each(|((clusters, states), steps)| {
             self.ctx.check()?;
-            for ((cluster, states), quality) in clusters.iter().zip(states).zip(quality.as_chunks_mut::<SAMPLES>().0) {
+            for ((cluster, states), steps) in clusters.iter().zip(states).zip(steps) {
                 if view.centres_mm.iter().any(|centre| cluster.faces_away(&(centre - self.surface.centre_mm))) {
                     *states = [Cause::Facing as u8; SAMPLES];
                     continue;
                 }
-                self.level.run(Judge { view, cluster, centre_mm: &self.surface.centre_mm, states, quality });
+                self.level.run(Judge { view, cluster, centre_mm: &self.surface.centre_mm, scale, states, steps });
                 if states.contains(&PASSES) {
                     for d in 0..3 {
                         let job = Touch { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };
@@ -207,21 +220,26 @@ impl<'a> Engine<'a> {
 
     /// The row in the surface's order; the furthest causes are kept.
     fn finish(&self, scratch: &mut Scratch) -> Row {
-        let samples = self.surface.sample_mm.len();
-        let mut measured: Vec<(u32, f32)> = Vec::new();
-        let states = scratch.states.iter().zip(&mut scratch.furthest).zip(scratch.quality.as_chunks::<SAMPLES>().0);
-        for ((cluster, ((states, furthest), quality)), _) in self.samples.clusters.iter().zip(states).zip(0..samples) {
+        let mut measured = SampleSet::none_of(self.surface.sample_mm.len());
+        let Scratch { states, steps, steps_by_sample, furthest, .. } = scratch;
+        for (((cluster, states), steps), furthest) in self.samples.clusters.iter().zip(states).zip(steps).zip(furthest) {
             for place in 0..SAMPLES {
-                let fails = states[place] != PASSES;
-                furthest[place] = if fails { furthest[place].max(states[place]) } else { furthest[place] };
-                if !fails && cluster.number[place] != NO_SAMPLE {
-                    measured.push((cluster.number[place], quality[place]));
-                }
+                let cause = if states[place] == PASSES { 0 } else { states[place] };
+                furthest[place] = furthest[place].max(cause);
+            }
+            for place in (0..SAMPLES).filter(|place| states[*place] == PASSES) {
+                measured.insert(cluster.number[place]);
+                steps_by_sample[cluster.number[place] as usize] = steps[place];
             }
         }
-        measured.sort_unstable_by_key(|(sample, _)| *sample);
-        let (samples, quality) = measured.into_iter().unzip();
-        Row { samples, quality }
+        let row = Row::new(measured.words().to_vec());
+        match self.kept_quality {
+            Some(scale) => {
+                let steps = row.samples().map(|sample| steps_by_sample[sample as usize]).collect();
+                row.with_quality(steps, scale)
+            }
+            None => row,
+        }
     }
 
     /// The furthest cause of each sample over all views.
@@ -243,8 +261,9 @@ struct Judge<'a> {
     view: &'a View<'a>,
     cluster: &'a SampleCluster,
     centre_mm: &'a Point3<f64>,
+    scale: QualityScale,
     states: &'a mut [u8; SAMPLES],
-    quality: &'a mut [f32; SAMPLES],
+    steps: &'a mut [i16; SAMPLES],
 }
 
 impl Kernel for Judge<'_> {
@@ -263,7 +282,7 @@ impl Kernel for Judge<'_> {
             qualities[i] = quality;
         }
         *self.states = causes.map(|cause| cause as u8);
-        *self.quality = qualities.map(|quality| quality as f32);
+        *self.steps = qualities.map(|quality| self.scale.quantise(quality as f32));
     }
 }
 
