@@ -1,0 +1,365 @@
+//! Sixteen rays from one point through a [`Tree`] at once, in f32 relative to that point.
+//!
+//! What depends on the point alone (corners and planes relative to it, normals of the planes through it and an edge) is
+//! computed once for all rays; a ray then costs three products a box and four a triangle. The edge test is the volume
+//! test with edge × sum of ends, so that two triangles see their common edge with exactly opposite signs and no ray slips
+//! between them, and so that its error is 2⁻²¹ of the distance to the point at most, whatever the size of the triangle.
+//! All rays of a packet point into one octant: near and far planes of a box are known without asking.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Hit;
+use super::tree::{BLOCK, Block, Node, Target, Tree, WIDTH};
+use crate::geometry::simd::Kernel;
+
+/// Rays of a packet.
+pub(super) const LANES: usize = 16;
+/// Half the spacing of f32 next to one.
+const ROUNDING: f32 = f32::EPSILON / 2.0;
+/// Boxes grow by this many roundings of the largest coordinate: twice what the tests of a box and of an edge lose.
+const PADDING_ROUNDINGS: f32 = 32.0;
+/// Directions are at least this long along every axis, so that they have a finite inverse; in 10⁵ mm it shifts a ray by
+/// no more than the smallest of roundings.
+const LEAST_COMPONENT: f32 = 1e-18;
+/// End of a lane without a ray: lies before every box and triangle.
+const RETIRED: f32 = -1.0;
+
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Lanes([f32; LANES]);
+
+/// What is asked of the rays.
+pub(super) trait Query {
+    /// Whether a ray is done with its first hit, wherever that is.
+    const ANY_HIT: bool;
+
+    /// Takes the answer of ray `ray`.
+    fn answer(&mut self, ray: usize, hit: Option<Hit>);
+}
+
+/// `origin + t·directions[i]`, 0 < t < `end`, in the frame of the tree.
+pub(super) struct Cast<'a, D, Q> {
+    pub(super) tree: &'a Tree,
+    pub(super) origin: Point3<f64>,
+    pub(super) directions: D,
+    pub(super) end: f32,
+    pub(super) query: Q,
+}
+
+impl<D: Iterator<Item = Vector3<f64>>, Q: Query> Kernel for Cast<'_, D, Q> {
+    type Output = Q;
+
+    #[inline(always)]
+    fn run(mut self) -> Q {
+        let view = View::new(self.tree, &self.origin);
+        let mut stack = Vec::with_capacity(128);
+        let mut octants = [const { Rays::EMPTY }; 8];
+        for (ray, direction) in self.directions.enumerate() {
+            let direction = [direction.x as f32, direction.y as f32, direction.z as f32];
+            if !direction.iter().all(|d| d.is_finite()) {
+                self.query.answer(ray, None);
+                continue;
+            }
+            let octant = (0..3).fold(0, |octant, axis| octant | usize::from(direction[axis] < 0.0) << axis);
+            let rays = &mut octants[octant];
+            rays.push(ray, direction);
+            if rays.count == LANES {
+                view.cast(rays, octant, self.end, &mut stack, &mut self.query);
+                rays.count = 0;
+            }
+        }
+        for (octant, rays) in octants.iter().enumerate().filter(|(_, rays)| rays.count > 0) {
+            view.cast(rays, octant, self.end, &mut stack, &mut self.query);
+        }
+        self.query
+    }
+}
+
+/// Rays of one octant that wait for their packet.
+struct Rays {
+    count: usize,
+    number: [usize; LANES],
+    direction: [Lanes; 3],
+}
+
+impl Rays {
+    const EMPTY: Self = Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3] };
+
+    #[inline(always)]
+    fn push(&mut self, number: usize, direction: [f32; 3]) {
+        self.number[self.count] = number;
+        for axis in 0..3 {
+            self.direction[axis].0[self.count] = direction[axis];
+        }
+        self.count += 1;
+    }
+}
+
+/// A child that waits for its visit, and where the packet may first meet it.
+#[derive(Clone, Copy)]
+struct Waiting {
+    near: f32,
+    target: u32,
+}
+
+/// The rays while they are traced.
+struct Packet {
+    direction: [Lanes; 3],
+    inverse: [Lanes; 3],
+    /// The least and the greatest of `inverse`.
+    inverse_range: [[f32; 2]; 3],
+    /// Where the ray ends: its first hit so far; [`RETIRED`] when it needs no more.
+    end: Lanes,
+    /// The greatest of `end`.
+    furthest: f32,
+    /// Rows of [`Node::planes`] that the rays meet first, and last.
+    near_rows: [usize; 3],
+    triangle: [u32; LANES],
+}
+
+impl Packet {
+    #[inline(always)]
+    fn new(rays: &Rays, octant: usize, end: f32) -> Self {
+        let mut packet = Self {
+            direction: rays.direction,
+            inverse: [Lanes([0.0; LANES]); 3],
+            inverse_range: [[f32::INFINITY, f32::NEG_INFINITY]; 3],
+            end: Lanes([end; LANES]),
+            furthest: end,
+            near_rows: std::array::from_fn(|axis| axis + 3 * (octant >> axis & 1)),
+            triangle: [u32::MAX; LANES],
+        };
+        for lane in rays.count..LANES {
+            packet.end.0[lane] = RETIRED;
+            for axis in 0..3 {
+                packet.direction[axis].0[lane] = rays.direction[axis].0[0];
+            }
+        }
+        for axis in 0..3 {
+            let sign = if octant >> axis & 1 == 0 { 1.0_f32 } else { -1.0 };
+            let [low, high] = &mut packet.inverse_range[axis];
+            for lane in 0..LANES {
+                let length = packet.direction[axis].0[lane].abs();
+                let inverse = sign / if length > LEAST_COMPONENT { length } else { LEAST_COMPONENT };
+                packet.inverse[axis].0[lane] = inverse;
+                *low = least(inverse, *low);
+                *high = greatest(inverse, *high);
+            }
+        }
+        packet
+    }
+
+    /// Whether any ray meets the box.
+    #[inline(always)]
+    fn meets_box(&self, near: [f32; 3], far: [f32; 3]) -> bool {
+        let mut any = 0;
+        for lane in 0..LANES {
+            let [x, y, z] = [self.inverse[0].0[lane], self.inverse[1].0[lane], self.inverse[2].0[lane]];
+            let enter = greatest(greatest(near[0] * x, near[1] * y), greatest(near[2] * z, 0.0));
+            let leave = least(least(far[0] * x, far[1] * y), least(far[2] * z, self.end.0[lane]));
+            any |= u32::from(enter <= leave);
+        }
+        any != 0
+    }
+
+    /// Takes the hits of one triangle; whether there is any.
+    #[inline(always)]
+    fn meet_triangle<const ANY_HIT: bool>(&mut self, planes: &Planes, number: u32, lane_of_block: usize) -> bool {
+        let normal = |edge: usize| -> [f32; 3] { std::array::from_fn(|axis| planes.edges[edge][axis][lane_of_block]) };
+        let ([u, v, w], n) = ([normal(0), normal(1), normal(2)], normal(3));
+        let offset = planes.offset[lane_of_block];
+        let mut any = 0;
+        let mut end = self.end;
+        for lane in 0..LANES {
+            let d = [self.direction[0].0[lane], self.direction[1].0[lane], self.direction[2].0[lane]];
+            let (u, v, w) = (dot(d, u), dot(d, v), dot(d, w));
+            let inside = (least(least(u, v), w) >= 0.0) | (greatest(greatest(u, v), w) <= 0.0);
+            let towards = dot(d, n);
+            let slope = towards.abs();
+            let height = f32::from_bits(offset.to_bits() ^ (towards.to_bits() & 0x8000_0000));
+            let hit = inside & (height > 0.0) & (height < self.end.0[lane] * slope);
+            any |= u32::from(hit);
+            let share = if ANY_HIT { RETIRED } else { height / slope };
+            end.0[lane] = if hit { share } else { self.end.0[lane] };
+        }
+        if any != 0 {
+            self.furthest = RETIRED;
+            for lane in 0..LANES {
+                let hit = end.0[lane] != self.end.0[lane];
+                self.triangle[lane] = if hit { number } else { self.triangle[lane] };
+                self.furthest = greatest(end.0[lane], self.furthest);
+            }
+            self.end = end;
+        }
+        any != 0
+    }
+}
+
+/// The tree as seen from the origin.
+struct View<'a> {
+    tree: &'a Tree,
+    /// The origin in two f32 parts, axis by axis.
+    origin: [[f32; 2]; 3],
+    /// The second part for lower planes and for upper ones, with the padding in it.
+    padded: [[f32; 2]; 3],
+}
+
+/// Of a block: normals of the planes through the origin and an edge, three a triangle, then the triangle's own normal.
+struct Planes {
+    edges: [[[f32; BLOCK]; 3]; 4],
+    /// Of the triangle's plane from the origin, times the length of its normal.
+    offset: [f32; BLOCK],
+}
+
+impl<'a> View<'a> {
+    #[inline(always)]
+    fn new(tree: &'a Tree, origin: &Point3<f64>) -> Self {
+        let origin: [[f32; 2]; 3] = std::array::from_fn(|axis| {
+            let first = origin[axis] as f32;
+            [first, (origin[axis] - f64::from(first)) as f32]
+        });
+        let reach = (0..3).fold(0.0_f32, |reach, axis| reach.max(tree.half_extent[axis] + origin[axis][0].abs()));
+        let padding = reach * PADDING_ROUNDINGS * ROUNDING;
+        let padded = origin.map(|[_, second]| [second + padding, second - padding]);
+        Self { tree, origin, padded }
+    }
+
+    #[inline(always)]
+    fn cast<Q: Query>(&self, rays: &Rays, octant: usize, end: f32, stack: &mut Vec<Waiting>, query: &mut Q) {
+        let mut packet = Packet::new(rays, octant, end);
+        stack.clear();
+        if !self.tree.nodes.is_empty() {
+            self.visit_node(&self.tree.nodes[0], &packet, stack);
+        }
+        while let Some(waiting) = stack.pop() {
+            if waiting.near > packet.furthest {
+                continue;
+            }
+            match super::tree::Child(waiting.target).target() {
+                Target::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, stack),
+                Target::Block(index) => {
+                    self.visit_block::<Q>(&self.tree.blocks[index], &mut packet);
+                    if packet.furthest == RETIRED {
+                        break;
+                    }
+                }
+            }
+        }
+        for lane in 0..rays.count {
+            let hit = (packet.triangle[lane] != u32::MAX)
+                .then(|| Hit { triangle: packet.triangle[lane], share: f64::from(packet.end.0[lane]) });
+            query.answer(rays.number[lane], hit);
+        }
+    }
+
+    /// Leaves the children that a ray meets on the stack, the nearest on top.
+    #[inline(always)]
+    fn visit_node(&self, node: &Node, packet: &Packet, stack: &mut Vec<Waiting>) {
+        let mut near = [[0.0; WIDTH]; 3];
+        let mut far = [[0.0; WIDTH]; 3];
+        let mut enter = [0.0_f32; WIDTH];
+        let mut leave = [packet.furthest; WIDTH];
+        for axis in 0..3 {
+            let row = packet.near_rows[axis];
+            let upper = row / 3;
+            let (first, [near_second, far_second]) =
+                (self.origin[axis][0], [self.padded[axis][upper], self.padded[axis][1 - upper]]);
+            let (near_planes, far_planes) = (&node.planes[row], &node.planes[axis + 3 - 3 * upper]);
+            let [low, high] = packet.inverse_range[axis];
+            for child in 0..WIDTH {
+                let (n, f) = (near_planes[child] - first - near_second, far_planes[child] - first - far_second);
+                near[axis][child] = n;
+                far[axis][child] = f;
+                enter[child] = greatest(least(n * low, n * high), enter[child]);
+                leave[child] = least(greatest(f * low, f * high), leave[child]);
+            }
+        }
+        let mut met = 0_u32;
+        for child in 0..WIDTH {
+            met |= u32::from(enter[child] <= leave[child]) << child;
+        }
+        let bottom = stack.len();
+        while met != 0 {
+            let child = met.trailing_zeros() as usize % WIDTH;
+            met &= met - 1;
+            let planes = |rows: &[[f32; WIDTH]; 3]| [rows[0][child], rows[1][child], rows[2][child]];
+            if packet.meets_box(planes(&near), planes(&far)) {
+                insert(stack, bottom, Waiting { near: enter[child], target: node.children[child].0 });
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn visit_block<Q: Query>(&self, block: &Block, packet: &mut Packet) {
+        let planes = self.planes(block);
+        for triangle in 0..block.count.min(BLOCK as u32) {
+            if Q::ANY_HIT {
+                packet.meet_triangle::<true>(&planes, block.first + triangle, triangle as usize);
+            } else {
+                packet.meet_triangle::<false>(&planes, block.first + triangle, triangle as usize);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn planes(&self, block: &Block) -> Planes {
+        let mut planes = Planes { edges: [[[0.0; BLOCK]; 3]; 4], offset: [0.0; BLOCK] };
+        for lane in 0..BLOCK {
+            let corner = |corner: usize| -> [f32; 3] {
+                std::array::from_fn(|axis| block.corners[corner][axis][lane] - self.origin[axis][0] - self.origin[axis][1])
+            };
+            let [a, b, c] = [corner(0), corner(1), corner(2)];
+            let [ab, bc, ca] = [minus(b, a), minus(c, b), minus(a, c)];
+            let normals = [cross(bc, plus(c, b)), cross(ca, plus(a, c)), cross(ab, plus(b, a)), cross(ab, ca)];
+            for (edge, normal) in normals.into_iter().enumerate() {
+                for axis in 0..3 {
+                    planes.edges[edge][axis][lane] = normal[axis];
+                }
+            }
+            planes.offset[lane] = dot(a, normals[3]);
+        }
+        planes
+    }
+}
+
+/// Keeps `stack[bottom..]` sorted, the nearest last.
+#[inline(always)]
+fn insert(stack: &mut Vec<Waiting>, bottom: usize, waiting: Waiting) {
+    stack.push(waiting);
+    let mut place = stack.len() - 1;
+    while place > bottom && stack[place - 1].near < stack[place].near {
+        stack.swap(place - 1, place);
+        place -= 1;
+    }
+}
+
+/// The machine's minimum: unlike `f32::min` it has no rule for NaN, of which there are none here.
+#[inline(always)]
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn greatest(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn plus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+#[inline(always)]
+fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
