@@ -27,6 +27,8 @@ impl Segment {
             std::mem::swap(&mut kx, &mut ky);
         }
         let shear = Vector3::new(direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0 / direction[kz]);
+        // Less than infinity, where the boxes of absent children are.
+        let end = end.min(f64::MAX);
         Self { origin, inverse_direction: direction.map(f64::recip), end, axes: [kx, ky, kz], shear }
     }
 

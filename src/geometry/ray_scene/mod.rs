@@ -99,7 +99,7 @@ impl RayScene {
             tree: &self.tree,
             origin: origin - self.centre_mm.coords,
             directions,
-            end: share as f32,
+            end: (share as f32).min(f32::MAX),
             query: Blocked(blocked),
         });
     }
@@ -118,7 +118,7 @@ impl RayScene {
             tree: &self.tree,
             origin: origin - self.centre_mm.coords,
             directions: directions.iter().copied(),
-            end: f32::INFINITY,
+            end: f32::MAX,
             query: FirstHits { hits, order: &self.tree.order },
         });
     }

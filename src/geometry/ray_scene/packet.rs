@@ -21,6 +21,8 @@ const PADDING_ROUNDINGS: f32 = 32.0;
 /// Directions are at least this long along every axis, so that they have a finite inverse; in 10⁵ mm it shifts a ray by
 /// no more than the smallest of roundings.
 const LEAST_COMPONENT: f32 = 1e-18;
+/// Up to so many rays are bounded by themselves, not by their packet.
+const FEW: u32 = 4;
 /// End of a lane without a ray: lies before every box and triangle.
 const RETIRED: f32 = -1.0;
 
@@ -100,6 +102,8 @@ impl Rays {
 struct Waiting {
     near: f32,
     target: u32,
+    /// Rays that meet its box, as bits.
+    lanes: u32,
 }
 
 /// The rays while they are traced.
@@ -149,17 +153,36 @@ impl Packet {
         packet
     }
 
-    /// Whether any ray meets the box.
+    /// The least and the greatest inverse direction among `lanes`.
     #[inline(always)]
-    fn meets_box(&self, near: [f32; 3], far: [f32; 3]) -> bool {
-        let mut any = 0;
+    fn range_of(&self, lanes: u32) -> [[f32; 2]; 3] {
+        if lanes.count_ones() > FEW {
+            return self.inverse_range;
+        }
+        let mut range = [[f32::INFINITY, f32::NEG_INFINITY]; 3];
+        let mut rest = lanes;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize % LANES;
+            rest &= rest - 1;
+            for axis in 0..3 {
+                let inverse = self.inverse[axis].0[lane];
+                range[axis] = [least(inverse, range[axis][0]), greatest(inverse, range[axis][1])];
+            }
+        }
+        range
+    }
+
+    /// Rays that meet the box, as bits.
+    #[inline(always)]
+    fn meets_box(&self, near: [f32; 3], far: [f32; 3]) -> u32 {
+        let mut lanes = 0;
         for lane in 0..LANES {
             let [x, y, z] = [self.inverse[0].0[lane], self.inverse[1].0[lane], self.inverse[2].0[lane]];
             let enter = greatest(greatest(near[0] * x, near[1] * y), greatest(near[2] * z, 0.0));
             let leave = least(least(far[0] * x, far[1] * y), least(far[2] * z, self.end.0[lane]));
-            any |= u32::from(enter <= leave);
+            lanes |= u32::from(enter <= leave) << lane;
         }
-        any != 0
+        lanes
     }
 
     /// Takes the hits of one triangle; whether there is any.
@@ -229,14 +252,17 @@ impl<'a> View<'a> {
         let mut packet = Packet::new(rays, octant, end);
         stack.clear();
         if !self.tree.nodes.is_empty() {
-            self.visit_node(&self.tree.nodes[0], &packet, stack);
+            self.visit_node(&self.tree.nodes[0], &packet, u32::MAX >> (32 - rays.count), stack);
         }
         while let Some(waiting) = stack.pop() {
-            if waiting.near > packet.furthest {
+            let single = waiting.lanes.is_power_of_two();
+            let furthest =
+                if single { packet.end.0[waiting.lanes.trailing_zeros() as usize % LANES] } else { packet.furthest };
+            if waiting.near > furthest {
                 continue;
             }
             match super::tree::Child(waiting.target).target() {
-                Target::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, stack),
+                Target::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, waiting.lanes, stack),
                 Target::Block(index) => {
                     self.visit_block::<Q>(&self.tree.blocks[index], &mut packet);
                     if packet.furthest == RETIRED {
@@ -254,7 +280,8 @@ impl<'a> View<'a> {
 
     /// Leaves the children that a ray meets on the stack, the nearest on top.
     #[inline(always)]
-    fn visit_node(&self, node: &Node, packet: &Packet, stack: &mut Vec<Waiting>) {
+    fn visit_node(&self, node: &Node, packet: &Packet, lanes: u32, stack: &mut Vec<Waiting>) {
+        let range = packet.range_of(lanes);
         let mut near = [[0.0; WIDTH]; 3];
         let mut far = [[0.0; WIDTH]; 3];
         let mut enter = [0.0_f32; WIDTH];
@@ -265,7 +292,7 @@ impl<'a> View<'a> {
             let (first, [near_second, far_second]) =
                 (self.origin[axis][0], [self.padded[axis][upper], self.padded[axis][1 - upper]]);
             let (near_planes, far_planes) = (&node.planes[row], &node.planes[axis + 3 - 3 * upper]);
-            let [low, high] = packet.inverse_range[axis];
+            let [low, high] = range[axis];
             for child in 0..WIDTH {
                 let (n, f) = (near_planes[child] - first - near_second, far_planes[child] - first - far_second);
                 near[axis][child] = n;
@@ -283,8 +310,10 @@ impl<'a> View<'a> {
             let child = met.trailing_zeros() as usize % WIDTH;
             met &= met - 1;
             let planes = |rows: &[[f32; WIDTH]; 3]| [rows[0][child], rows[1][child], rows[2][child]];
-            if packet.meets_box(planes(&near), planes(&far)) {
-                insert(stack, bottom, Waiting { near: enter[child], target: node.children[child].0 });
+            let lanes =
+                if lanes.is_power_of_two() { lanes } else { packet.meets_box(planes(&near), planes(&far)) & lanes };
+            if lanes != 0 {
+                insert(stack, bottom, Waiting { near: enter[child], target: node.children[child].0, lanes });
             }
         }
     }
