@@ -94,11 +94,11 @@ impl RayScene {
     ) {
         blocked.clear();
         blocked.resize(targets.len(), false);
-        let directions = targets.iter().map(|target| target - origin);
         level.run(Cast {
             tree: &self.tree,
             origin: origin - self.centre_mm.coords,
-            directions,
+            rays: targets,
+            direction: |target: &Point3<f64>| target - origin,
             end: (share as f32).min(f32::MAX),
             query: Blocked(blocked),
         });
@@ -117,7 +117,8 @@ impl RayScene {
         level.run(Cast {
             tree: &self.tree,
             origin: origin - self.centre_mm.coords,
-            directions: directions.iter().copied(),
+            rays: directions,
+            direction: |direction: &Vector3<f64>| *direction,
             end: f32::MAX,
             query: FirstHits { hits, order: &self.tree.order },
         });
@@ -155,8 +156,8 @@ impl Query for Blocked<'_> {
     const ANY_HIT: bool = true;
 
     #[inline(always)]
-    fn answer(&mut self, ray: usize, hit: Option<Hit>) {
-        self.0[ray] = hit.is_some();
+    fn hit(&mut self, ray: usize, _triangle: u32, _share: f32) {
+        self.0[ray] = true;
     }
 }
 
@@ -169,8 +170,8 @@ impl Query for FirstHits<'_> {
     const ANY_HIT: bool = false;
 
     #[inline(always)]
-    fn answer(&mut self, ray: usize, hit: Option<Hit>) {
-        self.hits[ray] = hit.map(|hit| Hit { triangle: self.order[hit.triangle as usize], share: hit.share });
+    fn hit(&mut self, ray: usize, triangle: u32, share: f32) {
+        self.hits[ray] = Some(Hit { triangle: self.order[triangle as usize], share: f64::from(share) });
     }
 }
 

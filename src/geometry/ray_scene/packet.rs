@@ -8,12 +8,12 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::Hit;
 use super::tree::{BLOCK, Block, Node, Target, Tree, WIDTH};
 use crate::geometry::simd::Kernel;
 
 /// Rays of a packet.
 pub(super) const LANES: usize = 16;
+const OCTANTS: usize = 8;
 /// Half the spacing of f32 next to one.
 const ROUNDING: f32 = f32::EPSILON / 2.0;
 /// Boxes grow by this many roundings of the largest coordinate: twice what the tests of a box and of an edge lose.
@@ -30,68 +30,137 @@ const RETIRED: f32 = -1.0;
 #[repr(C, align(64))]
 struct Lanes([f32; LANES]);
 
+impl Lanes {
+    /// The result of `of_two` over all lanes, which may not depend on their order.
+    #[inline(always)]
+    fn over_all(&self, of_two: impl Fn(f32, f32) -> f32) -> f32 {
+        let (mut eight, mut four) = ([0.0; 8], [0.0; 4]);
+        for lane in 0..8 {
+            eight[lane] = of_two(self.0[lane], self.0[lane + 8]);
+        }
+        for lane in 0..4 {
+            four[lane] = of_two(eight[lane], eight[lane + 4]);
+        }
+        of_two(of_two(four[0], four[2]), of_two(four[1], four[3]))
+    }
+}
+
 /// What is asked of the rays.
 pub(super) trait Query {
     /// Whether a ray is done with its first hit, wherever that is.
     const ANY_HIT: bool;
 
-    /// Takes the answer of ray `ray`.
-    fn answer(&mut self, ray: usize, hit: Option<Hit>);
+    /// Ray `ray` meets `triangle` in leaf order at `share` of its direction; without [`Query::ANY_HIT`] the first it meets.
+    fn hit(&mut self, ray: usize, triangle: u32, share: f32);
 }
 
-/// `origin + t·directions[i]`, 0 < t < `end`, in the frame of the tree.
-pub(super) struct Cast<'a, D, Q> {
+/// `origin + t·direction(ray)`, 0 < t < `end`, for each of `rays`, in the frame of the tree.
+pub(super) struct Cast<'a, R, D, Q> {
     pub(super) tree: &'a Tree,
     pub(super) origin: Point3<f64>,
-    pub(super) directions: D,
+    pub(super) rays: &'a [R],
+    pub(super) direction: D,
     pub(super) end: f32,
     pub(super) query: Q,
 }
 
-impl<D: Iterator<Item = Vector3<f64>>, Q: Query> Kernel for Cast<'_, D, Q> {
-    type Output = Q;
+impl<R: Copy, D: Fn(&R) -> Vector3<f64>, Q: Query> Kernel for Cast<'_, R, D, Q> {
+    type Output = ();
 
     #[inline(always)]
-    fn run(mut self) -> Q {
+    fn run(mut self) {
+        if self.tree.nodes.is_empty() {
+            return;
+        }
         let view = View::new(self.tree, &self.origin);
         let mut stack = Vec::with_capacity(128);
-        let mut octants = [const { Rays::EMPTY }; 8];
-        for (ray, direction) in self.directions.enumerate() {
-            let direction = [direction.x as f32, direction.y as f32, direction.z as f32];
-            if !direction.iter().all(|d| d.is_finite()) {
-                self.query.answer(ray, None);
-                continue;
-            }
-            let octant = (0..3).fold(0, |octant, axis| octant | usize::from(direction[axis] < 0.0) << axis);
-            let rays = &mut octants[octant];
-            rays.push(ray, direction);
-            if rays.count == LANES {
-                view.cast(rays, octant, self.end, &mut stack, &mut self.query);
-                rays.count = 0;
+        let mut waiting = [const { Rays::EMPTY }; OCTANTS];
+        let (chunks, rest) = self.rays.as_chunks::<LANES>();
+        for (chunk, rays) in chunks.iter().enumerate() {
+            let rays = Rays::gather(chunk * LANES, rays, &self.direction);
+            if rays.share_octant() {
+                view.cast(&rays, self.end, &mut stack, &mut self.query);
+            } else {
+                self.sort(&rays, LANES, &view, &mut waiting, &mut stack);
             }
         }
-        for (octant, rays) in octants.iter().enumerate().filter(|(_, rays)| rays.count > 0) {
-            view.cast(rays, octant, self.end, &mut stack, &mut self.query);
+        if let Some(&last) = rest.last() {
+            let padded = std::array::from_fn(|lane| rest.get(lane).copied().unwrap_or(last));
+            let rays = Rays::gather(chunks.len() * LANES, &padded, &self.direction);
+            self.sort(&rays, rest.len(), &view, &mut waiting, &mut stack);
         }
-        self.query
+        for octant in waiting.iter().filter(|octant| octant.count > 0) {
+            view.cast(octant, self.end, &mut stack, &mut self.query);
+        }
     }
 }
 
-/// Rays of one octant that wait for their packet.
+impl<R, D, Q: Query> Cast<'_, R, D, Q> {
+    /// Lets the first `count` of `rays` wait for others of their octant.
+    #[inline(always)]
+    fn sort(
+        &mut self,
+        rays: &Rays,
+        count: usize,
+        view: &View<'_>,
+        waiting: &mut [Rays; OCTANTS],
+        stack: &mut Vec<Waiting>,
+    ) {
+        for lane in 0..count {
+            // A direction that is not finite has no octant, and no hit.
+            let Some(octant) = waiting.get_mut(rays.octant[lane] as usize) else { continue };
+            octant.push(rays, lane);
+            if octant.count == LANES {
+                view.cast(octant, self.end, stack, &mut self.query);
+                octant.count = 0;
+            }
+        }
+    }
+}
+
+/// Rays for one packet.
 struct Rays {
     count: usize,
-    number: [usize; LANES],
+    number: [u32; LANES],
     direction: [Lanes; 3],
+    /// One bit an axis, set where the direction is negative; [`OCTANTS`] where it is not finite.
+    octant: [u32; LANES],
 }
 
 impl Rays {
-    const EMPTY: Self = Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3] };
+    const EMPTY: Self =
+        Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3], octant: [0; LANES] };
+
+    /// `rays`, the first of which has number `first`.
+    #[inline(always)]
+    fn gather<R>(first: usize, rays: &[R; LANES], direction: &impl Fn(&R) -> Vector3<f64>) -> Self {
+        let mut gathered = Self { count: LANES, ..Self::EMPTY };
+        for lane in 0..LANES {
+            let d = direction(&rays[lane]).map(|d| d as f32);
+            gathered.number[lane] = (first + lane) as u32;
+            for axis in 0..3 {
+                gathered.direction[axis].0[lane] = d[axis];
+            }
+            let octant = u32::from(d.x < 0.0) | u32::from(d.y < 0.0) << 1 | u32::from(d.z < 0.0) << 2;
+            let finite = d.x.abs() + d.y.abs() + d.z.abs() <= f32::MAX;
+            gathered.octant[lane] = if finite { octant } else { OCTANTS as u32 };
+        }
+        gathered
+    }
 
     #[inline(always)]
-    fn push(&mut self, number: usize, direction: [f32; 3]) {
-        self.number[self.count] = number;
+    fn share_octant(&self) -> bool {
+        let first = self.octant[0];
+        let differences = self.octant.iter().fold(first >> 3, |differences, &octant| differences | (octant ^ first));
+        differences == 0
+    }
+
+    #[inline(always)]
+    fn push(&mut self, from: &Self, lane: usize) {
+        self.number[self.count] = from.number[lane];
+        self.octant[self.count] = from.octant[lane];
         for axis in 0..3 {
-            self.direction[axis].0[self.count] = direction[axis];
+            self.direction[axis].0[self.count] = from.direction[axis].0[lane];
         }
         self.count += 1;
     }
@@ -123,11 +192,12 @@ struct Packet {
 
 impl Packet {
     #[inline(always)]
-    fn new(rays: &Rays, octant: usize, end: f32) -> Self {
+    fn new(rays: &Rays, end: f32) -> Self {
+        let octant = rays.octant[0] as usize;
         let mut packet = Self {
             direction: rays.direction,
-            inverse: [Lanes([0.0; LANES]); 3],
-            inverse_range: [[f32::INFINITY, f32::NEG_INFINITY]; 3],
+            inverse: rays.direction,
+            inverse_range: [[0.0; 2]; 3],
             end: Lanes([end; LANES]),
             furthest: end,
             near_rows: std::array::from_fn(|axis| axis + 3 * (octant >> axis & 1)),
@@ -141,14 +211,11 @@ impl Packet {
         }
         for axis in 0..3 {
             let sign = if octant >> axis & 1 == 0 { 1.0_f32 } else { -1.0 };
-            let [low, high] = &mut packet.inverse_range[axis];
             for lane in 0..LANES {
                 let length = packet.direction[axis].0[lane].abs();
-                let inverse = sign / if length > LEAST_COMPONENT { length } else { LEAST_COMPONENT };
-                packet.inverse[axis].0[lane] = inverse;
-                *low = least(inverse, *low);
-                *high = greatest(inverse, *high);
+                packet.inverse[axis].0[lane] = sign / if length > LEAST_COMPONENT { length } else { LEAST_COMPONENT };
             }
+            packet.inverse_range[axis] = [packet.inverse[axis].over_all(least), packet.inverse[axis].over_all(greatest)];
         }
         packet
     }
@@ -185,36 +252,51 @@ impl Packet {
         lanes
     }
 
-    /// Takes the hits of one triangle; whether there is any.
+    /// Takes the hits of one triangle.
     #[inline(always)]
-    fn meet_triangle<const ANY_HIT: bool>(&mut self, planes: &Planes, number: u32, lane_of_block: usize) -> bool {
-        let normal = |edge: usize| -> [f32; 3] { std::array::from_fn(|axis| planes.edges[edge][axis][lane_of_block]) };
-        let ([u, v, w], n) = ([normal(0), normal(1), normal(2)], normal(3));
-        let offset = planes.offset[lane_of_block];
-        let mut any = 0;
-        let mut end = self.end;
+    fn meet_triangle<const ANY_HIT: bool>(&mut self, seen: &Seen, slot: usize, number: u32) {
+        let (edges, offset) = (seen.of(slot), seen.offset[slot]);
+        let (mut any, mut end) = (0, self.end);
         for lane in 0..LANES {
-            let d = [self.direction[0].0[lane], self.direction[1].0[lane], self.direction[2].0[lane]];
-            let (u, v, w) = (dot(d, u), dot(d, v), dot(d, w));
-            let inside = (least(least(u, v), w) >= 0.0) | (greatest(greatest(u, v), w) <= 0.0);
-            let towards = dot(d, n);
-            let slope = towards.abs();
-            let height = f32::from_bits(offset.to_bits() ^ (towards.to_bits() & 0x8000_0000));
-            let hit = inside & (height > 0.0) & (height < self.end.0[lane] * slope);
+            let direction = [self.direction[0].0[lane], self.direction[1].0[lane], self.direction[2].0[lane]];
+            let [height, slope] = crossing(direction, &edges, offset);
+            let hit = (height > 0.0) & (height < self.end.0[lane] * slope);
             any |= u32::from(hit);
             let share = if ANY_HIT { RETIRED } else { height / slope };
             end.0[lane] = if hit { share } else { self.end.0[lane] };
         }
         if any != 0 {
-            self.furthest = RETIRED;
             for lane in 0..LANES {
                 let hit = end.0[lane] != self.end.0[lane];
                 self.triangle[lane] = if hit { number } else { self.triangle[lane] };
-                self.furthest = greatest(end.0[lane], self.furthest);
             }
             self.end = end;
+            self.furthest = end.over_all(greatest);
         }
-        any != 0
+    }
+
+    /// [`Packet::meet_triangle`] for one ray and all triangles of a block.
+    #[inline(always)]
+    fn meet_block<const ANY_HIT: bool>(&mut self, seen: &Seen, lane: usize, first: u32, count: u32) {
+        let direction = [self.direction[0].0[lane], self.direction[1].0[lane], self.direction[2].0[lane]];
+        let before = self.end.0[lane];
+        let mut crossings = [[0.0; 2]; BLOCK];
+        let mut any = 0;
+        for slot in 0..BLOCK {
+            let [height, slope] = crossing(direction, &seen.of(slot), seen.offset[slot]);
+            any |= u32::from((height > 0.0) & (height < before * slope));
+            crossings[slot] = [height, slope];
+        }
+        if any == 0 {
+            return;
+        }
+        for (slot, [height, slope]) in crossings.into_iter().take(count as usize).enumerate() {
+            if height > 0.0 && height < self.end.0[lane] * slope {
+                self.end.0[lane] = if ANY_HIT { RETIRED } else { height / slope };
+                self.triangle[lane] = first + slot as u32;
+            }
+        }
+        self.furthest = self.end.over_all(greatest);
     }
 }
 
@@ -227,11 +309,19 @@ struct View<'a> {
     padded: [[f32; 2]; 3],
 }
 
-/// Of a block: normals of the planes through the origin and an edge, three a triangle, then the triangle's own normal.
-struct Planes {
-    edges: [[[f32; BLOCK]; 3]; 4],
+/// The triangles of a block as seen from the origin.
+struct Seen {
+    /// Normals of the planes through the origin and an edge, three a triangle, then the triangle's own normal.
+    normals: [[[f32; BLOCK]; 3]; 4],
     /// Of the triangle's plane from the origin, times the length of its normal.
     offset: [f32; BLOCK],
+}
+
+impl Seen {
+    #[inline(always)]
+    fn of(&self, slot: usize) -> [[f32; 3]; 4] {
+        std::array::from_fn(|edge| std::array::from_fn(|axis| self.normals[edge][axis][slot]))
+    }
 }
 
 impl<'a> View<'a> {
@@ -248,12 +338,10 @@ impl<'a> View<'a> {
     }
 
     #[inline(always)]
-    fn cast<Q: Query>(&self, rays: &Rays, octant: usize, end: f32, stack: &mut Vec<Waiting>, query: &mut Q) {
-        let mut packet = Packet::new(rays, octant, end);
+    fn cast<Q: Query>(&self, rays: &Rays, end: f32, stack: &mut Vec<Waiting>, query: &mut Q) {
+        let mut packet = Packet::new(rays, end);
         stack.clear();
-        if !self.tree.nodes.is_empty() {
-            self.visit_node(&self.tree.nodes[0], &packet, u32::MAX >> (32 - rays.count), stack);
-        }
+        self.visit_node(&self.tree.nodes[0], &packet, u32::MAX >> (32 - rays.count), stack);
         while let Some(waiting) = stack.pop() {
             let single = waiting.lanes.is_power_of_two();
             let furthest =
@@ -264,7 +352,7 @@ impl<'a> View<'a> {
             match super::tree::Child(waiting.target).target() {
                 Target::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, waiting.lanes, stack),
                 Target::Block(index) => {
-                    self.visit_block::<Q>(&self.tree.blocks[index], &mut packet);
+                    self.visit_block::<Q>(&self.tree.blocks[index], &mut packet, waiting.lanes);
                     if packet.furthest == RETIRED {
                         break;
                     }
@@ -272,9 +360,9 @@ impl<'a> View<'a> {
             }
         }
         for lane in 0..rays.count {
-            let hit = (packet.triangle[lane] != u32::MAX)
-                .then(|| Hit { triangle: packet.triangle[lane], share: f64::from(packet.end.0[lane]) });
-            query.answer(rays.number[lane], hit);
+            if packet.triangle[lane] != u32::MAX {
+                query.hit(rays.number[lane] as usize, packet.triangle[lane], packet.end.0[lane]);
+            }
         }
     }
 
@@ -319,36 +407,56 @@ impl<'a> View<'a> {
     }
 
     #[inline(always)]
-    fn visit_block<Q: Query>(&self, block: &Block, packet: &mut Packet) {
-        let planes = self.planes(block);
-        for triangle in 0..block.count.min(BLOCK as u32) {
+    fn visit_block<Q: Query>(&self, block: &Block, packet: &mut Packet, lanes: u32) {
+        let seen = self.seen(block);
+        if lanes.is_power_of_two() {
+            let lane = lanes.trailing_zeros() as usize % LANES;
             if Q::ANY_HIT {
-                packet.meet_triangle::<true>(&planes, block.first + triangle, triangle as usize);
+                packet.meet_block::<true>(&seen, lane, block.first, block.count);
             } else {
-                packet.meet_triangle::<false>(&planes, block.first + triangle, triangle as usize);
+                packet.meet_block::<false>(&seen, lane, block.first, block.count);
+            }
+            return;
+        }
+        for slot in 0..block.count.min(BLOCK as u32) {
+            if Q::ANY_HIT {
+                packet.meet_triangle::<true>(&seen, slot as usize, block.first + slot);
+            } else {
+                packet.meet_triangle::<false>(&seen, slot as usize, block.first + slot);
             }
         }
     }
 
     #[inline(always)]
-    fn planes(&self, block: &Block) -> Planes {
-        let mut planes = Planes { edges: [[[0.0; BLOCK]; 3]; 4], offset: [0.0; BLOCK] };
-        for lane in 0..BLOCK {
+    fn seen(&self, block: &Block) -> Seen {
+        let mut seen = Seen { normals: [[[0.0; BLOCK]; 3]; 4], offset: [0.0; BLOCK] };
+        for slot in 0..BLOCK {
             let corner = |corner: usize| -> [f32; 3] {
-                std::array::from_fn(|axis| block.corners[corner][axis][lane] - self.origin[axis][0] - self.origin[axis][1])
+                std::array::from_fn(|axis| block.corners[corner][axis][slot] - self.origin[axis][0] - self.origin[axis][1])
             };
             let [a, b, c] = [corner(0), corner(1), corner(2)];
             let [ab, bc, ca] = [minus(b, a), minus(c, b), minus(a, c)];
             let normals = [cross(bc, plus(c, b)), cross(ca, plus(a, c)), cross(ab, plus(b, a)), cross(ab, ca)];
             for (edge, normal) in normals.into_iter().enumerate() {
                 for axis in 0..3 {
-                    planes.edges[edge][axis][lane] = normal[axis];
+                    seen.normals[edge][axis][slot] = normal[axis];
                 }
             }
-            planes.offset[lane] = dot(a, normals[3]);
+            seen.offset[slot] = dot(a, normals[3]);
         }
-        planes
+        seen
     }
+}
+
+/// How high the origin stands over a triangle and how fast the ray comes down to it, so that it hits at their ratio;
+/// the height is negative when the ray misses.
+#[inline(always)]
+fn crossing(direction: [f32; 3], [u, v, w, normal]: &[[f32; 3]; 4], offset: f32) -> [f32; 2] {
+    let (u, v, w) = (dot(direction, *u), dot(direction, *v), dot(direction, *w));
+    let inside = (least(least(u, v), w) >= 0.0) | (greatest(greatest(u, v), w) <= 0.0);
+    let towards = dot(direction, *normal);
+    let height = f32::from_bits(offset.to_bits() ^ (towards.to_bits() & 0x8000_0000));
+    [if inside { height } else { -1.0 }, towards.abs()]
 }
 
 /// Keeps `stack[bottom..]` sorted, the nearest last.
