@@ -23,6 +23,7 @@ const PADDING_ROUNDINGS: f32 = 32.0;
 const LEAST_COMPONENT: f32 = 1e-18;
 /// Up to so many rays are bounded by themselves, not by their packet.
 const FEW: u32 = 4;
+const FEW_B: u32 = 2;
 /// End of a lane without a ray: lies before every box and triangle.
 const RETIRED: f32 = -1.0;
 
@@ -394,12 +395,13 @@ impl<'a> View<'a> {
             met |= u32::from(enter[child] <= leave[child]) << child;
         }
         let bottom = stack.len();
+        let exact = lanes.is_power_of_two() || met.is_power_of_two();
         while met != 0 {
             let child = met.trailing_zeros() as usize % WIDTH;
             met &= met - 1;
             let planes = |rows: &[[f32; WIDTH]; 3]| [rows[0][child], rows[1][child], rows[2][child]];
             let lanes =
-                if lanes.is_power_of_two() { lanes } else { packet.meets_box(planes(&near), planes(&far)) & lanes };
+                if exact { lanes } else { packet.meets_box(planes(&near), planes(&far)) & lanes };
             if lanes != 0 {
                 insert(stack, bottom, Waiting { near: enter[child], target: node.children[child].0, lanes });
             }
@@ -409,12 +411,16 @@ impl<'a> View<'a> {
     #[inline(always)]
     fn visit_block<Q: Query>(&self, block: &Block, packet: &mut Packet, lanes: u32) {
         let seen = self.seen(block);
-        if lanes.is_power_of_two() {
-            let lane = lanes.trailing_zeros() as usize % LANES;
-            if Q::ANY_HIT {
-                packet.meet_block::<true>(&seen, lane, block.first, block.count);
-            } else {
-                packet.meet_block::<false>(&seen, lane, block.first, block.count);
+        if lanes.count_ones() <= FEW_B {
+            let mut rest = lanes;
+            while rest != 0 {
+                let lane = rest.trailing_zeros() as usize % LANES;
+                rest &= rest - 1;
+                if Q::ANY_HIT {
+                    packet.meet_block::<true>(&seen, lane, block.first, block.count);
+                } else {
+                    packet.meet_block::<false>(&seen, lane, block.first, block.count);
+                }
             }
             return;
         }

@@ -11,7 +11,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
 /// Triangles of a leaf at most.
-pub(super) const BLOCK: usize = 4;
+pub(super) const BLOCK: usize = 16;
 
 /// Boxes of the children, side by side so that all are tested at once.
 #[repr(C, align(32))]
@@ -144,7 +144,7 @@ fn binary_tree(boxes: &[ObvhsAabb]) -> obvhs::bvh2::Bvh2 {
         PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, boxes, every, SortPrecision::U64, 3);
     let mut optimizer = ReinsertionOptimizer::default();
     optimizer.run(&mut binary, 0.05, None);
-    collapse(&mut binary, BLOCK as u32, 3.0);
+    collapse(&mut binary, BLOCK as u32, 12.0);
     optimizer.run(&mut binary, 0.1, None);
     binary
 }
