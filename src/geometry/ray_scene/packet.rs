@@ -22,8 +22,7 @@ const PADDING_ROUNDINGS: f32 = 32.0;
 /// no more than the smallest of roundings.
 const LEAST_COMPONENT: f32 = 1e-18;
 /// Up to so many rays are bounded by themselves, not by their packet.
-const FEW: u32 = 4;
-const FEW_B: u32 = 2;
+const FEW: u32 = 5;
 /// End of a lane without a ray: lies before every box and triangle.
 const RETIRED: f32 = -1.0;
 
@@ -75,51 +74,74 @@ impl<R: Copy, D: Fn(&R) -> Vector3<f64>, Q: Query> Kernel for Cast<'_, R, D, Q> 
         }
         let view = View::new(self.tree, &self.origin);
         let mut stack = Vec::with_capacity(128);
-        let mut waiting = [const { Rays::EMPTY }; OCTANTS];
-        let (chunks, rest) = self.rays.as_chunks::<LANES>();
-        for (chunk, rays) in chunks.iter().enumerate() {
-            let rays = Rays::gather(chunk * LANES, rays, &self.direction);
-            if rays.share_octant() {
-                view.cast(&rays, self.end, &mut stack, &mut self.query);
-            } else {
-                self.sort(&rays, LANES, &view, &mut waiting, &mut stack);
-            }
-        }
-        if let Some(&last) = rest.last() {
-            let padded = std::array::from_fn(|lane| rest.get(lane).copied().unwrap_or(last));
-            let rays = Rays::gather(chunks.len() * LANES, &padded, &self.direction);
-            self.sort(&rays, rest.len(), &view, &mut waiting, &mut stack);
-        }
-        for octant in waiting.iter().filter(|octant| octant.count > 0) {
-            view.cast(octant, self.end, &mut stack, &mut self.query);
+        let mut packets = Packets::new(self.rays, self.direction);
+        while let Some(rays) = packets.next() {
+            view.cast(&rays, self.end, &mut stack, &mut self.query);
         }
     }
 }
 
-impl<R, D, Q: Query> Cast<'_, R, D, Q> {
-    /// Lets the first `count` of `rays` wait for others of their octant.
+/// Sorts rays into packets of one octant: at once where neighbours agree, else after waiting for others.
+struct Packets<'a, R, D> {
+    rays: &'a [R],
+    direction: D,
+    /// Rays read so far.
+    read: usize,
+    /// The last ones read, and how many of them are sorted.
+    last: Rays,
+    sorted: usize,
+    waiting: [Rays; OCTANTS],
+}
+
+impl<'a, R: Copy, D: Fn(&R) -> Vector3<f64>> Packets<'a, R, D> {
     #[inline(always)]
-    fn sort(
-        &mut self,
-        rays: &Rays,
-        count: usize,
-        view: &View<'_>,
-        waiting: &mut [Rays; OCTANTS],
-        stack: &mut Vec<Waiting>,
-    ) {
-        for lane in 0..count {
-            // A direction that is not finite has no octant, and no hit.
-            let Some(octant) = waiting.get_mut(rays.octant[lane] as usize) else { continue };
-            octant.push(rays, lane);
-            if octant.count == LANES {
-                view.cast(octant, self.end, stack, &mut self.query);
-                octant.count = 0;
+    fn new(rays: &'a [R], direction: D) -> Self {
+        Self { rays, direction, read: 0, last: Rays::EMPTY, sorted: 0, waiting: [const { Rays::EMPTY }; OCTANTS] }
+    }
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Rays> {
+        loop {
+            while self.sorted < self.last.count {
+                let lane = self.sorted;
+                self.sorted += 1;
+                // A direction that is not finite has no octant, and no hit.
+                let Some(octant) = self.waiting.get_mut(self.last.octant[lane] as usize) else { continue };
+                octant.push(&self.last, lane);
+                if octant.count == LANES {
+                    return Some(octant.take());
+                }
+            }
+            if !self.read_on() {
+                return self.waiting.iter_mut().find(|octant| octant.count > 0).map(Rays::take);
+            }
+            if self.last.share_octant() {
+                self.sorted = LANES;
+                return Some(self.last);
             }
         }
+    }
+
+    /// Reads the next rays; false at their end.
+    #[inline(always)]
+    fn read_on(&mut self) -> bool {
+        let rest = &self.rays[self.read..];
+        let Some(&first) = rest.first() else { return false };
+        self.last = match rest.first_chunk::<LANES>() {
+            Some(full) => Rays::gather(self.read, full, LANES, &self.direction),
+            None => {
+                let padded = std::array::from_fn(|lane| rest.get(lane).copied().unwrap_or(first));
+                Rays::gather(self.read, &padded, rest.len(), &self.direction)
+            }
+        };
+        self.read += self.last.count;
+        self.sorted = 0;
+        true
     }
 }
 
 /// Rays for one packet.
+#[derive(Clone, Copy)]
 struct Rays {
     count: usize,
     number: [u32; LANES],
@@ -132,10 +154,10 @@ impl Rays {
     const EMPTY: Self =
         Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3], octant: [0; LANES] };
 
-    /// `rays`, the first of which has number `first`.
+    /// The first `count` of `rays`, numbered from `first`.
     #[inline(always)]
-    fn gather<R>(first: usize, rays: &[R; LANES], direction: &impl Fn(&R) -> Vector3<f64>) -> Self {
-        let mut gathered = Self { count: LANES, ..Self::EMPTY };
+    fn gather<R>(first: usize, rays: &[R; LANES], count: usize, direction: &impl Fn(&R) -> Vector3<f64>) -> Self {
+        let mut gathered = Self { count, ..Self::EMPTY };
         for lane in 0..LANES {
             let d = direction(&rays[lane]).map(|d| d as f32);
             gathered.number[lane] = (first + lane) as u32;
@@ -149,11 +171,20 @@ impl Rays {
         gathered
     }
 
+    /// Whether the packet is full and of one octant.
     #[inline(always)]
     fn share_octant(&self) -> bool {
         let first = self.octant[0];
         let differences = self.octant.iter().fold(first >> 3, |differences, &octant| differences | (octant ^ first));
-        differences == 0
+        self.count == LANES && differences == 0
+    }
+
+    /// What waits here, which then is empty.
+    #[inline(always)]
+    fn take(&mut self) -> Self {
+        let rays = *self;
+        self.count = 0;
+        rays
     }
 
     #[inline(always)]
@@ -411,7 +442,7 @@ impl<'a> View<'a> {
     #[inline(always)]
     fn visit_block<Q: Query>(&self, block: &Block, packet: &mut Packet, lanes: u32) {
         let seen = self.seen(block);
-        if lanes.count_ones() <= FEW_B {
+        if lanes.count_ones() <= FEW {
             let mut rest = lanes;
             while rest != 0 {
                 let lane = rest.trailing_zeros() as usize % LANES;
