@@ -8,7 +8,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::tree::{BLOCK, Block, Node, Target, Tree, WIDTH};
+use super::tree::{BLOCK, Block, Child, Node, Target, Tree, WIDTH};
 use crate::geometry::simd::Kernel;
 
 /// Rays of a packet.
@@ -202,7 +202,7 @@ impl Rays {
 #[derive(Clone, Copy)]
 struct Waiting {
     near: f32,
-    target: u32,
+    target: Child,
     /// Rays that meet its box, as bits.
     lanes: u32,
 }
@@ -363,7 +363,7 @@ impl<'a> View<'a> {
             let first = origin[axis] as f32;
             [first, (origin[axis] - f64::from(first)) as f32]
         });
-        let reach = (0..3).fold(0.0_f32, |reach, axis| reach.max(tree.half_extent[axis] + origin[axis][0].abs()));
+        let reach = (0..3).fold(0.0, |reach, axis| greatest(reach, tree.reach + origin[axis][0].abs()));
         let padding = reach * PADDING_ROUNDINGS * ROUNDING;
         let padded = origin.map(|[_, second]| [second + padding, second - padding]);
         Self { tree, origin, padded }
@@ -381,7 +381,7 @@ impl<'a> View<'a> {
             if waiting.near > furthest {
                 continue;
             }
-            match super::tree::Child(waiting.target).target() {
+            match waiting.target.target() {
                 Target::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, waiting.lanes, stack),
                 Target::Block(index) => {
                     self.visit_block::<Q>(&self.tree.blocks[index], &mut packet, waiting.lanes);
@@ -434,7 +434,7 @@ impl<'a> View<'a> {
             let lanes =
                 if exact { lanes } else { packet.meets_box(planes(&near), planes(&far)) & lanes };
             if lanes != 0 {
-                insert(stack, bottom, Waiting { near: enter[child], target: node.children[child].0, lanes });
+                insert(stack, bottom, Waiting { near: enter[child], target: node.children[child], lanes });
             }
         }
     }

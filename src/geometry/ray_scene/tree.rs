@@ -1,16 +1,17 @@
-//! The tree over the triangles of a [`super::RayScene`]: nodes of up to [`WIDTH`] children, leaves of up to [`BLOCK`]
-//! triangles. A binary tree by obvhs, its nodes merged from the root down, widest box first.
+//! The tree over the triangles of a [`super::RayScene`]: nodes of up to [`WIDTH`] children, blocks of up to [`BLOCK`]
+//! triangles. Grown by parry as a binary tree; small subtrees become blocks, and nodes are merged from the root down,
+//! largest surface first.
 
 use nalgebra::Point3;
-use obvhs::aabb::Aabb as ObvhsAabb;
-use obvhs::bvh2::leaf_collapser::collapse;
-use obvhs::bvh2::node::Bvh2Node;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use parry3d::bounding_volume::Aabb as ParryAabb;
+use parry3d::math::Vector as ParryVector;
+use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, BvhNodeIndex, TraversalAction};
+
+use crate::geometry::mesh::Aabb;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
-/// Triangles of a leaf at most.
+/// Triangles of a block at most.
 pub(super) const BLOCK: usize = 16;
 
 /// Boxes of the children, side by side so that all are tested at once.
@@ -21,9 +22,9 @@ pub(super) struct Node {
     pub(super) children: [Child; WIDTH],
 }
 
-/// A node, or a block of triangles.
+/// A node or a block, by its index.
 #[derive(Clone, Copy)]
-pub(super) struct Child(pub(super) u32);
+pub(super) struct Child(u32);
 
 pub(super) enum Target {
     Node(usize),
@@ -31,144 +32,146 @@ pub(super) enum Target {
 }
 
 impl Child {
-    const LEAF: u32 = 1 << 31;
-
-    fn node(index: usize) -> Self {
-        Self(index as u32)
-    }
-
-    fn block(index: usize) -> Self {
-        Self(index as u32 | Self::LEAF)
-    }
+    const BLOCK: u32 = 1 << 31;
+    pub(super) const ROOT: Self = Self(0);
 
     #[inline(always)]
     pub(super) fn target(self) -> Target {
-        let index = (self.0 & !Self::LEAF) as usize;
-        if self.0 & Self::LEAF == 0 { Target::Node(index) } else { Target::Block(index) }
+        let index = (self.0 & !Self::BLOCK) as usize;
+        if self.0 & Self::BLOCK == 0 { Target::Node(index) } else { Target::Block(index) }
     }
 }
 
-/// The triangles of a leaf, side by side; what lies beyond `count` is all zeros, which nothing meets.
+/// Triangles side by side; what lies beyond `count` is all zeros, which nothing meets.
 #[repr(C, align(16))]
 pub(super) struct Block {
-    /// `corners[corner][axis][triangle]`.
+    /// `corners[corner][axis][slot]`.
     pub(super) corners: [[[f32; BLOCK]; 3]; 3],
     /// Place of the first triangle in [`Tree::order`].
     pub(super) first: u32,
     pub(super) count: u32,
 }
 
+/// See the module.
 pub(super) struct Tree {
     /// The root first; none without triangles.
     pub(super) nodes: Vec<Node>,
     pub(super) blocks: Vec<Block>,
-    /// The triangles in the order of the leaves.
+    /// The triangles in the order of the blocks.
     pub(super) order: Vec<u32>,
-    /// Largest coordinates of the scene.
-    pub(super) half_extent: [f32; 3],
+    /// No coordinate is larger.
+    pub(super) reach: f32,
+}
+
+/// A node of the binary tree on its way into ours.
+struct Subtree {
+    index: BvhNodeIndex,
+    node: BvhNode,
+    /// Its triangles, if they fit a block.
+    block: Option<Vec<u32>>,
 }
 
 impl Tree {
     pub(super) fn build(triangles: usize, corners: impl Fn(u32) -> [Point3<f64>; 3]) -> Self {
         let boxes: Vec<_> = (0..triangles as u32).map(|triangle| outward_box(&corners(triangle))).collect();
-        let mut tree = Self { nodes: Vec::new(), blocks: Vec::new(), order: Vec::with_capacity(triangles), half_extent: [0.0; 3] };
+        let binary = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+        let reach = boxes.iter().map(|aabb| aabb.mins.abs().max(aabb.maxs.abs()).max_element()).fold(0.0, f32::max);
+        drop(boxes);
+        let mut tree = Self { nodes: Vec::new(), blocks: Vec::new(), order: Vec::with_capacity(triangles), reach };
         if triangles > 0 {
-            let binary = binary_tree(&boxes);
-            let root = binary.nodes[0].aabb();
-            tree.half_extent = std::array::from_fn(|axis| root.max[axis].max(-root.min[axis]));
-            tree.widen(&binary.nodes, &binary.primitive_indices, &corners);
+            tree.grow(&binary, &corners);
         }
         tree
     }
 
-    /// Appends wide nodes depth first, so that neighbours in space are neighbours in memory.
-    fn widen(&mut self, binary: &[Bvh2Node], triangles: &[u32], corners: &impl Fn(u32) -> [Point3<f64>; 3]) {
-        self.nodes.push(Node::EMPTY);
-        // Which binary nodes still wait for a place in which slot.
-        let root = if binary[0].is_leaf() { vec![0] } else { merged(binary, 0) };
+    /// Appends nodes and blocks depth first, so that neighbours in space are neighbours in memory.
+    fn grow(&mut self, binary: &Bvh, corners: &impl Fn(u32) -> [Point3<f64>; 3]) {
         let mut waiting = Vec::new();
-        let place = |tree: &mut Self, parent: usize, members: &[usize], waiting: &mut Vec<(usize, usize, usize)>| {
-            for (slot, &member) in members.iter().enumerate() {
-                tree.nodes[parent].set_box(slot, &binary[member]);
-            }
-            waiting.extend(members.iter().enumerate().rev().map(|(slot, &member)| (parent, slot, member)));
-        };
-        place(self, 0, &root, &mut waiting);
-        while let Some((parent, slot, member)) = waiting.pop() {
-            let node = &binary[member];
-            let child = if node.is_leaf() {
-                let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-                self.push_block(&triangles[range], corners)
-            } else {
-                let index = self.nodes.len();
-                self.nodes.push(Node::EMPTY);
-                place(self, index, &merged(binary, member), &mut waiting);
-                Child::node(index)
+        self.push_node(members(binary, None), &mut waiting);
+        while let Some((parent, slot, subtree)) = waiting.pop() {
+            self.nodes[parent].children[slot] = match subtree.block {
+                Some(triangles) => self.push_block(&triangles, corners),
+                None => self.push_node(members(binary, Some(subtree.index)), &mut waiting),
             };
-            self.nodes[parent].children[slot] = child;
         }
     }
 
+    fn push_node(&mut self, members: Vec<Subtree>, waiting: &mut Vec<(usize, usize, Subtree)>) -> Child {
+        let index = self.nodes.len();
+        let mut node = Node { planes: [[f32::INFINITY; WIDTH]; 6], children: [Child::ROOT; WIDTH] };
+        for (slot, member) in members.iter().enumerate() {
+            let (mins, maxs) = (member.node.mins(), member.node.maxs());
+            for axis in 0..3 {
+                node.planes[axis][slot] = mins[axis];
+                node.planes[axis + 3][slot] = maxs[axis];
+            }
+        }
+        self.nodes.push(node);
+        waiting.extend(members.into_iter().enumerate().rev().map(|(slot, member)| (index, slot, member)));
+        Child(index as u32)
+    }
+
     fn push_block(&mut self, triangles: &[u32], corners: &impl Fn(u32) -> [Point3<f64>; 3]) -> Child {
-        let mut block =
-            Block { corners: [[[0.0; BLOCK]; 3]; 3], first: self.order.len() as u32, count: triangles.len() as u32 };
-        for (lane, &triangle) in triangles.iter().enumerate() {
+        let index = self.blocks.len() as u32;
+        let (first, count) = (self.order.len() as u32, triangles.len() as u32);
+        let mut block = Block { corners: [[[0.0; BLOCK]; 3]; 3], first, count };
+        for (slot, &triangle) in triangles.iter().enumerate() {
             for (corner, p) in corners(triangle).iter().enumerate() {
                 for axis in 0..3 {
-                    block.corners[corner][axis][lane] = p[axis] as f32;
+                    block.corners[corner][axis][slot] = p[axis] as f32;
                 }
             }
         }
         self.order.extend(triangles);
         self.blocks.push(block);
-        Child::block(self.blocks.len() - 1)
+        Child(index | Child::BLOCK)
     }
 }
 
-impl Node {
-    /// Boxes at infinity, which no ray reaches.
-    const EMPTY: Self = Self { planes: [[f32::INFINITY; WIDTH]; 6], children: [Child(0); WIDTH] };
-
-    fn set_box(&mut self, slot: usize, node: &Bvh2Node) {
-        let (min, max) = (node.aabb().min, node.aabb().max);
-        for axis in 0..3 {
-            self.planes[axis][slot] = min[axis];
-            self.planes[axis + 3][slot] = max[axis];
-        }
-    }
-}
-
-fn binary_tree(boxes: &[ObvhsAabb]) -> obvhs::bvh2::Bvh2 {
-    let every = (0..boxes.len() as u32).collect();
-    let mut binary =
-        PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, boxes, every, SortPrecision::U64, 3);
-    let mut optimizer = ReinsertionOptimizer::default();
-    optimizer.run(&mut binary, 0.05, None);
-    collapse(&mut binary, BLOCK as u32, 12.0);
-    optimizer.run(&mut binary, 0.1, None);
-    binary
-}
-
-/// Descendants of an inner node that together make one wide node: whoever has the widest box gives way to its children.
-fn merged(binary: &[Bvh2Node], node: usize) -> Vec<usize> {
-    let children = |node: usize| [binary[node].first_index as usize, binary[node].first_index as usize + 1];
-    let mut members = children(node).to_vec();
+/// Descendants of `parent`, or of all, that make one node: the one with the largest surface gives way to its children
+/// while there is room.
+fn members(binary: &Bvh, parent: Option<BvhNodeIndex>) -> Vec<Subtree> {
+    let mut members = children(binary, parent);
     while members.len() < WIDTH {
-        let inner = members.iter().enumerate().filter(|(_, member)| !binary[**member].is_leaf());
-        let area = |member: usize| binary[member].aabb().half_area();
-        let Some((slot, &widest)) = inner.max_by(|a, b| area(*a.1).total_cmp(&area(*b.1))) else { break };
-        let [left, right] = children(widest);
-        members[slot] = left;
-        members.insert(slot + 1, right);
+        let large = members.iter().enumerate().filter(|(_, member)| member.block.is_none());
+        let Some((slot, widest)) = large.max_by(|a, b| surface(&a.1.node).total_cmp(&surface(&b.1.node))) else { break };
+        let halves = children(binary, Some(widest.index));
+        members.splice(slot..=slot, halves);
     }
     members
 }
 
+fn children(binary: &Bvh, parent: Option<BvhNodeIndex>) -> Vec<Subtree> {
+    let mut found = Vec::with_capacity(WIDTH);
+    binary.traverse_indexed(parent, |node, index| {
+        if parent == Some(index) {
+            return TraversalAction::Continue;
+        }
+        found.push(Subtree { index, node: *node, block: block(binary, index) });
+        TraversalAction::Prune
+    });
+    found
+}
+
+fn block(binary: &Bvh, root: BvhNodeIndex) -> Option<Vec<u32>> {
+    let mut triangles = Vec::with_capacity(BLOCK + 1);
+    binary.traverse_indexed(Some(root), |node, _| {
+        triangles.extend(node.leaf_data());
+        if triangles.len() > BLOCK { TraversalAction::EarlyExit } else { TraversalAction::Continue }
+    });
+    (triangles.len() <= BLOCK).then_some(triangles)
+}
+
+/// Half the surface of the box.
+fn surface(node: &BvhNode) -> f32 {
+    let extent = node.maxs() - node.mins();
+    extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
+}
+
 /// The f32 box around a triangle, each face moved to the next f32 outwards.
-fn outward_box(corners: &[Point3<f64>; 3]) -> ObvhsAabb {
-    let aabb = super::Aabb::around(corners);
+fn outward_box(corners: &[Point3<f64>; 3]) -> ParryAabb {
+    let Aabb { min, max } = Aabb::around(corners);
     let down = |x: f64| (x as f32).next_down();
     let up = |x: f64| (x as f32).next_up();
-    let (min, max) = (aabb.min.map(down), aabb.max.map(up));
-    ObvhsAabb::new([min.x, min.y, min.z].into(), [max.x, max.y, max.z].into())
+    ParryAabb::new(ParryVector::new(down(min.x), down(min.y), down(min.z)), ParryVector::new(up(max.x), up(max.y), up(max.z)))
 }
