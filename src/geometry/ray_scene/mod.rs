@@ -1,14 +1,33 @@
-//! Decides whether a segment meets a surface: the query behind every visibility test.
+//! Decides whether a segment meets a surface: the query behind every visibility test. Triangles are two-sided.
+//!
+//! One tree serves two kinds of query. Single segments are tested in f64, the triangles watertight, so that a tree answers
+//! exactly as the plain loop over all triangles does: they are the oracle. Many rays from one point are traced sixteen at
+//! a time in f32 relative to that point ([`RayScene::blocked_from`], [`RayScene::first_hits_from`]), with the widest
+//! vector instructions at hand; the answer is the same at every level and does not depend on which rays are asked
+//! together. It differs from the exact one only for rays that pass an edge, or a triangle that they graze, within some
+//! 10⁻⁷ of the distance (≤ 1 of 10⁵ random rays; edges between two triangles are no such edge).
+//!
+//! The binary tree comes from parry (`Binned`). Measured against obvhs 0.4 (PLOC, reinsertion, leaves collapsed by surface
+//! area) with the same blocks, one thread: growing 1.1 M triangles takes 0.43 s and 0.46 s; first hits run 7 to 10 %
+//! faster through parry's tree on five of six meshes, and 10 % slower on a flat shell of few large triangles. Parry is
+//! needed for collision anyway.
+//!
+//! Size at 11 triangles a block, the usual filling: 7 bytes a triangle for nodes (224 each), 53 for blocks (592 each), 4
+//! for the order, 12 for faces, 12 for vertices shared by six triangles: 88 in all; growing takes some 140 more for a while.
+//! Cost: O(log n) a segment, some 10⁻⁶ s alone and 10⁻⁷ to 2·10⁻⁸ s in a packet.
 
 use nalgebra::{Point3, Vector3};
 
 use super::mesh::{Aabb, Mesh};
 use super::simd::SimdLevel;
+use cast::{Cast, Query};
 use exact::Segment;
-use packet::{Cast, Query};
 use tree::{Target, Tree};
 
+mod cast;
 mod exact;
+mod gather;
+mod lanes;
 mod packet;
 #[cfg(test)]
 mod tests;
@@ -16,7 +35,7 @@ mod tree;
 
 /// Meshes as one set of triangles that segments may meet.
 pub struct RayScene {
-    /// Everything below is relative to this.
+    /// Everything below is relative to this, so that f32 is finest where the surface is.
     centre_mm: Point3<f64>,
     tree: Tree,
     vertices_mm: Vec<Point3<f64>>,
@@ -82,8 +101,7 @@ impl RayScene {
         DIRECTIONS.iter().filter(|direction| odd(direction)).count() >= 2
     }
 
-    /// [`RayScene::blocked`] from one point to each of `targets`, sixteen at a time in f32: the answer differs for
-    /// segments that pass an edge of the surface within some 10⁻⁷ of the distance.
+    /// [`RayScene::blocked`] from one point to each of `targets`, sixteen at a time in f32. `blocked` is overwritten.
     pub fn blocked_from(
         &self,
         level: SimdLevel,
@@ -104,7 +122,7 @@ impl RayScene {
         });
     }
 
-    /// The first triangle in each of `directions` from one point, sixteen at a time in f32.
+    /// What a ray in each of `directions` from one point meets first, sixteen at a time in f32. `hits` is overwritten.
     pub fn first_hits_from(
         &self,
         level: SimdLevel,
@@ -122,6 +140,12 @@ impl RayScene {
             end: f32::MAX,
             query: FirstHits { hits, order: &self.tree.order },
         });
+    }
+
+    /// Memory that the scene holds.
+    #[must_use]
+    pub fn size_bytes(&self) -> usize {
+        self.tree.size_bytes() + size_of_val(&*self.vertices_mm) + size_of_val(&*self.faces)
     }
 
     /// Triangles, in leaf order, of the leaves that `segment` meets.
@@ -172,16 +196,5 @@ impl Query for FirstHits<'_> {
     #[inline(always)]
     fn hit(&mut self, ray: usize, triangle: u32, share: f32) {
         self.hits[ray] = Some(Hit { triangle: self.order[triangle as usize], share: f64::from(share) });
-    }
-}
-
-impl RayScene {
-    pub fn stats(&self) -> String {
-        format!("nodes {:.1} B/tri blocks {:.1} B/tri ({:.2} tri/block) exact {:.1} children/node {:.2}",
-            (self.tree.nodes.len()*size_of::<tree::Node>()) as f64/self.faces.len() as f64,
-            (self.tree.blocks.len()*size_of::<tree::Block>()) as f64/self.faces.len() as f64,
-            self.faces.len() as f64/self.tree.blocks.len() as f64,
-            16.0+ 24.0*self.vertices_mm.len() as f64/self.faces.len() as f64,
-            (self.tree.nodes.len()+self.tree.blocks.len()) as f64/self.tree.nodes.len() as f64)
     }
 }

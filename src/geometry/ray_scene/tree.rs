@@ -17,7 +17,7 @@ pub(super) const BLOCK: usize = 16;
 /// Boxes of the children, side by side so that all are tested at once.
 #[repr(C, align(32))]
 pub(super) struct Node {
-    /// Lower x, y, z and upper x, y, z, a row each; infinite where there is no child.
+    /// Lower x, y, z and upper x, y, z, a row each; infinite where there is no child, which then is an empty block.
     pub(super) planes: [[f32; WIDTH]; 6],
     pub(super) children: [Child; WIDTH],
 }
@@ -33,7 +33,8 @@ pub(super) enum Target {
 
 impl Child {
     const BLOCK: u32 = 1 << 31;
-    pub(super) const ROOT: Self = Self(0);
+    /// A block without triangles, at index 0.
+    const NONE: Self = Self(Self::BLOCK);
 
     #[inline(always)]
     pub(super) fn target(self) -> Target {
@@ -79,9 +80,14 @@ impl Tree {
         drop(boxes);
         let mut tree = Self { nodes: Vec::new(), blocks: Vec::new(), order: Vec::with_capacity(triangles), reach };
         if triangles > 0 {
+            tree.push_block(&[], &corners);
             tree.grow(&binary, &corners);
         }
         tree
+    }
+
+    pub(super) fn size_bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + size_of_val(&*self.blocks) + size_of_val(&*self.order)
     }
 
     /// Appends nodes and blocks depth first, so that neighbours in space are neighbours in memory.
@@ -98,7 +104,7 @@ impl Tree {
 
     fn push_node(&mut self, members: Vec<Subtree>, waiting: &mut Vec<(usize, usize, Subtree)>) -> Child {
         let index = self.nodes.len();
-        let mut node = Node { planes: [[f32::INFINITY; WIDTH]; 6], children: [Child::ROOT; WIDTH] };
+        let mut node = Node { planes: [[f32::INFINITY; WIDTH]; 6], children: [Child::NONE; WIDTH] };
         for (slot, member) in members.iter().enumerate() {
             let (mins, maxs) = (member.node.mins(), member.node.maxs());
             for axis in 0..3 {
