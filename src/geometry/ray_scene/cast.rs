@@ -9,8 +9,9 @@ use super::packet::{NONE, Packet, RETIRED};
 use super::tree::{Child, Node, Target, Tree, WIDTH};
 use crate::geometry::simd::Kernel;
 
-/// Boxes grow by this many roundings of the largest coordinate. The test of an edge errs by 9, that of a box by 3.
-const PADDING: f32 = 32.0 * f32::EPSILON / 2.0;
+/// Boxes grow by this share of the largest coordinate: 16 roundings, more than the tests of a triangle and of a box err
+/// by together (3 each along an axis, √3 times that in space).
+const PADDING: f32 = 16.0 * f32::EPSILON / 2.0;
 
 /// What is asked of the rays.
 pub(super) trait Query {

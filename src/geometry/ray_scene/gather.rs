@@ -1,5 +1,6 @@
-//! Sorts rays from one point into packets whose rays point into one octant, so that the near and the far planes of a box
-//! are the same for all of them. Neighbours that agree go together at once; the others wait for their like.
+//! Sorts rays from one point into packets of one kind: all point into one octant, so that the near and the far planes of
+//! a box are the same for all, and are longest along one axis, which the test of a triangle singles out. Neighbours of
+//! one kind go together at once; the others wait for their like.
 
 #![expect(clippy::needless_range_loop, reason = "a lane or a slot runs through several arrays at once")]
 
@@ -7,7 +8,8 @@ use nalgebra::Vector3;
 
 use super::lanes::{LANES, Lanes};
 
-const OCTANTS: usize = 8;
+/// An octant and an axis.
+const KINDS: usize = 24;
 
 /// The packets of `rays`.
 pub(super) struct Packets<'a, R, D> {
@@ -18,33 +20,33 @@ pub(super) struct Packets<'a, R, D> {
     /// The last ones read, and how many of them are sorted.
     last: Rays,
     sorted: usize,
-    waiting: [Rays; OCTANTS],
+    waiting: [Rays; KINDS],
 }
 
 impl<'a, R: Copy, D: Fn(&R) -> Vector3<f64>> Packets<'a, R, D> {
     #[inline(always)]
     pub(super) fn new(rays: &'a [R], direction: D) -> Self {
-        Self { rays, direction, read: 0, last: Rays::EMPTY, sorted: 0, waiting: [const { Rays::EMPTY }; OCTANTS] }
+        Self { rays, direction, read: 0, last: Rays::EMPTY, sorted: 0, waiting: [const { Rays::EMPTY }; KINDS] }
     }
 
-    /// The next packet, full but for the last of each octant.
+    /// The next packet, full but for the last of each kind.
     #[inline(always)]
     pub(super) fn next(&mut self) -> Option<Rays> {
         loop {
             while self.sorted < self.last.count {
                 let lane = self.sorted;
                 self.sorted += 1;
-                // A direction that is not finite has no octant, and no hit.
-                let Some(octant) = self.waiting.get_mut(self.last.octant[lane] as usize) else { continue };
-                octant.push(&self.last, lane);
-                if octant.count == LANES {
-                    return Some(octant.take());
+                // A direction that is not finite is of no kind, and has no hit.
+                let Some(like) = self.waiting.get_mut(self.last.kind[lane] as usize) else { continue };
+                like.push(&self.last, lane);
+                if like.count == LANES {
+                    return Some(like.take());
                 }
             }
             if !self.read_on() {
-                return self.waiting.iter_mut().find(|octant| octant.count > 0).map(Rays::take);
+                return self.waiting.iter_mut().find(|like| like.count > 0).map(Rays::take);
             }
-            if self.last.share_octant() {
+            if self.last.agree() {
                 self.sorted = LANES;
                 return Some(self.last);
             }
@@ -75,17 +77,24 @@ pub(super) struct Rays {
     pub(super) count: usize,
     pub(super) number: [u32; LANES],
     pub(super) direction: [Lanes; 3],
-    /// One bit an axis, set where the direction is negative; [`OCTANTS`] where it is not finite.
-    octant: [u32; LANES],
+    /// One bit an axis, set where the direction is negative, and eight times the longest axis; [`KINDS`] where the
+    /// direction is not finite.
+    kind: [u32; LANES],
 }
 
 impl Rays {
-    const EMPTY: Self = Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3], octant: [0; LANES] };
+    const EMPTY: Self = Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3], kind: [0; LANES] };
 
     /// Whether the rays descend along `axis`.
     #[inline(always)]
     pub(super) fn descend(&self, axis: usize) -> bool {
-        self.octant[0] >> axis & 1 == 1
+        self.kind[0] >> axis & 1 == 1
+    }
+
+    /// The axis along which every ray is longest.
+    #[inline(always)]
+    pub(super) fn longest(&self) -> usize {
+        self.kind[0] as usize / 8
     }
 
     /// The first `count` of `rays`, numbered from `first`.
@@ -99,18 +108,21 @@ impl Rays {
                 gathered.direction[axis].0[lane] = d[axis];
             }
             let octant = u32::from(d.x < 0.0) | u32::from(d.y < 0.0) << 1 | u32::from(d.z < 0.0) << 2;
-            let finite = d.x.abs() + d.y.abs() + d.z.abs() <= f32::MAX;
-            gathered.octant[lane] = if finite { octant } else { OCTANTS as u32 };
+            let [x, y, z] = [d.x.abs(), d.y.abs(), d.z.abs()];
+            let past_x = u32::from((x < y) | (x < z));
+            let longest = past_x + (past_x & u32::from(y < z));
+            let finite = x + y + z <= f32::MAX;
+            gathered.kind[lane] = if finite { octant + 8 * longest } else { KINDS as u32 };
         }
         gathered
     }
 
-    /// Whether the packet is full and of one octant.
+    /// Whether the packet is full and of one kind.
     #[inline(always)]
-    fn share_octant(&self) -> bool {
-        let first = self.octant[0];
-        let differences = self.octant.iter().fold(first >> 3, |differences, &octant| differences | (octant ^ first));
-        self.count == LANES && differences == 0
+    fn agree(&self) -> bool {
+        let first = self.kind[0];
+        let differences = self.kind.iter().fold(0, |differences, &kind| differences | (kind ^ first));
+        self.count == LANES && differences == 0 && first != KINDS as u32
     }
 
     /// What waits here, which then is empty.
@@ -124,7 +136,7 @@ impl Rays {
     #[inline(always)]
     fn push(&mut self, from: &Self, lane: usize) {
         self.number[self.count] = from.number[lane];
-        self.octant[self.count] = from.octant[lane];
+        self.kind[self.count] = from.kind[lane];
         for axis in 0..3 {
             self.direction[axis].0[self.count] = from.direction[axis].0[lane];
         }

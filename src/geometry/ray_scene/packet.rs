@@ -1,14 +1,14 @@
 //! Sixteen rays from one point against a box, and against the triangles of a block, in f32 relative to that point.
 //!
-//! What depends on the point alone (normals of the planes through it and an edge) is computed once a packet; a ray then
-//! costs four products a triangle. An edge test is the volume of ray and edge, taken as edge × sum of its ends, so that
-//! two triangles see their common edge with exactly opposite signs and no ray slips between them, and so that it errs by
-//! 9 roundings (2⁻²⁴) of the distance to the point at most, whatever the size of the triangle.
+//! The triangle test is that of [`super::exact`] (Woop, Benthin and Wald 2013): corners are sheared along the ray's longest
+//! axis, and a corner moves by the same roundings in every triangle that has it, so that no ray slips between neighbours;
+//! a sheared corner is off by 3 roundings (2⁻²⁴) of the distance to the point at most. Where the ray hits is taken from
+//! the triangle's plane, whose normal and distance are computed once a packet.
 
 #![expect(clippy::needless_range_loop, reason = "a lane or a slot runs through several arrays at once")]
 
 use super::gather::Rays;
-use super::lanes::{LANES, Lanes, cross, dot, each, greatest, least, minus, plus};
+use super::lanes::{LANES, Lanes, cross, dot, each, greatest, least, minus};
 use super::tree::{BLOCK, Block};
 
 /// Directions count as this long at least along every axis, so that they have a finite inverse; over 10⁵ mm that moves a
@@ -24,7 +24,12 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The rays while they are traced.
 pub(super) struct Packet {
+    /// In the order of `axes`.
     direction: [Lanes; 3],
+    /// How far the rays go along the first two of `axes` for one along the third.
+    shear: [Lanes; 2],
+    /// The axis along which every ray is longest comes last.
+    axes: [usize; 3],
     inverse: [Lanes; 3],
     /// The least and the greatest of `inverse`.
     inverse_range: [[f32; 2]; 3],
@@ -42,28 +47,41 @@ impl Packet {
     /// `rays` as far as `end`.
     #[inline(always)]
     pub(super) fn new(rays: &Rays, end: f32) -> Self {
+        let longest = rays.longest();
+        let axes = [(longest + 1) % 3, (longest + 2) % 3, longest];
+        let mut directions = rays.direction;
         let mut packet = Self {
             direction: rays.direction,
+            shear: [Lanes([0.0; LANES]); 2],
+            axes,
             inverse: rays.direction,
             inverse_range: [[0.0; 2]; 3],
             end: Lanes([end; LANES]),
             furthest: end,
-            descend: std::array::from_fn(|axis| rays.descend(axis)),
+            descend: [0, 1, 2].map(|axis| rays.descend(axis)),
             triangle: [NONE; LANES],
         };
         for lane in rays.count..LANES {
             packet.end.0[lane] = RETIRED;
             for axis in 0..3 {
-                packet.direction[axis].0[lane] = rays.direction[axis].0[0];
+                directions[axis].0[lane] = rays.direction[axis].0[0];
             }
         }
         for axis in 0..3 {
             let sign = if packet.descend[axis] { -1.0_f32 } else { 1.0 };
             for lane in 0..LANES {
-                let length = packet.direction[axis].0[lane].abs();
+                let length = directions[axis].0[lane].abs();
                 packet.inverse[axis].0[lane] = sign / if length > LEAST_COMPONENT { length } else { LEAST_COMPONENT };
             }
             packet.inverse_range[axis] = [packet.inverse[axis].over_all(least), packet.inverse[axis].over_all(greatest)];
+        }
+        for (place, axis) in axes.into_iter().enumerate() {
+            packet.direction[place] = directions[axis];
+        }
+        for place in 0..2 {
+            for lane in 0..LANES {
+                packet.shear[place].0[lane] = packet.direction[place].0[lane] / packet.direction[2].0[lane];
+            }
         }
         packet
     }
@@ -98,15 +116,18 @@ impl Packet {
     }
 
     #[inline(always)]
-    fn direction_of(&self, lane: usize) -> [f32; 3] {
-        [self.direction[0].0[lane], self.direction[1].0[lane], self.direction[2].0[lane]]
+    fn ray(&self, lane: usize) -> Ray {
+        Ray {
+            direction: [self.direction[0].0[lane], self.direction[1].0[lane], self.direction[2].0[lane]],
+            shear: [self.shear[0].0[lane], self.shear[1].0[lane]],
+        }
     }
 
     /// Takes what `lanes`, and perhaps others, hit of a block; with `ANY_HIT` a ray is done with its first hit, wherever
     /// that is.
     #[inline(always)]
     pub(super) fn meet<const ANY_HIT: bool>(&mut self, block: &Block, origin: &[[f32; 2]; 3], lanes: u32) {
-        let seen = Seen::from(block, origin);
+        let seen = Seen::from(block, origin, self.axes);
         if lanes.count_ones() > FEW {
             for slot in 0..(block.count as usize).min(BLOCK) {
                 self.meet_triangle::<ANY_HIT>(&seen, slot, block.first + slot as u32);
@@ -121,10 +142,10 @@ impl Packet {
     /// Takes what all rays hit of one triangle.
     #[inline(always)]
     fn meet_triangle<const ANY_HIT: bool>(&mut self, seen: &Seen, slot: usize, number: u32) {
-        let (normals, offset) = (seen.normals_of(slot), seen.offset[slot]);
+        let seen_triangle = seen.triangle(slot);
         let (mut any, mut end, mut triangle) = (0, self.end, self.triangle);
         for lane in 0..LANES {
-            let crossing = crossing(self.direction_of(lane), &normals, offset);
+            let crossing = self.ray(lane).crossing(&seen_triangle);
             let hit = crossing.hits::<ANY_HIT>(number, end.0[lane], triangle[lane]);
             any |= u32::from(hit);
             end.0[lane] = if hit { crossing.new_end::<ANY_HIT>() } else { end.0[lane] };
@@ -139,12 +160,12 @@ impl Packet {
     /// Takes what one ray hits of a block.
     #[inline(always)]
     fn meet_block<const ANY_HIT: bool>(&mut self, seen: &Seen, block: &Block, lane: usize) {
-        let direction = self.direction_of(lane);
+        let ray = self.ray(lane);
         let (end, triangle) = (self.end.0[lane], self.triangle[lane]);
         let mut crossings = [Crossing { height: 0.0, descent: 0.0 }; BLOCK];
         let mut any = 0;
         for slot in 0..BLOCK {
-            crossings[slot] = crossing(direction, &seen.normals_of(slot), seen.offset[slot]);
+            crossings[slot] = ray.crossing(&seen.triangle(slot));
             any |= u32::from(crossings[slot].hits::<ANY_HIT>(block.first + slot as u32, end, triangle));
         }
         if any == 0 {
@@ -160,38 +181,77 @@ impl Packet {
     }
 }
 
-/// The triangles of a block as seen from the origin.
+/// The triangles of a block as seen from the origin, axes in the order of the packet.
 struct Seen {
-    /// Normals of the planes through the origin and an edge, three a triangle, then the triangle's own normal.
-    normals: [[[f32; BLOCK]; 3]; 4],
-    /// Of the triangle's plane from the origin, times the length of its normal.
-    offset: [f32; BLOCK],
+    /// `corners[corner][axis][slot]`.
+    corners: [[[f32; BLOCK]; 3]; 3],
+    /// `normals[axis][slot]`.
+    normals: [[f32; BLOCK]; 3],
+    /// How high the origin stands over the triangle's plane, times the length of its normal.
+    height: [f32; BLOCK],
+}
+
+/// One of them.
+struct SeenTriangle {
+    corners: [[f32; 3]; 3],
+    normal: [f32; 3],
+    height: f32,
 }
 
 impl Seen {
     #[inline(always)]
-    fn from(block: &Block, origin: &[[f32; 2]; 3]) -> Self {
-        let mut seen = Self { normals: [[[0.0; BLOCK]; 3]; 4], offset: [0.0; BLOCK] };
-        for slot in 0..BLOCK {
-            let corner = |corner: usize| -> [f32; 3] {
-                std::array::from_fn(|axis| block.corners[corner][axis][slot] - origin[axis][0] - origin[axis][1])
-            };
-            let [a, b, c] = [corner(0), corner(1), corner(2)];
-            let [ab, bc, ca] = [minus(b, a), minus(c, b), minus(a, c)];
-            let normals = [cross(bc, plus(c, b)), cross(ca, plus(a, c)), cross(ab, plus(b, a)), cross(ab, ca)];
-            for (edge, normal) in normals.into_iter().enumerate() {
-                for axis in 0..3 {
-                    seen.normals[edge][axis][slot] = normal[axis];
+    fn from(block: &Block, origin: &[[f32; 2]; 3], axes: [usize; 3]) -> Self {
+        let mut seen = Self { corners: [[[0.0; BLOCK]; 3]; 3], normals: [[0.0; BLOCK]; 3], height: [0.0; BLOCK] };
+        for corner in 0..3 {
+            for (place, axis) in axes.into_iter().enumerate() {
+                let (corners, [first, second]) = (&block.corners[corner][axis], origin[axis]);
+                for slot in 0..BLOCK {
+                    seen.corners[corner][place][slot] = corners[slot] - first - second;
                 }
             }
-            seen.offset[slot] = dot(a, normals[3]);
+        }
+        for slot in 0..BLOCK {
+            let [a, b, c] = [0, 1, 2].map(|corner| seen.corner(corner, slot));
+            let normal = cross(minus(b, a), minus(c, a));
+            seen.height[slot] = dot(a, normal);
+            for axis in 0..3 {
+                seen.normals[axis][slot] = normal[axis];
+            }
         }
         seen
     }
 
     #[inline(always)]
-    fn normals_of(&self, slot: usize) -> [[f32; 3]; 4] {
-        std::array::from_fn(|edge| std::array::from_fn(|axis| self.normals[edge][axis][slot]))
+    fn corner(&self, corner: usize, slot: usize) -> [f32; 3] {
+        let rows = &self.corners[corner];
+        [rows[0][slot], rows[1][slot], rows[2][slot]]
+    }
+
+    #[inline(always)]
+    fn triangle(&self, slot: usize) -> SeenTriangle {
+        SeenTriangle {
+            corners: [self.corner(0, slot), self.corner(1, slot), self.corner(2, slot)],
+            normal: [self.normals[0][slot], self.normals[1][slot], self.normals[2][slot]],
+            height: self.height[slot],
+        }
+    }
+}
+
+/// One ray, axes in the order of the packet.
+struct Ray {
+    direction: [f32; 3],
+    shear: [f32; 2],
+}
+
+impl Ray {
+    #[inline(always)]
+    fn crossing(&self, triangle: &SeenTriangle) -> Crossing {
+        let [a, b, c] = triangle.corners.map(|[x, y, z]| [x - self.shear[0] * z, y - self.shear[1] * z]);
+        let (u, v, w) = (c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]);
+        let inside = (least(least(u, v), w) >= 0.0) | (greatest(greatest(u, v), w) <= 0.0);
+        let descent = dot(self.direction, triangle.normal);
+        let height = f32::from_bits(triangle.height.to_bits() ^ (descent.to_bits() & SIGN));
+        Crossing { height: if inside { height } else { -1.0 }, descent: descent.abs() }
     }
 }
 
@@ -201,15 +261,6 @@ impl Seen {
 struct Crossing {
     height: f32,
     descent: f32,
-}
-
-#[inline(always)]
-fn crossing(direction: [f32; 3], [u, v, w, normal]: &[[f32; 3]; 4], offset: f32) -> Crossing {
-    let (u, v, w) = (dot(direction, *u), dot(direction, *v), dot(direction, *w));
-    let inside = (least(least(u, v), w) >= 0.0) | (greatest(greatest(u, v), w) <= 0.0);
-    let descent = dot(direction, *normal);
-    let height = f32::from_bits(offset.to_bits() ^ (descent.to_bits() & SIGN));
-    Crossing { height: if inside { height } else { -1.0 }, descent: descent.abs() }
 }
 
 impl Crossing {

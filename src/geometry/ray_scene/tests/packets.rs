@@ -63,13 +63,13 @@ fn no_ray_of_a_packet_slips_through_an_edge_or_a_vertex() {
     let edges: Vec<_> = on_edges.collect();
     let vertices = mesh.vertices_mm.clone();
     for origin in (0..40).map(|i| Point3::from(direction(i) * 0.9 * spread(i, 0.7548776662466927))) {
-      for (name, targets) in [("edges", &edges), ("vertices", &vertices)] {
-        for level in SimdLevel::available() {
-            let blocked = blocked(&scene, level, &origin, targets, 1.1);
-            let through = blocked.iter().filter(|blocked| !**blocked).count();
-            eprintln!("{through} of {} rays at {name} slip through from {origin} at {}", targets.len(), level.as_str());
+        for (name, targets) in [("edges", &edges), ("vertices", &vertices)] {
+            for level in SimdLevel::available() {
+                let blocked = blocked(&scene, level, &origin, targets, 1.1);
+                let through = blocked.iter().filter(|blocked| !**blocked).count();
+                eprintln!("{through} of {} rays at {name} slip through from {origin} at {}", targets.len(), level.as_str());
+            }
         }
-      }
     }
     panic!();
 }
