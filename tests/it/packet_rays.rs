@@ -83,7 +83,7 @@ fn differing(mesh: &Mesh, origins: usize, targets: usize) -> usize {
             let origin = centre + direction(7 * i + 1) * distance_mm;
             let about = |j: usize| {
                 let on = mesh.vertices_mm[(j * 7919) % mesh.vertices_mm.len()];
-                on + direction(i + 31 * j) * (0.05 * reach_mm * spread(j, 0.318_309_886_183_791))
+                on + direction(i + 31 * j) * (0.05 * reach_mm * spread(j, 0.819_172_513_396_164))
             };
             let targets: Vec<_> = (0..targets).map(about).collect();
             let packets = blocked(&scene, &origin, &targets, SHARE);
@@ -109,7 +109,8 @@ fn packets_judge_as_single_segments_do() {
     }
     let segments = parts.len() * origins * targets;
     assert!(segments >= 1_000_000);
-    // A corner is off by 3 roundings at most, 9·10⁻⁵ mm at 480 mm, and a tenth of that as a rule. The outlines of these
-    // parts are some metre long on 10⁴ mm² of picture: 1 m · 2 · 10⁻⁵ mm / 10⁴ mm² = 2 of a million rays pass that close.
-    assert!(all * 1_000_000 <= 5 * segments, "{all} of {segments} segments are judged differently");
+    // Corners and directions are off by some roundings, 2⁻²⁴ of 480 mm each: together 3·10⁻⁵ mm as a rule. The outlines of
+    // these parts are about 1 m long on a picture of 10⁴ mm²: 1 m · 2 · 3·10⁻⁵ mm / 10⁴ mm² = 6 of a million rays pass one
+    // that close, and may be judged either way.
+    assert!(all * 1_000_000 <= 10 * segments, "{all} of {segments} segments are judged differently");
 }
