@@ -89,12 +89,6 @@ impl RayScene {
         (0..self.faces.len()).any(|face| segment.meets_triangle(&self.corners(face)))
     }
 
-    /// All triangles, those near each other in space near each other in the list.
-    #[must_use]
-    pub fn leaf_order(&self) -> Vec<u32> {
-        self.bvh.leaves(|_| true).collect()
-    }
-
     /// Whether `point` lies inside the surface: most of three rays in unrelated directions cross it an odd number of
     /// times. Exact for closed surfaces; where a surface is open the majority decides.
     #[must_use]
