@@ -59,22 +59,22 @@ impl Case {
         let usable = vec![true; self.views.len()];
         let raster = self.table(&surface, Engine::Raster, &usable, SimdLevel::widest());
         let rays = self.table(&surface, Engine::Rays, &usable, SimdLevel::widest());
-        let (mut judged, mut differ, mut measured_mm2, mut excess_mm2) = (0, 0, 0.0, 0.0);
+        let (mut judged, mut differ_mm2, mut measured_mm2, mut excess_mm2) = (0, 0.0, 0.0, 0.0);
         for (raster, rays) in raster.rows.iter().zip(&rays.rows) {
             for sample in 0..surface.sample_mm.len() as u32 {
                 let (mine, theirs, area_mm2) =
                     (raster.holds(sample), rays.holds(sample), surface.sample_area_mm2(sample as usize));
                 judged += usize::from(mine || theirs);
-                differ += usize::from(mine != theirs);
+                differ_mm2 += if mine == theirs { 0.0 } else { area_mm2 };
                 measured_mm2 += if theirs { area_mm2 } else { 0.0 };
                 excess_mm2 += area_mm2 * (f64::from(mine) - f64::from(theirs));
             }
         }
-        let (differ, excess) = (differ as f64 / judged as f64, excess_mm2 / measured_mm2);
-        println!("{what}: {judged} answers, {:.0} ppm differ, area {:+.4} %", 1e6 * differ, 1e2 * excess);
-        assert!(judged > 10_000, "{what}: too little is measured to say anything: {judged}");
-        // The issue of the depth map is the band; 0.2 % of area is demanded of the engine, and far less is reached.
-        assert!(differ < 2e-3 && excess.abs() < 1e-3, "{what}: {differ} of the answers differ, {excess} of the area");
+        let (differ, excess) = (differ_mm2 / measured_mm2, excess_mm2 / measured_mm2);
+        println!("{what}: {judged} answers, {:.0} ppm of the area differ, in sum {:+.0}", 1e6 * differ, 1e6 * excess);
+        assert!(judged > 3_000, "{what}: too little is measured to say anything: {judged}");
+        // What the band around a sample's own surface lets pass; an error of the area of 0.2 % would be too much.
+        assert!(differ < 1e-3, "{what}: {differ} of the area differ");
     }
 }
 
@@ -138,7 +138,9 @@ fn engines_agree_through_a_lens_that_distorts() {
 
 #[test]
 fn engines_agree_on_a_part_wider_than_the_image() {
-    Case::of(base(), 700.0, preset_scanner("transcan-c"), 8).engines_agree("base of 700 mm");
+    let mut case = Case::of(base(), 700.0, preset_scanner("transcan-c"), 12);
+    case.views = (0..12).map(|i| looking_from(direction(i, 12), 560.0)).collect();
+    case.engines_agree("base of 700 mm");
 }
 
 /// A wall beside the line of sight that reaches from behind the part to far behind the devices, a bar across the view
@@ -148,8 +150,8 @@ fn engines_agree_where_surfaces_reach_behind_a_device() {
     let mut case = Case::of(figurine(), 120.0, nominal_scanner(), 1);
     case.views = vec![Pose::from_parts(Vector3::new(0.0, 0.0, 480.0), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 3.1))];
     case.around = vec![
-        box_mesh([30.0, -900.0, -300.0], [34.0, 900.0, 2000.0]),
-        box_mesh([-140.0, -8.0, 430.0], [-60.0, 6.0, 2500.0]),
+        box_mesh([40.0, 20.0, -300.0], [44.0, 900.0, 2000.0]),
+        box_mesh([-140.0, 1.0, 430.0], [-60.0, 40.0, 2500.0]),
         box_mesh([-4000.0, -30.0, -70.0], [4000.0, -26.0, 1500.0]),
     ];
     case.engines_agree("figurine behind walls");

@@ -40,15 +40,16 @@ impl Model<'_> {
 
     fn add_primitive(&mut self, primitive: &Value, world_from_node: &Matrix4<f64>) {
         let first = self.vertices_mm.len() as u32;
-        let positions = self.elements(&primitive["attributes"]["POSITION"], 12);
-        for p in positions {
+        let positions = self.elements(&primitive["attributes"]["POSITION"], 12).map(|p| {
             let [x, y, z] = [0, 4, 8].map(|at| f64::from(f32::from_le_bytes(p[at..at + 4].try_into().expect("four bytes"))));
-            self.vertices_mm.push(world_from_node.transform_point(&Point3::new(x, y, z)));
-        }
+            world_from_node.transform_point(&Point3::new(x, y, z))
+        });
+        let positions: Vec<_> = positions.collect();
         let wide = self.json["accessors"][primitive["indices"].as_u64().expect("indices") as usize]["componentType"] == 5125;
         let indices = self.elements(&primitive["indices"], if wide { 4 } else { 2 });
         let index = |bytes: &[u8]| bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte));
         let indices: Vec<u32> = indices.map(|bytes| first + index(bytes)).collect();
+        self.vertices_mm.extend(positions);
         self.faces.extend(indices.as_chunks::<3>().0);
     }
 
