@@ -100,19 +100,29 @@ impl TileJob<'_> {
 
 /// Where the number of the nearest triangle goes, if anywhere.
 trait Target {
-    fn put(&mut self, block: usize, lane: usize, nearer: bool, number: u32);
+    fn block(&self, place: usize) -> [u32; LANES];
+    fn put(&mut self, place: usize, block: [u32; LANES]);
 }
 
 impl Target for () {
     #[inline(always)]
-    fn put(&mut self, _: usize, _: usize, _: bool, _: u32) {}
+    fn block(&self, _: usize) -> [u32; LANES] {
+        [NOTHING; LANES]
+    }
+
+    #[inline(always)]
+    fn put(&mut self, _: usize, _: [u32; LANES]) {}
 }
 
 impl Target for Numbers {
     #[inline(always)]
-    fn put(&mut self, block: usize, lane: usize, nearer: bool, number: u32) {
-        let kept = &mut self[block][lane];
-        *kept = if nearer { number } else { *kept };
+    fn block(&self, place: usize) -> [u32; LANES] {
+        self[place]
+    }
+
+    #[inline(always)]
+    fn put(&mut self, place: usize, block: [u32; LANES]) {
+        self[place] = block;
     }
 }
 
@@ -377,17 +387,20 @@ impl Setup {
                 let at = row_edges.map(|[a, rest]| a * x + rest);
                 let base = plane[0] * x + row_base;
                 let place = (row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
-                let block = &mut nearness[place];
+                // Both blocks are read before either is written: else the compiler writes only the pixels that change,
+                // and masked stores are slow to be read again.
+                let (mut values, mut shown) = (nearness[place], numbers.block(place));
                 for lane in 0..LANES {
                     let inside =
                         (within[0][lane] + at[0] >= 0.0) & (within[1][lane] + at[1] >= 0.0) & (within[2][lane] + at[2] >= 0.0);
                     let value = lower(higher(slope[lane] + base, furthest), nearest);
                     let value = if inside { value } else { 0.0 };
-                    numbers.put(place, lane, value > block[lane], number);
-                    // The greater of two numbers that are not negative has the greater bits. Said so, the whole block is
-                    // written, not the pixels that change: masked stores are slow to be read again.
-                    block[lane] = f32::from_bits(value.to_bits().max(block[lane].to_bits()));
+                    shown[lane] = if value > values[lane] { number } else { shown[lane] };
+                    // The greater of two numbers that are not negative has the greater bits.
+                    values[lane] = f32::from_bits(value.to_bits().max(values[lane].to_bits()));
                 }
+                nearness[place] = values;
+                numbers.put(place, shown);
             }
         }
     }
