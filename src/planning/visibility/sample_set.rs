@@ -25,6 +25,12 @@ impl SampleSet {
         &self.words
     }
 
+    /// Its words, see [`SampleSet::words`].
+    #[must_use]
+    pub fn into_words(self) -> Vec<u64> {
+        self.words
+    }
+
     /// Whether it holds `sample`.
     #[must_use]
     pub fn holds(&self, sample: u32) -> bool {

@@ -26,7 +26,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
-use super::{Occluders, QualityScale, Row, SampleSet, Table};
+use super::{Occluders, QualityScale, Row, SampleSet, Table, ones};
 use crate::geometry::{Kernel, Part, Pose, Scanner as ScannerFrame, SimdLevel};
 use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
@@ -49,9 +49,6 @@ const HIDDEN_MM: f32 = 0.05;
 const TASK: usize = 32;
 /// Doubtful samples that one task takes.
 const RAYS: usize = 512;
-
-/// The samples that still need an answer.
-const DOUBT: u8 = PASSES - 1;
 
 /// What is to be evaluated.
 pub(super) struct Views<'a> {
@@ -138,7 +135,7 @@ struct Engine<'a> {
 
 /// Buffers of one thread.
 struct Scratch {
-    /// Number of the first step at which each sample fails, [`PASSES`] or [`DOUBT`]; by clusters.
+    /// Number of the first step at which each sample fails, [`PASSES`] if none; by clusters.
     states: Vec<[u8; SAMPLES]>,
     /// Step of quality of each sample that passes the steps before any shadow; by clusters.
     steps: Vec<[i16; SAMPLES]>,
@@ -216,7 +213,10 @@ impl<'a> Engine<'a> {
                     continue;
                 }
                 self.level.run(Judge { view, cluster, centre_mm: &self.surface.centre_mm, scale, states, steps });
-                (0..SAMPLES).filter(|place| open >> place & 1 == 0).for_each(|place| states[place] = Cause::Facing as u8);
+                if *open != u64::MAX {
+                    let closed = (0..SAMPLES).filter(|place| open >> place & 1 == 0);
+                    closed.for_each(|place| states[place] = Cause::Facing as u8);
+                }
                 if states.contains(&PASSES) {
                     for d in 0..3 {
                         let job = Touch { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };
@@ -255,8 +255,8 @@ impl<'a> Engine<'a> {
             let (mut doubtful, mut targets, mut hidden) = (Vec::new(), Vec::new(), Vec::new());
             for (index, (cluster, states)) in clusters.iter().zip(states.iter_mut()).enumerate() {
                 if states.contains(&PASSES) {
-                    self.level.run(Compare { look: &look, cluster, states });
-                    doubtful.extend((0..SAMPLES).filter(|place| states[*place] == DOUBT).map(|place| (index, place)));
+                    let doubts = self.level.run(Compare { look: &look, cluster, states });
+                    doubtful.extend(ones(doubts).map(|place| (index, place as usize)));
                 }
             }
             for doubtful in doubtful.chunks(RAYS) {
@@ -278,6 +278,9 @@ impl<'a> Engine<'a> {
         let mut measured = SampleSet::none_of(self.surface.sample_mm.len());
         let Scratch { states, steps, steps_by_sample, furthest, .. } = scratch;
         for (((cluster, states), steps), furthest) in self.samples.clusters.iter().zip(states).zip(steps).zip(furthest) {
+            if *states == [Cause::Facing as u8; SAMPLES] {
+                continue;
+            }
             for place in 0..SAMPLES {
                 let cause = if states[place] == PASSES { 0 } else { states[place] };
                 furthest[place] = furthest[place].max(cause);
@@ -287,7 +290,7 @@ impl<'a> Engine<'a> {
                 steps_by_sample[cluster.number[place] as usize] = steps[place];
             }
         }
-        let row = Row::new(measured.words().to_vec());
+        let row = Row::new(measured.into_words());
         match self.kept_quality {
             Some(scale) => {
                 let steps = row.samples().map(|sample| steps_by_sample[sample as usize]).collect();
@@ -451,11 +454,13 @@ struct Compare<'a> {
 }
 
 impl Kernel for Compare<'_> {
-    type Output = ();
+    /// The samples about which a ray must decide, one bit each.
+    type Output = u64;
 
     #[inline(always)]
-    fn run(self) {
+    fn run(self) -> u64 {
         let Self { look, cluster, states } = self;
+        let mut doubts = 0;
         let centre: [f32; 3] = (look.pinhole.centre_mm - Vector3::from(look.offset_mm).cast::<f64>()).map(|mm| mm as f32).into();
         for (batch, states) in states.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
             if !states.contains(&PASSES) {
@@ -496,14 +501,10 @@ impl Kernel for Compare<'_> {
                 let [a, b, c, d] = look.around(columns[lane], rows[lane], spot);
                 let seen = higher(higher(a, b), higher(c, d)) * seen_mm[lane] <= 1.0;
                 let hidden = lower(lower(a, b), lower(c, d)) * hidden_mm[lane] > 1.0;
-                states[lane] = if seen {
-                    PASSES
-                } else if hidden {
-                    look.hidden
-                } else {
-                    DOUBT
-                };
+                doubts |= u64::from(!seen & !hidden) << (batch * LANES + lane);
+                states[lane] = if hidden & !seen { look.hidden } else { PASSES };
             }
         }
+        doubts
     }
 }
