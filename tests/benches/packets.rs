@@ -1,0 +1,187 @@
+//! Rays one by one: arrays of rays with a common origin, as visibility asks for them, cast by everyone. Primary: every
+//! pixel of the left camera that can show the part, in squares of 4 × 4, first hit. Shadow: from the right camera to
+//! what the left one sees, in that order, any hit. Sample: from the projector to points on the triangles that face it,
+//! in the mesh's order, any hit.
+
+use std::cell::RefCell;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use vantage::cell::Scanner;
+use vantage::geometry::Mesh;
+
+use crate::embree::{EmbreeScene, NO_FACE};
+use crate::measure::{Contestant, Cost, Pools, cost, race};
+use crate::python::{Peer, Python};
+use crate::report::{Report, number};
+use crate::rig::{Eye, eyes, views};
+
+/// Where an any-hit ray ends, as a share of its length: 3 µm at 480 mm short of the surface that it is to reach.
+const END: f32 = 1.0 - 3e-3 / 480.0;
+/// Rays that a thread takes at a time.
+const CHUNK: usize = 8192;
+/// Samples of a mesh, at least; on every triangle as many.
+const SAMPLES: usize = 400_000;
+
+/// Rays with a common origin.
+pub(crate) struct Rays {
+    /// What they are called.
+    pub(crate) name: &'static str,
+    /// Where they begin, part frame, mm.
+    pub(crate) origin_mm: [f32; 3],
+    /// Where they go; any-hit rays end at [`END`] times this.
+    pub(crate) directions_mm: Vec<[f32; 3]>,
+    /// Whether the first face is asked for, or only whether there is any.
+    pub(crate) first: bool,
+}
+
+/// The three arrays of `mesh` from the first viewpoint. `reference` finds what the left camera sees.
+pub(crate) fn arrays(scanner: &Scanner, mesh: &Mesh, reference: &EmbreeScene) -> [Rays; 3] {
+    let [left, right, projector] = eyes(scanner, &views(scanner)[0]);
+    let directions_mm: Vec<_> = left.scissor(mesh).pixels().map(|(column, row)| left.ray(column, row)).collect();
+    let primary = Rays { name: "primary", origin_mm: centre(&left), directions_mm, first: true };
+    let mut faces = vec![NO_FACE; primary.directions_mm.len()];
+    reference.first_faces(primary.origin_mm, &primary.directions_mm, &mut faces);
+    let met = faces.iter().zip(&primary.directions_mm).filter(|(face, _)| **face != NO_FACE);
+    let seen = met.map(|(face, direction)| on_plane(mesh, *face, &left.centre_mm, direction));
+    let shadow = any_hit("shadow", &right, seen);
+    let sample = any_hit("sample", &projector, samples_facing(mesh, &projector.centre_mm));
+    [primary, shadow, sample]
+}
+
+fn centre(eye: &Eye) -> [f32; 3] {
+    eye.centre_mm.map(|x| x as f32).into()
+}
+
+fn any_hit(name: &'static str, eye: &Eye, targets: impl Iterator<Item = Point3<f64>>) -> Rays {
+    let directions_mm = targets.map(|target| (target - eye.centre_mm).map(|x| x as f32).into()).collect();
+    Rays { name, origin_mm: centre(eye), directions_mm, first: false }
+}
+
+/// Where a line meets the plane of a face.
+fn on_plane(mesh: &Mesh, face: u32, origin: &Point3<f64>, direction: &[f32; 3]) -> Point3<f64> {
+    let (normal, direction) = (mesh.scaled_normal(face as usize), Vector3::from(*direction).map(f64::from));
+    let along = normal.dot(&(mesh.corners(face as usize)[0] - origin)) / normal.dot(&direction);
+    origin + direction * along
+}
+
+fn samples_facing<'a>(mesh: &'a Mesh, eye: &'a Point3<f64>) -> impl Iterator<Item = Point3<f64>> + 'a {
+    let each = SAMPLES.div_ceil(mesh.faces.len());
+    let facing = move |face: &usize| mesh.scaled_normal(*face).dot(&(eye - mesh.corners(*face)[0])) > 0.0;
+    (0..mesh.faces.len()).filter(facing).flat_map(move |face| {
+        let [a, b, c] = mesh.corners(face);
+        (0..each).map(move |index| {
+            // Thirds of the triangle's medians, turned by the golden ratio: never on an edge.
+            let turn = index as f64 * 0.618_033_988_749_895;
+            let (s, t) = (0.1 + 0.4 * turn.fract(), 0.1 + 0.4 * (turn * 1.7).fract());
+            a + (b - a) * s + (c - a) * t
+        })
+    })
+}
+
+/// What a ray caster answers for an array.
+pub(crate) enum Answers {
+    /// First faces.
+    Faces(Vec<u32>),
+    /// Any hits.
+    Blocked(Vec<bool>),
+}
+
+impl Answers {
+    fn for_rays(rays: &Rays) -> Self {
+        let count = rays.directions_mm.len();
+        if rays.first { Self::Faces(vec![NO_FACE; count]) } else { Self::Blocked(vec![false; count]) }
+    }
+
+    /// Rays answered differently, parts per million. Which of two faces is met on their edge counts as different.
+    fn differing_ppm(&self, other: &Self) -> f64 {
+        let (differing, rays) = match (self, other) {
+            (Self::Faces(a), Self::Faces(b)) => (a.iter().zip(b).filter(|(a, b)| a != b).count(), a.len()),
+            (Self::Blocked(a), Self::Blocked(b)) => (a.iter().zip(b).filter(|(a, b)| a != b).count(), a.len()),
+            _ => unreachable!("both answer the same array"),
+        };
+        differing as f64 * 1e6 / rays as f64
+    }
+}
+
+/// One that casts arrays.
+pub(crate) struct Caster<'a> {
+    /// Its name in the table.
+    pub(crate) label: String,
+    /// On how many threads it can run.
+    pub(crate) threads: &'static [usize],
+    /// Fills in the answers on so many threads; or why it cannot.
+    pub(crate) cast: Result<Cast<'a>, String>,
+}
+
+/// Casts an array on a number of threads.
+type Cast<'a> = Box<dyn Fn(&Rays, usize, &mut Answers) -> Cost + 'a>;
+
+/// Embree with packets.
+pub(crate) fn embree<'a>(label: &str, scene: Result<&'a EmbreeScene, &String>, pools: &'a Pools) -> Caster<'a> {
+    let cast = |scene: &'a EmbreeScene| -> Cast<'a> {
+        Box::new(move |rays, threads, answers| {
+            let chunks = rays.directions_mm.par_chunks(CHUNK);
+            let work = || match answers {
+                Answers::Faces(faces) => chunks
+                    .zip(faces.par_chunks_mut(CHUNK))
+                    .for_each(|(directions, faces)| scene.first_faces(rays.origin_mm, directions, faces)),
+                Answers::Blocked(blocked) => chunks
+                    .zip(blocked.par_chunks_mut(CHUNK))
+                    .for_each(|(directions, blocked)| scene.blocked(rays.origin_mm, directions, END, blocked)),
+            };
+            cost(|| pools.of(threads).install(work)).1
+        })
+    };
+    Caster { label: label.into(), threads: &[1, 2], cast: scene.map(cast).map_err(String::clone) }
+}
+
+/// A peer written in Python, which keeps the arrays under their names.
+pub(crate) fn python<'a>(peer: Peer, python: &'a Result<RefCell<Python>, String>) -> Caster<'a> {
+    let cast = |python: &'a RefCell<Python>| -> Cast<'a> {
+        Box::new(move |rays, threads, answers| {
+            let mut python = python.borrow_mut();
+            match answers {
+                Answers::Faces(faces) => python.first_faces(peer, rays.name, threads, faces),
+                Answers::Blocked(blocked) => python.blocked(peer, rays.name, END, threads, blocked),
+            }
+        })
+    };
+    let label = python.as_ref().map_or_else(|_| peer.title().to_owned(), |python| python.borrow_mut().version(peer));
+    Caster { label, threads: peer.threads(), cast: python.as_ref().map(cast).map_err(String::clone) }
+}
+
+/// Lets everyone cast `rays` in turn and tabulates it: rates, and ratios to the first of `casters`, whose answers, and
+/// whose alone, are compared with. Gives the rates on one thread, in rays a second.
+pub(crate) fn compare(report: &mut Report, rounds: usize, rays: &Rays, casters: &[Caster<'_>]) -> Vec<Option<f64>> {
+    let answers: Vec<_> = casters.iter().map(|_| RefCell::new(Answers::for_rays(rays))).collect();
+    let contestants = casters.iter().zip(&answers).flat_map(|(caster, answers)| {
+        caster.threads.iter().map(move |threads| -> Contestant<'_> {
+            let cast = caster.cast.as_ref().map_err(String::clone)?;
+            Ok(Box::new(|| cast(rays, *threads, &mut answers.borrow_mut())))
+        })
+    });
+    let mut standings = race(rounds, contestants.collect()).into_iter();
+    let expected = answers[0].borrow();
+    let rate = |cost: Cost| rays.directions_mm.len() as f64 / cost.wall_s;
+    let (mut rows, mut rates) = (Vec::new(), Vec::new());
+    for (caster, answers) in casters.iter().zip(&answers) {
+        let medians: Result<Vec<_>, _> = standings.by_ref().take(caster.threads.len()).collect();
+        let mut cells = vec![rays.name.to_owned(), caster.label.clone()];
+        rates.push(medians.as_ref().ok().map(|medians| rate(medians[0])));
+        let ratio = rates[0].zip(rates[rates.len() - 1]).map_or_else(String::new, |(first, own)| number(own / first));
+        match medians {
+            Ok(medians) => cells.extend([
+                number(rate(medians[0]) / 1e6),
+                medians.get(1).map_or_else(|| "one thread only".to_owned(), |cost| number(rate(*cost) / 1e6)),
+                ratio,
+                number(answers.borrow().differing_ppm(&expected)),
+            ]),
+            Err(reason) => cells.extend([reason, String::new(), String::new(), String::new()]),
+        }
+        rows.push(cells);
+    }
+    let first = &casters[0].label;
+    report.table(&["rays", "engine", "Mrays/s, 1 thread", "2 threads", &format!("of {first}"), "other answers, ppm"], &rows);
+    rates
+}
