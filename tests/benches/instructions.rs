@@ -6,22 +6,76 @@
 use std::hint::black_box;
 use std::process::Command;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use vantage::cell::Scanner;
 use vantage::geometry::{Mesh, RayScene, SimdLevel};
 
 use crate::meshes::lobed;
+use crate::report::{Report, number};
 use crate::rig::{eyes, scanner, views};
 
-/// Triangles of the part.
-const TRIANGLES: usize = 70_000;
+/// What makes this program run a kernel and nothing else.
+pub(crate) const WORD: &str = "kernel";
 
-/// A kernel's name and what one run of it does.
-pub(crate) type Kernel = (&'static str, fn(&Scene, SimdLevel));
+/// Triangles of the part.
+const TRIANGLES: usize = 20_000;
+/// Of the levels, those that valgrind knows.
+const LEVELS: [&str; 2] = ["portable", "avx2"];
+const KERNELS: [(&str, fn(&Scene, SimdLevel)); 1] = [("any-hit rays", any_hit_rays)];
 
 /// What kernels run on.
-pub(crate) struct Scene {
+struct Scene {
     scanner: Scanner,
     mesh: Mesh,
     rays: RayScene,
+}
+
+/// Counts all kernels.
+pub(crate) fn section(report: &mut Report) {
+    report.section(format!("Instructions, lobed sphere of about {TRIANGLES} triangles"));
+    report.say("Counted by `valgrind --tool=callgrind`; again with `cargo bench-peers instructions`.");
+    let rows: Vec<_> = KERNELS
+        .iter()
+        .flat_map(|(name, _)| LEVELS.map(|level| (*name, level)))
+        .map(|(name, level)| {
+            let count = count(name, level).map_or_else(|reason| reason, |count| number(count as f64 / 1e6));
+            vec![name.into(), level.into(), count]
+        })
+        .collect();
+    report.table(&["kernel", "level", "million instructions"], &rows);
+}
+
+/// Runs a kernel a number of times: what [`section`] has counted in a process of its own.
+pub(crate) fn run(kernel: &str, level: &str, times: &str) {
+    let (_, kernel) = KERNELS.iter().find(|(name, _)| *name == kernel).expect("a kernel");
+    let level = SimdLevel::available().into_iter().find(|known| known.as_str() == level).expect("a level of this CPU");
+    let mesh = lobed(TRIANGLES);
+    let scene = Scene { scanner: scanner(), rays: RayScene::new([&mesh]), mesh };
+    (0..times.parse().expect("a number")).for_each(|_: u32| kernel(&scene, level));
+}
+
+/// Instructions of one run; or why there is no count.
+fn count(kernel: &str, level: &str) -> Result<u64, String> {
+    let program = std::env::current_exe().map_err(|error| error.to_string())?;
+    let counted = |times: &str| -> Result<u64, String> {
+        let output = Command::new("valgrind")
+            .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+            .arg(&program)
+            .args([WORD, kernel, level, times])
+            .output()
+            .map_err(|_| "valgrind is not installed".to_owned())?;
+        let said = String::from_utf8_lossy(&output.stderr);
+        let collected = said.lines().find_map(|line| line.split_once("Collected : ")).map(|(_, count)| count.trim().parse());
+        collected.and_then(Result::ok).filter(|_| output.status.success()).ok_or_else(|| "valgrind cannot run it".to_owned())
+    };
+    Ok(counted("2")? - counted("1")?)
+}
+
+/// From the projector to the middle of every triangle.
+fn any_hit_rays(scene: &Scene, _: SimdLevel) {
+    let [_, _, projector] = eyes(&scene.scanner, &views(&scene.scanner)[0]);
+    for face in 0..scene.mesh.faces.len() {
+        let [a, b, c] = scene.mesh.corners(face).map(|corner| corner.coords);
+        black_box(scene.rays.blocked(&projector.centre_mm, &Point3::from((a + b + c) / 3.0), 1.0 - 1e-5));
+    }
 }

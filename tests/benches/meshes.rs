@@ -11,13 +11,72 @@ use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh};
 
 /// Longest edge of the bounding box of every part.
-pub(crate) const EXTENT_MM: f64 = 120.0;
+const EXTENT_MM: f64 = 120.0;
 /// Height and period of the relief that makes subdivided triangles differ.
 const RELIEF_MM: f64 = 0.15;
 const RELIEF_PERIOD_MM: f64 = 3.0;
 
+/// How fine a part is, which decides what is demanded on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Size {
+    /// About 70 000 triangles.
+    Coarse,
+    /// About 1.1 million.
+    Dense,
+    /// About 100 000, for figures that are demanded there.
+    Middle,
+}
+
+/// A part with its name.
+pub(crate) struct Part {
+    /// Name and number of triangles.
+    pub(crate) title: String,
+    /// The figures that it counts for, if any.
+    pub(crate) size: Option<Size>,
+    /// The surface.
+    pub(crate) mesh: Mesh,
+}
+
+/// A part that is yet to be made.
+pub(crate) struct Recipe {
+    size: Option<Size>,
+    bunny_splits: Option<usize>,
+    triangles: usize,
+}
+
+/// All parts that engines are compared on.
+pub(crate) fn parts() -> Vec<Recipe> {
+    let bunny = |size, splits, triangles| Recipe { size, bunny_splits: Some(splits), triangles };
+    vec![
+        bunny(Some(Size::Coarse), 0, 70_000),
+        bunny(Some(Size::Dense), 2, 1_110_000),
+        bunny(None, 3, 4_440_000),
+        Recipe { size: Some(Size::Middle), bunny_splits: None, triangles: 100_000 },
+    ]
+}
+
+/// One that is made and cast in a moment.
+pub(crate) fn small() -> Recipe {
+    Recipe { size: None, bunny_splits: None, triangles: 20_000 }
+}
+
+impl Recipe {
+    /// Makes it. A generated part stands in where the bunny is absent.
+    pub(crate) fn make(&self) -> Part {
+        let (name, mesh) = match self.bunny_splits.map(bunny) {
+            Some(Ok(mesh)) => ("bunny", mesh),
+            Some(Err(reason)) => {
+                println!("\nNo bunny ({reason}): a lobed sphere stands in.");
+                ("lobed sphere", lobed(self.triangles))
+            }
+            None => ("lobed sphere", lobed(self.triangles)),
+        };
+        Part { title: format!("{name}, {} triangles", mesh.faces.len()), size: self.size, mesh }
+    }
+}
+
 /// The public bunny, its triangles split in four `splits` times and then given the relief; or why it is absent.
-pub(crate) fn bunny(splits: usize) -> Result<Mesh, String> {
+fn bunny(splits: usize) -> Result<Mesh, String> {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/meshes/bunny_69k_ascii.ply"));
     let bytes = std::fs::read(file).map_err(|_| "the folder ../shared/data is absent".to_owned())?;
     let mut mesh = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default()).expect("a mesh").mesh;
@@ -83,6 +142,13 @@ fn octahedron(n: i32) -> Mesh {
         }
     }
     indexed(vertices, faces)
+}
+
+/// `mesh` as every part is: centred, of [`EXTENT_MM`], in whole f32.
+pub(crate) fn centred_and_scaled(mut mesh: Mesh) -> Mesh {
+    centre_and_scale(&mut mesh);
+    round_to_f32(&mut mesh);
+    mesh
 }
 
 fn indexed(vertices_mm: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {

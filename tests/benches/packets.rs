@@ -10,33 +10,59 @@ use rayon::prelude::*;
 use vantage::cell::Scanner;
 use vantage::geometry::Mesh;
 
+use crate::Bench;
 use crate::embree::{EmbreeScene, NO_FACE};
 use crate::measure::{Contestant, Cost, Pools, cost, race};
+use crate::meshes::Part;
 use crate::python::{Peer, Python};
 use crate::report::{Report, number};
 use crate::rig::{Eye, eyes, views};
 
 /// Where an any-hit ray ends, as a share of its length: 3 µm at 480 mm short of the surface that it is to reach.
-const END: f32 = 1.0 - 3e-3 / 480.0;
+pub(crate) const END: f32 = 1.0 - 3e-3 / 480.0;
 /// Rays that a thread takes at a time.
 const CHUNK: usize = 8192;
 /// Samples of a mesh, at least; on every triangle as many.
 const SAMPLES: usize = 400_000;
 
+/// Everyone casts the three arrays of a part.
+pub(crate) fn section(bench: &mut Bench, part: &Part) {
+    bench.report.section(format!("Packets of rays: {}", part.title));
+    let [plain, robust] =
+        [false, true].map(|robust| bench.embree.as_ref().map(|embree| embree.scene(&part.mesh, robust)).map_err(String::clone));
+    let reference = match &robust {
+        Ok(reference) => reference,
+        Err(reason) => return bench.report.say(reason),
+    };
+    let arrays = arrays(&bench.scanner, &part.mesh, reference);
+    if let Ok(python) = &bench.python {
+        arrays.iter().for_each(|rays| python.borrow_mut().keep_rays(rays.name, rays.origin_mm, &rays.directions_mm));
+    }
+    let casters = [
+        embree("Embree 3.13, 16 wide", plain.as_ref(), &bench.pools),
+        embree("Embree 3.13, 16 wide, robust", Ok(reference), &bench.pools),
+        python(Peer::Open3d, &bench.python),
+        python(Peer::Trimesh, &bench.python),
+    ];
+    for rays in &arrays {
+        compare(&mut bench.report, bench.rounds, rays, &casters);
+    }
+}
+
 /// Rays with a common origin.
-pub(crate) struct Rays {
+struct Rays {
     /// What they are called.
-    pub(crate) name: &'static str,
+    name: &'static str,
     /// Where they begin, part frame, mm.
-    pub(crate) origin_mm: [f32; 3],
+    origin_mm: [f32; 3],
     /// Where they go; any-hit rays end at [`END`] times this.
-    pub(crate) directions_mm: Vec<[f32; 3]>,
+    directions_mm: Vec<[f32; 3]>,
     /// Whether the first face is asked for, or only whether there is any.
-    pub(crate) first: bool,
+    first: bool,
 }
 
 /// The three arrays of `mesh` from the first viewpoint. `reference` finds what the left camera sees.
-pub(crate) fn arrays(scanner: &Scanner, mesh: &Mesh, reference: &EmbreeScene) -> [Rays; 3] {
+fn arrays(scanner: &Scanner, mesh: &Mesh, reference: &EmbreeScene) -> [Rays; 3] {
     let [left, right, projector] = eyes(scanner, &views(scanner)[0]);
     let directions_mm: Vec<_> = left.scissor(mesh).pixels().map(|(column, row)| left.ray(column, row)).collect();
     let primary = Rays { name: "primary", origin_mm: centre(&left), directions_mm, first: true };
@@ -80,7 +106,7 @@ fn samples_facing<'a>(mesh: &'a Mesh, eye: &'a Point3<f64>) -> impl Iterator<Ite
 }
 
 /// What a ray caster answers for an array.
-pub(crate) enum Answers {
+enum Answers {
     /// First faces.
     Faces(Vec<u32>),
     /// Any hits.
@@ -105,20 +131,20 @@ impl Answers {
 }
 
 /// One that casts arrays.
-pub(crate) struct Caster<'a> {
+struct Caster<'a> {
     /// Its name in the table.
-    pub(crate) label: String,
+    label: String,
     /// On how many threads it can run.
-    pub(crate) threads: &'static [usize],
+    threads: &'static [usize],
     /// Fills in the answers on so many threads; or why it cannot.
-    pub(crate) cast: Result<Cast<'a>, String>,
+    cast: Result<Cast<'a>, String>,
 }
 
 /// Casts an array on a number of threads.
 type Cast<'a> = Box<dyn Fn(&Rays, usize, &mut Answers) -> Cost + 'a>;
 
 /// Embree with packets.
-pub(crate) fn embree<'a>(label: &str, scene: Result<&'a EmbreeScene, &String>, pools: &'a Pools) -> Caster<'a> {
+fn embree<'a>(label: &str, scene: Result<&'a EmbreeScene, &String>, pools: &'a Pools) -> Caster<'a> {
     let cast = |scene: &'a EmbreeScene| -> Cast<'a> {
         Box::new(move |rays, threads, answers| {
             let chunks = rays.directions_mm.par_chunks(CHUNK);
@@ -137,7 +163,7 @@ pub(crate) fn embree<'a>(label: &str, scene: Result<&'a EmbreeScene, &String>, p
 }
 
 /// A peer written in Python, which keeps the arrays under their names.
-pub(crate) fn python<'a>(peer: Peer, python: &'a Result<RefCell<Python>, String>) -> Caster<'a> {
+fn python<'a>(peer: Peer, python: &'a Result<RefCell<Python>, String>) -> Caster<'a> {
     let cast = |python: &'a RefCell<Python>| -> Cast<'a> {
         Box::new(move |rays, threads, answers| {
             let mut python = python.borrow_mut();
@@ -151,9 +177,9 @@ pub(crate) fn python<'a>(peer: Peer, python: &'a Result<RefCell<Python>, String>
     Caster { label, threads: peer.threads(), cast: python.as_ref().map(cast).map_err(String::clone) }
 }
 
-/// Lets everyone cast `rays` in turn and tabulates it: rates, and ratios to the first of `casters`, whose answers, and
-/// whose alone, are compared with. Gives the rates on one thread, in rays a second.
-pub(crate) fn compare(report: &mut Report, rounds: usize, rays: &Rays, casters: &[Caster<'_>]) -> Vec<Option<f64>> {
+/// Lets everyone cast `rays` in turn and tabulates it: rates, ratios to the first of `casters`, and the share of answers
+/// that are not those of the second, which must be robust. Gives the rates on one thread, in rays a second.
+fn compare(report: &mut Report, rounds: usize, rays: &Rays, casters: &[Caster<'_>]) -> Vec<Option<f64>> {
     let answers: Vec<_> = casters.iter().map(|_| RefCell::new(Answers::for_rays(rays))).collect();
     let contestants = casters.iter().zip(&answers).flat_map(|(caster, answers)| {
         caster.threads.iter().map(move |threads| -> Contestant<'_> {
@@ -162,7 +188,7 @@ pub(crate) fn compare(report: &mut Report, rounds: usize, rays: &Rays, casters: 
         })
     });
     let mut standings = race(rounds, contestants.collect()).into_iter();
-    let expected = answers[0].borrow();
+    let expected = answers[1].borrow();
     let rate = |cost: Cost| rays.directions_mm.len() as f64 / cost.wall_s;
     let (mut rows, mut rates) = (Vec::new(), Vec::new());
     for (caster, answers) in casters.iter().zip(&answers) {

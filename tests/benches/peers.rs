@@ -1,14 +1,19 @@
 //! `cargo bench-peers`: this project's visibility beside its peers, in one run, on the same meshes and rays, everyone in
 //! turn. Prints tables and writes them to `tests/benches/RESULTS.md`. Peers that are not installed are named as absent;
-//! `tests/benches/install` installs them.
+//! `tests/benches/install` installs them. About half an hour on two cores.
 //!
-//! Options after `--`: `--rounds N` (default 5), `--quick` (the smallest meshes, nothing written), and words that a
-//! topic must contain one of: viewpoint, packets.
+//! Words after it choose among the topics and leave RESULTS.md alone: viewpoint, packets, engine, plan, area, memory,
+//! instructions. `--rounds N`: how often everyone takes a turn, 5 unless asked otherwise. `--quick`: a small generated
+//! part alone.
 
+mod area;
 mod embree;
+mod engine;
+mod instructions;
 mod measure;
 mod meshes;
 mod packets;
+mod planned;
 mod python;
 mod report;
 mod rig;
@@ -18,12 +23,11 @@ use std::cell::RefCell;
 use std::fs;
 
 use embree::Embree;
-use measure::{Contestant, Pools, cost, race};
-use packets::Caster;
-use python::{Peer, Python};
-use report::{Report, ms, number};
+use measure::Pools;
+use meshes::{Part, Size};
+use python::Python;
+use report::Report;
 use vantage::cell::Scanner;
-use vantage::geometry::Mesh;
 
 /// What everyone is measured with.
 struct Bench {
@@ -35,8 +39,19 @@ struct Bench {
     report: Report,
 }
 
+struct Options {
+    rounds: usize,
+    quick: bool,
+    topics: Vec<String>,
+}
+
 fn main() {
     let options = Options::parse(std::env::args().skip(1));
+    if let [word, kernel, level, times] = &options.topics[..]
+        && word == instructions::WORD
+    {
+        return instructions::run(kernel, level, times);
+    }
     let mut bench = Bench {
         rounds: options.rounds,
         scanner: rig::scanner(),
@@ -45,34 +60,11 @@ fn main() {
         python: Python::start().map(RefCell::new),
         report: Report::default(),
     };
-    for (name, mesh) in meshes(options.quick) {
-        match mesh {
-            Ok(mesh) => bench.on_mesh(&format!("{name}, {} triangles", mesh.faces.len()), &mesh, &options),
-            Err(reason) => bench.report.section(format!("{name}: absent, {reason}")),
-        }
-    }
+    bench.run(&options);
     if !options.quick && options.topics.is_empty() {
         let text = bench.report.markdown(&heading(options.rounds));
         fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/benches/RESULTS.md"), text).expect("RESULTS.md can be written");
     }
-}
-
-fn meshes(quick: bool) -> Vec<(&'static str, Result<Mesh, String>)> {
-    if quick {
-        return vec![("lobed sphere", Ok(meshes::lobed(70_000)))];
-    }
-    vec![
-        ("bunny", meshes::bunny(0)),
-        ("bunny, split twice", meshes::bunny(2)),
-        ("bunny, split three times", meshes::bunny(3)),
-        ("lobed sphere", Ok(meshes::lobed(100_000))),
-    ]
-}
-
-struct Options {
-    rounds: usize,
-    quick: bool,
-    topics: Vec<String>,
 }
 
 impl Options {
@@ -84,108 +76,72 @@ impl Options {
                 "--bench" => {}
                 "--quick" => options.quick = true,
                 "--rounds" => options.rounds = words.next().and_then(|n| n.parse().ok()).expect("--rounds N"),
-                topic => options.topics.push(topic.to_owned()),
+                _ => options.topics.push(word),
             }
         }
         options
     }
 
     fn wants(&self, topic: &str) -> bool {
-        self.topics.is_empty() || self.topics.iter().any(|word| topic.contains(word.as_str()))
+        self.topics.is_empty() || self.topics.iter().any(|word| word == topic)
     }
 }
 
 impl Bench {
-    fn on_mesh(&mut self, title: &str, mesh: &Mesh, options: &Options) {
+    fn run(&mut self, options: &Options) {
+        let parts = if options.quick { vec![meshes::small()] } else { meshes::parts() };
+        for part in parts {
+            self.on_part(&part.make(), options);
+        }
+        if options.wants("area") {
+            area::section(self, options.quick);
+        }
+        if options.wants("memory") {
+            planned::memory_section(self, options.quick);
+        }
+        if options.wants("instructions") {
+            instructions::section(&mut self.report);
+        }
+    }
+
+    fn on_part(&mut self, part: &Part, options: &Options) {
         if let Ok(python) = &self.python {
-            python.borrow_mut().load(mesh);
+            python.borrow_mut().load(&part.mesh);
         }
-        if options.wants("viewpoint") {
-            self.report.section(format!("Viewpoint: {title}"));
-            self.viewpoints(mesh);
-        }
+        let compared = matches!(part.size, Some(Size::Coarse | Size::Dense)) || options.quick;
+        let open3d_s = (options.wants("viewpoint") && compared).then(|| viewpoint::section(self, part)).flatten();
         if options.wants("packets") {
-            self.report.section(format!("Packets: {title}"));
-            self.packets(mesh);
+            packets::section(self, part);
         }
-    }
-
-    fn viewpoints(&mut self, mesh: &Mesh) {
-        let views: Vec<_> = rig::views(&self.scanner).iter().map(|view| rig::eyes(&self.scanner, view)).collect();
-        let robust = self.embree.as_ref().map(|embree| embree.scene(mesh, true)).map_err(String::clone);
-        let (pools, python, triangles) = (&self.pools, &self.python, mesh.faces.len());
-        let mut labels = Vec::new();
-        let mut contestants: Vec<Contestant<'_>> = Vec::new();
-        for threads in [1, 2] {
-            labels.push(format!("Embree 3.13 packets, robust, {threads} threads"));
-            contestants.push(robust.as_ref().map_err(String::clone).map(|scene| -> Box<dyn FnMut() -> _> {
-                let (views, pool) = (&views, pools.of(threads));
-                Box::new(move || {
-                    let all = || views.iter().for_each(|eyes| drop(viewpoint::with_embree(scene, eyes, mesh)));
-                    cost(|| pool.install(all)).1.over(views.len())
-                })
-            }));
+        if options.wants("engine") {
+            engine::section(self, part);
         }
-        let steps = RefCell::new([0.0; 3]);
-        labels.push("Open3D, 2 threads".into());
-        contestants.push(python.as_ref().map_err(String::clone).map(|python| -> Box<dyn FnMut() -> _> {
-            let (views, steps) = (&views, &steps);
-            Box::new(move || {
-                let costs = views.iter().map(|eyes| python.borrow_mut().viewpoint(eyes, triangles, 2).0);
-                let (mut whole, mut parts) = (measure::Cost::default(), [0.0; 3]);
-                for cost in costs {
-                    whole = whole + cost.whole;
-                    (0..3).for_each(|i| parts[i] += cost.steps_wall_s[i] / views.len() as f64);
-                }
-                *steps.borrow_mut() = parts;
-                whole.over(views.len())
-            })
-        }));
-        let standings = race(self.rounds, contestants);
-        let rows = labels.into_iter().zip(standings).map(|(label, median)| match median {
-            Ok(cost) => vec![label, ms(cost.wall_s), ms(cost.cpu_s)],
-            Err(reason) => vec![label, reason, String::new()],
-        });
-        self.report.table(&["engine", "wall, ms", "CPU, ms"], &rows.collect::<Vec<_>>());
-        let [generate, cast, reduce] = steps.into_inner().map(ms);
-        self.report
-            .say(format!("Of Open3D's wall time {generate} ms make the rays, {cast} ms cast them, {reduce} ms reduce the hits."));
-        if let (Ok(scene), Ok(python)) = (&robust, python) {
-            let (_, theirs) = python.borrow_mut().viewpoint(&views[0], triangles, 2);
-            let ours = pools.of(2).install(|| viewpoint::with_embree(scene, &views[0], mesh));
-            let [each, all] = viewpoint::differing(&ours, &theirs).map(|share| number(share * 100.0));
-            self.report.say(format!("Open3D and Embree robust differ on {each} % / {all} %."));
-        }
-    }
-
-    fn packets(&mut self, mesh: &Mesh) {
-        let [plain, robust] =
-            [false, true].map(|robust| self.embree.as_ref().map(|embree| embree.scene(mesh, robust)).map_err(String::clone));
-        let Ok(reference) = &robust else { return };
-        let arrays = packets::arrays(&self.scanner, mesh, reference);
-        if let Ok(python) = &self.python {
-            arrays.iter().for_each(|rays| python.borrow_mut().keep_rays(rays.name, rays.origin_mm, &rays.directions_mm));
-        }
-        let casters: [Caster<'_>; 4] = [
-            packets::embree("Embree 3.13, 16 wide", plain.as_ref(), &self.pools),
-            packets::embree("Embree 3.13, 16 wide, robust", robust.as_ref(), &self.pools),
-            packets::python(Peer::Open3d, &self.python),
-            packets::python(Peer::Trimesh, &self.python),
-        ];
-        for rays in &arrays {
-            packets::compare(&mut self.report, self.rounds, rays, &casters);
+        if options.wants("plan") {
+            planned::section(self, part, open3d_s);
         }
     }
 }
 
 fn heading(rounds: usize) -> String {
-    let cpu = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = cpu
-        .lines()
-        .find_map(|line| line.strip_prefix("model name"))
-        .map_or("unknown CPU", |rest| rest.trim_start_matches([' ', '\t', ':']));
+    let proc = |file: &str| fs::read_to_string(format!("/proc/{file}")).unwrap_or_default();
+    let field = |name: &str| {
+        proc("cpuinfo")
+            .lines()
+            .find(|line| line.starts_with(name))
+            .map(|line| line[line.find(':').unwrap_or(0) + 1..].trim().to_owned())
+    };
+    let cpu = field("model name").unwrap_or_else(|| "unknown CPU".into());
+    let detail = field("cpu family")
+        .zip(field("model\t"))
+        .map_or_else(String::new, |(family, model)| format!(" (family {family}, model {model})"));
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let levels: Vec<_> = vantage::geometry::SimdLevel::available().into_iter().map(|level| level.as_str()).collect();
+    let load = proc("loadavg");
+    let load = load.split(' ').nth(1).unwrap_or("unknown");
     format!(
-        "# Visibility beside its peers\n\n`cargo bench-peers` on {model}, {cores} cores; medians of {rounds} rounds in which everyone takes turns.\n"
+        "# Visibility beside its peers\n\nWritten by `cargo bench-peers`, which says what each topic measures in its \
+         sources beside this file. {cpu}{detail}, {cores} cores, {}. Medians of {rounds} rounds in which everyone takes \
+         turns; load of the machine over the five minutes before the end: {load}.\n",
+        levels.join(", ")
     )
 }

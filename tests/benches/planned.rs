@@ -10,26 +10,73 @@ use std::time::Duration;
 use serde_json::Value;
 use vantage::geometry::Mesh;
 
+use crate::Bench;
+use crate::meshes::{Part, lobed};
+use crate::report::{ms, number};
+
+/// Triangles of the largest part that must be planned on this machine.
+const LARGEST: usize = 5_000_000;
+/// Steps that give about a hundred candidates around one block.
+const HUNDRED: [&str; 2] = ["candidates.step_small_deg=22.5", "candidates.step_large_deg=30"];
+
 /// How often the process is asked what it has needed so far; the high-water mark of its last moments may be missed.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
 /// What came of a plan.
-pub(crate) struct Planned {
+struct Planned {
     /// Viewpoints whose visibility was computed.
-    pub(crate) candidates: u64,
+    candidates: u64,
     /// Wall seconds of the visibility stage, on all cores.
-    pub(crate) visibility_s: f64,
+    visibility_s: f64,
     /// Wall seconds of all stages.
-    pub(crate) all_s: f64,
+    all_s: f64,
     /// Most memory that the process held, bytes.
-    pub(crate) peak_bytes: u64,
+    peak_bytes: u64,
+}
+
+/// The visibility of a plan as it comes, a candidate, beside Open3D's pixel rays of one viewpoint.
+pub(crate) fn section(bench: &mut Bench, part: &Part, open3d_s: Option<f64>) {
+    bench.report.section(format!("Visibility of a whole plan: {}", part.title));
+    let mut runs = Vec::new();
+    for _ in 0..bench.rounds {
+        match plan(&part.mesh, &[]) {
+            Ok(planned) => runs.push(planned),
+            Err(reason) => return bench.report.say(reason),
+        }
+    }
+    runs.sort_by(|a, b| a.visibility_s.total_cmp(&b.visibility_s));
+    let median = &runs[runs.len() / 2];
+    let view_s = median.visibility_s / median.candidates as f64;
+    let cells = vec![
+        median.candidates.to_string(),
+        number(median.visibility_s),
+        ms(view_s),
+        open3d_s.map_or_else(|| "not measured in this run".into(), |open3d_s| number(open3d_s / view_s)),
+        number(median.all_s),
+    ];
+    let header = ["candidates", "visibility, s", "a candidate, ms", "times as fast as Open3D's viewpoint", "all stages, s"];
+    bench.report.table(&header, &[cells]);
+}
+
+/// The largest part.
+pub(crate) fn memory_section(bench: &mut Bench, quick: bool) {
+    let mesh = lobed(if quick { LARGEST / 50 } else { LARGEST });
+    bench.report.section(format!("Memory: lobed sphere, {} triangles", mesh.faces.len()));
+    match plan(&mesh, &HUNDRED) {
+        Ok(planned) => {
+            let gib = planned.peak_bytes as f64 / f64::from(1 << 30);
+            let cells = [planned.candidates.to_string(), number(gib), number(planned.visibility_s), number(planned.all_s)];
+            bench.report.table(&["candidates", "peak, GiB", "visibility, s", "all stages, s"], &[cells.into()]);
+        }
+        Err(reason) => bench.report.say(reason),
+    }
 }
 
 /// Plans viewpoints for `mesh`, without a cell, with the nominal scanner.
 ///
 /// # Errors
 /// What the program said.
-pub(crate) fn plan(mesh: &Mesh, sets: &[&str]) -> Result<Planned, String> {
+fn plan(mesh: &Mesh, sets: &[&str]) -> Result<Planned, String> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/target/bench-peers"));
     let (part, out) = (folder.join("part.ply"), folder.join("plan"));
     fs::create_dir_all(&folder).map_err(|error| error.to_string())?;

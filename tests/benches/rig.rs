@@ -21,12 +21,24 @@ pub(crate) fn scanner() -> Scanner {
 /// Viewpoints that look at the origin from all sides, none along an axis.
 pub(crate) fn views(scanner: &Scanner) -> Vec<Pose<Part, ScannerFrame>> {
     const FROM: [[f64; 3]; 4] = [[0.3, -0.8, 0.5], [-0.7, 0.2, 0.6], [0.6, 0.7, -0.2], [-0.1, -0.4, 0.9]];
-    FROM.iter()
-        .map(|from| {
-            let eye = Point3::from(Vector3::from(*from).normalize() * scanner.best_mm);
-            Pose::claim(Isometry3::face_towards(&eye, &Point3::origin(), &Vector3::z()))
+    FROM.iter().map(|from| looking_from(scanner, Vector3::from(*from))).collect()
+}
+
+/// `count` viewpoints all around, evenly: a Fibonacci lattice on the sphere.
+pub(crate) fn views_around(scanner: &Scanner, count: usize) -> Vec<Pose<Part, ScannerFrame>> {
+    let golden_angle_rad = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+            let (azimuth, radius) = (i as f64 * golden_angle_rad, (1.0 - z * z).sqrt());
+            looking_from(scanner, Vector3::new(radius * azimuth.cos(), radius * azimuth.sin(), z))
         })
         .collect()
+}
+
+fn looking_from(scanner: &Scanner, direction: Vector3<f64>) -> Pose<Part, ScannerFrame> {
+    let eye = Point3::from(direction.normalize() * scanner.best_mm);
+    Pose::claim(Isometry3::face_towards(&eye, &Point3::origin(), &Vector3::z()))
 }
 
 /// A device at a viewpoint, as a pinhole.

@@ -2,22 +2,94 @@
 //! 4000 × 3036 pixels meet with the ray of at least one pixel? Open3D makes, casts and reduces all 36.4 million rays, as
 //! its users do; Embree's packets get only the pixels that can show the part, which answers the same.
 
+use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use vantage::geometry::Mesh;
 
+use crate::Bench;
 use crate::embree::{EmbreeScene, NO_FACE};
-use crate::rig::{Eye, PixelBox};
+use crate::measure::{Contestant, Cost, cost, race};
+use crate::meshes::Part;
+use crate::report::{ms, number};
+use crate::rig::{self, Eye, PixelBox};
 
 /// Rows of pixels that a thread takes at a time.
 const BAND: u32 = 16;
 
 /// Which triangles each device meets.
-pub(crate) type Seen = [Vec<bool>; 3];
+type Seen = [Vec<bool>; 3];
 
-/// By casting with Embree's packets, on the pool that this runs in.
-pub(crate) fn with_embree(scene: &EmbreeScene, eyes: &[Eye; 3], mesh: &Mesh) -> Seen {
+/// The devices of one viewpoint.
+type Eyes = [Eye; 3];
+
+/// Everyone takes all viewpoints in turn. Gives Open3D's wall seconds a viewpoint.
+pub(crate) fn section(bench: &mut Bench, part: &Part) -> Option<f64> {
+    let views: Vec<_> = rig::views(&bench.scanner).iter().map(|view| rig::eyes(&bench.scanner, view)).collect();
+    let robust = bench.embree.as_ref().map(|embree| embree.scene(&part.mesh, true)).map_err(String::clone);
+    let steps = RefCell::new([0.0; 3]);
+    let mut labels = Vec::new();
+    let mut contestants = Vec::new();
+    for threads in [1, 2] {
+        labels.push(format!("Embree 3.13, 16 wide, robust, scissored, {threads} thread(s)"));
+        contestants.push(with_packets(bench, robust.as_ref(), &views, &part.mesh, threads));
+    }
+    labels.push("Open3D, all pixels, 2 threads".into());
+    contestants.push(with_open3d(bench, &views, &part.mesh, &steps));
+    let medians = race(bench.rounds, contestants);
+
+    bench.report.section(format!("Full-resolution viewpoint: {}", part.title));
+    let open3d = medians.last().and_then(|median| median.as_ref().ok()).map(|cost| cost.wall_s);
+    let rows = labels.into_iter().zip(&medians).map(|(label, median)| match median {
+        Ok(cost) => vec![label, ms(cost.wall_s), ms(cost.cpu_s), open3d.map_or_else(String::new, |o| number(o / cost.wall_s))],
+        Err(reason) => vec![label, reason.clone(), String::new(), String::new()],
+    });
+    let rows: Vec<_> = rows.collect();
+    bench.report.table(&["engine", "wall, ms", "CPU, ms", "times as fast as Open3D"], &rows);
+    if open3d.is_some() {
+        let [generate, cast, reduce] = steps.into_inner().map(ms);
+        let text =
+            format!("Of Open3D's wall time {generate} ms make the rays, {cast} ms cast them, {reduce} ms reduce the hits.");
+        bench.report.say(text);
+    }
+    if let Ok(scene) = &robust {
+        agreement(bench, scene, &views, &part.mesh);
+    }
+    open3d
+}
+
+fn with_packets<'a>(
+    bench: &'a Bench,
+    scene: Result<&'a EmbreeScene, &String>,
+    views: &'a [Eyes],
+    mesh: &'a Mesh,
+    threads: usize,
+) -> Contestant<'a> {
+    let (scene, pool) = (scene.map_err(String::clone)?, bench.pools.of(threads));
+    Ok(Box::new(move || {
+        let all = || views.iter().for_each(|eyes| drop(packets_see(scene, eyes, mesh)));
+        cost(|| pool.install(all)).1.over(views.len())
+    }))
+}
+
+/// `steps` are the wall seconds a viewpoint of making, casting and reducing in the last round.
+fn with_open3d<'a>(bench: &'a Bench, views: &'a [Eyes], mesh: &'a Mesh, steps: &'a RefCell<[f64; 3]>) -> Contestant<'a> {
+    let python = bench.python.as_ref().map_err(String::clone)?;
+    Ok(Box::new(move || {
+        let (mut whole, mut sums) = (Cost::default(), [0.0; 3]);
+        for eyes in views {
+            let (cost, _) = python.borrow_mut().viewpoint(eyes, mesh.faces.len(), 2);
+            whole = whole + cost.whole;
+            sums = [0, 1, 2].map(|step| sums[step] + cost.steps_wall_s[step] / views.len() as f64);
+        }
+        *steps.borrow_mut() = sums;
+        whole.over(views.len())
+    }))
+}
+
+/// What Embree's packets meet, on the pool that this runs in.
+fn packets_see(scene: &EmbreeScene, eyes: &Eyes, mesh: &Mesh) -> Seen {
     eyes.each_ref().map(|eye| {
         let seen: Vec<_> = mesh.faces.iter().map(|_| AtomicBool::new(false)).collect();
         let PixelBox { columns, rows: [top, bottom] } = eye.scissor(mesh);
@@ -35,12 +107,43 @@ pub(crate) fn with_embree(scene: &EmbreeScene, eyes: &[Eye; 3], mesh: &Mesh) -> 
     })
 }
 
-/// How much two answers differ: triangles a device sees in one and not in the other, of all triangles of the mesh, the
-/// worst device; and triangles seen by all three devices in one and not in the other, of those seen so in either.
-pub(crate) fn differing(a: &Seen, b: &Seen) -> [f64; 2] {
-    let worst = a.iter().zip(b).map(|(a, b)| a.iter().zip(b).filter(|(a, b)| a != b).count()).max().unwrap_or(0);
-    let by_all = |seen: &Seen, face: usize| seen.iter().all(|seen| seen[face]);
-    let either = (0..a[0].len()).filter(|face| by_all(a, *face) || by_all(b, *face)).count();
-    let one = (0..a[0].len()).filter(|face| by_all(a, *face) != by_all(b, *face)).count();
-    [worst as f64 / a[0].len() as f64, one as f64 / either.max(1) as f64]
+/// How far the answers of the others are from those of Embree's robust packets, over all viewpoints.
+fn agreement(bench: &mut Bench, scene: &EmbreeScene, views: &[Eyes], mesh: &Mesh) {
+    let mut open3d = Difference::default();
+    for eyes in views {
+        let expected = bench.pools.of(2).install(|| packets_see(scene, eyes, mesh));
+        if let Ok(python) = &bench.python {
+            open3d.add(&expected, &python.borrow_mut().viewpoint(eyes, mesh.faces.len(), 2).1);
+        }
+    }
+    let rows = bench.python.is_ok().then(|| open3d.row("Open3D")).into_iter().collect::<Vec<_>>();
+    bench.report.say("Triangles seen by one and not by Embree's robust packets, or the other way round:");
+    bench.report.table(&["", "by a device, of the mesh, %", "by all three, of those so seen, %"], &rows);
+}
+
+/// Triangles that two answers differ on, over devices and viewpoints.
+#[derive(Default)]
+struct Difference {
+    by_device: [usize; 2],
+    by_all: [usize; 2],
+}
+
+impl Difference {
+    fn add(&mut self, expected: &Seen, found: &Seen) {
+        for (expected, found) in expected.iter().zip(found) {
+            self.by_device[0] += expected.iter().zip(found).filter(|(a, b)| a != b).count();
+            self.by_device[1] += expected.len();
+        }
+        let by_all = |seen: &Seen, face: usize| seen.iter().all(|seen| seen[face]);
+        for face in 0..expected[0].len() {
+            let (a, b) = (by_all(expected, face), by_all(found, face));
+            self.by_all[0] += usize::from(a != b);
+            self.by_all[1] += usize::from(a || b);
+        }
+    }
+
+    fn row(&self, label: &str) -> Vec<String> {
+        let percent = |[part, whole]: [usize; 2]| number(part as f64 * 100.0 / whole.max(1) as f64);
+        vec![label.into(), percent(self.by_device), percent(self.by_all)]
+    }
 }
