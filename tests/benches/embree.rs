@@ -223,8 +223,8 @@ fn no_hits() -> Hits {
 /// Points the packet; says which of its rays count.
 fn aim(rays: &mut Rays, directions: &[[f32; 3]], end: f32) -> Valid {
     for (lane, direction) in directions.iter().enumerate() {
-        for axis in 0..3 {
-            rays.direction[axis][lane] = direction[axis];
+        for (lanes, x) in rays.direction.iter_mut().zip(direction) {
+            lanes[lane] = *x;
         }
     }
     rays.far = [end; WIDTH];

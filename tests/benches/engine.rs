@@ -12,8 +12,8 @@ use vantage::planning::visibility::{self, Table};
 
 use crate::Bench;
 use crate::measure::{Contestant, cost, race};
-use crate::meshes::Part;
-use crate::report::{ms, number};
+use crate::meshes::{Part, Size};
+use crate::report::{Demand, Good, ms, number};
 use crate::rig;
 
 /// Viewpoints, all around the part.
@@ -68,4 +68,18 @@ pub(crate) fn section(bench: &mut Bench, part: &Part) {
         })
         .collect();
     bench.report.table(&["threads", "all viewpoints, s", "CPU a viewpoint, ms", "times as fast as one"], &rows);
+    let [one, two] = &medians[..] else { return };
+    let (cpu_ms, wall_s, speed_up) = (two.cpu_s / VIEWS as f64 * 1e3, two.wall_s, one.wall_s / two.wall_s);
+    let view = |least, aim| ("samples, maps and doubtful rays, CPU a view", Demand::below(least, aim, " ms"), cpu_ms);
+    let hundred = |least, aim| ("100 candidates", Demand::below(least, aim, " s"), wall_s);
+    let cores = ("two cores against one", Demand { good: Good::Above, least: 1.8, aim: None, unit: " ×" }, speed_up);
+    let (size, figures) = match part.size {
+        Some(size @ Size::Coarse) => (size, vec![view(30.0, 15.0), cores]),
+        Some(size @ Size::Middle) => (size, vec![hundred(1.4, 0.7)]),
+        Some(size @ Size::Dense) => (size, vec![view(220.0, 100.0), hundred(11.0, 4.5), cores]),
+        None => return,
+    };
+    for (what, demand, measured) in figures {
+        bench.report.figure(format!("{what}, {}", size.as_str()), demand, measured);
+    }
 }

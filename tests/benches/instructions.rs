@@ -21,7 +21,9 @@ pub(crate) const WORD: &str = "kernel";
 const TRIANGLES: usize = 20_000;
 /// Of the levels, those that valgrind knows.
 const LEVELS: [&str; 2] = ["portable", "avx2"];
-const KERNELS: [(&str, fn(&Scene, SimdLevel)); 1] = [("any-hit rays", any_hit_rays)];
+const KERNELS: [(&str, Kernel); 1] = [("any-hit rays", any_hit_rays)];
+
+type Kernel = fn(&Scene, SimdLevel);
 
 /// What kernels run on.
 struct Scene {

@@ -27,6 +27,17 @@ pub(crate) enum Size {
     Middle,
 }
 
+impl Size {
+    /// As it is called in the table of demands.
+    pub(crate) fn as_str(self) -> &'static str {
+        match self {
+            Self::Coarse => "70 k",
+            Self::Middle => "100 k",
+            Self::Dense => "1.1 M",
+        }
+    }
+}
+
 /// A part with its name.
 pub(crate) struct Part {
     /// Name and number of triangles.

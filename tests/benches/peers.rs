@@ -61,6 +61,7 @@ fn main() {
         report: Report::default(),
     };
     bench.run(&options);
+    println!("{}", bench.report.figures());
     if !options.quick && options.topics.is_empty() {
         let text = bench.report.markdown(&heading(options.rounds));
         fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/benches/RESULTS.md"), text).expect("RESULTS.md can be written");

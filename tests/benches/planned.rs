@@ -11,8 +11,8 @@ use serde_json::Value;
 use vantage::geometry::Mesh;
 
 use crate::Bench;
-use crate::meshes::{Part, lobed};
-use crate::report::{ms, number};
+use crate::meshes::{Part, Size, lobed};
+use crate::report::{Demand, ms, number};
 
 /// Triangles of the largest part that must be planned on this machine.
 const LARGEST: usize = 5_000_000;
@@ -56,6 +56,9 @@ pub(crate) fn section(bench: &mut Bench, part: &Part, open3d_s: Option<f64>) {
     ];
     let header = ["candidates", "visibility, s", "a candidate, ms", "times as fast as Open3D's viewpoint", "all stages, s"];
     bench.report.table(&header, &[cells]);
+    let (Some(open3d_s), Some(size)) = (open3d_s, part.size) else { return };
+    let demand = if size == Size::Coarse { Demand::above(100.0, 200.0, " ×") } else { Demand::above(12.0, 30.0, " ×") };
+    bench.report.figure(format!("a view of a plan against Open3D's, {}", size.as_str()), demand, open3d_s / view_s);
 }
 
 /// The largest part.
@@ -67,6 +70,7 @@ pub(crate) fn memory_section(bench: &mut Bench, quick: bool) {
             let gib = planned.peak_bytes as f64 / f64::from(1 << 30);
             let cells = [planned.candidates.to_string(), number(gib), number(planned.visibility_s), number(planned.all_s)];
             bench.report.table(&["candidates", "peak, GiB", "visibility, s", "all stages, s"], &[cells.into()]);
+            bench.report.figure("peak memory, 5 M triangles, 100 candidates", Demand::below(8.0, 3.0, " GiB"), gib);
         }
         Err(reason) => bench.report.say(reason),
     }

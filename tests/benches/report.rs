@@ -1,6 +1,6 @@
 //! What a run found, printed as it comes and kept as Markdown.
 
-use std::fmt::{Display, Write as _};
+use std::fmt::Display;
 
 /// Digits that mean something in a time measured on a shared machine.
 const SIGNIFICANT: i32 = 3;
@@ -13,17 +13,21 @@ pub(crate) struct Report {
 }
 
 /// A demand on the engine, and how it is met.
-pub(crate) struct Figure {
-    /// What is measured.
-    pub(crate) what: String,
-    /// What is demanded at least, and what is aimed at.
-    pub(crate) least: f64,
-    /// What is aimed at, if more.
-    pub(crate) aim: Option<f64>,
-    /// What came out.
-    pub(crate) measured: f64,
-    /// Which side of `least` is good.
+struct Figure {
+    what: String,
+    demand: Demand,
+    measured: f64,
+}
+
+/// What is demanded of a figure.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Demand {
+    /// Which side of the bounds is good.
     pub(crate) good: Good,
+    /// What is demanded at least.
+    pub(crate) least: f64,
+    /// What is aimed at, where that is more.
+    pub(crate) aim: Option<f64>,
     /// What stands behind the numbers.
     pub(crate) unit: &'static str,
 }
@@ -35,6 +39,30 @@ pub(crate) enum Good {
     Above,
     /// A time, an error.
     Below,
+}
+
+impl Demand {
+    /// No less than `least`, and `aim` if it can be.
+    pub(crate) fn above(least: f64, aim: f64, unit: &'static str) -> Self {
+        Self { good: Good::Above, least, aim: Some(aim), unit }
+    }
+
+    /// No more than `least`, and `aim` if it can be.
+    pub(crate) fn below(least: f64, aim: f64, unit: &'static str) -> Self {
+        Self { good: Good::Below, least, aim: Some(aim), unit }
+    }
+
+    fn verdict(&self, measured: f64) -> &'static str {
+        let reaches = |bound: f64| match self.good {
+            Good::Above => measured >= bound,
+            Good::Below => measured <= bound,
+        };
+        match (reaches(self.least), self.aim.is_some_and(reaches)) {
+            (_, true) => "aim reached",
+            (true, false) => "met",
+            (false, false) => "missed",
+        }
+    }
 }
 
 impl Report {
@@ -60,44 +88,33 @@ impl Report {
         self.push(&text);
     }
 
-    /// Adds a demand to the table that stands first.
-    pub(crate) fn figure(&mut self, figure: Figure) {
-        self.figures.push(figure);
+    /// Adds to the table of demands, which stands first.
+    pub(crate) fn figure(&mut self, what: impl Into<String>, demand: Demand, measured: f64) {
+        self.figures.push(Figure { what: what.into(), demand, measured });
+    }
+
+    /// The table of demands.
+    pub(crate) fn figures(&self) -> String {
+        if self.figures.is_empty() {
+            return String::new();
+        }
+        let mut text = String::from("\n| figure | at least | aim | measured | |\n| --- | --: | --: | --: | --- |\n");
+        for Figure { what, demand, measured } in &self.figures {
+            let amount = |value: f64| format!("{}{}", number(value), demand.unit);
+            let (least, aim) = (amount(demand.least), demand.aim.map_or_else(String::new, amount));
+            text += &format!("| {what} | {least} | {aim} | {} | {} |\n", amount(*measured), demand.verdict(*measured));
+        }
+        text
     }
 
     /// The whole, the demands first.
-    pub(crate) fn markdown(self, heading: &str) -> String {
-        let mut text = heading.to_owned();
-        if !self.figures.is_empty() {
-            text += "\n| figure | at least | aim | measured | |\n| --- | --: | --: | --: | --- |\n";
-        }
-        for figure in &self.figures {
-            let amount = |value: f64| format!("{}{}", number(value), figure.unit);
-            let aim = figure.aim.map_or_else(String::new, amount);
-            let (least, measured) = (amount(figure.least), amount(figure.measured));
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "| {} | {least} | {aim} | {measured} | {} |", figure.what, figure.verdict());
-        }
-        text + &self.sections
+    pub(crate) fn markdown(&self, heading: &str) -> String {
+        format!("{heading}{}{}", self.figures(), self.sections)
     }
 
     fn push(&mut self, text: &str) {
         print!("{text}");
         self.sections += text;
-    }
-}
-
-impl Figure {
-    fn verdict(&self) -> &'static str {
-        let reaches = |bound: f64| match self.good {
-            Good::Above => self.measured >= bound,
-            Good::Below => self.measured <= bound,
-        };
-        match (reaches(self.least), self.aim.is_some_and(reaches)) {
-            (_, true) => "aim reached",
-            (true, false) => "met",
-            (false, false) => "missed",
-        }
     }
 }
 
