@@ -2,15 +2,14 @@
 //! library is the system's (Debian: libembree3-3), opened at run time; nothing is linked.
 //!
 //! The only benchmark file with `unsafe`. What it rests on, besides the layouts of the C header that the types below
-//! repeat: a function taken from the library lives as long as the library, which every [`EmbreeScene`] keeps by an
-//! `Arc`; a committed scene is never changed again, and Embree allows any number of threads to query such a scene; the
-//! buffers that a scene reads are filled by us to the size Embree was told, before it is committed.
+//! repeat: the library is never closed, since its worker threads outlive the scenes, so that what is taken from it lives
+//! as long as the process; a committed scene is never changed again, and Embree allows any number of threads to query
+//! such a scene; the buffers that a scene reads are filled by us to the size Embree was told, before it is committed.
 
 #![expect(unsafe_code, reason = "calls a C library that is opened at run time")]
 
 use std::ffi::{c_char, c_int, c_uint, c_void};
 use std::ptr::{null, null_mut};
-use std::sync::Arc;
 
 use libloading::{Library, Symbol};
 use vantage::geometry::Mesh;
@@ -79,7 +78,7 @@ type Intersect = unsafe extern "C" fn(*const c_int, Handle, *mut Query, *mut Ray
 type Occluded = unsafe extern "C" fn(*const c_int, Handle, *mut Query, *mut Rays);
 
 /// The library.
-pub(crate) struct Embree(Arc<Library>);
+pub(crate) struct Embree(&'static Library);
 
 /// A mesh with its tree.
 pub(crate) struct EmbreeScene {
@@ -87,7 +86,7 @@ pub(crate) struct EmbreeScene {
     device: Handle,
     intersect: Intersect,
     occluded: Occluded,
-    library: Arc<Library>,
+    library: &'static Library,
 }
 
 // SAFETY: the handles are pointers to objects with atomic reference counts; queries of a committed scene change nothing.
@@ -100,7 +99,7 @@ impl Embree {
     pub(crate) fn open() -> Result<Self, String> {
         // SAFETY: Debian's library runs nothing at loading but the constructors of its own C++ globals.
         let library = unsafe { Library::new(LIBRARY) };
-        library.map(|library| Self(Arc::new(library))).map_err(|_| format!("{LIBRARY} (Embree 3) is not installed"))
+        library.map(|library| Self(Box::leak(Box::new(library)))).map_err(|_| format!("{LIBRARY} (Embree 3) is not installed"))
     }
 
     /// Builds the tree of `mesh`, on all cores. `robust` asks for watertight intersections.
@@ -112,7 +111,7 @@ impl Embree {
         type SetFlags = unsafe extern "C" fn(Handle, c_uint);
         type Attach = unsafe extern "C" fn(Handle, Handle) -> c_uint;
         type Act = unsafe extern "C" fn(Handle);
-        let library = &self.0;
+        let library = self.0;
         // SAFETY: the signatures are those of Embree 3.13's headers; every handle is one the library gave and has not
         // released, and each buffer holds as many items as are written to it.
         unsafe {
@@ -136,15 +135,15 @@ impl Embree {
                 device,
                 intersect: function::<Intersect>(library, "rtcIntersect16"),
                 occluded: function::<Occluded>(library, "rtcOccluded16"),
-                library: Arc::clone(library),
+                library,
             }
         }
     }
 }
 
 /// # Safety
-/// `name` has the type `F` in the library, and what is returned is not called after the library is closed.
-unsafe fn function<F: Copy>(library: &Library, name: &str) -> F {
+/// `name` has the type `F` in the library, and is called as the C header says.
+unsafe fn function<F: Copy>(library: &'static Library, name: &str) -> F {
     // SAFETY: the caller's promise.
     let symbol: Symbol<'_, F> = unsafe { library.get(name) }.expect("Embree 3 has it");
     *symbol
@@ -183,8 +182,8 @@ impl Drop for EmbreeScene {
         type Release = unsafe extern "C" fn(Handle);
         // SAFETY: both handles are released once, here; nothing can query the scene any more.
         unsafe {
-            function::<Release>(&self.library, "rtcReleaseScene")(self.handle);
-            function::<Release>(&self.library, "rtcReleaseDevice")(self.device);
+            function::<Release>(self.library, "rtcReleaseScene")(self.handle);
+            function::<Release>(self.library, "rtcReleaseDevice")(self.device);
         }
     }
 }
