@@ -3,6 +3,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::geometry::SimdLevel;
+
 /// The stages of a plan, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stage {
@@ -75,17 +77,30 @@ impl Observer for Silent {
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Cancel flag and observer of one plan.
+/// Cancel flag, observer and vector instructions of one plan.
 pub struct Context<'a> {
     cancel: &'a AtomicBool,
     observer: &'a dyn Observer,
+    simd_level: SimdLevel,
 }
 
 impl<'a> Context<'a> {
     /// A context that stops once `cancel` is true.
     #[must_use]
     pub fn new(cancel: &'a AtomicBool, observer: &'a dyn Observer) -> Self {
-        Self { cancel, observer }
+        Self { cancel, observer, simd_level: SimdLevel::widest() }
+    }
+
+    /// The same with given vector instructions, which change how fast a plan is made and nothing else.
+    #[must_use]
+    pub fn with_simd_level(self, simd_level: SimdLevel) -> Self {
+        Self { simd_level, ..self }
+    }
+
+    /// The vector instructions to use.
+    #[must_use]
+    pub fn simd_level(&self) -> SimdLevel {
+        self.simd_level
     }
 
     /// Tells the observer that `stage` begins.

@@ -206,8 +206,10 @@ impl Default for CandidateParams {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
-    /// Point samples and any-hit rays: the reference.
+    /// Depth maps, and rays where they leave doubt.
     #[default]
+    Raster,
+    /// Any-hit rays for every sample: the reference.
     Rays,
 }
 
@@ -215,7 +217,7 @@ pub enum Engine {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct VisibilityParams {
-    /// Default `rays`.
+    /// Default `raster`.
     pub engine: Engine,
 }
 

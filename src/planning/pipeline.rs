@@ -16,7 +16,7 @@ use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
 use super::visibility;
 use crate::cell::{DeviceName, PoseSpec};
-use crate::geometry::{Mesh, Part, Pose, RayScene, Table};
+use crate::geometry::{Mesh, Part, Pose, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
 const MOST_RESELECTIONS: usize = 4;
@@ -33,7 +33,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let asked_area_mm2 = asked_area_mm2(&surface)?;
     let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
     let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
-    let scene = RayScene::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+    let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
     input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
 
     ctx.begin(Stage::Candidates)?;
@@ -47,7 +47,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     ctx.begin(Stage::Stations)?;
     let reach = motion.as_ref().map(|motion| motion.reach(&poses, ctx)).transpose()?;
     ctx.begin(Stage::Visibility)?;
-    let table = visibility::cast(&surface, &poses, input.scanner, &scene, &params, ctx)?;
+    let table = visibility::cast(&surface, &poses, input.scanner, &occluders, &params, ctx)?;
 
     let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;

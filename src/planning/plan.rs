@@ -190,6 +190,6 @@ pub struct Outcome {
     pub surface: super::surface::Surface,
     /// One a sample.
     pub verdicts: Vec<Verdict>,
-    /// For each chosen view the samples it measures, ascending, with its quality at each.
+    /// For each chosen view the samples it measures, with its quality at each.
     pub measured_by_view: Vec<super::visibility::Row>,
 }

@@ -3,6 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use rayon::prelude::*;
+
 use super::candidates::{Generated, Rejection};
 use super::context::Context;
 use super::error::PlanError;
@@ -14,7 +16,7 @@ use super::selection::{self, Problem, Selection};
 use super::sequence::Ordered;
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
-use super::visibility::{Row, Table as VisibilityTable};
+use super::visibility::{self, Row, SampleSet, Table as VisibilityTable};
 use crate::geometry::{Part, Pose, Table};
 
 /// Stations of every kept candidate, or why it has none.
@@ -117,9 +119,8 @@ impl Study<'_> {
     /// a path.
     pub(super) fn conclude(self, chosen: &Chosen, ordered: Option<Ordered>, barred: &BTreeSet<usize>) -> Outcome {
         let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| self.candidates_behind(chosen, &o.no_path)).collect();
-        let empty = Row::default();
-        let measuring: Vec<&Row> =
-            chosen.kept.iter().map(|kept| if no_path.contains(kept) { &empty } else { &self.table.rows[*kept] }).collect();
+        let measuring: Vec<Row> =
+            chosen.kept.par_iter().map(|kept| if no_path.contains(kept) { Row::default() } else { self.graded(*kept) }).collect();
         let given_up: BTreeSet<usize> = barred.union(&no_path).copied().collect();
         let verdicts = self.verdicts(&measuring, &given_up);
         let coverage = self.coverage(&measuring, &verdicts);
@@ -139,17 +140,22 @@ impl Study<'_> {
             coverage,
             params: self.params.clone(),
         };
-        let measured_by_view = measuring.into_iter().cloned().collect();
-        Outcome { plan, surface: self.surface, verdicts, measured_by_view }
+        Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring }
     }
 
-    fn verdicts(&self, measuring: &[&Row], given_up: &BTreeSet<usize>) -> Vec<Verdict> {
+    /// What a kept candidate measures, with its quality.
+    fn graded(&self, kept: usize) -> Row {
+        let pose = &self.generated.kept[kept].part_from_scanner;
+        visibility::grade(&self.surface, pose, self.input.scanner, self.params, &self.table.rows[kept])
+    }
+
+    fn verdicts(&self, measuring: &[Row], given_up: &BTreeSet<usize>) -> Vec<Verdict> {
         let samples = self.surface.sample_mm.len();
         let mut best_quality = vec![f32::NEG_INFINITY; samples];
         for row in measuring {
-            for (sample, quality) in row.samples.iter().zip(&row.quality) {
-                let best = &mut best_quality[*sample as usize];
-                *best = best.max(*quality);
+            for (sample, quality) in row.graded() {
+                let best = &mut best_quality[sample as usize];
+                *best = best.max(quality);
             }
         }
         let motion_cause = self.motion_causes(given_up);
@@ -171,7 +177,8 @@ impl Study<'_> {
 
     /// For each sample that some kept candidate measures, how far the best such candidate got with the cell.
     fn motion_causes(&self, given_up: &BTreeSet<usize>) -> Vec<Option<Cause>> {
-        let mut causes = vec![None; self.surface.sample_mm.len()];
+        let samples = self.surface.sample_mm.len();
+        let mut samples_of: BTreeMap<Cause, SampleSet> = BTreeMap::new();
         for (kept, row) in self.table.rows.iter().enumerate() {
             let cause = match self.blocked(kept) {
                 Some(Blocked::Unreachable) => Cause::Unreachable,
@@ -179,15 +186,16 @@ impl Study<'_> {
                 None if given_up.contains(&kept) => Cause::NoPath,
                 None => Cause::NotChosen,
             };
-            for sample in &row.samples {
-                let known: &mut Option<Cause> = &mut causes[*sample as usize];
-                *known = Some(known.map_or(cause, |known| known.max(cause)));
-            }
+            samples_of.entry(cause).or_insert_with(|| SampleSet::none_of(samples)).insert_all(row.measured());
+        }
+        let mut causes = vec![None; samples];
+        for (cause, samples) in samples_of {
+            samples.iter().for_each(|sample| causes[sample as usize] = Some(cause));
         }
         causes
     }
 
-    fn coverage(&self, measuring: &[&Row], verdicts: &[Verdict]) -> Coverage {
+    fn coverage(&self, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
         let all: Vec<_> = (0..self.generated.kept.len()).collect();
         let mut coverage = Coverage {
             total_area_mm2: self.surface.area_where(|_| true),
@@ -205,7 +213,7 @@ impl Study<'_> {
         let mut open_mm2 = self.asked_area_mm2.clone();
         let mut covered_mm2 = 0.0;
         for row in measuring {
-            covered_mm2 += row.samples.iter().map(|s| std::mem::take(&mut open_mm2[*s as usize])).sum::<f64>();
+            covered_mm2 += row.samples().map(|sample| std::mem::take(&mut open_mm2[sample as usize])).sum::<f64>();
             coverage.curve_area_mm2.push(covered_mm2);
         }
         coverage

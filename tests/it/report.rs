@@ -62,21 +62,17 @@ fn looking_from(direction: Vector3<f64>) -> Pose<Part, ScannerFrame> {
 }
 
 fn row(surface: &Surface, pose: &Pose<Part, ScannerFrame>) -> Row {
-    let mut row = Row::default();
-    for (sample, p) in (0..).zip(&surface.sample_mm) {
+    let graded = (0..).zip(&surface.sample_mm).filter_map(|(sample, p)| {
         let angle = surface.patch_of(sample as usize).normal.angle(&(pose.origin_mm() - p));
-        if angle < MEASURED_WITHIN {
-            row.samples.push(sample);
-            row.quality.push((1.0 - 2.0 * angle / 77.5f64.to_radians()) as f32);
-        }
-    }
-    row
+        (angle < MEASURED_WITHIN).then(|| (sample, (1.0 - 2.0 * angle / 77.5f64.to_radians()) as f32))
+    });
+    Row::from_samples(surface.sample_mm.len(), graded)
 }
 
 fn verdicts(surface: &Surface, rows: &[Row]) -> Vec<Verdict> {
     let mut best = vec![f32::NEG_INFINITY; surface.sample_mm.len()];
-    for (sample, quality) in rows.iter().flat_map(|row| row.samples.iter().zip(&row.quality)) {
-        best[*sample as usize] = best[*sample as usize].max(*quality);
+    for (sample, quality) in rows.iter().flat_map(Row::graded) {
+        best[sample as usize] = best[sample as usize].max(quality);
     }
     let missed = |p: &Point3<f64>| if p.z < -0.8 * RADIUS_MM { Cause::ExcludedResting } else { Cause::ShadowLeft };
     (0..best.len())
@@ -91,9 +87,7 @@ fn verdicts(surface: &Surface, rows: &[Row]) -> Vec<Verdict> {
 fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverage {
     let area = |keep: &dyn Fn(usize) -> bool| surface.area_where(keep);
     let measured = area(&|sample| matches!(verdicts[sample], Verdict::Measured(_)));
-    let seen_by = |first: usize| {
-        area(&|s| surface.asked[s] && rows[..first].iter().any(|row| row.samples.binary_search(&(s as u32)).is_ok()))
-    };
+    let seen_by = |first: usize| area(&|s| surface.asked[s] && rows[..first].iter().any(|row| row.holds(s as u32)));
     Coverage {
         total_area_mm2: area(&|_| true),
         asked_area_mm2: area(&|sample| surface.asked[sample]),

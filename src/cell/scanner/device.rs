@@ -103,14 +103,15 @@ impl Lens {
 
     /// Distorted normalised coordinates.
     fn distort(&self, n: Vector2<f64>) -> Vector2<f64> {
+        self.distort_xy(n.x, n.y).into()
+    }
+
+    #[inline(always)]
+    fn distort_xy(&self, x: f64, y: f64) -> [f64; 2] {
         let [k1, k2, p1, p2, k3] = self.distortion;
-        let (x, y) = (n.x, n.y);
         let r2 = x * x + y * y;
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        Vector2::new(
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
+        [x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y]
     }
 
     /// Derivative of [`Lens::distort`].
@@ -172,14 +173,19 @@ impl Lens {
     /// the field that the distortion polynomial folds it back into the image is outside.
     #[must_use]
     pub fn project(&self, p: &Point3<f64>) -> Option<Vector2<f64>> {
-        if p.z <= 0.0 {
-            return None;
-        }
-        let n = Vector2::new(p.x / p.z, p.y / p.z);
-        let d = self.distort(n);
-        let pixel = Vector2::new(self.fx * (d.x + self.skew * d.y) + self.cx, self.fy * d.y + self.cy);
-        let inside = 0.0 <= pixel.x && pixel.x < self.width_px && 0.0 <= pixel.y && pixel.y < self.height_px;
-        (inside && n.norm_squared() <= self.field_radius_squared).then_some(pixel)
+        let (u, v, inside) = self.image(p.x, p.y, p.z);
+        inside.then(|| Vector2::new(u, v))
+    }
+
+    /// Pixel of a point in the device frame, and whether it is one: [`Lens::project`] without a branch, for kernels.
+    #[inline(always)]
+    #[must_use]
+    pub fn image(&self, x: f64, y: f64, z: f64) -> (f64, f64, bool) {
+        let (nx, ny) = (x / z, y / z);
+        let [dx, dy] = self.distort_xy(nx, ny);
+        let (u, v) = (self.fx * (dx + self.skew * dy) + self.cx, self.fy * dy + self.cy);
+        let inside = (0.0 <= u) & (u < self.width_px) & (0.0 <= v) & (v < self.height_px);
+        (u, v, inside & (z > 0.0) & (nx * nx + ny * ny <= self.field_radius_squared))
     }
 
     /// Direction (z = 1) in the device frame that is imaged at `pixel`; inverse of [`Lens::project`] over the image.
@@ -188,6 +194,18 @@ impl Lens {
         let distorted = self.normalised(pixel);
         let n = self.undistort(distorted).unwrap_or(distorted);
         Vector3::new(n.x, n.y, 1.0)
+    }
+
+    /// Left, right, top and bottom of the smallest rectangle in the undistorted image, pixels, that holds everything
+    /// the distorted image shows.
+    #[must_use]
+    pub fn undistorted_bounds_px(&self) -> [f64; 4] {
+        let [mut left, mut right, mut top, mut bottom] = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
+        for ray in self.edge_rays().iter().flatten() {
+            let (u, v) = (self.fx * (ray.x + self.skew * ray.y) + self.cx, self.fy * ray.y + self.cy);
+            (left, right, top, bottom) = (left.min(u), right.max(u), top.min(v), bottom.max(v));
+        }
+        [left, right, top, bottom]
     }
 
     /// Full angles of view, along u and v, radians: 2·atan(size / 2f), distortion and principal point aside.

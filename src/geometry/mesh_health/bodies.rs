@@ -81,6 +81,18 @@ impl Bodies {
         }
     }
 
+    /// Marks the faces of closed bodies with a positive volume.
+    pub(super) fn outward_faces(&self, mesh: &Mesh) -> Vec<bool> {
+        let origin = mesh.aabb().centre();
+        let mut outward = vec![false; mesh.faces.len()];
+        for body in (0..self.count()).filter(|&body| self.closed[body]) {
+            if Solid::new(body, mesh, self.faces(body), &origin).volume_mm3 > 0.0 {
+                self.faces(body).iter().for_each(|&face| outward[face as usize] = true);
+            }
+        }
+        outward
+    }
+
     fn faces(&self, body: usize) -> &[u32] {
         &self.faces[self.begin[body]..self.begin[body + 1]]
     }

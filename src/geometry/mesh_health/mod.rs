@@ -20,6 +20,13 @@ pub use warning::MeshWarning;
 /// Least area of a triangle, as a share of the squared diagonal of the bounding box.
 const LEAST_AREA_SHARE: f64 = 1e-12;
 
+/// For each face whether it belongs to a closed, consistently wound body of positive volume. Seen from outside such a
+/// body its back faces hide nothing that its front faces do not hide.
+#[must_use]
+pub fn outward_faces(mesh: &Mesh) -> Vec<bool> {
+    Bodies::of(mesh, &Edges::of(&mesh.faces)).outward_faces(mesh)
+}
+
 /// The health report of a mesh. Counts of triangles are after polygons were cut into fans.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshHealth {

@@ -106,6 +106,12 @@ impl RayScene {
         self.corners_mm.iter().any(|corners| segment.meets_triangle(corners))
     }
 
+    /// All triangles, those near each other in space near each other in the list.
+    #[must_use]
+    pub fn leaf_order(&self) -> Vec<u32> {
+        self.bvh.leaves(|_| true).collect()
+    }
+
     /// Whether `point` lies inside the surface: most of three rays in unrelated directions cross it an odd number of
     /// times. Exact for closed surfaces; where a surface is open the majority decides.
     #[must_use]

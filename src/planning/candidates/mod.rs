@@ -163,7 +163,7 @@ pub struct Generated {
 
 /// Most candidates of one job.
 const MOST_CANDIDATES: usize = 50_000;
-/// Most pairs of candidate and sample: bounds the table of what each measures to about 8 GB.
+/// Most pairs of candidate and sample: bounds the table of what each measures to 2.2 GB.
 const MOST_PAIRS: usize = 1_000_000_000;
 
 /// Generates the candidates of every strategy in `params` and drops those that no cell could use.

@@ -6,7 +6,7 @@ mod tests;
 
 use super::context::{Cancelled, Context};
 use super::params::{ScoreParams, SelectionParams, Solver, TargetOf};
-use super::visibility::Row;
+use super::visibility::{Row, SampleSet};
 
 /// Dense number of a chosen view, in the order chosen, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -93,11 +93,9 @@ impl Problem<'_> {
     /// Asked area that at least one row measures.
     #[must_use]
     pub fn coverable_mm2(&self) -> f64 {
-        let mut seen = vec![false; self.asked_area_mm2.len()];
-        for row in &self.rows {
-            row.samples.iter().for_each(|sample| seen[*sample as usize] = true);
-        }
-        seen.iter().zip(self.asked_area_mm2).filter(|(seen, _)| **seen).map(|(_, area_mm2)| area_mm2).sum()
+        let mut coverable = SampleSet::none_of(self.asked_area_mm2.len());
+        self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
+        coverable.iter().map(|sample| self.asked_area_mm2[sample as usize]).sum()
     }
 
     /// Asked area.

@@ -1,11 +1,13 @@
 use std::sync::atomic::AtomicBool;
 
+use proptest::prelude::*;
+
 use super::*;
 use crate::planning::context::Silent;
 use crate::planning::params::Objective;
 
 fn row(samples: &[u32], quality: f32) -> Row {
-    Row { samples: samples.to_vec(), quality: vec![quality; samples.len()] }
+    Row::from_samples(10, samples.iter().map(|sample| (*sample, quality)))
 }
 
 fn chosen(rows: &[Row], params: &SelectionParams, score: &ScoreParams) -> Selection {
@@ -64,4 +66,60 @@ fn each_denominator_gives_its_own_target() {
     assert_eq!(views(TargetOf::Coverable, 0.6).choices.len(), 1);
     assert_eq!(views(TargetOf::Asked, 0.6).choices.len(), 2);
     assert_eq!(views(TargetOf::Total, 0.7).stopped_because, StopReason::NoGain);
+}
+
+/// The same greedy over plain lists. Areas are whole numbers and qualities whole steps, so that every sum is exact.
+fn plain_greedy(rows: &[Row], area_mm2: &[f64], quality_weight: f64) -> Vec<(usize, f64)> {
+    let mut open = area_mm2.to_vec();
+    let mut choices = Vec::new();
+    loop {
+        let score = |row: &Row| -> f64 {
+            let steps = row.quality().map_or(&[][..], |(_, steps)| steps);
+            row.samples().zip(steps).map(|(s, step)| open[s as usize] * (1.0 + quality_weight * f64::from(*step) / 32767.0)).sum()
+        };
+        let scores = rows.iter().map(score).enumerate();
+        let best = scores.fold((0, 0.0), |best, (row, score)| if score > best.1 + 1e-9 { (row, score) } else { best });
+        if best.1 <= 0.0 {
+            return choices;
+        }
+        rows[best.0].samples().for_each(|sample| open[sample as usize] = 0.0);
+        choices.push(best);
+    }
+}
+
+proptest! {
+    #[test]
+    fn the_choices_are_those_of_the_plain_greedy(
+        runs in proptest::collection::vec((0_u32..300, 1_u32..200, 1_usize..3, -4_i8..=4), 1..60),
+        areas in proptest::collection::vec(0_u8..20, 300),
+        quality_weight in proptest::sample::select(vec![0.0, 0.5, 1.0, 2.0]),
+    ) {
+        let row = |(first, length, step, quality): &(u32, u32, usize, i8)| {
+            let samples = (*first..(first + length).min(300)).step_by(*step);
+            Row::from_samples(300, samples.map(|sample| (sample, f32::from(*quality) / 4.0)))
+        };
+        let rows: Vec<Row> = runs.iter().map(row).collect();
+        let area: Vec<f64> = areas.iter().map(|area| f64::from(*area)).collect();
+        let problem = Problem { rows: rows.iter().collect(), asked_area_mm2: &area, total_mm2: 1e9 };
+        let objective = if quality_weight > 0.0 { Objective::Score } else { Objective::Coverage };
+        let params = SelectionParams { objective, target: 1.0, target_of: TargetOf::Total, min_growth: 0.0, ..SelectionParams::default() };
+        let weights = ScoreParams { a: 1.0, b: quality_weight, ..ScoreParams::default() };
+        let chosen = select(&problem, &params, &weights, &Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|_| unreachable!());
+        let plain = plain_greedy(&rows, &area, quality_weight);
+        prop_assert_eq!(rows_of(&chosen), plain.iter().map(|choice| choice.0).collect::<Vec<_>>());
+        for (choice, (_, score)) in chosen.choices.iter().zip(plain) {
+            prop_assert!((choice.score - score).abs() < 1e-9 * score.abs().max(1.0));
+        }
+    }
+}
+
+#[test]
+fn quality_that_was_not_kept_changes_no_choice_by_area() {
+    let graded = [row(&[0, 1, 2], -0.5), row(&[2, 3, 4, 5], 0.3), row(&[5, 6], 1.0)];
+    let bare: Vec<Row> = graded.iter().map(|row| Row::new(row.words().to_vec())).collect();
+    let without_weight = ScoreParams { b: 0.0, ..ScoreParams::default() };
+    let by_score = SelectionParams { objective: Objective::Score, ..coverage() };
+    for (params, score) in [(coverage(), ScoreParams::default()), (by_score, without_weight)] {
+        assert_eq!(chosen(&bare, &params, &score), chosen(&graded, &params, &score));
+    }
 }

@@ -31,7 +31,7 @@ pub struct Patch {
     pub corners_mm: [Point3<f64>; 3],
     /// Triangle of the mesh it was cut from.
     pub face: u32,
-    /// Unit outward normal.
+    /// Unit outward normal, each component a whole f32.
     pub normal: Vector3<f64>,
     /// Area.
     pub area_mm2: f64,
@@ -54,7 +54,10 @@ impl Patch {
 pub struct Surface {
     /// Patches, ordered by face.
     pub patches: Vec<Patch>,
-    /// Position of each sample, part frame, mm.
+    /// Centre of the part's bounding box.
+    pub centre_mm: Point3<f64>,
+    /// Position of each sample, part frame, mm. The offset from the centre is a whole f32, so that an engine which keeps
+    /// it as one sees the same point: within 4e-6 mm of the facet on a part of 120 mm.
     pub sample_mm: Vec<Point3<f64>>,
     /// Patch of each sample.
     pub sample_patch: Vec<PatchId>,
@@ -100,10 +103,10 @@ pub fn sample(mesh: &Mesh, params: &PartParams, regions: &RegionParams, seed: u6
     let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
     refuse_too_many(mesh, edge_mm, density)?;
     let excluded = Excluded::new(mesh, regions)?;
-    let mut surface = Surface::default();
+    let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
     let mut stack = Vec::new();
     for face in 0..mesh.faces.len() {
-        let normal = mesh.scaled_normal(face).normalize();
+        let normal = mesh.scaled_normal(face).normalize().map(rounded);
         stack.push(mesh.corners(face));
         while let Some(corners) = stack.pop() {
             match halves(&corners, edge_mm) {
@@ -164,9 +167,15 @@ fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, norma
     let first_sample = surface.sample_mm.len() as u32;
     surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
     for index in 0..samples {
-        surface.sample_mm.push(stratified_point(&corners, patch, index, seed));
+        let offset_mm = stratified_point(&corners, patch, index, seed) - surface.centre_mm;
+        surface.sample_mm.push(surface.centre_mm + offset_mm.map(rounded));
         surface.sample_patch.push(PatchId(patch));
     }
+}
+
+/// The nearest f32.
+fn rounded(value: f64) -> f64 {
+    f64::from(value as f32)
 }
 
 /// Point `index` of a patch: the R2 sequence (Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*),

@@ -1,20 +1,20 @@
 //! The reference engine: every sample that passes the cheap steps is joined with the three optical centres by any-hit
-//! rays. Blocks of samples run in parallel; within a block every view is tried, so that the samples stay in cache.
+//! rays. One view after the other; its samples run in parallel blocks, so that what is held besides the table is one row.
 //!
 //! Cost: at most 3 rays a sample and view, about 1 µs each on a mesh of 10⁵ triangles.
 
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
+use super::Table;
+use super::row::{QualityScale, Row};
 use super::view::{Optics, SHADOWS, View};
-use super::{Row, Table, assemble};
 use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
 use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;
 
-/// Samples a block: about 5 ms of rays a view, the interval at which cancelling is noticed.
-const BLOCK: usize = 2048;
+/// Words of samples a block: 1024 samples, about 3 ms of rays, the interval at which cancelling is noticed.
+const BLOCK_WORDS: usize = 16;
 /// Where a ray from the optical centre ends before the sample, as a share of its length: 3 µm at 480 mm, so that a
 /// sample is not hidden by its own facet.
 pub(super) const RAY_END_SHARE: f64 = 1.0 - 3e-3 / 480.0;
@@ -23,60 +23,79 @@ pub(super) fn cast(
     surface: &Surface,
     poses: &[Pose<Part, ScannerFrame>],
     optics: &Optics,
+    kept_quality: Option<QualityScale>,
     scene: &RayScene,
     ctx: &Context<'_>,
 ) -> Result<Table, Cancelled> {
-    let views: Vec<_> = poses.iter().map(|pose| optics.at(pose)).collect();
-    let samples = surface.sample_mm.len();
-    let done = AtomicUsize::new(0);
-    let blocks = (0..samples)
-        .into_par_iter()
-        .step_by(BLOCK)
-        .map(|first| {
-            let block = cast_block(surface, &views, scene, first..(first + BLOCK).min(samples), ctx)?;
-            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, samples.div_ceil(BLOCK));
-            Ok(block)
-        })
-        .collect::<Result<Vec<_>, Cancelled>>()?;
-    Ok(assemble(views.len(), blocks))
+    let mut furthest = vec![Cause::Facing; surface.sample_mm.len()];
+    let mut rows = Vec::with_capacity(poses.len());
+    for pose in poses {
+        let caster = Caster { surface, view: optics.at(pose), kept_quality, scene };
+        rows.push(caster.cast(&mut furthest, ctx)?);
+        ctx.progress(rows.len(), poses.len());
+    }
+    Ok(Table { rows, furthest })
 }
 
-fn cast_block(
-    surface: &Surface,
-    views: &[View<'_>],
-    scene: &RayScene,
-    samples: std::ops::Range<usize>,
-    ctx: &Context<'_>,
-) -> Result<(Vec<Row>, Vec<Cause>), Cancelled> {
-    let mut furthest = vec![Cause::Facing; samples.len()];
-    let mut rows = Vec::with_capacity(views.len());
-    for view in views {
-        ctx.check()?;
-        let mut row = Row::default();
-        for sample in samples.clone() {
-            match measure(surface, view, scene, sample) {
-                Ok(quality) => {
-                    row.samples.push(sample as u32);
-                    row.quality.push(quality);
-                }
-                Err(cause) => {
-                    let furthest = &mut furthest[sample - samples.start];
-                    *furthest = (*furthest).max(cause);
+/// One view, ready for many samples.
+struct Caster<'a> {
+    surface: &'a Surface,
+    view: View<'a>,
+    kept_quality: Option<QualityScale>,
+    scene: &'a RayScene,
+}
+
+/// Words of a row, and the steps of quality that belong to their bits.
+#[derive(Default)]
+struct Piece {
+    words: Vec<u64>,
+    steps: Vec<i16>,
+}
+
+impl Caster<'_> {
+    fn cast(&self, furthest: &mut [Cause], ctx: &Context<'_>) -> Result<Row, Cancelled> {
+        let pieces = furthest
+            .par_chunks_mut(64 * BLOCK_WORDS)
+            .enumerate()
+            .map(|(block, furthest)| {
+                ctx.check()?;
+                Ok(self.cast_block(64 * BLOCK_WORDS * block, furthest))
+            })
+            .collect::<Result<Vec<_>, Cancelled>>()?;
+        let row = Row::new(pieces.iter().flat_map(|piece| &piece.words).copied().collect());
+        Ok(match self.kept_quality {
+            Some(scale) => row.with_quality(pieces.iter().flat_map(|piece| &piece.steps).copied().collect(), scale),
+            None => row,
+        })
+    }
+
+    /// Samples `first ..`, as many as `furthest` has.
+    fn cast_block(&self, first: usize, furthest: &mut [Cause]) -> Piece {
+        let mut piece = Piece::default();
+        for (word_first, furthest) in (first..).step_by(64).zip(furthest.chunks_mut(64)) {
+            let mut word = 0_u64;
+            for (bit, furthest) in furthest.iter_mut().enumerate() {
+                match self.measure(word_first + bit) {
+                    Ok(quality) => {
+                        word |= 1 << bit;
+                        piece.steps.extend(self.kept_quality.map(|scale| scale.quantise(quality)));
+                    }
+                    Err(cause) => *furthest = (*furthest).max(cause),
                 }
             }
+            piece.words.push(word);
         }
-        rows.push(row);
+        piece
     }
-    Ok((rows, furthest))
-}
 
-fn measure(surface: &Surface, view: &View<'_>, scene: &RayScene, sample: usize) -> Result<f32, Cause> {
-    let p = &surface.sample_mm[sample];
-    let quality = view.before_shadow(p, &surface.patch_of(sample).normal)?;
-    for (centre, cause) in view.centres_mm.iter().zip(SHADOWS) {
-        if scene.blocked(centre, p, RAY_END_SHARE) {
-            return Err(cause);
+    fn measure(&self, sample: usize) -> Result<f32, Cause> {
+        let p = &self.surface.sample_mm[sample];
+        let quality = self.view.before_shadow(p, &self.surface.patch_of(sample).normal)?;
+        for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
+            if self.scene.blocked(centre, p, RAY_END_SHARE) {
+                return Err(cause);
+            }
         }
+        Ok(quality)
     }
-    Ok(quality)
 }

@@ -21,13 +21,13 @@ fn sampled(mesh: &Mesh, density: f64) -> Surface {
 }
 
 fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> Table {
-    let (scene, flag) = (RayScene::new([mesh]), AtomicBool::new(false));
+    let (scene, flag) = (Occluders::new([mesh]), AtomicBool::new(false));
     cast(surface, poses, &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent)).unwrap_or_else(|_| unreachable!())
 }
 
 fn top_area_mm2(surface: &Surface, row: &Row) -> f64 {
-    let up = |sample: &&u32| surface.patch_of(**sample as usize).normal.z > 0.9;
-    row.samples.iter().filter(up).map(|sample| surface.sample_area_mm2(*sample as usize)).sum()
+    let up = |sample: &u32| surface.patch_of(*sample as usize).normal.z > 0.9;
+    row.samples().filter(up).map(|sample| surface.sample_area_mm2(sample as usize)).sum()
 }
 
 /// Area of a plate's top at depth `z_mm` that one view from above measures.
@@ -56,7 +56,7 @@ fn quality_is_best_below_the_viewpoint_and_falls_with_depth() {
     let surface = sampled(&mesh, 50.0);
     let worst = |depth_mm: f64| {
         let row = table(&mesh, &surface, &[looking_down(depth_mm)], &PlanParams::default()).rows.remove(0);
-        row.quality.into_iter().map(f64::from).fold(f64::INFINITY, f64::min)
+        row.graded().map(|(_, quality)| f64::from(quality)).fold(f64::INFINITY, f64::min)
     };
     assert!((worst(480.0) - 1.0).abs() < 0.01);
     // D is 70 mm on the near side and 85 on the far side of F: half of it makes Q_dis 0, so 0.6 · 1 + 0.4 · 0.
@@ -79,8 +79,8 @@ fn a_step_hides_a_strip_from_the_camera_behind_it() {
     };
     let surface = sampled(&both, 10.0);
     let row = table(&both, &surface, &[looking_down(depth_mm)], &PlanParams::default()).rows.remove(0);
-    let on_floor = |sample: &&u32| surface.sample_mm[**sample as usize].z == 0.0;
-    let area_mm2: f64 = row.samples.iter().filter(on_floor).map(|s| surface.sample_area_mm2(*s as usize)).sum();
+    let on_floor = |sample: &u32| surface.sample_mm[*sample as usize].z == 0.0;
+    let area_mm2: f64 = row.samples().filter(on_floor).map(|sample| surface.sample_area_mm2(sample as usize)).sum();
     let centre_mm = 101.0;
     let hidden_to_mm = 0.5 + (centre_mm + 0.5) * wall_mm / (depth_mm - wall_mm);
     let expected_mm2 = 2.0 * half_mm * 2.0 * (half_mm - hidden_to_mm);
@@ -118,15 +118,37 @@ fn moving_part_and_scanner_together_changes_nothing() {
     there.sample_mm.iter_mut().for_each(|p| *p = motion * *p);
     there.patches.iter_mut().for_each(|patch| patch.normal = motion * patch.normal);
     let rows = [table(&mesh, &here, &[still], &params).rows.remove(0), table(&moved, &there, &[pose], &params).rows.remove(0)];
-    assert!(rows[0].samples.len() > 1000);
-    assert_eq!(rows[0].samples, rows[1].samples);
-    assert!(rows[0].quality.iter().zip(&rows[1].quality).all(|(a, b)| (a - b).abs() < 1e-6));
+    assert!(rows[0].count() > 1000);
+    assert_eq!(rows[0].measured(), rows[1].measured());
+    // One step of quality.
+    assert!(rows[0].graded().zip(rows[1].graded()).all(|((_, a), (_, b))| (a - b).abs() < 4e-5));
+}
+
+#[test]
+fn what_the_table_leaves_out_is_computed_for_the_chosen() {
+    let mesh = box_mesh([-20.0, -30.0, 0.0], [20.0, 30.0, 25.0]);
+    let surface = sampled(&mesh, 1.0);
+    let poses = [looking_down(510.0), looking_down(470.0)];
+    let by_score = PlanParams::default();
+    let (mut by_area, mut without_weight) = (by_score.clone(), by_score.clone());
+    by_area.selection.objective = Objective::Coverage;
+    without_weight.score.b = 0.0;
+    let full = table(&mesh, &surface, &poses, &by_score);
+    assert!(full.rows.iter().all(|row| row.quality().is_some() && row.count() > 1000));
+    for params in [by_area, without_weight] {
+        let bare = table(&mesh, &surface, &poses, &params);
+        assert_eq!(bare.furthest, full.furthest);
+        for ((pose, bare), full) in poses.iter().zip(&bare.rows).zip(&full.rows) {
+            assert_eq!((bare.measured(), bare.quality()), (full.measured(), None));
+            assert_eq!(&grade(&surface, pose, &nominal_scanner(), &params, bare), full);
+        }
+    }
 }
 
 #[test]
 fn cancelling_ends_it() {
     let mesh = box_mesh([-20.0; 3], [20.0; 3]);
-    let (surface, scene, flag) = (sampled(&mesh, 1.0), RayScene::new([&mesh]), AtomicBool::new(true));
+    let (surface, scene, flag) = (sampled(&mesh, 1.0), Occluders::new([&mesh]), AtomicBool::new(true));
     let poses = [looking_down(500.0)];
     let result = cast(&surface, &poses, &nominal_scanner(), &scene, &PlanParams::default(), &Context::new(&flag, &Silent));
     assert!(result.is_err());

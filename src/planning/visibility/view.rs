@@ -1,5 +1,7 @@
 //! The definition of method §4 for one sample and one viewpoint, step by step in the order in which causes are named,
 //! and the quality of method §5. What an engine adds is only how it decides that nothing lies between.
+//!
+//! Written without a branch, in f64, so that an engine may run it on many samples at a time and get the same bits.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -8,10 +10,15 @@ use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
 use crate::planning::cause::Cause;
 use crate::planning::params::{PlanParams, ScoreAngle};
 
-const FRAMES: [Cause; 3] = [Cause::FrameLeft, Cause::FrameRight, Cause::FrameProjector];
-const INCIDENCES: [Cause; 3] = [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector];
 /// What it is called when a device does not see a sample.
 pub(super) const SHADOWS: [Cause; 3] = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector];
+/// Stands where a number of a cause may stand: no step before a shadow fails.
+pub(super) const PASSES: u8 = u8::MAX;
+
+/// The number of a cause, as wide as the values beside which it is computed.
+const fn number(cause: Cause) -> u64 {
+    cause as u64
+}
 
 /// The scanner and the limits of the job, ready for many samples.
 pub struct Optics {
@@ -65,59 +72,171 @@ impl Optics {
     /// The viewpoint's side of everything that does not depend on the sample.
     #[must_use]
     pub fn at<'a>(&'a self, part_from_scanner: &Pose<Part, ScannerFrame>) -> View<'a> {
+        let scanner_from_part = *part_from_scanner.inverse().isometry();
         View {
             optics: self,
-            scanner_from_part: *part_from_scanner.inverse().isometry(),
+            scanner: Rigid::new(&scanner_from_part),
+            devices: [0, 1, 2].map(|d| Rigid::new(&self.devices[d].device_from_scanner)),
+            device_from_part: [0, 1, 2].map(|d| self.devices[d].device_from_scanner * scanner_from_part),
             centres_mm: [0, 1, 2].map(|d| part_from_scanner.point(&self.devices[d].centre_mm)),
         }
+    }
+
+    /// Lens of device `d`: left, right, projector.
+    pub(super) fn lens(&self, d: usize) -> &Lens {
+        &self.devices[d].lens
+    }
+}
+
+/// A rigid motion as plain numbers.
+struct Rigid {
+    rows: [[f64; 3]; 3],
+    offset: [f64; 3],
+}
+
+impl Rigid {
+    fn new(isometry: &Isometry3<f64>) -> Self {
+        let matrix = isometry.rotation.to_rotation_matrix();
+        let rows = std::array::from_fn(|r| std::array::from_fn(|c| matrix[(r, c)]));
+        Self { rows, offset: isometry.translation.vector.into() }
+    }
+
+    #[inline(always)]
+    fn turn(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        let [a, b, c] = &self.rows;
+        [a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z]
+    }
+
+    #[inline(always)]
+    fn apply(&self, p: [f64; 3]) -> [f64; 3] {
+        let [x, y, z] = self.turn(p);
+        [x + self.offset[0], y + self.offset[1], z + self.offset[2]]
     }
 }
 
 /// One viewpoint.
 pub struct View<'a> {
     optics: &'a Optics,
-    scanner_from_part: Isometry3<f64>,
+    scanner: Rigid,
+    devices: [Rigid; 3],
+    pub(super) device_from_part: [Isometry3<f64>; 3],
     /// Optical centres, part frame, mm.
     pub(super) centres_mm: [Point3<f64>; 3],
+}
+
+/// What one device makes of a sample.
+struct Seen {
+    faces: bool,
+    /// Incidence within the limit.
+    within: bool,
+    in_frame: bool,
+}
+
+#[inline(always)]
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 impl View<'_> {
     /// The first step before any shadow at which a sample fails; else its quality.
     pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> Result<f32, Cause> {
+        let (cause, quality) = self.judge((*p).into(), (*normal).into());
+        if cause == u64::from(PASSES) { Ok(quality as f32) } else { Err(Cause::ALL[cause as usize]) }
+    }
+
+    /// The number of the first step before any shadow at which a sample fails, [`PASSES`] if none does, and its quality.
+    #[inline(always)]
+    pub(super) fn judge(&self, p: [f64; 3], normal: [f64; 3]) -> (u64, f64) {
         let optics = self.optics;
-        let towards = self.centres_mm.map(|centre| centre - p);
-        let along_normal = towards.map(|direction| normal.dot(&direction));
-        if along_normal.iter().any(|cos| *cos <= 0.0) {
-            return Err(Cause::Facing);
+        let in_scanner = self.scanner.apply(p);
+        // Spelled out: a loop over the devices would keep the caller's loop over samples from being vectorised.
+        let left = self.seen_by(0, p, normal, in_scanner);
+        let right = self.seen_by(1, p, normal, in_scanner);
+        let projector = self.seen_by(2, p, normal, in_scanner);
+        let faces = left.faces & right.faces & projector.faces;
+        let in_depth = (optics.near_mm <= in_scanner[2]) & (in_scanner[2] <= optics.far_mm);
+        let mut cause = u64::from(PASSES);
+        cause = if projector.within { cause } else { number(Cause::IncidenceProjector) };
+        cause = if right.within { cause } else { number(Cause::IncidenceRight) };
+        cause = if left.within { cause } else { number(Cause::IncidenceLeft) };
+        cause = if projector.in_frame { cause } else { number(Cause::FrameProjector) };
+        cause = if right.in_frame { cause } else { number(Cause::FrameRight) };
+        cause = if left.in_frame { cause } else { number(Cause::FrameLeft) };
+        cause = if in_depth { cause } else { number(Cause::Depth) };
+        cause = if faces { cause } else { number(Cause::Facing) };
+        (cause, self.quality(in_scanner, normal))
+    }
+
+    /// What device `d` makes of a sample.
+    #[inline(always)]
+    fn seen_by(&self, d: usize, p: [f64; 3], normal: [f64; 3], in_scanner: [f64; 3]) -> Seen {
+        let (device, centre) = (&self.optics.devices[d], &self.centres_mm[d]);
+        let towards = [centre.x - p[0], centre.y - p[1], centre.z - p[2]];
+        let along_normal = dot(normal, towards);
+        let [x, y, z] = self.devices[d].apply(in_scanner);
+        Seen {
+            faces: along_normal > 0.0,
+            within: along_normal >= device.incidence_min_cos * dot(towards, towards).sqrt(),
+            in_frame: device.lens.image(x, y, z).2,
         }
-        let in_scanner = self.scanner_from_part * p;
-        if !(optics.near_mm <= in_scanner.z && in_scanner.z <= optics.far_mm) {
-            return Err(Cause::Depth);
-        }
-        for (device, step) in optics.devices.iter().zip(FRAMES) {
-            device.lens.project(&(device.device_from_scanner * in_scanner)).ok_or(step)?;
-        }
-        for d in 0..3 {
-            if along_normal[d] < optics.devices[d].incidence_min_cos * towards[d].norm() {
-                return Err(INCIDENCES[d]);
-            }
-        }
-        Ok(self.quality(&in_scanner, normal))
+    }
+
+    /// The quality of a sample that is measured.
+    pub(super) fn quality_at(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
+        self.quality(self.scanner.apply((*p).into()), (*normal).into()) as f32
     }
 
     /// c·Q_δ + d·Q_dis (method §5), each clamped to [−1, 1]. D is the half range on the sample's side of F.
-    fn quality(&self, in_scanner: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
+    #[inline(always)]
+    fn quality(&self, in_scanner: [f64; 3], normal: [f64; 3]) -> f64 {
         let optics = self.optics;
-        let normal_in_scanner = self.scanner_from_part.rotation * normal;
-        let against = match optics.angle {
-            ScoreAngle::Ray => -in_scanner.coords.normalize(),
-            ScoreAngle::OpticalAxis => -Vector3::z(),
-        };
-        let incidence_rad = normal_in_scanner.dot(&against).clamp(-1.0, 1.0).acos();
-        let q_angle = (1.0 - 2.0 * incidence_rad / optics.incidence_reference_rad).clamp(-1.0, 1.0);
-        let off_mm = in_scanner.z - optics.best_mm;
+        let facing = self.scanner.turn(normal);
+        let along_ray = -dot(facing, in_scanner) / dot(in_scanner, in_scanner).sqrt();
+        let cos = if optics.angle == ScoreAngle::Ray { along_ray } else { -facing[2] };
+        let q_angle = within_one(1.0 - 2.0 * arc_cosine(cos) / optics.incidence_reference_rad);
+        let off_mm = in_scanner[2] - optics.best_mm;
         let half_range_mm = if off_mm < 0.0 { optics.best_mm - optics.near_mm } else { optics.far_mm - optics.best_mm };
-        let q_distance = (1.0 - 2.0 * off_mm.abs() / half_range_mm).clamp(-1.0, 1.0);
-        (optics.angle_weight * q_angle + optics.distance_weight * q_distance) as f32
+        let q_distance = within_one(1.0 - 2.0 * off_mm.abs() / half_range_mm);
+        optics.angle_weight * q_angle + optics.distance_weight * q_distance
+    }
+}
+
+#[inline(always)]
+fn within_one(x: f64) -> f64 {
+    let x = if x < -1.0 { -1.0 } else { x };
+    if x > 1.0 { 1.0 } else { x }
+}
+
+/// acos to 2e-8 rad, the argument held within [−1, 1] (Abramowitz and Stegun 1964, *Handbook of Mathematical Functions*,
+/// 4.4.46); unlike the library's it is plain arithmetic, which vectorises and has the same bits everywhere.
+#[inline(always)]
+fn arc_cosine(cos: f64) -> f64 {
+    const A: [f64; 8] = [
+        1.570_796_305_0,
+        -0.214_598_801_6,
+        0.088_978_987_4,
+        -0.050_174_304_6,
+        0.030_891_881_0,
+        -0.017_088_125_6,
+        0.006_670_090_1,
+        -0.001_262_491_1,
+    ];
+    let x = within_one(cos).abs();
+    let polynomial = A[0] + x * (A[1] + x * (A[2] + x * (A[3] + x * (A[4] + x * (A[5] + x * (A[6] + x * A[7]))))));
+    let angle_rad = (1.0 - x).sqrt() * polynomial;
+    if cos < 0.0 { std::f64::consts::PI - angle_rad } else { angle_rad }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::arc_cosine;
+
+    #[test]
+    fn the_arc_cosine_is_good_to_its_stated_error() {
+        for i in -100_000..=100_000 {
+            let cos = f64::from(i) / 1e5;
+            assert!((arc_cosine(cos) - cos.acos()).abs() < 2.1e-8, "at {cos}");
+        }
+        assert_eq!(arc_cosine(1.0 + 1e-12), 0.0);
     }
 }

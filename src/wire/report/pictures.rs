@@ -81,10 +81,10 @@ pub(super) fn from_view(input: &ReportInput<'_>, scene: &Scene<'_>, view: &Plann
 /// Inks for one view: its own grades, grey where only others measure, and the plan's misses.
 fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
     let mut inks = without_view(outcome);
-    for (sample, quality) in row.samples.iter().zip(&row.quality) {
-        let ink = &mut inks[*sample as usize];
+    for (sample, quality) in row.graded() {
+        let ink = &mut inks[sample as usize];
         if *ink != Ink::NotAsked {
-            *ink = Ink::Measured(Grade::of(f64::from(*quality)));
+            *ink = Ink::Measured(Grade::of(f64::from(quality)));
         }
     }
     inks

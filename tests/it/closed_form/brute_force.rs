@@ -72,7 +72,7 @@ fn every_sample_of_every_view_agrees_with_the_plain_loop() {
                     })
                     .map(|s| s as u32)
                     .collect();
-                assert_eq!(row.samples, plain, "{name} with {}", scanner.name);
+                assert_eq!(row.samples().collect::<Vec<_>>(), plain, "{name} with {}", scanner.name);
                 measured += plain.len();
                 hidden += surface.sample_mm.len() - plain.len();
             }

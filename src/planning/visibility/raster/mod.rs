@@ -1,0 +1,426 @@
+//! The default engine: what hides a sample is read from a depth map of each device, and from a ray where the map leaves
+//! doubt.
+//!
+//! For each view: the steps of method §4 before any shadow, for all samples at once; then, device by device, the tiles
+//! of the undistorted image that the remaining samples fall on are drawn with all triangles that meet them, and each
+//! sample is compared with the four pixels around it. With z the sample's depth, i its incidence and
+//! band = 0.01 mm + 1.5 pixels · tan i, the sample is seen where none of the four is nearer than z − band (Williams 1978,
+//! *Casting Curved Shadows on Curved Surfaces*, with a slope-scaled bias), hidden where all four are nearer than
+//! z − band − 0.05 mm, and otherwise a ray to the optical centre decides. The lens's distortion enters with the frame
+//! alone, which is tested before: rays are straight lines in the undistorted image.
+//!
+//! Cost a view: O(samples + triangles that face a device + pixels of the part). Memory: 42 bytes a triangle for the
+//! clusters at most and mostly 17, 29 bytes a sample, and a thread's buffers: 16 KiB a tile of one device (48 MB at
+//! 12 megapixels), 4 bytes a sample.
+
+mod canvas;
+mod clusters;
+mod pinhole;
+mod samples;
+mod tile;
+
+use rayon::prelude::*;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use super::rays::RAY_END_SHARE;
+use super::view::{Optics, PASSES, SHADOWS, View};
+use super::{Occluders, QualityScale, Row, SampleSet, Table};
+use crate::geometry::{Kernel, Part, Pose, Scanner as ScannerFrame, SimdLevel};
+use crate::planning::cause::Cause;
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::surface::Surface;
+use canvas::{Canvas, Drawing, Grid};
+pub(crate) use clusters::Clusters;
+use nalgebra::{Point3, Vector3};
+use pinhole::{LANES, Pinhole, higher, lower};
+use samples::{BATCHES, NO_SAMPLE, SAMPLES, SampleCluster, Samples};
+use tile::{Nearness, TILE, place};
+
+/// Band around a sample's own surface in which the map does not hide it: what f32 and the facets leave, mm, …
+const BAND_MM: f32 = 0.01;
+/// … and what the surface's slope makes of the distance to the neighbouring pixel, pixels.
+const BAND_PX: f32 = 1.5;
+/// How much nearer than the band all four pixels must be for the map to hide a sample, mm.
+const HIDDEN_MM: f32 = 0.05;
+/// Clusters of samples that one task takes: about a millisecond.
+const TASK: usize = 32;
+/// Doubtful samples that one task takes.
+const RAYS: usize = 512;
+
+/// The samples that still need an answer.
+const DOUBT: u8 = PASSES - 1;
+
+pub(super) fn cast(
+    surface: &Surface,
+    poses: &[Pose<Part, ScannerFrame>],
+    optics: &Optics,
+    kept_quality: Option<QualityScale>,
+    occluders: &Occluders,
+    ctx: &Context<'_>,
+) -> Result<Table, Cancelled> {
+    let engine = Engine::new(surface, optics, kept_quality, occluders, ctx);
+    let done = AtomicUsize::new(0);
+    let pool: Mutex<Vec<Scratch>> = Mutex::default();
+    let row = |pose: &Pose<Part, ScannerFrame>, grain: usize| {
+        let mut scratch = pool.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop().unwrap_or_else(|| engine.scratch());
+        let row = engine.row(pose, &mut scratch, grain)?;
+        pool.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(scratch);
+        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, poses.len());
+        Ok(row)
+    };
+    // One view a thread while there are enough of them; the threads share the views that are left over.
+    let (shared, left_over) = poses.split_at(poses.len() - poses.len() % rayon::current_num_threads());
+    let mut rows = shared.par_iter().map(|pose| row(pose, usize::MAX)).collect::<Result<Vec<_>, Cancelled>>()?;
+    for pose in left_over {
+        rows.push(row(pose, 1)?);
+    }
+    let scratches = pool.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
+    Ok(Table { rows, furthest: engine.furthest(&scratches) })
+}
+
+struct Engine<'a> {
+    surface: &'a Surface,
+    optics: &'a Optics,
+    kept_quality: Option<QualityScale>,
+    occluders: &'a Occluders,
+    samples: Samples,
+    grids: [Grid; 3],
+    level: SimdLevel,
+    ctx: &'a Context<'a>,
+}
+
+/// Buffers of one thread.
+struct Scratch {
+    /// Number of the first step at which each sample fails, [`PASSES`] or [`DOUBT`]; by clusters.
+    states: Vec<[u8; SAMPLES]>,
+    /// Step of quality of each sample that passes the steps before any shadow; by clusters.
+    steps: Vec<[i16; SAMPLES]>,
+    /// The same of the measured samples, in their places in the surface.
+    steps_by_sample: Vec<i16>,
+    /// Highest number of a cause so far, of each sample.
+    furthest: Vec<[u8; SAMPLES]>,
+    /// Tiles that samples fall on, by device.
+    touched: [Vec<AtomicBool>; 3],
+    canvas: Canvas,
+}
+
+impl<'a> Engine<'a> {
+    fn new(
+        surface: &'a Surface,
+        optics: &'a Optics,
+        kept_quality: Option<QualityScale>,
+        occluders: &'a Occluders,
+        ctx: &'a Context<'a>,
+    ) -> Self {
+        let order = occluders.rays.leaf_order();
+        Self {
+            surface,
+            optics,
+            kept_quality,
+            occluders,
+            samples: Samples::new(surface, &order),
+            grids: [0, 1, 2].map(|d| Grid::of(optics.lens(d))),
+            level: ctx.simd_level(),
+            ctx,
+        }
+    }
+
+    fn scratch(&self) -> Scratch {
+        let clusters = self.samples.clusters.len();
+        Scratch {
+            states: vec![[0; SAMPLES]; clusters],
+            steps: vec![[0; SAMPLES]; clusters],
+            steps_by_sample: vec![0; self.surface.sample_mm.len()],
+            furthest: vec![[Cause::Facing as u8; SAMPLES]; clusters],
+            touched: self.grids.map(|grid| std::iter::repeat_with(AtomicBool::default).take(grid.tiles()).collect()),
+            canvas: Canvas::default(),
+        }
+    }
+
+    fn row(&self, pose: &Pose<Part, ScannerFrame>, scratch: &mut Scratch, grain: usize) -> Result<Row, Cancelled> {
+        let view = self.optics.at(pose);
+        let pinholes =
+            [0, 1, 2].map(|d| Pinhole::new(self.optics.lens(d), &view.device_from_part[d], &self.occluders.clusters.centre_mm));
+        self.judge(&view, &pinholes, scratch, grain)?;
+        for d in 0..3 {
+            self.shade(d, &view, &pinholes[d], scratch, grain)?;
+        }
+        Ok(self.finish(scratch))
+    }
+
+    /// The steps before any shadow.
+    fn judge(&self, view: &View<'_>, pinholes: &[Pinhole; 3], scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
+        scratch.touched.iter().flatten().for_each(|tile| tile.store(false, Ordering::Relaxed));
+        let touched = &scratch.touched;
+        let tasks = self.samples.clusters.par_chunks(TASK).zip(scratch.states.par_chunks_mut(TASK));
+        let tasks = tasks.zip(scratch.steps.par_chunks_mut(TASK));
+        let scale = self.kept_quality.unwrap_or_default();
+        tasks.with_min_len(grain).try_for_each(|((clusters, states), steps)| {
+            self.ctx.check()?;
+            for ((cluster, states), steps) in clusters.iter().zip(states).zip(steps) {
+                if view.centres_mm.iter().any(|centre| cluster.faces_away(&(centre - self.surface.centre_mm))) {
+                    *states = [Cause::Facing as u8; SAMPLES];
+                    continue;
+                }
+                self.level.run(Judge { view, cluster, centre_mm: &self.surface.centre_mm, scale, states, steps });
+                if states.contains(&PASSES) {
+                    for d in 0..3 {
+                        let job = Touch { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };
+                        mark(&touched[d], &self.grids[d], self.level.run(job));
+                    }
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// What the samples' offsets lack to be relative to the scene's centre.
+    fn scene_from_part_centre(&self) -> [f32; 3] {
+        (self.surface.centre_mm - self.occluders.clusters.centre_mm).map(|mm| mm as f32).into()
+    }
+
+    /// Which of the remaining samples device `d` sees.
+    fn shade(&self, d: usize, view: &View<'_>, pinhole: &Pinhole, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
+        let drawing = Drawing { scene: &self.occluders.clusters, pinhole, grid: self.grids[d], level: self.level, grain };
+        let touched = &scratch.touched[d];
+        scratch.canvas.prepare(&drawing, |tile| touched[tile].load(Ordering::Relaxed), self.ctx)?;
+        scratch.canvas.draw(&drawing, self.ctx)?;
+        let (maps, slots) = scratch.canvas.maps();
+        let look = Look {
+            maps,
+            slots,
+            grid: &self.grids[d],
+            pinhole,
+            offset_mm: self.scene_from_part_centre(),
+            hidden: SHADOWS[d] as u8,
+        };
+        let tasks = self.samples.clusters.par_chunks(TASK).zip(scratch.states.par_chunks_mut(TASK));
+        let centre = view.centres_mm[d];
+        tasks.with_min_len(grain).try_for_each(|(clusters, states)| {
+            self.ctx.check()?;
+            let mut doubtful = Vec::new();
+            for (index, (cluster, states)) in clusters.iter().zip(states.iter_mut()).enumerate() {
+                if states.contains(&PASSES) {
+                    self.level.run(Compare { look: &look, cluster, states });
+                    doubtful.extend((0..SAMPLES).filter(|place| states[*place] == DOUBT).map(|place| (index, place)));
+                }
+            }
+            for doubtful in doubtful.chunks(RAYS) {
+                self.ctx.check()?;
+                for &(index, place) in doubtful {
+                    let p = &self.surface.sample_mm[clusters[index].number[place] as usize];
+                    let hidden = self.occluders.rays.blocked(&centre, p, RAY_END_SHARE);
+                    states[index][place] = if hidden { SHADOWS[d] as u8 } else { PASSES };
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// The row in the surface's order; the furthest causes are kept.
+    fn finish(&self, scratch: &mut Scratch) -> Row {
+        let mut measured = SampleSet::none_of(self.surface.sample_mm.len());
+        let Scratch { states, steps, steps_by_sample, furthest, .. } = scratch;
+        for (((cluster, states), steps), furthest) in self.samples.clusters.iter().zip(states).zip(steps).zip(furthest) {
+            for place in 0..SAMPLES {
+                let cause = if states[place] == PASSES { 0 } else { states[place] };
+                furthest[place] = furthest[place].max(cause);
+            }
+            for place in (0..SAMPLES).filter(|place| states[*place] == PASSES) {
+                measured.insert(cluster.number[place]);
+                steps_by_sample[cluster.number[place] as usize] = steps[place];
+            }
+        }
+        let row = Row::new(measured.words().to_vec());
+        match self.kept_quality {
+            Some(scale) => {
+                let steps = row.samples().map(|sample| steps_by_sample[sample as usize]).collect();
+                row.with_quality(steps, scale)
+            }
+            None => row,
+        }
+    }
+
+    /// The furthest cause of each sample over all views.
+    fn furthest(&self, scratches: &[Scratch]) -> Vec<Cause> {
+        let mut furthest = vec![Cause::Facing; self.surface.sample_mm.len()];
+        for (index, cluster) in self.samples.clusters.iter().enumerate() {
+            for place in (0..SAMPLES).filter(|place| cluster.number[*place] != NO_SAMPLE) {
+                let highest = scratches.iter().map(|scratch| scratch.furthest[index][place]).max();
+                let highest = highest.map_or(Cause::Facing, |cause| Cause::ALL[usize::from(cause)]);
+                furthest[cluster.number[place] as usize] = highest;
+            }
+        }
+        furthest
+    }
+}
+
+/// The definition's steps before any shadow, for a cluster of samples.
+struct Judge<'a> {
+    view: &'a View<'a>,
+    cluster: &'a SampleCluster,
+    centre_mm: &'a Point3<f64>,
+    scale: QualityScale,
+    states: &'a mut [u8; SAMPLES],
+    steps: &'a mut [i16; SAMPLES],
+}
+
+impl Kernel for Judge<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let ([x, y, z], [nx, ny, nz]) = (&self.cluster.offset_mm, &self.cluster.normal);
+        let centre = [self.centre_mm.x, self.centre_mm.y, self.centre_mm.z];
+        // Results go to arrays of this function first: only then is it plain that they overlap nothing that is read.
+        let (mut causes, mut qualities) = ([0_u64; SAMPLES], [0.0; SAMPLES]);
+        for i in 0..SAMPLES {
+            let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
+            let (cause, quality) = self.view.judge(p, [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])]);
+            causes[i] = cause;
+            qualities[i] = quality;
+        }
+        *self.states = causes.map(|cause| cause as u8);
+        *self.steps = qualities.map(|quality| self.scale.quantise(quality as f32));
+    }
+}
+
+/// Bounds of the remaining samples of a cluster in a device's image: left, right, top, bottom.
+struct Touch<'a> {
+    cluster: &'a SampleCluster,
+    states: &'a [u8; SAMPLES],
+    pinhole: &'a Pinhole,
+    offset_mm: [f32; 3],
+}
+
+impl Kernel for Touch<'_> {
+    type Output = [f32; 4];
+
+    #[inline(always)]
+    fn run(self) -> [f32; 4] {
+        let mut bounds = [[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]];
+        for batch in 0..BATCHES {
+            let [u, v, _] = project(self.cluster, batch, self.pinhole, self.offset_mm);
+            let states = &self.states.as_chunks::<LANES>().0[batch];
+            for lane in 0..LANES {
+                let passes = states[lane] == PASSES;
+                let kept = |value: f32, other: f32| if passes { value } else { other };
+                bounds[0][lane] = lower(kept(u[lane], f32::INFINITY), bounds[0][lane]);
+                bounds[1][lane] = higher(kept(u[lane], f32::NEG_INFINITY), bounds[1][lane]);
+                bounds[2][lane] = lower(kept(v[lane], f32::INFINITY), bounds[2][lane]);
+                bounds[3][lane] = higher(kept(v[lane], f32::NEG_INFINITY), bounds[3][lane]);
+            }
+        }
+        let least = |values: &[f32; LANES]| values.iter().fold(f32::INFINITY, |a, b| lower(a, *b));
+        let most = |values: &[f32; LANES]| values.iter().fold(f32::NEG_INFINITY, |a, b| higher(a, *b));
+        [least(&bounds[0]), most(&bounds[1]), least(&bounds[2]), most(&bounds[3])]
+    }
+}
+
+#[inline(always)]
+fn project(cluster: &SampleCluster, batch: usize, pinhole: &Pinhole, offset_mm: [f32; 3]) -> [[f32; LANES]; 3] {
+    let offsets = cluster.batch(batch);
+    let mut points = [[0.0; LANES]; 3];
+    for axis in 0..3 {
+        for lane in 0..LANES {
+            points[axis][lane] = offsets[axis][lane] + offset_mm[axis];
+        }
+    }
+    pinhole.project([&points[0], &points[1], &points[2]])
+}
+
+/// Marks the tiles that hold a rectangle and the pixels around it.
+fn mark(touched: &[AtomicBool], grid: &Grid, [left, right, top, bottom]: [f32; 4]) {
+    let (first, last) =
+        (Grid::index(left - grid.left_px - 1.0, grid.columns), Grid::index(right - grid.left_px + 2.0, grid.columns));
+    for row in Grid::index(top - grid.top_px - 1.0, grid.rows)..=Grid::index(bottom - grid.top_px + 2.0, grid.rows) {
+        for column in first..=last {
+            touched[usize::from(row) * grid.columns + usize::from(column)].store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// A device's map, and how to look a sample up in it.
+struct Look<'a> {
+    maps: &'a [Nearness],
+    slots: &'a [u32],
+    grid: &'a Grid,
+    pinhole: &'a Pinhole,
+    offset_mm: [f32; 3],
+    /// What a sample that is hidden is marked with.
+    hidden: u8,
+}
+
+impl Look<'_> {
+    #[inline(always)]
+    fn nearness(&self, x: u32, y: u32) -> f32 {
+        let tile = (y / TILE as u32) as usize * self.grid.columns + (x / TILE as u32) as usize;
+        let map = self.slots.get(tile).and_then(|slot| self.maps.get(*slot as usize));
+        let place = place(x % TILE as u32, y % TILE as u32) as usize;
+        map.map_or(0.0, |map| map.as_flattened()[place])
+    }
+
+    /// Nearest and furthest of the four pixels around a place.
+    #[inline(always)]
+    fn around(&self, x: u32, y: u32) -> (f32, f32) {
+        let four = [self.nearness(x, y), self.nearness(x + 1, y), self.nearness(x, y + 1), self.nearness(x + 1, y + 1)];
+        (higher(higher(four[0], four[1]), higher(four[2], four[3])), lower(lower(four[0], four[1]), lower(four[2], four[3])))
+    }
+}
+
+/// Compares the remaining samples of a cluster with a device's map.
+struct Compare<'a> {
+    look: &'a Look<'a>,
+    cluster: &'a SampleCluster,
+    states: &'a mut [u8; SAMPLES],
+}
+
+impl Kernel for Compare<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { look, cluster, states } = self;
+        let centre: [f32; 3] = (look.pinhole.centre_mm - Vector3::from(look.offset_mm).cast::<f64>()).map(|mm| mm as f32).into();
+        for (batch, states) in states.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+            if !states.contains(&PASSES) {
+                continue;
+            }
+            let [u, v, nearness] = project(cluster, batch, look.pinhole, look.offset_mm);
+            let offsets = cluster.batch(batch);
+            let mut columns = [0; LANES];
+            let mut rows = [0; LANES];
+            let mut seen_mm = [0.0; LANES];
+            for lane in 0..LANES {
+                let place = batch * LANES + lane;
+                let (mut along, mut length) = (0.0, 0.0);
+                for axis in 0..3 {
+                    let towards = centre[axis] - offsets[axis][lane];
+                    along += towards * cluster.normal[axis][place];
+                    length += towards * towards;
+                }
+                let depth_mm = 1.0 / nearness[lane];
+                let tan = higher(length - along * along, 0.0).sqrt() / along;
+                seen_mm[lane] = depth_mm - (BAND_MM + BAND_PX / look.pinhole.focal_px * depth_mm * tan);
+                columns[lane] = higher(u[lane] - look.grid.left_px, 0.0) as i32;
+                rows[lane] = higher(v[lane] - look.grid.top_px, 0.0) as i32;
+            }
+            for lane in 0..LANES {
+                if states[lane] != PASSES {
+                    continue;
+                }
+                let (nearest, furthest) = look.around(columns[lane] as u32, rows[lane] as u32);
+                let seen = nearest * seen_mm[lane] <= 1.0;
+                let hidden = furthest * (seen_mm[lane] - HIDDEN_MM) > 1.0;
+                states[lane] = if seen {
+                    PASSES
+                } else if hidden {
+                    look.hidden
+                } else {
+                    DOUBT
+                };
+            }
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! The samples in clusters of 64 neighbours, in the order of the rays' tree, with what culls a cluster whole. Offsets
+//! from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 29 bytes a sample.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::clusters::Cone;
+use super::pinhole::LANES;
+use crate::geometry::Aabb;
+use crate::planning::surface::Surface;
+
+/// Samples a cluster.
+pub(super) const SAMPLES: usize = 64;
+/// Lanes a cluster.
+pub(super) const BATCHES: usize = SAMPLES / LANES;
+/// Stands for no sample, at the end of the last cluster.
+pub(super) const NO_SAMPLE: u32 = u32::MAX;
+
+/// All samples of a surface.
+pub(super) struct Samples {
+    pub(super) clusters: Vec<SampleCluster>,
+}
+
+/// 64 samples.
+pub(super) struct SampleCluster {
+    /// Offset from the part's centre by axis, mm.
+    pub(super) offset_mm: [[f32; SAMPLES]; 3],
+    /// Unit normal by axis; zero where there is no sample, which faces nothing.
+    pub(super) normal: [[f32; SAMPLES]; 3],
+    /// Number of each sample in the surface.
+    pub(super) number: [u32; SAMPLES],
+    /// Ball around the samples.
+    centre_mm: Vector3<f64>,
+    radius_mm: f64,
+    cone: Cone,
+}
+
+impl Samples {
+    /// Samples of `surface`, those of face `order[0]` first; numbers in `order` beyond the part's faces are passed over.
+    pub(super) fn new(surface: &Surface, order: &[u32]) -> Self {
+        let faces = surface.patches.last().map_or(0, |patch| patch.face as usize + 1);
+        let mut first_patch = vec![0; faces + 1];
+        surface.patches.iter().for_each(|patch| first_patch[patch.face as usize + 1] += 1);
+        (0..faces).for_each(|face| first_patch[face + 1] += first_patch[face]);
+        let of_face = |face: &u32| &surface.patches[first_patch[*face as usize]..first_patch[*face as usize + 1]];
+        let patches = order.iter().filter(|face| (**face as usize) < faces).flat_map(of_face);
+        let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample..patch.first_sample + patch.samples).collect();
+        Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
+    }
+}
+
+impl SampleCluster {
+    fn new(surface: &Surface, numbers: &[u32]) -> Self {
+        let offset = |number: &u32| surface.sample_mm[*number as usize] - surface.centre_mm;
+        let aabb = numbers.iter().fold(Aabb::empty(), |aabb, number| aabb.with(&Point3::from(offset(number))));
+        let centre_mm = aabb.centre().coords;
+        let normals: Vec<_> = numbers.iter().map(|number| surface.patch_of(*number as usize).normal).collect();
+        let mut cluster = Self {
+            offset_mm: [[0.0; SAMPLES]; 3],
+            normal: [[0.0; SAMPLES]; 3],
+            number: [NO_SAMPLE; SAMPLES],
+            centre_mm,
+            radius_mm: numbers.iter().map(|number| (offset(number) - centre_mm).norm()).fold(0.0, f64::max) + 1e-6,
+            cone: Cone::around(normals.iter()),
+        };
+        for (place, (number, normal)) in numbers.iter().zip(&normals).enumerate() {
+            cluster.number[place] = *number;
+            for axis in 0..3 {
+                cluster.offset_mm[axis][place] = offset(number)[axis] as f32;
+                cluster.normal[axis][place] = normal[axis] as f32;
+            }
+        }
+        cluster
+    }
+
+    /// Whether every sample faces away from a point, relative to the part's centre.
+    pub(super) fn faces_away(&self, centre_mm: &Vector3<f64>) -> bool {
+        self.cone.faces_away(&(centre_mm - self.centre_mm), self.radius_mm)
+    }
+
+    /// One batch of offsets.
+    #[inline(always)]
+    pub(super) fn batch(&self, batch: usize) -> [&[f32; LANES]; 3] {
+        [0, 1, 2].map(|axis| &self.offset_mm[axis].as_chunks::<LANES>().0[batch])
+    }
+}

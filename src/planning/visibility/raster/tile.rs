@@ -1,0 +1,322 @@
+//! Draws triangles into one tile of a device's undistorted image: which surface is nearest at each pixel centre.
+//!
+//! A tile is 64 × 64 pixels, kept in blocks of 4 × 4 so that a block is one vector. Edge functions are a·x + b·y + c
+//! relative to the tile's corner with a = y₁ − y₂, b = x₂ − x₁, c = x₁y₂ − x₂y₁ (Pineda 1988, *A Parallel Algorithm for
+//! Polygon Rasterization*): swapping the two vertices negates each of the three exactly, also in rounded arithmetic, so
+//! two triangles that share an edge see exactly opposite values and, both including zero, leave no crack. Nearness is
+//! the triangle's plane of 1/depth, held within the values at its corners. Triangles are prepared 16 at a time.
+
+use super::clusters::{Cluster, TRIANGLES, VERTICES};
+use super::pinhole::{LANES, Lanes, Pinhole, higher, lower};
+use crate::geometry::{Kernel, SimdLevel};
+
+/// Pixels along a tile's edge.
+pub(super) const TILE: usize = 64;
+/// Pixels along a block's edge.
+const BLOCK: usize = 4;
+/// Blocks along a tile's edge.
+const BLOCKS: usize = TILE / BLOCK;
+/// Horizontal and vertical place of a block's pixels.
+const PIXEL_X: Lanes = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const PIXEL_Y: Lanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+/// Left edges of a row of blocks.
+const BLOCK_X: Lanes = [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 32.0, 36.0, 40.0, 44.0, 48.0, 52.0, 56.0, 60.0];
+/// Blocks in a row from which it pays to ask first which of them the triangle meets.
+const WIDE: usize = 3;
+/// What an edge function is looked at beyond a block's pixels before the block is passed over: far more than rounding.
+const BLOCK_REACH: f32 = 3.01;
+
+/// Nearness at a tile's pixels, 1/mm, 0 where there is nothing; by blocks, row by row.
+pub(super) type Nearness = [Lanes; BLOCKS * BLOCKS];
+/// What was drawn at a tile's pixels: [`NOTHING`] or a number that the drawing gave.
+pub(super) type Numbers = [[u32; LANES]; BLOCKS * BLOCKS];
+/// No triangle.
+pub(super) const NOTHING: u32 = u32::MAX;
+
+/// Place of a pixel of a tile in [`Nearness`].
+#[inline(always)]
+pub(super) fn place(x: u32, y: u32) -> u32 {
+    ((y >> 2) * BLOCKS as u32 + (x >> 2)) * LANES as u32 + (y & 3) * BLOCK as u32 + (x & 3)
+}
+
+/// A triangle in the image that was cut to what lies in front of the device: image coordinates and nearness.
+#[derive(Clone, Copy)]
+pub(super) struct Cut {
+    /// By coordinate, then corner.
+    pub(super) corners: [[f32; 3]; 3],
+    /// Number of the triangle it was cut from.
+    pub(super) number: u32,
+}
+
+/// What lies in a tile, and where the tile is.
+pub(super) struct TileJob<'a> {
+    pub(super) pinhole: &'a Pinhole,
+    /// Image coordinates of the tile's first pixel.
+    pub(super) corner_px: [f32; 2],
+    pub(super) clusters: &'a [Cluster],
+    /// Clusters that meet the tile.
+    pub(super) listed: &'a [u32],
+    pub(super) cut: &'a [Cut],
+    /// Triangles of `cut` that meet the tile.
+    pub(super) listed_cut: &'a [u32],
+    /// Whether back faces of outward clusters are left out.
+    pub(super) cull: bool,
+}
+
+impl TileJob<'_> {
+    /// Draws nearness alone.
+    pub(super) fn draw(&self, level: SimdLevel, nearness: &mut Nearness) {
+        *nearness = [[0.0; LANES]; BLOCKS * BLOCKS];
+        level.run(Draw { job: self, nearness, numbers: &mut () });
+    }
+
+    /// Draws nearness and the numbers of the nearest triangles.
+    pub(super) fn draw_numbered(&self, level: SimdLevel, nearness: &mut Nearness, numbers: &mut Numbers) {
+        *nearness = [[0.0; LANES]; BLOCKS * BLOCKS];
+        *numbers = [[NOTHING; LANES]; BLOCKS * BLOCKS];
+        level.run(Draw { job: self, nearness, numbers });
+    }
+}
+
+/// Where the number of the nearest triangle goes, if anywhere.
+trait Target {
+    fn put(&mut self, block: usize, lane: usize, nearer: bool, number: u32);
+}
+
+impl Target for () {
+    #[inline(always)]
+    fn put(&mut self, _: usize, _: usize, _: bool, _: u32) {}
+}
+
+impl Target for Numbers {
+    #[inline(always)]
+    fn put(&mut self, block: usize, lane: usize, nearer: bool, number: u32) {
+        let kept = &mut self[block][lane];
+        *kept = if nearer { number } else { *kept };
+    }
+}
+
+struct Draw<'a, T> {
+    job: &'a TileJob<'a>,
+    nearness: &'a mut Nearness,
+    numbers: &'a mut T,
+}
+
+impl<T: Target> Kernel for Draw<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { job, nearness, numbers } = self;
+        let mut image = [[0.0; VERTICES]; 3];
+        for &cluster in job.listed {
+            let cluster = &job.clusters[cluster as usize];
+            project(job, cluster, &mut image);
+            let cull = job.cull && cluster.outward;
+            for first in (0..TRIANGLES).step_by(LANES) {
+                if cluster.numbers[first] == NOTHING {
+                    break;
+                }
+                let corners = gather(cluster, first, &image);
+                let setup = Setup::new(&corners, cull);
+                setup.draw(nearness, numbers, |lane| cluster.numbers[first + lane]);
+            }
+        }
+        for listed in job.listed_cut.chunks(LANES) {
+            let setup = Setup::new(&gather_cut(job, listed), false);
+            setup.draw(nearness, numbers, |lane| job.cut[listed[lane] as usize].number);
+        }
+    }
+}
+
+/// Image coordinates, relative to the tile, and nearness of a cluster's vertices.
+#[inline(always)]
+fn project(job: &TileJob<'_>, cluster: &Cluster, image: &mut [[f32; VERTICES]; 3]) {
+    let [left, top] = job.corner_px;
+    for (batch, [x, y, z]) in cluster.vertices.iter().enumerate() {
+        let [u, v, nearness] = job.pinhole.project([x, y, z]);
+        let first = batch * LANES;
+        for lane in 0..LANES {
+            image[0][first + lane] = u[lane] - left;
+            image[1][first + lane] = v[lane] - top;
+            image[2][first + lane] = nearness[lane];
+        }
+    }
+}
+
+/// Corners of 16 triangles, by corner, then coordinate.
+type Corners = [[Lanes; 3]; 3];
+
+#[inline(always)]
+fn gather(cluster: &Cluster, first: usize, image: &[[f32; VERTICES]; 3]) -> Corners {
+    let mut corners = [[[0.0; LANES]; 3]; 3];
+    for (corner, coordinates) in corners.iter_mut().enumerate() {
+        let indices = &cluster.corners[corner][first..first + LANES];
+        for (axis, values) in coordinates.iter_mut().enumerate() {
+            for lane in 0..LANES {
+                values[lane] = image[axis][usize::from(indices[lane]).min(VERTICES - 1)];
+            }
+        }
+    }
+    corners
+}
+
+/// As [`gather`]; lanes beyond the list hold triangles without area.
+#[inline(always)]
+fn gather_cut(job: &TileJob<'_>, listed: &[u32]) -> Corners {
+    let mut corners = [[[0.0; LANES]; 3]; 3];
+    for (lane, &cut) in listed.iter().enumerate() {
+        let cut = &job.cut[cut as usize];
+        for corner in 0..3 {
+            corners[corner][0][lane] = cut.corners[0][corner] - job.corner_px[0];
+            corners[corner][1][lane] = cut.corners[1][corner] - job.corner_px[1];
+            corners[corner][2][lane] = cut.corners[2][corner];
+        }
+    }
+    corners
+}
+
+/// Sixteen triangles ready to be drawn.
+struct Setup {
+    /// Edge functions: a, b, c of each edge.
+    edges: [[Lanes; 3]; 3],
+    /// Nearness: change along x, along y, value at the tile's corner.
+    plane: [Lanes; 3],
+    nearest: Lanes,
+    furthest: Lanes,
+    /// First and last column, first and last row, of the pixels that the bounding box holds.
+    bounds: [[i32; LANES]; 4],
+    /// Whether there is anything to draw.
+    live: u32,
+}
+
+impl Setup {
+    #[inline(always)]
+    fn new([p, q, r]: &Corners, cull: bool) -> Self {
+        let mut setup = Self {
+            edges: [[[0.0; LANES]; 3]; 3],
+            plane: [[0.0; LANES]; 3],
+            nearest: [0.0; LANES],
+            furthest: [0.0; LANES],
+            bounds: [[0; LANES]; 4],
+            live: 0,
+        };
+        let mut live = [0_u32; LANES];
+        let both = !cull;
+        for lane in 0..LANES {
+            let (x0, y0, w0) = (p[0][lane], p[1][lane], p[2][lane]);
+            let (x1, y1, w1) = (q[0][lane], q[1][lane], q[2][lane]);
+            let (x2, y2, w2) = (r[0][lane], r[1][lane], r[2][lane]);
+            let area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0);
+            // v runs downwards, so a front face has a negative area here; its edge functions change sign.
+            let sign = if area < 0.0 { -1.0 } else { 1.0 };
+            let edges = [
+                [y1 - y2, x2 - x1, x1 * y2 - x2 * y1],
+                [y2 - y0, x0 - x2, x2 * y0 - x0 * y2],
+                [y0 - y1, x1 - x0, x0 * y1 - x1 * y0],
+            ];
+            for edge in 0..3 {
+                for part in 0..3 {
+                    setup.edges[edge][part][lane] = edges[edge][part] * sign;
+                }
+            }
+            let along_x = ((w1 - w0) * (y2 - y0) - (w2 - w0) * (y1 - y0)) / area;
+            let along_y = ((w2 - w0) * (x1 - x0) - (w1 - w0) * (x2 - x0)) / area;
+            setup.plane[0][lane] = along_x;
+            setup.plane[1][lane] = along_y;
+            setup.plane[2][lane] = w0 - along_x * x0 - along_y * y0;
+            setup.nearest[lane] = higher(higher(w0, w1), w2);
+            setup.furthest[lane] = lower(lower(w0, w1), w2);
+            let (left, right) = columns(lower(lower(x0, x1), x2), higher(higher(x0, x1), x2));
+            let (top, bottom) = columns(lower(lower(y0, y1), y2), higher(higher(y0, y1), y2));
+            setup.bounds[0][lane] = left;
+            setup.bounds[1][lane] = right;
+            setup.bounds[2][lane] = top;
+            setup.bounds[3][lane] = bottom;
+            let faces = (area < 0.0) | (both & (area > 0.0));
+            live[lane] = u32::from(faces & (left <= right) & (top <= bottom));
+        }
+        for lane in 0..LANES {
+            setup.live |= live[lane] << lane;
+        }
+        setup
+    }
+
+    #[inline(always)]
+    fn draw<T: Target>(&self, nearness: &mut Nearness, numbers: &mut T, number: impl Fn(usize) -> u32) {
+        let mut live = self.live;
+        while live != 0 {
+            let lane = live.trailing_zeros() as usize & (LANES - 1);
+            live &= live - 1;
+            self.draw_one(lane, nearness, numbers, number(lane));
+        }
+    }
+
+    #[inline(always)]
+    fn draw_one<T: Target>(&self, triangle: usize, nearness: &mut Nearness, numbers: &mut T, number: u32) {
+        let edges: [[f32; 3]; 3] = std::array::from_fn(|e| std::array::from_fn(|part| self.edges[e][part][triangle]));
+        let plane: [f32; 3] = std::array::from_fn(|part| self.plane[part][triangle]);
+        let (nearest, furthest) = (self.nearest[triangle], self.furthest[triangle]);
+        let [left, right, top, bottom] = std::array::from_fn(|side| self.bounds[side][triangle] as usize >> 2);
+        let (right, bottom) = (right.min(BLOCKS - 1), bottom.min(BLOCKS - 1));
+        let mut within = [[0.0; LANES]; 3];
+        let mut slope = [0.0; LANES];
+        for lane in 0..LANES {
+            for edge in 0..3 {
+                within[edge][lane] = edges[edge][0] * PIXEL_X[lane] + edges[edge][1] * PIXEL_Y[lane];
+            }
+            slope[lane] = plane[0] * PIXEL_X[lane] + plane[1] * PIXEL_Y[lane];
+        }
+        for row in top..=bottom {
+            let y = (row * BLOCK) as f32;
+            let met = if right - left < WIDE { u32::MAX } else { blocks_met(&edges, y) };
+            for column in left..=right {
+                if met >> column & 1 == 0 {
+                    continue;
+                }
+                let x = (column * BLOCK) as f32;
+                let at: [f32; 3] = std::array::from_fn(|e| edges[e][0] * x + edges[e][1] * y + edges[e][2]);
+                let base = plane[0] * x + plane[1] * y + plane[2];
+                let place = (row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
+                let block = &mut nearness[place];
+                for lane in 0..LANES {
+                    let inside =
+                        (within[0][lane] + at[0] >= 0.0) & (within[1][lane] + at[1] >= 0.0) & (within[2][lane] + at[2] >= 0.0);
+                    let value = lower(higher(slope[lane] + base, furthest), nearest);
+                    let nearer = inside & (value > block[lane]);
+                    numbers.put(place, lane, nearer, number);
+                    block[lane] = if nearer { value } else { block[lane] };
+                }
+            }
+        }
+    }
+}
+
+/// First and last whole pixel between two coordinates, within the tile.
+#[inline(always)]
+fn columns(from: f32, to: f32) -> (i32, i32) {
+    // Both are made positive, where rounding towards zero rounds down.
+    let (from, to) = (higher(lower(from, TILE as f32), -1.0), higher(lower(to, TILE as f32), -1.0));
+    let first = TILE as i32 - (TILE as f32 - from) as i32;
+    let last = (to + 1.0) as i32 - 1;
+    let (first, last) = (if first < 0 { 0 } else { first }, if last > TILE as i32 - 1 { TILE as i32 - 1 } else { last });
+    (first, last)
+}
+
+/// Bits of the blocks of the row at `y` in which all edge functions reach zero.
+#[inline(always)]
+fn blocks_met(edges: &[[f32; 3]; 3], y: f32) -> u32 {
+    let mut met = [0_u32; LANES];
+    let mut reach = [0.0; 3];
+    for edge in 0..3 {
+        let [a, b, c] = edges[edge];
+        reach[edge] = b * y + c + higher(a, 0.0) * BLOCK_REACH + higher(b, 0.0) * BLOCK_REACH;
+        // A little more, for edges whose functions are small beside their rounding.
+        reach[edge] += (a.abs() + b.abs()) * 0.01;
+    }
+    for lane in 0..LANES {
+        let touches = |edge: usize| edges[edge][0] * BLOCK_X[lane] + reach[edge] >= 0.0;
+        met[lane] = u32::from(touches(0) & touches(1) & touches(2)) << lane;
+    }
+    met.iter().fold(0, |all, bit| all | bit)
+}

@@ -1,0 +1,68 @@
+//! A set of samples, one bit each: bit s mod 64 of word s / 64. Cost: 1 bit a sample of the surface, in the set or not.
+
+/// See the module.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SampleSet {
+    words: Vec<u64>,
+}
+
+impl SampleSet {
+    /// No sample of a surface that has `samples`.
+    #[must_use]
+    pub fn none_of(samples: usize) -> Self {
+        Self { words: vec![0; samples.div_ceil(64)] }
+    }
+
+    /// The samples whose bits are set.
+    #[must_use]
+    pub fn from_words(words: Vec<u64>) -> Self {
+        Self { words }
+    }
+
+    /// Samples 64·i to 64·i + 63 in word i, the lowest in its lowest bit.
+    #[must_use]
+    pub fn words(&self) -> &[u64] {
+        &self.words
+    }
+
+    /// Whether it holds `sample`.
+    #[must_use]
+    pub fn holds(&self, sample: u32) -> bool {
+        self.words.get(sample as usize / 64).is_some_and(|word| word >> (sample % 64) & 1 == 1)
+    }
+
+    /// Adds a sample of the surface that the set was made for.
+    pub fn insert(&mut self, sample: u32) {
+        self.words[sample as usize / 64] |= 1 << (sample % 64);
+    }
+
+    /// How many it holds.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.words.iter().map(|word| word.count_ones() as usize).sum()
+    }
+
+    /// What it holds, ascending.
+    pub fn iter(&self) -> impl Iterator<Item = u32> {
+        (0..).step_by(64).zip(&self.words).flat_map(|(first, word)| ones(*word).map(move |bit| first + bit))
+    }
+
+    /// Adds what `other`, a set of the same surface, holds.
+    pub fn insert_all(&mut self, other: &Self) {
+        self.words.iter_mut().zip(&other.words).for_each(|(word, other)| *word |= other);
+    }
+
+    /// Takes out what `other`, a set of the same surface, holds.
+    pub fn remove_all(&mut self, other: &Self) {
+        self.words.iter_mut().zip(&other.words).for_each(|(word, other)| *word &= !other);
+    }
+}
+
+/// The set bits of a word, ascending.
+pub(crate) fn ones(mut word: u64) -> impl Iterator<Item = u32> {
+    std::iter::from_fn(move || {
+        let bit = word.trailing_zeros();
+        word &= word.wrapping_sub(1);
+        (bit < u64::BITS).then_some(bit)
+    })
+}
