@@ -11,7 +11,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use vantage::cell::Scanner;
 use vantage::geometry::mesh_io::{self, Limits};
-use vantage::geometry::{LengthUnit, Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{LengthUnit, Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame, SimdLevel};
 
 use crate::Bench;
 use crate::embree::EmbreeScene;
@@ -97,8 +97,8 @@ fn unpacked(file: &Path) -> Vec<u8> {
 
 /// Summed over the views.
 fn measured_mm2(ready: &Ready, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>]) -> f64 {
-    let table = ready.cast(scanner, views);
-    table.rows.iter().flat_map(|row| &row.samples).map(|sample| ready.surface.sample_area_mm2(*sample as usize)).sum()
+    let table = ready.cast(scanner, views, SimdLevel::widest());
+    table.rows.iter().flat_map(|row| row.samples()).map(|sample| ready.surface.sample_area_mm2(sample as usize)).sum()
 }
 
 fn dense_area_mm2(mesh: &Mesh, scene: &EmbreeScene, scanner: &Scanner, view: &Pose<PartFrame, ScannerFrame>) -> f64 {

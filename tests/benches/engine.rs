@@ -4,14 +4,14 @@
 use std::sync::atomic::AtomicBool;
 
 use vantage::cell::Scanner;
-use vantage::geometry::{Mesh, Part as PartFrame, Pose, RayScene, Scanner as ScannerFrame};
+use vantage::geometry::{Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame, SimdLevel};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::surface::{self, Surface};
-use vantage::planning::visibility::{self, Table};
+use vantage::planning::visibility::{self, Occluders, Table};
 
 use crate::Bench;
-use crate::measure::{Contestant, cost, race};
+use crate::measure::{Contestant, Cost, cost, race};
 use crate::meshes::{Part, Size};
 use crate::report::{Demand, Good, ms, number};
 use crate::rig;
@@ -25,7 +25,7 @@ const SAMPLES: f64 = 4.0;
 pub(crate) struct Ready {
     /// Its samples.
     pub(crate) surface: Surface,
-    scene: RayScene,
+    occluders: Occluders,
     params: PlanParams,
 }
 
@@ -38,48 +38,62 @@ impl Ready {
             params.part.patch_edge_mm = Some(f64::INFINITY);
         }
         let surface = surface::sample(mesh, &params.part, &params.regions, params.seed).expect("not too many samples");
-        Self { surface, scene: RayScene::new([mesh]), params }
+        Self { surface, occluders: Occluders::new([mesh]), params }
     }
 
     /// What each of `views` measures, on the pool that this runs in.
-    pub(crate) fn cast(&self, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>]) -> Table {
+    pub(crate) fn cast(&self, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>], level: SimdLevel) -> Table {
         let cancel = AtomicBool::new(false);
-        let ctx = Context::new(&cancel, &Silent);
-        visibility::cast(&self.surface, views, scanner, &self.scene, &self.params, &ctx).expect("not cancelled")
+        let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
+        visibility::cast(&self.surface, views, scanner, &self.occluders, &self.params, &ctx).expect("not cancelled")
     }
 }
 
-/// The engine on one and on two cores.
+/// The engine with every level of vector instructions on two threads, and with the widest on one.
 pub(crate) fn section(bench: &mut Bench, part: &Part) {
     let (ready, views) = (Ready::new(&part.mesh, Some(SAMPLES)), rig::views_around(&bench.scanner, VIEWS));
-    let contestants = [1, 2].map(|threads| -> Contestant<'_> {
-        let (pool, scanner, ready, views) = (bench.pools.of(threads), &bench.scanner, &ready, &views);
-        Ok(Box::new(move || cost(|| pool.install(|| ready.cast(scanner, views))).1))
+    let mut field: Vec<_> = SimdLevel::available().into_iter().rev().map(|level| (level, 2)).collect();
+    field.insert(1, (SimdLevel::widest(), 1));
+    let contestants = field.iter().map(|(level, threads)| -> Contestant<'_> {
+        let (pool, scanner, ready, views) = (bench.pools.of(*threads), &bench.scanner, &ready, &views);
+        Ok(Box::new(move || cost(|| pool.install(|| ready.cast(scanner, views, *level))).1))
     });
-    let medians: Vec<_> = race(bench.rounds, contestants.into()).into_iter().filter_map(Result::ok).collect();
+    let costs: Vec<_> = race(bench.rounds, contestants.collect()).into_iter().filter_map(Result::ok).collect();
     bench.report.section(format!("Samples, maps and doubtful rays: {}", part.title));
     bench.report.say(format!("{VIEWS} viewpoints, {} samples.", ready.surface.sample_mm.len()));
-    let rows: Vec<_> = ["1", "2"]
+    let rows: Vec<_> = field
         .iter()
-        .zip(&medians)
-        .map(|(threads, cost)| {
-            let of_one = number(medians[0].wall_s / cost.wall_s);
-            vec![(*threads).into(), number(cost.wall_s), ms(cost.cpu_s / VIEWS as f64), of_one]
+        .zip(&costs)
+        .map(|((level, threads), cost)| {
+            let [wall, cpu] = [cost.wall_s / costs[0].wall_s, cost.cpu_s / costs[0].cpu_s].map(number);
+            let level = level.as_str().to_owned();
+            vec![level, threads.to_string(), number(cost.wall_s), ms(cost.cpu_s / VIEWS as f64), wall, cpu]
         })
         .collect();
-    bench.report.table(&["threads", "all viewpoints, s", "CPU a viewpoint, ms", "times as fast as one"], &rows);
-    let [one, two] = &medians[..] else { return };
-    let (cpu_ms, wall_s, speed_up) = (two.cpu_s / VIEWS as f64 * 1e3, two.wall_s, one.wall_s / two.wall_s);
-    let view = |least, aim| ("samples, maps and doubtful rays, CPU a view", Demand::below(least, aim, " ms"), cpu_ms);
-    let hundred = |least, aim| ("100 candidates", Demand::below(least, aim, " s"), wall_s);
-    let cores = ("two cores against one", Demand { good: Good::Above, least: 1.8, aim: None, unit: " ×" }, speed_up);
-    let (size, figures) = match part.size {
-        Some(size @ Size::Coarse) => (size, vec![view(30.0, 15.0), cores]),
-        Some(size @ Size::Middle) => (size, vec![hundred(1.4, 0.7)]),
-        Some(size @ Size::Dense) => (size, vec![view(220.0, 100.0), hundred(11.0, 4.5), cores]),
-        None => return,
+    let header = ["level", "threads", "all viewpoints, s", "CPU a viewpoint, ms", "wall, of the first", "CPU, of the first"];
+    bench.report.table(&header, &rows);
+    figures(bench, part, &field, &costs);
+}
+
+fn figures(bench: &mut Bench, part: &Part, field: &[(SimdLevel, usize)], costs: &[Cost]) {
+    let Some(size) = part.size else { return };
+    let mut figure = |what: &str, demand, measured| bench.report.figure(format!("{what}, {}", size.as_str()), demand, measured);
+    let (two, one) = (costs[0], costs[1]);
+    let [view, hundred] = match size {
+        Size::Coarse => [Some((30.0, 15.0)), None],
+        Size::Middle => [None, Some((1.4, 0.7))],
+        Size::Dense => [Some((220.0, 100.0)), Some((11.0, 4.5))],
     };
-    for (what, demand, measured) in figures {
-        bench.report.figure(format!("{what}, {}", size.as_str()), demand, measured);
+    if let Some((least, aim)) = view {
+        let cpu_ms = two.cpu_s / VIEWS as f64 * 1e3;
+        figure("samples, maps and doubtful rays, CPU a view", Demand::below(least, aim, " ms"), cpu_ms);
+        figure("two cores against one", Demand { good: Good::Above, least: 1.8, aim: None, unit: " ×" }, one.wall_s / two.wall_s);
+        if let Some(avx2) = field.iter().position(|(level, _)| level.as_str() == "avx2").filter(|place| *place > 0) {
+            let demand = Demand { good: Good::Below, least: 1.5, aim: None, unit: " ×" };
+            figure("time with AVX2 of that with AVX-512", demand, costs[avx2].cpu_s / two.cpu_s);
+        }
+    }
+    if let Some((least, aim)) = hundred {
+        figure("100 candidates", Demand::below(least, aim, " s"), two.wall_s);
     }
 }

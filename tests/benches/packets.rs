@@ -15,7 +15,7 @@ use crate::embree::{EmbreeScene, NO_FACE};
 use crate::measure::{Contestant, Cost, Pools, cost, race};
 use crate::meshes::Part;
 use crate::python::{Peer, Python};
-use crate::report::{Report, number};
+use crate::report::number;
 use crate::rig::{Eye, eyes, views};
 
 /// Where an any-hit ray ends, as a share of its length: 3 µm at 480 mm short of the surface that it is to reach.
@@ -44,9 +44,9 @@ pub(crate) fn section(bench: &mut Bench, part: &Part) {
         python(Peer::Open3d, &bench.python),
         python(Peer::Trimesh, &bench.python),
     ];
-    for rays in &arrays {
-        compare(&mut bench.report, bench.rounds, rays, &casters);
-    }
+    let results: Vec<_> = arrays.iter().flat_map(|rays| compare(bench.rounds, rays, &casters)).collect();
+    let header = ["rays", "engine", "Mrays a CPU second, 1 thread", "Mrays/s, 2 threads", "of the first", "other answers, ppm"];
+    bench.report.table(&header, &results.iter().map(|(cells, _)| cells.clone()).collect::<Vec<_>>());
 }
 
 /// Rays with a common origin.
@@ -177,9 +177,10 @@ fn python<'a>(peer: Peer, python: &'a Result<RefCell<Python>, String>) -> Caster
     Caster { label, threads: peer.threads(), cast: python.as_ref().map(cast).map_err(String::clone) }
 }
 
-/// Lets everyone cast `rays` in turn and tabulates it: rates, ratios to the first of `casters`, and the share of answers
-/// that are not those of the second, which must be robust. Gives the rates on one thread, in rays a second.
-fn compare(report: &mut Report, rounds: usize, rays: &Rays, casters: &[Caster<'_>]) -> Vec<Option<f64>> {
+/// Lets everyone cast `rays` in turn. Gives a row a caster: rates, ratio to the first of `casters`, and the share of
+/// answers that are not those of the second, which must be robust; and the ratios as numbers. Rates and ratios on one
+/// thread are by CPU time, which other work on the machine disturbs least.
+fn compare(rounds: usize, rays: &Rays, casters: &[Caster<'_>]) -> Vec<(Vec<String>, Option<f64>)> {
     let answers: Vec<_> = casters.iter().map(|_| RefCell::new(Answers::for_rays(rays))).collect();
     let contestants = casters.iter().zip(&answers).flat_map(|(caster, answers)| {
         caster.threads.iter().map(move |threads| -> Contestant<'_> {
@@ -187,27 +188,23 @@ fn compare(report: &mut Report, rounds: usize, rays: &Rays, casters: &[Caster<'_
             Ok(Box::new(|| cast(rays, *threads, &mut answers.borrow_mut())))
         })
     });
-    let mut standings = race(rounds, contestants.collect()).into_iter();
-    let expected = answers[1].borrow();
-    let rate = |cost: Cost| rays.directions_mm.len() as f64 / cost.wall_s;
-    let (mut rows, mut rates) = (Vec::new(), Vec::new());
-    for (caster, answers) in casters.iter().zip(&answers) {
-        let medians: Result<Vec<_>, _> = standings.by_ref().take(caster.threads.len()).collect();
-        let mut cells = vec![rays.name.to_owned(), caster.label.clone()];
-        rates.push(medians.as_ref().ok().map(|medians| rate(medians[0])));
-        let ratio = rates[0].zip(rates[rates.len() - 1]).map_or_else(String::new, |(first, own)| number(own / first));
-        match medians {
-            Ok(medians) => cells.extend([
-                number(rate(medians[0]) / 1e6),
-                medians.get(1).map_or_else(|| "one thread only".to_owned(), |cost| number(rate(*cost) / 1e6)),
-                ratio,
-                number(answers.borrow().differing_ppm(&expected)),
-            ]),
-            Err(reason) => cells.extend([reason, String::new(), String::new(), String::new()]),
-        }
-        rows.push(cells);
-    }
-    let first = &casters[0].label;
-    report.table(&["rays", "engine", "Mrays/s, 1 thread", "2 threads", &format!("of {first}"), "other answers, ppm"], &rows);
-    rates
+    let mut medians = race(rounds, contestants.collect()).into_iter();
+    let (expected, mut first_s) = (answers[1].borrow(), None);
+    let rate = |seconds: f64| number(rays.directions_mm.len() as f64 / seconds / 1e6);
+    casters
+        .iter()
+        .zip(&answers)
+        .map(|(caster, answers)| {
+            let costs: Result<Vec<_>, _> = medians.by_ref().take(caster.threads.len()).collect();
+            let names = [rays.name.to_owned(), caster.label.clone()];
+            let costs = match costs {
+                Ok(costs) => costs,
+                Err(reason) => return (names.into_iter().chain([reason]).chain([const { String::new() }; 3]).collect(), None),
+            };
+            let ratio = *first_s.get_or_insert(costs[0].cpu_s) / costs[0].cpu_s;
+            let on_two = costs.get(1).map_or_else(|| "one thread only".into(), |cost| rate(cost.wall_s));
+            let differing = number(answers.borrow().differing_ppm(&expected));
+            (names.into_iter().chain([rate(costs[0].cpu_s), on_two, number(ratio), differing]).collect(), Some(ratio))
+        })
+        .collect()
 }

@@ -14,7 +14,8 @@ use nalgebra::Point3;
 use vantage::geometry::RayScene;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
-use vantage::planning::{surface, visibility};
+use vantage::planning::surface;
+use vantage::planning::visibility::{self, Occluders};
 
 /// Triangles of the parts.
 const TRIANGLES: [usize; 2] = [20_000, 70_000];
@@ -45,10 +46,10 @@ fn engine(c: &mut Criterion) {
     for triangles in TRIANGLES {
         let mesh = meshes::lobed(triangles);
         let surface = surface::sample(&mesh, &params.part, &params.regions, params.seed).expect("not too many samples");
-        let scene = RayScene::new([&mesh]);
+        let occluders = Occluders::new([&mesh]);
         group.bench_function(BenchmarkId::from_parameter(mesh.faces.len()), |b| {
             let ctx = Context::new(&cancel, &Silent);
-            b.iter(|| visibility::cast(&surface, &views, &scanner, &scene, &params, &ctx).expect("not cancelled"));
+            b.iter(|| visibility::cast(&surface, &views, &scanner, &occluders, &params, &ctx).expect("not cancelled"));
         });
     }
     group.finish();
