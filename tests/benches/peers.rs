@@ -24,7 +24,7 @@ use std::fs;
 
 use embree::Embree;
 use measure::Pools;
-use meshes::{Part, Size};
+use meshes::Part;
 use python::Python;
 use report::Report;
 use vantage::cell::Scanner;
@@ -109,15 +109,15 @@ impl Bench {
         if let Ok(python) = &self.python {
             python.borrow_mut().load(&part.mesh);
         }
-        let compared = matches!(part.size, Some(Size::Coarse | Size::Dense)) || options.quick;
-        let open3d_s = (options.wants("viewpoint") && compared).then(|| viewpoint::section(self, part)).flatten();
+        let open3d_s = options.wants("viewpoint").then(|| viewpoint::section(self, part)).flatten();
         if options.wants("packets") {
             packets::section(self, part);
         }
-        if options.wants("engine") {
+        let demanded = part.size.is_some() || options.quick;
+        if options.wants("engine") && demanded {
             engine::section(self, part);
         }
-        if options.wants("plan") {
+        if options.wants("plan") && demanded {
             planned::section(self, part, open3d_s);
         }
     }
