@@ -45,7 +45,7 @@ impl Occluders {
     pub fn new<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
         let meshes: Vec<_> = meshes.into_iter().collect();
         let rays = RayScene::new(meshes.iter().copied());
-        let clusters = raster::Clusters::new(&meshes, &rays.leaf_order());
+        let clusters = raster::Clusters::new(&meshes);
         Self { rays, clusters }
     }
 }

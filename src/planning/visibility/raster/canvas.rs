@@ -77,8 +77,11 @@ pub(super) struct Canvas {
     /// Wanted tiles.
     wanted: Vec<u32>,
     spans: Vec<Span>,
+    back_spans: Vec<Span>,
     cut: Vec<Cut>,
-    clusters_of: Lists,
+    /// Of clusters that may show a front face, and of those that show back faces alone.
+    fronts_of: Lists,
+    backs_of: Lists,
     cut_of: Lists,
     maps: Vec<Nearness>,
 }
@@ -155,10 +158,12 @@ impl Canvas {
             self.wanted.push(tile as u32);
         }
         self.spans.resize(drawing.scene.clusters.len(), NOWHERE);
-        let culled = drawing.scene.clusters.par_chunks(CULL_CHUNK).zip(self.spans.par_chunks_mut(CULL_CHUNK));
-        culled.with_min_len(drawing.grain).try_for_each(|(clusters, spans)| {
+        self.back_spans.resize(drawing.scene.clusters.len(), NOWHERE);
+        let spans = self.spans.par_chunks_mut(CULL_CHUNK).zip(self.back_spans.par_chunks_mut(CULL_CHUNK));
+        let culled = drawing.scene.clusters.par_chunks(CULL_CHUNK).zip(spans);
+        culled.with_min_len(drawing.grain).try_for_each(|(clusters, (spans, back_spans))| {
             ctx.check()?;
-            drawing.level.run(Cull { clusters, spans, drawing });
+            drawing.level.run(Cull { clusters, spans, back_spans, drawing });
             Ok(())
         })?;
         self.cut.clear();
@@ -168,7 +173,8 @@ impl Canvas {
             ctx.check()?;
             cutter.cut(cluster, &mut self.cut);
         }
-        self.clusters_of.fill(&self.spans, &self.slots, grid.columns, self.wanted.len());
+        self.fronts_of.fill(&self.spans, &self.slots, grid.columns, self.wanted.len());
+        self.backs_of.fill(&self.back_spans, &self.slots, grid.columns, self.wanted.len());
         let spans: Vec<Span> = self.cut.iter().map(|cut| span_of_cut(cut, &grid)).collect();
         self.cut_of.fill(&spans, &self.slots, grid.columns, self.wanted.len());
         Ok(())
@@ -212,7 +218,8 @@ impl Canvas {
             pinhole: drawing.pinhole,
             corner_px: drawing.grid.corner_px(self.wanted[slot] as usize),
             clusters: &scene.clusters,
-            listed: self.clusters_of.of(slot),
+            listed: self.fronts_of.of(slot),
+            listed_back: self.backs_of.of(slot),
             cut: &self.cut,
             listed_cut: self.cut_of.of(slot),
             // Back faces hide nothing only from outside.
@@ -230,6 +237,7 @@ impl Canvas {
 struct Cull<'a> {
     clusters: &'a [Cluster],
     spans: &'a mut [Span],
+    back_spans: &'a mut [Span],
     drawing: &'a Drawing<'a>,
 }
 
@@ -238,10 +246,17 @@ impl Kernel for Cull<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let cull = !self.drawing.scene.may_enclose(&self.drawing.pinhole.centre_mm);
-        for (cluster, span) in self.clusters.iter().zip(self.spans) {
-            let away = cull && cluster.outward && cluster.faces_away(&self.drawing.pinhole.centre_mm);
-            *span = if away { NOWHERE } else { span_of_box(cluster, self.drawing) };
+        let centre_mm = self.drawing.pinhole.centre_mm;
+        let cull = !self.drawing.scene.may_enclose(&centre_mm);
+        for ((cluster, span), back_span) in self.clusters.iter().zip(self.spans).zip(self.back_spans) {
+            (*span, *back_span) = (NOWHERE, NOWHERE);
+            let away = cluster.faces_away(&centre_mm);
+            if away && cull && cluster.outward {
+                continue;
+            }
+            let meets = span_of_box(cluster, self.drawing);
+            // What is to be cut is drawn last in any case.
+            *(if away && meets != CUT { back_span } else { span }) = meets;
         }
     }
 }

@@ -12,10 +12,15 @@ use rayon::prelude::*;
 use super::pinhole::{LANES, Lanes};
 use crate::geometry::{Aabb, Mesh, outward_faces};
 
+/// Stands for no triangle.
+pub(super) const NO_TRIANGLE: u32 = u32::MAX;
 /// Triangles a cluster.
 pub(super) const TRIANGLES: usize = 64;
 /// Most vertices of a cluster.
 pub(super) const VERTICES: usize = 3 * TRIANGLES;
+
+/// Triangles from which it pays to sort two halves in parallel.
+const PARALLEL_HALVES: usize = 20_000;
 
 /// All triangles of the scene.
 pub(crate) struct Clusters {
@@ -24,8 +29,6 @@ pub(crate) struct Clusters {
     pub(super) clusters: Vec<Cluster>,
     /// Bounding box of the outward clusters, relative to the origin.
     pub(super) outward: Aabb,
-    /// Number of triangles.
-    pub(super) triangles: usize,
 }
 
 /// 64 triangles.
@@ -78,8 +81,14 @@ impl Cone {
 }
 
 impl Clusters {
-    /// Clusters of all triangles of `meshes`, which share one frame, in the order `order`.
-    pub(crate) fn new(meshes: &[&Mesh], order: &[u32]) -> Self {
+    /// Numbers of all triangles, those of a cluster together.
+    pub(super) fn order(&self) -> impl Iterator<Item = u32> {
+        self.clusters.iter().flat_map(|cluster| cluster.numbers).filter(|number| *number != NO_TRIANGLE)
+    }
+
+    /// Clusters of all triangles of `meshes`, which share one frame.
+    pub(crate) fn new(meshes: &[&Mesh]) -> Self {
+        let order = &compact_order(meshes);
         let aabb = meshes.iter().fold(Aabb::empty(), |aabb, mesh| {
             let own = mesh.aabb();
             Aabb { min: aabb.min.inf(&own.min), max: aabb.max.sup(&own.max) }
@@ -91,7 +100,36 @@ impl Clusters {
         let outward = clusters.iter().filter(|cluster| cluster.outward);
         let outward =
             outward.fold(Aabb::empty(), |aabb, cluster| aabb.with(&corner(&cluster.low_mm)).with(&corner(&cluster.high_mm)));
-        Self { centre_mm, clusters, outward, triangles: order.len() }
+        Self { centre_mm, clusters, outward }
+    }
+}
+
+/// Numbers of all triangles such that each 64 in a row lie close together: halved across the longest extent of their
+/// middles, at a multiple of 64, until no more than 64 are left.
+fn compact_order(meshes: &[&Mesh]) -> Vec<u32> {
+    let middle = |mesh: &Mesh, face: usize| mesh.corners(face).iter().map(|p| p.coords).sum::<Vector3<f64>>().cast::<f32>();
+    let middles = meshes.iter().flat_map(|mesh| (0..mesh.faces.len()).map(|face| middle(mesh, face)));
+    let mut numbered: Vec<_> = (0..).zip(middles).collect();
+    halve(&mut numbered);
+    numbered.into_iter().map(|(triangle, _)| triangle).collect()
+}
+
+fn halve(triangles: &mut [(u32, Vector3<f32>)]) {
+    if triangles.len() <= TRIANGLES {
+        return;
+    }
+    let start = (triangles[0].1, triangles[0].1);
+    let (low, high) = triangles.iter().fold(start, |(low, high), (_, middle)| (low.inf(middle), high.sup(middle)));
+    let axis = (high - low).imax();
+    let half = triangles.len().div_ceil(TRIANGLES).div_ceil(2) * TRIANGLES;
+    // Equal middles are told apart by number, so that the order is one and the same on any number of threads.
+    triangles.select_nth_unstable_by(half, |a, b| a.1[axis].total_cmp(&b.1[axis]).then(a.0.cmp(&b.0)));
+    let (first, second) = triangles.split_at_mut(half);
+    if first.len() > PARALLEL_HALVES {
+        rayon::join(|| halve(first), || halve(second));
+    } else {
+        halve(first);
+        halve(second);
     }
 }
 
@@ -116,7 +154,7 @@ impl<'a> Soup<'a> {
         let mut cluster = Cluster {
             vertices: Box::default(),
             corners: [[0; TRIANGLES]; 3],
-            numbers: [u32::MAX; TRIANGLES],
+            numbers: [NO_TRIANGLE; TRIANGLES],
             outward: true,
             low_mm: [f32::INFINITY; 3],
             high_mm: [f32::NEG_INFINITY; 3],

@@ -113,13 +113,12 @@ impl<'a> Engine<'a> {
         occluders: &'a Occluders,
         ctx: &'a Context<'a>,
     ) -> Self {
-        let order = occluders.rays.leaf_order();
         Self {
             surface,
             optics,
             kept_quality,
             occluders,
-            samples: Samples::new(surface, &order),
+            samples: Samples::new(surface, occluders.clusters.order()),
             grids: [0, 1, 2].map(|d| Grid::of(optics.lens(d))),
             level: ctx.simd_level(),
             ctx,

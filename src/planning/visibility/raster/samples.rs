@@ -36,14 +36,14 @@ pub(super) struct SampleCluster {
 }
 
 impl Samples {
-    /// Samples of `surface`, those of face `order[0]` first; numbers in `order` beyond the part's faces are passed over.
-    pub(super) fn new(surface: &Surface, order: &[u32]) -> Self {
+    /// Samples of `surface`, those of the first face in `order` first; numbers in it beyond the part's faces are passed over.
+    pub(super) fn new(surface: &Surface, order: impl Iterator<Item = u32>) -> Self {
         let faces = surface.patches.last().map_or(0, |patch| patch.face as usize + 1);
         let mut first_patch = vec![0; faces + 1];
         surface.patches.iter().for_each(|patch| first_patch[patch.face as usize + 1] += 1);
         (0..faces).for_each(|face| first_patch[face + 1] += first_patch[face]);
-        let of_face = |face: &u32| &surface.patches[first_patch[*face as usize]..first_patch[*face as usize + 1]];
-        let patches = order.iter().filter(|face| (**face as usize) < faces).flat_map(of_face);
+        let of_face = |face: usize| &surface.patches[first_patch[face]..first_patch[face + 1]];
+        let patches = order.map(|face| face as usize).filter(|face| *face < faces).flat_map(of_face);
         let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample..patch.first_sample + patch.samples).collect();
         Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
     }

@@ -54,8 +54,10 @@ pub(super) struct TileJob<'a> {
     /// Image coordinates of the tile's first pixel.
     pub(super) corner_px: [f32; 2],
     pub(super) clusters: &'a [Cluster],
-    /// Clusters that meet the tile.
+    /// Clusters that meet the tile and may show a front face.
     pub(super) listed: &'a [u32],
+    /// Clusters that meet the tile and show only back faces, which mostly lie behind front faces.
+    pub(super) listed_back: &'a [u32],
     pub(super) cut: &'a [Cut],
     /// Triangles of `cut` that meet the tile.
     pub(super) listed_cut: &'a [u32],
@@ -112,20 +114,97 @@ impl<T: Target> Kernel for Draw<'_, T> {
         for &cluster in job.listed {
             let cluster = &job.clusters[cluster as usize];
             project(job, cluster, &mut image);
-            let cull = job.cull && cluster.outward;
-            for first in (0..TRIANGLES).step_by(LANES) {
-                if cluster.numbers[first] == NOTHING {
-                    break;
+            draw_cluster(job, cluster, &image, nearness, numbers);
+        }
+        if !job.listed_back.is_empty() {
+            let hiding = Hiding::of(nearness);
+            for &cluster in job.listed_back {
+                let cluster = &job.clusters[cluster as usize];
+                project(job, cluster, &mut image);
+                if !hiding.hides(cluster, &image) {
+                    draw_cluster(job, cluster, &image, nearness, numbers);
                 }
-                let corners = gather(cluster, first, &image);
-                let setup = Setup::new(&corners, cull);
-                setup.draw(nearness, numbers, |lane| cluster.numbers[first + lane]);
             }
         }
         for listed in job.listed_cut.chunks(LANES) {
             let setup = Setup::new(&gather_cut(job, listed), false);
             setup.draw(nearness, numbers, |lane| job.cut[listed[lane] as usize].number);
         }
+    }
+}
+
+#[inline(always)]
+fn draw_cluster<T: Target>(
+    job: &TileJob<'_>,
+    cluster: &Cluster,
+    image: &[[f32; VERTICES]; 3],
+    nearness: &mut Nearness,
+    numbers: &mut T,
+) {
+    let cull = job.cull && cluster.outward;
+    for first in (0..TRIANGLES).step_by(LANES) {
+        if cluster.numbers[first] == NOTHING {
+            break;
+        }
+        let setup = Setup::new(&gather(cluster, first, image), cull);
+        setup.draw(nearness, numbers, |lane| cluster.numbers[first + lane]);
+    }
+}
+
+/// The furthest pixel of each block, which hides whatever is further still (Greene, Kass and Miller 1993, *Hierarchical
+/// Z-Buffer Visibility*).
+struct Hiding([Lanes; BLOCKS]);
+
+impl Hiding {
+    #[inline(always)]
+    fn of(nearness: &Nearness) -> Self {
+        let mut least = [[0.0; BLOCKS]; BLOCKS];
+        for (row, blocks) in nearness.as_chunks::<BLOCKS>().0.iter().enumerate() {
+            for (column, block) in blocks.iter().enumerate() {
+                let mut eight = [0.0; LANES / 2];
+                for lane in 0..LANES / 2 {
+                    eight[lane] = lower(block[lane], block[lane + LANES / 2]);
+                }
+                let mut four = [0.0; LANES / 4];
+                for lane in 0..LANES / 4 {
+                    four[lane] = lower(eight[lane], eight[lane + LANES / 4]);
+                }
+                least[row][column] = lower(lower(four[0], four[1]), lower(four[2], four[3]));
+            }
+        }
+        Self(least)
+    }
+
+    /// Whether nothing of a projected cluster can change the tile.
+    #[inline(always)]
+    fn hides(&self, cluster: &Cluster, image: &[[f32; VERTICES]; 3]) -> bool {
+        let mut bounds = [[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]];
+        let mut nearest = [0.0; LANES];
+        for first in (0..cluster.vertices.len() * LANES).step_by(LANES) {
+            for lane in 0..LANES {
+                let (x, y) = (image[0][first + lane], image[1][first + lane]);
+                bounds[0][lane] = lower(x, bounds[0][lane]);
+                bounds[1][lane] = higher(x, bounds[1][lane]);
+                bounds[2][lane] = lower(y, bounds[2][lane]);
+                bounds[3][lane] = higher(y, bounds[3][lane]);
+                nearest[lane] = higher(image[2][first + lane], nearest[lane]);
+            }
+        }
+        let least = |values: &Lanes| values.iter().fold(f32::INFINITY, |a, b| lower(a, *b));
+        let most = |values: &Lanes| values.iter().fold(f32::NEG_INFINITY, |a, b| higher(a, *b));
+        let (left, right) = columns(least(&bounds[0]), most(&bounds[1]));
+        let (top, bottom) = columns(least(&bounds[2]), most(&bounds[3]));
+        let (nearest, blocks) = (most(&nearest), (left >> 2)..=(right >> 2));
+        let block_columns: [i32; BLOCKS] = std::array::from_fn(|column| column as i32);
+        left > right
+            || ((top >> 2)..=(bottom >> 2)).all(|row| {
+                let row = &self.0[row as usize & (BLOCKS - 1)];
+                let mut open = 0;
+                for column in 0..BLOCKS {
+                    open |= i32::from(blocks.contains(&block_columns[column]) & (row[column] < nearest));
+                }
+                open == 0
+            })
     }
 }
 
@@ -283,9 +362,10 @@ impl Setup {
                     let inside =
                         (within[0][lane] + at[0] >= 0.0) & (within[1][lane] + at[1] >= 0.0) & (within[2][lane] + at[2] >= 0.0);
                     let value = lower(higher(slope[lane] + base, furthest), nearest);
-                    let nearer = inside & (value > block[lane]);
-                    numbers.put(place, lane, nearer, number);
-                    block[lane] = if nearer { value } else { block[lane] };
+                    // A whole block is written, not the pixels that change: masked stores are slow to be read again.
+                    let value = if inside { value } else { 0.0 };
+                    numbers.put(place, lane, value > block[lane], number);
+                    block[lane] = higher(value, block[lane]);
                 }
             }
         }
