@@ -20,6 +20,6 @@ pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, plate_
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, outward_faces};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
-pub use ray_scene::RayScene;
+pub use ray_scene::{Hit, RayScene};
 pub use simd::{Kernel, SimdLevel};
 pub use unit::{LengthUnit, UnknownUnit};

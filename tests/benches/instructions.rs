@@ -6,11 +6,14 @@
 use std::hint::black_box;
 use std::process::Command;
 
-use nalgebra::Point3;
+use nalgebra::Vector3;
+use rayon::ThreadPoolBuilder;
 use vantage::cell::Scanner;
 use vantage::geometry::{Mesh, RayScene, SimdLevel};
 
+use crate::engine::Ready;
 use crate::meshes::lobed;
+use crate::packets::END;
 use crate::report::{Report, number};
 use crate::rig::{eyes, scanner, views};
 
@@ -21,7 +24,8 @@ pub(crate) const WORD: &str = "kernel";
 const TRIANGLES: usize = 20_000;
 /// Of the levels, those that valgrind knows.
 const LEVELS: [&str; 2] = ["portable", "avx2"];
-const KERNELS: [(&str, Kernel); 1] = [("any-hit rays", any_hit_rays)];
+const KERNELS: [(&str, Kernel); 3] =
+    [("any-hit rays", any_hit_rays), ("first-hit rays", first_hit_rays), ("default engine, one viewpoint", one_view)];
 
 type Kernel = fn(&Scene, SimdLevel);
 
@@ -30,6 +34,7 @@ struct Scene {
     scanner: Scanner,
     mesh: Mesh,
     rays: RayScene,
+    ready: Ready,
 }
 
 /// Counts all kernels.
@@ -51,9 +56,11 @@ pub(crate) fn section(report: &mut Report) {
 pub(crate) fn run(kernel: &str, level: &str, times: &str) {
     let (_, kernel) = KERNELS.iter().find(|(name, _)| *name == kernel).expect("a kernel");
     let level = SimdLevel::available().into_iter().find(|known| known.as_str() == level).expect("a level of this CPU");
+    // A pool of this thread alone: what other threads do while they wait differs from run to run.
+    let pool = ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().expect("no thread is started");
     let mesh = lobed(TRIANGLES);
-    let scene = Scene { scanner: scanner(), rays: RayScene::new([&mesh]), mesh };
-    (0..times.parse().expect("a number")).for_each(|_: u32| kernel(&scene, level));
+    let scene = Scene { scanner: scanner(), rays: RayScene::new([&mesh]), ready: Ready::new(&mesh, None), mesh };
+    pool.install(|| (0..times.parse().expect("a number")).for_each(|_: u32| kernel(&scene, level)));
 }
 
 /// Instructions of one run; or why there is no count.
@@ -74,10 +81,26 @@ fn count(kernel: &str, level: &str) -> Result<u64, String> {
 }
 
 /// From the projector to the middle of every triangle.
-fn any_hit_rays(scene: &Scene, _: SimdLevel) {
+fn any_hit_rays(scene: &Scene, level: SimdLevel) {
     let [_, _, projector] = eyes(&scene.scanner, &views(&scene.scanner)[0]);
-    for face in 0..scene.mesh.faces.len() {
-        let [a, b, c] = scene.mesh.corners(face).map(|corner| corner.coords);
-        black_box(scene.rays.blocked(&projector.centre_mm, &Point3::from((a + b + c) / 3.0), 1.0 - 1e-5));
-    }
+    let middle = |face: usize| scene.mesh.corners(face).iter().map(|corner| corner.coords / 3.0).sum::<Vector3<f64>>().into();
+    let middles: Vec<_> = (0..scene.mesh.faces.len()).map(middle).collect();
+    let mut blocked = Vec::new();
+    scene.rays.blocked_from(level, &projector.centre_mm, &middles, f64::from(END), &mut blocked);
+    black_box(blocked);
+}
+
+/// Through every sixteenth pixel of the left camera that can show the part, each way.
+fn first_hit_rays(scene: &Scene, level: SimdLevel) {
+    let [left, _, _] = eyes(&scene.scanner, &views(&scene.scanner)[0]);
+    let pixels = left.scissor(&scene.mesh).pixels().step_by(256);
+    let directions: Vec<_> = pixels.map(|(u, v)| Vector3::from(left.ray(u, v)).map(f64::from)).collect();
+    let mut hits = Vec::new();
+    scene.rays.first_hits_from(level, &left.centre_mm, &directions, &mut hits);
+    black_box(hits);
+}
+
+/// The default engine from one viewpoint.
+fn one_view(scene: &Scene, level: SimdLevel) {
+    black_box(scene.ready.cast(&scene.scanner, &views(&scene.scanner)[..1], level));
 }

@@ -8,14 +8,14 @@ use std::cell::RefCell;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use vantage::cell::Scanner;
-use vantage::geometry::Mesh;
+use vantage::geometry::{Mesh, RayScene, SimdLevel};
 
 use crate::Bench;
 use crate::embree::{EmbreeScene, NO_FACE};
 use crate::measure::{Contestant, Cost, Pools, cost, race};
-use crate::meshes::Part;
+use crate::meshes::{Part, Size};
 use crate::python::{Peer, Python};
-use crate::report::number;
+use crate::report::{Demand, number};
 use crate::rig::{Eye, eyes, views};
 
 /// Where an any-hit ray ends, as a share of its length: 3 µm at 480 mm short of the surface that it is to reach.
@@ -38,15 +38,28 @@ pub(crate) fn section(bench: &mut Bench, part: &Part) {
     if let Ok(python) = &bench.python {
         arrays.iter().for_each(|rays| python.borrow_mut().keep_rays(rays.name, rays.origin_mm, &rays.directions_mm));
     }
-    let casters = [
+    let scene = RayScene::new([&part.mesh]);
+    let mut casters = vec![
         embree("Embree 3.13, 16 wide", plain.as_ref(), &bench.pools),
         embree("Embree 3.13, 16 wide, robust", Ok(reference), &bench.pools),
-        python(Peer::Open3d, &bench.python),
-        python(Peer::Trimesh, &bench.python),
     ];
-    let results: Vec<_> = arrays.iter().flat_map(|rays| compare(bench.rounds, rays, &casters)).collect();
+    let widest = casters.len();
+    casters.extend(SimdLevel::available().into_iter().rev().map(|level| vantage(level, &scene, &bench.pools)));
+    casters.extend([Peer::Open3d, Peer::Trimesh].map(|peer| python(peer, &bench.python)));
+    let (mut rows, mut ratios) = (Vec::new(), Vec::new());
+    for rays in &arrays {
+        let (cells, of_first): (Vec<_>, Vec<_>) = compare(bench.rounds, rays, &casters).into_iter().unzip();
+        rows.extend(cells);
+        ratios.extend(of_first[widest]);
+    }
     let header = ["rays", "engine", "Mrays a CPU second, 1 thread", "Mrays/s, 2 threads", "of the first", "other answers, ppm"];
-    bench.report.table(&header, &results.iter().map(|(cells, _)| cells.clone()).collect::<Vec<_>>());
+    bench.report.table(&header, &rows);
+    for ((rays, least), ratio) in arrays.iter().zip([0.5, 0.6, 0.6]).zip(ratios) {
+        if let Some(size @ (Size::Coarse | Size::Dense)) = part.size {
+            let what = format!("packets against Embree's, {}, {}", rays.name, size.as_str());
+            bench.report.figure(what, Demand::above(least, 0.8, " ×"), ratio);
+        }
+    }
 }
 
 /// Rays with a common origin.
@@ -57,6 +70,9 @@ struct Rays {
     origin_mm: [f32; 3],
     /// Where they go; any-hit rays end at [`END`] times this.
     directions_mm: Vec<[f32; 3]>,
+    /// The same for first hits in f64; for any hits the points that they go to, part frame. The other is empty.
+    exact_directions_mm: Vec<Vector3<f64>>,
+    targets_mm: Vec<Point3<f64>>,
     /// Whether the first face is asked for, or only whether there is any.
     first: bool,
 }
@@ -65,7 +81,7 @@ struct Rays {
 fn arrays(scanner: &Scanner, mesh: &Mesh, reference: &EmbreeScene) -> [Rays; 3] {
     let [left, right, projector] = eyes(scanner, &views(scanner)[0]);
     let directions_mm: Vec<_> = left.scissor(mesh).pixels().map(|(column, row)| left.ray(column, row)).collect();
-    let primary = Rays { name: "primary", origin_mm: centre(&left), directions_mm, first: true };
+    let primary = Rays::new("primary", &left, directions_mm, true);
     let mut faces = vec![NO_FACE; primary.directions_mm.len()];
     reference.first_faces(primary.origin_mm, &primary.directions_mm, &mut faces);
     let met = faces.iter().zip(&primary.directions_mm).filter(|(face, _)| **face != NO_FACE);
@@ -75,13 +91,23 @@ fn arrays(scanner: &Scanner, mesh: &Mesh, reference: &EmbreeScene) -> [Rays; 3] 
     [primary, shadow, sample]
 }
 
-fn centre(eye: &Eye) -> [f32; 3] {
-    eye.centre_mm.map(|x| x as f32).into()
+impl Rays {
+    fn new(name: &'static str, eye: &Eye, directions_mm: Vec<[f32; 3]>, first: bool) -> Self {
+        let origin_mm = eye.centre_mm.map(|x| x as f32);
+        let exact = directions_mm.iter().map(|direction| Vector3::from(*direction).map(f64::from));
+        let (mut exact_directions_mm, mut targets_mm) = (Vec::new(), Vec::new());
+        if first {
+            exact_directions_mm.extend(exact);
+        } else {
+            targets_mm.extend(exact.map(|direction| origin_mm.map(f64::from) + direction));
+        }
+        Self { name, origin_mm: origin_mm.into(), directions_mm, exact_directions_mm, targets_mm, first }
+    }
 }
 
 fn any_hit(name: &'static str, eye: &Eye, targets: impl Iterator<Item = Point3<f64>>) -> Rays {
     let directions_mm = targets.map(|target| (target - eye.centre_mm).map(|x| x as f32).into()).collect();
-    Rays { name, origin_mm: centre(eye), directions_mm, first: false }
+    Rays::new(name, eye, directions_mm, false)
 }
 
 /// Where a line meets the plane of a face.
@@ -142,6 +168,32 @@ struct Caster<'a> {
 
 /// Casts an array on a number of threads.
 type Cast<'a> = Box<dyn Fn(&Rays, usize, &mut Answers) -> Cost + 'a>;
+
+/// This project's packets.
+fn vantage<'a>(level: SimdLevel, scene: &'a RayScene, pools: &'a Pools) -> Caster<'a> {
+    let cast: Cast<'a> = Box::new(move |rays, threads, answers| {
+        let origin = Point3::from(rays.origin_mm).map(f64::from);
+        let work = || match answers {
+            Answers::Faces(faces) => {
+                let chunks = rays.exact_directions_mm.par_chunks(CHUNK).zip(faces.par_chunks_mut(CHUNK));
+                chunks.for_each_init(Vec::new, |hits, (directions, faces)| {
+                    scene.first_hits_from(level, &origin, directions, hits);
+                    let first = hits.iter().map(|hit| hit.map_or(NO_FACE, |hit| hit.triangle));
+                    faces.iter_mut().zip(first).for_each(|(face, first)| *face = first);
+                });
+            }
+            Answers::Blocked(blocked) => {
+                let chunks = rays.targets_mm.par_chunks(CHUNK).zip(blocked.par_chunks_mut(CHUNK));
+                chunks.for_each_init(Vec::new, |found, (targets, blocked)| {
+                    scene.blocked_from(level, &origin, targets, f64::from(END), found);
+                    blocked.copy_from_slice(found);
+                });
+            }
+        };
+        cost(|| pools.of(threads).install(work)).1
+    });
+    Caster { label: format!("Vantage, {}", level.as_str()), threads: &[1, 2], cast: Ok(cast) }
+}
 
 /// Embree with packets.
 fn embree<'a>(label: &str, scene: Result<&'a EmbreeScene, &String>, pools: &'a Pools) -> Caster<'a> {

@@ -8,6 +8,7 @@ mod inspect_scanner;
 mod kinematics;
 mod meshes;
 mod oracle_coverage;
+mod packet_rays;
 mod plan_command;
 mod planning_with_cell;
 mod public_figures;

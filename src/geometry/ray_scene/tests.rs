@@ -1,3 +1,5 @@
+mod packets;
+
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 
