@@ -74,6 +74,9 @@ fn count(kernel: &str, level: &str) -> Result<u64, String> {
             .output()
             .map_err(|_| "valgrind is not installed".to_owned())?;
         let said = String::from_utf8_lossy(&output.stderr);
+        if said.contains("unhandled instruction") {
+            return Err("this valgrind does not know one of its instructions".into());
+        }
         let collected = said.lines().find_map(|line| line.split_once("Collected : ")).map(|(_, count)| count.trim().parse());
         collected.and_then(Result::ok).filter(|_| output.status.success()).ok_or_else(|| "valgrind cannot run it".to_owned())
     };
