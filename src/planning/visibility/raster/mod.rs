@@ -35,7 +35,7 @@ pub(crate) use clusters::Clusters;
 use nalgebra::{Point3, Vector3};
 use pinhole::{LANES, Pinhole, higher, lower};
 use samples::{BATCHES, NO_SAMPLE, SAMPLES, SampleCluster, Samples};
-use tile::{Nearness, TILE, place};
+use tile::{Nearness, TILE, place, step_down, step_right};
 
 /// Band around a sample's own surface in which the map does not hide it: what f32 and the facets leave, mm, …
 const BAND_MM: f32 = 0.01;
@@ -360,12 +360,29 @@ impl Look<'_> {
         map.map_or(0.0, |map| map.as_flattened()[place])
     }
 
-    /// Nearest and furthest of the four pixels around a place.
+    /// Nearness at the four pixels around a place.
     #[inline(always)]
-    fn around(&self, x: u32, y: u32) -> (f32, f32) {
-        let four = [self.nearness(x, y), self.nearness(x + 1, y), self.nearness(x, y + 1), self.nearness(x + 1, y + 1)];
-        (higher(higher(four[0], four[1]), higher(four[2], four[3])), lower(lower(four[0], four[1]), lower(four[2], four[3])))
+    fn around(&self, x: u32, y: u32, spot: Spot) -> [f32; 4] {
+        let last = TILE as u32 - 1;
+        if x % TILE as u32 == last || y % TILE as u32 == last {
+            return [self.nearness(x, y), self.nearness(x + 1, y), self.nearness(x, y + 1), self.nearness(x + 1, y + 1)];
+        }
+        let Some(map) = self.slots.get(spot.tile as usize).and_then(|slot| self.maps.get(*slot as usize)) else { return [0.0; 4] };
+        let pixels: &[f32; TILE * TILE] = map.as_flattened().try_into().unwrap_or(&[0.0; TILE * TILE]);
+        let at = |place: u32| pixels[place as usize % (TILE * TILE)];
+        let below = spot.place + spot.down;
+        [at(spot.place), at(spot.place + spot.right), at(below), at(below + spot.right)]
     }
+}
+
+/// Where a pixel lies in the maps.
+#[derive(Clone, Copy, Default)]
+struct Spot {
+    tile: u32,
+    place: u32,
+    /// Steps to its neighbours, unless they lie in another tile.
+    right: u32,
+    down: u32,
 }
 
 /// Compares the remaining samples of a cluster with a device's map.
@@ -388,9 +405,9 @@ impl Kernel for Compare<'_> {
             }
             let [u, v, nearness] = project(cluster, batch, look.pinhole, look.offset_mm);
             let offsets = cluster.batch(batch);
-            let mut columns = [0; LANES];
-            let mut rows = [0; LANES];
-            let mut seen_mm = [0.0; LANES];
+            let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
+            let (mut tiles, mut places, mut rights, mut downs) = ([0; LANES], [0; LANES], [0; LANES], [0; LANES]);
+            let (mut seen_mm, mut hidden_mm) = ([0.0; LANES], [0.0; LANES]);
             for lane in 0..LANES {
                 let place = batch * LANES + lane;
                 let (mut along, mut length) = (0.0, 0.0);
@@ -402,16 +419,25 @@ impl Kernel for Compare<'_> {
                 let depth_mm = 1.0 / nearness[lane];
                 let tan = higher(length - along * along, 0.0).sqrt() / along;
                 seen_mm[lane] = depth_mm - (BAND_MM + BAND_PX / look.pinhole.focal_px * depth_mm * tan);
-                columns[lane] = higher(u[lane] - look.grid.left_px, 0.0) as i32;
-                rows[lane] = higher(v[lane] - look.grid.top_px, 0.0) as i32;
+                hidden_mm[lane] = seen_mm[lane] - HIDDEN_MM;
+                columns[lane] = higher(u[lane] - look.grid.left_px, 0.0) as i32 as u32;
+                rows[lane] = higher(v[lane] - look.grid.top_px, 0.0) as i32 as u32;
+            }
+            for lane in 0..LANES {
+                let (x, y) = (columns[lane], rows[lane]);
+                tiles[lane] = y / TILE as u32 * look.grid.columns as u32 + x / TILE as u32;
+                places[lane] = place(x % TILE as u32, y % TILE as u32);
+                rights[lane] = step_right(x);
+                downs[lane] = step_down(y);
             }
             for lane in 0..LANES {
                 if states[lane] != PASSES {
                     continue;
                 }
-                let (nearest, furthest) = look.around(columns[lane] as u32, rows[lane] as u32);
-                let seen = nearest * seen_mm[lane] <= 1.0;
-                let hidden = furthest * (seen_mm[lane] - HIDDEN_MM) > 1.0;
+                let spot = Spot { tile: tiles[lane], place: places[lane], right: rights[lane], down: downs[lane] };
+                let [a, b, c, d] = look.around(columns[lane], rows[lane], spot);
+                let seen = higher(higher(a, b), higher(c, d)) * seen_mm[lane] <= 1.0;
+                let hidden = lower(lower(a, b), lower(c, d)) * hidden_mm[lane] > 1.0;
                 states[lane] = if seen {
                     PASSES
                 } else if hidden {

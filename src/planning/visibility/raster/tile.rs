@@ -28,6 +28,19 @@ const BLOCK_REACH: f32 = 3.01;
 
 /// Nearness at a tile's pixels, 1/mm, 0 where there is nothing; by blocks, row by row.
 pub(super) type Nearness = [Lanes; BLOCKS * BLOCKS];
+/// From a pixel's place to that of the pixel on its right, within the tile.
+#[inline(always)]
+pub(super) fn step_right(x: u32) -> u32 {
+    if x % BLOCK as u32 == BLOCK as u32 - 1 { LANES as u32 - (BLOCK as u32 - 1) } else { 1 }
+}
+
+/// From a pixel's place to that of the pixel below it, within the tile.
+#[inline(always)]
+pub(super) fn step_down(y: u32) -> u32 {
+    let blocks = (BLOCKS * LANES) as u32;
+    if y % BLOCK as u32 == BLOCK as u32 - 1 { blocks - (BLOCK * (BLOCK - 1)) as u32 } else { BLOCK as u32 }
+}
+
 /// What was drawn at a tile's pixels: [`NOTHING`] or a number that the drawing gave.
 pub(super) type Numbers = [[u32; LANES]; BLOCKS * BLOCKS];
 /// No triangle.
@@ -348,24 +361,27 @@ impl Setup {
         }
         for row in top..=bottom {
             let y = (row * BLOCK) as f32;
+            let row_edges: [[f32; 2]; 3] = std::array::from_fn(|e| [edges[e][0], edges[e][1] * y + edges[e][2]]);
+            let row_base = plane[1] * y + plane[2];
             let met = if right - left < WIDE { u32::MAX } else { blocks_met(&edges, y) };
             for column in left..=right {
                 if met >> column & 1 == 0 {
                     continue;
                 }
                 let x = (column * BLOCK) as f32;
-                let at: [f32; 3] = std::array::from_fn(|e| edges[e][0] * x + edges[e][1] * y + edges[e][2]);
-                let base = plane[0] * x + plane[1] * y + plane[2];
+                let at = row_edges.map(|[a, rest]| a * x + rest);
+                let base = plane[0] * x + row_base;
                 let place = (row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
                 let block = &mut nearness[place];
                 for lane in 0..LANES {
                     let inside =
                         (within[0][lane] + at[0] >= 0.0) & (within[1][lane] + at[1] >= 0.0) & (within[2][lane] + at[2] >= 0.0);
                     let value = lower(higher(slope[lane] + base, furthest), nearest);
-                    // A whole block is written, not the pixels that change: masked stores are slow to be read again.
                     let value = if inside { value } else { 0.0 };
                     numbers.put(place, lane, value > block[lane], number);
-                    block[lane] = higher(value, block[lane]);
+                    // The greater of two numbers that are not negative has the greater bits. Said so, the whole block is
+                    // written, not the pixels that change: masked stores are slow to be read again.
+                    block[lane] = f32::from_bits(value.to_bits().max(block[lane].to_bits()));
                 }
             }
         }
