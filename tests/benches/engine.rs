@@ -47,6 +47,13 @@ impl Ready {
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
         visibility::cast(&self.surface, views, scanner, &self.occluders, &self.params, &ctx).expect("not cancelled")
     }
+
+    /// Which triangles the devices meet with a pixel from `view`: a bit a device, left camera first.
+    pub(crate) fn pixel_set(&self, scanner: &Scanner, view: &Pose<PartFrame, ScannerFrame>, level: SimdLevel) -> Vec<u8> {
+        let cancel = AtomicBool::new(false);
+        let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
+        visibility::pixel_set(&self.occluders, scanner, view, &ctx).expect("not cancelled")
+    }
 }
 
 /// The engine on two threads and on one, and with the narrower vector instructions where that does not take minutes.

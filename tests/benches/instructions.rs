@@ -24,8 +24,12 @@ pub(crate) const WORD: &str = "kernel";
 const TRIANGLES: usize = 20_000;
 /// Of the levels, those that valgrind knows.
 const LEVELS: [&str; 2] = ["portable", "avx2"];
-const KERNELS: [(&str, Kernel); 3] =
-    [("any-hit rays", any_hit_rays), ("first-hit rays", first_hit_rays), ("default engine, one viewpoint", one_view)];
+const KERNELS: [(&str, Kernel); 4] = [
+    ("any-hit rays", any_hit_rays),
+    ("first-hit rays", first_hit_rays),
+    ("default engine, one viewpoint", one_view),
+    ("raster alone, one full-resolution viewpoint", one_pixel_set),
+];
 
 type Kernel = fn(&Scene, SimdLevel);
 
@@ -106,4 +110,9 @@ fn first_hit_rays(scene: &Scene, level: SimdLevel) {
 /// The default engine from one viewpoint.
 fn one_view(scene: &Scene, level: SimdLevel) {
     black_box(scene.ready.cast(&scene.scanner, &views(&scene.scanner)[..1], level));
+}
+
+/// All pixels from one viewpoint, drawn.
+fn one_pixel_set(scene: &Scene, level: SimdLevel) {
+    black_box(scene.ready.pixel_set(&scene.scanner, &views(&scene.scanner)[0], level));
 }

@@ -1,18 +1,20 @@
 //! A whole viewpoint at full resolution, as the thesis casts it: which triangles does each of three devices of
-//! 4000 × 3036 pixels meet with the ray of at least one pixel? Open3D makes, casts and reduces all 36.4 million rays, as
-//! its users do; Embree's packets get only the pixels that can show the part, which answers the same.
+//! 4000 × 3036 pixels meet with the ray of at least one pixel? The rasteriser answers without rays; Open3D makes, casts
+//! and reduces all 36.4 million, as its users do; Embree's packets get only the pixels that can show the part, which
+//! answers the same.
 
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use vantage::geometry::Mesh;
+use vantage::geometry::{Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame, SimdLevel};
 
 use crate::Bench;
 use crate::embree::{EmbreeScene, NO_FACE};
+use crate::engine::Ready;
 use crate::measure::{Contestant, Cost, cost, race};
-use crate::meshes::Part;
-use crate::report::{ms, number};
+use crate::meshes::{Part, Size};
+use crate::report::{Demand, Good, Report, ms, number};
 use crate::rig::{self, Eye, PixelBox};
 
 /// Rows of pixels that a thread takes at a time.
@@ -26,37 +28,77 @@ type Eyes = [Eye; 3];
 
 /// Everyone takes all viewpoints in turn. Gives Open3D's wall seconds a viewpoint.
 pub(crate) fn section(bench: &mut Bench, part: &Part) -> Option<f64> {
-    let views: Vec<_> = rig::views(&bench.scanner).iter().map(|view| rig::eyes(&bench.scanner, view)).collect();
+    let poses = rig::views(&bench.scanner);
+    let views: Vec<_> = poses.iter().map(|view| rig::eyes(&bench.scanner, view)).collect();
+    let ready = Ready::new(&part.mesh, None);
     let robust = bench.embree.as_ref().map(|embree| embree.scene(&part.mesh, true)).map_err(String::clone);
     let steps = RefCell::new([0.0; 3]);
-    let mut labels = Vec::new();
-    let mut contestants = Vec::new();
-    for threads in [1, 2] {
-        labels.push(format!("Embree 3.13, 16 wide, robust, scissored, {threads} thread(s)"));
-        contestants.push(with_packets(bench, robust.as_ref(), &views, &part.mesh, threads));
+    let mut field: Vec<(String, usize, Contestant<'_>)> = Vec::new();
+    let widest = SimdLevel::widest();
+    let levels = SimdLevel::available().into_iter().rev().map(|level| (level, 2));
+    for (level, threads) in levels.chain([(widest, 1)]) {
+        let contestant = with_raster(bench, &ready, &poses, level, threads);
+        field.push((format!("Vantage, {}", level.as_str()), threads, contestant));
     }
-    labels.push("Open3D, all pixels, 2 threads".into());
-    contestants.push(with_open3d(bench, &views, &part.mesh, &steps));
+    for threads in [2, 1] {
+        let contestant = with_packets(bench, robust.as_ref(), &views, &part.mesh, threads);
+        field.push(("Embree 3.13, 16 wide, robust, scissored".into(), threads, contestant));
+    }
+    field.push(("Open3D, all pixels".into(), 2, with_open3d(bench, &views, &part.mesh, &steps)));
+    let (labels, contestants): (Vec<_>, Vec<_>) = field.into_iter().map(|(label, threads, run)| ((label, threads), run)).unzip();
     let medians = race(bench.rounds, contestants);
 
     bench.report.section(format!("Full-resolution viewpoint: {}", part.title));
     let open3d = medians.last().and_then(|median| median.as_ref().ok()).map(|cost| cost.wall_s);
-    let rows = labels.into_iter().zip(&medians).map(|(label, median)| match median {
-        Ok(cost) => vec![label, ms(cost.wall_s), ms(cost.cpu_s), open3d.map_or_else(String::new, |o| number(o / cost.wall_s))],
-        Err(reason) => vec![label, reason.clone(), String::new(), String::new()],
+    let rows = labels.into_iter().zip(&medians).map(|((label, threads), median)| {
+        let cells = match median {
+            Ok(cost) => [ms(cost.wall_s), ms(cost.cpu_s), open3d.map_or_else(String::new, |o| number(o / cost.wall_s))],
+            Err(reason) => [reason.clone(), String::new(), String::new()],
+        };
+        [label, threads.to_string()].into_iter().chain(cells).collect()
     });
     let rows: Vec<_> = rows.collect();
-    bench.report.table(&["engine", "wall, ms", "CPU, ms", "times as fast as Open3D"], &rows);
+    bench.report.table(&["engine", "threads", "wall, ms", "CPU, ms", "times as fast as Open3D"], &rows);
     if open3d.is_some() {
         let [generate, cast, reduce] = steps.into_inner().map(ms);
         let text =
             format!("Of Open3D's wall time {generate} ms make the rays, {cast} ms cast them, {reduce} ms reduce the hits.");
         bench.report.say(text);
     }
+    if let (Ok(two), Some(size)) = (&medians[0], part.size) {
+        figures(&mut bench.report, size, two.wall_s, open3d);
+    }
     if let Ok(scene) = &robust {
-        agreement(bench, scene, &views, &part.mesh);
+        agreement(bench, scene, &ready, part);
     }
     open3d
+}
+
+fn figures(report: &mut Report, size: Size, wall_s: f64, open3d_s: Option<f64>) {
+    let ((times, times_aim), (most_ms, ms_aim)) = match size {
+        Size::Coarse => ((100.0, 300.0), (10.0, 4.0)),
+        Size::Dense => ((25.0, 60.0), (55.0, 25.0)),
+        Size::Middle => return,
+    };
+    let (what, size) = ("full-resolution viewpoint, raster alone", size.as_str());
+    if let Some(open3d_s) = open3d_s {
+        report.figure(format!("{what}, against Open3D, {size}"), Demand::above(times, times_aim, " ×"), open3d_s / wall_s);
+    }
+    report.figure(format!("{what}, {size}"), Demand::below(most_ms, ms_aim, " ms"), wall_s * 1e3);
+}
+
+fn with_raster<'a>(
+    bench: &'a Bench,
+    ready: &'a Ready,
+    poses: &'a [Pose<PartFrame, ScannerFrame>],
+    level: SimdLevel,
+    threads: usize,
+) -> Contestant<'a> {
+    let (scanner, pool) = (&bench.scanner, bench.pools.of(threads));
+    Ok(Box::new(move || {
+        let all = || poses.iter().for_each(|pose| drop(ready.pixel_set(scanner, pose, level)));
+        cost(|| pool.install(all)).1.over(poses.len())
+    }))
 }
 
 fn with_packets<'a>(
@@ -108,17 +150,25 @@ fn packets_see(scene: &EmbreeScene, eyes: &Eyes, mesh: &Mesh) -> Seen {
 }
 
 /// How far the answers of the others are from those of Embree's robust packets, over all viewpoints.
-fn agreement(bench: &mut Bench, scene: &EmbreeScene, views: &[Eyes], mesh: &Mesh) {
-    let mut open3d = Difference::default();
-    for eyes in views {
-        let expected = bench.pools.of(2).install(|| packets_see(scene, eyes, mesh));
+fn agreement(bench: &mut Bench, scene: &EmbreeScene, ready: &Ready, part: &Part) {
+    let [mut ours, mut open3d] = [(); 2].map(|()| Difference::default());
+    for pose in rig::views(&bench.scanner) {
+        let eyes = rig::eyes(&bench.scanner, &pose);
+        let expected = bench.pools.of(2).install(|| packets_see(scene, &eyes, &part.mesh));
+        let bits = bench.pools.of(2).install(|| ready.pixel_set(&bench.scanner, &pose, SimdLevel::widest()));
+        ours.add(&expected, &[0, 1, 2].map(|device| bits.iter().map(|bits| bits >> device & 1 == 1).collect()));
         if let Ok(python) = &bench.python {
-            open3d.add(&expected, &python.borrow_mut().viewpoint(eyes, mesh.faces.len(), 2).1);
+            open3d.add(&expected, &python.borrow_mut().viewpoint(&eyes, part.mesh.faces.len(), 2).1);
         }
     }
-    let rows = bench.python.is_ok().then(|| open3d.row("Open3D")).into_iter().collect::<Vec<_>>();
     bench.report.say("Triangles seen by one and not by Embree's robust packets, or the other way round:");
+    let mut rows = vec![ours.row("Vantage")];
+    rows.extend(bench.python.is_ok().then(|| open3d.row("Open3D")));
     bench.report.table(&["", "by a device, of the mesh, %", "by all three, of those so seen, %"], &rows);
+    if let Some(size) = part.size {
+        let demand = Demand { good: Good::Below, least: 0.05, aim: None, unit: " %" };
+        bench.report.figure(format!("pixel set against Embree robust, {}", size.as_str()), demand, percent(ours.by_device));
+    }
 }
 
 /// Triangles that two answers differ on, over devices and viewpoints.
@@ -143,7 +193,10 @@ impl Difference {
     }
 
     fn row(&self, label: &str) -> Vec<String> {
-        let percent = |[part, whole]: [usize; 2]| number(part as f64 * 100.0 / whole.max(1) as f64);
-        vec![label.into(), percent(self.by_device), percent(self.by_all)]
+        vec![label.into(), number(percent(self.by_device)), number(percent(self.by_all))]
     }
+}
+
+fn percent([part, whole]: [usize; 2]) -> f64 {
+    part as f64 * 100.0 / whole.max(1) as f64
 }
