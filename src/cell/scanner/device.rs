@@ -196,6 +196,13 @@ impl Lens {
         Vector3::new(n.x, n.y, 1.0)
     }
 
+    /// Whether the image shows what the undistorted image has at a pixel.
+    #[must_use]
+    pub fn shows_undistorted(&self, u: f64, v: f64) -> bool {
+        let y = (v - self.cy) / self.fy;
+        self.image((u - self.cx) / self.fx - self.skew * y, y, 1.0).2
+    }
+
     /// Left, right, top and bottom of the smallest rectangle in the undistorted image, pixels, that holds everything
     /// the distorted image shows.
     #[must_use]

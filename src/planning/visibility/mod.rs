@@ -50,6 +50,22 @@ impl Occluders {
     }
 }
 
+/// For each triangle of `occluders`, the part's first, which devices hit it with at least one pixel of their images from
+/// one viewpoint (the thesis's §3.2.1): bit 0 for the left camera, bit 1 for the right one, bit 2 for the projector.
+/// Pixel rays pass the lens without distortion, whose only effect is on where the frame ends; limits of depth and
+/// incidence do not enter. Cost: about 10 ms on two cores for a part of 70 000 triangles at 3 × 12 megapixels.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn pixel_set(
+    occluders: &Occluders,
+    scanner: &Scanner,
+    view: &Pose<Part, ScannerFrame>,
+    ctx: &Context<'_>,
+) -> Result<Vec<u8>, Cancelled> {
+    raster::pixel_set(&occluders.clusters, scanner, view, ctx)
+}
+
 /// Computes the table with the engine that `params` names.
 ///
 /// # Errors

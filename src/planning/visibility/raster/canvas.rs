@@ -196,18 +196,23 @@ impl Canvas {
         drawn
     }
 
-    /// Draws each wanted tile with numbers and hands them to `see`, together with the tile's number in the grid.
+    /// Draws each wanted tile that anything meets with numbers, and hands them to `see` with the image coordinates of
+    /// the tile's first pixel.
     pub(super) fn draw_numbered(
         &self,
         drawing: &Drawing<'_>,
         ctx: &Context<'_>,
-        see: impl Fn(usize, &Numbers) + Sync,
+        see: impl Fn([f32; 2], &Numbers) + Sync,
     ) -> Result<(), Cancelled> {
         let buffers = || (Box::new([[0.0; LANES]; TILE * TILE / LANES]), Box::new([[NOTHING; LANES]; TILE * TILE / LANES]));
-        (0..self.wanted.len()).into_par_iter().with_min_len(drawing.grain).try_for_each_init(buffers, |(map, numbers), slot| {
+        let slots = (0..self.wanted.len()).into_par_iter().with_min_len(drawing.grain);
+        slots.try_for_each_init(buffers, |(map, numbers), slot| {
             ctx.check()?;
-            self.job(slot, drawing).draw_numbered(drawing.level, map, numbers);
-            see(self.wanted[slot] as usize, numbers);
+            let job = self.job(slot, drawing);
+            if !job.is_empty() {
+                job.draw_numbered(drawing.level, map, numbers);
+                see(job.corner_px, numbers);
+            }
             Ok(())
         })
     }

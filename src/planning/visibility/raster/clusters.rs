@@ -86,6 +86,11 @@ impl Clusters {
         self.clusters.iter().flat_map(|cluster| cluster.numbers).filter(|number| *number != NO_TRIANGLE)
     }
 
+    /// How many triangles there are.
+    pub(super) fn triangles(&self) -> usize {
+        self.order().count()
+    }
+
     /// Clusters of all triangles of `meshes`, which share one frame.
     pub(crate) fn new(meshes: &[&Mesh]) -> Self {
         let order = &compact_order(meshes);

@@ -16,6 +16,7 @@
 mod canvas;
 mod clusters;
 mod pinhole;
+mod pixel_set;
 mod samples;
 mod tile;
 
@@ -34,6 +35,7 @@ use canvas::{Canvas, Drawing, Grid};
 pub(crate) use clusters::Clusters;
 use nalgebra::{Point3, Vector3};
 use pinhole::{LANES, Pinhole, higher, lower};
+pub(super) use pixel_set::pixel_set;
 use samples::{BATCHES, NO_SAMPLE, SAMPLES, SampleCluster, Samples};
 use tile::{Nearness, TILE, place, step_down, step_right};
 
@@ -198,7 +200,7 @@ impl<'a> Engine<'a> {
         let centre = view.centres_mm[d];
         tasks.with_min_len(grain).try_for_each(|(clusters, states)| {
             self.ctx.check()?;
-            let mut doubtful = Vec::new();
+            let (mut doubtful, mut targets, mut hidden) = (Vec::new(), Vec::new(), Vec::new());
             for (index, (cluster, states)) in clusters.iter().zip(states.iter_mut()).enumerate() {
                 if states.contains(&PASSES) {
                     self.level.run(Compare { look: &look, cluster, states });
@@ -207,9 +209,11 @@ impl<'a> Engine<'a> {
             }
             for doubtful in doubtful.chunks(RAYS) {
                 self.ctx.check()?;
-                for &(index, place) in doubtful {
-                    let p = &self.surface.sample_mm[clusters[index].number[place] as usize];
-                    let hidden = self.occluders.rays.blocked(&centre, p, RAY_END_SHARE);
+                targets.clear();
+                let target = |(index, place): &(usize, usize)| self.surface.sample_mm[clusters[*index].number[*place] as usize];
+                targets.extend(doubtful.iter().map(target));
+                self.occluders.rays.blocked_from(self.level, &centre, &targets, RAY_END_SHARE, &mut hidden);
+                for (&(index, place), &hidden) in doubtful.iter().zip(&hidden) {
                     states[index][place] = if hidden { SHADOWS[d] as u8 } else { PASSES };
                 }
             }
@@ -367,7 +371,9 @@ impl Look<'_> {
         if x % TILE as u32 == last || y % TILE as u32 == last {
             return [self.nearness(x, y), self.nearness(x + 1, y), self.nearness(x, y + 1), self.nearness(x + 1, y + 1)];
         }
-        let Some(map) = self.slots.get(spot.tile as usize).and_then(|slot| self.maps.get(*slot as usize)) else { return [0.0; 4] };
+        let Some(map) = self.slots.get(spot.tile as usize).and_then(|slot| self.maps.get(*slot as usize)) else {
+            return [0.0; 4];
+        };
         let pixels: &[f32; TILE * TILE] = map.as_flattened().try_into().unwrap_or(&[0.0; TILE * TILE]);
         let at = |place: u32| pixels[place as usize % (TILE * TILE)];
         let below = spot.place + spot.down;

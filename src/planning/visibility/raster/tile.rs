@@ -79,6 +79,11 @@ pub(super) struct TileJob<'a> {
 }
 
 impl TileJob<'_> {
+    /// Whether nothing meets the tile.
+    pub(super) fn is_empty(&self) -> bool {
+        self.listed.is_empty() && self.listed_back.is_empty() && self.listed_cut.is_empty()
+    }
+
     /// Draws nearness alone.
     pub(super) fn draw(&self, level: SimdLevel, nearness: &mut Nearness) {
         *nearness = [[0.0; LANES]; BLOCKS * BLOCKS];
