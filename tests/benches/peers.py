@@ -26,6 +26,9 @@ class Clock:
 
 
 class Peers:
+    def __init__(self):
+        self.arrays = {}
+
     def mesh(self, vertices, faces):
         """The mesh that all later requests are about."""
         vertices = np.fromfile(vertices, np.float32).reshape(-1, 3)
@@ -65,7 +68,6 @@ class Peers:
     def rays(self, name, origin, directions):
         """An array of rays with a common origin, kept under a name."""
         directions = np.fromfile(directions, np.float32).reshape(-1, 3)
-        self.arrays = getattr(self, "arrays", {})
         self.arrays[name] = np.hstack([np.broadcast_to(np.float32(origin), directions.shape), directions])
         return {}
 
