@@ -47,7 +47,8 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     ctx.begin(Stage::Stations)?;
     let reach = motion.as_ref().map(|motion| motion.reach(&poses, ctx)).transpose()?;
     ctx.begin(Stage::Visibility)?;
-    let table = visibility::cast(&surface, &poses, input.scanner, &occluders, &params, ctx)?;
+    let usable: Vec<bool> = (0..poses.len()).map(|kept| reach.as_ref().is_none_or(|reach| reach[kept].is_ok())).collect();
+    let table = visibility::cast(&surface, &poses, &usable, input.scanner, &occluders, &params, ctx)?;
 
     let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;

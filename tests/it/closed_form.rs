@@ -37,7 +37,9 @@ pub(crate) fn rows(
     params: &PlanParams,
 ) -> Vec<Row> {
     let (scene, cancel) = (visibility::Occluders::new([mesh]), AtomicBool::new(false));
-    visibility::cast(surface, poses, scanner, &scene, params, &Context::new(&cancel, &Silent)).expect("not cancelled").rows
+    visibility::cast(surface, poses, &vec![true; poses.len()], scanner, &scene, params, &Context::new(&cancel, &Silent))
+        .expect("not cancelled")
+        .rows
 }
 
 /// Share of the surface that one view measures.

@@ -12,6 +12,7 @@ mod packet_rays;
 mod plan_command;
 mod planning_with_cell;
 mod public_figures;
+mod raster_engine;
 mod reach_study;
 mod readme;
 mod report;

@@ -5,13 +5,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::gather::{Packets, Rays};
 use super::lanes::{LANES, greatest, least};
+use super::origin::Origin;
 use super::packet::{NONE, Packet, RETIRED};
 use super::tree::{Child, Node, Target, Tree, WIDTH};
 use crate::geometry::simd::Kernel;
-
-/// Boxes grow by this share of the largest coordinate: 16 roundings, more than the tests of a triangle and of a box err
-/// by together (3 each along an axis, √3 times that in space).
-const PADDING: f32 = 16.0 * f32::EPSILON / 2.0;
 
 /// What is asked of the rays.
 pub(super) trait Query {
@@ -40,7 +37,7 @@ impl<R: Copy, D: Fn(&R) -> Vector3<f64>, Q: Query> Kernel for Cast<'_, R, D, Q> 
         if self.tree.nodes.is_empty() {
             return;
         }
-        let view = View::new(self.tree, &self.origin);
+        let view = View { tree: self.tree, origin: Origin::new(&self.origin, self.tree.reach) };
         let mut stack = Vec::with_capacity(128);
         let mut packets = Packets::new(self.rays, self.direction);
         while let Some(rays) = packets.next() {
@@ -61,25 +58,10 @@ struct Waiting {
 /// The tree as seen from the origin.
 struct View<'a> {
     tree: &'a Tree,
-    /// The origin in two f32 parts, axis by axis.
-    origin: [[f32; 2]; 3],
-    /// The second part for lower planes and for upper ones, with the padding in it.
-    padded: [[f32; 2]; 3],
+    origin: Origin,
 }
 
-impl<'a> View<'a> {
-    #[inline(always)]
-    fn new(tree: &'a Tree, origin: &Point3<f64>) -> Self {
-        let origin: [[f32; 2]; 3] = std::array::from_fn(|axis| {
-            let first = origin[axis] as f32;
-            [first, (origin[axis] - f64::from(first)) as f32]
-        });
-        let reach = (0..3).fold(0.0, |reach, axis| greatest(reach, tree.reach + origin[axis][0].abs()));
-        let padding = reach * PADDING;
-        let padded = origin.map(|[_, second]| [second + padding, second - padding]);
-        Self { tree, origin, padded }
-    }
-
+impl View<'_> {
     #[inline(always)]
     fn cast<Q: Query>(&self, rays: &Rays, end: f32, stack: &mut Vec<Waiting>, query: &mut Q) {
         let mut packet = Packet::new(rays, end);
@@ -96,9 +78,9 @@ impl<'a> View<'a> {
                 Target::Block(index) => {
                     let block = &self.tree.blocks[index];
                     if Q::ANY_HIT {
-                        packet.meet::<true>(block, &self.origin, waiting.lanes);
+                        packet.meet::<true>(block, &self.origin.parts, waiting.lanes);
                     } else {
-                        packet.meet::<false>(block, &self.origin, waiting.lanes);
+                        packet.meet::<false>(block, &self.origin.parts, waiting.lanes);
                     }
                     if packet.furthest == RETIRED {
                         break;
@@ -122,10 +104,11 @@ impl<'a> View<'a> {
         let mut enter = [0.0_f32; WIDTH];
         let mut leave = [packet.furthest; WIDTH];
         for axis in 0..3 {
-            let [lower, upper] = [(&node.planes[axis], self.padded[axis][0]), (&node.planes[axis + 3], self.padded[axis][1])];
+            let [lower, upper] =
+                [(&node.planes[axis], self.origin.padded[axis][0]), (&node.planes[axis + 3], self.origin.padded[axis][1])];
             let ((near_planes, near_origin), (far_planes, far_origin)) =
                 if packet.descend[axis] { (upper, lower) } else { (lower, upper) };
-            let (first, [low, high]) = (self.origin[axis][0], range[axis]);
+            let (first, [low, high]) = (self.origin.parts[axis][0], range[axis]);
             for child in 0..WIDTH {
                 let (n, f) = (near_planes[child] - first - near_origin, far_planes[child] - first - far_origin);
                 near[axis][child] = n;

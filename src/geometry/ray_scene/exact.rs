@@ -1,51 +1,67 @@
-//! The f64 segment test: slabs widened against rounding, and triangles after Woop, Benthin and Wald (2013), *Watertight
-//! Ray/Triangle Intersection*, JCGT 2(1), section 3.
+//! One segment: boxes in f32, grown beyond every rounding, so that they hide no triangle; triangles in f64 after Woop,
+//! Benthin and Wald (2013), *Watertight Ray/Triangle Intersection*, JCGT 2(1), section 3.
 
 use nalgebra::{Point3, Vector3};
 
-use super::tree::{Node, WIDTH};
-
-/// Widens a slab interval so that rounding never makes a box smaller: 1 + 2γ(3) for f64 (Ize 2013, *Robust BVH Ray
-/// Traversal*, JCGT 2(2), section 3), rounded up.
-const SLAB_WIDENING: f64 = 1.0 + 1e-15;
+use super::lanes::{greatest, least};
+use super::origin::{Origin, inverse};
+use super::tree::{BLOCK, Block, Node};
 
 /// A segment with what the tests need of it.
 pub(super) struct Segment {
     origin: Point3<f64>,
-    inverse_direction: Vector3<f64>,
     end: f64,
     axes: [usize; 3],
     shear: Vector3<f64>,
+    boxes: Boxes,
+}
+
+/// What the tests of boxes need.
+struct Boxes {
+    origin: Origin,
+    /// Axis by axis whether the direction is negative, and its inverse.
+    descend: [bool; 3],
+    inverse: [f32; 3],
+    end: f32,
 }
 
 impl Segment {
-    /// `origin + t·direction`, 0 < t < `end`.
-    pub(super) fn new(origin: Point3<f64>, direction: Vector3<f64>, end: f64) -> Self {
+    /// `origin + t·direction`, 0 < t < `end`, through a tree without coordinates beyond `reach`.
+    pub(super) fn new(origin: Point3<f64>, direction: Vector3<f64>, end: f64, reach: f32) -> Self {
         let kz = direction.iamax();
         let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
         if direction[kz] < 0.0 {
             std::mem::swap(&mut kx, &mut ky);
         }
         let shear = Vector3::new(direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0 / direction[kz]);
-        // Less than infinity, where the boxes of absent children are.
-        let end = end.min(f64::MAX);
-        Self { origin, inverse_direction: direction.map(f64::recip), end, axes: [kx, ky, kz], shear }
+        let descend = [0, 1, 2].map(|axis| direction[axis] < 0.0);
+        let boxes = Boxes {
+            origin: Origin::new(&origin, reach),
+            descend,
+            inverse: [0, 1, 2].map(|axis| inverse(direction[axis] as f32, descend[axis])),
+            end: (end as f32).min(f32::MAX).next_up(),
+        };
+        Self { origin, end, axes: [kx, ky, kz], shear, boxes }
     }
 
     /// Which children's boxes it meets, as bits.
-    pub(super) fn meets_boxes(&self, node: &Node) -> u32 {
-        let (mut near, mut far) = ([0.0_f64; WIDTH], [self.end; WIDTH]);
-        for axis in 0..3 {
-            let (origin, inverse) = (self.origin[axis], self.inverse_direction[axis]);
-            for child in 0..WIDTH {
-                let a = (f64::from(node.planes[axis][child]) - origin) * inverse;
-                let b = (f64::from(node.planes[axis + 3][child]) - origin) * inverse;
-                // 0 · ∞ is NaN when the origin lies on a slab's plane: min and max then keep the other operand.
-                near[child] = near[child].max(a.min(b));
-                far[child] = far[child].min(a.max(b) * SLAB_WIDENING);
+    pub(super) fn meets_children(&self, node: &Node) -> u32 {
+        self.boxes.met(|axis| (&node.planes[axis], &node.planes[axis + 3]))
+    }
+
+    /// Of which triangles it meets the box around the corners, as bits.
+    pub(super) fn meets_slots(&self, block: &Block) -> u32 {
+        let (mut lower, mut upper) = (block.corners[0], block.corners[0]);
+        for corner in [1, 2] {
+            for axis in 0..3 {
+                for slot in 0..BLOCK {
+                    let x = block.corners[corner][axis][slot];
+                    lower[axis][slot] = least(x, lower[axis][slot]);
+                    upper[axis][slot] = greatest(x, upper[axis][slot]);
+                }
             }
         }
-        (0..WIDTH).filter(|&child| near[child] <= far[child]).fold(0, |bits, child| bits | 1 << child)
+        self.boxes.met(|axis| (&lower[axis], &upper[axis])) & ((1 << block.count) - 1)
     }
 
     /// Woop's test: translate to the origin, shear the direction onto z, sign of the three edge functions.
@@ -67,5 +83,29 @@ impl Segment {
         }
         let t = self.shear.z * (u * a.z + v * b.z + w * c.z) / determinant;
         0.0 < t && t < self.end
+    }
+}
+
+impl Boxes {
+    /// Which of `N` boxes are met, given the lower and the upper planes along an axis.
+    #[inline(always)]
+    fn met<'a, const N: usize>(&self, planes: impl Fn(usize) -> (&'a [f32; N], &'a [f32; N])) -> u32 {
+        let (mut enter, mut leave) = ([0.0_f32; N], [self.end; N]);
+        for axis in 0..3 {
+            let ((lower, upper), [below, above]) = (planes(axis), self.origin.padded[axis]);
+            let (near, far) =
+                if self.descend[axis] { ((upper, above), (lower, below)) } else { ((lower, below), (upper, above)) };
+            let (first, inverse) = (self.origin.parts[axis][0], self.inverse[axis]);
+            for i in 0..N {
+                // What overflows f32 becomes NaN, which is neither greater nor less: it hides nothing.
+                enter[i] = greatest((near.0[i] - first - near.1) * inverse, enter[i]);
+                leave[i] = least((far.0[i] - first - far.1) * inverse, leave[i]);
+            }
+        }
+        let mut met = 0;
+        for i in 0..N {
+            met |= u32::from(enter[i] <= leave[i]) << i;
+        }
+        met
     }
 }

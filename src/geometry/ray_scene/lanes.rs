@@ -37,13 +37,13 @@ pub(super) fn each(mut lanes: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-/// The machine's minimum: unlike `f32::min` it has no rule for NaN, of which there are none here.
+/// The machine's minimum: `b` where `a` is NaN. `f32::min` has a rule for either, at two to three times the cost.
 #[inline(always)]
 pub(super) fn least(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The machine's maximum.
+/// The machine's maximum: `b` where `a` is NaN.
 #[inline(always)]
 pub(super) fn greatest(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

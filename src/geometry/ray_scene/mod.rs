@@ -1,6 +1,6 @@
 //! Decides whether a segment meets a surface: the query behind every visibility test. Triangles are two-sided.
 //!
-//! One tree serves two kinds of query. Single segments are tested in f64, the triangles watertight, so that a tree answers
+//! One tree serves two kinds of query. Single segments meet triangles in f64, watertight, so that a tree answers
 //! exactly as the plain loop over all triangles does: they are the oracle. Many rays from one point are traced sixteen at
 //! a time in f32 relative to that point ([`RayScene::blocked_from`], [`RayScene::first_hits_from`]), with the widest
 //! vector instructions at hand; the answer is the same at every level and does not depend on which rays are asked
@@ -8,13 +8,13 @@
 //! 10⁻⁷ of the distance (≤ 1 of 10⁵ random rays; edges between two triangles are no such edge).
 //!
 //! The binary tree comes from parry (`Binned`). Measured against obvhs 0.4 (PLOC, reinsertion, leaves collapsed by surface
-//! area) with the same blocks, one thread: growing 1.1 M triangles takes 0.43 s and 0.46 s; first hits run 7 to 10 %
-//! faster through parry's tree on five of six meshes, and 10 % slower on a flat shell of few large triangles. Parry is
+//! area) with the same blocks, one thread: growing 1.1 M triangles takes 0.43 s and 0.46 s; first hits run 5 to 11 %
+//! faster through parry's tree on six of seven meshes, and 9 % slower on a flat shell of few large triangles. Parry is
 //! needed for collision anyway.
 //!
 //! Size at 11 triangles a block, the usual filling: 7 bytes a triangle for nodes (224 each), 53 for blocks (592 each), 4
 //! for the order, 12 for faces, 12 for vertices shared by six triangles: 88 in all; growing takes some 140 more for a while.
-//! Cost: O(log n) a segment, some 10⁻⁶ s alone and 10⁻⁷ to 2·10⁻⁸ s in a packet.
+//! Cost: O(log n) a segment, some 5·10⁻⁷ s alone and 2·10⁻⁷ to 2·10⁻⁸ s in a packet.
 
 use nalgebra::{Point3, Vector3};
 
@@ -22,12 +22,14 @@ use super::mesh::{Aabb, Mesh};
 use super::simd::SimdLevel;
 use cast::{Cast, Query};
 use exact::Segment;
+use lanes::each;
 use tree::{Target, Tree};
 
 mod cast;
 mod exact;
 mod gather;
 mod lanes;
+mod origin;
 mod packet;
 #[cfg(test)]
 mod tests;
@@ -78,14 +80,14 @@ impl RayScene {
     /// Whether a surface lies strictly between `from` and the point at `share` of the way to `to`.
     #[must_use]
     pub fn blocked(&self, from: &Point3<f64>, to: &Point3<f64>, share: f64) -> bool {
-        let segment = Segment::new(from - self.centre_mm.coords, to - from, share);
+        let segment = Segment::new(from - self.centre_mm.coords, to - from, share, self.tree.reach);
         self.near(&segment).any(|face| segment.meets_triangle(&self.corners(face)))
     }
 
     /// [`RayScene::blocked`] without the tree: the oracle of tests.
     #[must_use]
     pub fn blocked_brute_force(&self, from: &Point3<f64>, to: &Point3<f64>, share: f64) -> bool {
-        let segment = Segment::new(from - self.centre_mm.coords, to - from, share);
+        let segment = Segment::new(from - self.centre_mm.coords, to - from, share, self.tree.reach);
         (0..self.faces.len()).any(|face| segment.meets_triangle(&self.corners(face)))
     }
 
@@ -95,7 +97,7 @@ impl RayScene {
     pub fn encloses(&self, point: &Point3<f64>) -> bool {
         const DIRECTIONS: [[f64; 3]; 3] = [[0.36, 0.48, 0.8], [-0.61, 0.27, 0.74], [0.19, -0.83, -0.52]];
         let odd = |direction: &[f64; 3]| {
-            let segment = Segment::new(point - self.centre_mm.coords, Vector3::from(*direction), f64::INFINITY);
+            let segment = Segment::new(point - self.centre_mm.coords, Vector3::from(*direction), f64::INFINITY, self.tree.reach);
             self.near(&segment).filter(|&face| segment.meets_triangle(&self.corners(face))).count() % 2 == 1
         };
         DIRECTIONS.iter().filter(|direction| odd(direction)).count() >= 2
@@ -148,25 +150,30 @@ impl RayScene {
         self.tree.size_bytes() + size_of_val(&*self.vertices_mm) + size_of_val(&*self.faces)
     }
 
-    /// Triangles, in leaf order, of the leaves that `segment` meets.
+    /// Triangles, in leaf order, whose boxes `segment` meets.
     fn near(&self, segment: &Segment) -> impl Iterator<Item = usize> {
         let mut waiting = if self.faces.is_empty() { Vec::new() } else { vec![Target::Node(0)] };
+        let mut block = (0_usize, 0_u32);
         std::iter::from_fn(move || {
             loop {
+                let (first, slots) = &mut block;
+                if *slots != 0 {
+                    let slot = slots.trailing_zeros() as usize;
+                    *slots &= *slots - 1;
+                    return Some(*first + slot);
+                }
                 match waiting.pop()? {
                     Target::Block(index) => {
-                        let block = &self.tree.blocks[index];
-                        return Some(block.first as usize..(block.first + block.count) as usize);
+                        let leaf = &self.tree.blocks[index];
+                        block = (leaf.first as usize, segment.meets_slots(leaf));
                     }
                     Target::Node(index) => {
                         let node = &self.tree.nodes[index];
-                        let met = segment.meets_boxes(node);
-                        waiting.extend((0..tree::WIDTH).filter(|c| met >> c & 1 == 1).map(|c| node.children[c].target()));
+                        waiting.extend(each(segment.meets_children(node)).map(|child| node.children[child].target()));
                     }
                 }
             }
         })
-        .flatten()
     }
 
     fn corners(&self, face: usize) -> [Point3<f64>; 3] {

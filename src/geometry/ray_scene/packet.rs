@@ -9,11 +9,9 @@
 
 use super::gather::Rays;
 use super::lanes::{LANES, Lanes, cross, dot, each, greatest, least, minus};
+use super::origin::inverse;
 use super::tree::{BLOCK, Block};
 
-/// Directions count as this long at least along every axis, so that they have a finite inverse; over 10⁵ mm that moves a
-/// ray by 10⁻¹³ mm.
-const LEAST_COMPONENT: f32 = 1e-18;
 /// Up to so many rays are bounded and tested one by one, not all sixteen at once.
 const FEW: u32 = 5;
 const SIGN: u32 = 1 << 31;
@@ -68,10 +66,8 @@ impl Packet {
             }
         }
         for axis in 0..3 {
-            let sign = if packet.descend[axis] { -1.0_f32 } else { 1.0 };
             for lane in 0..LANES {
-                let length = directions[axis].0[lane].abs();
-                packet.inverse[axis].0[lane] = sign / if length > LEAST_COMPONENT { length } else { LEAST_COMPONENT };
+                packet.inverse[axis].0[lane] = inverse(directions[axis].0[lane], packet.descend[axis]);
             }
             packet.inverse_range[axis] = [packet.inverse[axis].over_all(least), packet.inverse[axis].over_all(greatest)];
         }

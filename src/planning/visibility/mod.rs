@@ -29,7 +29,7 @@ pub use view::Optics;
 pub struct Table {
     /// One a view.
     pub rows: Vec<Row>,
-    /// For each sample why it is not measured by the view that gets furthest, among those that do not measure it.
+    /// For each sample that no view measures, why the view that gets furthest does not; for others any cause.
     pub furthest: Vec<Cause>,
 }
 
@@ -66,13 +66,16 @@ pub fn pixel_set(
     raster::pixel_set(&occluders.clusters, scanner, view, ctx)
 }
 
-/// Computes the table with the engine that `params` names.
+/// Computes the table with the engine that `params` names. A view that is not `usable` cannot be chosen: an engine may
+/// leave out of its row the samples that some usable view measures, which changes neither the choice, nor what is
+/// coverable with and without reach, nor why anything is missed.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub fn cast(
     surface: &Surface,
     views: &[Pose<Part, ScannerFrame>],
+    usable: &[bool],
     scanner: &Scanner,
     occluders: &Occluders,
     params: &PlanParams,
@@ -80,7 +83,7 @@ pub fn cast(
 ) -> Result<Table, Cancelled> {
     let (optics, kept_quality) = (Optics::new(scanner, params), kept_quality(params));
     match params.visibility.engine {
-        Engine::Raster => raster::cast(surface, views, &optics, kept_quality, occluders, ctx),
+        Engine::Raster => raster::cast(surface, &raster::Views { poses: views, usable }, &optics, kept_quality, occluders, ctx),
         Engine::Rays => rays::cast(surface, views, &optics, kept_quality, &occluders.rays, ctx),
     }
 }

@@ -22,7 +22,8 @@ fn sampled(mesh: &Mesh, density: f64) -> Surface {
 
 fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> Table {
     let (scene, flag) = (Occluders::new([mesh]), AtomicBool::new(false));
-    cast(surface, poses, &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent)).unwrap_or_else(|_| unreachable!())
+    cast(surface, poses, &vec![true; poses.len()], &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent))
+        .unwrap_or_else(|_| unreachable!())
 }
 
 fn top_area_mm2(surface: &Surface, row: &Row) -> f64 {
@@ -150,6 +151,14 @@ fn cancelling_ends_it() {
     let mesh = box_mesh([-20.0; 3], [20.0; 3]);
     let (surface, scene, flag) = (sampled(&mesh, 1.0), Occluders::new([&mesh]), AtomicBool::new(true));
     let poses = [looking_down(500.0)];
-    let result = cast(&surface, &poses, &nominal_scanner(), &scene, &PlanParams::default(), &Context::new(&flag, &Silent));
+    let result = cast(
+        &surface,
+        &poses,
+        &vec![true; poses.len()],
+        &nominal_scanner(),
+        &scene,
+        &PlanParams::default(),
+        &Context::new(&flag, &Silent),
+    );
     assert!(result.is_err());
 }

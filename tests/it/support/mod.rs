@@ -1,5 +1,6 @@
 //! What several topics share: where data lies, how parts are prepared, how a plan is made.
 
+pub(crate) mod glb;
 mod needs;
 pub(crate) mod shapes;
 

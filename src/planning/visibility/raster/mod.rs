@@ -21,8 +21,8 @@ mod samples;
 mod tile;
 
 use rayon::prelude::*;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
@@ -53,32 +53,76 @@ const RAYS: usize = 512;
 /// The samples that still need an answer.
 const DOUBT: u8 = PASSES - 1;
 
+/// What is to be evaluated.
+pub(super) struct Views<'a> {
+    pub(super) poses: &'a [Pose<Part, ScannerFrame>],
+    /// Which of them may be chosen.
+    pub(super) usable: &'a [bool],
+}
+
+/// The samples of each cluster that are looked at, one bit each.
+type Open = [u64];
+
 pub(super) fn cast(
     surface: &Surface,
-    poses: &[Pose<Part, ScannerFrame>],
+    views: &Views<'_>,
     optics: &Optics,
     kept_quality: Option<QualityScale>,
     occluders: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<Table, Cancelled> {
     let engine = Engine::new(surface, optics, kept_quality, occluders, ctx);
-    let done = AtomicUsize::new(0);
-    let pool: Mutex<Vec<Scratch>> = Mutex::default();
-    let row = |pose: &Pose<Part, ScannerFrame>, grain: usize| {
-        let mut scratch = pool.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop().unwrap_or_else(|| engine.scratch());
-        let row = engine.row(pose, &mut scratch, grain)?;
-        pool.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(scratch);
-        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, poses.len());
-        Ok(row)
-    };
-    // One view a thread while there are enough of them; the threads share the views that are left over.
-    let (shared, left_over) = poses.split_at(poses.len() - poses.len() % rayon::current_num_threads());
-    let mut rows = shared.par_iter().map(|pose| row(pose, usize::MAX)).collect::<Result<Vec<_>, Cancelled>>()?;
-    for pose in left_over {
-        rows.push(row(pose, 1)?);
+    let pool = ScratchPool { engine: &engine, free: Mutex::default(), done: AtomicUsize::new(0), views: views.poses.len() };
+    let (usable, others): (Vec<_>, Vec<_>) = (0..views.poses.len()).partition(|view| views.usable[*view]);
+    let mut rows = vec![Row::default(); views.poses.len()];
+    let everything = vec![u64::MAX; engine.samples.clusters.len()];
+    pool.rows(views.poses, &usable, &everything, &mut rows)?;
+    // The rest is asked only about what no usable view measures: there alone it can make a difference.
+    if !others.is_empty() {
+        let mut measured = SampleSet::none_of(surface.sample_mm.len());
+        usable.iter().for_each(|view| measured.insert_all(rows[*view].measured()));
+        pool.rows(views.poses, &others, &engine.samples.outside(&measured), &mut rows)?;
     }
-    let scratches = pool.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner());
-    Ok(Table { rows, furthest: engine.furthest(&scratches) })
+    Ok(Table { rows, furthest: engine.furthest(&pool.into_scratches()) })
+}
+
+/// Buffers that threads borrow while they work on a view.
+struct ScratchPool<'a> {
+    engine: &'a Engine<'a>,
+    free: Mutex<Vec<Scratch>>,
+    done: AtomicUsize,
+    views: usize,
+}
+
+impl ScratchPool<'_> {
+    /// Puts the rows of some of the views into their places.
+    fn rows(&self, poses: &[Pose<Part, ScannerFrame>], some: &[usize], open: &Open, rows: &mut [Row]) -> Result<(), Cancelled> {
+        // One view a thread while there are enough of them; the threads share the views that are left over.
+        let (alone, shared) = some.split_at(some.len() - some.len() % rayon::current_num_threads());
+        let row = |view: &usize| self.row(&poses[*view], open, usize::MAX);
+        let made = alone.par_iter().map(row).collect::<Result<Vec<_>, Cancelled>>()?;
+        alone.iter().zip(made).for_each(|(view, row)| rows[*view] = row);
+        for view in shared {
+            rows[*view] = self.row(&poses[*view], open, 1)?;
+        }
+        Ok(())
+    }
+
+    fn row(&self, pose: &Pose<Part, ScannerFrame>, open: &Open, grain: usize) -> Result<Row, Cancelled> {
+        let mut scratch = self.lock().pop().unwrap_or_else(|| self.engine.scratch());
+        let row = self.engine.row(pose, open, &mut scratch, grain)?;
+        self.lock().push(scratch);
+        self.engine.ctx.progress(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.views);
+        Ok(row)
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Scratch>> {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn into_scratches(self) -> Vec<Scratch> {
+        self.free.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 struct Engine<'a> {
@@ -139,11 +183,11 @@ impl<'a> Engine<'a> {
         }
     }
 
-    fn row(&self, pose: &Pose<Part, ScannerFrame>, scratch: &mut Scratch, grain: usize) -> Result<Row, Cancelled> {
+    fn row(&self, pose: &Pose<Part, ScannerFrame>, open: &Open, scratch: &mut Scratch, grain: usize) -> Result<Row, Cancelled> {
         let view = self.optics.at(pose);
         let pinholes =
             [0, 1, 2].map(|d| Pinhole::new(self.optics.lens(d), &view.device_from_part[d], &self.occluders.clusters.centre_mm));
-        self.judge(&view, &pinholes, scratch, grain)?;
+        self.judge(&view, &pinholes, open, scratch, grain)?;
         for d in 0..3 {
             self.shade(d, &view, &pinholes[d], scratch, grain)?;
         }
@@ -151,20 +195,28 @@ impl<'a> Engine<'a> {
     }
 
     /// The steps before any shadow.
-    fn judge(&self, view: &View<'_>, pinholes: &[Pinhole; 3], scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
+    fn judge(
+        &self,
+        view: &View<'_>,
+        pinholes: &[Pinhole; 3],
+        open: &Open,
+        scratch: &mut Scratch,
+        grain: usize,
+    ) -> Result<(), Cancelled> {
         scratch.touched.iter().flatten().for_each(|tile| tile.store(false, Ordering::Relaxed));
         let touched = &scratch.touched;
-        let tasks = self.samples.clusters.par_chunks(TASK).zip(scratch.states.par_chunks_mut(TASK));
-        let tasks = tasks.zip(scratch.steps.par_chunks_mut(TASK));
+        let clusters = self.samples.clusters.par_chunks(TASK).zip(open.par_chunks(TASK));
+        let tasks = clusters.zip(scratch.states.par_chunks_mut(TASK)).zip(scratch.steps.par_chunks_mut(TASK));
         let scale = self.kept_quality.unwrap_or_default();
-        tasks.with_min_len(grain).try_for_each(|((clusters, states), steps)| {
+        tasks.with_min_len(grain).try_for_each(|(((clusters, open), states), steps)| {
             self.ctx.check()?;
-            for ((cluster, states), steps) in clusters.iter().zip(states).zip(steps) {
-                if view.centres_mm.iter().any(|centre| cluster.faces_away(&(centre - self.surface.centre_mm))) {
+            for (((cluster, open), states), steps) in clusters.iter().zip(open).zip(states).zip(steps) {
+                if *open == 0 || view.centres_mm.iter().any(|centre| cluster.faces_away(&(centre - self.surface.centre_mm))) {
                     *states = [Cause::Facing as u8; SAMPLES];
                     continue;
                 }
                 self.level.run(Judge { view, cluster, centre_mm: &self.surface.centre_mm, scale, states, steps });
+                (0..SAMPLES).filter(|place| open >> place & 1 == 0).for_each(|place| states[place] = Cause::Facing as u8);
                 if states.contains(&PASSES) {
                     for d in 0..3 {
                         let job = Touch { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };

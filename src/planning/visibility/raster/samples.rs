@@ -8,6 +8,7 @@ use super::clusters::Cone;
 use super::pinhole::LANES;
 use crate::geometry::Aabb;
 use crate::planning::surface::Surface;
+use crate::planning::visibility::SampleSet;
 
 /// Samples a cluster.
 pub(super) const SAMPLES: usize = 64;
@@ -46,6 +47,17 @@ impl Samples {
         let patches = order.map(|face| face as usize).filter(|face| *face < faces).flat_map(of_face);
         let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample..patch.first_sample + patch.samples).collect();
         Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
+    }
+}
+
+impl Samples {
+    /// For each cluster the samples that are not in `set`, one bit each.
+    pub(super) fn outside(&self, set: &SampleSet) -> Vec<u64> {
+        let bits = |cluster: &SampleCluster| {
+            let outside = |number: u32| number != NO_SAMPLE && !set.holds(number);
+            cluster.number.iter().enumerate().fold(0, |bits, (place, number)| bits | u64::from(outside(*number)) << place)
+        };
+        self.clusters.iter().map(bits).collect()
     }
 }
 
