@@ -29,6 +29,8 @@ pub(crate) struct Clusters {
     pub(super) clusters: Vec<Cluster>,
     /// Bounding box of the outward clusters, relative to the origin.
     pub(super) outward: Aabb,
+    /// Number of triangles.
+    pub(super) triangles: usize,
 }
 
 /// 64 triangles.
@@ -86,11 +88,6 @@ impl Clusters {
         self.clusters.iter().flat_map(|cluster| cluster.numbers).filter(|number| *number != NO_TRIANGLE)
     }
 
-    /// How many triangles there are.
-    pub(super) fn triangles(&self) -> usize {
-        self.order().count()
-    }
-
     /// Clusters of all triangles of `meshes`, which share one frame.
     pub(crate) fn new(meshes: &[&Mesh]) -> Self {
         let order = &compact_order(meshes);
@@ -105,7 +102,7 @@ impl Clusters {
         let outward = clusters.iter().filter(|cluster| cluster.outward);
         let outward =
             outward.fold(Aabb::empty(), |aabb, cluster| aabb.with(&corner(&cluster.low_mm)).with(&corner(&cluster.high_mm)));
-        Self { centre_mm, clusters, outward }
+        Self { centre_mm, clusters, outward, triangles: order.len() }
     }
 }
 

@@ -5,12 +5,17 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::Clusters;
+use rayon::prelude::*;
+
 use super::canvas::{Canvas, Drawing, Grid};
 use super::pinhole::Pinhole;
 use super::tile::{NOTHING, Numbers, TILE, place};
 use crate::cell::{Lens, Scanner};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
+
+/// Triangles whose marks one task collects.
+const MERGED: usize = 65_536;
 
 /// For each triangle of the scene, counted over its meshes, which devices hit it with at least one pixel: bit 0 for the
 /// left camera, 1 for the right one, 2 for the projector.
@@ -20,8 +25,8 @@ pub(in super::super) fn pixel_set(
     pose: &Pose<Part, ScannerFrame>,
     ctx: &Context<'_>,
 ) -> Result<Vec<u8>, Cancelled> {
-    let triangles = scene.triangles();
-    let mut devices = vec![0; triangles];
+    let triangles = scene.triangles;
+    let mut devices = vec![0_u8; triangles];
     let hit: Vec<AtomicBool> = std::iter::repeat_with(AtomicBool::default).take(triangles).collect();
     let mut canvas = Canvas::default();
     for (d, device) in scanner.devices.iter().enumerate() {
@@ -31,9 +36,10 @@ pub(in super::super) fn pixel_set(
         let drawing = Drawing { scene, pinhole: &pinhole, grid, level: ctx.simd_level(), grain: 1 };
         canvas.prepare(&drawing, |_| true, ctx)?;
         canvas.draw_numbered(&drawing, ctx, |corner_px, numbers| mark(&hit, &device.lens, corner_px, numbers))?;
-        for (devices, hit) in devices.iter_mut().zip(&hit) {
-            *devices |= u8::from(hit.swap(false, Ordering::Relaxed)) << d;
-        }
+        devices.par_iter_mut().zip(&hit).with_min_len(MERGED).for_each(|(devices, hit)| {
+            *devices |= u8::from(hit.load(Ordering::Relaxed)) << d;
+            hit.store(false, Ordering::Relaxed);
+        });
     }
     Ok(devices)
 }
