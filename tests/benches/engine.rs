@@ -45,7 +45,8 @@ impl Ready {
     pub(crate) fn cast(&self, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>], level: SimdLevel) -> Table {
         let cancel = AtomicBool::new(false);
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
-        visibility::cast(&self.surface, views, scanner, &self.occluders, &self.params, &ctx).expect("not cancelled")
+        let usable = vec![true; views.len()];
+        visibility::cast(&self.surface, views, &usable, scanner, &self.occluders, &self.params, &ctx).expect("not cancelled")
     }
 
     /// Which triangles the devices meet with a pixel from `view`: a bit a device, left camera first.

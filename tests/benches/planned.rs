@@ -56,8 +56,12 @@ pub(crate) fn section(bench: &mut Bench, part: &Part, open3d_s: Option<f64>) {
     ];
     let header = ["candidates", "visibility, s", "a candidate, ms", "times as fast as Open3D's viewpoint", "all stages, s"];
     bench.report.table(&header, &[cells]);
+    let demand = match part.size {
+        Some(Size::Coarse) => Demand::above(100.0, 200.0, " ×"),
+        Some(Size::Dense) => Demand::above(12.0, 30.0, " ×"),
+        Some(Size::Middle) | None => return,
+    };
     let (Some(open3d_s), Some(size)) = (open3d_s, part.size) else { return };
-    let demand = if size == Size::Coarse { Demand::above(100.0, 200.0, " ×") } else { Demand::above(12.0, 30.0, " ×") };
     bench.report.figure(format!("a view of a plan against Open3D's, {}", size.as_str()), demand, open3d_s / view_s);
 }
 

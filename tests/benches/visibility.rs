@@ -20,6 +20,7 @@ const TRIANGLES: [usize; 2] = [20_000, 70_000];
 fn engine(c: &mut Criterion) {
     let (scanner, params, cancel) = (rig::scanner(), PlanParams::default(), AtomicBool::new(false));
     let views = rig::views(&scanner);
+    let usable = vec![true; views.len()];
     let mut group = c.benchmark_group("default engine, four viewpoints");
     for triangles in TRIANGLES {
         let mesh = meshes::lobed(triangles);
@@ -27,7 +28,7 @@ fn engine(c: &mut Criterion) {
         let occluders = Occluders::new([&mesh]);
         group.bench_function(BenchmarkId::from_parameter(mesh.faces.len()), |b| {
             let ctx = Context::new(&cancel, &Silent);
-            b.iter(|| visibility::cast(&surface, &views, &scanner, &occluders, &params, &ctx).expect("not cancelled"));
+            b.iter(|| visibility::cast(&surface, &views, &usable, &scanner, &occluders, &params, &ctx).expect("not cancelled"));
         });
     }
     group.finish();
