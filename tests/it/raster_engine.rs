@@ -222,7 +222,9 @@ fn coarse(spec: &mut DeviceSpec) {
 #[test]
 fn the_pixel_set_is_that_of_one_ray_a_pixel() {
     let mut spec = Presets.scanner("transcan-c-nominal").expect("a preset");
-    [&mut spec.left, &mut spec.right, &mut spec.projector].map(coarse);
+    for device in [&mut spec.left, &mut spec.right, &mut spec.projector] {
+        coarse(device);
+    }
     let case = Case::of(figurine(), 120.0, spec.build().expect("valid"), 4);
     let (occluders, rays) = (Occluders::new([&case.mesh]), RayScene::new([&case.mesh]));
     let cancel = AtomicBool::new(false);
