@@ -3,11 +3,11 @@
 //!
 //! For each view: the steps of method §4 before any shadow, for all samples at once; then, device by device, the tiles
 //! of the undistorted image that the remaining samples fall on are drawn with all triangles that meet them, and each
-//! sample is compared with the four pixels around it. With z the sample's depth, i its incidence and
-//! band = 0.01 mm + 1.5 pixels · tan i, the sample is seen where none of the four is nearer than z − band (Williams 1978,
-//! *Casting Curved Shadows on Curved Surfaces*, with a slope-scaled bias), hidden where all four are nearer than
-//! z − band − 0.05 mm, and otherwise a ray to the optical centre decides. The lens's distortion enters with the frame
-//! alone, which is tested before: rays are straight lines in the undistorted image.
+//! sample is compared with the four pixels around it (Williams 1978, *Casting Curved Shadows on Curved Surfaces*). It is
+//! seen where none of the four is nearer than the plane of its own facet there by more than 0.01 mm. With z its depth and
+//! i its incidence, it is hidden where all four are nearer than z − 0.06 mm − 1.5 pixels · tan i. Otherwise a ray to the
+//! optical centre decides. The lens's distortion enters with the frame alone, which is tested before: rays are straight
+//! lines in the undistorted image.
 //!
 //! Cost a view: O(samples + triangles that face a device + pixels of the part). Memory: 42 bytes a triangle for the
 //! clusters at most and mostly 17, 29 bytes a sample, and a thread's buffers: 16 KiB a tile of one device (48 MB at
@@ -39,12 +39,13 @@ pub(super) use pixel_set::pixel_set;
 use samples::{BATCHES, NO_SAMPLE, SAMPLES, SampleCluster, Samples};
 use tile::{Nearness, TILE, place, step_down, step_right};
 
-/// Band around a sample's own surface in which the map does not hide it: what f32 and the facets leave, mm, …
+/// How much nearer than the plane of a sample's facet a pixel may be and still not hide it: what f32 and the bends
+/// between facets leave, mm.
 const BAND_MM: f32 = 0.01;
-/// … and what the surface's slope makes of the distance to the neighbouring pixel, pixels.
+/// What the surface's slope may make of the distance to the neighbouring pixel, pixels, …
 const BAND_PX: f32 = 1.5;
-/// How much nearer than the band all four pixels must be for the map to hide a sample, mm.
-const HIDDEN_MM: f32 = 0.05;
+/// … and how much nearer than that all four pixels must be for the map to hide a sample, mm.
+const HIDDEN_MM: f32 = 0.06;
 /// Clusters of samples that one task takes: about a millisecond.
 const TASK: usize = 32;
 /// Doubtful samples that one task takes.
@@ -470,7 +471,8 @@ impl Kernel for Compare<'_> {
             let offsets = cluster.batch(batch);
             let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
             let (mut tiles, mut places, mut rights, mut downs) = ([0; LANES], [0; LANES], [0; LANES], [0; LANES]);
-            let (mut seen_mm, mut hidden_mm) = ([0.0; LANES], [0.0; LANES]);
+            let (mut along_x, mut along_y, mut ahead) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+            let mut hidden_mm = [0.0; LANES];
             for lane in 0..LANES {
                 let place = batch * LANES + lane;
                 let (mut along, mut length) = (0.0, 0.0);
@@ -481,10 +483,15 @@ impl Kernel for Compare<'_> {
                 }
                 let depth_mm = 1.0 / nearness[lane];
                 let tan = higher(length - along * along, 0.0).sqrt() / along;
-                seen_mm[lane] = depth_mm - (BAND_MM + BAND_PX / look.pinhole.focal_px * depth_mm * tan);
-                hidden_mm[lane] = seen_mm[lane] - HIDDEN_MM;
-                columns[lane] = higher(u[lane] - look.grid.left_px, 0.0) as i32 as u32;
-                rows[lane] = higher(v[lane] - look.grid.top_px, 0.0) as i32 as u32;
+                let normal = [0, 1, 2].map(|axis| cluster.normal[axis][place]);
+                [along_x[lane], along_y[lane]] = look.pinhole.slope(normal, along);
+                hidden_mm[lane] = depth_mm - (BAND_PX / look.pinhole.focal_px * depth_mm * tan + HIDDEN_MM);
+                let (x, y) = (higher(u[lane] - look.grid.left_px, 0.0), higher(v[lane] - look.grid.top_px, 0.0));
+                columns[lane] = x as i32 as u32;
+                rows[lane] = y as i32 as u32;
+                // What the nearness of the facet's plane at the first of the four pixels may be at most.
+                let back = along_x[lane] * (columns[lane] as i32 as f32 - x) + along_y[lane] * (rows[lane] as i32 as f32 - y);
+                ahead[lane] = nearness[lane] * (1.0 + BAND_MM * nearness[lane]) + back;
             }
             for lane in 0..LANES {
                 let (x, y) = (columns[lane], rows[lane]);
@@ -499,7 +506,9 @@ impl Kernel for Compare<'_> {
                 }
                 let spot = Spot { tile: tiles[lane], place: places[lane], right: rights[lane], down: downs[lane] };
                 let [a, b, c, d] = look.around(columns[lane], rows[lane], spot);
-                let seen = higher(higher(a, b), higher(c, d)) * seen_mm[lane] <= 1.0;
+                let (right, down) = (along_x[lane], along_y[lane]);
+                let beyond = higher(higher(a, b - right), higher(c - down, d - right - down));
+                let seen = beyond <= ahead[lane];
                 let hidden = lower(lower(a, b), lower(c, d)) * hidden_mm[lane] > 1.0;
                 doubts |= u64::from(!seen & !hidden) << (batch * LANES + lane);
                 states[lane] = if hidden & !seen { look.hidden } else { PASSES };

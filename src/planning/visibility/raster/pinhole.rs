@@ -21,6 +21,10 @@ pub(super) struct Pinhole {
     pub(super) centre_mm: Vector3<f64>,
     /// Pixels a radian at the optical axis; the larger of both directions.
     pub(super) focal_px: f32,
+    /// What a unit normal n of the part frame is multiplied with to give by how much nearness changes along x and y over
+    /// the image of a plane, times the distance of the optical centre from the plane: with w = 1/z and the pinhole's
+    /// x_n = (u − cx)/fx − α y_n, y_n = (v − cy)/fy, w = n·(x_n, y_n, 1) / (n·q) for any point q of the plane.
+    slopes: [[f32; 3]; 2],
 }
 
 impl Pinhole {
@@ -41,7 +45,19 @@ impl Pinhole {
         }
         let rounded = std::array::from_fn(|r| std::array::from_fn(|c| exact[(r, c)] as f32));
         let centre_mm = device_from_part.inverse().translation.vector - scene_centre_mm.coords;
-        Self { exact, rounded, centre_mm, focal_px: lens.fx.max(lens.fy) as f32 }
+        let along_x = |column: usize| (right[column] / lens.fx) as f32;
+        let along_y = |column: usize| ((down[column] - lens.skew * right[column]) / lens.fy) as f32;
+        let slopes = [std::array::from_fn(along_x), std::array::from_fn(along_y)];
+        Self { exact, rounded, centre_mm, focal_px: lens.fx.max(lens.fy) as f32, slopes }
+    }
+
+    /// By how much nearness changes a pixel along x and along y over the image of a plane with unit normal `n`, which
+    /// the optical centre is `above_mm` in front of.
+    #[inline(always)]
+    pub(super) fn slope(&self, n: [f32; 3], above_mm: f32) -> [f32; 2] {
+        let [x, y] = &self.slopes;
+        let scale = -1.0 / above_mm;
+        [(x[0] * n[0] + x[1] * n[1] + x[2] * n[2]) * scale, (y[0] * n[0] + y[1] * n[1] + y[2] * n[2]) * scale]
     }
 
     /// Homogeneous image coordinates (x · depth, y · depth, depth) of one point.
