@@ -1,10 +1,10 @@
 //! The scene's triangles in clusters of 64 neighbours, each with its own few vertices, so that a cluster is projected
-//! from 700 bytes that lie together, and culled whole. Coordinates are f32, relative to the scene's centre, which keeps
+//! from about 600 bytes that lie together, and culled whole. Coordinates are f32, relative to the scene's centre, which keeps
 //! them within 4e-6 mm on a part of 120 mm.
 //!
 //! A normal cone (Shirman and Abi-Ezzi 1993, *The Cone of Normals Technique for Fast Processing of Curved Patches*) tells
-//! when a whole cluster faces away. Memory: about 13 bytes a triangle, and 60 a cluster; at worst, where no two triangles
-//! of a cluster share a vertex, 40 bytes a triangle.
+//! when a whole cluster faces away. Memory: about 18 bytes a triangle; at
+//! worst, where no two triangles of a cluster share a vertex, 45.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;

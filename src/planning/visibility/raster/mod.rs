@@ -9,15 +9,17 @@
 //! optical centre decides. The lens's distortion enters with the frame alone, which is tested before: rays are straight
 //! lines in the undistorted image.
 //!
-//! Cost a view: O(samples + triangles that face a device + pixels of the part). Memory: 42 bytes a triangle for the
-//! clusters at most and mostly 17, 29 bytes a sample, and a thread's buffers: 16 KiB a tile of one device (48 MB at
-//! 12 megapixels), 4 bytes a sample.
+//! Cost a view: O(samples + triangles that face a device + pixels of the part). Memory: 18 bytes a triangle for the
+//! clusters (45 at most), 29 bytes a sample, and for each thread 16 KiB a tile of one device (48 MB at 12 megapixels) and
+//! 6 bytes a sample.
 
 mod canvas;
 mod clusters;
 mod pinhole;
 mod pixel_set;
 mod samples;
+#[cfg(test)]
+mod tests;
 mod tile;
 
 use rayon::prelude::*;
