@@ -12,7 +12,7 @@ use crate::planning::context::{Context, Silent};
 use crate::testing::{box_mesh, nominal_scanner};
 
 /// The nearness, 1/mm, at a pixel of the map that the left camera of the nominal rig would have at the origin.
-fn map(meshes: &[&Mesh]) -> impl Fn(u32, u32) -> f32 {
+fn map(meshes: &[&Mesh]) -> impl Fn(u32, u32) -> f32 + use<> {
     let lens: Lens = nominal_scanner().devices[0].lens;
     let scene = Clusters::new(meshes);
     let pinhole = Pinhole::new(&lens, &Isometry3::identity(), &scene.centre_mm);
@@ -65,19 +65,21 @@ fn sheet(half_mm: f64, cells: u32) -> Mesh {
 }
 
 /// Nearness of the sheet's plane at a pixel: with x = X/Z, z = 480 + ½ x z.
-fn nearness_of_sheet(x: u32) -> f64 {
-    let lens = nominal_scanner().devices[0].lens;
+fn nearness_of_sheet(lens: &Lens, x: u32) -> f64 {
     (1.0 - 0.5 * (f64::from(x) + 0.5 - lens.cx) / lens.fx) / 480.0
 }
 
 #[test]
 fn neighbours_leave_no_crack_and_lie_at_their_depth() {
+    let lens = nominal_scanner().devices[0].lens;
     // From triangles of half a pixel to such that fill tiles.
     for (half_mm, cells) in [(4.0, 220), (20.0, 130), (60.0, 40), (130.0, 3)] {
         let nearness = map(&[&sheet(half_mm, cells)]);
         let reach = (half_mm / 480.0 * 6668.0 * 0.8) as u32;
-        for (x, y) in (1518 - reach.min(1400)..1518 + reach.min(1400)).flat_map(|y| (2000 - reach..2000 + reach).map(move |x| (x, y))) {
-            let (drawn, wanted) = (f64::from(nearness(x, y)), nearness_of_sheet(x));
+        for (x, y) in
+            (1518 - reach.min(1400)..1518 + reach.min(1400)).flat_map(|y| (2000 - reach..2000 + reach).map(move |x| (x, y)))
+        {
+            let (drawn, wanted) = (f64::from(nearness(x, y)), nearness_of_sheet(&lens, x));
             assert!((drawn / wanted - 1.0).abs() < 2e-6, "{cells} cells: {drawn} instead of {wanted} at {x}, {y}");
         }
     }
@@ -85,7 +87,8 @@ fn neighbours_leave_no_crack_and_lie_at_their_depth() {
 
 #[test]
 fn what_is_nearer_hides_what_is_further_whichever_way_it_faces() {
-    let (near, far) = (box_mesh([-20.0, -20.0, 400.0], [20.0, 20.0, 410.0]), box_mesh([-60.0, -60.0, 500.0], [60.0, 60.0, 510.0]));
+    let (near, far) =
+        (box_mesh([-20.0, -20.0, 400.0], [20.0, 20.0, 410.0]), box_mesh([-60.0, -60.0, 500.0], [60.0, 60.0, 510.0]));
     let mut open = near.clone();
     // Without its lid the near box is open: its floor hides the far box from within.
     open.faces.retain(|face| face.iter().any(|vertex| near.vertices_mm[*vertex as usize].z > 405.0));
