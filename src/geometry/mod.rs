@@ -21,5 +21,5 @@ pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, outward_faces};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};
-pub use simd::{Kernel, SimdLevel};
+pub use simd::{Kernel, SimdLevel, greatest, least};
 pub use unit::{LengthUnit, UnknownUnit};

@@ -3,6 +3,8 @@
 
 #![expect(clippy::needless_range_loop, reason = "a lane or a slot runs through several arrays at once")]
 
+pub(super) use crate::geometry::simd::{greatest, least};
+
 /// Rays of a packet.
 pub(super) const LANES: usize = 16;
 
@@ -35,18 +37,6 @@ pub(super) fn each(mut lanes: u32) -> impl Iterator<Item = usize> {
         lanes &= lanes.wrapping_sub(1);
         some.then_some(lane)
     })
-}
-
-/// The machine's minimum: `b` where `a` is NaN. `f32::min` has a rule for either, at two to three times the cost.
-#[inline(always)]
-pub(super) fn least(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// The machine's maximum: `b` where `a` is NaN.
-#[inline(always)]
-pub(super) fn greatest(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
 }
 
 #[inline(always)]

@@ -71,12 +71,6 @@ impl RayScene {
         Self { centre_mm, tree, vertices_mm, faces }
     }
 
-    /// Triangles, counted over all meshes, in the order of the tree's leaves: neighbours in space are close to each other.
-    #[must_use]
-    pub fn leaf_order(&self) -> &[u32] {
-        &self.tree.order
-    }
-
     /// Whether a surface lies strictly between `from` and the point at `share` of the way to `to`.
     #[must_use]
     pub fn blocked(&self, from: &Point3<f64>, to: &Point3<f64>, share: f64) -> bool {

@@ -171,7 +171,7 @@ fn a_part_far_from_the_origin_is_seen_as_well_as_a_near_one() {
 fn the_order_of_leaves_holds_every_triangle_once() {
     let (part, other) = (figurine(8_000).expect("a demo part"), octahedron());
     let scene = RayScene::new([&part, &other]);
-    let mut order = scene.leaf_order().to_vec();
+    let mut order = scene.tree.order.clone();
     let centre = |face: u32| {
         let [a, b, c] = part.corners(face as usize);
         Point3::from((a.coords + b.coords + c.coords) / 3.0)

@@ -86,15 +86,3 @@ impl Pinhole {
         image
     }
 }
-
-/// The smaller of two numbers; unlike `f32::min` one instruction, since NaN does not occur or does not matter.
-#[inline(always)]
-pub(super) fn lower(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-/// The larger of two numbers; see [`lower`].
-#[inline(always)]
-pub(super) fn higher(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}

@@ -7,8 +7,8 @@
 //! the triangle's plane of 1/depth, held within the values at its corners. Triangles are prepared 16 at a time.
 
 use super::clusters::{Cluster, TRIANGLES, VERTICES};
-use super::pinhole::{LANES, Lanes, Pinhole, higher, lower};
-use crate::geometry::{Kernel, SimdLevel};
+use super::pinhole::{LANES, Lanes, Pinhole};
+use crate::geometry::{Kernel, SimdLevel, greatest, least};
 
 /// Pixels along a tile's edge.
 pub(super) const TILE: usize = 64;
@@ -186,21 +186,21 @@ struct Hiding([Lanes; BLOCKS]);
 impl Hiding {
     #[inline(always)]
     fn of(nearness: &Nearness) -> Self {
-        let mut least = [[0.0; BLOCKS]; BLOCKS];
+        let mut furthest = [[0.0; BLOCKS]; BLOCKS];
         for (row, blocks) in nearness.as_chunks::<BLOCKS>().0.iter().enumerate() {
             for (column, block) in blocks.iter().enumerate() {
                 let mut eight = [0.0; LANES / 2];
                 for lane in 0..LANES / 2 {
-                    eight[lane] = lower(block[lane], block[lane + LANES / 2]);
+                    eight[lane] = least(block[lane], block[lane + LANES / 2]);
                 }
                 let mut four = [0.0; LANES / 4];
                 for lane in 0..LANES / 4 {
-                    four[lane] = lower(eight[lane], eight[lane + LANES / 4]);
+                    four[lane] = least(eight[lane], eight[lane + LANES / 4]);
                 }
-                least[row][column] = lower(lower(four[0], four[1]), lower(four[2], four[3]));
+                furthest[row][column] = least(least(four[0], four[1]), least(four[2], four[3]));
             }
         }
-        Self(least)
+        Self(furthest)
     }
 
     /// Whether nothing of a projected cluster can change the tile.
@@ -211,18 +211,18 @@ impl Hiding {
         for first in (0..cluster.vertices.len() * LANES).step_by(LANES) {
             for lane in 0..LANES {
                 let (x, y) = (image[0][first + lane], image[1][first + lane]);
-                bounds[0][lane] = lower(x, bounds[0][lane]);
-                bounds[1][lane] = higher(x, bounds[1][lane]);
-                bounds[2][lane] = lower(y, bounds[2][lane]);
-                bounds[3][lane] = higher(y, bounds[3][lane]);
-                nearest[lane] = higher(image[2][first + lane], nearest[lane]);
+                bounds[0][lane] = least(x, bounds[0][lane]);
+                bounds[1][lane] = greatest(x, bounds[1][lane]);
+                bounds[2][lane] = least(y, bounds[2][lane]);
+                bounds[3][lane] = greatest(y, bounds[3][lane]);
+                nearest[lane] = greatest(image[2][first + lane], nearest[lane]);
             }
         }
-        let least = |values: &Lanes| values.iter().fold(f32::INFINITY, |a, b| lower(a, *b));
-        let most = |values: &Lanes| values.iter().fold(f32::NEG_INFINITY, |a, b| higher(a, *b));
-        let (left, right) = columns(least(&bounds[0]), most(&bounds[1]));
-        let (top, bottom) = columns(least(&bounds[2]), most(&bounds[3]));
-        let (nearest, blocks) = (most(&nearest), (left >> 2)..=(right >> 2));
+        let lowest = |values: &Lanes| values.iter().fold(f32::INFINITY, |a, b| least(a, *b));
+        let highest = |values: &Lanes| values.iter().fold(f32::NEG_INFINITY, |a, b| greatest(a, *b));
+        let (left, right) = columns(lowest(&bounds[0]), highest(&bounds[1]));
+        let (top, bottom) = columns(lowest(&bounds[2]), highest(&bounds[3]));
+        let (nearest, blocks) = (highest(&nearest), (left >> 2)..=(right >> 2));
         let block_columns: [i32; BLOCKS] = std::array::from_fn(|column| column as i32);
         left > right
             || ((top >> 2)..=(bottom >> 2)).all(|row| {
@@ -332,10 +332,10 @@ impl Setup {
             setup.plane[0][lane] = along_x;
             setup.plane[1][lane] = along_y;
             setup.plane[2][lane] = w0 - along_x * x0 - along_y * y0;
-            setup.nearest[lane] = higher(higher(w0, w1), w2);
-            setup.furthest[lane] = lower(lower(w0, w1), w2);
-            let (left, right) = columns(lower(lower(x0, x1), x2), higher(higher(x0, x1), x2));
-            let (top, bottom) = columns(lower(lower(y0, y1), y2), higher(higher(y0, y1), y2));
+            setup.nearest[lane] = greatest(greatest(w0, w1), w2);
+            setup.furthest[lane] = least(least(w0, w1), w2);
+            let (left, right) = columns(least(least(x0, x1), x2), greatest(greatest(x0, x1), x2));
+            let (top, bottom) = columns(least(least(y0, y1), y2), greatest(greatest(y0, y1), y2));
             setup.bounds[0][lane] = left;
             setup.bounds[1][lane] = right;
             setup.bounds[2][lane] = top;
@@ -393,7 +393,7 @@ impl Setup {
                 for lane in 0..LANES {
                     let inside =
                         (within[0][lane] + at[0] >= 0.0) & (within[1][lane] + at[1] >= 0.0) & (within[2][lane] + at[2] >= 0.0);
-                    let value = lower(higher(slope[lane] + base, furthest), nearest);
+                    let value = least(greatest(slope[lane] + base, furthest), nearest);
                     let value = if inside { value } else { 0.0 };
                     shown[lane] = if value > values[lane] { number } else { shown[lane] };
                     // The greater of two numbers that are not negative has the greater bits.
@@ -410,7 +410,7 @@ impl Setup {
 #[inline(always)]
 fn columns(from: f32, to: f32) -> (i32, i32) {
     // Both are made positive, where rounding towards zero rounds down.
-    let (from, to) = (higher(lower(from, TILE as f32), -1.0), higher(lower(to, TILE as f32), -1.0));
+    let (from, to) = (greatest(least(from, TILE as f32), -1.0), greatest(least(to, TILE as f32), -1.0));
     let first = TILE as i32 - (TILE as f32 - from) as i32;
     let last = (to + 1.0) as i32 - 1;
     let (first, last) = (if first < 0 { 0 } else { first }, if last > TILE as i32 - 1 { TILE as i32 - 1 } else { last });
@@ -424,7 +424,7 @@ fn blocks_met(edges: &[[f32; 3]; 3], y: f32) -> u32 {
     let mut reach = [0.0; 3];
     for edge in 0..3 {
         let [a, b, c] = edges[edge];
-        reach[edge] = b * y + c + higher(a, 0.0) * BLOCK_REACH + higher(b, 0.0) * BLOCK_REACH;
+        reach[edge] = b * y + c + greatest(a, 0.0) * BLOCK_REACH + greatest(b, 0.0) * BLOCK_REACH;
         // A little more, for edges whose functions are small beside their rounding.
         reach[edge] += (a.abs() + b.abs()) * 0.01;
     }
