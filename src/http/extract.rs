@@ -227,7 +227,7 @@ impl OptionalFromRequestParts<Site> for IdempotencyKey {
             return Err(refuse("is given more than once"));
         }
         let key = value.to_str().map_err(|_| refuse("has to be visible ASCII characters"))?;
-        if !(1..=255).contains(&key.len()) || !key.bytes().all(|c| c.is_ascii_graphic() || c == b' ') {
+        if !(1..=255).contains(&key.len()) || !key.bytes().all(|c| c.is_ascii_graphic()) {
             return Err(refuse("has to be 1 to 255 visible ASCII characters"));
         }
         Ok(Some(Self(key.to_owned())))

@@ -29,8 +29,9 @@ type Accepted = (StatusCode, [(HeaderName, String); 2], axum::Json<Job>);
     path = "/jobs",
     tag = "jobs",
     operation_id = "create_job",
-    params(("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[\\x21-\\x7e]+$",
-        description = "The same key with the same request gives the same answer for 24 hours, and starts no second job.")),
+    params(("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+        description = "The same key with the same request gives the same answer for 24 hours, and starts no second job. \
+                       White space around it is no part of it (RFC 9110, 5.5).")),
     request_body = JobRequest,
     responses(
         (status = 202, description = "The job was accepted.", body = Job,

@@ -205,7 +205,7 @@ async fn a_key_starts_one_job_however_often_it_comes() {
     // A request that was refused has used no key.
     send("k3", json!({"mesh_id": mesh, "cell": "nowhere"}).to_string()).await.problem("invalid_fields");
     send("k3", request.clone()).await.ok(202);
-    for unfit in ["", &"k".repeat(256), "\u{e4}"] {
+    for unfit in ["", "two words", &"k".repeat(256), "\u{e4}"] {
         send(unfit, request.clone()).await.problem_at("bad_idempotency_key", &["Idempotency-Key"]);
     }
     assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"].as_array().expect("a list").len(), 3);
