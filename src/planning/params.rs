@@ -4,7 +4,12 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::grade::Grade;
 use crate::cell::{FieldError, Findings, PoseSpec};
+
+mod regions;
+
+pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -12,7 +17,7 @@ use crate::cell::{FieldError, Findings, PoseSpec};
 pub struct PlanParams {
     /// Patches, samples and how the part lies.
     pub part: PartParams,
-    /// Faces that are not asked for.
+    /// What is asked of which part of the surface.
     pub regions: RegionParams,
     /// Values that the program carries to the scanner.
     pub scan: ScanParams,
@@ -45,56 +50,6 @@ pub struct PartParams {
     /// A fixture that occludes and collides and is not measured, modelled in the part's own coordinates and unit:
     /// a mesh id over HTTP, a file on the command line.
     pub fixture_mesh: Option<String>,
-}
-
-/// Faces that are not asked for.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields, expecting = "an object")]
-pub struct RegionParams {
-    /// A face is excluded when any of these regions holds it (face list), or holds the sample (the others).
-    pub exclude: Vec<Region>,
-}
-
-/// A region of the part, in part coordinates.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
-pub enum Region {
-    /// Faces of the uploaded file, counted from 0.
-    Faces {
-        /// Face numbers.
-        faces: Vec<u32>,
-    },
-    /// Axis-aligned box.
-    Box {
-        /// Lowest corner, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        min_mm: [f64; 3],
-        /// Highest corner, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        max_mm: [f64; 3],
-    },
-    /// Ball.
-    Sphere {
-        /// Centre, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        centre_mm: [f64; 3],
-        /// Radius, mm, above 0.
-        radius_mm: f64,
-    },
-    /// All points p with (p − point)·normal ≤ 0.
-    HalfSpace {
-        /// A point of the plane, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        point_mm: [f64; 3],
-        /// Outward direction, any length above 0.
-        #[schema(min_items = 3, max_items = 3)]
-        normal: [f64; 3],
-    },
-    /// A named group of the file (`g` and `o` lines of OBJ).
-    Name {
-        /// The group's name.
-        name: String,
-    },
 }
 
 /// Values that the program carries to the scanner.
@@ -305,6 +260,8 @@ pub struct SelectionParams {
     pub min_growth: f64,
     /// At most this many views, 1 to 1000. Default: no limit.
     pub max_views: Option<u32>,
+    /// Count only area that is measured at this grade or better (method §5): `A`, `B`, `C` or `D`. Default: all of it.
+    pub min_grade: Option<Grade>,
 }
 
 impl Default for SelectionParams {
@@ -316,6 +273,7 @@ impl Default for SelectionParams {
             target_of: TargetOf::Coverable,
             min_growth: 0.0001,
             max_views: None,
+            min_grade: None,
         }
     }
 }
@@ -328,7 +286,7 @@ impl PlanParams {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check_part(&mut findings);
-        self.check_regions(&mut findings);
+        self.regions.check(&mut findings);
         self.check_hardware_values(&mut findings);
         self.check_candidates(&mut findings);
         self.check_selection(&mut findings);
@@ -344,32 +302,6 @@ impl PlanParams {
         }
         if let Some(pose) = &self.part.table_from_part {
             pose.check("/part/table_from_part", findings);
-        }
-    }
-
-    fn check_regions(&self, findings: &mut Findings) {
-        for (index, region) in self.regions.exclude.iter().enumerate() {
-            let at = format!("/regions/exclude/{index}");
-            match region {
-                Region::Faces { faces } => {
-                    findings.require(!faces.is_empty(), format!("{at}/faces"), || "is empty; name at least one face".into());
-                }
-                Region::Box { min_mm, max_mm } => {
-                    findings.require((0..3).all(|i| min_mm[i] <= max_mm[i]), format!("{at}/min_mm"), || {
-                        format!("{min_mm:?} is not below max_mm {max_mm:?} in every axis")
-                    });
-                }
-                Region::Sphere { radius_mm, .. } => {
-                    findings.range(format!("{at}/radius_mm"), *radius_mm, 1e-6, 1e5, "mm");
-                }
-                Region::HalfSpace { normal, .. } => {
-                    findings
-                        .require(normal.iter().any(|c| *c != 0.0), format!("{at}/normal"), || "is zero; give a direction".into());
-                }
-                Region::Name { name } => {
-                    findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group of the file".into());
-                }
-            }
         }
     }
 

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use super::candidates::{self, Scope};
 use super::context::{Context, Stage};
+use super::demands::Demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::motion::Motion;
@@ -29,7 +30,8 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     params.check().map_err(PlanError::BadParams)?;
     let params = resolve(params, input);
     ctx.begin(Stage::Surface)?;
-    let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+    let mut surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+    surface.demands = Demands::new(input.mesh, &surface, &params).map_err(PlanError::BadParams)?;
     let asked_area_mm2 = asked_area_mm2(&surface)?;
     let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
     let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));

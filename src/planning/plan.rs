@@ -4,6 +4,7 @@ use nalgebra::Point3;
 
 use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
+pub use super::grade::Grade;
 use super::params::PlanParams;
 pub use super::selection::{StopReason, ViewId};
 use super::sequence::Sequence;
@@ -74,8 +75,25 @@ pub struct Coverage {
     pub grade_area_mm2: [f64; 4],
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
+    /// What is measured of each region of interest and feature.
+    pub regions: Vec<RegionCoverage>,
     /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
     pub pixel_set_area_mm2: Option<f64>,
+}
+
+/// What is measured of a region, as well as is asked there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RegionCoverage {
+    /// Its name.
+    pub name: String,
+    /// Its asked area.
+    pub asked_area_mm2: f64,
+    /// Of that what some kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// Of that what the chosen views measure.
+    pub measured_area_mm2: f64,
+    /// Share of the asked area that was to be measured.
+    pub target: Option<f64>,
 }
 
 impl Coverage {
@@ -144,32 +162,6 @@ pub struct MissedSpot {
     pub centre_mm: Point3<f64>,
     /// Faces of the uploaded file that it touches, ascending.
     pub source_faces: Vec<u32>,
-}
-
-/// Grade of a sample from its best chosen view's quality: A > 0.5, B > 0, C > −0.5, D the rest (method §5).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Grade {
-    /// Above 0.5.
-    A,
-    /// Above 0.
-    B,
-    /// Above −0.5.
-    C,
-    /// The rest.
-    D,
-}
-
-impl Grade {
-    /// The grade of a quality c·Q_δ + d·Q_dis.
-    #[must_use]
-    pub fn of(quality: f64) -> Self {
-        match quality {
-            q if q > 0.5 => Self::A,
-            q if q > 0.0 => Self::B,
-            q if q > -0.5 => Self::C,
-            _ => Self::D,
-        }
-    }
 }
 
 /// What became of one sample.

@@ -7,11 +7,14 @@ use rayon::prelude::*;
 
 use super::candidates::{Generated, Rejection};
 use super::context::Context;
+use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::missed;
 use super::params::{PlanParams, SelectionParams, TargetOf};
-use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict, ViewId};
+use super::plan::{
+    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, StopReason, Verdict, ViewId,
+};
 use super::selection::{self, Problem, Selection};
 use super::sequence::Ordered;
 use super::stations::{Blocked, Station};
@@ -210,6 +213,7 @@ impl Study<'_> {
             }
         }
         coverage.measured_area_mm2 = coverage.grade_area_mm2.iter().sum();
+        coverage.regions = self.regions(verdicts);
         let mut open_mm2 = self.asked_area_mm2.clone();
         let mut covered_mm2 = 0.0;
         for row in measuring {
@@ -217,6 +221,26 @@ impl Study<'_> {
             coverage.curve_area_mm2.push(covered_mm2);
         }
         coverage
+    }
+
+    fn regions(&self, verdicts: &[Verdict]) -> Vec<RegionCoverage> {
+        let named = demands::regions(self.params).into_iter();
+        let mut regions: Vec<_> = named
+            .map(|region| RegionCoverage { name: region.name, target: region.target, ..RegionCoverage::default() })
+            .collect();
+        if regions.is_empty() {
+            return regions;
+        }
+        let coverable = self.problem(&self.usable()).coverable();
+        for (sample, verdict) in verdicts.iter().enumerate() {
+            for &region in &self.surface.demands.of(sample).regions {
+                let (region, area_mm2) = (&mut regions[region], self.asked_area_mm2[sample]);
+                region.asked_area_mm2 += area_mm2;
+                region.coverable_area_mm2 += if coverable.holds(sample as u32) { area_mm2 } else { 0.0 };
+                region.measured_area_mm2 += if matches!(verdict, Verdict::Measured(_)) { area_mm2 } else { 0.0 };
+            }
+        }
+        regions
     }
 
     fn counts(&self) -> CandidateCounts {

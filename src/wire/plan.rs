@@ -9,7 +9,7 @@ use super::angle::degrees;
 use super::echo::Echo;
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Cause, Coverage, MissedCause, Outcome, Plan, PlannedView};
+use crate::planning::plan::{Cause, Coverage, MissedCause, Outcome, Plan, PlannedView, RegionCoverage, share};
 
 /// Schema name that the document carries.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -177,10 +177,45 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
+    /// What is measured of each region of interest and feature.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub regions: Vec<RegionCoverageDocument>,
     /// Share of the whole surface on faces that some chosen view hits with a pixel of each device, whatever depth and
     /// incidence; with `visibility.pixel_set`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixel_set_of_total: Option<f64>,
+}
+
+/// What is measured of a region, as well as is asked there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct RegionCoverageDocument {
+    /// Its name.
+    pub name: String,
+    /// Its asked area.
+    pub asked_area_mm2: f64,
+    /// Of that what some kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// Measured share of the asked area.
+    pub of_asked: f64,
+    /// Measured share of the coverable area.
+    pub of_coverable: f64,
+    /// Share of the asked area that was to be measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<f64>,
+}
+
+impl From<&RegionCoverage> for RegionCoverageDocument {
+    fn from(region: &RegionCoverage) -> Self {
+        Self {
+            name: region.name.clone(),
+            asked_area_mm2: region.asked_area_mm2,
+            coverable_area_mm2: region.coverable_area_mm2,
+            of_asked: share(region.measured_area_mm2, region.asked_area_mm2),
+            of_coverable: share(region.measured_area_mm2, region.coverable_area_mm2),
+            target: region.target,
+        }
+    }
 }
 
 /// Shares of the asked area by grade.
@@ -343,7 +378,8 @@ impl From<&Coverage> for CoverageDocument {
             of_total: coverage.of_total(),
             grades: GradesDocument { a, b, c, d },
             curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
-            pixel_set_of_total: coverage.pixel_set_area_mm2.map(|area_mm2| area_mm2 / coverage.total_area_mm2),
+            regions: coverage.regions.iter().map(RegionCoverageDocument::from).collect(),
+            pixel_set_of_total: coverage.pixel_set_area_mm2.map(|area_mm2| share(area_mm2, coverage.total_area_mm2)),
         }
     }
 }

@@ -97,6 +97,7 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
         grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
             .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
+        regions: Vec::new(),
         pixel_set_area_mm2: None,
     }
 }
@@ -128,8 +129,10 @@ fn sequence(views: usize) -> Sequence {
 /// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.
 fn sphere_outcome(mesh: &Mesh) -> Outcome {
     let part = PartParams { patch_edge_mm: Some(5.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
-    let regions =
-        RegionParams { exclude: vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }] };
+    let regions = RegionParams {
+        exclude: vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }],
+        ..RegionParams::default()
+    };
     let surface = surface::sample(mesh, &part, &regions, 0).expect("a surface");
     let params = PlanParams { part, regions, ..PlanParams::default() };
     let sides =

@@ -90,12 +90,18 @@ pub fn select(
 }
 
 impl Problem<'_> {
+    /// Samples that at least one row measures.
+    #[must_use]
+    pub fn coverable(&self) -> SampleSet {
+        let mut coverable = SampleSet::none_of(self.asked_area_mm2.len());
+        self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
+        coverable
+    }
+
     /// Asked area that at least one row measures.
     #[must_use]
     pub fn coverable_mm2(&self) -> f64 {
-        let mut coverable = SampleSet::none_of(self.asked_area_mm2.len());
-        self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
-        coverable.iter().map(|sample| self.asked_area_mm2[sample as usize]).sum()
+        self.coverable().iter().map(|sample| self.asked_area_mm2[sample as usize]).sum()
     }
 
     /// Asked area.

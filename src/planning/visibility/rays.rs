@@ -90,7 +90,7 @@ impl Caster<'_> {
 
     fn measure(&self, sample: usize) -> Result<f32, Cause> {
         let p = &self.surface.sample_mm[sample];
-        let quality = self.view.before_shadow(p, &self.surface.patch_of(sample).normal)?;
+        let quality = self.view.before_shadow(p, &self.surface.patch_of(sample).normal, self.surface.demands.kind(sample))?;
         for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
             if self.scene.blocked(centre, p, RAY_END_SHARE) {
                 return Err(cause);

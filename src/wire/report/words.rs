@@ -20,6 +20,7 @@ pub(super) fn cause_name(cause: Cause) -> &'static str {
         Cause::ShadowLeft => "Hidden from the left camera",
         Cause::ShadowRight => "Hidden from the right camera",
         Cause::ShadowProjector => "In the projector’s shadow",
+        Cause::BelowGrade => "Not measured well enough",
         Cause::Unreachable => "Out of the robot’s reach",
         Cause::Collision => "Something would collide",
         Cause::NoPath => "No safe path found",
@@ -54,6 +55,7 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::ShadowLeft => "Something stands between the point and the left camera: the part itself, or its fixture.".into(),
         Cause::ShadowRight => "Something stands between the point and the right camera: the part itself, or its fixture.".into(),
         Cause::ShadowProjector => "Something stands between the point and the projector: the part itself, or its fixture.".into(),
+        Cause::BelowGrade => "It is seen, but not as well as is asked: below the grade, too noisy or too sparse.".into(),
         Cause::Unreachable => "Viewpoints that would measure it are out of the robot’s reach at every table angle.".into(),
         Cause::Collision => format!(
             "At every viewpoint that would measure it, robot or scanner would touch something or come closer than {} mm.",
