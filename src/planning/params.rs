@@ -176,6 +176,9 @@ pub enum Engine {
 pub struct VisibilityParams {
     /// Default `raster`.
     pub engine: Engine,
+    /// Whether to count by pixels beside samples, as the thesis does (§3.2.1): for each face the chosen views that hit it
+    /// with at least one pixel of each device, in `coverage.csv`, and the share of such faces in `plan.json`. Default false.
+    pub pixel_set: bool,
 }
 
 /// What the angle quality is measured against.

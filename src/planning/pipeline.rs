@@ -47,7 +47,26 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
-    Ok(study.conclude(&chosen, ordered, &barred))
+    let mut outcome = study.conclude(&chosen, ordered, &barred);
+    if params.visibility.pixel_set {
+        count_by_pixels(&mut outcome, input, &occluders, ctx)?;
+    }
+    Ok(outcome)
+}
+
+/// Adds the thesis's own answer: which triangles the views hit with pixels.
+fn count_by_pixels(
+    outcome: &mut Outcome,
+    input: &PlanInput<'_>,
+    occluders: &visibility::Occluders,
+    ctx: &Context<'_>,
+) -> Result<(), PlanError> {
+    let views = outcome.plan.views.iter().filter(|view| view.rejected.is_none()).map(|view| &view.part_from_scanner);
+    let hits = visibility::pixel_views(occluders, input.mesh.faces.len(), input.scanner, views, ctx)?;
+    let area_mm2 = |(face, hits): (usize, &u32)| if *hits > 0 { input.mesh.face_area_mm2(face) } else { 0.0 };
+    outcome.plan.coverage.pixel_set_area_mm2 = Some(hits.iter().enumerate().map(area_mm2).sum());
+    outcome.pixel_views = Some(hits);
+    Ok(())
 }
 
 /// Selection and sequence: a chosen view to which no path is found is barred and selection runs again, a bounded number

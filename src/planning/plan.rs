@@ -74,6 +74,8 @@ pub struct Coverage {
     pub grade_area_mm2: [f64; 4],
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
+    /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
+    pub pixel_set_area_mm2: Option<f64>,
 }
 
 impl Coverage {
@@ -192,4 +194,7 @@ pub struct Outcome {
     pub verdicts: Vec<Verdict>,
     /// For each chosen view the samples it measures, with its quality at each.
     pub measured_by_view: Vec<super::visibility::Row>,
+    /// For each triangle planned on, how many of the chosen views hit it with a pixel of each device; with
+    /// `visibility.pixel_set`.
+    pub pixel_views: Option<Vec<u32>>,
 }

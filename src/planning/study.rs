@@ -140,7 +140,7 @@ impl Study<'_> {
             coverage,
             params: self.params.clone(),
         };
-        Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring }
+        Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring, pixel_views: None }
     }
 
     /// What a kept candidate measures, with its quality.

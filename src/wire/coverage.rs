@@ -95,28 +95,44 @@ impl FaceCounts {
 
 /// One row a face of the uploaded file, from face 0 on without gaps: number, area, measured share of that area, grade of
 /// most of the measured area, cause of most of the missed area (`not_asked` where nothing of it is asked for). Cells
-/// without a value are empty; a face that was dropped as degenerate has area 0 and no values.
+/// without a value are empty; a face that was dropped as degenerate has area 0 and no values. With
+/// `visibility.pixel_set` a last column has the number of chosen views that hit the face with a pixel of each device.
 #[must_use]
 pub fn csv(outcome: &Outcome, mesh: &Mesh) -> String {
-    let mut csv = Csv::new(&["face", "area_mm2", "measured_fraction", "best_grade", "reason"]);
+    let pixel_views = outcome.pixel_views.as_ref().map(|views| most_by_source_face(views, mesh));
+    let mut columns = vec!["face", "area_mm2", "measured_fraction", "best_grade", "reason"];
+    columns.extend(pixel_views.is_some().then_some("pixel_views"));
+    let mut csv = Csv::new(&columns);
+    let views_of = |face: u32| pixel_views.as_ref().map(|views| views[face as usize]);
     let mut next = 0;
     for (face, tally) in by_source_face(outcome, mesh) {
         for dropped in next..face {
-            face_row(&mut csv, dropped, &Tally::default());
+            face_row(&mut csv, dropped, &Tally::default(), views_of(dropped));
         }
-        face_row(&mut csv, face, &tally);
+        face_row(&mut csv, face, &tally, views_of(face));
         next = face + 1;
     }
     csv.finish()
 }
 
-fn face_row(csv: &mut Csv, face: u32, tally: &Tally) {
+/// For each face of the file the greatest of its triangles' values.
+fn most_by_source_face(of_triangles: &[u32], mesh: &Mesh) -> Vec<u32> {
+    let mut most = vec![0; mesh.source_face.iter().max().map_or(0, |last| *last as usize + 1)];
+    for (face, value) in mesh.source_face.iter().zip(of_triangles) {
+        let most: &mut u32 = &mut most[*face as usize];
+        *most = (*most).max(*value);
+    }
+    most
+}
+
+fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>) {
     csv.number(face);
     csv.number(tally.area_mm2);
     csv.optional((tally.area_mm2 > 0.0).then(|| format!("{:.6}", tally.measured_mm2() / tally.area_mm2)));
     csv.text(tally.grade().map_or("", grade_name));
     let not_asked = tally.area_mm2 > 0.0 && tally.not_asked_mm2 >= tally.area_mm2 * WHOLE;
     csv.text(if not_asked { "not_asked" } else { tally.cause().map_or("", Cause::as_str) });
+    pixel_views.into_iter().for_each(|views| csv.number(views));
     csv.end_row();
 }
 

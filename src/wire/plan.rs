@@ -177,6 +177,10 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
+    /// Share of the whole surface on faces that some chosen view hits with a pixel of each device, whatever depth and
+    /// incidence; with `visibility.pixel_set`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_set_of_total: Option<f64>,
 }
 
 /// Shares of the asked area by grade.
@@ -339,6 +343,7 @@ impl From<&Coverage> for CoverageDocument {
             of_total: coverage.of_total(),
             grades: GradesDocument { a, b, c, d },
             curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
+            pixel_set_of_total: coverage.pixel_set_area_mm2.map(|area_mm2| area_mm2 / coverage.total_area_mm2),
         }
     }
 }

@@ -247,3 +247,29 @@ fn the_pixel_set_is_that_of_one_ray_a_pixel() {
     println!("{differ} of {shown} triangles differ");
     assert!(shown > 2_000 && differ as f64 <= 5e-4 * shown as f64, "{differ} of {shown} triangles differ");
 }
+
+/// A box from all sides: pixels hit every face from some view. From one view they hit the faces that it looks at, and
+/// count one view each.
+#[test]
+fn a_plan_counts_by_pixels_where_asked_to() {
+    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
+    let mut params = PlanParams::default();
+    assert!(plan_viewpoints(&mesh, &scanner, &params).pixel_views.is_none());
+    params.visibility.pixel_set = true;
+    let outcome = plan_viewpoints(&mesh, &scanner, &params);
+    let coverage = PlanDocument::new(&outcome, &scanner, None, Echo::default()).coverage;
+    assert!((coverage.pixel_set_of_total.expect("asked for") - 1.0).abs() < 1e-12, "{coverage:?}");
+    params.selection.max_views = Some(1);
+    let outcome = plan_viewpoints(&mesh, &scanner, &params);
+    let pose = &outcome.plan.views[0].part_from_scanner;
+    let occluders = Occluders::new([&mesh]);
+    let cancel = AtomicBool::new(false);
+    let devices = visibility::pixel_set(&occluders, &scanner, pose, &Context::new(&cancel, &Silent)).expect("not cancelled");
+    let hits: Vec<u32> = devices.iter().map(|devices| u32::from(*devices == 7)).collect();
+    assert!(hits.contains(&0) && hits.contains(&1));
+    assert_eq!(outcome.pixel_views.as_ref(), Some(&hits));
+    let csv = vantage::wire::coverage::csv(&outcome, &mesh);
+    let last: Vec<_> = csv.lines().map(|line| line.rsplit(',').next().expect("a cell")).collect();
+    assert_eq!(last[0], "pixel_views");
+    assert_eq!(last[1..], hits.iter().map(u32::to_string).collect::<Vec<_>>());
+}

@@ -97,6 +97,7 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
         grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
             .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
+        pixel_set_area_mm2: None,
     }
 }
 
@@ -159,7 +160,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         stopped_because: StopReason::Target,
         coverage,
     };
-    Outcome { plan, surface, verdicts, measured_by_view: rows }
+    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None }
 }
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {

@@ -197,6 +197,7 @@ impl Lens {
     }
 
     /// Whether the image shows what the undistorted image has at a pixel.
+    #[inline(always)]
     #[must_use]
     pub fn shows_undistorted(&self, u: f64, v: f64) -> bool {
         let y = (v - self.cy) / self.fy;

@@ -72,6 +72,27 @@ pub fn pixel_set(
     raster::pixel_set(&occluders.clusters, scanner, view, ctx)
 }
 
+/// For each of the part's triangles by how many of `views` it is hit with at least one pixel of each device: the thesis's
+/// own answer, see [`pixel_set`].
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn pixel_views<'a>(
+    occluders: &Occluders,
+    triangles: usize,
+    scanner: &Scanner,
+    views: impl IntoIterator<Item = &'a Pose<Part, ScannerFrame>>,
+    ctx: &Context<'_>,
+) -> Result<Vec<u32>, Cancelled> {
+    const ALL_DEVICES: u8 = 0b111;
+    let mut hits = vec![0; triangles];
+    for view in views {
+        let devices = pixel_set(occluders, scanner, view, ctx)?;
+        hits.iter_mut().zip(devices).for_each(|(hits, devices)| *hits += u32::from(devices == ALL_DEVICES));
+    }
+    Ok(hits)
+}
+
 /// Computes the table with the engine that `params` names. A view that is not `usable` cannot be chosen: an engine may
 /// leave out of its row the samples that some usable view measures, which changes neither the choice, nor what is
 /// coverable with and without reach, nor why anything is missed.

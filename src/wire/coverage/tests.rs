@@ -23,7 +23,7 @@ const OUT: Verdict = Verdict::NotAsked;
 fn faces_are_counted_once_each() {
     let mut counts = FaceCounts::default();
     for verdicts in [&[A, A, A][..], &[A, OUT, A], &[A, SHADOW, SHADOW], &[SHADOW, SHADOW, OUT], &[OUT, OUT, OUT]] {
-        counts.count(&tally(verdicts));
+        counts.count(&tally(verdicts), None);
     }
     assert_eq!(counts, FaceCounts { total: 5, measured: 2, partly_measured: 1, missed: 1, not_asked: 1 });
 }
@@ -32,9 +32,9 @@ fn faces_are_counted_once_each() {
 fn rows_say_share_grade_and_cause() {
     let mut csv = Csv::new(&["face"]);
     for (face, verdicts) in [&[A, A, SHADOW][..], &[OUT, OUT, OUT], &[SHADOW, OUT, OUT]].into_iter().enumerate() {
-        face_row(&mut csv, face as u32, &tally(verdicts));
+        face_row(&mut csv, face as u32, &tally(verdicts), None);
     }
-    face_row(&mut csv, 3, &Tally::default());
+    face_row(&mut csv, 3, &Tally::default(), None);
     assert_eq!(
         csv.finish(),
         "face\r\n0,3,0.666667,A,shadow_right\r\n1,3,0.000000,,not_asked\r\n2,3,0.000000,,shadow_right\r\n3,0,,,\r\n"

@@ -289,7 +289,9 @@ impl<'a> Engine<'a> {
         let row = Row::new(measured.into_words());
         match self.kept_quality {
             Some(scale) => {
-                let steps = row.samples().map(|sample| steps_by_sample[sample as usize]).collect();
+                // Iterated from within: a nested iterator is slow from outside.
+                let mut steps = Vec::with_capacity(row.count());
+                row.samples().for_each(|sample| steps.push(steps_by_sample[sample as usize]));
                 row.with_quality(steps, scale)
             }
             None => row,

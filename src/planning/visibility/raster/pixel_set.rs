@@ -8,10 +8,10 @@ use super::Clusters;
 use rayon::prelude::*;
 
 use super::canvas::{Canvas, Drawing, Grid};
-use super::pinhole::Pinhole;
+use super::pinhole::{LANES, Pinhole};
 use super::tile::{NOTHING, Numbers, TILE, place};
 use crate::cell::{Lens, Scanner};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Kernel, Part, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 
 /// Triangles whose marks one task collects.
@@ -35,7 +35,9 @@ pub(in super::super) fn pixel_set(
         let grid = Grid::of(&device.lens);
         let drawing = Drawing { scene, pinhole: &pinhole, grid, level: ctx.simd_level(), grain: 1 };
         canvas.prepare(&drawing, |_| true, ctx)?;
-        canvas.draw_numbered(&drawing, ctx, |corner_px, numbers| mark(&hit, &device.lens, corner_px, numbers))?;
+        canvas.draw_numbered(&drawing, ctx, |corner_px, numbers| {
+            drawing.level.run(Mark { hit: &hit, lens: &device.lens, corner_px, numbers });
+        })?;
         devices.par_iter_mut().zip(&hit).with_min_len(MERGED).for_each(|(devices, hit)| {
             *devices |= u8::from(hit.load(Ordering::Relaxed)) << d;
             hit.store(false, Ordering::Relaxed);
@@ -45,27 +47,75 @@ pub(in super::super) fn pixel_set(
 }
 
 /// Marks what the frame's pixels of a tile show.
-fn mark(hit: &[AtomicBool], lens: &Lens, [left, top]: [f32; 2], numbers: &Numbers) {
-    // The pixel's centre: image coordinates here are half a pixel less.
-    let shown = |x: usize, y: usize| lens.shows_undistorted(f64::from(left) + x as f64 + 0.5, f64::from(top) + y as f64 + 0.5);
-    let last = TILE - 1;
-    // The frame has no holes: a tile whose rim it shows it shows whole.
-    let whole = (0..TILE).all(|i| shown(i, 0) && shown(i, last) && shown(0, i) && shown(last, i));
-    let pixels = numbers.as_flattened();
-    if whole {
-        let mut previous = NOTHING;
-        for &number in pixels {
-            if number != previous && number != NOTHING {
-                hit[number as usize].store(true, Ordering::Relaxed);
+struct Mark<'a> {
+    hit: &'a [AtomicBool],
+    lens: &'a Lens,
+    /// Image coordinates of the tile's first pixel.
+    corner_px: [f32; 2],
+    numbers: &'a Numbers,
+}
+
+impl Kernel for Mark<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        if self.is_shown_whole() {
+            for block in self.numbers {
+                self.mark_block(block);
             }
-            previous = number;
+            return;
         }
-        return;
+        let pixels = self.numbers.as_flattened();
+        for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
+            let number = pixels[place(x as u32, y as u32) as usize];
+            if number != NOTHING && self.shown(x, y) {
+                self.mark(number);
+            }
+        }
     }
-    for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
-        let number = pixels[place(x as u32, y as u32) as usize];
-        if number != NOTHING && shown(x, y) {
-            hit[number as usize].store(true, Ordering::Relaxed);
+}
+
+impl Mark<'_> {
+    /// Whether the frame shows a pixel's centre: image coordinates here are half a pixel less.
+    #[inline(always)]
+    fn shown(&self, x: usize, y: usize) -> bool {
+        let [left, top] = self.corner_px.map(f64::from);
+        self.lens.shows_undistorted(left + x as f64 + 0.5, top + y as f64 + 0.5)
+    }
+
+    /// The frame has no holes: a tile whose rim it shows it shows whole.
+    #[inline(always)]
+    fn is_shown_whole(&self) -> bool {
+        let last = TILE - 1;
+        let mut missing = [0_u64; TILE];
+        for i in 0..TILE {
+            let rim = self.shown(i, 0) & self.shown(i, last) & self.shown(0, i) & self.shown(last, i);
+            missing[i] = u64::from(!rim);
+        }
+        missing.iter().fold(0, |missing, one| missing | one) == 0
+    }
+
+    /// Marks all pixels of a block. Most blocks show one triangle, or nothing.
+    #[inline(always)]
+    fn mark_block(&self, block: &[u32; LANES]) {
+        self.mark(block[0]);
+        let mut others = [0; LANES];
+        for lane in 0..LANES {
+            others[lane] = block[lane] ^ block[0];
+        }
+        if others.iter().fold(0, |others, other| others | other) != 0 {
+            for number in &block[1..] {
+                self.mark(*number);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn mark(&self, number: u32) {
+        // No triangle has the number that stands for nothing.
+        if let Some(hit) = self.hit.get(number as usize) {
+            hit.store(true, Ordering::Relaxed);
         }
     }
 }
