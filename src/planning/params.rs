@@ -5,10 +5,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::grade::Grade;
-use crate::cell::{FieldError, Findings, PoseSpec};
+use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
 
+mod candidates;
 mod regions;
 
+pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 
 /// All parameters of a plan. Unknown fields are refused.
@@ -98,62 +100,15 @@ pub struct LimitParams {
     pub projector_deg: Option<f64>,
 }
 
-/// A scheme that generates candidates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Strategy {
-    /// Block ellipsoid, Algorithm 1 (method §3).
-    Ellipsoid,
-}
-
-/// Part of the viewing sphere that is considered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Hemisphere {
-    /// Every direction.
-    Full,
-    /// Only viewpoints above the plate's plane.
-    AboveTable,
-}
-
-/// How far a candidate stands from the part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Standoff {
-    /// Half extent + F, then slid along the axis so that the seen surface lies around F.
-    Surface,
-    /// F from the block's centre.
-    Centre,
-}
-
-/// Which viewpoints are considered (method §3).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields, expecting = "an object")]
-pub struct CandidateParams {
-    /// Schemes, in order; their candidates are joined. Default `["ellipsoid"]`.
-    pub strategies: Vec<Strategy>,
-    /// Polar step, and azimuth step near the equator, degrees, 1 to 90. Default 30.
-    pub step_small_deg: f64,
-    /// Azimuth step near the poles, degrees, 1 to 180. Default 45.
-    pub step_large_deg: f64,
-    /// Rolls about the viewing axis for each direction, degrees, -360 to 360. Default `[0]`.
-    pub rolls_deg: Vec<f64>,
-    /// Default: `full` without a cell, `above_table` with one.
-    pub hemisphere: Option<Hemisphere>,
-    /// Default `surface`.
-    pub standoff: Standoff,
-}
-
-impl Default for CandidateParams {
-    fn default() -> Self {
-        Self {
-            strategies: vec![Strategy::Ellipsoid],
-            step_small_deg: 30.0,
-            step_large_deg: 45.0,
-            rolls_deg: vec![0.0],
-            hemisphere: None,
-            standoff: Standoff::Surface,
-        }
+impl LimitParams {
+    /// The limit in force for a device, radians: the job's, else the device's own.
+    #[must_use]
+    pub fn incidence_max_rad(&self, device: &OpticalDevice) -> f64 {
+        let limit_deg = match device.name {
+            DeviceName::Projector => self.projector_deg,
+            DeviceName::Left | DeviceName::Right => self.camera_deg,
+        };
+        limit_deg.map_or(device.incidence_max_rad, f64::to_radians)
     }
 }
 
@@ -288,7 +243,7 @@ impl PlanParams {
         self.check_part(&mut findings);
         self.regions.check(&mut findings);
         self.check_hardware_values(&mut findings);
-        self.check_candidates(&mut findings);
+        self.candidates.check(&mut findings);
         self.check_selection(&mut findings);
         findings.into_result()
     }
@@ -318,19 +273,6 @@ impl PlanParams {
             if let Some(deg) = limit {
                 findings.range(pointer, deg, 1.0, 89.9, "°");
             }
-        }
-    }
-
-    fn check_candidates(&self, findings: &mut Findings) {
-        let candidates = &self.candidates;
-        findings.require(!candidates.strategies.is_empty(), "/candidates/strategies", || "is empty; name at least one".into());
-        findings.range("/candidates/step_small_deg", candidates.step_small_deg, 1.0, 90.0, "°");
-        findings.range("/candidates/step_large_deg", candidates.step_large_deg, 1.0, 180.0, "°");
-        findings.require((1..=360).contains(&candidates.rolls_deg.len()), "/candidates/rolls_deg", || {
-            format!("has {} entries; allowed is 1 to 360", candidates.rolls_deg.len())
-        });
-        for (index, roll) in candidates.rolls_deg.iter().enumerate() {
-            findings.range(format!("/candidates/rolls_deg/{index}"), *roll, -360.0, 360.0, "°");
         }
     }
 

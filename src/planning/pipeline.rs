@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::candidates::{self, Scope};
+use super::candidates::Scope;
 use super::context::{Context, Stage};
 use super::demands::Demands;
 use super::error::PlanError;
@@ -12,6 +12,7 @@ use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
 use super::plan::Outcome;
+use super::rounds::{Considered, Rounds};
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
@@ -38,19 +39,12 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
     input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
 
-    ctx.begin(Stage::Candidates)?;
-    let scope = Scope { surface: &surface, scanner: input.scanner, table_from_part };
-    let generated = candidates::generate(&scope, &params.candidates, input.mesh, ctx)?;
-
     let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part)).transpose()?;
-    let generated = motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));
-    let poses: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
-
-    ctx.begin(Stage::Stations)?;
-    let reach = motion.as_ref().map(|motion| motion.reach(&poses, ctx)).transpose()?;
-    ctx.begin(Stage::Visibility)?;
-    let usable: Vec<bool> = (0..poses.len()).map(|kept| reach.as_ref().is_none_or(|reach| reach[kept].is_ok())).collect();
-    let table = visibility::cast(&surface, &poses, &usable, input.scanner, &occluders, &params, ctx)?;
+    let (part, scanner, cell, seed) = (input.mesh, input.scanner, input.cell, params.seed);
+    let scope = Scope { part, surface: &surface, scanner, cell, table_from_part, seed };
+    let rounds =
+        Rounds { scope, params: &params, occluders: &occluders, motion: motion.as_ref(), asked_area_mm2: &asked_area_mm2 };
+    let Considered { generated, table, reach } = rounds.run(ctx)?;
 
     let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;

@@ -4,8 +4,23 @@
 
 use nalgebra::Vector3;
 
+use super::{Aim, Scope, blocks};
+use crate::planning::error::PlanError;
+use crate::planning::params::CandidateParams;
+
+pub(super) fn aims(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    bound: impl Fn(usize) -> Result<(), PlanError>,
+) -> Result<Vec<Aim>, PlanError> {
+    let (blocks, directions) = (blocks::split(scope), directions(params.step_small_deg, params.step_large_deg));
+    bound(blocks.len().saturating_mul(directions.len()))?;
+    let aim = |block, u| Aim::at_block(block, u, scope, params.standoff);
+    Ok(blocks.iter().flat_map(|block| directions.iter().map(move |u| aim(block, u))).collect())
+}
+
 /// Points of the unit sphere.
-pub(super) fn directions(small_deg: f64, large_deg: f64) -> Vec<Vector3<f64>> {
+fn directions(small_deg: f64, large_deg: f64) -> Vec<Vector3<f64>> {
     // Slack against rounding of the grid: 180° and 360° themselves are never a step.
     const SLACK_DEG: f64 = 1e-9;
     let steps =

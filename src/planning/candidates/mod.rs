@@ -1,85 +1,48 @@
-//! Patches to viewpoints (method §3): which directions are considered, how far the scanner stands, how it rolls, and
-//! which viewpoints are dropped before anything is computed for them.
+//! Patches to viewpoints (method §3): which directions are considered, how far the scanner stands, how it tilts and rolls,
+//! and which viewpoints are dropped before anything is computed for them. [`generate`] answers for the strategies that
+//! know the part alone; [`around_best`] and [`aimed_at_open`] for those that build on what others measure.
+//!
+//! A strategy gives aims (`aim.rs`): a place, a viewing axis, and how it may be varied. `DEFAULT.md` beside this file holds
+//! the table that decided which strategies are the default.
+//!
+//! Candidates are dropped here only for reasons that cannot change the result: they cannot be taken, or an equal one is
+//! there already; [`Rejection::MeasuresNothing`] is the third such reason, found with the table. That a candidate measures
+//! no more than another and nowhere better is no such reason: the other may have no path, may take longer to reach or
+//! overlap less with its neighbours, and among equals the lower number is chosen. The solver that proves its answer
+//! removes those for itself, where it knows the objective.
 //!
 //! Frames: everything is generated in `table` (the part as placed, +z up) and handed on as `part_from_scanner`.
 
+mod aim;
 mod blocks;
 mod ellipsoid;
+mod even;
+mod filter;
+mod iterative;
+mod label;
+mod normals;
+mod reach;
 mod slide;
+mod spread;
+mod targeted;
 #[cfg(test)]
 mod tests;
-
-use std::sync::OnceLock;
-
-use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
+mod volume;
 
 use super::context::{Cancelled, Context};
 use super::error::PlanError;
-use super::params::{CandidateParams, Hemisphere, Standoff, Strategy};
+use super::params::{CandidateParams, Strategy};
 use super::surface::Surface;
-use crate::cell::Scanner;
-use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
+use crate::cell::{Cell, Scanner};
+use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use aim::{Aim, views_of_an_aim};
+
+pub use label::Label;
+pub use targeted::Open;
 
 /// Dense number of a candidate, as generated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CandidateId(pub u32);
-
-/// Which side of the part a viewpoint looks at (method §3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Label {
-    /// Polar angle up to 60°.
-    Top,
-    /// Polar angle from 150°.
-    Bottom,
-    /// Azimuth sector around +x.
-    Right,
-    /// Azimuth sector around +y.
-    Back,
-    /// Azimuth sector around −x.
-    Left,
-    /// Azimuth sector around −y.
-    Front,
-}
-
-impl Label {
-    /// Name in files and answers.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Top => "top",
-            Self::Bottom => "bottom",
-            Self::Right => "right",
-            Self::Back => "back",
-            Self::Left => "left",
-            Self::Front => "front",
-        }
-    }
-
-    /// The side that a viewpoint in direction `u` from its block looks at; `u` in the table frame. Sector borders
-    /// belong to the sector that starts there, counter-clockwise.
-    #[must_use]
-    pub fn of_direction(u: &Vector3<f64>) -> Self {
-        const TOP_FROM_COS: f64 = 0.5;
-        const BOTTOM_TO_COS: f64 = -0.866_025_403_784_438_6;
-        // One part in 10⁹ of slack keeps grid directions at exactly 60° and 150° on their side of the border.
-        const SLACK: f64 = 1e-9;
-        let cos = u.z / u.norm();
-        if cos >= TOP_FROM_COS - SLACK {
-            return Self::Top;
-        }
-        if cos <= BOTTOM_TO_COS + SLACK {
-            return Self::Bottom;
-        }
-        let quarter_turns = (u.y.atan2(u.x) / std::f64::consts::FRAC_PI_2 + 0.5 + SLACK).floor().rem_euclid(4.0);
-        match quarter_turns as u8 {
-            0 => Self::Right,
-            1 => Self::Back,
-            2 => Self::Left,
-            _ => Self::Front,
-        }
-    }
-}
 
 /// Why a candidate was dropped before selection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -94,6 +57,12 @@ pub enum Rejection {
     Unreachable,
     /// Reached, but something collides at every station.
     Collision,
+    /// The same pose as a candidate with a lower number.
+    Duplicate,
+    /// Measures nothing that is asked for.
+    MeasuresNothing,
+    /// Aimed at what was uncovered, and not among the fewest that cover most of it.
+    NotNeeded,
 }
 
 impl Rejection {
@@ -106,6 +75,9 @@ impl Rejection {
             Self::InsideObstacle => "inside_obstacle",
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
+            Self::Duplicate => "duplicate",
+            Self::MeasuresNothing => "measures_nothing",
+            Self::NotNeeded => "not_needed",
         }
     }
 }
@@ -121,33 +93,20 @@ pub struct Candidate {
     pub label: Label,
 }
 
-/// A direction from which a block is looked at, before roll and stand-off.
-struct Aim {
-    /// Centre of the block, table frame, mm.
-    centre: Point3<f64>,
-    /// Half extent of the block, mm.
-    half_extent: Vector3<f64>,
-    /// Unit direction on the unit sphere; the viewpoint stands at this direction times the semi-axes.
-    direction: Vector3<f64>,
-}
-
-impl Aim {
-    fn new(block: &blocks::Block, direction: &Vector3<f64>) -> Self {
-        Self { centre: block.centre, half_extent: block.half_extent, direction: *direction }
-    }
-}
-
-/// A pose that was generated, and the side it looks at.
-type Placed = (Pose<Table, ScannerFrame>, Label);
-
 /// What the candidates are generated for.
 pub struct Scope<'a> {
-    /// The samples of the part.
+    /// The part.
+    pub part: &'a Mesh,
+    /// Its samples.
     pub surface: &'a Surface,
     /// The scanner.
     pub scanner: &'a Scanner,
+    /// The cell, where there is one.
+    pub cell: Option<&'a Cell>,
     /// How the part lies.
     pub table_from_part: Pose<Table, Part>,
+    /// Seed of the strategies that draw.
+    pub seed: u64,
 }
 
 /// Candidates that are kept for visibility, and how many were generated and dropped.
@@ -161,119 +120,108 @@ pub struct Generated {
     pub rejected: Vec<(CandidateId, Rejection)>,
 }
 
+impl Generated {
+    /// Adds `more`, whose numbers start from 0, behind these.
+    pub fn append(&mut self, more: Self) {
+        let renumbered = |id: CandidateId| CandidateId(id.0 + self.generated as u32);
+        let kept = more.kept.into_iter().map(|candidate| Candidate { id: renumbered(candidate.id), ..candidate });
+        let rejected = more.rejected.into_iter().map(|(id, reason)| (renumbered(id), reason));
+        self.kept.extend(kept);
+        self.rejected.extend(rejected);
+        self.generated += more.generated;
+    }
+}
+
 /// Most candidates of one job.
 const MOST_CANDIDATES: usize = 50_000;
 /// Most pairs of candidate and sample: bounds the table of what each measures to 2.2 GB.
 const MOST_PAIRS: usize = 1_000_000_000;
+/// Even directions by default around a part of one block (`DEFAULT.md`).
+const EVEN_DIRECTIONS: usize = 150;
+/// Views that are proposed for one that `targeted` may keep.
+const PROPOSED: usize = 3;
 
-/// Generates the candidates of every strategy in `params` and drops those that no cell could use.
+/// Fills in what [`CandidateParams`] leaves to the part: even directions, as many as half of the table has room for.
+#[must_use]
+pub fn resolve(scope: &Scope<'_>, params: &CandidateParams) -> CandidateParams {
+    let views = views_of_an_aim(params) * blocks::split(scope).len();
+    let directions = (most_candidates(scope.surface) / 2 / views).clamp(4, EVEN_DIRECTIONS) as u32;
+    CandidateParams { even_directions: params.even_directions.or(Some(directions)), ..params.clone() }
+}
+
+/// Candidates that a job may have.
+fn most_candidates(surface: &Surface) -> usize {
+    MOST_CANDIDATES.min(MOST_PAIRS / surface.sample_mm.len().max(1))
+}
+
+/// Generates the candidates of every strategy in `params` that knows the part alone, and drops those that no cell could
+/// use.
 ///
 /// # Errors
-/// [`PlanError::Cancelled`]; [`PlanError::BadParams`] when there would be too many.
-pub fn generate(scope: &Scope<'_>, params: &CandidateParams, part: &Mesh, ctx: &Context<'_>) -> Result<Generated, PlanError> {
-    let part_from_table = scope.table_from_part.inverse();
-    let mut placed = Vec::new();
+/// [`PlanError::Cancelled`]; [`PlanError::BadParams`] when there would be too many, or a strategy needs a cell.
+pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<Generated, PlanError> {
+    let mut aims = Vec::new();
     for strategy in &params.strategies {
-        let blocks = blocks::split(scope);
-        let directions = match strategy {
-            Strategy::Ellipsoid => ellipsoid::directions(params.step_small_deg, params.step_large_deg),
-        };
-        refuse_too_many(placed.len() + blocks.len() * directions.len() * params.rolls_deg.len(), scope)?;
-        let aims: Vec<_> =
-            blocks.iter().flat_map(|block| directions.iter().map(|direction| Aim::new(block, direction))).collect();
-        placed.extend(place(scope, &aims, params, ctx)?);
+        let already = aims.len();
+        let bound = |more: usize| refuse_too_many((already + more).saturating_mul(views_of_an_aim(params)), scope);
+        aims.extend(match strategy {
+            Strategy::Ellipsoid => ellipsoid::aims(scope, params, bound)?,
+            Strategy::Even => even::aims(scope, params, bound)?,
+            Strategy::FacetNormal => normals::of_facets(scope, params),
+            Strategy::SurfacePoints => normals::of_points(scope, params),
+            Strategy::Volume => volume::aims(scope, params, ctx)?,
+            Strategy::Reach => reach::aims(scope, params, ctx)?,
+            Strategy::Iterative | Strategy::Targeted => Vec::new(),
+        });
     }
-    let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
-    let filter = Filter { scope, above_only, part, aabb: part.aabb(), scene: OnceLock::new() };
-    let judged: Vec<_> = placed
-        .into_par_iter()
-        .enumerate()
-        .map(|(number, (table_from_scanner, label))| {
-            ctx.check()?;
-            let part_from_scanner = part_from_table * table_from_scanner;
-            let candidate = Candidate { id: CandidateId(number as u32), part_from_scanner, label };
-            Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
-        })
-        .collect::<Result<_, Cancelled>>()?;
-    let mut generated = Generated { generated: judged.len(), ..Generated::default() };
-    for (reason, candidate) in judged {
-        match reason {
-            Some(reason) => generated.rejected.push((candidate.id, reason)),
-            None => generated.kept.push(candidate),
-        }
-    }
-    Ok(generated)
+    refuse_too_many((aims.len() + iterative::count(params)).saturating_mul(views_of_an_aim(params)), scope)?;
+    Ok(judged(scope, params, &aims, ctx)?)
+}
+
+/// Random viewpoints around `best`, the best so far, nearer with every round; around the part while there are none.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn around_best(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    best: &[Pose<Part, ScannerFrame>],
+    round: u32,
+    ctx: &Context<'_>,
+) -> Result<Generated, Cancelled> {
+    judged(scope, params, &iterative::aims(scope, params, best, round), ctx)
+}
+
+/// Viewpoints aimed at what is open beside the `already` generated ones, at most three times as many as `targeted` may keep:
+/// which of them are needed shows only when it is known what they measure.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn aimed_at_open(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    open: &Open<'_>,
+    already: usize,
+    ctx: &Context<'_>,
+) -> Result<Generated, Cancelled> {
+    let room = most_candidates(scope.surface).saturating_sub(already) / views_of_an_aim(params);
+    let aims = targeted::aims(scope, open, room.min(PROPOSED * params.targeted_max as usize), ctx)?;
+    judged(scope, params, &aims, ctx)
+}
+
+fn judged(scope: &Scope<'_>, params: &CandidateParams, aims: &[Aim], ctx: &Context<'_>) -> Result<Generated, Cancelled> {
+    let placed = aim::place(scope, aims, params, ctx)?;
+    filter::judge(scope, params, placed, ctx)
 }
 
 fn refuse_too_many(candidates: usize, scope: &Scope<'_>) -> Result<(), PlanError> {
-    let samples = scope.surface.sample_mm.len();
-    if candidates <= MOST_CANDIDATES && candidates.saturating_mul(samples) <= MOST_PAIRS {
+    if candidates <= most_candidates(scope.surface) {
         return Ok(());
     }
+    let samples = scope.surface.sample_mm.len();
     let detail = format!(
-        "and its steps and rolls give {candidates} candidates for {samples} samples; allowed are {MOST_CANDIDATES} candidates \
-         and {MOST_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"
+        "and its steps, counts and rolls give {candidates} candidates for {samples} samples; allowed are {MOST_CANDIDATES} \
+         candidates and {MOST_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"
     );
     Err(PlanError::param("/candidates/strategies", detail))
-}
-
-/// Turns aims into poses: every roll, at the stand-off asked for.
-fn place(scope: &Scope<'_>, aims: &[Aim], params: &CandidateParams, ctx: &Context<'_>) -> Result<Vec<Placed>, Cancelled> {
-    let slide = slide::Slide::new(scope);
-    let poses: Vec<Vec<_>> = aims
-        .par_iter()
-        .map(|aim| {
-            ctx.check()?;
-            let label = Label::of_direction(&aim.direction);
-            let semi_axes = match params.standoff {
-                Standoff::Centre => Vector3::from_element(scope.scanner.best_mm),
-                Standoff::Surface => aim.half_extent.add_scalar(scope.scanner.best_mm),
-            };
-            let offset = aim.direction.component_mul(&semi_axes);
-            let pose = |roll_deg: &f64| {
-                let orientation = looking_along(&-offset.normalize(), roll_deg.to_radians());
-                let position = match params.standoff {
-                    Standoff::Centre => aim.centre + offset,
-                    Standoff::Surface => slide.along_axis(aim.centre + offset, &orientation),
-                };
-                (Pose::from_parts(position.coords, orientation), label)
-            };
-            Ok(params.rolls_deg.iter().map(pose).collect())
-        })
-        .collect::<Result<_, Cancelled>>()?;
-    Ok(poses.into_iter().flatten().collect())
-}
-
-/// Orientation of a scanner that looks along `axis` (unit): roll 0 has its baseline level, x = normalize(axis × up);
-/// straight up or down x is the table's +x (method §3).
-fn looking_along(axis: &Vector3<f64>, roll_rad: f64) -> UnitQuaternion<f64> {
-    /// Sine of the angle to the vertical below which an axis counts as vertical.
-    const VERTICAL: f64 = 1e-9;
-    let level = axis.cross(&Vector3::z());
-    let x = if level.norm() > VERTICAL { level.normalize() } else { Vector3::x() };
-    let axes = Rotation3::from_basis_unchecked(&[x, axis.cross(&x), *axis]);
-    UnitQuaternion::from_rotation_matrix(&axes) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad)
-}
-
-/// What every candidate is held against.
-struct Filter<'a> {
-    scope: &'a Scope<'a>,
-    above_only: bool,
-    part: &'a Mesh,
-    aabb: Aabb,
-    /// The part alone, made when the first viewpoint lies in its box: rare for parts smaller than the stand-off.
-    scene: OnceLock<RayScene>,
-}
-
-impl Filter<'_> {
-    fn unusable(&self, candidate: &Candidate, table_from_scanner: &Pose<Table, ScannerFrame>) -> Option<Rejection> {
-        let optical_centres = self.scope.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
-        let below = |centre: Point3<f64>| table_from_scanner.point(&centre).z <= 0.0;
-        if self.above_only && optical_centres.chain([Point3::origin()]).any(below) {
-            return Some(Rejection::BelowTable);
-        }
-        let viewpoint = candidate.part_from_scanner.origin_mm();
-        let encloses = || self.scene.get_or_init(|| RayScene::new([self.part])).encloses(&viewpoint);
-        (self.aabb.holds(&viewpoint) && encloses()).then_some(Rejection::InsidePart)
-    }
 }

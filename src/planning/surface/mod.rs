@@ -8,6 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::demands::Demands;
 use super::params::{PartParams, RegionParams};
+use super::random::split_mix;
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
@@ -203,12 +204,4 @@ fn stratified_point(corners: &[Point3<f64>; 3], patch: u32, index: u32, seed: u6
     let root = s.sqrt();
     let [a, b, c] = corners.map(|corner| corner.coords);
     Point3::from(a * (1.0 - root) + b * (root * (1.0 - t)) + c * (root * t))
-}
-
-/// Finaliser of SplitMix64 (Steele, Lea, Flood 2014).
-fn split_mix(seed: u64) -> u64 {
-    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }

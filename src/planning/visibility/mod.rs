@@ -50,6 +50,12 @@ impl Occluders {
         let clusters = raster::Clusters::new(&meshes);
         Self { rays, clusters }
     }
+
+    /// The same for single rays.
+    #[must_use]
+    pub fn rays(&self) -> &RayScene {
+        &self.rays
+    }
 }
 
 /// For each triangle of `occluders`, the part's first, which devices hit it with at least one pixel of their images from

@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::cell::{DeviceName, Lens, Scanner};
+use crate::cell::{Lens, Scanner};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
 use crate::planning::cause::Cause;
 use crate::planning::demands::{Demand, Demands};
@@ -54,13 +54,7 @@ impl Optics {
     /// Takes the limits from what is asked of the samples, else from `params`, else from the scanner.
     #[must_use]
     pub fn new(scanner: &Scanner, params: &PlanParams, demands: &Demands) -> Self {
-        let incidence_max_rad = |device: usize| {
-            let limit_deg = match scanner.devices[device].name {
-                DeviceName::Projector => params.limits.projector_deg,
-                DeviceName::Left | DeviceName::Right => params.limits.camera_deg,
-            };
-            limit_deg.map_or(scanner.devices[device].incidence_max_rad, f64::to_radians)
-        };
+        let incidence_max_rad = |device: usize| params.limits.incidence_max_rad(&scanner.devices[device]);
         let devices = [0, 1, 2].map(|d| DeviceOptics {
             device_from_scanner: *scanner.devices[d].scanner_from_device.inverse().isometry(),
             centre_mm: scanner.devices[d].scanner_from_device.origin_mm(),

@@ -1,0 +1,129 @@
+//! An aim is a view before it is varied; [`place`] gives its poses: every tilt, roll and stand-off of the job.
+//!
+//! Table frame. A tilt turns the view about its aim point, F ahead, to the four sides; the scanner is levelled again.
+
+use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::blocks::Block;
+use super::slide::Slide;
+use super::{Label, Scope};
+use crate::geometry::{Pose, Scanner as ScannerFrame, Table};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::params::{CandidateParams, Standoff};
+
+/// A pose that was generated, and the side it looks at.
+pub(super) type Placed = (Pose<Table, ScannerFrame>, Label);
+
+/// A view before tilt, roll and stand-off.
+#[derive(Clone, Debug)]
+pub(super) struct Aim {
+    /// The viewpoint, mm.
+    pub(super) position_mm: Point3<f64>,
+    /// Unit viewing direction.
+    pub(super) axis: Vector3<f64>,
+    /// Which side it looks at.
+    pub(super) label: Label,
+    /// Whether it moves along its axis until the surface seen lies around F.
+    pub(super) slides: bool,
+    /// The baseline where the strategy has decided it; else it is level, turned by every roll of the job.
+    pub(super) baseline: Option<Vector3<f64>>,
+}
+
+impl Aim {
+    /// From direction `u` of the unit sphere at a block: at this direction times the semi-axes of its stand-off ellipsoid,
+    /// towards its centre (thesis §3.1.3).
+    pub(super) fn at_block(block: &Block, u: &Vector3<f64>, scope: &Scope<'_>, standoff: Standoff) -> Self {
+        let offset = u.component_mul(&semi_axes_mm(block, scope, standoff));
+        Self {
+            position_mm: block.centre + offset,
+            axis: -offset.normalize(),
+            label: Label::of_direction(u),
+            slides: standoff == Standoff::Surface,
+            baseline: None,
+        }
+    }
+
+    /// At F from the surface point `target_mm`, in direction `u` (unit) from it.
+    pub(super) fn at_point(target_mm: &Point3<f64>, u: &Vector3<f64>, scope: &Scope<'_>) -> Self {
+        let position_mm = target_mm + u * scope.scanner.best_mm;
+        Self { position_mm, axis: -u, label: Label::of_direction(u), slides: false, baseline: None }
+    }
+
+    /// Turned by `tilt_rad` about the aim point to each of its four sides.
+    fn tilted(&self, tilt_rad: f64, best_mm: f64) -> [Self; 4] {
+        let aimed_at = self.position_mm + self.axis * best_mm;
+        let upright = looking_along(&self.axis, 0.0);
+        [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y()].map(|side| {
+            let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(upright * side), tilt_rad);
+            let axis = turn * self.axis;
+            let baseline = self.baseline.map(|baseline| turn * baseline);
+            Self { position_mm: aimed_at - axis * best_mm, axis, label: Label::of_direction(&-axis), slides: self.slides, baseline }
+        })
+    }
+
+    /// Its orientations: the baseline that was decided, or every roll.
+    fn orientations(&self, rolls_deg: &[f64]) -> Vec<UnitQuaternion<f64>> {
+        match &self.baseline {
+            Some(baseline) => vec![facing(&self.axis, baseline)],
+            None => rolls_deg.iter().map(|roll_deg| looking_along(&self.axis, roll_deg.to_radians())).collect(),
+        }
+    }
+}
+
+/// Half extent of the block plus F, or F alone.
+pub(super) fn semi_axes_mm(block: &Block, scope: &Scope<'_>, standoff: Standoff) -> Vector3<f64> {
+    match standoff {
+        Standoff::Centre => Vector3::from_element(scope.scanner.best_mm),
+        Standoff::Surface => block.half_extent.add_scalar(scope.scanner.best_mm),
+    }
+}
+
+/// Poses of an aim at most.
+pub(super) fn views_of_an_aim(params: &CandidateParams) -> usize {
+    (1 + 4 * params.tilts_deg.len()) * params.rolls_deg.len() * params.standoffs_mm.len()
+}
+
+/// Turns aims into poses: for each the untilted view, then every tilt; of each every roll, and every stand-off of that.
+pub(super) fn place(
+    scope: &Scope<'_>,
+    aims: &[Aim],
+    params: &CandidateParams,
+    ctx: &Context<'_>,
+) -> Result<Vec<Placed>, Cancelled> {
+    let (slide, best_mm) = (Slide::new(scope), scope.scanner.best_mm);
+    let poses_of = |aim: &Aim| {
+        ctx.check()?;
+        let tilted = params.tilts_deg.iter().flat_map(|tilt_deg| aim.tilted(tilt_deg.to_radians(), best_mm));
+        let mut placed = Vec::with_capacity(views_of_an_aim(params));
+        for view in std::iter::once(aim.clone()).chain(tilted) {
+            for orientation in view.orientations(&params.rolls_deg) {
+                let position_mm =
+                    if view.slides { slide.along_axis(view.position_mm, &orientation) } else { view.position_mm };
+                placed.extend(params.standoffs_mm.iter().map(|back_mm| {
+                    let position_mm = position_mm - view.axis * *back_mm;
+                    (Pose::from_parts(position_mm.coords, orientation), view.label)
+                }));
+            }
+        }
+        Ok(placed)
+    };
+    let poses = aims.par_iter().map(poses_of).collect::<Result<Vec<_>, Cancelled>>()?;
+    Ok(poses.into_iter().flatten().collect())
+}
+
+/// Orientation of a scanner that looks along `axis` (unit): roll 0 has its baseline level, x = normalize(axis × up);
+/// straight up or down x is the table's +x (method §3).
+pub(super) fn looking_along(axis: &Vector3<f64>, roll_rad: f64) -> UnitQuaternion<f64> {
+    /// Sine of the angle to the vertical below which an axis counts as vertical.
+    const VERTICAL: f64 = 1e-9;
+    let level = axis.cross(&Vector3::z());
+    let x = if level.norm() > VERTICAL { level } else { Vector3::x() };
+    facing(axis, &x) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad)
+}
+
+/// Orientation of a scanner that looks along `axis` (unit), its baseline as near to `baseline` as can be.
+fn facing(axis: &Vector3<f64>, baseline: &Vector3<f64>) -> UnitQuaternion<f64> {
+    let x = (baseline - axis * axis.dot(baseline)).normalize();
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&[x, axis.cross(&x), *axis]))
+}

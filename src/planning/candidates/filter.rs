@@ -1,0 +1,75 @@
+//! Which generated viewpoints no cell could use, and which are there twice. Nothing here looks at what they measure.
+
+use std::collections::HashSet;
+use std::sync::OnceLock;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::aim::Placed;
+use super::{Candidate, CandidateId, Generated, Rejection, Scope};
+use crate::geometry::{Aabb, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::params::{CandidateParams, Hemisphere};
+
+/// Numbers the poses in their order and drops those that cannot be used.
+pub(super) fn judge(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    placed: Vec<Placed>,
+    ctx: &Context<'_>,
+) -> Result<Generated, Cancelled> {
+    let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
+    let filter = Filter { scope, above_only, aabb: scope.part.aabb(), scene: OnceLock::new() };
+    let part_from_table = scope.table_from_part.inverse();
+    let judged: Vec<_> = placed
+        .into_par_iter()
+        .enumerate()
+        .map(|(number, (table_from_scanner, label))| {
+            ctx.check()?;
+            let part_from_scanner = part_from_table * table_from_scanner;
+            let candidate = Candidate { id: CandidateId(number as u32), part_from_scanner, label };
+            Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
+        })
+        .collect::<Result<_, Cancelled>>()?;
+    let mut generated = Generated { generated: judged.len(), ..Generated::default() };
+    let mut seen = HashSet::new();
+    for (reason, candidate) in judged {
+        let twice = || (!seen.insert(key(&candidate.part_from_scanner))).then_some(Rejection::Duplicate);
+        match reason.or_else(twice) {
+            Some(reason) => generated.rejected.push((candidate.id, reason)),
+            None => generated.kept.push(candidate),
+        }
+    }
+    Ok(generated)
+}
+
+/// Poses with one key differ by less than 10⁻⁶ mm and 10⁻⁸ of a direction: no figure shows it. Of equal poses a few may
+/// have different keys, where rounding falls on either side.
+fn key(pose: &Pose<Part, ScannerFrame>) -> [i64; 9] {
+    let origin = pose.origin_mm().coords.map(|mm| (mm * 1e6).round() as i64);
+    let [x, z] = [Vector3::x(), Vector3::z()].map(|axis| pose.direction(&axis).map(|part| (part * 1e8).round() as i64));
+    [origin.x, origin.y, origin.z, x.x, x.y, x.z, z.x, z.y, z.z]
+}
+
+/// What every candidate is held against.
+struct Filter<'a> {
+    scope: &'a Scope<'a>,
+    above_only: bool,
+    aabb: Aabb,
+    /// The part alone, made when the first viewpoint lies in its box: rare for parts smaller than the stand-off.
+    scene: OnceLock<RayScene>,
+}
+
+impl Filter<'_> {
+    fn unusable(&self, candidate: &Candidate, table_from_scanner: &Pose<Table, ScannerFrame>) -> Option<Rejection> {
+        let optical_centres = self.scope.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+        let below = |centre: Point3<f64>| table_from_scanner.point(&centre).z <= 0.0;
+        if self.above_only && optical_centres.chain([Point3::origin()]).any(below) {
+            return Some(Rejection::BelowTable);
+        }
+        let viewpoint = candidate.part_from_scanner.origin_mm();
+        let encloses = || self.scene.get_or_init(|| RayScene::new([self.scope.part])).encloses(&viewpoint);
+        (self.aabb.holds(&viewpoint) && encloses()).then_some(Rejection::InsidePart)
+    }
+}

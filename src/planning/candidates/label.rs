@@ -1,0 +1,59 @@
+//! Names of the sides of a part (method §3): by polar angle at top and bottom, by azimuth in 90° sectors between.
+
+use nalgebra::Vector3;
+
+/// Which side of the part a viewpoint looks at (method §3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Label {
+    /// Polar angle up to 60°.
+    Top,
+    /// Polar angle from 150°.
+    Bottom,
+    /// Azimuth sector around +x.
+    Right,
+    /// Azimuth sector around +y.
+    Back,
+    /// Azimuth sector around −x.
+    Left,
+    /// Azimuth sector around −y.
+    Front,
+}
+
+impl Label {
+    /// Name in files and answers.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Top => "top",
+            Self::Bottom => "bottom",
+            Self::Right => "right",
+            Self::Back => "back",
+            Self::Left => "left",
+            Self::Front => "front",
+        }
+    }
+
+    /// The side that a viewpoint in direction `u` from its block looks at; `u` in the table frame. Sector borders
+    /// belong to the sector that starts there, counter-clockwise.
+    #[must_use]
+    pub fn of_direction(u: &Vector3<f64>) -> Self {
+        const TOP_FROM_COS: f64 = 0.5;
+        const BOTTOM_TO_COS: f64 = -0.866_025_403_784_438_6;
+        // One part in 10⁹ of slack keeps grid directions at exactly 60° and 150° on their side of the border.
+        const SLACK: f64 = 1e-9;
+        let cos = u.z / u.norm();
+        if cos >= TOP_FROM_COS - SLACK {
+            return Self::Top;
+        }
+        if cos <= BOTTOM_TO_COS + SLACK {
+            return Self::Bottom;
+        }
+        let quarter_turns = (u.y.atan2(u.x) / std::f64::consts::FRAC_PI_2 + 0.5 + SLACK).floor().rem_euclid(4.0);
+        match quarter_turns as u8 {
+            0 => Self::Right,
+            1 => Self::Back,
+            2 => Self::Left,
+            _ => Self::Front,
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! The candidates in rounds: those of the strategies that know the part alone, with their stations and what they measure;
+//! then those that build on that, examined in the same way and added. What no candidate that the cell can use measures
+//! counts as uncovered.
+
+use super::candidates::{self, Generated, Open, Rejection, Scope};
+use super::context::{Cancelled, Context, Stage};
+use super::error::PlanError;
+use super::motion::Motion;
+use super::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
+use super::selection::{self, Problem};
+use super::study::Reach;
+use super::visibility::{self, Occluders, SampleSet, Table as VisibilityTable};
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+
+/// A targeted view is worth keeping for this share of the open area.
+const WORTH_OF_OPEN: f64 = 0.001;
+
+/// What all rounds share.
+pub(super) struct Rounds<'a> {
+    pub(super) scope: Scope<'a>,
+    pub(super) params: &'a PlanParams,
+    pub(super) occluders: &'a Occluders,
+    pub(super) motion: Option<&'a Motion<'a>>,
+    /// Area of each sample, 0 where it is not asked for.
+    pub(super) asked_area_mm2: &'a [f64],
+}
+
+/// Candidates with everything that is known of them.
+pub(super) struct Considered {
+    pub(super) generated: Generated,
+    /// One row a kept candidate.
+    pub(super) table: VisibilityTable,
+    /// One a kept candidate; `None` without a cell.
+    pub(super) reach: Option<Reach>,
+}
+
+impl Rounds<'_> {
+    /// Runs every round that the strategies ask for.
+    ///
+    /// # Errors
+    /// Those of [`candidates::generate`].
+    pub(super) fn run(&self, ctx: &Context<'_>) -> Result<Considered, PlanError> {
+        let params = &self.params.candidates;
+        ctx.begin(Stage::Candidates)?;
+        let mut considered = self.examined(candidates::generate(&self.scope, params, ctx)?, ctx)?;
+        let rounds = if params.uses(Strategy::Iterative) { params.iterative_rounds } else { 0 };
+        for round in 0..rounds {
+            ctx.begin(Stage::Candidates)?;
+            let best = self.best_so_far(&considered, ctx)?;
+            let more = candidates::around_best(&self.scope, params, &best, round, ctx)?;
+            considered.append(self.examined(more, ctx)?);
+        }
+        if params.uses(Strategy::Targeted) {
+            let targeted = self.targeted(&considered, ctx)?;
+            considered.append(targeted);
+        }
+        considered.drop_what_measures_nothing(self.asked_area_mm2);
+        Ok(considered)
+    }
+
+    /// With stations, and what each measures.
+    fn examined(&self, generated: Generated, ctx: &Context<'_>) -> Result<Considered, Cancelled> {
+        let generated = self.motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));
+        let poses: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+        ctx.begin(Stage::Stations)?;
+        let reach = self.motion.map(|motion| motion.reach(&poses, ctx)).transpose()?;
+        ctx.begin(Stage::Visibility)?;
+        let usable: Vec<bool> = (0..poses.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
+        let (surface, scanner) = (self.scope.surface, self.scope.scanner);
+        let table = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
+        Ok(Considered { generated, table, reach })
+    }
+
+    /// The views that greedy would take for plain area.
+    fn best_so_far(&self, considered: &Considered, ctx: &Context<'_>) -> Result<Vec<Pose<Part, ScannerFrame>>, Cancelled> {
+        let target = self.params.selection.target;
+        let params = SelectionParams { target, max_views: self.params.selection.max_views, ..for_area() };
+        let best = self.fewest(considered, true, self.asked_area_mm2, &params, ctx)?;
+        Ok(best.into_iter().map(|kept| considered.generated.kept[kept].part_from_scanner).collect())
+    }
+
+    /// Views of what is open, as few as it takes. Those that the cell cannot take are added for what is then still open:
+    /// they tell that reach, and not the part's shape, is what is missing.
+    fn targeted(&self, so_far: &Considered, ctx: &Context<'_>) -> Result<Considered, Cancelled> {
+        ctx.begin(Stage::Candidates)?;
+        let mut area_mm2 = self.asked_area_mm2.to_vec();
+        so_far.usable().for_each(|kept| close(&mut area_mm2, &so_far.table, kept));
+        let samples: Vec<u32> = (0_u32..).zip(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
+        let incidence_max_rad =
+            [0, 1, 2].map(|d| self.params.limits.incidence_max_rad(&self.scope.scanner.devices[d]));
+        let open = Open { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
+        let (already, params) = (so_far.generated.generated, &self.params.candidates);
+        let mut proposed = self.examined(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
+        let mut needed = vec![false; proposed.generated.kept.len()];
+        let mut left = params.targeted_max;
+        for usable in [true, false] {
+            let params = SelectionParams { min_growth: WORTH_OF_OPEN, max_views: Some(left), ..for_area() };
+            for kept in self.fewest(&proposed, usable, &area_mm2, &params, ctx)? {
+                close(&mut area_mm2, &proposed.table, kept);
+                needed[kept] = true;
+                left -= 1;
+            }
+        }
+        proposed.drop_where(|kept| (!needed[kept]).then_some(Rejection::NotNeeded));
+        Ok(proposed)
+    }
+
+    /// Kept candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
+    fn fewest(
+        &self,
+        considered: &Considered,
+        usable: bool,
+        area_mm2: &[f64],
+        params: &SelectionParams,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<usize>, Cancelled> {
+        let all = 0..considered.generated.kept.len();
+        let among: Vec<usize> = all.filter(|kept| is_usable(considered.reach.as_ref(), *kept) == usable).collect();
+        if among.is_empty() || params.max_views == Some(0) {
+            return Ok(Vec::new());
+        }
+        let rows = among.iter().map(|kept| &considered.table.rows[*kept]).collect();
+        let problem = Problem { rows, asked_area_mm2: area_mm2, total_mm2: area_mm2.iter().sum() };
+        let selection = selection::select(&problem, params, &self.params.score, ctx)?;
+        Ok(selection.choices.iter().map(|choice| among[choice.row]).collect())
+    }
+}
+
+/// Greedy for all the area that can be had.
+fn for_area() -> SelectionParams {
+    SelectionParams {
+        solver: Solver::Greedy,
+        objective: Objective::Coverage,
+        target: 1.0,
+        target_of: TargetOf::Coverable,
+        ..SelectionParams::default()
+    }
+}
+
+fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
+    reach.is_none_or(|reach| reach[kept].is_ok())
+}
+
+/// What a kept candidate measures is no longer open.
+fn close(area_mm2: &mut [f64], table: &VisibilityTable, kept: usize) {
+    table.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
+}
+
+impl Considered {
+    fn usable(&self) -> impl Iterator<Item = usize> {
+        (0..self.generated.kept.len()).filter(|kept| is_usable(self.reach.as_ref(), *kept))
+    }
+
+    fn append(&mut self, more: Self) {
+        self.generated.append(more.generated);
+        self.table.rows.extend(more.table.rows);
+        let furthest = self.table.furthest.iter_mut().zip(more.table.furthest);
+        furthest.for_each(|(furthest, more)| *furthest = (*furthest).max(more));
+        if let (Some(reach), Some(more)) = (&mut self.reach, more.reach) {
+            reach.extend(more);
+        }
+    }
+
+    /// A candidate that measures nothing asked adds nothing to any choice. Those that the cell cannot use keep that as
+    /// their reason.
+    fn drop_what_measures_nothing(&mut self, asked_area_mm2: &[f64]) {
+        let mut asked = SampleSet::none_of(asked_area_mm2.len());
+        (0_u32..).zip(asked_area_mm2).filter(|(_, mm2)| **mm2 > 0.0).for_each(|(sample, _)| asked.insert(sample));
+        let measures = |words: &[u64]| words.iter().zip(asked.words()).any(|(row, asked)| row & asked != 0);
+        let idle: Vec<bool> = (0..self.generated.kept.len())
+            .map(|kept| is_usable(self.reach.as_ref(), kept) && !measures(self.table.rows[kept].words()))
+            .collect();
+        self.drop_where(|kept| idle[kept].then_some(Rejection::MeasuresNothing));
+    }
+
+    fn drop_where(&mut self, reason: impl Fn(usize) -> Option<Rejection>) {
+        let reasons: Vec<Option<Rejection>> = (0..self.generated.kept.len()).map(reason).collect();
+        let dropped = self.generated.kept.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
+        self.generated.rejected.extend(dropped);
+        retain(&mut self.generated.kept, &reasons);
+        retain(&mut self.table.rows, &reasons);
+        if let Some(reach) = &mut self.reach {
+            retain(reach, &reasons);
+        }
+    }
+}
+
+fn retain<T>(items: &mut Vec<T>, reasons: &[Option<Rejection>]) {
+    let mut reasons = reasons.iter();
+    items.retain(|_| reasons.next().is_none_or(Option::is_none));
+}
