@@ -11,6 +11,7 @@ pub mod mesh_io;
 mod preview;
 mod ray_scene;
 mod simd;
+mod stable_poses;
 mod unit;
 
 pub use adjacency::connected_components;
@@ -22,4 +23,5 @@ pub use mesh_health::{MeshHealth, MeshWarning, assess, outward_faces};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};
 pub use simd::{Kernel, SimdLevel, greatest, least};
+pub use stable_poses::{StablePose, stable_poses};
 pub use unit::{LengthUnit, UnknownUnit};
