@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::candidates::Scope;
+use super::candidates::{self, Candidate, Scope};
 use super::context::{Context, Stage};
 use super::demands::Demands;
 use super::error::PlanError;
@@ -15,8 +15,8 @@ use super::plan::Outcome;
 use super::rounds::{Considered, Rounds};
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
-use super::surface;
-use super::visibility;
+use super::surface::{self, Surface};
+use super::visibility::{self, Row};
 use crate::cell::{DeviceName, PoseSpec};
 use crate::geometry::{Mesh, Part, Pose, Table};
 
@@ -28,32 +28,91 @@ const MOST_RESELECTIONS: usize = 4;
 /// # Errors
 /// [`PlanError`]. Area that cannot be measured is no error: it is counted, with its cause, in the outcome.
 pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
-    params.check().map_err(PlanError::BadParams)?;
-    let params = resolve(params, input);
-    ctx.begin(Stage::Surface)?;
-    let mut surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
-    surface.demands = Demands::new(input.mesh, &surface, &params).map_err(PlanError::BadParams)?;
-    let asked_area_mm2 = asked_area_mm2(&surface)?;
-    let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
-    let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
-    let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
-    input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
-
-    let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part)).transpose()?;
-    let (part, scanner, cell, seed) = (input.mesh, input.scanner, input.cell, params.seed);
-    let scope = Scope { part, surface: &surface, scanner, cell, table_from_part, seed };
-    let rounds =
-        Rounds { scope, params: &params, occluders: &occluders, motion: motion.as_ref(), asked_area_mm2: &asked_area_mm2 };
-    let Considered { generated, table, reach } = rounds.run(ctx)?;
-
-    let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
+    let prepared = Prepared::new(input, params, ctx)?;
+    let motion = motion(input, &prepared.params, prepared.table_from_part)?;
+    let Considered { generated, table, reach } = prepared.considered(input, motion.as_ref(), ctx)?;
+    let (params, table_from_part, occluders) = (&prepared.params, prepared.table_from_part, &prepared.occluders);
+    let (surface, asked_area_mm2) = (prepared.surface, prepared.asked_area_mm2);
+    let study = Study { input, params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
     let mut outcome = study.conclude(&chosen, ordered, &barred);
     if params.visibility.pixel_set {
-        count_by_pixels(&mut outcome, input, &occluders, ctx)?;
+        count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }
     Ok(outcome)
+}
+
+/// What the views of a plan are chosen from, for studies of candidates and solvers.
+#[derive(Clone, Debug)]
+pub struct Tabulated {
+    /// The samples.
+    pub surface: Surface,
+    /// Area of each sample, 0 where it is not asked for.
+    pub asked_area_mm2: Vec<f64>,
+    /// The candidates that may be chosen.
+    pub candidates: Vec<Candidate>,
+    /// What each of them measures.
+    pub rows: Vec<Row>,
+}
+
+/// [`plan()`] up to where views are chosen.
+///
+/// # Errors
+/// [`PlanError`].
+pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Tabulated, PlanError> {
+    let prepared = Prepared::new(input, params, ctx)?;
+    let motion = motion(input, &prepared.params, prepared.table_from_part)?;
+    let mut considered = prepared.considered(input, motion.as_ref(), ctx)?;
+    considered.drop_unusable();
+    let Prepared { surface, asked_area_mm2, .. } = prepared;
+    Ok(Tabulated { surface, asked_area_mm2, candidates: considered.generated.kept, rows: considered.table.rows })
+}
+
+/// A part on its plate, in samples, with everything that hides one of them.
+struct Prepared {
+    /// Defaults resolved.
+    params: PlanParams,
+    surface: Surface,
+    table_from_part: Pose<Table, Part>,
+    occluders: visibility::Occluders,
+    /// Area of each sample, 0 where it is not asked for.
+    asked_area_mm2: Vec<f64>,
+}
+
+impl Prepared {
+    fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
+        params.check().map_err(PlanError::BadParams)?;
+        let mut params = resolve(params, input);
+        ctx.begin(Stage::Surface)?;
+        let mut surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+        surface.demands = Demands::new(input.mesh, &surface, &params).map_err(PlanError::BadParams)?;
+        let asked_area_mm2 = asked_area_mm2(&surface)?;
+        let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
+        let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
+        let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+        input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
+        params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);
+        Ok(Self { params, surface, table_from_part, occluders, asked_area_mm2 })
+    }
+
+    fn considered(&self, input: &PlanInput<'_>, motion: Option<&Motion<'_>>, ctx: &Context<'_>) -> Result<Considered, PlanError> {
+        let scope = scope(input, &self.surface, self.table_from_part, self.params.seed);
+        let (params, occluders, asked_area_mm2) = (&self.params, &self.occluders, &self.asked_area_mm2);
+        Rounds { scope, params, occluders, motion, asked_area_mm2 }.run(ctx)
+    }
+}
+
+fn motion<'a>(
+    input: &PlanInput<'a>,
+    params: &'a PlanParams,
+    table_from_part: Pose<Table, Part>,
+) -> Result<Option<Motion<'a>>, PlanError> {
+    input.cell.map(|cell| Motion::new(cell, input, params, table_from_part)).transpose()
+}
+
+fn scope<'a>(input: &PlanInput<'a>, surface: &'a Surface, table_from_part: Pose<Table, Part>, seed: u64) -> Scope<'a> {
+    Scope { part: input.mesh, surface, scanner: input.scanner, cell: input.cell, table_from_part, seed }
 }
 
 /// Adds the thesis's own answer: which triangles the views hit with pixels.

@@ -172,6 +172,12 @@ impl Considered {
         self.drop_where(|kept| idle[kept].then_some(Rejection::MeasuresNothing));
     }
 
+    /// Only what may be chosen remains.
+    pub(super) fn drop_unusable(&mut self) {
+        let usable: Vec<bool> = (0..self.generated.kept.len()).map(|kept| is_usable(self.reach.as_ref(), kept)).collect();
+        self.drop_where(|kept| (!usable[kept]).then_some(Rejection::Unreachable));
+    }
+
     fn drop_where(&mut self, reason: impl Fn(usize) -> Option<Rejection>) {
         let reasons: Vec<Option<Rejection>> = (0..self.generated.kept.len()).map(reason).collect();
         let dropped = self.generated.kept.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
