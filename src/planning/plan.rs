@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 use super::params::PlanParams;
-pub use super::selection::{StopReason, ViewId};
+pub use super::selection::{Bound, StopReason, ViewId};
 use super::sequence::Sequence;
 use super::stations::Station;
 use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
@@ -31,6 +31,8 @@ pub struct Plan {
     pub missed: Vec<MissedCause>,
     /// Which rule ended the selection.
     pub stopped_because: StopReason,
+    /// How many views, or how much area, the best choice from the same candidates could have.
+    pub bound: Bound,
 }
 
 /// Facts of the planned part.

@@ -12,7 +12,7 @@ use super::input::PlanInput;
 use super::missed;
 use super::params::{PlanParams, SelectionParams, TargetOf};
 use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict, ViewId};
-use super::selection::{self, Problem, Selection};
+use super::selection::{self, Problem, Selection, coverable_mm2};
 use super::sequence::Ordered;
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
@@ -61,7 +61,7 @@ pub(super) fn asked_area_mm2(surface: &Surface) -> Result<Vec<f64>, PlanError> {
 /// have measured counts too, as it does in the coverable area.
 fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &SelectionParams) -> StopReason {
     /// Sums of areas in another order.
-    const SUM_SLACK: f64 = 1e-9;
+    const SUM_SLACK: f64 = 4e-9;
     let reached = match params.target_of {
         TargetOf::Coverable => coverage.of_coverable(),
         TargetOf::Asked => coverage.of_asked(),
@@ -78,11 +78,14 @@ impl Study<'_> {
     }
 
     fn problem(&self, kept: &[usize]) -> Problem<'_> {
-        Problem {
-            rows: kept.iter().map(|kept| &self.table.rows[*kept]).collect(),
-            asked_area_mm2: &self.asked_area_mm2,
-            total_mm2: self.surface.area_where(|_| true),
-        }
+        let scan = &self.params.scan;
+        let total_mm2 = self.surface.area_where(|_| true);
+        let problem = Problem::new(self.rows(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
+        Problem { view_secs: scan.settle_secs + scan.capture_secs, ..problem }
+    }
+
+    fn rows(&self, kept: &[usize]) -> Vec<&Row> {
+        kept.iter().map(|kept| &self.table.rows[*kept]).collect()
     }
 
     /// Kept candidates that the cell can use.
@@ -136,6 +139,7 @@ impl Study<'_> {
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
             missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
             stopped_because: stopped_because(chosen.selection.stopped_because, &coverage, &self.params.selection),
+            bound: chosen.selection.bound,
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
             params: self.params.clone(),
@@ -200,8 +204,8 @@ impl Study<'_> {
         let mut coverage = Coverage {
             total_area_mm2: self.surface.area_where(|_| true),
             asked_area_mm2: self.surface.area_where(|sample| self.surface.asked[sample]),
-            coverable_area_mm2: self.problem(&self.usable()).coverable_mm2(),
-            optically_coverable_area_mm2: self.problem(&all).coverable_mm2(),
+            coverable_area_mm2: coverable_mm2(&self.rows(&self.usable()), &self.asked_area_mm2),
+            optically_coverable_area_mm2: coverable_mm2(&self.rows(&all), &self.asked_area_mm2),
             ..Coverage::default()
         };
         for (sample, verdict) in verdicts.iter().enumerate() {

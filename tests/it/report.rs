@@ -11,7 +11,7 @@ use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, pr
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
-use vantage::planning::plan::{
+use vantage::planning::plan::{Bound, 
     CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict,
     ViewId,
 };
@@ -157,6 +157,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         sequence: Some(sequence(sides.len())),
         missed: missed_of(mesh, &surface, &verdicts),
         stopped_because: StopReason::Target,
+        bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },
         coverage,
     };
     Outcome { plan, surface, verdicts, measured_by_view: rows }
