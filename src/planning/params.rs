@@ -13,6 +13,10 @@ mod regions;
 pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 
+mod selection;
+
+pub use selection::{OverlapParams, SelectionGoal};
+
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
@@ -173,6 +177,12 @@ pub enum Solver {
     /// The thesis's greedy.
     #[default]
     Greedy,
+    /// The same choices from a priority queue of what each candidate can still score at most.
+    Lazy,
+    /// Greedy by area, then dropping and exchanging views for fewer of them, then for a higher score.
+    Local,
+    /// `local`, then branch and bound for the proof that no fewer views do, or for fewer views.
+    Certified,
 }
 
 /// What greedy maximises.
@@ -217,6 +227,16 @@ pub struct SelectionParams {
     pub max_views: Option<u32>,
     /// Count only area that is measured at this grade or better (method §5): `A`, `B`, `C` or `D`. Default: all of it.
     pub min_grade: Option<Grade>,
+    /// Default `fewest_views`.
+    pub goal: SelectionGoal,
+    /// Area that chosen views share, for registration. Default: none asked for.
+    pub overlap: OverlapParams,
+    /// What a second of the cycle is worth: each view costs the time to settle, capture and travel to it, in mm² of
+    /// score, 0 to 1 000 000 mm²/s. Default 0.
+    pub view_cost_mm2_per_s: f64,
+    /// Work of `local` and `certified`, in million pairs of sample and candidate looked at, about a millisecond each on
+    /// one core, 1 to 10 000 000. No clock, so that the same input gives the same plan. Default 20 000.
+    pub work_limit: u32,
 }
 
 impl Default for SelectionParams {
@@ -229,6 +249,10 @@ impl Default for SelectionParams {
             min_growth: 0.0001,
             max_views: None,
             min_grade: None,
+            goal: SelectionGoal::FewestViews,
+            overlap: OverlapParams::default(),
+            view_cost_mm2_per_s: 0.0,
+            work_limit: 20_000,
         }
     }
 }
@@ -287,5 +311,6 @@ impl PlanParams {
         if let Some(views) = self.selection.max_views {
             findings.range("/selection/max_views", f64::from(views), 1.0, 1000.0, "views");
         }
+        selection::check(&self.selection, findings);
     }
 }

@@ -85,7 +85,8 @@ impl Prepared {
         params.check().map_err(PlanError::BadParams)?;
         let mut params = resolve(params, input);
         ctx.begin(Stage::Surface)?;
-        let mut surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+        let mut surface =
+            surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
         surface.demands = Demands::new(input.mesh, &surface, &params).map_err(PlanError::BadParams)?;
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();

@@ -6,7 +6,7 @@ use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 pub use super::grade::Grade;
 use super::params::PlanParams;
-pub use super::selection::{StopReason, ViewId};
+pub use super::selection::{Bound, StopReason, ViewId};
 use super::sequence::Sequence;
 use super::stations::Station;
 use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
@@ -32,6 +32,8 @@ pub struct Plan {
     pub missed: Vec<MissedCause>,
     /// Which rule ended the selection.
     pub stopped_because: StopReason,
+    /// How many views, or how much area, the best choice from the same candidates could have.
+    pub bound: Bound,
 }
 
 /// Facts of the planned part.

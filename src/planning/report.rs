@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::params::PlanParams;
-use super::plan::{Coverage, MissedCause, Plan, share};
+use super::plan::{Bound, Coverage, MissedCause, Plan, share};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::geometry::Pose;
@@ -79,6 +79,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
+    write_bound(out, &plan.bound)?;
     write_views(out, plan)?;
     if let Some(sequence) = &plan.sequence {
         write_sequence(out, sequence)?;
@@ -132,6 +133,14 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
     }
     for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.grade_area_mm2) {
         writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
+    }
+    Ok(())
+}
+
+fn write_bound(out: &mut String, bound: &Bound) -> fmt::Result {
+    writeln!(out, "bound: no fewer than {}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+    if let (Some(upper), Some(gap)) = (bound.of_asked_upper, bound.gap_of_asked) {
+        writeln!(out, "bound: no more than {} % of asked, gap {} %", percent(upper), percent(gap))?;
     }
     Ok(())
 }

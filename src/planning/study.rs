@@ -1,6 +1,7 @@
 //! A part with everything that is known before views are chosen, and the way from chosen views to an [`Outcome`]:
 //! verdict of every sample, coverage with its denominators, causes of what is missed.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
@@ -15,7 +16,7 @@ use super::params::{PlanParams, SelectionParams, TargetOf};
 use super::plan::{
     CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, StopReason, Verdict, ViewId,
 };
-use super::selection::{self, Problem, Selection};
+use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::Ordered;
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
@@ -64,7 +65,7 @@ pub(super) fn asked_area_mm2(surface: &Surface) -> Result<Vec<f64>, PlanError> {
 /// have measured counts too, as it does in the coverable area.
 fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &SelectionParams) -> StopReason {
     /// Sums of areas in another order.
-    const SUM_SLACK: f64 = 1e-9;
+    const SUM_SLACK: f64 = 4e-9;
     let reached = match params.target_of {
         TargetOf::Coverable => coverage.of_coverable(),
         TargetOf::Asked => coverage.of_asked(),
@@ -81,11 +82,37 @@ impl Study<'_> {
     }
 
     fn problem(&self, kept: &[usize]) -> Problem<'_> {
-        Problem {
-            rows: kept.iter().map(|kept| &self.table.rows[*kept]).collect(),
-            asked_area_mm2: &self.asked_area_mm2,
-            total_mm2: self.surface.area_where(|_| true),
+        let scan = &self.params.scan;
+        let total_mm2 = self.surface.area_where(|_| true);
+        let mut problem = Problem::new(self.rows(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
+        problem.view_secs = scan.settle_secs + scan.capture_secs;
+        let demands = &self.surface.demands;
+        if demands.kinds.len() > 1 {
+            let worth = |(sample, area_mm2): (usize, &f64)| area_mm2 * demands.of(sample).weight;
+            problem.worth_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(worth).collect());
+            problem.goals.extend(self.goals_of_regions(kept));
         }
+        problem
+    }
+
+    /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
+    fn goals_of_regions(&self, kept: &[usize]) -> Vec<Goal<'static>> {
+        let demands = &self.surface.demands;
+        let coverable = coverable(&self.rows(kept), self.asked_area_mm2.len());
+        let of_coverable = self.params.selection.target_of == TargetOf::Coverable;
+        let counts = |sample: usize| !of_coverable || coverable.holds(sample as u32);
+        let goal = |(number, region): (usize, demands::NamedRegion)| {
+            let holds = |sample: usize| demands.of(sample).regions.contains(&number);
+            let area = |sample: usize| if holds(sample) { self.asked_area_mm2[sample] } else { 0.0 };
+            let area_mm2: Vec<f64> = (0..self.asked_area_mm2.len()).map(area).collect();
+            let whole_mm2: f64 = (0..area_mm2.len()).filter(|sample| counts(*sample)).map(|sample| area_mm2[sample]).sum();
+            Some(Goal { needed_mm2: region.target? * whole_mm2, area_mm2: Cow::Owned(area_mm2) })
+        };
+        demands::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
+    }
+
+    fn rows(&self, kept: &[usize]) -> Vec<&Row> {
+        kept.iter().map(|kept| &self.table.rows[*kept]).collect()
     }
 
     /// Kept candidates that the cell can use.
@@ -139,6 +166,7 @@ impl Study<'_> {
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
             missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
             stopped_because: stopped_because(chosen.selection.stopped_because, &coverage, &self.params.selection),
+            bound: chosen.selection.bound,
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
             params: self.params.clone(),
@@ -203,8 +231,8 @@ impl Study<'_> {
         let mut coverage = Coverage {
             total_area_mm2: self.surface.area_where(|_| true),
             asked_area_mm2: self.surface.area_where(|sample| self.surface.asked[sample]),
-            coverable_area_mm2: self.problem(&self.usable()).coverable_mm2(),
-            optically_coverable_area_mm2: self.problem(&all).coverable_mm2(),
+            coverable_area_mm2: coverable_mm2(&self.rows(&self.usable()), &self.asked_area_mm2),
+            optically_coverable_area_mm2: coverable_mm2(&self.rows(&all), &self.asked_area_mm2),
             ..Coverage::default()
         };
         for (sample, verdict) in verdicts.iter().enumerate() {
@@ -231,7 +259,7 @@ impl Study<'_> {
         if regions.is_empty() {
             return regions;
         }
-        let coverable = self.problem(&self.usable()).coverable();
+        let coverable = coverable(&self.rows(&self.usable()), self.asked_area_mm2.len());
         for (sample, verdict) in verdicts.iter().enumerate() {
             for &region in &self.surface.demands.of(sample).regions {
                 let (region, area_mm2) = (&mut regions[region], self.asked_area_mm2[sample]);

@@ -9,7 +9,7 @@ use super::angle::degrees;
 use super::echo::Echo;
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Cause, Coverage, MissedCause, Outcome, Plan, PlannedView, RegionCoverage, share};
+use crate::planning::plan::{Bound, Cause, Coverage, MissedCause, Outcome, Plan, PlannedView, RegionCoverage, share};
 
 /// Schema name that the document carries.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -43,8 +43,8 @@ pub struct PlanDocument {
     pub sequence: Vec<u32>,
     /// What is not measured, by cause.
     pub missed: Vec<MissedDocument>,
-    /// Lower bound on the number of views, where one was computed.
-    pub bound: Option<BoundDocument>,
+    /// How far from the best the chosen views can be.
+    pub bound: BoundDocument,
     /// `target`, `growth`, `max_views` or `no_gain`.
     pub stopped_because: String,
 }
@@ -284,14 +284,29 @@ pub struct MissedDocument {
     pub remedy: Option<String>,
 }
 
-/// Lower bound on the number of views.
+/// How far from the best the chosen views can be. The bound is on the candidates that could be chosen, without what is
+/// asked of overlap, time and quality.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct BoundDocument {
-    /// No plan over the same candidates needs fewer views.
+    /// No plan over the same candidates reaches the goals with fewer views; where the plan does not reach one, as much of
+    /// it as the plan measures.
     pub views_lower: u32,
-    /// Views chosen minus `views_lower`.
+    /// Views chosen minus `views_lower`; 0: proved fewest.
     pub gap: u32,
+    /// With `selection.goal` `best_coverage`: no choice of `selection.max_views` views measures a larger share.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of_asked_upper: Option<f64>,
+    /// `of_asked_upper` minus the share that the chosen views measure; 0: proved best.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gap_of_asked: Option<f64>,
+}
+
+impl From<&Bound> for BoundDocument {
+    fn from(bound: &Bound) -> Self {
+        let Bound { views_lower, gap, of_asked_upper, gap_of_asked } = *bound;
+        Self { views_lower, gap, of_asked_upper, gap_of_asked }
+    }
 }
 
 impl PlanDocument {
@@ -317,7 +332,7 @@ impl PlanDocument {
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
             missed: plan.missed.iter().map(MissedDocument::from).collect(),
-            bound: None,
+            bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),
         }
     }

@@ -12,8 +12,8 @@ use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict,
-    ViewId,
+    Bound, CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason,
+    Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -161,6 +161,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         sequence: Some(sequence(sides.len())),
         missed: missed_of(mesh, &surface, &verdicts),
         stopped_because: StopReason::Target,
+        bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },
         coverage,
     };
     Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None }

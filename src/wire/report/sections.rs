@@ -56,6 +56,7 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
     let measuring = plan.views.iter().filter(|view| view.rejected.is_none()).count();
     let mut figures = vec![
         ("figure main", number(measuring as f64, 0), if measuring == 1 { "view" } else { "views" }),
+        ("figure", number(f64::from(plan.bound.views_lower), 0), "needed at least"),
         ("figure main", percent(coverage.of_coverable()), "of the coverable area"),
         ("figure", percent(coverage.of_asked()), "of the asked area"),
         ("figure", percent(coverage.of_total()), "of the whole surface"),
