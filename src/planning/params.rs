@@ -7,8 +7,10 @@ use utoipa::ToSchema;
 use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
 
 mod candidates;
+mod robust;
 
 pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
+pub use robust::{PoseErrorParams, RobustParams};
 
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -32,6 +34,8 @@ pub struct PlanParams {
     pub score: ScoreParams,
     /// How views are chosen and when to stop.
     pub selection: SelectionParams,
+    /// Whether the plan bears poses that are off.
+    pub robust: RobustParams,
     /// Seed of every pseudo-random choice. Default 0.
     pub seed: u64,
 }
@@ -289,6 +293,7 @@ impl PlanParams {
         self.check_hardware_values(&mut findings);
         self.candidates.check(&mut findings);
         self.check_selection(&mut findings);
+        self.robust.check(&mut findings);
         findings.into_result()
     }
 

@@ -10,8 +10,9 @@ use super::input::PlanInput;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
-use super::plan::Outcome;
-use super::rounds::{Considered, Rounds};
+use super::plan::{Certificate, Outcome};
+use super::robust::{self, Setting};
+use super::rounds::{Considered, Rounds, is_usable};
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
@@ -44,13 +45,21 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
         Rounds { scope, params: &params, occluders: &occluders, motion: motion.as_ref(), asked_area_mm2: &asked_area_mm2 };
     let Considered { generated, table, reach } = rounds.run(ctx)?;
 
-    let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
+    let scene = robust::Scene { surface: &surface, scanner: input.scanner, occluders: &occluders, params: &params };
+    let usable: Vec<bool> = (0..table.rows.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
+    let robust_rows = robust::rows(&scene, &generated.kept, &usable, &table.rows, ctx)?;
+    let study =
+        Study { input, params: &params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
     let mut outcome = study.conclude(&chosen, ordered, &barred);
     if params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, &occluders, ctx)?;
     }
+    ctx.begin(Stage::Certificate)?;
+    let settings = [Setting::of(&occluders, &outcome.plan.views)];
+    let Certificate { independent, robust } = robust::certify(input, &params, &settings, ctx)?;
+    (outcome.plan.coverage.independent, outcome.plan.coverage.robust) = (independent, robust);
     Ok(outcome)
 }
 

@@ -5,6 +5,7 @@ use nalgebra::Point3;
 use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 use super::params::PlanParams;
+pub use super::robust::{Certificate, Drawn, Independent, Robust};
 pub use super::selection::{StopReason, ViewId};
 use super::sequence::Sequence;
 use super::stations::Station;
@@ -74,6 +75,10 @@ pub struct Coverage {
     pub grade_area_mm2: [f64; 4],
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
+    /// What the chosen views measure of samples that they were not chosen on: the figure to trust.
+    pub independent: Independent,
+    /// The same with poses that are off; with `robust.pose_error`.
+    pub robust: Option<Robust>,
     /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
     pub pixel_set_area_mm2: Option<f64>,
 }

@@ -31,6 +31,8 @@ pub(super) struct Study<'a> {
     pub(super) generated: Generated,
     /// One row a kept candidate.
     pub(super) table: VisibilityTable,
+    /// What views are chosen by, where that is not the table: what each kept candidate measures under every stated error.
+    pub(super) robust_rows: Option<Vec<Row>>,
     /// One a kept candidate; `None` without a cell.
     pub(super) reach: Option<Reach>,
     /// See [`asked_area_mm2`].
@@ -94,7 +96,9 @@ impl Study<'_> {
     /// those measure; see [`stopped_because`] for what is then said of it.
     pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
         let usable: Vec<_> = self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect();
-        let selection = selection::select(&self.problem(&usable), &self.params.selection, &self.params.score, ctx)?;
+        let rows = self.robust_rows.as_ref().unwrap_or(&self.table.rows);
+        let problem = Problem { rows: usable.iter().map(|kept| &rows[*kept]).collect(), ..self.problem(&[]) };
+        let selection = selection::select(&problem, &self.params.selection, &self.params.score, ctx)?;
         if selection.choices.is_empty() && barred.is_empty() {
             return Err(PlanError::NoPlan(self.why_nothing()));
         }
@@ -135,7 +139,10 @@ impl Study<'_> {
             candidates: self.counts(),
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
             missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
-            stopped_because: stopped_because(chosen.selection.stopped_because, &coverage, &self.params.selection),
+            stopped_because: match chosen.selection.stopped_because {
+                ended_by if given_up.is_empty() => ended_by,
+                ended_by => stopped_because(ended_by, &coverage, &self.params.selection),
+            },
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
             params: self.params.clone(),
