@@ -22,13 +22,15 @@ pub enum Stage {
     Sequence,
     /// What is missed, and why.
     Missed,
+    /// What the chosen views are worth on other samples, and with poses that are off.
+    Certificate,
     /// The outcome to files.
     Report,
 }
 
 impl Stage {
     /// Every stage, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Surface,
         Self::Candidates,
         Self::Stations,
@@ -36,6 +38,7 @@ impl Stage {
         Self::Selection,
         Self::Sequence,
         Self::Missed,
+        Self::Certificate,
         Self::Report,
     ];
 
@@ -50,6 +53,7 @@ impl Stage {
             Self::Selection => "selection",
             Self::Sequence => "sequence",
             Self::Missed => "missed",
+            Self::Certificate => "certificate",
             Self::Report => "report",
         }
     }
@@ -95,6 +99,12 @@ impl<'a> Context<'a> {
     #[must_use]
     pub fn with_simd_level(self, simd_level: SimdLevel) -> Self {
         Self { simd_level, ..self }
+    }
+
+    /// The same with nobody to tell how far it is: for the parts of a stage that counts in units of its own.
+    #[must_use]
+    pub(super) fn quietly(&self) -> Context<'a> {
+        Context { cancel: self.cancel, observer: &Silent, simd_level: self.simd_level }
     }
 
     /// The vector instructions to use.

@@ -21,7 +21,7 @@ use nalgebra::Point3;
 
 use super::grade::Grade;
 use super::params::{InterestParams, PlanParams};
-use super::surface::{RegionFinder, Surface};
+use super::surface::{self, RegionFinder, Surface};
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
@@ -89,6 +89,16 @@ pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
             features.map(|(index, feature)| NamedRegion { name: named(&feature.name, "feature", index), target: feature.target }),
         )
         .collect()
+}
+
+/// The samples of a part, after [`surface::resolve`], with what is asked of them.
+///
+/// # Errors
+/// Those of [`surface::sample`] and [`Demands::new`].
+pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64) -> Result<Surface, Vec<FieldError>> {
+    let mut surface = surface::sample(mesh, &params.part, &params.regions, seed)?;
+    surface.demands = Demands::new(mesh, &surface, params)?;
+    Ok(surface)
 }
 
 impl Demands {

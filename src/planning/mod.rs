@@ -16,6 +16,7 @@ mod placement;
 pub mod plan;
 mod random;
 pub mod report;
+mod robust;
 mod rounds;
 pub mod selection;
 pub mod sequence;

@@ -9,12 +9,12 @@ use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
 
 mod candidates;
 mod regions;
+mod robust;
+mod selection;
 
 pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
-
-mod selection;
-
+pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
 
 /// All parameters of a plan. Unknown fields are refused.
@@ -39,6 +39,8 @@ pub struct PlanParams {
     pub score: ScoreParams,
     /// How views are chosen and when to stop.
     pub selection: SelectionParams,
+    /// Whether the plan bears poses that are off.
+    pub robust: RobustParams,
     /// Seed of every pseudo-random choice. Default 0.
     pub seed: u64,
 }
@@ -269,6 +271,7 @@ impl PlanParams {
         self.check_hardware_values(&mut findings);
         self.candidates.check(&mut findings);
         self.check_selection(&mut findings);
+        self.robust.check(&mut findings);
         findings.into_result()
     }
 

@@ -5,14 +5,15 @@ use std::collections::BTreeSet;
 
 use super::candidates::{self, Candidate, Scope};
 use super::context::{Context, Stage};
-use super::demands::Demands;
+use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
-use super::plan::Outcome;
-use super::rounds::{Considered, Rounds};
+use super::plan::{Certificate, Outcome};
+use super::robust::{self, Setting};
+use super::rounds::{Considered, Rounds, is_usable};
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface::{self, Surface};
@@ -33,13 +34,20 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let Considered { generated, table, reach } = prepared.considered(input, motion.as_ref(), ctx)?;
     let (params, table_from_part, occluders) = (&prepared.params, prepared.table_from_part, &prepared.occluders);
     let (surface, asked_area_mm2) = (prepared.surface, prepared.asked_area_mm2);
-    let study = Study { input, params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
+    let scene = robust::Scene { surface: &surface, scanner: input.scanner, occluders, params };
+    let usable: Vec<bool> = (0..table.rows.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
+    let robust_rows = robust::rows(&scene, &generated.kept, &usable, &table.rows, ctx)?;
+    let study = Study { input, params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
     let mut outcome = study.conclude(&chosen, ordered, &barred);
     if params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }
+    ctx.begin(Stage::Certificate)?;
+    let settings = [Setting::of(occluders, &outcome.plan.views)];
+    let Certificate { independent, robust } = robust::certify(input, params, &settings, ctx)?;
+    (outcome.plan.coverage.independent, outcome.plan.coverage.robust) = (independent, robust);
     Ok(outcome)
 }
 
@@ -85,9 +93,7 @@ impl Prepared {
         params.check().map_err(PlanError::BadParams)?;
         let mut params = resolve(params, input);
         ctx.begin(Stage::Surface)?;
-        let mut surface =
-            surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
-        surface.demands = Demands::new(input.mesh, &surface, &params).map_err(PlanError::BadParams)?;
+        let surface = demands::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));

@@ -6,6 +6,7 @@ use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 pub use super::grade::Grade;
 use super::params::PlanParams;
+pub use super::robust::{Certificate, Drawn, Independent, Robust};
 pub use super::selection::{Bound, StopReason, ViewId};
 use super::sequence::Sequence;
 use super::stations::Station;
@@ -79,6 +80,10 @@ pub struct Coverage {
     pub curve_area_mm2: Vec<f64>,
     /// What is measured of each region of interest and feature.
     pub regions: Vec<RegionCoverage>,
+    /// What the chosen views measure of samples that they were not chosen on: the figure to trust.
+    pub independent: Independent,
+    /// The same with poses that are off; with `robust.pose_error`.
+    pub robust: Option<Robust>,
     /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
     pub pixel_set_area_mm2: Option<f64>,
 }

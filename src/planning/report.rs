@@ -134,6 +134,22 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
     for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.grade_area_mm2) {
         writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
     }
+    write_certificate(out, coverage)
+}
+
+fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
+    let independent = &coverage.independent;
+    writeln!(out, "\non {} samples that no view was chosen on: the figure to trust", independent.samples)?;
+    writeln!(out, "  measured of asked        {:>12} %", percent(independent.of_asked()))?;
+    writeln!(out, "  measured of total        {:>12} %", percent(independent.of_total()))?;
+    let Some(robust) = &coverage.robust else { return Ok(()) };
+    let (angle_deg, shift_mm) = (robust.pose_error.angle_deg, robust.pose_error.translation_mm);
+    writeln!(out, "\nmeasured of asked there, poses off by {angle_deg}° and {shift_mm} mm")?;
+    for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part)] {
+        write!(out, "  {name:<12} {:>4} draws: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
+        let [worst, p5, mean] = [drawn.worst(), drawn.p5(), drawn.mean()].map(percent);
+        writeln!(out, ", worst {worst} %, 5th percentile {p5} %, mean {mean} %")?;
+    }
     Ok(())
 }
 

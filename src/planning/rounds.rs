@@ -136,7 +136,8 @@ fn for_area() -> SelectionParams {
     }
 }
 
-fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
+/// Whether the cell can take a kept candidate.
+pub(super) fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
     reach.is_none_or(|reach| reach[kept].is_ok())
 }
 

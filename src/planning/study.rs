@@ -35,6 +35,8 @@ pub(super) struct Study<'a> {
     pub(super) generated: Generated,
     /// One row a kept candidate.
     pub(super) table: VisibilityTable,
+    /// What views are chosen by, where that is not the table: what each kept candidate measures under every stated error.
+    pub(super) robust_rows: Option<Vec<Row>>,
     /// One a kept candidate; `None` without a cell.
     pub(super) reach: Option<Reach>,
     /// See [`asked_area_mm2`].
@@ -84,7 +86,7 @@ impl Study<'_> {
     fn problem(&self, kept: &[usize]) -> Problem<'_> {
         let scan = &self.params.scan;
         let total_mm2 = self.surface.area_where(|_| true);
-        let mut problem = Problem::new(self.rows(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
+        let mut problem = Problem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
         problem.view_secs = scan.settle_secs + scan.capture_secs;
         let demands = &self.surface.demands;
         if demands.kinds.len() > 1 {
@@ -98,7 +100,7 @@ impl Study<'_> {
     /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
     fn goals_of_regions(&self, kept: &[usize]) -> Vec<Goal<'static>> {
         let demands = &self.surface.demands;
-        let coverable = coverable(&self.rows(kept), self.asked_area_mm2.len());
+        let coverable = coverable(&self.rows_to_choose_by(kept), self.asked_area_mm2.len());
         let of_coverable = self.params.selection.target_of == TargetOf::Coverable;
         let counts = |sample: usize| !of_coverable || coverable.holds(sample as u32);
         let goal = |(number, region): (usize, demands::NamedRegion)| {
@@ -109,6 +111,12 @@ impl Study<'_> {
             Some(Goal { needed_mm2: region.target? * whole_mm2, area_mm2: Cow::Owned(area_mm2) })
         };
         demands::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
+    }
+
+    /// What views are chosen by: what they measure as planned, or also with poses that are off.
+    fn rows_to_choose_by(&self, kept: &[usize]) -> Vec<&Row> {
+        let rows = self.robust_rows.as_ref().unwrap_or(&self.table.rows);
+        kept.iter().map(|kept| &rows[*kept]).collect()
     }
 
     fn rows(&self, kept: &[usize]) -> Vec<&Row> {
@@ -165,7 +173,10 @@ impl Study<'_> {
             candidates: self.counts(),
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
             missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
-            stopped_because: stopped_because(chosen.selection.stopped_because, &coverage, &self.params.selection),
+            stopped_because: match chosen.selection.stopped_because {
+                ended_by if given_up.is_empty() => ended_by,
+                ended_by => stopped_because(ended_by, &coverage, &self.params.selection),
+            },
             bound: chosen.selection.bound,
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,

@@ -8,7 +8,7 @@
 use std::sync::OnceLock;
 
 /// Every point, for tests that walk through all of them.
-pub const NAMES: [&str; 20] = [
+pub const NAMES: [&str; 21] = [
     "upload.before_rename",
     "upload.after_rename",
     "upload.committed",
@@ -22,6 +22,7 @@ pub const NAMES: [&str; 20] = [
     "stage.selection",
     "stage.sequence",
     "stage.missed",
+    "stage.certificate",
     "stage.report",
     "artifact.before_rename",
     "artifact.written",

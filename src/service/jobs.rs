@@ -285,7 +285,7 @@ struct Tracker {
 }
 
 /// Share of the work that is done before each stage begins, and after the last; a rule of thumb.
-const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.65, 0.7, 0.85, 0.9, 1.0];
+const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.65, 0.7, 0.85, 0.88, 0.92, 1.0];
 
 impl Tracker {
     fn new(updates: mpsc::UnboundedSender<Update>) -> Self {

@@ -8,8 +8,10 @@ use utoipa::ToSchema;
 use super::angle::degrees;
 use super::echo::Echo;
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
-use crate::planning::params::PlanParams;
-use crate::planning::plan::{Bound, Cause, Coverage, MissedCause, Outcome, Plan, PlannedView, RegionCoverage, share};
+use crate::planning::params::{PlanParams, PoseErrorParams};
+use crate::planning::plan::{
+    Bound, Cause, Coverage, Drawn, Independent, MissedCause, Outcome, Plan, PlannedView, RegionCoverage, Robust, share,
+};
 
 /// Schema name that the document carries.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -180,6 +182,13 @@ pub struct CoverageDocument {
     /// What is measured of each region of interest and feature.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
+    /// The same on samples that the views were not chosen on: the figure to trust. Choosing views on a set of samples
+    /// reads high on that set. `null` in plans made before it was there.
+    #[serde(default)]
+    pub independent: Option<IndependentDocument>,
+    /// The same with poses that are off; with `robust.pose_error`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robust: Option<RobustDocument>,
     /// Share of the whole surface on faces that some chosen view hits with a pixel of each device, whatever depth and
     /// incidence; with `visibility.pixel_set`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -216,6 +225,58 @@ impl From<&RegionCoverage> for RegionCoverageDocument {
             target: region.target,
         }
     }
+}
+
+/// Coverage on a second set of samples, as dense as the first.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct IndependentDocument {
+    /// Its samples.
+    pub samples: usize,
+    /// Measured share of the asked area.
+    pub of_asked: f64,
+    /// Measured share of the whole surface.
+    pub of_total: f64,
+}
+
+/// Coverage with poses that are off, on the second set of samples: with every view off by an error of its own and, in
+/// `part`, with the part off as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct RobustDocument {
+    /// The error: each pose is turned by the whole angle about a random axis and moved by the whole distance in a random
+    /// direction.
+    pub pose_error: PoseErrorParams,
+    /// How often every view was put off.
+    pub draws: usize,
+    /// Measured shares of the asked area.
+    pub of_asked: DrawnDocument,
+    /// The part off as a whole.
+    pub part: MisplacedDocument,
+}
+
+/// Coverage with the part off as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct MisplacedDocument {
+    /// How often it was put off.
+    pub draws: usize,
+    /// Measured shares of the asked area.
+    pub of_asked: DrawnDocument,
+}
+
+/// A share over the draws.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct DrawnDocument {
+    /// With no error.
+    pub nominal: f64,
+    /// The least.
+    pub worst: f64,
+    /// The 5th percentile.
+    pub p5: f64,
+    /// The mean.
+    pub mean: f64,
 }
 
 /// Shares of the asked area by grade.
@@ -394,8 +455,33 @@ impl From<&Coverage> for CoverageDocument {
             grades: GradesDocument { a, b, c, d },
             curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
             regions: coverage.regions.iter().map(RegionCoverageDocument::from).collect(),
+            independent: Some(IndependentDocument::from(&coverage.independent)),
+            robust: coverage.robust.as_ref().map(RobustDocument::from),
             pixel_set_of_total: coverage.pixel_set_area_mm2.map(|area_mm2| share(area_mm2, coverage.total_area_mm2)),
         }
+    }
+}
+
+impl From<&Independent> for IndependentDocument {
+    fn from(independent: &Independent) -> Self {
+        Self { samples: independent.samples, of_asked: independent.of_asked(), of_total: independent.of_total() }
+    }
+}
+
+impl From<&Robust> for RobustDocument {
+    fn from(robust: &Robust) -> Self {
+        Self {
+            pose_error: robust.pose_error,
+            draws: robust.views.draws(),
+            of_asked: DrawnDocument::from(&robust.views),
+            part: MisplacedDocument { draws: robust.part.draws(), of_asked: DrawnDocument::from(&robust.part) },
+        }
+    }
+}
+
+impl From<&Drawn> for DrawnDocument {
+    fn from(drawn: &Drawn) -> Self {
+        Self { nominal: drawn.nominal, worst: drawn.worst(), p5: drawn.p5(), mean: drawn.mean() }
     }
 }
 

@@ -102,6 +102,18 @@ impl Row {
         Self { measured, quality: None }.with_quality(steps, scale)
     }
 
+    /// What it measures among `samples`, a set of the same surface, with its quality there.
+    #[must_use]
+    pub fn within(&self, samples: &SampleSet) -> Self {
+        let mut measured = self.measured.clone();
+        measured.retain_all(samples);
+        let quality = self.quality.as_ref().map(|quality| {
+            let steps = self.samples().zip(&quality.steps).filter(|(sample, _)| samples.holds(*sample)).map(|(_, step)| *step);
+            Quality { scale: quality.scale, steps: steps.collect() }
+        });
+        Self { measured, quality }
+    }
+
     /// The samples that it measures.
     #[must_use]
     pub fn measured(&self) -> &SampleSet {

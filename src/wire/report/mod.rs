@@ -59,6 +59,7 @@ pub fn html(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Cancel
         views::overviews(input, &scene),
         views::chosen(input, &scene, ctx)?,
         sections::curve(input),
+        sections::certificate(input),
         views::misses(input, &scene),
         sections::missed(input),
         sections::order(input),

@@ -8,7 +8,7 @@ use super::markup::{area, duration, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
-use crate::planning::plan::{Grade, MissedCause, share};
+use crate::planning::plan::{Drawn, Grade, MissedCause, Robust, share};
 use crate::planning::report::changed_params;
 use crate::planning::sequence::Leg;
 
@@ -60,6 +60,7 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         ("figure main", percent(coverage.of_coverable()), "of the coverable area"),
         ("figure", percent(coverage.of_asked()), "of the asked area"),
         ("figure", percent(coverage.of_total()), "of the whole surface"),
+        ("figure main", percent(coverage.independent.of_asked()), "of the asked area, on fresh samples"),
     ];
     if let Some(sequence) = &plan.sequence {
         figures.push(("figure", duration(sequence.motion_secs()), "moving"));
@@ -103,6 +104,39 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
          <ul class=\"legend\">{legend}<li><span class=\"swatch\" style=\"background:var(--well)\"></span>Not measured {missed}</li></ul>\n\
          <p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area. A grade says how squarely and how near best focus its best \
          view sees a point: A is close to the ideal, D is close to the scanner’s limits.</p>\n"
+    )
+}
+
+/// The coverage to trust: on samples that no view was chosen on, and with poses that are off.
+pub(super) fn certificate(input: &ReportInput<'_>) -> String {
+    let coverage = &input.outcome.plan.coverage;
+    let independent = &coverage.independent;
+    let said = format!(
+        "<section>\n<h2>How far the figure can be trusted</h2>\n<p>Views are chosen on one set of samples and fit it, so its share reads \
+         high: {}. On {} other samples, on which no view was chosen, the same views measure <b>{} of the asked area</b>, {} of the \
+         whole surface.</p>\n",
+        percent(coverage.of_asked()),
+        number(independent.samples as f64, 0),
+        percent(independent.of_asked()),
+        percent(independent.of_total()),
+    );
+    said + &coverage.robust.as_ref().map_or_else(String::new, off_poses) + "</section>\n"
+}
+
+/// The same with poses that are off.
+fn off_poses(robust: &Robust) -> String {
+    let row = |name: &str, drawn: &Drawn| {
+        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()].map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
+        format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
+    };
+    format!(
+        "<p>With poses that are off by {}° about a random axis and by {}\u{a0}mm in a random direction, of the asked area:</p>\n\
+         <div class=\"card scroll\"><table>\n<thead><tr><th>What is off</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th>\
+         <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}</tbody></table></div>\n",
+        number(robust.pose_error.angle_deg, 2),
+        number(robust.pose_error.translation_mm, 2),
+        row("Every view, by an error of its own", &robust.views),
+        row("The part as a whole", &robust.part),
     )
 }
 

@@ -1,0 +1,222 @@
+//! What the chosen views measure on samples that they were not chosen on: as planned, and with poses that are off.
+//!
+//! Views chosen on a set of samples fit that set: its share reads high, by up to half a point on machined parts. So it is
+//! evaluated again on a second set, as dense, from another seed. A pose that is off is turned by the whole angle of
+//! `robust.pose_error` about a random axis and moved by its whole distance in a random direction: each view by an error
+//! of its own about the viewpoint, or the part as a whole about the centre of its box. Every draw has a stream of its own,
+//! so that neither threads nor the number of draws change it. Cost: a view of the table for each chosen view and draw.
+
+use nalgebra::{Point3, UnitQuaternion};
+
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::demands;
+use crate::planning::error::PlanError;
+use crate::planning::input::PlanInput;
+use crate::planning::params::{Objective, PlanParams, PoseErrorParams};
+use crate::planning::plan::{PlannedView, share};
+use crate::planning::random::{Stream, split_mix};
+use crate::planning::surface::Surface;
+use crate::planning::visibility::{self, Occluders, SampleSet};
+
+/// Names of the streams of random numbers.
+const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
+const EACH_VIEW: u64 = 0x76_6965_7773;
+const WHOLE_PART: u64 = 0x70_6172_74;
+
+/// What the chosen views are worth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Certificate {
+    /// As planned.
+    pub independent: Independent,
+    /// With poses that are off; with `robust.pose_error`.
+    pub robust: Option<Robust>,
+}
+
+/// Coverage on a second set of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Independent {
+    /// Samples of the second set.
+    pub samples: usize,
+    /// Area of those that are asked for.
+    pub asked_area_mm2: f64,
+    /// Whole surface.
+    pub total_area_mm2: f64,
+    /// Asked area that the chosen views measure.
+    pub measured_area_mm2: f64,
+}
+
+impl Independent {
+    /// Measured share of the asked area.
+    #[must_use]
+    pub fn of_asked(&self) -> f64 {
+        share(self.measured_area_mm2, self.asked_area_mm2)
+    }
+
+    /// Measured share of the whole surface.
+    #[must_use]
+    pub fn of_total(&self) -> f64 {
+        share(self.measured_area_mm2, self.total_area_mm2)
+    }
+}
+
+/// Coverage with poses that are off, on the second set of samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robust {
+    /// The error.
+    pub pose_error: PoseErrorParams,
+    /// Every view off by an error of its own.
+    pub views: Drawn,
+    /// The part off as a whole.
+    pub part: Drawn,
+}
+
+/// Measured share of the asked area in a number of draws.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drawn {
+    /// With no error.
+    pub nominal: f64,
+    /// One a draw, ascending; at least one.
+    of_asked: Vec<f64>,
+}
+
+impl Drawn {
+    fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
+        of_asked.sort_by(f64::total_cmp);
+        Self { nominal, of_asked }
+    }
+
+    /// How many draws.
+    #[must_use]
+    pub fn draws(&self) -> usize {
+        self.of_asked.len()
+    }
+
+    /// The least.
+    #[must_use]
+    pub fn worst(&self) -> f64 {
+        self.of_asked[0]
+    }
+
+    /// The mean.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.of_asked.iter().sum::<f64>() / self.of_asked.len() as f64
+    }
+
+    /// The 5th percentile: linear between the draws on both sides of it.
+    #[must_use]
+    pub fn p5(&self) -> f64 {
+        let place = 0.05 * (self.of_asked.len() - 1) as f64;
+        let (below, above) = (self.of_asked[place.floor() as usize], self.of_asked[place.ceil() as usize]);
+        below + (above - below) * place.fract()
+    }
+}
+
+/// Views that are taken while the part lies in one way.
+pub(in crate::planning) struct Setting<'a> {
+    pub(in crate::planning) occluders: &'a Occluders,
+    pub(in crate::planning) views: Vec<Pose<Part, ScannerFrame>>,
+}
+
+impl<'a> Setting<'a> {
+    /// The views that measure something.
+    pub(in crate::planning) fn of(occluders: &'a Occluders, views: &[PlannedView]) -> Self {
+        let measuring = views.iter().filter(|view| view.rejected.is_none());
+        Self { occluders, views: measuring.map(|view| view.part_from_scanner).collect() }
+    }
+}
+
+/// Evaluates the views of all settings together.
+///
+/// # Errors
+/// [`PlanError::Cancelled`].
+pub(in crate::planning) fn certify(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    settings: &[Setting<'_>],
+    ctx: &Context<'_>,
+) -> Result<Certificate, PlanError> {
+    let second = Second::new(input, params, settings)?;
+    let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.quietly())?;
+    let (samples, total_area_mm2) = (second.asked_area_mm2.len(), second.surface.area_where(|_| true));
+    let independent = Independent { samples, asked_area_mm2: second.asked_mm2, total_area_mm2, measured_area_mm2 };
+    let robust = params.robust.pose_error.map(|error| second.robust(error, independent.of_asked(), ctx)).transpose()?;
+    Ok(Certificate { independent, robust })
+}
+
+/// The second set of samples, with what is evaluated on it.
+struct Second<'a> {
+    input: &'a PlanInput<'a>,
+    /// Those of the plan, without the quality that only choosing needs.
+    params: PlanParams,
+    settings: &'a [Setting<'a>],
+    surface: Surface,
+    asked_area_mm2: Vec<f64>,
+    asked_mm2: f64,
+}
+
+impl<'a> Second<'a> {
+    fn new(input: &'a PlanInput<'a>, params: &PlanParams, settings: &'a [Setting<'a>]) -> Result<Self, PlanError> {
+        let mut params = params.clone();
+        params.selection.objective = Objective::Coverage;
+        let seed = split_mix(params.seed ^ SECOND_SAMPLES);
+        let surface = demands::sampled(input.mesh, &params, seed).map_err(PlanError::BadParams)?;
+        let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
+        let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area_mm2).collect();
+        let asked_mm2 = asked_area_mm2.iter().sum();
+        Ok(Self { input, params, settings, surface, asked_area_mm2, asked_mm2 })
+    }
+
+    /// Asked area that the views measure from where `moved` puts those of a setting.
+    fn measured_mm2(
+        &self,
+        mut moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
+        ctx: &Context<'_>,
+    ) -> Result<f64, Cancelled> {
+        let mut measured = SampleSet::none_of(self.asked_area_mm2.len());
+        for (number, setting) in self.settings.iter().enumerate() {
+            let views: Vec<_> = setting.views.iter().map(|view| moved(number, view)).collect();
+            let (scanner, usable) = (self.input.scanner, vec![true; views.len()]);
+            let table = visibility::cast(&self.surface, &views, &usable, scanner, setting.occluders, &self.params, ctx)?;
+            table.rows.iter().for_each(|row| measured.insert_all(row.measured()));
+        }
+        Ok(measured.iter().map(|sample| self.asked_area_mm2[sample as usize]).sum())
+    }
+
+    fn robust(&self, error: PoseErrorParams, nominal: f64, ctx: &Context<'_>) -> Result<Robust, Cancelled> {
+        let (draws, part_draws) = (self.params.robust.draws as usize, self.params.robust.part_draws as usize);
+        let stream = |kind: u64, draw: usize| Stream::new(self.params.seed, &[kind, draw as u64]);
+        let mut views = Vec::with_capacity(draws);
+        for draw in 0..draws {
+            let mut stream = stream(EACH_VIEW, draw);
+            views.push(self.of_asked(|_, view| *view * random_error(&error, &Point3::origin(), &mut stream), ctx)?);
+            ctx.progress(draw + 1, draws + part_draws);
+        }
+        let mut part = Vec::with_capacity(part_draws);
+        for draw in 0..part_draws {
+            let mut stream = stream(WHOLE_PART, draw);
+            let centre_mm = &self.surface.centre_mm;
+            let errors: Vec<Pose<Part, Part>> =
+                self.settings.iter().map(|_| random_error(&error, centre_mm, &mut stream)).collect();
+            part.push(self.of_asked(|setting, view| errors[setting] * *view, ctx)?);
+            ctx.progress(draws + draw + 1, draws + part_draws);
+        }
+        Ok(Robust { pose_error: error, views: Drawn::new(nominal, views), part: Drawn::new(nominal, part) })
+    }
+
+    fn of_asked(
+        &self,
+        moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
+        ctx: &Context<'_>,
+    ) -> Result<f64, Cancelled> {
+        Ok(share(self.measured_mm2(moved, &ctx.quietly())?, self.asked_mm2))
+    }
+}
+
+/// Where something is that should be at the identity: turned about `centre_mm`, then moved.
+fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
+    let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
+    let shift_mm = stream.direction().into_inner() * error.translation_mm;
+    Pose::from_parts(centre_mm.coords + shift_mm - turn * centre_mm.coords, turn)
+}

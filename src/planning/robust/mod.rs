@@ -1,0 +1,66 @@
+//! Plans whose poses are off: what the chosen views measure when they, or the part, are not where they were planned
+//! (`certificate.rs`), and, where asked for, what candidates measure under every error of a small stated set, so that
+//! views are chosen by it ([`rows`]).
+//!
+//! The set: with φ the angle and t the distance of `robust.pose_error`, in the scanner's frame, the six errors of a turn
+//! by ±φ about x, y or z together with a shift by t to the side to which the turn takes the field, where the two add up:
+//! ∓y for ±x, ±x for ±y, ±z for ±z. Cost: six times the time for visibility.
+
+mod certificate;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::candidates::Candidate;
+use super::context::{Cancelled, Context};
+use super::params::{PlanParams, PoseErrorParams};
+use super::surface::Surface;
+use super::visibility::{self, Occluders, Row};
+use crate::cell::Scanner;
+use crate::geometry::{Pose, Scanner as ScannerFrame};
+
+pub use certificate::{Certificate, Drawn, Independent, Robust};
+pub(super) use certificate::{Setting, certify};
+
+/// What the rows of a table are made from.
+pub(super) struct Scene<'a> {
+    pub(super) surface: &'a Surface,
+    pub(super) scanner: &'a Scanner,
+    pub(super) occluders: &'a Occluders,
+    pub(super) params: &'a PlanParams,
+}
+
+/// For each candidate what it measures as planned, which is its row of `nominal`, and under every error of the set as
+/// well. `None` where views are chosen by the nominal rows.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn rows(
+    scene: &Scene<'_>,
+    candidates: &[Candidate],
+    usable: &[bool],
+    nominal: &[Row],
+    ctx: &Context<'_>,
+) -> Result<Option<Vec<Row>>, Cancelled> {
+    let Some(error) = scene.params.robust.pose_error.filter(|_| scene.params.robust.select) else { return Ok(None) };
+    let mut rows = nominal.to_vec();
+    for scanner_from_off in stated_errors(&error) {
+        let poses: Vec<_> = candidates.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
+        let off = visibility::cast(scene.surface, &poses, usable, scene.scanner, scene.occluders, scene.params, ctx)?;
+        rows.iter_mut().zip(&off.rows).for_each(|(row, off)| *row = row.within(off.measured()));
+    }
+    Ok(Some(rows))
+}
+
+/// See the module.
+fn stated_errors(error: &PoseErrorParams) -> [Pose<ScannerFrame, ScannerFrame>; 6] {
+    let (angle_rad, shift_mm) = (error.angle_deg.to_radians(), error.translation_mm);
+    let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+    // Axis of the turn, and the way that a positive one takes the field; roll takes it nowhere, and depth adds to it.
+    let ways = [(x, -y.into_inner()), (y, x.into_inner()), (z, z.into_inner())];
+    std::array::from_fn(|number| {
+        let ((axis, way), sign) = (ways[number / 2], if number % 2 == 0 { 1.0 } else { -1.0 });
+        Pose::from_parts(way * (sign * shift_mm), UnitQuaternion::from_axis_angle(&axis, sign * angle_rad))
+    })
+}
