@@ -97,6 +97,12 @@ impl<'a> Context<'a> {
         Self { simd_level, ..self }
     }
 
+    /// The same for work whose progress is a detail of the running stage's: it stops as this one does and tells nobody.
+    #[must_use]
+    pub fn silent(&self) -> Self {
+        Self { observer: &Silent, ..*self }
+    }
+
     /// The vector instructions to use.
     #[must_use]
     pub fn simd_level(&self) -> SimdLevel {

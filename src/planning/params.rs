@@ -6,6 +6,9 @@ use utoipa::ToSchema;
 
 use crate::cell::{FieldError, Findings, PoseSpec};
 
+/// Most viewpoints that a job may give.
+const MOST_POSES: usize = 10_000;
+
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
@@ -28,6 +31,8 @@ pub struct PlanParams {
     pub score: ScoreParams,
     /// How views are chosen and when to stop.
     pub selection: SelectionParams,
+    /// What is tried for what is missed.
+    pub missed: MissedParams,
     /// Seed of every pseudo-random choice. Default 0.
     pub seed: u64,
 }
@@ -187,6 +192,9 @@ pub struct CandidateParams {
     pub hemisphere: Option<Hemisphere>,
     /// Default `surface`.
     pub standoff: Standoff,
+    /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own; at most
+    /// 10 000. Default none.
+    pub poses: Vec<PoseSpec>,
 }
 
 impl Default for CandidateParams {
@@ -198,6 +206,7 @@ impl Default for CandidateParams {
             rolls_deg: vec![0.0],
             hemisphere: None,
             standoff: Standoff::Surface,
+            poses: Vec::new(),
         }
     }
 }
@@ -317,6 +326,20 @@ impl Default for SelectionParams {
     }
 }
 
+/// What is tried for what is missed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
+pub struct MissedParams {
+    /// For how many of the largest missed spots a remedy is sought, 0 to 1000. Default 20.
+    pub remedies: u32,
+}
+
+impl Default for MissedParams {
+    fn default() -> Self {
+        Self { remedies: 20 }
+    }
+}
+
 impl PlanParams {
     /// Checks every range.
     ///
@@ -328,6 +351,7 @@ impl PlanParams {
         self.check_regions(&mut findings);
         self.check_hardware_values(&mut findings);
         self.check_candidates(&mut findings);
+        self.check_given(&mut findings);
         self.check_selection(&mut findings);
         findings.into_result()
     }
@@ -388,7 +412,8 @@ impl PlanParams {
 
     fn check_candidates(&self, findings: &mut Findings) {
         let candidates = &self.candidates;
-        findings.require(!candidates.strategies.is_empty(), "/candidates/strategies", || "is empty; name at least one".into());
+        let none = candidates.strategies.is_empty() && candidates.poses.is_empty();
+        findings.require(!none, "/candidates/strategies", || "is empty; name at least one, or give candidates.poses".into());
         findings.range("/candidates/step_small_deg", candidates.step_small_deg, 1.0, 90.0, "°");
         findings.range("/candidates/step_large_deg", candidates.step_large_deg, 1.0, 180.0, "°");
         findings.require((1..=360).contains(&candidates.rolls_deg.len()), "/candidates/rolls_deg", || {
@@ -397,6 +422,15 @@ impl PlanParams {
         for (index, roll) in candidates.rolls_deg.iter().enumerate() {
             findings.range(format!("/candidates/rolls_deg/{index}"), *roll, -360.0, 360.0, "°");
         }
+    }
+
+    fn check_given(&self, findings: &mut Findings) {
+        let poses = &self.candidates.poses;
+        findings.require(poses.len() <= MOST_POSES, "/candidates/poses", || {
+            format!("has {} entries; allowed is {MOST_POSES}", poses.len())
+        });
+        poses.iter().enumerate().for_each(|(index, pose)| pose.check(&format!("/candidates/poses/{index}"), findings));
+        findings.range("/missed/remedies", f64::from(self.missed.remedies), 0.0, 1000.0, "spots");
     }
 
     fn check_selection(&self, findings: &mut Findings) {

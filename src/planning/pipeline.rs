@@ -7,6 +7,7 @@ use super::candidates::{self, Scope};
 use super::context::{Context, Stage};
 use super::error::PlanError;
 use super::input::PlanInput;
+use super::missed;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
@@ -16,7 +17,7 @@ use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface;
 use super::visibility;
 use crate::cell::{DeviceName, PoseSpec};
-use crate::geometry::{Mesh, Part, Pose, Table};
+use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
 const MOST_RESELECTIONS: usize = 4;
@@ -53,7 +54,9 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let study = Study { input, params: &params, surface, table_from_part, generated, table, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
-    Ok(study.conclude(&chosen, ordered, &barred))
+    let takes = motion.as_ref().map(|motion| |view: &Pose<Part, ScannerFrame>| motion.takes(view, ctx));
+    let takes = takes.as_ref().map(|takes| takes as &missed::Takes<'_>);
+    Ok(study.conclude(&chosen, ordered, &barred, &occluders, takes, ctx)?)
 }
 
 /// Selection and sequence: a chosen view to which no path is found is barred and selection runs again, a bounded number

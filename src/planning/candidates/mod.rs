@@ -183,6 +183,8 @@ pub fn generate(scope: &Scope<'_>, params: &CandidateParams, part: &Mesh, ctx: &
             blocks.iter().flat_map(|block| directions.iter().map(|direction| Aim::new(block, direction))).collect();
         placed.extend(place(scope, &aims, params, ctx)?);
     }
+    refuse_too_many(placed.len() + params.poses.len(), scope)?;
+    placed.extend(params.poses.iter().map(|given| given_pose(scope, &given.pose())));
     let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
     let filter = Filter { scope, above_only, part, aabb: part.aabb(), scene: OnceLock::new() };
     let judged: Vec<_> = placed
@@ -203,6 +205,13 @@ pub fn generate(scope: &Scope<'_>, params: &CandidateParams, part: &Mesh, ctx: &
         }
     }
     Ok(generated)
+}
+
+/// A pose that the job gives.
+fn given_pose(scope: &Scope<'_>, part_from_scanner: &Pose<Part, ScannerFrame>) -> Placed {
+    let from_centre = part_from_scanner.origin_mm() - scope.surface.centre_mm;
+    let label = Label::of_direction(&scope.table_from_part.direction(&from_centre));
+    (scope.table_from_part * *part_from_scanner, label)
 }
 
 fn refuse_too_many(candidates: usize, scope: &Scope<'_>) -> Result<(), PlanError> {

@@ -19,6 +19,7 @@ use super::surface::Surface;
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame};
 
+pub(super) use rays::Probe;
 pub use row::{QualityScale, Row};
 pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
@@ -47,6 +48,11 @@ impl Occluders {
         let rays = RayScene::new(meshes.iter().copied());
         let clusters = raster::Clusters::new(&meshes);
         Self { rays, clusters }
+    }
+
+    /// As the reference engine asks it.
+    pub(super) fn rays(&self) -> &RayScene {
+        &self.rays
     }
 }
 
