@@ -1,5 +1,6 @@
 //! The views that are tried for a spot: candidates rolled, tilted and moved along their axes, and views from where the
-//! spot is open. Frames: poses are `part_from_scanner`; a tilted view looks at the spot's centre from best focus.
+//! spot is open. Frames: poses are `part_from_scanner`. A tilted view looks at the spot's centre from as far as the
+//! candidate that it is made from; one for another setup from best focus.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -72,8 +73,14 @@ impl Moves<'_> {
         let swings = TILTS_DEG
             .iter()
             .flat_map(|tilt_deg| self.bases.iter().take(TILTED).flat_map(move |base| self.swings(*base, tilt_deg.to_radians())));
-        let pans = self.bases.iter().map(|base| self.aimed(*base, self.poses[*base].origin_mm() - self.centre_mm, None));
-        let openings = openings.iter().flat_map(|towards| self.from_opening(towards, OPENING_ROLLS));
+        let pans = self.bases.iter().map(|base| {
+            let towards = self.poses[*base].origin_mm() - self.centre_mm;
+            self.aimed(*base, towards, towards.norm())
+        });
+        let openings = openings.iter().flat_map(|towards| {
+            let nearest = self.nearest(towards);
+            Self::every_roll(self.aimed(nearest, towards.into_inner(), self.depth_mm(&self.poses[nearest])))
+        });
         pans.chain(swings).chain(openings).collect()
     }
 
@@ -82,25 +89,24 @@ impl Moves<'_> {
         (0..TILT_SIDES).map(move |side| {
             let angle = TAU * f64::from(side) / f64::from(TILT_SIDES);
             let across = self.poses[base].direction(&Vector3::new(angle.cos(), angle.sin(), 0.0));
-            self.aimed(base, back * tilt_rad.cos() + across * tilt_rad.sin(), Some(self.scanner.best_mm))
+            self.aimed(base, back * tilt_rad.cos() + across * tilt_rad.sin(), self.depth_mm(&self.poses[base]))
         })
     }
 
-    /// Looks at the spot from `towards`, at a distance or as far as that is, turned the least from the candidate.
-    fn aimed(&self, candidate: usize, towards: Vector3<f64>, distance_mm: Option<f64>) -> Proposal {
+    /// Looks at the spot's centre from the direction `towards`, turned the least from the candidate.
+    fn aimed(&self, candidate: usize, towards: Vector3<f64>, distance_mm: f64) -> Proposal {
         let base = &self.poses[candidate];
         let (from, axis) = (base.direction(&Vector3::z()), -towards.normalize());
         // Straight back there is no least turn: a half turn about the baseline.
         let turn = UnitQuaternion::rotation_between(&from, &axis)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Unit::new_normalize(base.direction(&Vector3::x())), PI));
-        let origin = self.centre_mm.coords - axis * distance_mm.unwrap_or_else(|| towards.norm());
+        let origin = self.centre_mm.coords - axis * distance_mm;
         let pose = Pose::from_parts(origin, turn * base.isometry().rotation);
         Proposal { pose, candidate, roll_rad: 0.0, tilt_rad: from.angle(&axis) }
     }
 
-    fn from_opening(&self, towards: &Unit<Vector3<f64>>, rolls: u32) -> impl Iterator<Item = Proposal> {
-        let straight = self.aimed(self.nearest(towards), towards.into_inner(), Some(self.scanner.best_mm));
-        (0..rolls).map(move |step| rolled(straight.clone(), PI * f64::from(step) / f64::from(rolls)))
+    fn every_roll(straight: Proposal) -> impl Iterator<Item = Proposal> {
+        (0..OPENING_ROLLS).map(move |step| rolled(straight.clone(), PI * f64::from(step) / f64::from(OPENING_ROLLS)))
     }
 
     /// The candidate whose axis is closest to looking back along `towards`, the lowest of equals.
@@ -136,12 +142,13 @@ impl Moves<'_> {
 
     /// From all around, baseline both ways, and from where the part alone leaves the spot open.
     pub(super) fn setups(&self, openings: &[Unit<Vector3<f64>>]) -> Vec<Proposal> {
+        let straight =
+            |towards: &Unit<Vector3<f64>>| self.aimed(self.nearest(towards), towards.into_inner(), self.scanner.best_mm);
         let around = directions(SETUP_DIRECTIONS).flat_map(|towards| {
-            let straight = self.aimed(self.nearest(&towards), towards.into_inner(), Some(self.scanner.best_mm));
-            [straight.clone(), rolled(straight, FRAC_PI_2)]
+            let level = straight(&towards);
+            [level.clone(), rolled(level, FRAC_PI_2)]
         });
-        let openings = openings.iter().flat_map(|towards| self.from_opening(towards, OPENING_ROLLS));
-        around.chain(openings).collect()
+        around.chain(openings.iter().flat_map(|towards| Self::every_roll(straight(towards)))).collect()
     }
 }
 
