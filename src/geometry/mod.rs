@@ -14,7 +14,7 @@ mod simd;
 mod stable_poses;
 mod unit;
 
-pub use adjacency::connected_components;
+pub use adjacency::components_sharing;
 pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
 pub use face_lists::FaceLists;
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, plate_from_placed, table_from_plate};

@@ -17,6 +17,9 @@ pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionPara
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
 
+/// Most viewpoints that a job may give.
+const MOST_POSES: usize = 10_000;
+
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
@@ -41,6 +44,8 @@ pub struct PlanParams {
     pub selection: SelectionParams,
     /// Whether the plan bears poses that are off.
     pub robust: RobustParams,
+    /// What is tried for what is missed.
+    pub missed: MissedParams,
     /// Seed of every pseudo-random choice. Default 0.
     pub seed: u64,
 }
@@ -259,6 +264,20 @@ impl Default for SelectionParams {
     }
 }
 
+/// What is tried for what is missed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
+pub struct MissedParams {
+    /// For how many of the largest missed spots a remedy is sought, 0 to 1000. Default 20.
+    pub remedies: u32,
+}
+
+impl Default for MissedParams {
+    fn default() -> Self {
+        Self { remedies: 20 }
+    }
+}
+
 impl PlanParams {
     /// Checks every range.
     ///
@@ -270,6 +289,7 @@ impl PlanParams {
         self.regions.check(&mut findings);
         self.check_hardware_values(&mut findings);
         self.candidates.check(&mut findings);
+        self.check_given(&mut findings);
         self.check_selection(&mut findings);
         self.robust.check(&mut findings);
         findings.into_result()
@@ -301,6 +321,15 @@ impl PlanParams {
                 findings.range(pointer, deg, 1.0, 89.9, "°");
             }
         }
+    }
+
+    fn check_given(&self, findings: &mut Findings) {
+        let poses = &self.candidates.poses;
+        findings.require(poses.len() <= MOST_POSES, "/candidates/poses", || {
+            format!("has {} entries; allowed is {MOST_POSES}", poses.len())
+        });
+        poses.iter().enumerate().for_each(|(index, pose)| pose.check(&format!("/candidates/poses/{index}"), findings));
+        findings.range("/missed/remedies", f64::from(self.missed.remedies), 0.0, 1000.0, "spots");
     }
 
     fn check_selection(&self, findings: &mut Findings) {

@@ -1,10 +1,11 @@
 //! The result of planning: an immutable value from which every file and every answer is rendered.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 pub use super::grade::Grade;
+pub use super::missed::{Remedy, RemedyKind, RemedyView};
 use super::params::PlanParams;
 pub use super::robust::{Certificate, Drawn, Independent, Robust};
 pub use super::selection::{Bound, StopReason, ViewId};
@@ -167,8 +168,12 @@ pub struct MissedSpot {
     pub area_mm2: f64,
     /// Area-weighted centre, part frame.
     pub centre_mm: Point3<f64>,
+    /// Size of the box around it along the part's axes, whole patches counted.
+    pub extent_mm: Vector3<f64>,
     /// Faces of the uploaded file that it touches, ascending.
     pub source_faces: Vec<u32>,
+    /// What would cure it; `None` where none was sought: only the largest spots are tried.
+    pub remedy: Option<Remedy>,
 }
 
 /// What became of one sample.

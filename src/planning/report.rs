@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::params::PlanParams;
-use super::plan::{Bound, Coverage, MissedCause, Plan, share};
+use super::plan::{Bound, Cause, Coverage, MissedCause, MissedSpot, Plan, Remedy, share};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::geometry::Pose;
@@ -201,7 +201,34 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
             None => writeln!(out)?,
         }
     }
+    write_spots(out, missed)
+}
+
+/// The largest spots of all with what would cure them.
+fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
+    let treated = treated_spots(missed);
+    if !treated.is_empty() {
+        writeln!(out, "\nlargest missed spots, and what was tried and works")?;
+    }
+    for (cause, spot, remedy) in treated {
+        write!(out, "  {:<20} {:>10} mm²", cause.as_str(), fixed(spot.area_mm2, 1))?;
+        let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
+        writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
+        writeln!(out, "       {}", remedy.sentence())?;
+    }
     Ok(())
+}
+
+/// The spots for which a remedy was sought, largest first.
+#[must_use]
+pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy)> {
+    let mut treated: Vec<_> = missed
+        .iter()
+        .flat_map(|missed| missed.spots.iter().map(move |spot| (missed.cause, spot)))
+        .filter_map(|(cause, spot)| spot.remedy.as_ref().map(|remedy| (cause, spot, remedy)))
+        .collect();
+    treated.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
+    treated
 }
 
 fn leg_text(leg: &Leg) -> String {

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 
 use super::candidates::{Generated, Rejection};
-use super::context::Context;
+use super::context::{Cancelled, Context};
 use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
@@ -154,14 +154,26 @@ impl Study<'_> {
     }
 
     /// The outcome of a selection, ordered when there is a cell. `barred` are candidates that were given up for want of
-    /// a path.
-    pub(super) fn conclude(self, chosen: &Chosen, ordered: Option<Ordered>, barred: &BTreeSet<usize>) -> Outcome {
+    /// a path; `occluders` and `takes` are for the remedies of what is missed.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn conclude(
+        self,
+        chosen: &Chosen,
+        ordered: Option<Ordered>,
+        barred: &BTreeSet<usize>,
+        occluders: &visibility::Occluders,
+        takes: Option<&missed::Takes<'_>>,
+        ctx: &Context<'_>,
+    ) -> Result<Outcome, Cancelled> {
         let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| self.candidates_behind(chosen, &o.no_path)).collect();
         let measuring: Vec<Row> =
             chosen.kept.par_iter().map(|kept| if no_path.contains(kept) { Row::default() } else { self.graded(*kept) }).collect();
         let given_up: BTreeSet<usize> = barred.union(&no_path).copied().collect();
         let verdicts = self.verdicts(&measuring, &given_up);
         let coverage = self.coverage(&measuring, &verdicts);
+        let missed = missed::explain(&self.case(&given_up, occluders, takes), &verdicts, ctx)?;
         let plan = Plan {
             part: PartFacts {
                 sha256: self.input.part_sha256.to_owned(),
@@ -172,7 +184,7 @@ impl Study<'_> {
             table_from_part: self.reach.is_some().then_some(self.table_from_part),
             candidates: self.counts(),
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
-            missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
+            missed,
             stopped_because: match chosen.selection.stopped_because {
                 ended_by if given_up.is_empty() => ended_by,
                 ended_by => stopped_because(ended_by, &coverage, &self.params.selection),
@@ -182,7 +194,28 @@ impl Study<'_> {
             coverage,
             params: self.params.clone(),
         };
-        Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring, pixel_views: None }
+        Ok(Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring, pixel_views: None })
+    }
+
+    fn case<'c>(
+        &'c self,
+        given_up: &BTreeSet<usize>,
+        occluders: &'c visibility::Occluders,
+        takes: Option<&'c missed::Takes<'c>>,
+    ) -> missed::Case<'c> {
+        let kept = &self.generated.kept;
+        missed::Case {
+            mesh: self.input.mesh,
+            surface: &self.surface,
+            scanner: self.input.scanner,
+            params: self.params,
+            table_from_part: self.table_from_part,
+            occluders,
+            candidates: kept,
+            rows: &self.table.rows,
+            choosable: (0..kept.len()).map(|kept| self.blocked(kept).is_none() && !given_up.contains(&kept)).collect(),
+            takes,
+        }
     }
 
     /// What a kept candidate measures, with its quality.

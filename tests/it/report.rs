@@ -110,7 +110,17 @@ fn missed_of(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Missed
             samples.iter().map(|s| surface.sample_mm[*s].coords * surface.sample_area_mm2(*s) / area_mm2).sum();
         let mut source_faces: Vec<u32> = samples.iter().map(|s| mesh.source_face[surface.patch_of(*s).face as usize]).collect();
         source_faces.dedup();
-        MissedCause { cause, area_mm2, spots: vec![MissedSpot { area_mm2, centre_mm: centre.into(), source_faces }] }
+        MissedCause {
+            cause,
+            area_mm2,
+            spots: vec![MissedSpot {
+                area_mm2,
+                centre_mm: centre.into(),
+                extent_mm: Vector3::zeros(),
+                source_faces,
+                remedy: None,
+            }],
+        }
     };
     vec![spot(Cause::ExcludedResting), spot(Cause::ShadowLeft)]
 }

@@ -138,7 +138,7 @@ pub(in crate::planning) fn certify(
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
     let second = Second::new(input, params, settings)?;
-    let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.quietly())?;
+    let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.silent())?;
     let (samples, total_area_mm2) = (second.asked_area_mm2.len(), second.surface.area_where(|_| true));
     let independent = Independent { samples, asked_area_mm2: second.asked_mm2, total_area_mm2, measured_area_mm2 };
     let robust = params.robust.pose_error.map(|error| second.robust(error, independent.of_asked(), ctx)).transpose()?;
@@ -210,7 +210,7 @@ impl<'a> Second<'a> {
         moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
         ctx: &Context<'_>,
     ) -> Result<f64, Cancelled> {
-        Ok(share(self.measured_mm2(moved, &ctx.quietly())?, self.asked_mm2))
+        Ok(share(self.measured_mm2(moved, &ctx.silent())?, self.asked_mm2))
     }
 }
 

@@ -21,6 +21,7 @@ use super::surface::Surface;
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame};
 
+pub(super) use rays::Probe;
 pub use row::{QualityScale, Row};
 pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
@@ -137,9 +138,8 @@ fn hold_to_quality(
         ctx.check()?;
         let view = optics.at(pose);
         Ok(row.retained(|sample, quality| {
-            let demand = surface.demands.of(sample);
             let normal = &surface.patch_of(sample).normal;
-            !demand.holds_to_quality() || view.suffices(&surface.sample_mm[sample], normal, quality, demand)
+            view.suffices(&surface.sample_mm[sample], normal, quality, surface.demands.kind(sample))
         }))
     });
     let held = held.collect::<Result<Vec<_>, Cancelled>>()?;

@@ -32,6 +32,7 @@ pub struct Optics {
     angle: ScoreAngle,
     /// δ_max of method §5: the projector's limit.
     incidence_reference_rad: f64,
+    demands: Vec<Demand>,
     /// Limits of each kind of demand.
     incidence_min: Vec<IncidenceMin>,
     /// Smallest focal length of the cameras, pixels.
@@ -73,6 +74,7 @@ impl Optics {
             distance_weight: params.score.d,
             angle: params.score.angle,
             incidence_reference_rad: incidence_max_rad(2),
+            demands: demands.kinds.clone(),
             incidence_min: demands.kinds.iter().map(limits).collect(),
             focal_px: [0, 1].map(|d| scanner.devices[d].lens.focal_px()).into_iter().fold(f64::INFINITY, f64::min),
             noise_best_mm: params.regions.noise.best_mm,
@@ -210,8 +212,12 @@ impl View<'_> {
     }
 
     /// Whether a sample that is measured is measured as well as is asked.
-    pub(super) fn suffices(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, demand: &Demand) -> bool {
+    pub(super) fn suffices(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
         let optics = self.optics;
+        let demand = &optics.demands[usize::from(kind)];
+        if !demand.holds_to_quality() {
+            return true;
+        }
         let in_scanner = self.scanner.apply((*p).into());
         let cos = -dot(self.scanner.turn((*normal).into()), in_scanner) / dot(in_scanner, in_scanner).sqrt();
         let off = (in_scanner[2] - optics.best_mm) / optics.half_range_mm(in_scanner[2]);
