@@ -110,7 +110,7 @@ pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
 }
 
 /// Fills in every default that depends on the part, the scanner or the presence of a cell.
-fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
+pub(super) fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
     let mut resolved = params.clone();
     resolved.part = surface::resolve(&params.part, input.mesh);
     resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));
