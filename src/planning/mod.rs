@@ -26,4 +26,4 @@ pub mod visibility;
 
 pub use error::PlanError;
 pub use input::PlanInput;
-pub use pipeline::{plan, resting};
+pub use pipeline::{Tabulated, plan, resting, tabulate};

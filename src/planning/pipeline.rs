@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use super::candidates::Scope;
-use super::context::{Context, Stage};
+use super::candidates::{self, Candidate, Scope};
+use super::context::{Cancelled, Context, Stage};
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::motion::Motion;
@@ -12,11 +12,11 @@ use super::params::{Hemisphere, PlanParams};
 use super::placement;
 use super::plan::{Certificate, Outcome};
 use super::robust::{self, Setting};
-use super::rounds::{Considered, Rounds, is_usable};
+use super::rounds::{Considered, Rounds};
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
-use super::surface;
-use super::visibility;
+use super::surface::{self, Surface};
+use super::visibility::{self, Row};
 use crate::cell::{DeviceName, PoseSpec};
 use crate::geometry::{Mesh, Part, Pose, Table};
 
@@ -28,39 +28,102 @@ const MOST_RESELECTIONS: usize = 4;
 /// # Errors
 /// [`PlanError`]. Area that cannot be measured is no error: it is counted, with its cause, in the outcome.
 pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
-    params.check().map_err(PlanError::BadParams)?;
-    let params = resolve(params, input);
-    ctx.begin(Stage::Surface)?;
-    let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
-    let asked_area_mm2 = asked_area_mm2(&surface)?;
-    let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
-    let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
-    let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
-    input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
-
-    let motion = input.cell.map(|cell| Motion::new(cell, input, &params, table_from_part)).transpose()?;
-    let (part, scanner, cell, seed) = (input.mesh, input.scanner, input.cell, params.seed);
-    let scope = Scope { part, surface: &surface, scanner, cell, table_from_part, seed };
-    let rounds =
-        Rounds { scope, params: &params, occluders: &occluders, motion: motion.as_ref(), asked_area_mm2: &asked_area_mm2 };
-    let Considered { generated, table, reach } = rounds.run(ctx)?;
-
-    let scene = robust::Scene { surface: &surface, scanner: input.scanner, occluders: &occluders, params: &params };
-    let usable: Vec<bool> = (0..table.rows.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
-    let robust_rows = robust::rows(&scene, &generated.kept, &usable, &table.rows, ctx)?;
-    let study =
-        Study { input, params: &params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
+    let prepared = Prepared::new(input, params, ctx)?;
+    let motion = motion(input, &prepared.params, prepared.table_from_part)?;
+    let considered = prepared.considered(input, motion.as_ref(), ctx)?;
+    let robust_rows = prepared.robust_rows(input, &considered, ctx)?;
+    let Considered { generated, table, reach } = considered;
+    let (params, table_from_part, occluders) = (&prepared.params, prepared.table_from_part, &prepared.occluders);
+    let (surface, asked_area_mm2) = (prepared.surface, prepared.asked_area_mm2);
+    let study = Study { input, params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
     let mut outcome = study.conclude(&chosen, ordered, &barred);
     if params.visibility.pixel_set {
-        count_by_pixels(&mut outcome, input, &occluders, ctx)?;
+        count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }
     ctx.begin(Stage::Certificate)?;
-    let settings = [Setting::of(&occluders, &outcome.plan.views)];
-    let Certificate { independent, robust } = robust::certify(input, &params, &settings, ctx)?;
+    let settings = [Setting::of(occluders, &outcome.plan.views)];
+    let Certificate { independent, robust } = robust::certify(input, params, &settings, ctx)?;
     (outcome.plan.coverage.independent, outcome.plan.coverage.robust) = (independent, robust);
     Ok(outcome)
+}
+
+/// What the views of a plan are chosen from, for studies of candidates and solvers.
+#[derive(Clone, Debug)]
+pub struct Tabulated {
+    /// The samples.
+    pub surface: Surface,
+    /// Area of each sample, 0 where it is not asked for.
+    pub asked_area_mm2: Vec<f64>,
+    /// The candidates that may be chosen.
+    pub candidates: Vec<Candidate>,
+    /// What each of them measures.
+    pub rows: Vec<Row>,
+}
+
+/// [`plan()`] up to where views are chosen.
+///
+/// # Errors
+/// [`PlanError`].
+pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Tabulated, PlanError> {
+    let prepared = Prepared::new(input, params, ctx)?;
+    let motion = motion(input, &prepared.params, prepared.table_from_part)?;
+    let mut considered = prepared.considered(input, motion.as_ref(), ctx)?;
+    considered.drop_unusable();
+    let Prepared { surface, asked_area_mm2, .. } = prepared;
+    Ok(Tabulated { surface, asked_area_mm2, candidates: considered.generated.kept, rows: considered.table.rows })
+}
+
+/// A part on its plate, in samples, with everything that hides one of them.
+struct Prepared {
+    /// Defaults resolved.
+    params: PlanParams,
+    surface: Surface,
+    table_from_part: Pose<Table, Part>,
+    occluders: visibility::Occluders,
+    /// Area of each sample, 0 where it is not asked for.
+    asked_area_mm2: Vec<f64>,
+}
+
+impl Prepared {
+    fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
+        params.check().map_err(PlanError::BadParams)?;
+        let mut params = resolve(params, input);
+        ctx.begin(Stage::Surface)?;
+        let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+        let asked_area_mm2 = asked_area_mm2(&surface)?;
+        let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
+        let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
+        let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+        input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
+        params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);
+        Ok(Self { params, surface, table_from_part, occluders, asked_area_mm2 })
+    }
+
+    fn considered(&self, input: &PlanInput<'_>, motion: Option<&Motion<'_>>, ctx: &Context<'_>) -> Result<Considered, PlanError> {
+        let scope = scope(input, &self.surface, self.table_from_part, self.params.seed);
+        let (params, occluders, asked_area_mm2) = (&self.params, &self.occluders, &self.asked_area_mm2);
+        Rounds { scope, params, occluders, motion, asked_area_mm2 }.run(ctx)
+    }
+
+    /// What views are chosen by where they shall bear errors, see [`robust::rows`].
+    fn robust_rows(&self, input: &PlanInput<'_>, considered: &Considered, ctx: &Context<'_>) -> Result<Option<Vec<Row>>, Cancelled> {
+        let (surface, params, occluders) = (&self.surface, &self.params, &self.occluders);
+        robust::rows(&robust::Scene { surface, scanner: input.scanner, occluders, params }, considered, ctx)
+    }
+}
+
+fn motion<'a>(
+    input: &PlanInput<'a>,
+    params: &'a PlanParams,
+    table_from_part: Pose<Table, Part>,
+) -> Result<Option<Motion<'a>>, PlanError> {
+    input.cell.map(|cell| Motion::new(cell, input, params, table_from_part)).transpose()
+}
+
+fn scope<'a>(input: &PlanInput<'a>, surface: &'a Surface, table_from_part: Pose<Table, Part>, seed: u64) -> Scope<'a> {
+    Scope { part: input.mesh, surface, scanner: input.scanner, cell: input.cell, table_from_part, seed }
 }
 
 /// Adds the thesis's own answer: which triangles the views hit with pixels.
@@ -110,7 +173,7 @@ pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
 }
 
 /// Fills in every default that depends on the part, the scanner or the presence of a cell.
-pub(super) fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
+fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
     let mut resolved = params.clone();
     resolved.part = surface::resolve(&params.part, input.mesh);
     resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));

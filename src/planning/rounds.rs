@@ -86,8 +86,7 @@ impl Rounds<'_> {
         let mut area_mm2 = self.asked_area_mm2.to_vec();
         so_far.usable().for_each(|kept| close(&mut area_mm2, &so_far.table, kept));
         let samples: Vec<u32> = (0_u32..).zip(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
-        let incidence_max_rad =
-            [0, 1, 2].map(|d| self.params.limits.incidence_max_rad(&self.scope.scanner.devices[d]));
+        let incidence_max_rad = [0, 1, 2].map(|d| self.params.limits.incidence_max_rad(&self.scope.scanner.devices[d]));
         let open = Open { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
         let (already, params) = (so_far.generated.generated, &self.params.candidates);
         let mut proposed = self.examined(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
@@ -172,6 +171,12 @@ impl Considered {
             .map(|kept| is_usable(self.reach.as_ref(), kept) && !measures(self.table.rows[kept].words()))
             .collect();
         self.drop_where(|kept| idle[kept].then_some(Rejection::MeasuresNothing));
+    }
+
+    /// Only what may be chosen remains.
+    pub(super) fn drop_unusable(&mut self) {
+        let usable: Vec<bool> = (0..self.generated.kept.len()).map(|kept| is_usable(self.reach.as_ref(), kept)).collect();
+        self.drop_where(|kept| (!usable[kept]).then_some(Rejection::Unreachable));
     }
 
     fn drop_where(&mut self, reason: impl Fn(usize) -> Option<Rejection>) {

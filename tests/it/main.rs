@@ -1,6 +1,8 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod candidate_rounds;
+mod candidate_study;
 mod closed_form;
 mod goldens;
 mod http;

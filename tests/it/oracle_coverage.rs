@@ -8,10 +8,10 @@ use std::sync::atomic::AtomicBool;
 use serde::Deserialize;
 use vantage::cell::{PoseSpec, Scanner};
 use vantage::geometry::Mesh;
-use vantage::planning::candidates::{self, Scope};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PlanParams, Standoff};
 use vantage::planning::plan::Outcome;
+use vantage::planning::{PlanInput, tabulate};
 use vantage::wire::echo::Echo;
 use vantage::wire::plan::PlanDocument;
 
@@ -101,13 +101,9 @@ fn ask(python: &Path, mesh_file: &Path, outcome: &Outcome, mesh: &Mesh, scanner:
 
 /// The poses of every candidate that the plan kept.
 fn candidate_poses(outcome: &Outcome, mesh: &Mesh, scanner: &Scanner) -> Vec<PoseSpec> {
-    let params = &outcome.plan.params;
-    let table_from_part = params.part.table_from_part.expect("resolved").pose();
-    let scope = Scope { surface: &outcome.surface, scanner, table_from_part };
     let cancel = AtomicBool::new(false);
-    let context = Context::new(&cancel, &Silent);
-    let generated = candidates::generate(&scope, &params.candidates, mesh, &context);
-    let kept = generated.expect("not cancelled").kept;
-    assert_eq!(kept.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");
-    kept.iter().map(|candidate| PoseSpec::from(&candidate.part_from_scanner)).collect()
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None };
+    let table = tabulate(&input, &outcome.plan.params, &Context::new(&cancel, &Silent)).expect("a table");
+    assert_eq!(table.candidates.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");
+    table.candidates.iter().map(|candidate| PoseSpec::from(&candidate.part_from_scanner)).collect()
 }

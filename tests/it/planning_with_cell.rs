@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use vantage::cell::{Cell, PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{Hemisphere, PlanParams, Region};
+use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams, Region};
 use vantage::planning::plan::{Cause, Outcome};
 use vantage::planning::{PlanError, PlanInput, plan};
 
@@ -23,7 +23,7 @@ fn planned(mesh: &Mesh, fixture: Option<&Mesh>, cell: &Cell, params: &PlanParams
 }
 
 fn quick() -> PlanParams {
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.part.samples_per_mm2 = Some(0.3);
     params
 }

@@ -7,7 +7,7 @@ use vantage::cell::{Presets, SpecLibrary};
 use vantage::geometry::Mesh;
 use vantage::geometry::demo_parts::{self, DEFAULT_TRIANGLES};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::PlanParams;
+use vantage::planning::params::{CandidateParams, PlanParams};
 use vantage::planning::{PlanInput, plan};
 
 use crate::server::process::{Server, vantage};
@@ -87,7 +87,7 @@ fn every_parameter_that_readme_sets_is_one() {
 /// 99 % of the coverable area or growth below 0.01 %.
 fn thesis_row(name: &str, mesh: &Mesh, weight: f64) -> String {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     (params.score.a, params.score.b, params.selection.target) = (weight, weight, 0.99);
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
     let cancel = AtomicBool::new(false);

@@ -58,7 +58,13 @@ impl Aim {
             let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(upright * side), tilt_rad);
             let axis = turn * self.axis;
             let baseline = self.baseline.map(|baseline| turn * baseline);
-            Self { position_mm: aimed_at - axis * best_mm, axis, label: Label::of_direction(&-axis), slides: self.slides, baseline }
+            Self {
+                position_mm: aimed_at - axis * best_mm,
+                axis,
+                label: Label::of_direction(&-axis),
+                slides: self.slides,
+                baseline,
+            }
         })
     }
 
@@ -98,8 +104,7 @@ pub(super) fn place(
         let mut placed = Vec::with_capacity(views_of_an_aim(params));
         for view in std::iter::once(aim.clone()).chain(tilted) {
             for orientation in view.orientations(&params.rolls_deg) {
-                let position_mm =
-                    if view.slides { slide.along_axis(view.position_mm, &orientation) } else { view.position_mm };
+                let position_mm = if view.slides { slide.along_axis(view.position_mm, &orientation) } else { view.position_mm };
                 placed.extend(params.standoffs_mm.iter().map(|back_mm| {
                     let position_mm = position_mm - view.axis * *back_mm;
                     (Pose::from_parts(position_mm.coords, orientation), view.label)

@@ -26,12 +26,7 @@ pub(super) fn count(params: &CandidateParams) -> usize {
     each * params.iterative_rounds as usize
 }
 
-pub(super) fn aims(
-    scope: &Scope<'_>,
-    params: &CandidateParams,
-    best: &[Pose<Part, ScannerFrame>],
-    round: u32,
-) -> Vec<Aim> {
+pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, best: &[Pose<Part, ScannerFrame>], round: u32) -> Vec<Aim> {
     let blocks = blocks::split(scope);
     let streams = (0..params.iterative_views).map(|n| Stream::new(scope.seed, &[STREAM, u64::from(round), u64::from(n)]));
     let drawn = streams.enumerate().map(|(number, mut stream)| match best.get(number % best.len().max(1)) {

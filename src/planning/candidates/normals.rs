@@ -37,9 +37,8 @@ pub(super) fn of_points(scope: &Scope<'_>, params: &CandidateParams) -> Vec<Aim>
         .map(|sample| (split_mix(scope.seed ^ split_mix(sample as u64)), sample))
         .collect();
     order.sort_unstable();
-    let site = |(_, sample): &(u64, usize)| {
-        placed(scope, &scope.surface.sample_mm[*sample], &scope.surface.patch_of(*sample).normal)
-    };
+    let site =
+        |(_, sample): &(u64, usize)| placed(scope, &scope.surface.sample_mm[*sample], &scope.surface.patch_of(*sample).normal);
     let count = params.surface_points as usize;
     aims(scope, spaced(order.iter().map(site), count, spacing_mm(scope, params, count)))
 }

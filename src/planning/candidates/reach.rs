@@ -38,7 +38,8 @@ pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_
     let one = CandidateParams { rolls_deg: vec![0.0], tilts_deg: Vec::new(), standoffs_mm: vec![0.0], ..above };
     let placed = place(scope, &tried, &one, ctx)?;
     let arm = Arm { cell, axes: cell.axes() };
-    let within: Vec<bool> = placed.par_iter().map(|(pose, _)| ctx.check().map(|()| arm.reaches(pose))).collect::<Result<_, _>>()?;
+    let within: Vec<bool> =
+        placed.par_iter().map(|(pose, _)| ctx.check().map(|()| arm.reaches(pose))).collect::<Result<_, _>>()?;
     let reached: Vec<_> = tried.into_iter().zip(within).filter(|(_, within)| *within).map(|(aim, _)| aim).collect();
     Ok(widest(reached, params.reach_directions as usize, |a, b| (a.position_mm - b.position_mm).norm()))
 }
@@ -55,7 +56,8 @@ impl Arm<'_> {
         (0..TABLE_ANGLES).map(|step| std::f64::consts::TAU * f64::from(step) / f64::from(TABLE_ANGLES)).any(|table_angle_rad| {
             let base_from_flange = self.cell.base_from_plate(table_angle_rad) * plate_from_flange;
             let turns = self.axes.0[6].windings(table_angle_rad).next().is_some();
-            let bends = |joints: &[f64; 6]| self.axes.0.iter().zip(joints).all(|(axis, angle)| axis.windings(*angle).next().is_some());
+            let bends =
+                |joints: &[f64; 6]| self.axes.0.iter().zip(joints).all(|(axis, angle)| axis.windings(*angle).next().is_some());
             turns && self.cell.robot.kinematics.branches(&base_from_flange).iter().any(bends)
         })
     }

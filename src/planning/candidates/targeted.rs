@@ -47,12 +47,7 @@ pub struct Open<'a> {
     pub incidence_max_rad: [f64; 3],
 }
 
-pub(super) fn aims(
-    scope: &Scope<'_>,
-    open: &Open<'_>,
-    most: usize,
-    ctx: &Context<'_>,
-) -> Result<Vec<Aim>, Cancelled> {
+pub(super) fn aims(scope: &Scope<'_>, open: &Open<'_>, most: usize, ctx: &Context<'_>) -> Result<Vec<Aim>, Cancelled> {
     let solver = Solver::new(scope, open, ctx.simd_level());
     let looked_at: Vec<u32> = open.samples.iter().step_by(open.samples.len().div_ceil(LOOKED_AT).max(1)).copied().collect();
     let view = |sample: &u32| {

@@ -1,25 +1,47 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::*;
+use crate::cell::{Presets, SpecLibrary};
 use crate::planning::context::Silent;
-use crate::planning::params::{PartParams, RegionParams};
+use crate::planning::params::{Hemisphere, PartParams, PlanParams, RegionParams, Standoff};
 use crate::planning::resting;
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
 
 fn generated(extent_mm: [f64; 3], params: &CandidateParams) -> Generated {
+    generated_by(extent_mm, params, 0, None).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn generated_by(extent_mm: [f64; 3], params: &CandidateParams, seed: u64, cell: Option<&Cell>) -> Result<Generated, PlanError> {
     let mesh = box_mesh([0.0; 3], extent_mm);
     let longest_mm = extent_mm.into_iter().fold(0.0, f64::max);
     let (patch_edge_mm, samples_per_mm2) = (Some(0.15 * longest_mm), Some(6000.0 / mesh.area_mm2()));
     let part = PartParams { patch_edge_mm, samples_per_mm2, ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
-    let scanner = nominal_scanner();
-    let scope = Scope { surface: &surface, scanner: &scanner, table_from_part: resting(&mesh) };
-    let ctx_flag = AtomicBool::new(false);
-    generate(&scope, params, &mesh, &Context::new(&ctx_flag, &Silent)).unwrap_or_else(|_| unreachable!())
+    let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));
+    let scope = Scope { seed, cell, ..scope(&mesh, &surface, &scanner) };
+    generate(&scope, params, &Context::new(&flag, &Silent))
+}
+
+fn only(strategy: Strategy) -> CandidateParams {
+    CandidateParams { strategies: vec![strategy], rolls_deg: vec![0.0], ..CandidateParams::default() }
+}
+
+/// The surface point that a viewpoint looks at, at F ahead; part frame.
+fn aimed_at(pose: &Pose<Part, ScannerFrame>) -> Point3<f64> {
+    pose.point(&Point3::new(0.0, 0.0, 480.0))
+}
+
+/// Distance from a point to the box from the origin to `extent_mm`.
+fn distance_mm(p: &Point3<f64>, extent_mm: [f64; 3]) -> f64 {
+    Vector3::from([0, 1, 2].map(|axis| (p[axis] - p[axis].clamp(0.0, extent_mm[axis])).abs())).norm()
+}
+
+fn scope<'a>(mesh: &'a Mesh, surface: &'a Surface, scanner: &'a Scanner) -> Scope<'a> {
+    Scope { part: mesh, surface, scanner, cell: None, table_from_part: resting(mesh), seed: 0 }
 }
 
 fn poses(generated: &Generated) -> Vec<Pose<Part, ScannerFrame>> {
@@ -28,7 +50,7 @@ fn poses(generated: &Generated) -> Vec<Pose<Part, ScannerFrame>> {
 
 #[test]
 fn thirty_and_forty_five_degrees_give_54_distinct_candidates() {
-    let generated = generated([100.0, 80.0, 60.0], &CandidateParams::default());
+    let generated = generated([100.0, 80.0, 60.0], &CandidateParams::ellipsoid());
     assert_eq!((generated.generated, generated.kept.len()), (54, 54));
     let mut positions: Vec<_> = poses(&generated).iter().map(|pose| pose.origin_mm()).collect();
     positions.dedup_by(|a, b| (*a - *b).norm() < 1.0);
@@ -43,7 +65,7 @@ fn thirty_and_forty_five_degrees_give_54_distinct_candidates() {
 
 #[test]
 fn every_scanner_looks_at_the_centre_with_a_level_baseline() {
-    let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::default() };
+    let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
     for pose in poses(&generated([100.0, 80.0, 60.0], &params)) {
         let aimed_at = pose.point(&Point3::new(0.0, 0.0, 480.0));
         assert!((aimed_at - Point3::new(50.0, 40.0, 30.0)).norm() < 1e-9);
@@ -53,7 +75,7 @@ fn every_scanner_looks_at_the_centre_with_a_level_baseline() {
 
 #[test]
 fn at_the_poles_the_baseline_lies_along_x() {
-    for pose in &poses(&generated([100.0, 80.0, 60.0], &CandidateParams::default()))[..2] {
+    for pose in &poses(&generated([100.0, 80.0, 60.0], &CandidateParams::ellipsoid()))[..2] {
         assert!((pose.direction(&Vector3::x()) - Vector3::x()).norm() < 1e-12);
     }
 }
@@ -61,13 +83,13 @@ fn at_the_poles_the_baseline_lies_along_x() {
 #[test]
 fn the_slide_puts_the_seen_surface_around_best_focus() {
     // From straight above only the top face is front-facing: it must end at exactly F.
-    let pose = poses(&generated([100.0, 80.0, 60.0], &CandidateParams::default()))[0];
+    let pose = poses(&generated([100.0, 80.0, 60.0], &CandidateParams::ellipsoid()))[0];
     assert!((pose.origin_mm() - Point3::new(50.0, 40.0, 60.0 + 480.0)).norm() < 0.2, "{pose:?}");
 }
 
 #[test]
 fn rolls_turn_about_the_viewing_axis() {
-    let params = CandidateParams { rolls_deg: vec![0.0, 90.0], standoff: Standoff::Centre, ..CandidateParams::default() };
+    let params = CandidateParams { rolls_deg: vec![0.0, 90.0], standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
     let generated = generated([100.0, 80.0, 60.0], &params);
     assert_eq!(generated.kept.len(), 108);
     for pair in poses(&generated).chunks(2) {
@@ -79,18 +101,18 @@ fn rolls_turn_about_the_viewing_axis() {
 #[test]
 fn a_long_part_is_split_into_the_fewest_equal_blocks() {
     // 300 mm needs three blocks of 140 mm; 140 mm exactly needs one.
-    assert_eq!(generated([300.0, 140.0, 60.0], &CandidateParams::default()).generated, 3 * 54);
+    assert_eq!(generated([300.0, 140.0, 60.0], &CandidateParams::ellipsoid()).generated, 3 * 54);
 }
 
 #[test]
 fn a_block_without_surface_gives_no_candidates() {
     // A 450 mm cube is split 4 × 4 × 4; only the 56 outer blocks hold surface.
-    assert_eq!(generated([450.0, 450.0, 450.0], &CandidateParams::default()).generated, 56 * 54);
+    assert_eq!(generated([450.0, 450.0, 450.0], &CandidateParams::ellipsoid()).generated, 56 * 54);
 }
 
 #[test]
 fn above_the_table_means_every_optical_centre() {
-    let params = CandidateParams { hemisphere: Some(Hemisphere::AboveTable), ..CandidateParams::default() };
+    let params = CandidateParams { hemisphere: Some(Hemisphere::AboveTable), ..CandidateParams::ellipsoid() };
     let generated = generated([100.0, 80.0, 60.0], &params);
     assert!(generated.rejected.iter().all(|(_, reason)| *reason == Rejection::BelowTable));
     // θ = 120°, 150° and 180° lie below; at 90° the scanner stands at half the part's height, its baseline level.
@@ -100,7 +122,7 @@ fn above_the_table_means_every_optical_centre() {
 #[test]
 fn a_viewpoint_in_the_middle_of_a_large_shell_is_dropped() {
     // A 1.2 m box: the inward blocks' viewpoints at the far side lie inside it.
-    let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::default() };
+    let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
     let generated = generated([1200.0, 1200.0, 1200.0], &params);
     assert!(generated.rejected.iter().any(|(_, reason)| *reason == Rejection::InsidePart));
     let inside = |candidate: &Candidate| {
@@ -117,14 +139,214 @@ fn absurd_numbers_of_candidates_are_refused_before_they_are_made() {
         let part = PartParams { patch_edge_mm: Some(extent_mm[0]), samples_per_mm2: Some(1e-4), ..PartParams::default() };
         let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
         let scanner = nominal_scanner();
-        let scope = Scope { surface: &surface, scanner: &scanner, table_from_part: resting(&mesh) };
+        let scope = scope(&mesh, &surface, &scanner);
         let flag = AtomicBool::new(false);
-        match generate(&scope, params, &mesh, &Context::new(&flag, &Silent)) {
+        match generate(&scope, params, &Context::new(&flag, &Silent)) {
             Err(error) => error.to_string(),
             Ok(_) => "accepted".into(),
         }
     };
-    let fine = CandidateParams { step_small_deg: 1.0, step_large_deg: 1.0, ..CandidateParams::default() };
+    let fine = CandidateParams { step_small_deg: 1.0, step_large_deg: 1.0, ..CandidateParams::ellipsoid() };
     assert!(refused([100.0, 100.0, 100.0], &fine).contains("allowed are 50000 candidates"));
-    assert!(refused([20_000.0, 20_000.0, 20_000.0], &CandidateParams::default()).contains("look at the part's unit"));
+    assert!(refused([20_000.0, 20_000.0, 20_000.0], &CandidateParams::ellipsoid()).contains("look at the part's unit"));
+}
+
+#[test]
+fn even_directions_are_spread_evenly() {
+    let directions: Vec<_> = even::spiral(150, -1.0).collect();
+    assert!(directions.iter().all(|u| (u.norm() - 1.0).abs() < 1e-12));
+    assert!(directions.iter().sum::<Vector3<f64>>().norm() < 0.5);
+    let nearest = |u: &Vector3<f64>| directions.iter().map(|v| (u - v).norm()).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+    let nearest: Vec<_> = directions.iter().map(nearest).collect();
+    // A triangular grid of 150 equal cells on the unit sphere has its neighbours 0.311 apart.
+    assert!(nearest.iter().all(|d| (0.2..0.33).contains(d)), "{nearest:?}");
+}
+
+#[test]
+fn even_directions_above_the_table_are_all_above_it_and_as_many() {
+    let params = CandidateParams { hemisphere: Some(Hemisphere::AboveTable), ..only(Strategy::Even) };
+    let generated = generated([100.0, 80.0, 60.0], &params);
+    assert_eq!(generated.generated, 150);
+    assert!(generated.kept.len() > 140, "{} are kept", generated.kept.len());
+    let lowest = even::spiral(150, -0.1).map(|u| u.z).fold(f64::INFINITY, f64::min);
+    assert!((-0.1..-0.09).contains(&lowest));
+}
+
+#[test]
+fn blocks_share_even_directions_but_none_has_few() {
+    assert_eq!(generated([300.0, 140.0, 60.0], &only(Strategy::Even)).generated, 3 * 87);
+    assert_eq!([1, 4, 31, 400].map(|blocks| even::directions_a_block(150, blocks)), [150, 75, 27, 27]);
+    assert_eq!(even::directions_a_block(12, 9), 12);
+}
+
+#[test]
+fn even_directions_are_fewer_by_default_where_the_table_has_no_room() {
+    let (mesh, scanner) = (box_mesh([0.0; 3], [100.0, 80.0, 60.0]), nominal_scanner());
+    let part = PartParams { samples_per_mm2: Some(100.0), ..PartParams::default() };
+    let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let resolved = |params: &CandidateParams| resolve(&scope(&mesh, &surface, &scanner), params).even_directions;
+    // 3.76 million samples leave room for 265 views, half of it for these, in two rolls.
+    let room = 1_000_000_000 / surface.sample_mm.len() / 4;
+    assert_eq!(resolved(&CandidateParams::default()), Some(room as u32));
+    assert!((60..70).contains(&room));
+    assert_eq!(resolved(&CandidateParams { even_directions: Some(7), ..CandidateParams::default() }), Some(7));
+}
+
+#[test]
+fn facet_normals_look_at_the_largest_facets_from_f() {
+    let extent_mm = [100.0, 80.0, 60.0];
+    let all = generated(extent_mm, &only(Strategy::FacetNormal));
+    assert_eq!(all.kept.len(), 12, "the two triangles of a side lie farther apart than the spacing");
+    for pose in poses(&all) {
+        assert!(distance_mm(&aimed_at(&pose), extent_mm) < 1e-9);
+        let axis = pose.direction(&Vector3::z());
+        assert!((axis.abs().max() - 1.0).abs() < 1e-12, "along a normal: {axis}");
+    }
+    let params = CandidateParams { spacing_mm: Some(90.0), ..only(Strategy::FacetNormal) };
+    assert_eq!(generated(extent_mm, &params).kept.len(), 6, "one a side");
+    let params = CandidateParams { facet_normals: 4, ..only(Strategy::FacetNormal) };
+    let largest = generated(extent_mm, &params);
+    assert!(poses(&largest).iter().all(|pose| pose.direction(&Vector3::z()).z.abs() > 0.99), "top and bottom are largest");
+}
+
+#[test]
+fn surface_points_keep_their_spacing() {
+    let params = CandidateParams { spacing_mm: Some(25.0), surface_points: 1000, ..only(Strategy::SurfacePoints) };
+    let poses = poses(&generated([100.0, 80.0, 60.0], &params));
+    assert!(poses.len() > 40, "{} points", poses.len());
+    for (number, a) in poses.iter().enumerate() {
+        for b in &poses[..number] {
+            let alike = a.direction(&Vector3::z()).dot(&b.direction(&Vector3::z())) > 0.97;
+            assert!(!alike || (aimed_at(a) - aimed_at(b)).norm() >= 25.0 - 1e-9);
+        }
+    }
+    let few = CandidateParams { surface_points: 7, ..params };
+    assert_eq!(generated([100.0, 80.0, 60.0], &few).kept.len(), 7);
+}
+
+#[test]
+fn random_viewpoints_have_the_surface_in_depth_and_are_drawn_to_it() {
+    let extent_mm = [100.0, 80.0, 60.0];
+    let generated = generated(extent_mm, &only(Strategy::Volume));
+    assert_eq!(generated.generated, 200);
+    for pose in poses(&generated) {
+        let (origin, axis) = (pose.origin_mm(), pose.direction(&Vector3::z()));
+        let nearest_mm = distance_mm(&origin, extent_mm);
+        // The nearest sample is up to a few millimetres farther than the surface.
+        assert!((405.0..=565.0).contains(&nearest_mm), "{nearest_mm} mm");
+        let to_centre = Point3::new(50.0, 40.0, 30.0) - origin;
+        assert!(axis.angle(&to_centre).to_degrees() < 8.0);
+    }
+}
+
+#[test]
+fn a_seed_gives_the_same_draws_and_another_seed_others() {
+    let drawn = |strategy, seed| {
+        let generated = generated_by([100.0, 80.0, 60.0], &only(strategy), seed, None);
+        poses(&generated.unwrap_or_else(|error| panic!("{error}"))).iter().map(|pose| pose.origin_mm()).collect::<Vec<_>>()
+    };
+    for strategy in [Strategy::Volume, Strategy::SurfacePoints] {
+        assert_eq!(drawn(strategy, 1), drawn(strategy, 1));
+        assert_ne!(drawn(strategy, 1), drawn(strategy, 2));
+    }
+}
+
+#[test]
+fn reach_needs_a_cell_and_keeps_what_the_arm_takes() {
+    let params = only(Strategy::Reach);
+    let refused = generated_by([100.0, 80.0, 60.0], &params, 0, None).map(|_| ()).map_err(|error| error.to_string());
+    assert_eq!(refused.map_err(|error| error.contains("plan with a cell")), Err(true));
+    let cell = Presets.cell("e05-transcan").ok().and_then(|spec| spec.build(&Presets).ok()).unwrap_or_else(|| unreachable!());
+    let taken = generated_by([100.0, 80.0, 60.0], &params, 0, Some(&cell)).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(taken.generated, 100);
+    let centre = Point3::new(50.0, 40.0, 0.0);
+    assert!(poses(&taken).iter().all(|pose| (pose.origin_mm() - centre).z > 0.0), "a hemisphere");
+    // An arm three metres away takes nothing.
+    let far = nalgebra::Vector3::new(3000.0, 0.0, 0.0);
+    let beyond = Cell { base_from_table: Pose::from_parts(far, UnitQuaternion::identity()), ..cell };
+    let none = generated_by([100.0, 80.0, 60.0], &params, 0, Some(&beyond)).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(none.generated, 0);
+}
+
+#[test]
+fn re_sampling_stays_around_the_best_and_closes_in() {
+    let (mesh, scanner, flag) = (box_mesh([0.0; 3], [100.0, 80.0, 60.0]), nominal_scanner(), AtomicBool::new(false));
+    let surface = sample(&mesh, &PartParams::default(), &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let (scope, ctx) = (scope(&mesh, &surface, &scanner), Context::new(&flag, &Silent));
+    let params = CandidateParams { standoff: Standoff::Centre, ..only(Strategy::Iterative) };
+    let best = poses(&generated([100.0, 80.0, 60.0], &CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() }));
+    let widest_turn_deg = |round: u32| {
+        let around = around_best(&scope, &params, &best[..2], round, &ctx).unwrap_or_else(|_| unreachable!());
+        assert_eq!(around.generated, 50);
+        let turns = poses(&around).into_iter().enumerate().map(|(number, pose)| {
+            let of = &best[number % 2];
+            assert!((aimed_at(&pose) - aimed_at(of)).norm() <= 35.0 * 2.0_f64.sqrt());
+            pose.direction(&Vector3::z()).angle(&of.direction(&Vector3::z())).to_degrees()
+        });
+        turns.fold(0.0, f64::max)
+    };
+    let (first, third) = (widest_turn_deg(0), widest_turn_deg(2));
+    assert!((20.0..=30.0 + 1e-9).contains(&first) && (7.0..=10.8 + 1e-9).contains(&third), "{first}°, {third}°");
+    let none_yet = around_best(&scope, &params, &[], 0, &ctx).unwrap_or_else(|_| unreachable!());
+    assert_eq!(none_yet.generated, 50);
+}
+
+#[test]
+fn tilts_turn_about_the_aim_point_and_level_the_scanner() {
+    let params = CandidateParams { tilts_deg: vec![20.0], standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
+    let poses = poses(&generated([100.0, 80.0, 60.0], &params));
+    assert_eq!(poses.len(), 54 * 5);
+    // Beyond the poles, where level has no meaning.
+    for five in poses.chunks(5).skip(2) {
+        for tilted in &five[1..] {
+            assert!((aimed_at(tilted) - aimed_at(&five[0])).norm() < 1e-9);
+            let turned = tilted.direction(&Vector3::z()).angle(&five[0].direction(&Vector3::z()));
+            assert!((turned.to_degrees() - 20.0).abs() < 1e-9);
+            assert!(tilted.direction(&Vector3::x()).z.abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn stand_offs_move_back_along_the_axis() {
+    let params = CandidateParams { standoffs_mm: vec![0.0, 30.0], ..CandidateParams::ellipsoid() };
+    for pair in poses(&generated([100.0, 80.0, 60.0], &params)).chunks(2) {
+        let back = pair[1].origin_mm() - pair[0].origin_mm();
+        assert!((back + pair[0].direction(&Vector3::z()) * 30.0).norm() < 1e-9);
+    }
+}
+
+#[test]
+fn a_pose_that_is_there_twice_is_dropped() {
+    let params = CandidateParams { rolls_deg: vec![0.0, 360.0, 90.0], ..CandidateParams::ellipsoid() };
+    let generated = generated([100.0, 80.0, 60.0], &params);
+    assert_eq!((generated.generated, generated.kept.len()), (3 * 54, 2 * 54));
+    assert!(generated.rejected.iter().all(|(id, reason)| id.0 % 3 == 1 && *reason == Rejection::Duplicate));
+}
+
+#[test]
+fn strategies_mix_in_the_order_named() {
+    let mixed = CandidateParams { strategies: vec![Strategy::FacetNormal, Strategy::Ellipsoid], ..CandidateParams::ellipsoid() };
+    let (mixed, normals) = (generated([100.0, 80.0, 60.0], &mixed), generated([100.0, 80.0, 60.0], &only(Strategy::FacetNormal)));
+    assert_eq!(mixed.generated, 12 + 54);
+    assert_eq!(poses(&mixed)[0].origin_mm(), poses(&normals)[0].origin_mm());
+}
+
+#[test]
+fn ranges_are_refused_with_their_field() {
+    let refused = |change: fn(&mut CandidateParams)| {
+        let mut params = PlanParams::default();
+        change(&mut params.candidates);
+        params.check().map_or_else(|errors| errors[0].pointer.clone(), |()| "accepted".into())
+    };
+    assert_eq!(refused(|_| {}), "accepted");
+    assert_eq!(refused(|c| c.strategies.clear()), "/candidates/strategies");
+    assert_eq!(refused(|c| c.even_directions = Some(3)), "/candidates/even_directions");
+    assert_eq!(refused(|c| c.facet_normals = 0), "/candidates/facet_normals");
+    assert_eq!(refused(|c| c.targeted_max = 1001), "/candidates/targeted_max");
+    assert_eq!(refused(|c| c.iterative_rounds = 21), "/candidates/iterative_rounds");
+    assert_eq!(refused(|c| c.spacing_mm = Some(-1.0)), "/candidates/spacing_mm");
+    assert_eq!(refused(|c| c.tilts_deg = vec![61.0]), "/candidates/tilts_deg/0");
+    assert_eq!(refused(|c| c.standoffs_mm.clear()), "/candidates/standoffs_mm");
+    assert_eq!(refused(|c| c.standoffs_mm = vec![0.0, f64::NAN]), "/candidates/standoffs_mm/1");
 }
