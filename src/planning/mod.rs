@@ -21,6 +21,7 @@ mod rounds;
 pub mod selection;
 pub mod sequence;
 pub mod stations;
+pub mod studies;
 mod study;
 pub mod surface;
 pub mod visibility;

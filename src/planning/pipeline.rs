@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::candidates::{self, Candidate, Scope};
-use super::context::{Context, Stage};
+use super::context::{Cancelled, Context, Stage};
 use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
@@ -14,7 +14,7 @@ use super::params::{Hemisphere, PlanParams};
 use super::placement;
 use super::plan::{Certificate, Outcome};
 use super::robust::{self, Setting};
-use super::rounds::{Considered, Rounds, is_usable};
+use super::rounds::{Considered, Rounds};
 use super::sequence::Ordered;
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface::{self, Surface};
@@ -32,12 +32,11 @@ const MOST_RESELECTIONS: usize = 4;
 pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
     let prepared = Prepared::new(input, params, ctx)?;
     let motion = motion(input, &prepared.params, prepared.table_from_part)?;
-    let Considered { generated, table, reach } = prepared.considered(input, motion.as_ref(), ctx)?;
+    let considered = prepared.considered(input, motion.as_ref(), ctx)?;
+    let robust_rows = prepared.robust_rows(input, &considered, ctx)?;
+    let Considered { generated, table, reach } = considered;
     let (params, table_from_part, occluders) = (&prepared.params, prepared.table_from_part, &prepared.occluders);
     let (surface, asked_area_mm2) = (prepared.surface, prepared.asked_area_mm2);
-    let scene = robust::Scene { surface: &surface, scanner: input.scanner, occluders, params };
-    let usable: Vec<bool> = (0..table.rows.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
-    let robust_rows = robust::rows(&scene, &generated.kept, &usable, &table.rows, ctx)?;
     let study = Study { input, params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
@@ -110,6 +109,12 @@ impl Prepared {
         let scope = scope(input, &self.surface, self.table_from_part, self.params.seed);
         let (params, occluders, asked_area_mm2) = (&self.params, &self.occluders, &self.asked_area_mm2);
         Rounds { scope, params, occluders, motion, asked_area_mm2 }.run(ctx)
+    }
+
+    /// What views are chosen by where they shall bear errors, see [`robust::rows`].
+    fn robust_rows(&self, input: &PlanInput<'_>, considered: &Considered, ctx: &Context<'_>) -> Result<Option<Vec<Row>>, Cancelled> {
+        let (surface, params, occluders) = (&self.surface, &self.params, &self.occluders);
+        robust::rows(&robust::Scene { surface, scanner: input.scanner, occluders, params }, considered, ctx)
     }
 }
 

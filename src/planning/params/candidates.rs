@@ -28,6 +28,35 @@ pub enum Strategy {
     Targeted,
 }
 
+impl Strategy {
+    /// Every scheme.
+    pub const ALL: [Self; 8] = [
+        Self::Ellipsoid,
+        Self::Even,
+        Self::FacetNormal,
+        Self::SurfacePoints,
+        Self::Volume,
+        Self::Reach,
+        Self::Iterative,
+        Self::Targeted,
+    ];
+
+    /// Name in files and answers.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ellipsoid => "ellipsoid",
+            Self::Even => "even",
+            Self::FacetNormal => "facet_normal",
+            Self::SurfacePoints => "surface_points",
+            Self::Volume => "volume",
+            Self::Reach => "reach",
+            Self::Iterative => "iterative",
+            Self::Targeted => "targeted",
+        }
+    }
+}
+
 /// Part of the viewing sphere that is considered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

@@ -12,9 +12,9 @@ mod tests;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::candidates::Candidate;
 use super::context::{Cancelled, Context};
 use super::params::{PlanParams, PoseErrorParams};
+use super::rounds::{Considered, is_usable};
 use super::surface::Surface;
 use super::visibility::{self, Occluders, Row};
 use crate::cell::Scanner;
@@ -31,23 +31,22 @@ pub(super) struct Scene<'a> {
     pub(super) params: &'a PlanParams,
 }
 
-/// For each candidate what it measures as planned, which is its row of `nominal`, and under every error of the set as
+/// For each candidate what it measures as planned, which is its row of the table, and under every error of the set as
 /// well. `None` where views are chosen by the nominal rows.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub(super) fn rows(
     scene: &Scene<'_>,
-    candidates: &[Candidate],
-    usable: &[bool],
-    nominal: &[Row],
+    considered: &Considered,
     ctx: &Context<'_>,
 ) -> Result<Option<Vec<Row>>, Cancelled> {
     let Some(error) = scene.params.robust.pose_error.filter(|_| scene.params.robust.select) else { return Ok(None) };
-    let mut rows = nominal.to_vec();
+    let (kept, mut rows) = (&considered.generated.kept, considered.table.rows.clone());
+    let usable: Vec<bool> = (0..kept.len()).map(|kept| is_usable(considered.reach.as_ref(), kept)).collect();
     for scanner_from_off in stated_errors(&error) {
-        let poses: Vec<_> = candidates.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
-        let off = visibility::cast(scene.surface, &poses, usable, scene.scanner, scene.occluders, scene.params, ctx)?;
+        let poses: Vec<_> = kept.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
+        let off = visibility::cast(scene.surface, &poses, &usable, scene.scanner, scene.occluders, scene.params, ctx)?;
         rows.iter_mut().zip(&off.rows).for_each(|(row, off)| *row = row.within(off.measured()));
     }
     Ok(Some(rows))

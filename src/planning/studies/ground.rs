@@ -1,0 +1,66 @@
+//! Candidates of one set of parameters with what each measures, from which views are chosen in many ways.
+
+use super::steps::steps;
+use super::{Case, Series};
+use crate::planning::context::{Context, Stage};
+use crate::planning::error::PlanError;
+use crate::planning::input::PlanInput;
+use crate::planning::params::{PlanParams, ScoreParams, SelectionParams, Solver, TargetOf};
+use crate::planning::pipeline::{Tabulated, tabulate};
+use crate::planning::plan::share;
+use crate::planning::selection::{self, Problem, coverable_mm2};
+use crate::planning::visibility::{self, Row};
+
+/// See the module.
+pub(super) struct Ground {
+    table: Tabulated,
+}
+
+impl Ground {
+    /// Everything that comes before views are chosen. Quality is kept, whatever weight it has.
+    ///
+    /// # Errors
+    /// Those of [`crate::planning::plan()`].
+    pub(super) fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
+        let params = PlanParams { score: ScoreParams { a: 0.5, b: 0.5, ..params.score }, ..params.clone() };
+        Ok(Self { table: tabulate(input, &params, ctx)? })
+    }
+
+    /// Greedy for everything that can be had, at most `most_views` views, by the score or by area as the case says.
+    ///
+    /// # Errors
+    /// [`PlanError::Cancelled`].
+    pub(super) fn series(
+        &self,
+        case: &Case,
+        input: &PlanInput<'_>,
+        most_views: u32,
+        ctx: &Context<'_>,
+    ) -> Result<Series, PlanError> {
+        ctx.begin(Stage::Selection)?;
+        let (table, total_mm2) = (&self.table, self.table.surface.area_where(|_| true));
+        let params = SelectionParams {
+            solver: Solver::Greedy,
+            target: 1.0,
+            target_of: TargetOf::Coverable,
+            max_views: Some(most_views),
+            ..case.params.selection.clone()
+        };
+        let problem = Problem::new(table.rows.iter().collect(), &table.asked_area_mm2, total_mm2, &params);
+        let chosen = selection::select(&problem, &params, &case.params.score, ctx)?;
+        let graded = |row: usize| {
+            let pose = &table.candidates[row].part_from_scanner;
+            visibility::grade(&table.surface, pose, input.scanner, &case.params, &table.rows[row])
+        };
+        let graded: Vec<Row> = chosen.choices.iter().map(|choice| graded(choice.row)).collect();
+        let coverable_mm2 = coverable_mm2(&problem.rows, problem.asked_area_mm2);
+        Ok(Series {
+            label: case.label.clone(),
+            settings: case.settings.clone(),
+            candidates: table.rows.len(),
+            coverable_of_asked: share(coverable_mm2, problem.asked_mm2()),
+            steps: steps(&graded, problem.asked_area_mm2, coverable_mm2, total_mm2),
+            stopped_because: chosen.stopped_because,
+        })
+    }
+}
