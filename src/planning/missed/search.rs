@@ -40,7 +40,8 @@ pub(in crate::planning) struct Case<'a> {
     pub(in crate::planning) surface: &'a Surface,
     pub(in crate::planning) scanner: &'a Scanner,
     pub(in crate::planning) params: &'a PlanParams,
-    pub(in crate::planning) table_from_part: Pose<Table, Part>,
+    /// How the part lies in each setup.
+    pub(in crate::planning) setups: &'a [Pose<Table, Part>],
     pub(in crate::planning) occluders: &'a Occluders,
     /// Those kept, with what each measures and whether it could have been chosen.
     pub(in crate::planning) candidates: &'a [Candidate],
@@ -122,10 +123,12 @@ impl<'a> Bench<'a> {
 
     /// Whether a candidate like this would have been kept.
     fn is_allowed(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
-        let table_from_scanner = self.case.table_from_part * *pose;
-        let devices = self.case.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
-        let above = |centre: nalgebra::Point3<f64>| table_from_scanner.point(&centre).z > 0.0;
-        (!self.above_only || devices.chain([nalgebra::Point3::origin()]).all(above)) && self.is_outside(pose)
+        let devices = || self.case.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+        let above = |table_from_part: &Pose<Table, Part>| {
+            let table_from_scanner = *table_from_part * *pose;
+            devices().chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
+        };
+        (!self.above_only || self.case.setups.iter().any(above)) && self.is_outside(pose)
     }
 
     fn is_outside(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
