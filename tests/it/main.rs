@@ -1,6 +1,7 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod certified_figures;
 mod closed_form;
 mod goldens;
 mod http;
@@ -8,6 +9,7 @@ mod inspect_scanner;
 mod kinematics;
 mod meshes;
 mod oracle_coverage;
+mod oracle_selection;
 mod packet_rays;
 mod plan_command;
 mod planning_with_cell;
