@@ -11,9 +11,9 @@ use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, pr
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
-use vantage::planning::plan::{Bound, 
-    CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict,
-    ViewId,
+use vantage::planning::plan::{
+    Bound, CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason,
+    Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};

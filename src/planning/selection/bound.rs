@@ -41,7 +41,12 @@ pub(super) fn goals_of(problem: &Problem<'_>, rows: &[&Row], for_coverage: bool)
 }
 
 /// The bound from the relaxation alone.
-pub(super) fn quick(problem: &Problem<'_>, params: &SelectionParams, chosen: &Chosen, ctx: &Context<'_>) -> Result<Bound, Cancelled> {
+pub(super) fn quick(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    chosen: &Chosen,
+    ctx: &Context<'_>,
+) -> Result<Bound, Cancelled> {
     let rows: Vec<&Row> = chosen.choices.iter().map(|choice| problem.rows[choice.row]).collect();
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let multipliers = Multipliers::relaxed(problem, &goals, Aim::FewestViews, &QUICK, ctx)?;

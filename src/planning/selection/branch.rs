@@ -201,7 +201,8 @@ impl Examination<'_> {
     /// The dearest rows, where they happen to cover enough.
     fn enough(&self, dearest: &Dearest, cover: &[i32]) -> Option<Vec<u32>> {
         let open: i64 = self.node.units.iter().zip(cover).filter(|(_, cover)| **cover == 0).map(|(units, _)| units).sum();
-        let taken = || self.node.taken.iter().copied().chain(dearest.top.iter().map(|place| self.node.ids[*place as usize])).collect();
+        let taken =
+            || self.node.taken.iter().copied().chain(dearest.top.iter().map(|place| self.node.ids[*place as usize])).collect();
         (open <= self.node.slack).then(taken).filter(|taken: &Vec<u32>| (self.accepts)(taken))
     }
 }
@@ -319,7 +320,13 @@ impl Node {
 
     fn keep_classes(&mut self, keep: &[bool]) {
         let mut number = 0;
-        let renamed: Vec<u32> = keep.iter().map(|keep| { number += u32::from(*keep); number.wrapping_sub(1) }).collect();
+        let renamed: Vec<u32> = keep
+            .iter()
+            .map(|keep| {
+                number += u32::from(*keep);
+                number.wrapping_sub(1)
+            })
+            .collect();
         for classes in &mut self.of_row {
             classes.retain(|class| keep[*class as usize]);
             classes.iter_mut().for_each(|class| *class = renamed[*class as usize]);

@@ -124,7 +124,8 @@ impl Exchange<'_> {
 
     /// Without the view that is missed least.
     fn with_one_less(&self, rows: &[usize]) -> Option<Vec<usize>> {
-        let without = |at: usize| rows.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, row)| *row).collect::<Vec<_>>();
+        let without =
+            |at: usize| rows.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, row)| *row).collect::<Vec<_>>();
         let allowed = (0..rows.len()).map(without).filter(|fewer| self.overlap.connects(fewer));
         allowed.min_by_key(|fewer| Standing::new(self, fewer).deficit())
     }
@@ -193,7 +194,8 @@ impl<'a> Standing<'a> {
                 *once |= word;
             }
         }
-        let only = |row: &&Row| SampleSet::from_words(row.words().iter().zip(&twice).map(|(word, twice)| word & !twice).collect());
+        let only =
+            |row: &&Row| SampleSet::from_words(row.words().iter().zip(&twice).map(|(word, twice)| word & !twice).collect());
         let mut alone: Vec<SampleSet> = measured.iter().map(only).collect();
         alone.push(SampleSet::from_words(once.iter().map(|word| !word).collect()));
         let covered = exchange.goals.iter().map(|goal| goal.total - units_in(&alone[rows.len()], goal)).collect();
@@ -230,8 +232,11 @@ impl Swaps {
             all.iter_mut().zip(samples.words()).for_each(|(all, word)| *all |= word);
             all
         });
-        let lost: Vec<Vec<i64>> =
-            exchange.goals.iter().map(|goal| standing.alone[..views].iter().map(|alone| units_in(alone, goal)).collect()).collect();
+        let lost: Vec<Vec<i64>> = exchange
+            .goals
+            .iter()
+            .map(|goal| standing.alone[..views].iter().map(|alone| units_in(alone, goal)).collect())
+            .collect();
         let goals = exchange.goals;
         let of_row = |row: &&Row| {
             ctx.check()?;
@@ -255,7 +260,8 @@ impl Swaps {
             };
             Ok(((0..views).map(deficit).collect::<Vec<i64>>(), work))
         };
-        let of_rows = exchange.problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
+        let of_rows =
+            exchange.problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
         let work = of_rows.iter().map(|(_, work)| work).sum();
         let mut deficits: Vec<Vec<i64>> = of_rows.into_iter().map(|(deficits, _)| deficits).collect();
         rows.iter().for_each(|row| deficits[*row].clear());

@@ -49,7 +49,13 @@ pub(super) enum Aim {
 
 impl Multipliers {
     /// From the linear relaxation, as large as `size` allows.
-    pub(super) fn relaxed(problem: &Problem<'_>, goals: &[Units], aim: Aim, size: &Size, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+    pub(super) fn relaxed(
+        problem: &Problem<'_>,
+        goals: &[Units],
+        aim: Aim,
+        size: &Size,
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
         let samples = sampled(problem, goals, size);
         let is_share = samples.1;
         let mut rows = largest_rows(problem, &goals[0], size.rows);
@@ -75,7 +81,8 @@ impl Multipliers {
 
     fn new(problem: &Problem<'_>, goals: &[Units], classes: &Classes, form: &Form, solution: &Solution, is_share: bool) -> Self {
         let weights = goal_weights(goals, &solution.limit);
-        let weighted = |of: &dyn Fn(&Units) -> i64| -> i64 { goals.iter().zip(&weights).map(|(goal, weight)| weight * of(goal)).sum() };
+        let weighted =
+            |of: &dyn Fn(&Units) -> i64| -> i64 { goals.iter().zip(&weights).map(|(goal, weight)| weight * of(goal)).sum() };
         let units: Vec<i64> = (0..problem.asked_area_mm2.len()).map(|sample| weighted(&|goal| goal.of_sample[sample])).collect();
         let slack = weighted(&|goal| goal.total - goal.needed);
         let caps = caps(form, solution, classes.len());
@@ -87,7 +94,8 @@ impl Multipliers {
             Classes::NONE => 1.0,
             class => ratio[class as usize],
         };
-        let prices = units.iter().enumerate().map(|(sample, units)| ((price(sample) * *units as f64) as i64).clamp(0, *units)).collect();
+        let prices =
+            units.iter().enumerate().map(|(sample, units)| ((price(sample) * *units as f64) as i64).clamp(0, *units)).collect();
         Self { units, prices, slack }
     }
 

@@ -42,7 +42,13 @@ pub(super) struct Solution {
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn solve(of_row: &[Vec<u32>], classes: usize, form: &Form, gap: f64, ctx: &Context<'_>) -> Result<Solution, Cancelled> {
+pub(super) fn solve(
+    of_row: &[Vec<u32>],
+    classes: usize,
+    form: &Form,
+    gap: f64,
+    ctx: &Context<'_>,
+) -> Result<Solution, Cancelled> {
     let incidence = Incidence::new(of_row, classes);
     let model = Model::new(&incidence, form);
     let mut point = Point::start(&model);
@@ -137,10 +143,13 @@ impl<'a> Model<'a> {
         let classes = incidence.starts.len() - 1;
         let (price_of_row, price_of_class, limits) = match form {
             Form::FewestViews(goals) => {
-                let limit = |(weights, open): &(Vec<f64>, f64)| Limit { beta: 0.0, weights: weights.clone(), most: open.max(LEAST_OPEN) };
+                let limit =
+                    |(weights, open): &(Vec<f64>, f64)| Limit { beta: 0.0, weights: weights.clone(), most: open.max(LEAST_OPEN) };
                 (1.0, vec![0.0; classes], goals.iter().map(limit).collect())
             }
-            Form::MostArea(weights, views) => (0.0, weights.clone(), vec![Limit { beta: 1.0, weights: vec![0.0; classes], most: *views }]),
+            Form::MostArea(weights, views) => {
+                (0.0, weights.clone(), vec![Limit { beta: 1.0, weights: vec![0.0; classes], most: *views }])
+            }
         };
         Self { incidence, price_of_row, price_of_class, limits }
     }
@@ -167,11 +176,13 @@ impl Point {
         let (n, m) = (model.incidence.of_row.len(), model.price_of_class.len());
         let is_fewest = model.price_of_row > 0.0;
         let least = model.limits.iter().map(|limit| limit.most).fold(f64::INFINITY, f64::min);
-        let (x, s) = if is_fewest { (vec![1.0; n], vec![least / 2.0; m]) } else { (vec![least / (2.0 * n as f64); n], vec![1.0; m]) };
+        let (x, s) =
+            if is_fewest { (vec![1.0; n], vec![least / 2.0; m]) } else { (vec![least / (2.0 * n as f64); n], vec![1.0; m]) };
         let t = model.incidence.times(&x).iter().zip(&s).map(|(a, s)| a + s - 1.0).collect();
         let r = vec![least / 2.0; model.limits.len()];
         let r = if is_fewest { model.limits.iter().map(|limit| limit.most - least / 2.0).collect() } else { r };
-        let weight = |class: usize| model.limits.iter().map(|limit| limit.weights[class]).sum::<f64>() + model.price_of_class[class];
+        let weight =
+            |class: usize| model.limits.iter().map(|limit| limit.weights[class]).sum::<f64>() + model.price_of_class[class];
         let half: Vec<f64> = (0..m).map(|class| weight(class) / 2.0).collect();
         let largest = model.incidence.transposed_times(&half).into_iter().fold(0.0, f64::max);
         let (price, mu) = if is_fewest { (1.0 / (2.0 * largest), 1.0 / (2.0 * largest)) } else { (1.0, 2.0 * largest) };
@@ -214,9 +225,16 @@ impl Point {
     /// How far primal and dual can go.
     fn lengths(&self, step: &Step) -> (f64, f64) {
         let until = |values: &[f64], change: &[f64]| {
-            values.iter().zip(change).filter(|(_, change)| **change < 0.0).map(|(value, change)| -value / change).fold(f64::INFINITY, f64::min)
+            values
+                .iter()
+                .zip(change)
+                .filter(|(_, change)| **change < 0.0)
+                .map(|(value, change)| -value / change)
+                .fold(f64::INFINITY, f64::min)
         };
-        let least = |pairs: [(&Vec<f64>, &Vec<f64>); 4]| pairs.iter().map(|(value, change)| until(value, change)).fold(f64::INFINITY, f64::min);
+        let least = |pairs: [(&Vec<f64>, &Vec<f64>); 4]| {
+            pairs.iter().map(|(value, change)| until(value, change)).fold(f64::INFINITY, f64::min)
+        };
         let primal = least([(&self.x, &step.x), (&self.s, &step.s), (&self.t, &step.t), (&self.r, &step.r)]);
         let dual = least([(&self.u, &step.u), (&self.mu, &step.mu), (&self.zx, &step.zx), (&self.zs, &step.zs)]);
         ((TO_BOUNDARY * primal).min(1.0), (TO_BOUNDARY * dual).min(1.0))
@@ -304,7 +322,8 @@ impl System {
     /// The step that changes the products as asked, on the equations as they stand.
     fn direction(&self, point: &Point, model: &Model<'_>, targets: &Targets) -> Step {
         let (m, n) = (self.d.len(), point.x.len());
-        let priced = |mu: &[f64], class: usize| model.limits.iter().zip(mu).map(|(limit, mu)| limit.weights[class] * mu).sum::<f64>();
+        let priced =
+            |mu: &[f64], class: usize| model.limits.iter().zip(mu).map(|(limit, mu)| limit.weights[class] * mu).sum::<f64>();
         let beta_mu: f64 = model.limits.iter().zip(&point.mu).map(|(limit, mu)| limit.beta * mu).sum();
         // Residuals: rounding alone, since every point is feasible; they are driven back to 0.
         let (ax, atu) = (model.incidence.times(&point.x), model.incidence.transposed_times(&point.u));
@@ -313,7 +332,8 @@ impl System {
         let of_classes: Vec<f64> = (0..m)
             .map(|c| model.price_of_class[c] - point.u[c] + priced(&point.mu, c) - point.zs[c] - targets.s[c] / point.s[c])
             .collect();
-        let h: Vec<f64> = (0..m).map(|c| self.d[c] * (open[c] + self.theta_s[c] * of_classes[c] + targets.t[c] / point.u[c])).collect();
+        let h: Vec<f64> =
+            (0..m).map(|c| self.d[c] * (open[c] + self.theta_s[c] * of_classes[c] + targets.t[c] / point.u[c])).collect();
         let ath = model.incidence.transposed_times(&h);
         let f = DVector::from_fn(n, |j, _| ath[j] - of_rows[j] + targets.x[j] / point.x[j]);
         let sum_x: f64 = point.x.iter().sum();

@@ -90,9 +90,7 @@ impl<'a> Scorer<'a> {
             (Objective::Coverage, None) => (1.0, 0.0, &[][..]),
         };
         let steps = steps.iter().copied().chain(std::iter::repeat(0));
-        let of = move |sample: u32, step: i16| {
-            self.problem.worth_mm2[sample as usize] * (worth + worth_a_step * f64::from(step))
-        };
+        let of = move |sample: u32, step: i16| self.problem.worth_mm2[sample as usize] * (worth + worth_a_step * f64::from(step));
         self.problem.rows[row].samples().zip(steps).map(move |(sample, step)| (sample, of(sample, step)))
     }
 }
