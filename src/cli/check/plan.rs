@@ -6,9 +6,9 @@ use std::collections::BTreeSet;
 use super::{Expected, expected};
 use crate::cell::{Cell, FieldError, Findings};
 use crate::planning::candidates::Label;
-use crate::planning::plan::{Cause, StopReason, ViewId};
+use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
 use crate::program;
-use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, ViewpointDocument};
+use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument};
 
 /// Shares add up to within this.
 const SHARE: f64 = 1e-9;
@@ -201,12 +201,24 @@ fn check_missed(document: &PlanDocument, findings: &mut Findings) {
             format!("is {:?} a second time; allowed is one entry a cause", missed.reason)
         });
         above_zero(&format!("{at}/area_mm2"), missed.area_mm2, "mm²", findings);
+        for (spot, treated) in missed.largest.iter().enumerate() {
+            check_remedy(&format!("{at}/largest/{spot}/remedy"), &treated.remedy, findings);
+        }
     }
     let coverage = &document.coverage;
     let left_mm2 = coverage.asked_area_mm2 - coverage.measured_area_mm2;
     let missed_mm2: f64 = document.missed.iter().fold(0.0, |sum, missed| sum + missed.area_mm2);
     findings.require((missed_mm2 - left_mm2).abs() <= AREA * coverage.asked_area_mm2, "/missed", || {
         format!("adds up to {missed_mm2} mm²; asked less measured is {left_mm2} mm²")
+    });
+}
+
+fn check_remedy(at: &str, remedy: &RemedyDocument, findings: &mut Findings) {
+    one_of(format!("{at}/kind"), &remedy.kind, &RemedyKind::ALL.map(RemedyKind::as_str), findings);
+    share(format!("{at}/of_spot"), remedy.of_spot, findings);
+    let works = remedy.kind != RemedyKind::None.as_str();
+    findings.require(works != remedy.views.is_empty(), format!("{at}/views"), || {
+        format!("has {} entries with kind {:?}; only none has no view", remedy.views.len(), remedy.kind)
     });
 }
 

@@ -1,6 +1,6 @@
 //! Remedies in the order of their cost: what is left out chosen too, a candidate rolled, tilted, moved, the part turned
 //! onto another side, limits raised. Of each kind some views are tried on the spot's samples; the first kind with at most
-//! four views that together measure half of the spot is the remedy. Every step runs over lists in a fixed order, so that
+//! eight views that together measure half of the spot is the remedy. Every step runs over lists in a fixed order, so that
 //! the answer is the same on any number of threads; nothing looks at a clock.
 
 use std::sync::OnceLock;
@@ -25,9 +25,9 @@ use crate::planning::visibility::{Occluders, Optics, Probe, Row};
 /// Share of a spot's area that a remedy measures at least.
 const WORKS: f64 = 0.5;
 /// A further view adds at least this share of the spot.
-const WORTH_A_VIEW: f64 = 0.1;
-/// Views of a remedy at most.
-const VIEWS: usize = 4;
+const WORTH_A_VIEW: f64 = 0.05;
+/// Views of a remedy at most: each of a ring of views down a hole sees a part of its wall.
+const VIEWS: usize = 8;
 /// Views of one kind that the cell is asked for at most.
 const ASKED_OF_CELL: usize = 24;
 
