@@ -64,6 +64,14 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn run(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
+        Ok(self.render(&self.plan(ctx)?, ctx)?)
+    }
+
+    /// Plans.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn plan(&self, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
         let input = PlanInput {
             mesh: self.mesh,
             fixture: self.fixture,
@@ -71,12 +79,15 @@ impl PlanJob<'_> {
             scanner: self.scanner,
             cell: self.cell,
         };
-        let outcome = plan(&input, self.params, ctx)?;
-        ctx.begin(Stage::Report)?;
-        Ok(self.render(&outcome, ctx)?)
+        plan(&input, self.params, ctx)
     }
 
-    fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    /// Renders every file.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+        ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
         let programs = self.programs(plan, &document);
