@@ -22,4 +22,5 @@ mod reach_study;
 mod readme;
 mod report;
 mod server;
+mod setups;
 mod support;
