@@ -18,5 +18,7 @@ mod raster_engine;
 mod reach_study;
 mod readme;
 mod report;
+mod robust;
 mod server;
+mod study_command;
 mod support;

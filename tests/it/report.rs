@@ -1,7 +1,7 @@
 //! What a person looks at after a plan, made from a plan whose answers are known in closed form: a sphere seen from
 //! four sides. The text report is held by `tests/golden/plan_report.txt`; `UPDATE_GOLDEN=1` writes it anew.
 
-mod markup;
+pub(crate) mod markup;
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -98,6 +98,7 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
             .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
         pixel_set_area_mm2: None,
+        ..Coverage::default()
     }
 }
 
