@@ -1,33 +1,32 @@
-//! Which triangles share an edge.
+//! What hangs together: items that share a corner, an edge or any other key.
 
-use super::mesh::Mesh;
-
-/// Groups `faces` (ascending) into edge-connected components; each component ascending, components by first face.
-/// Cost: O(n log n).
+/// For each item the number of its component, where items that have a key in common belong together; components are
+/// numbered by their first item. Cost: O(n log n).
 #[must_use]
-pub fn connected_components(mesh: &Mesh, faces: &[u32]) -> Vec<Vec<u32>> {
-    let mut edges: Vec<((u32, u32), usize)> = Vec::with_capacity(faces.len() * 3);
-    for (position, face) in faces.iter().enumerate() {
-        let [a, b, c] = mesh.faces[*face as usize];
-        edges.extend([(a, b), (b, c), (c, a)].map(|(from, to)| ((from.min(to), from.max(to)), position)));
+pub fn components_sharing<K: Ord>(keys: impl IntoIterator<Item = [K; 3]>) -> Vec<usize> {
+    let mut items = 0;
+    let mut keyed: Vec<(K, usize)> = Vec::new();
+    for keys_of_item in keys {
+        keyed.extend(keys_of_item.map(|key| (key, items)));
+        items += 1;
     }
-    edges.sort_unstable();
-    let mut parent: Vec<usize> = (0..faces.len()).collect();
-    for pair in edges.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+    keyed.sort_unstable();
+    let mut parent: Vec<usize> = (0..items).collect();
+    for pair in keyed.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
         let (first, second) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
-        // The lower root wins, so that a component is named by its first face.
+        // The lower root wins, so that a component's root is its first item.
         parent[first.max(second)] = first.min(second);
     }
-    let mut components: Vec<Vec<u32>> = Vec::new();
-    let mut component_of_root = std::collections::HashMap::new();
-    for (position, face) in faces.iter().enumerate() {
-        let component = *component_of_root.entry(root(&mut parent, position)).or_insert_with(|| {
-            components.push(Vec::new());
-            components.len() - 1
-        });
-        components[component].push(*face);
+    let (mut component, mut components) = (vec![0; items], 0);
+    for item in 0..items {
+        let first = root(&mut parent, item);
+        if first == item {
+            component[item] = components;
+            components += 1;
+        }
+        component[item] = component[first];
     }
-    components
+    component
 }
 
 fn root(parent: &mut [usize], mut node: usize) -> usize {
@@ -40,15 +39,12 @@ fn root(parent: &mut [usize], mut node: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::connected_components;
-    use crate::testing::box_mesh;
+    use super::components_sharing;
 
     #[test]
-    fn faces_that_share_an_edge_are_one_component() {
-        let mesh = box_mesh([0.0; 3], [1.0; 3]);
-        assert_eq!(connected_components(&mesh, &(0..12).collect::<Vec<_>>()), [(0..12).collect::<Vec<_>>()]);
-        // Bottom and top of a box share no edge; each is two triangles.
-        assert_eq!(connected_components(&mesh, &[0, 1, 2, 3]), [[0, 1], [2, 3]]);
-        assert!(connected_components(&mesh, &[]).is_empty());
+    fn items_with_a_key_in_common_are_one_component_numbered_by_its_first() {
+        let chain = [[1, 2, 3], [7, 8, 9], [3, 4, 5], [6, 5, 0], [9, 10, 11]];
+        assert_eq!(components_sharing(chain), [0, 1, 0, 0, 1]);
+        assert!(components_sharing::<u8>([]).is_empty());
     }
 }

@@ -11,9 +11,10 @@ pub mod mesh_io;
 mod preview;
 mod ray_scene;
 mod simd;
+mod stable_poses;
 mod unit;
 
-pub use adjacency::connected_components;
+pub use adjacency::components_sharing;
 pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
 pub use face_lists::FaceLists;
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, Scanner, Table, plate_from_placed, table_from_plate};
@@ -22,4 +23,5 @@ pub use mesh_health::{MeshHealth, MeshWarning, assess, outward_faces};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};
 pub use simd::{Kernel, SimdLevel, greatest, least};
+pub use stable_poses::{StablePose, stable_poses};
 pub use unit::{LengthUnit, UnknownUnit};

@@ -28,6 +28,8 @@ pub enum Cause {
     ShadowRight,
     /// Hidden from the projector.
     ShadowProjector,
+    /// Measured, but not as well as is asked: worse than the grade, noisier or sparser.
+    BelowGrade,
     /// Measured only by views out of the robot's reach.
     Unreachable,
     /// Measured only by views at which something collides.
@@ -40,7 +42,7 @@ pub enum Cause {
 
 impl Cause {
     /// Every cause, in order.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::ExcludedResting,
         Self::Facing,
         Self::Depth,
@@ -53,6 +55,7 @@ impl Cause {
         Self::ShadowLeft,
         Self::ShadowRight,
         Self::ShadowProjector,
+        Self::BelowGrade,
         Self::Unreachable,
         Self::Collision,
         Self::NoPath,
@@ -75,6 +78,7 @@ impl Cause {
             Self::ShadowLeft => "shadow_left",
             Self::ShadowRight => "shadow_right",
             Self::ShadowProjector => "shadow_projector",
+            Self::BelowGrade => "below_grade",
             Self::Unreachable => "unreachable",
             Self::Collision => "collision",
             Self::NoPath => "no_path",

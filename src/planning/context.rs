@@ -101,10 +101,10 @@ impl<'a> Context<'a> {
         Self { simd_level, ..self }
     }
 
-    /// The same with nobody to tell how far it is: for the parts of a stage that counts in units of its own.
+    /// The same for work whose progress is a detail of the running stage's: it stops as this one does and tells nobody.
     #[must_use]
-    pub(super) fn quietly(&self) -> Context<'a> {
-        Context { cancel: self.cancel, observer: &Silent, simd_level: self.simd_level }
+    pub fn silent(&self) -> Self {
+        Self { observer: &Silent, ..*self }
     }
 
     /// The vector instructions to use.

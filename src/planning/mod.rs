@@ -4,7 +4,9 @@
 pub mod candidates;
 mod cause;
 pub mod context;
+pub mod demands;
 mod error;
+pub mod grade;
 mod input;
 mod missed;
 mod motion;

@@ -56,6 +56,14 @@ impl<'a> Motion<'a> {
         stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
     }
 
+    /// Whether the cell can take this one view: from a station free of collision, to which a path leads.
+    pub(super) fn takes(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
+        let ctx = ctx.silent();
+        let reach = self.reach(&[*view], &ctx)?;
+        let Some(Ok(stations)) = reach.first() else { return Ok(false) };
+        Ok(self.order(&[(ViewId(0), stations)], &ctx)?.no_path.is_empty())
+    }
+
     /// Order and paths through `views`.
     pub(super) fn order(&self, views: &[(ViewId, &[Station])], ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
         sequence::order(views, self.cell, &self.scene, self.params, ctx)

@@ -4,13 +4,21 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::grade::Grade;
 use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
 
 mod candidates;
+mod regions;
 mod robust;
+mod selection;
 
 pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
+pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 pub use robust::{PoseErrorParams, RobustParams};
+pub use selection::{OverlapParams, SelectionGoal};
+
+/// Most viewpoints that a job may give.
+const MOST_POSES: usize = 10_000;
 
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -18,7 +26,7 @@ pub use robust::{PoseErrorParams, RobustParams};
 pub struct PlanParams {
     /// Patches, samples and how the part lies.
     pub part: PartParams,
-    /// Faces that are not asked for.
+    /// What is asked of which part of the surface.
     pub regions: RegionParams,
     /// Values that the program carries to the scanner.
     pub scan: ScanParams,
@@ -36,6 +44,8 @@ pub struct PlanParams {
     pub selection: SelectionParams,
     /// Whether the plan bears poses that are off.
     pub robust: RobustParams,
+    /// What is tried for what is missed.
+    pub missed: MissedParams,
     /// Seed of every pseudo-random choice. Default 0.
     pub seed: u64,
 }
@@ -53,56 +63,6 @@ pub struct PartParams {
     /// A fixture that occludes and collides and is not measured, modelled in the part's own coordinates and unit:
     /// a mesh id over HTTP, a file on the command line.
     pub fixture_mesh: Option<String>,
-}
-
-/// Faces that are not asked for.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields, expecting = "an object")]
-pub struct RegionParams {
-    /// A face is excluded when any of these regions holds it (face list), or holds the sample (the others).
-    pub exclude: Vec<Region>,
-}
-
-/// A region of the part, in part coordinates.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
-pub enum Region {
-    /// Faces of the uploaded file, counted from 0.
-    Faces {
-        /// Face numbers.
-        faces: Vec<u32>,
-    },
-    /// Axis-aligned box.
-    Box {
-        /// Lowest corner, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        min_mm: [f64; 3],
-        /// Highest corner, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        max_mm: [f64; 3],
-    },
-    /// Ball.
-    Sphere {
-        /// Centre, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        centre_mm: [f64; 3],
-        /// Radius, mm, above 0.
-        radius_mm: f64,
-    },
-    /// All points p with (p − point)·normal ≤ 0.
-    HalfSpace {
-        /// A point of the plane, mm.
-        #[schema(min_items = 3, max_items = 3)]
-        point_mm: [f64; 3],
-        /// Outward direction, any length above 0.
-        #[schema(min_items = 3, max_items = 3)]
-        normal: [f64; 3],
-    },
-    /// A named group of the file (`g` and `o` lines of OBJ).
-    Name {
-        /// The group's name.
-        name: String,
-    },
 }
 
 /// Values that the program carries to the scanner.
@@ -224,6 +184,12 @@ pub enum Solver {
     /// The thesis's greedy.
     #[default]
     Greedy,
+    /// The same choices from a priority queue of what each candidate can still score at most.
+    Lazy,
+    /// Greedy by area, then dropping and exchanging views for fewer of them, then for a higher score.
+    Local,
+    /// `local`, then branch and bound for the proof that no fewer views do, or for fewer views.
+    Certified,
 }
 
 /// What greedy maximises.
@@ -266,6 +232,18 @@ pub struct SelectionParams {
     pub min_growth: f64,
     /// At most this many views, 1 to 1000. Default: no limit.
     pub max_views: Option<u32>,
+    /// Count only area that is measured at this grade or better (method §5): `A`, `B`, `C` or `D`. Default: all of it.
+    pub min_grade: Option<Grade>,
+    /// Default `fewest_views`.
+    pub goal: SelectionGoal,
+    /// Area that chosen views share, for registration. Default: none asked for.
+    pub overlap: OverlapParams,
+    /// What a second of the cycle is worth: each view costs the time to settle, capture and travel to it, in mm² of
+    /// score, 0 to 1 000 000 mm²/s. Default 0.
+    pub view_cost_mm2_per_s: f64,
+    /// Work of `local` and `certified`, in million pairs of sample and candidate looked at, about a millisecond each on
+    /// one core, 1 to 10 000 000. No clock, so that the same input gives the same plan. Default 20 000.
+    pub work_limit: u32,
 }
 
 impl Default for SelectionParams {
@@ -277,7 +255,26 @@ impl Default for SelectionParams {
             target_of: TargetOf::Coverable,
             min_growth: 0.0001,
             max_views: None,
+            min_grade: None,
+            goal: SelectionGoal::FewestViews,
+            overlap: OverlapParams::default(),
+            view_cost_mm2_per_s: 0.0,
+            work_limit: 20_000,
         }
+    }
+}
+
+/// What is tried for what is missed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(default, deny_unknown_fields, expecting = "an object")]
+pub struct MissedParams {
+    /// For how many of the largest missed spots a remedy is sought, 0 to 1000. Default 20.
+    pub remedies: u32,
+}
+
+impl Default for MissedParams {
+    fn default() -> Self {
+        Self { remedies: 20 }
     }
 }
 
@@ -289,9 +286,10 @@ impl PlanParams {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check_part(&mut findings);
-        self.check_regions(&mut findings);
+        self.regions.check(&mut findings);
         self.check_hardware_values(&mut findings);
         self.candidates.check(&mut findings);
+        self.check_given(&mut findings);
         self.check_selection(&mut findings);
         self.robust.check(&mut findings);
         findings.into_result()
@@ -306,32 +304,6 @@ impl PlanParams {
         }
         if let Some(pose) = &self.part.table_from_part {
             pose.check("/part/table_from_part", findings);
-        }
-    }
-
-    fn check_regions(&self, findings: &mut Findings) {
-        for (index, region) in self.regions.exclude.iter().enumerate() {
-            let at = format!("/regions/exclude/{index}");
-            match region {
-                Region::Faces { faces } => {
-                    findings.require(!faces.is_empty(), format!("{at}/faces"), || "is empty; name at least one face".into());
-                }
-                Region::Box { min_mm, max_mm } => {
-                    findings.require((0..3).all(|i| min_mm[i] <= max_mm[i]), format!("{at}/min_mm"), || {
-                        format!("{min_mm:?} is not below max_mm {max_mm:?} in every axis")
-                    });
-                }
-                Region::Sphere { radius_mm, .. } => {
-                    findings.range(format!("{at}/radius_mm"), *radius_mm, 1e-6, 1e5, "mm");
-                }
-                Region::HalfSpace { normal, .. } => {
-                    findings
-                        .require(normal.iter().any(|c| *c != 0.0), format!("{at}/normal"), || "is zero; give a direction".into());
-                }
-                Region::Name { name } => {
-                    findings.require(!name.is_empty(), format!("{at}/name"), || "is empty; name a group of the file".into());
-                }
-            }
         }
     }
 
@@ -351,6 +323,15 @@ impl PlanParams {
         }
     }
 
+    fn check_given(&self, findings: &mut Findings) {
+        let poses = &self.candidates.poses;
+        findings.require(poses.len() <= MOST_POSES, "/candidates/poses", || {
+            format!("has {} entries; allowed is {MOST_POSES}", poses.len())
+        });
+        poses.iter().enumerate().for_each(|(index, pose)| pose.check(&format!("/candidates/poses/{index}"), findings));
+        findings.range("/missed/remedies", f64::from(self.missed.remedies), 0.0, 1000.0, "spots");
+    }
+
     fn check_selection(&self, findings: &mut Findings) {
         let score = &self.score;
         for (name, weight) in [("a", score.a), ("b", score.b), ("c", score.c), ("d", score.d)] {
@@ -362,5 +343,6 @@ impl PlanParams {
         if let Some(views) = self.selection.max_views {
             findings.range("/selection/max_views", f64::from(views), 1.0, 1000.0, "views");
         }
+        selection::check(&self.selection, findings);
     }
 }

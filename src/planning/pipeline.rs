@@ -5,8 +5,10 @@ use std::collections::BTreeSet;
 
 use super::candidates::{self, Candidate, Scope};
 use super::context::{Cancelled, Context, Stage};
+use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
+use super::missed;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
@@ -18,7 +20,7 @@ use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface::{self, Surface};
 use super::visibility::{self, Row};
 use crate::cell::{DeviceName, PoseSpec};
-use crate::geometry::{Mesh, Part, Pose, Table};
+use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
 const MOST_RESELECTIONS: usize = 4;
@@ -38,7 +40,9 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let study = Study { input, params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
     ctx.begin(Stage::Missed)?;
-    let mut outcome = study.conclude(&chosen, ordered, &barred);
+    let takes = motion.as_ref().map(|motion| |view: &Pose<Part, ScannerFrame>| motion.takes(view, ctx));
+    let takes = takes.as_ref().map(|takes| takes as &missed::Takes<'_>);
+    let mut outcome = study.conclude(&chosen, ordered, &barred, occluders, takes, ctx)?;
     if params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }
@@ -91,7 +95,7 @@ impl Prepared {
         params.check().map_err(PlanError::BadParams)?;
         let mut params = resolve(params, input);
         ctx.begin(Stage::Surface)?;
-        let surface = surface::sample(input.mesh, &params.part, &params.regions, params.seed).map_err(PlanError::BadParams)?;
+        let surface = demands::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));

@@ -1,12 +1,14 @@
 //! The result of planning: an immutable value from which every file and every answer is rendered.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
+pub use super::grade::Grade;
+pub use super::missed::{Remedy, RemedyKind, RemedyView};
 use super::params::PlanParams;
 pub use super::robust::{Certificate, Drawn, Independent, Robust};
-pub use super::selection::{StopReason, ViewId};
+pub use super::selection::{Bound, StopReason, ViewId};
 use super::sequence::Sequence;
 use super::stations::Station;
 use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
@@ -32,6 +34,8 @@ pub struct Plan {
     pub missed: Vec<MissedCause>,
     /// Which rule ended the selection.
     pub stopped_because: StopReason,
+    /// How many views, or how much area, the best choice from the same candidates could have.
+    pub bound: Bound,
 }
 
 /// Facts of the planned part.
@@ -75,12 +79,29 @@ pub struct Coverage {
     pub grade_area_mm2: [f64; 4],
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
+    /// What is measured of each region of interest and feature.
+    pub regions: Vec<RegionCoverage>,
     /// What the chosen views measure of samples that they were not chosen on: the figure to trust.
     pub independent: Independent,
     /// The same with poses that are off; with `robust.pose_error`.
     pub robust: Option<Robust>,
     /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
     pub pixel_set_area_mm2: Option<f64>,
+}
+
+/// What is measured of a region, as well as is asked there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RegionCoverage {
+    /// Its name.
+    pub name: String,
+    /// Its asked area.
+    pub asked_area_mm2: f64,
+    /// Of that what some kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// Of that what the chosen views measure.
+    pub measured_area_mm2: f64,
+    /// Share of the asked area that was to be measured.
+    pub target: Option<f64>,
 }
 
 impl Coverage {
@@ -147,34 +168,12 @@ pub struct MissedSpot {
     pub area_mm2: f64,
     /// Area-weighted centre, part frame.
     pub centre_mm: Point3<f64>,
+    /// Size of the box around it along the part's axes, whole patches counted.
+    pub extent_mm: Vector3<f64>,
     /// Faces of the uploaded file that it touches, ascending.
     pub source_faces: Vec<u32>,
-}
-
-/// Grade of a sample from its best chosen view's quality: A > 0.5, B > 0, C > −0.5, D the rest (method §5).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Grade {
-    /// Above 0.5.
-    A,
-    /// Above 0.
-    B,
-    /// Above −0.5.
-    C,
-    /// The rest.
-    D,
-}
-
-impl Grade {
-    /// The grade of a quality c·Q_δ + d·Q_dis.
-    #[must_use]
-    pub fn of(quality: f64) -> Self {
-        match quality {
-            q if q > 0.5 => Self::A,
-            q if q > 0.0 => Self::B,
-            q if q > -0.5 => Self::C,
-            _ => Self::D,
-        }
-    }
+    /// What would cure it; `None` where none was sought: only the largest spots are tried.
+    pub remedy: Option<Remedy>,
 }
 
 /// What became of one sample.

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::params::PlanParams;
-use super::plan::{Coverage, MissedCause, Plan, share};
+use super::plan::{Bound, Cause, Coverage, MissedCause, MissedSpot, Plan, Remedy, share};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::geometry::Pose;
@@ -79,6 +79,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
+    write_bound(out, &plan.bound)?;
     write_views(out, plan)?;
     if let Some(sequence) = &plan.sequence {
         write_sequence(out, sequence)?;
@@ -152,6 +153,14 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     Ok(())
 }
 
+fn write_bound(out: &mut String, bound: &Bound) -> fmt::Result {
+    writeln!(out, "bound: no fewer than {}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+    if let (Some(upper), Some(gap)) = (bound.of_asked_upper, bound.gap_of_asked) {
+        writeln!(out, "bound: no more than {} % of asked, gap {} %", percent(upper), percent(gap))?;
+    }
+    Ok(())
+}
+
 fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
     writeln!(out, "\nviews, in the order chosen: {}", plan.views.len())?;
     for (view, measured_mm2) in plan.views.iter().zip(&plan.coverage.curve_area_mm2) {
@@ -192,7 +201,34 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
             None => writeln!(out)?,
         }
     }
+    write_spots(out, missed)
+}
+
+/// The largest spots of all with what would cure them.
+fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
+    let treated = treated_spots(missed);
+    if !treated.is_empty() {
+        writeln!(out, "\nlargest missed spots, and what was tried and works")?;
+    }
+    for (cause, spot, remedy) in treated {
+        write!(out, "  {:<20} {:>10} mm²", cause.as_str(), fixed(spot.area_mm2, 1))?;
+        let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
+        writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
+        writeln!(out, "       {}", remedy.sentence())?;
+    }
     Ok(())
+}
+
+/// The spots for which a remedy was sought, largest first.
+#[must_use]
+pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy)> {
+    let mut treated: Vec<_> = missed
+        .iter()
+        .flat_map(|missed| missed.spots.iter().map(move |spot| (missed.cause, spot)))
+        .filter_map(|(cause, spot)| spot.remedy.as_ref().map(|remedy| (cause, spot, remedy)))
+        .collect();
+    treated.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
+    treated
 }
 
 fn leg_text(leg: &Leg) -> String {

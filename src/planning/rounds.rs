@@ -119,9 +119,9 @@ impl Rounds<'_> {
             return Ok(Vec::new());
         }
         let rows = among.iter().map(|kept| &considered.table.rows[*kept]).collect();
-        let problem = Problem { rows, asked_area_mm2: area_mm2, total_mm2: area_mm2.iter().sum() };
-        let selection = selection::select(&problem, params, &self.params.score, ctx)?;
-        Ok(selection.choices.iter().map(|choice| among[choice.row]).collect())
+        let problem = Problem::new(rows, area_mm2, area_mm2.iter().sum(), params);
+        let choices = selection::greedily(&problem, params, &self.params.score, ctx)?;
+        Ok(choices.iter().map(|choice| among[choice.row]).collect())
     }
 }
 

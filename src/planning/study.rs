@@ -1,18 +1,22 @@
 //! A part with everything that is known before views are chosen, and the way from chosen views to an [`Outcome`]:
 //! verdict of every sample, coverage with its denominators, causes of what is missed.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
 use super::candidates::{Generated, Rejection};
-use super::context::Context;
+use super::context::{Cancelled, Context};
+use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::missed;
 use super::params::{PlanParams, SelectionParams, TargetOf};
-use super::plan::{CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict, ViewId};
-use super::selection::{self, Problem, Selection};
+use super::plan::{
+    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, StopReason, Verdict, ViewId,
+};
+use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::Ordered;
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
@@ -63,7 +67,7 @@ pub(super) fn asked_area_mm2(surface: &Surface) -> Result<Vec<f64>, PlanError> {
 /// have measured counts too, as it does in the coverable area.
 fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &SelectionParams) -> StopReason {
     /// Sums of areas in another order.
-    const SUM_SLACK: f64 = 1e-9;
+    const SUM_SLACK: f64 = 4e-9;
     let reached = match params.target_of {
         TargetOf::Coverable => coverage.of_coverable(),
         TargetOf::Asked => coverage.of_asked(),
@@ -80,11 +84,43 @@ impl Study<'_> {
     }
 
     fn problem(&self, kept: &[usize]) -> Problem<'_> {
-        Problem {
-            rows: kept.iter().map(|kept| &self.table.rows[*kept]).collect(),
-            asked_area_mm2: &self.asked_area_mm2,
-            total_mm2: self.surface.area_where(|_| true),
+        let scan = &self.params.scan;
+        let total_mm2 = self.surface.area_where(|_| true);
+        let mut problem = Problem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
+        problem.view_secs = scan.settle_secs + scan.capture_secs;
+        let demands = &self.surface.demands;
+        if demands.kinds.len() > 1 {
+            let worth = |(sample, area_mm2): (usize, &f64)| area_mm2 * demands.of(sample).weight;
+            problem.worth_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(worth).collect());
+            problem.goals.extend(self.goals_of_regions(kept));
         }
+        problem
+    }
+
+    /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
+    fn goals_of_regions(&self, kept: &[usize]) -> Vec<Goal<'static>> {
+        let demands = &self.surface.demands;
+        let coverable = coverable(&self.rows_to_choose_by(kept), self.asked_area_mm2.len());
+        let of_coverable = self.params.selection.target_of == TargetOf::Coverable;
+        let counts = |sample: usize| !of_coverable || coverable.holds(sample as u32);
+        let goal = |(number, region): (usize, demands::NamedRegion)| {
+            let holds = |sample: usize| demands.of(sample).regions.contains(&number);
+            let area = |sample: usize| if holds(sample) { self.asked_area_mm2[sample] } else { 0.0 };
+            let area_mm2: Vec<f64> = (0..self.asked_area_mm2.len()).map(area).collect();
+            let whole_mm2: f64 = (0..area_mm2.len()).filter(|sample| counts(*sample)).map(|sample| area_mm2[sample]).sum();
+            Some(Goal { needed_mm2: region.target? * whole_mm2, area_mm2: Cow::Owned(area_mm2) })
+        };
+        demands::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
+    }
+
+    /// What views are chosen by: what they measure as planned, or also with poses that are off.
+    fn rows_to_choose_by(&self, kept: &[usize]) -> Vec<&Row> {
+        let rows = self.robust_rows.as_ref().unwrap_or(&self.table.rows);
+        kept.iter().map(|kept| &rows[*kept]).collect()
+    }
+
+    fn rows(&self, kept: &[usize]) -> Vec<&Row> {
+        kept.iter().map(|kept| &self.table.rows[*kept]).collect()
     }
 
     /// Kept candidates that the cell can use.
@@ -96,9 +132,7 @@ impl Study<'_> {
     /// those measure; see [`stopped_because`] for what is then said of it.
     pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
         let usable: Vec<_> = self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect();
-        let rows = self.robust_rows.as_ref().unwrap_or(&self.table.rows);
-        let problem = Problem { rows: usable.iter().map(|kept| &rows[*kept]).collect(), ..self.problem(&[]) };
-        let selection = selection::select(&problem, &self.params.selection, &self.params.score, ctx)?;
+        let selection = selection::select(&self.problem(&usable), &self.params.selection, &self.params.score, ctx)?;
         if selection.choices.is_empty() && barred.is_empty() {
             return Err(PlanError::NoPlan(self.why_nothing()));
         }
@@ -120,14 +154,26 @@ impl Study<'_> {
     }
 
     /// The outcome of a selection, ordered when there is a cell. `barred` are candidates that were given up for want of
-    /// a path.
-    pub(super) fn conclude(self, chosen: &Chosen, ordered: Option<Ordered>, barred: &BTreeSet<usize>) -> Outcome {
+    /// a path; `occluders` and `takes` are for the remedies of what is missed.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn conclude(
+        self,
+        chosen: &Chosen,
+        ordered: Option<Ordered>,
+        barred: &BTreeSet<usize>,
+        occluders: &visibility::Occluders,
+        takes: Option<&missed::Takes<'_>>,
+        ctx: &Context<'_>,
+    ) -> Result<Outcome, Cancelled> {
         let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| self.candidates_behind(chosen, &o.no_path)).collect();
         let measuring: Vec<Row> =
             chosen.kept.par_iter().map(|kept| if no_path.contains(kept) { Row::default() } else { self.graded(*kept) }).collect();
         let given_up: BTreeSet<usize> = barred.union(&no_path).copied().collect();
         let verdicts = self.verdicts(&measuring, &given_up);
         let coverage = self.coverage(&measuring, &verdicts);
+        let missed = missed::explain(&self.case(&given_up, occluders, takes), &verdicts, ctx)?;
         let plan = Plan {
             part: PartFacts {
                 sha256: self.input.part_sha256.to_owned(),
@@ -138,16 +184,38 @@ impl Study<'_> {
             table_from_part: self.reach.is_some().then_some(self.table_from_part),
             candidates: self.counts(),
             views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
-            missed: missed::spots(self.input.mesh, &self.surface, &verdicts),
+            missed,
             stopped_because: match chosen.selection.stopped_because {
                 ended_by if given_up.is_empty() => ended_by,
                 ended_by => stopped_because(ended_by, &coverage, &self.params.selection),
             },
+            bound: chosen.selection.bound,
             sequence: ordered.map(|ordered| ordered.sequence),
             coverage,
             params: self.params.clone(),
         };
-        Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring, pixel_views: None }
+        Ok(Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring, pixel_views: None })
+    }
+
+    fn case<'c>(
+        &'c self,
+        given_up: &BTreeSet<usize>,
+        occluders: &'c visibility::Occluders,
+        takes: Option<&'c missed::Takes<'c>>,
+    ) -> missed::Case<'c> {
+        let kept = &self.generated.kept;
+        missed::Case {
+            mesh: self.input.mesh,
+            surface: &self.surface,
+            scanner: self.input.scanner,
+            params: self.params,
+            table_from_part: self.table_from_part,
+            occluders,
+            candidates: kept,
+            rows: &self.table.rows,
+            choosable: (0..kept.len()).map(|kept| self.blocked(kept).is_none() && !given_up.contains(&kept)).collect(),
+            takes,
+        }
     }
 
     /// What a kept candidate measures, with its quality.
@@ -207,8 +275,8 @@ impl Study<'_> {
         let mut coverage = Coverage {
             total_area_mm2: self.surface.area_where(|_| true),
             asked_area_mm2: self.surface.area_where(|sample| self.surface.asked[sample]),
-            coverable_area_mm2: self.problem(&self.usable()).coverable_mm2(),
-            optically_coverable_area_mm2: self.problem(&all).coverable_mm2(),
+            coverable_area_mm2: coverable_mm2(&self.rows(&self.usable()), &self.asked_area_mm2),
+            optically_coverable_area_mm2: coverable_mm2(&self.rows(&all), &self.asked_area_mm2),
             ..Coverage::default()
         };
         for (sample, verdict) in verdicts.iter().enumerate() {
@@ -217,6 +285,7 @@ impl Study<'_> {
             }
         }
         coverage.measured_area_mm2 = coverage.grade_area_mm2.iter().sum();
+        coverage.regions = self.regions(verdicts);
         let mut open_mm2 = self.asked_area_mm2.clone();
         let mut covered_mm2 = 0.0;
         for row in measuring {
@@ -224,6 +293,26 @@ impl Study<'_> {
             coverage.curve_area_mm2.push(covered_mm2);
         }
         coverage
+    }
+
+    fn regions(&self, verdicts: &[Verdict]) -> Vec<RegionCoverage> {
+        let named = demands::regions(self.params).into_iter();
+        let mut regions: Vec<_> = named
+            .map(|region| RegionCoverage { name: region.name, target: region.target, ..RegionCoverage::default() })
+            .collect();
+        if regions.is_empty() {
+            return regions;
+        }
+        let coverable = coverable(&self.rows(&self.usable()), self.asked_area_mm2.len());
+        for (sample, verdict) in verdicts.iter().enumerate() {
+            for &region in &self.surface.demands.of(sample).regions {
+                let (region, area_mm2) = (&mut regions[region], self.asked_area_mm2[sample]);
+                region.asked_area_mm2 += area_mm2;
+                region.coverable_area_mm2 += if coverable.holds(sample as u32) { area_mm2 } else { 0.0 };
+                region.measured_area_mm2 += if matches!(verdict, Verdict::Measured(_)) { area_mm2 } else { 0.0 };
+            }
+        }
+        regions
     }
 
     fn counts(&self) -> CandidateCounts {

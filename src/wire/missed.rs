@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::plan::MissedDocument;
+use super::plan::{MissedDocument, RemedyDocument};
 use crate::planning::plan::{MissedCause, MissedSpot, Plan};
 
 /// Schema name that the document carries.
@@ -39,8 +39,12 @@ pub struct SpotDocument {
     pub area_mm2: f64,
     /// Its area-weighted centre, part frame.
     pub centre_mm: [f64; 3],
+    /// Size of the box around it along the part's axes.
+    pub extent_mm: [f64; 3],
     /// Faces of the uploaded file that it touches, ascending.
     pub faces: Vec<u32>,
+    /// What would cure it; `null` where none was sought.
+    pub remedy: Option<RemedyDocument>,
 }
 
 /// The listing of a plan.
@@ -62,6 +66,12 @@ impl From<&MissedCause> for MissedEntry {
 
 impl From<&MissedSpot> for SpotDocument {
     fn from(spot: &MissedSpot) -> Self {
-        Self { area_mm2: spot.area_mm2, centre_mm: spot.centre_mm.into(), faces: spot.source_faces.clone() }
+        Self {
+            area_mm2: spot.area_mm2,
+            centre_mm: spot.centre_mm.into(),
+            extent_mm: spot.extent_mm.into(),
+            faces: spot.source_faces.clone(),
+            remedy: spot.remedy.as_ref().map(RemedyDocument::from),
+        }
     }
 }

@@ -9,7 +9,10 @@ use super::angle::degrees;
 use super::echo::Echo;
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{PlanParams, PoseErrorParams};
-use crate::planning::plan::{Cause, Coverage, Drawn, Independent, MissedCause, Outcome, Plan, PlannedView, Robust};
+use crate::planning::plan::{
+    Bound, Cause, Coverage, Drawn, Independent, MissedCause, MissedSpot, Outcome, Plan, PlannedView, RegionCoverage, Remedy,
+    RemedyView, Robust, share,
+};
 
 /// Schema name that the document carries.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -43,8 +46,8 @@ pub struct PlanDocument {
     pub sequence: Vec<u32>,
     /// What is not measured, by cause.
     pub missed: Vec<MissedDocument>,
-    /// Lower bound on the number of views, where one was computed.
-    pub bound: Option<BoundDocument>,
+    /// How far from the best the chosen views can be.
+    pub bound: BoundDocument,
     /// `target`, `growth`, `max_views` or `no_gain`.
     pub stopped_because: String,
 }
@@ -177,6 +180,9 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
+    /// What is measured of each region of interest and feature.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub regions: Vec<RegionCoverageDocument>,
     /// The same on samples that the views were not chosen on: the figure to trust. Choosing views on a set of samples
     /// reads high on that set. `null` in plans made before it was there.
     #[serde(default)]
@@ -188,6 +194,38 @@ pub struct CoverageDocument {
     /// incidence; with `visibility.pixel_set`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixel_set_of_total: Option<f64>,
+}
+
+/// What is measured of a region, as well as is asked there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct RegionCoverageDocument {
+    /// Its name.
+    pub name: String,
+    /// Its asked area.
+    pub asked_area_mm2: f64,
+    /// Of that what some kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// Measured share of the asked area.
+    pub of_asked: f64,
+    /// Measured share of the coverable area.
+    pub of_coverable: f64,
+    /// Share of the asked area that was to be measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<f64>,
+}
+
+impl From<&RegionCoverage> for RegionCoverageDocument {
+    fn from(region: &RegionCoverage) -> Self {
+        Self {
+            name: region.name.clone(),
+            asked_area_mm2: region.asked_area_mm2,
+            coverable_area_mm2: region.coverable_area_mm2,
+            of_asked: share(region.measured_area_mm2, region.asked_area_mm2),
+            of_coverable: share(region.measured_area_mm2, region.coverable_area_mm2),
+            target: region.target,
+        }
+    }
 }
 
 /// Coverage on a second set of samples, as dense as the first.
@@ -304,18 +342,91 @@ pub struct MissedDocument {
     pub spots: usize,
     /// Centre of the largest spot, part frame.
     pub centre_mm: [f64; 3],
-    /// The cheapest remedy that was tried and works; `null` where none was tried.
-    pub remedy: Option<String>,
+    /// The cheapest remedy for the largest spot that was tried and works, or kind `none`; `null` where none was sought.
+    pub remedy: Option<RemedyDocument>,
+    /// Its spots among the largest of all, for which remedies were sought; the `/missed` listing has every spot.
+    #[serde(default)]
+    pub largest: Vec<TreatedSpotDocument>,
 }
 
-/// Lower bound on the number of views.
+/// A spot with its remedy.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct TreatedSpotDocument {
+    /// Missed area in it.
+    pub area_mm2: f64,
+    /// Its area-weighted centre, part frame.
+    pub centre_mm: [f64; 3],
+    /// Size of the box around it along the part's axes.
+    pub extent_mm: [f64; 3],
+    /// What would cure it.
+    pub remedy: RemedyDocument,
+}
+
+/// The cheapest remedy of a missed spot that was tried and works, or that none does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct RemedyDocument {
+    /// `view` (choose candidates that were left out), `roll`, `tilt`, `standoff`, `setup` (lay the part another way),
+    /// `limit` (raise limits of incidence), or `none`.
+    pub kind: String,
+    /// In a sentence.
+    pub text: String,
+    /// The views that it takes, best first; to apply them, put their poses into `candidates.poses`.
+    pub views: Vec<RemedyViewDocument>,
+    /// What to raise `limits.camera_deg` to, if so.
+    pub camera_deg: Option<f64>,
+    /// What to raise `limits.projector_deg` to, if so.
+    pub projector_deg: Option<f64>,
+    /// Area of the spot that the views together measure.
+    pub area_mm2: f64,
+    /// The same as a share of the spot; a remedy works from 0.5 on.
+    pub of_spot: f64,
+    /// Views that were tried for the spot.
+    pub tried: usize,
+}
+
+/// A view of a remedy.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct RemedyViewDocument {
+    /// The candidate that it was made from.
+    pub candidate: u32,
+    /// Turned about the viewing axis against it.
+    pub roll_deg: f64,
+    /// Angle between the viewing axes of the two.
+    pub tilt_deg: f64,
+    /// Depth of the spot's centre along the viewing axis.
+    pub standoff_mm: f64,
+    /// The view.
+    pub part_from_scanner: PoseSpec,
+    /// Area of the spot that it adds to those before it.
+    pub area_mm2: f64,
+}
+
+/// How far from the best the chosen views can be. The bound is on the candidates that could be chosen, without what is
+/// asked of overlap, time and quality.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct BoundDocument {
-    /// No plan over the same candidates needs fewer views.
+    /// No plan over the same candidates reaches the goals with fewer views; where the plan does not reach one, as much of
+    /// it as the plan measures.
     pub views_lower: u32,
-    /// Views chosen minus `views_lower`.
+    /// Views chosen minus `views_lower`; 0: proved fewest.
     pub gap: u32,
+    /// With `selection.goal` `best_coverage`: no choice of `selection.max_views` views measures a larger share.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of_asked_upper: Option<f64>,
+    /// `of_asked_upper` minus the share that the chosen views measure; 0: proved best.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gap_of_asked: Option<f64>,
+}
+
+impl From<&Bound> for BoundDocument {
+    fn from(bound: &Bound) -> Self {
+        let Bound { views_lower, gap, of_asked_upper, gap_of_asked } = *bound;
+        Self { views_lower, gap, of_asked_upper, gap_of_asked }
+    }
 }
 
 impl PlanDocument {
@@ -341,7 +452,7 @@ impl PlanDocument {
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
             missed: plan.missed.iter().map(MissedDocument::from).collect(),
-            bound: None,
+            bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),
         }
     }
@@ -402,9 +513,10 @@ impl From<&Coverage> for CoverageDocument {
             of_total: coverage.of_total(),
             grades: GradesDocument { a, b, c, d },
             curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
+            regions: coverage.regions.iter().map(RegionCoverageDocument::from).collect(),
             independent: Some(IndependentDocument::from(&coverage.independent)),
             robust: coverage.robust.as_ref().map(RobustDocument::from),
-            pixel_set_of_total: coverage.pixel_set_area_mm2.map(|area_mm2| area_mm2 / coverage.total_area_mm2),
+            pixel_set_of_total: coverage.pixel_set_area_mm2.map(|area_mm2| share(area_mm2, coverage.total_area_mm2)),
         }
     }
 }
@@ -452,12 +564,46 @@ impl From<&PlannedView> for ViewpointDocument {
 
 impl From<&MissedCause> for MissedDocument {
     fn from(missed: &MissedCause) -> Self {
+        let largest = missed.spots.first();
         Self {
             reason: missed.cause.as_str().to_owned(),
             area_mm2: missed.area_mm2,
             spots: missed.spots.len(),
-            centre_mm: missed.spots.first().map_or([0.0; 3], |spot| spot.centre_mm.into()),
-            remedy: None,
+            centre_mm: largest.map_or([0.0; 3], |spot| spot.centre_mm.into()),
+            remedy: largest.and_then(|spot| spot.remedy.as_ref()).map(RemedyDocument::from),
+            largest: missed.spots.iter().filter_map(treated_spot).collect(),
+        }
+    }
+}
+
+fn treated_spot(spot: &MissedSpot) -> Option<TreatedSpotDocument> {
+    spot.remedy.as_ref().map(|remedy| TreatedSpotDocument {
+        area_mm2: spot.area_mm2,
+        centre_mm: spot.centre_mm.into(),
+        extent_mm: spot.extent_mm.into(),
+        remedy: RemedyDocument::from(remedy),
+    })
+}
+
+impl From<&Remedy> for RemedyDocument {
+    fn from(remedy: &Remedy) -> Self {
+        let view = |view: &RemedyView| RemedyViewDocument {
+            candidate: view.candidate.0,
+            roll_deg: degrees(view.roll_rad),
+            tilt_deg: degrees(view.tilt_rad),
+            standoff_mm: view.standoff_mm,
+            part_from_scanner: PoseSpec::from(&view.part_from_scanner),
+            area_mm2: view.area_mm2,
+        };
+        Self {
+            kind: remedy.kind.as_str().to_owned(),
+            text: remedy.sentence(),
+            views: remedy.views.iter().map(view).collect(),
+            camera_deg: remedy.camera_deg,
+            projector_deg: remedy.projector_deg,
+            area_mm2: remedy.area_mm2,
+            of_spot: remedy.of_spot,
+            tried: remedy.tried,
         }
     }
 }

@@ -101,7 +101,8 @@ fn a_candidate_that_measures_nothing_asked_is_dropped_and_nothing_changes() {
 fn re_sampling_around_the_best_measures_no_less_with_no_more_views() {
     let (mesh, scanner) = (pocket(), nominal_scanner());
     let plain = plan_viewpoints(&mesh, &scanner, &params(CandidateParams::ellipsoid()));
-    let iterative = CandidateParams { strategies: vec![Strategy::Ellipsoid, Strategy::Iterative], ..CandidateParams::ellipsoid() };
+    let iterative =
+        CandidateParams { strategies: vec![Strategy::Ellipsoid, Strategy::Iterative], ..CandidateParams::ellipsoid() };
     let outcome = plan_viewpoints(&mesh, &scanner, &params(iterative));
     assert_eq!(outcome.plan.candidates.generated, 54 + 3 * 50);
     assert!(outcome.plan.coverage.coverable_area_mm2 >= plain.plan.coverage.coverable_area_mm2);

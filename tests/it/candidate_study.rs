@@ -106,8 +106,7 @@ fn entry(mesh: &Mesh, candidates: &CandidateParams, limits_deg: (f64, f64), targ
     let table = tabulated(mesh, candidates, limits_deg);
     let instance = fewest::Instance::new(&table.rows, &table.asked_area_mm2);
     let measured = |sample: &usize| table.rows.iter().any(|row| row.holds(*sample as u32));
-    let coverable_mm2: f64 =
-        (0..table.asked_area_mm2.len()).filter(measured).map(|sample| table.asked_area_mm2[sample]).sum();
+    let coverable_mm2: f64 = (0..table.asked_area_mm2.len()).filter(measured).map(|sample| table.asked_area_mm2[sample]).sum();
     let coverable = coverable_mm2 / table.asked_area_mm2.iter().sum::<f64>();
     Entry { candidates: table.rows.len(), coverable, views: instance.fewest(target_mm2).map(|views| views.len()) }
 }

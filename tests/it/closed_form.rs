@@ -2,7 +2,7 @@
 //! of threads.
 
 mod brute_force;
-mod caps;
+pub(crate) mod caps;
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;

@@ -9,6 +9,7 @@ mod http;
 mod inspect_scanner;
 mod kinematics;
 mod meshes;
+mod miss_report;
 mod oracle_coverage;
 mod packet_rays;
 mod plan_command;

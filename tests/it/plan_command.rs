@@ -12,7 +12,12 @@ fn a_doubtful_mesh_is_told_before_planning_and_sigterm_cancels_with_4() {
     std::fs::write(&part, "v 0 0 0\nv 100 0 0\nv 0 100 0\nf 1 2 3\n").expect("a file");
     let out = folder.path().join("out");
     // So many samples and directions that planning lasts.
-    let fine = ["candidates.strategies=[\"ellipsoid\"]", "part.samples_per_mm2=100", "candidates.step_small_deg=2", "candidates.step_large_deg=2"];
+    let fine = [
+        "candidates.strategies=[\"ellipsoid\"]",
+        "part.samples_per_mm2=100",
+        "candidates.step_small_deg=2",
+        "candidates.step_large_deg=2",
+    ];
     let mut child = vantage()
         .args(["plan", &part.display().to_string(), "--unit", "mm", "--cell", "none", "--out", &out.display().to_string()])
         .args(fine.iter().flat_map(|set| ["--set", set]))

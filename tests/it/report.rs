@@ -12,8 +12,8 @@ use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason, Verdict,
-    ViewId,
+    Bound, CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason,
+    Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -97,6 +97,7 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
         grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
             .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
+        regions: Vec::new(),
         pixel_set_area_mm2: None,
         ..Coverage::default()
     }
@@ -110,7 +111,17 @@ fn missed_of(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Missed
             samples.iter().map(|s| surface.sample_mm[*s].coords * surface.sample_area_mm2(*s) / area_mm2).sum();
         let mut source_faces: Vec<u32> = samples.iter().map(|s| mesh.source_face[surface.patch_of(*s).face as usize]).collect();
         source_faces.dedup();
-        MissedCause { cause, area_mm2, spots: vec![MissedSpot { area_mm2, centre_mm: centre.into(), source_faces }] }
+        MissedCause {
+            cause,
+            area_mm2,
+            spots: vec![MissedSpot {
+                area_mm2,
+                centre_mm: centre.into(),
+                extent_mm: Vector3::zeros(),
+                source_faces,
+                remedy: None,
+            }],
+        }
     };
     vec![spot(Cause::ExcludedResting), spot(Cause::ShadowLeft)]
 }
@@ -129,8 +140,10 @@ fn sequence(views: usize) -> Sequence {
 /// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.
 fn sphere_outcome(mesh: &Mesh) -> Outcome {
     let part = PartParams { patch_edge_mm: Some(5.0), samples_per_mm2: Some(0.1), ..PartParams::default() };
-    let regions =
-        RegionParams { exclude: vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }] };
+    let regions = RegionParams {
+        exclude: vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }],
+        ..RegionParams::default()
+    };
     let surface = surface::sample(mesh, &part, &regions, 0).expect("a surface");
     let params = PlanParams { part, regions, ..PlanParams::default() };
     let sides =
@@ -159,6 +172,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         sequence: Some(sequence(sides.len())),
         missed: missed_of(mesh, &surface, &verdicts),
         stopped_because: StopReason::Target,
+        bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },
         coverage,
     };
     Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None }

@@ -216,6 +216,12 @@ impl Lens {
         [left, right, top, bottom]
     }
 
+    /// The smaller of the focal lengths along u and v, pixels.
+    #[must_use]
+    pub fn focal_px(&self) -> f64 {
+        self.fx.abs().min(self.fy.abs())
+    }
+
     /// Full angles of view, along u and v, radians: 2·atan(size / 2f), distortion and principal point aside.
     #[must_use]
     pub fn field_of_view_rad(&self) -> [f64; 2] {

@@ -32,6 +32,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     check_coverage(&document.coverage, &mut findings);
     check_views(document, &mut findings);
     check_missed(document, &mut findings);
+    check_bound(document, &mut findings);
     one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
     if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
         check_stations(document, cell, &expected, &mut findings);
@@ -120,6 +121,18 @@ fn check_curve(coverage: &CoverageDocument, findings: &mut Findings) {
     let of_asked = coverage.of_asked;
     findings
         .require((before - of_asked).abs() <= SHARE, "/coverage/curve", || format!("ends at {before}; of_asked is {of_asked}"));
+}
+
+fn check_bound(document: &PlanDocument, findings: &mut Findings) {
+    let (bound, views) = (&document.bound, document.viewpoints.len());
+    findings.require(u64::from(bound.views_lower) + u64::from(bound.gap) == views as u64, "/bound/gap", || {
+        format!("is {}; viewpoints are {views} and views_lower is {}", bound.gap, bound.views_lower)
+    });
+    for (field, value) in [("of_asked_upper", bound.of_asked_upper), ("gap_of_asked", bound.gap_of_asked)] {
+        if let Some(value) = value {
+            share(format!("/bound/{field}"), value, findings);
+        }
+    }
 }
 
 fn check_views(document: &PlanDocument, findings: &mut Findings) {

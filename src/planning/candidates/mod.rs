@@ -35,7 +35,7 @@ use super::params::{CandidateParams, Strategy};
 use super::surface::Surface;
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
-use aim::{Aim, views_of_an_aim};
+use aim::{Aim, Placed, views_of_an_aim};
 
 pub use label::Label;
 pub use targeted::Open;
@@ -175,7 +175,10 @@ pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) 
         });
     }
     refuse_too_many((aims.len() + iterative::count(params)).saturating_mul(views_of_an_aim(params)), scope)?;
-    Ok(judged(scope, params, &aims, ctx)?)
+    let mut placed = aim::place(scope, &aims, params, ctx)?;
+    refuse_too_many(placed.len() + params.poses.len(), scope)?;
+    placed.extend(params.poses.iter().map(|given| given_pose(scope, &given.pose())));
+    Ok(filter::judge(scope, params, placed, ctx)?)
 }
 
 /// Random viewpoints around `best`, the best so far, nearer with every round; around the part while there are none.
@@ -212,6 +215,13 @@ pub fn aimed_at_open(
 fn judged(scope: &Scope<'_>, params: &CandidateParams, aims: &[Aim], ctx: &Context<'_>) -> Result<Generated, Cancelled> {
     let placed = aim::place(scope, aims, params, ctx)?;
     filter::judge(scope, params, placed, ctx)
+}
+
+/// A pose that the job gives.
+fn given_pose(scope: &Scope<'_>, part_from_scanner: &Pose<Part, ScannerFrame>) -> Placed {
+    let from_centre = part_from_scanner.origin_mm() - scope.surface.centre_mm;
+    let label = Label::of_direction(&scope.table_from_part.direction(&from_centre));
+    (scope.table_from_part * *part_from_scanner, label)
 }
 
 fn refuse_too_many(candidates: usize, scope: &Scope<'_>) -> Result<(), PlanError> {

@@ -271,10 +271,12 @@ fn reach_needs_a_cell_and_keeps_what_the_arm_takes() {
 #[test]
 fn re_sampling_stays_around_the_best_and_closes_in() {
     let (mesh, scanner, flag) = (box_mesh([0.0; 3], [100.0, 80.0, 60.0]), nominal_scanner(), AtomicBool::new(false));
-    let surface = sample(&mesh, &PartParams::default(), &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let surface =
+        sample(&mesh, &PartParams::default(), &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let (scope, ctx) = (scope(&mesh, &surface, &scanner), Context::new(&flag, &Silent));
     let params = CandidateParams { standoff: Standoff::Centre, ..only(Strategy::Iterative) };
-    let best = poses(&generated([100.0, 80.0, 60.0], &CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() }));
+    let best =
+        poses(&generated([100.0, 80.0, 60.0], &CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() }));
     let widest_turn_deg = |round: u32| {
         let around = around_best(&scope, &params, &best[..2], round, &ctx).unwrap_or_else(|_| unreachable!());
         assert_eq!(around.generated, 50);

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::cell::Findings;
+use crate::cell::{Findings, PoseSpec};
 
 /// A scheme that generates candidates. Those of all schemes that are named are joined, in the order named; `iterative`
 /// and `targeted` build on what the others measure, and so come after them.
@@ -121,6 +121,9 @@ pub struct CandidateParams {
     pub hemisphere: Option<Hemisphere>,
     /// Default `surface`.
     pub standoff: Standoff,
+    /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own; at most
+    /// 10 000. Default none.
+    pub poses: Vec<PoseSpec>,
 }
 
 impl Default for CandidateParams {
@@ -143,6 +146,7 @@ impl Default for CandidateParams {
             standoffs_mm: vec![0.0],
             hemisphere: None,
             standoff: Standoff::Surface,
+            poses: Vec::new(),
         }
     }
 }
@@ -162,7 +166,8 @@ impl CandidateParams {
 
     /// Checks every range.
     pub(super) fn check(&self, findings: &mut Findings) {
-        findings.require(!self.strategies.is_empty(), "/candidates/strategies", || "is empty; name at least one".into());
+        let none = self.strategies.is_empty() && self.poses.is_empty();
+        findings.require(!none, "/candidates/strategies", || "is empty; name at least one, or give candidates.poses".into());
         findings.range("/candidates/step_small_deg", self.step_small_deg, 1.0, 90.0, "°");
         findings.range("/candidates/step_large_deg", self.step_large_deg, 1.0, 180.0, "°");
         for (name, count, least, most) in self.counts() {

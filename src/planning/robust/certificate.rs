@@ -10,12 +10,13 @@ use nalgebra::{Point3, UnitQuaternion};
 
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::demands;
 use crate::planning::error::PlanError;
 use crate::planning::input::PlanInput;
 use crate::planning::params::{Objective, PlanParams, PoseErrorParams};
 use crate::planning::plan::{PlannedView, share};
 use crate::planning::random::{Stream, split_mix};
-use crate::planning::surface::{self, Surface};
+use crate::planning::surface::Surface;
 use crate::planning::visibility::{self, Occluders, SampleSet};
 
 /// Names of the streams of random numbers.
@@ -137,7 +138,7 @@ pub(in crate::planning) fn certify(
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
     let second = Second::new(input, params, settings)?;
-    let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.quietly())?;
+    let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.silent())?;
     let (samples, total_area_mm2) = (second.asked_area_mm2.len(), second.surface.area_where(|_| true));
     let independent = Independent { samples, asked_area_mm2: second.asked_mm2, total_area_mm2, measured_area_mm2 };
     let robust = params.robust.pose_error.map(|error| second.robust(error, independent.of_asked(), ctx)).transpose()?;
@@ -160,7 +161,7 @@ impl<'a> Second<'a> {
         let mut params = params.clone();
         params.selection.objective = Objective::Coverage;
         let seed = split_mix(params.seed ^ SECOND_SAMPLES);
-        let surface = surface::sample(input.mesh, &params.part, &params.regions, seed).map_err(PlanError::BadParams)?;
+        let surface = demands::sampled(input.mesh, &params, seed).map_err(PlanError::BadParams)?;
         let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
         let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area_mm2).collect();
         let asked_mm2 = asked_area_mm2.iter().sum();
@@ -209,7 +210,7 @@ impl<'a> Second<'a> {
         moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
         ctx: &Context<'_>,
     ) -> Result<f64, Cancelled> {
-        Ok(share(self.measured_mm2(moved, &ctx.quietly())?, self.asked_mm2))
+        Ok(share(self.measured_mm2(moved, &ctx.silent())?, self.asked_mm2))
     }
 }
 

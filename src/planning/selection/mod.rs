@@ -1,25 +1,64 @@
-//! Table to chosen views (thesis §3.3, method §5): the greedy rule and every rule that ends it.
+//! Table to chosen views (thesis §3.3, method §5): the greedy rule and every rule that ends it, solvers that need fewer
+//! views, and the bound that tells how many fewer there could be.
+//!
+//! `greedy` and `lazy` make the same choices; `local` exchanges views; `certified` adds branch and bound. Every one of
+//! them comes with a [`Bound`]. All are limited by work, never by a clock, and give the same on any number of threads.
 
+mod bound;
+mod branch;
+mod certified;
+mod classes;
 mod greedy;
+mod lazy;
+mod local;
+mod multipliers;
+mod overlap;
+mod polish;
+mod relaxation;
+mod score;
 #[cfg(test)]
 mod tests;
+mod units;
+
+use std::borrow::Cow;
 
 use super::context::{Cancelled, Context};
-use super::params::{ScoreParams, SelectionParams, Solver, TargetOf};
+use super::params::{ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::visibility::{Row, SampleSet};
+
+pub use bound::Bound;
 
 /// Dense number of a chosen view, in the order chosen, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ViewId(pub u32);
 
-/// What views are chosen from.
+/// Seconds that the cell needs from the view of one row to that of another.
+pub type TravelSecs<'a> = &'a (dyn Fn(usize, usize) -> f64 + Sync);
+
+/// What views are chosen from, and for what.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// Rows of the candidates that may be chosen, ascending by candidate number.
     pub rows: Vec<&'a Row>,
     /// Area that each sample stands for, mm²; 0 for samples that are not asked for.
     pub asked_area_mm2: &'a [f64],
-    /// Area of the whole surface, mm².
-    pub total_mm2: f64,
+    /// What each sample counts in the score, mm²: its asked area times a weight.
+    pub worth_mm2: Cow<'a, [f64]>,
+    /// What must be measured; all of them. The first is the plan's own target.
+    pub goals: Vec<Goal<'a>>,
+    /// Time that a view takes beside the travel to it.
+    pub view_secs: f64,
+    /// Travel between two rows' views; `None` counts none.
+    pub travel_secs: Option<TravelSecs<'a>>,
+}
+
+/// An area of which enough must be measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Goal<'a> {
+    /// Area that each sample counts for, mm²; 0 for samples that do not count.
+    pub area_mm2: Cow<'a, [f64]>,
+    /// How much of it must be measured, mm².
+    pub needed_mm2: f64,
 }
 
 /// One choice.
@@ -29,7 +68,7 @@ pub struct Choice {
     pub row: usize,
     /// Asked area that it added, mm².
     pub gain_mm2: f64,
-    /// Its score when chosen, mm²: G_v, or plain area.
+    /// Its score when chosen, mm²: G_v, or plain area, less what its time costs.
     pub score: f64,
 }
 
@@ -65,13 +104,21 @@ impl StopReason {
     }
 }
 
-/// Chosen views, in the order chosen.
+/// Chosen views, in the order chosen, and how far from the best they can be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selection {
     /// The choices.
     pub choices: Vec<Choice>,
     /// The rule that ended it.
     pub stopped_because: StopReason,
+    /// How many views, or how much area, the best choice could have.
+    pub bound: Bound,
+}
+
+/// Views without their bound.
+pub(in crate::planning) struct Chosen {
+    choices: Vec<Choice>,
+    stopped_because: StopReason,
 }
 
 /// Chooses views.
@@ -84,18 +131,42 @@ pub fn select(
     score: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    match params.solver {
-        Solver::Greedy => greedy::select(problem, params, score, ctx),
-    }
+    let chosen = match params.solver {
+        Solver::Greedy => greedy::select(problem, params, score, ctx)?,
+        Solver::Lazy => lazy::select(problem, params, score, ctx)?,
+        Solver::Local => local::select(problem, params, score, ctx)?,
+        Solver::Certified => return certified::select(problem, params, score, ctx),
+    };
+    let bound = bound::quick(problem, params, &chosen, ctx)?;
+    Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
 }
 
-impl Problem<'_> {
-    /// Asked area that at least one row measures.
+/// The choices of greedy, without a bound.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(in crate::planning) fn greedily(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    score: &ScoreParams,
+    ctx: &Context<'_>,
+) -> Result<Vec<Choice>, Cancelled> {
+    Ok(greedy::select(problem, params, score, ctx)?.choices)
+}
+
+impl<'a> Problem<'a> {
+    /// The plan's own target alone: samples count by their asked area, and time costs nothing. `total_mm2` is the area
+    /// of the whole surface.
     #[must_use]
-    pub fn coverable_mm2(&self) -> f64 {
-        let mut coverable = SampleSet::none_of(self.asked_area_mm2.len());
-        self.rows.iter().for_each(|row| coverable.insert_all(row.measured()));
-        coverable.iter().map(|sample| self.asked_area_mm2[sample as usize]).sum()
+    pub fn new(rows: Vec<&'a Row>, asked_area_mm2: &'a [f64], total_mm2: f64, params: &SelectionParams) -> Self {
+        let whole_mm2 = match params.target_of {
+            TargetOf::Coverable => coverable_mm2(&rows, asked_area_mm2),
+            TargetOf::Asked => asked_area_mm2.iter().sum(),
+            TargetOf::Total => total_mm2,
+        };
+        let target = Goal { area_mm2: Cow::Borrowed(asked_area_mm2), needed_mm2: params.target * whole_mm2 };
+        let worth_mm2 = Cow::Borrowed(asked_area_mm2);
+        Self { rows, asked_area_mm2, worth_mm2, goals: vec![target], view_secs: 0.0, travel_secs: None }
     }
 
     /// Asked area.
@@ -103,13 +174,27 @@ impl Problem<'_> {
     pub fn asked_mm2(&self) -> f64 {
         self.asked_area_mm2.iter().sum()
     }
+}
 
-    fn target_mm2(&self, params: &SelectionParams) -> f64 {
-        let whole_mm2 = match params.target_of {
-            TargetOf::Coverable => self.coverable_mm2(),
-            TargetOf::Asked => self.asked_mm2(),
-            TargetOf::Total => self.total_mm2,
-        };
-        params.target * whole_mm2
-    }
+/// Those of so many samples that at least one of `rows` measures.
+#[must_use]
+pub fn coverable(rows: &[&Row], samples: usize) -> SampleSet {
+    let mut coverable = SampleSet::none_of(samples);
+    rows.iter().for_each(|row| coverable.insert_all(row.measured()));
+    coverable
+}
+
+/// Asked area that at least one of `rows` measures.
+#[must_use]
+pub fn coverable_mm2(rows: &[&Row], asked_area_mm2: &[f64]) -> f64 {
+    coverable(rows, asked_area_mm2.len()).iter().map(|sample| asked_area_mm2[sample as usize]).sum()
+}
+
+/// Views that may be chosen.
+fn most_views(params: &SelectionParams) -> usize {
+    params.max_views.map_or(usize::MAX, |views| views as usize)
+}
+
+fn is_for_coverage(params: &SelectionParams) -> bool {
+    params.goal == SelectionGoal::BestCoverage
 }

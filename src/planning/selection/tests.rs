@@ -1,3 +1,5 @@
+mod optima;
+
 use std::sync::atomic::AtomicBool;
 
 use proptest::prelude::*;
@@ -12,8 +14,12 @@ fn row(samples: &[u32], quality: f32) -> Row {
 
 fn chosen(rows: &[Row], params: &SelectionParams, score: &ScoreParams) -> Selection {
     let area = vec![1.0; 10];
-    let problem = Problem { rows: rows.iter().collect(), asked_area_mm2: &area, total_mm2: 10.0 };
-    select(&problem, params, score, &Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|_| unreachable!())
+    let problem = Problem::new(rows.iter().collect(), &area, 10.0, params);
+    solved(&problem, params, score)
+}
+
+fn solved(problem: &Problem<'_>, params: &SelectionParams, score: &ScoreParams) -> Selection {
+    select(problem, params, score, &Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|_| unreachable!())
 }
 
 fn coverage() -> SelectionParams {
@@ -100,12 +106,14 @@ proptest! {
         };
         let rows: Vec<Row> = runs.iter().map(row).collect();
         let area: Vec<f64> = areas.iter().map(|area| f64::from(*area)).collect();
-        let problem = Problem { rows: rows.iter().collect(), asked_area_mm2: &area, total_mm2: 1e9 };
         let objective = if quality_weight > 0.0 { Objective::Score } else { Objective::Coverage };
         let params = SelectionParams { objective, target: 1.0, target_of: TargetOf::Total, min_growth: 0.0, ..SelectionParams::default() };
         let weights = ScoreParams { a: 1.0, b: quality_weight, ..ScoreParams::default() };
-        let chosen = select(&problem, &params, &weights, &Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|_| unreachable!());
+        let problem = Problem::new(rows.iter().collect(), &area, 1e9, &params);
+        let chosen = solved(&problem, &params, &weights);
         let plain = plain_greedy(&rows, &area, quality_weight);
+        let lazy = SelectionParams { solver: Solver::Lazy, ..params };
+        prop_assert_eq!(&solved(&problem, &lazy, &weights), &chosen);
         prop_assert_eq!(rows_of(&chosen), plain.iter().map(|choice| choice.0).collect::<Vec<_>>());
         for (choice, (_, score)) in chosen.choices.iter().zip(plain) {
             prop_assert!((choice.score - score).abs() < 1e-9 * score.abs().max(1.0));

@@ -8,7 +8,7 @@ use crate::planning::input::PlanInput;
 use crate::planning::params::{PlanParams, ScoreParams, SelectionParams, Solver, TargetOf};
 use crate::planning::pipeline::{Tabulated, tabulate};
 use crate::planning::plan::share;
-use crate::planning::selection::{self, Problem};
+use crate::planning::selection::{self, Problem, coverable_mm2};
 use crate::planning::visibility::{self, Row};
 
 /// See the module.
@@ -39,7 +39,6 @@ impl Ground {
     ) -> Result<Series, PlanError> {
         ctx.begin(Stage::Selection)?;
         let (table, total_mm2) = (&self.table, self.table.surface.area_where(|_| true));
-        let problem = Problem { rows: table.rows.iter().collect(), asked_area_mm2: &table.asked_area_mm2, total_mm2 };
         let params = SelectionParams {
             solver: Solver::Greedy,
             target: 1.0,
@@ -47,13 +46,14 @@ impl Ground {
             max_views: Some(most_views),
             ..case.params.selection.clone()
         };
+        let problem = Problem::new(table.rows.iter().collect(), &table.asked_area_mm2, total_mm2, &params);
         let chosen = selection::select(&problem, &params, &case.params.score, ctx)?;
         let graded = |row: usize| {
             let pose = &table.candidates[row].part_from_scanner;
             visibility::grade(&table.surface, pose, input.scanner, &case.params, &table.rows[row])
         };
         let graded: Vec<Row> = chosen.choices.iter().map(|choice| graded(choice.row)).collect();
-        let coverable_mm2 = problem.coverable_mm2();
+        let coverable_mm2 = coverable_mm2(&problem.rows, problem.asked_area_mm2);
         Ok(Series {
             label: case.label.clone(),
             settings: case.settings.clone(),

@@ -6,13 +6,17 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::params::{PartParams, Region, RegionParams};
+use super::demands::Demands;
+use super::params::{PartParams, RegionParams};
 use super::random::split_mix;
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
+mod region_finder;
 #[cfg(test)]
 mod tests;
+
+pub(super) use region_finder::RegionFinder;
 
 /// Default patch edge as a share of the bounding box's diagonal.
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
@@ -64,6 +68,8 @@ pub struct Surface {
     pub sample_patch: Vec<PatchId>,
     /// Whether each sample is asked for.
     pub asked: Vec<bool>,
+    /// What is asked of those that are.
+    pub demands: Demands,
 }
 
 impl Surface {
@@ -103,7 +109,12 @@ pub fn sample(mesh: &Mesh, params: &PartParams, regions: &RegionParams, seed: u6
     let params = resolve(params, mesh);
     let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
     refuse_too_many(mesh, edge_mm, density)?;
-    let excluded = Excluded::new(mesh, regions)?;
+    let excluded = regions
+        .exclude
+        .iter()
+        .enumerate()
+        .map(|(index, region)| RegionFinder::new(mesh, region, &format!("/regions/exclude/{index}")))
+        .collect::<Result<Vec<_>, _>>()?;
     let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
     let mut stack = Vec::new();
     for face in 0..mesh.faces.len() {
@@ -117,7 +128,10 @@ pub fn sample(mesh: &Mesh, params: &PartParams, regions: &RegionParams, seed: u6
         }
     }
     surface.asked = (0..surface.sample_mm.len())
-        .map(|sample| !excluded.holds(mesh.source_face[surface.patch_of(sample).face as usize], &surface.sample_mm[sample]))
+        .map(|sample| {
+            let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
+            !excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample]))
+        })
         .collect();
     Ok(surface)
 }
@@ -190,55 +204,4 @@ fn stratified_point(corners: &[Point3<f64>; 3], patch: u32, index: u32, seed: u6
     let root = s.sqrt();
     let [a, b, c] = corners.map(|corner| corner.coords);
     Point3::from(a * (1.0 - root) + b * (root * (1.0 - t)) + c * (root * t))
-}
-
-/// The regions that are not asked for.
-struct Excluded<'a> {
-    source_faces: std::collections::HashSet<u32>,
-    regions: &'a [Region],
-}
-
-impl<'a> Excluded<'a> {
-    fn new(mesh: &Mesh, params: &'a RegionParams) -> Result<Self, Vec<FieldError>> {
-        let mut source_faces = std::collections::HashSet::new();
-        let faces_in_file = mesh.source_face.last().map_or(0, |last| last + 1);
-        for (index, region) in params.exclude.iter().enumerate() {
-            match region {
-                Region::Faces { faces } => {
-                    if let Some(beyond) = faces.iter().find(|face| **face >= faces_in_file) {
-                        return Err(vec![FieldError {
-                            pointer: format!("/regions/exclude/{index}/faces"),
-                            detail: format!("names face {beyond}; the file's faces are 0 to {}", faces_in_file.saturating_sub(1)),
-                        }]);
-                    }
-                    source_faces.extend(faces);
-                }
-                Region::Name { name } => source_faces.extend(named_group(mesh, name, index)?),
-                Region::Box { .. } | Region::Sphere { .. } | Region::HalfSpace { .. } => {}
-            }
-        }
-        Ok(Self { source_faces, regions: &params.exclude })
-    }
-
-    fn holds(&self, source_face: u32, p: &Point3<f64>) -> bool {
-        self.source_faces.contains(&source_face)
-            || self.regions.iter().any(|region| match region {
-                Region::Box { min_mm, max_mm } => (0..3).all(|axis| min_mm[axis] <= p[axis] && p[axis] <= max_mm[axis]),
-                Region::Sphere { centre_mm, radius_mm } => (p - Point3::from(*centre_mm)).norm() <= *radius_mm,
-                Region::HalfSpace { point_mm, normal } => (p - Point3::from(*point_mm)).dot(&Vector3::from(*normal)) <= 0.0,
-                Region::Faces { .. } | Region::Name { .. } => false,
-            })
-    }
-}
-
-fn named_group<'m>(mesh: &'m Mesh, name: &str, index: usize) -> Result<&'m [u32], Vec<FieldError>> {
-    mesh.groups.iter().find(|group| group.name == name).map(|group| group.source_faces.as_slice()).ok_or_else(|| {
-        let known: Vec<_> = mesh.groups.iter().map(|group| group.name.as_str()).take(20).collect();
-        let known = if known.is_empty() {
-            "the file has no named groups".to_owned()
-        } else {
-            format!("the file's groups are {}", known.join(", "))
-        };
-        vec![FieldError { pointer: format!("/regions/exclude/{index}/name"), detail: format!("is {name:?}; {known}") }]
-    })
 }

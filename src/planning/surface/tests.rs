@@ -1,3 +1,4 @@
+use crate::planning::params::Region;
 use nalgebra::{Point3, Vector3};
 
 use super::*;
@@ -18,7 +19,7 @@ fn params(edge_mm: f64, density: f64) -> PartParams {
 }
 
 fn sampled(edge_mm: f64, density: f64, regions: &[Region]) -> Surface {
-    let regions = RegionParams { exclude: regions.to_vec() };
+    let regions = RegionParams { exclude: regions.to_vec(), ..RegionParams::default() };
     sample(&plate(), &params(edge_mm, density), &regions, 7).unwrap_or_else(|errors| panic!("{errors:?}"))
 }
 
@@ -79,7 +80,7 @@ fn every_kind_of_region_is_left_out() {
 #[test]
 fn unknown_faces_groups_and_absurd_densities_are_refused_by_name() {
     let refused = |params: PartParams, region: Option<Region>| {
-        let regions = RegionParams { exclude: region.into_iter().collect() };
+        let regions = RegionParams { exclude: region.into_iter().collect(), ..RegionParams::default() };
         match sample(&plate(), &params, &regions, 0) {
             Err(errors) => errors[0].to_string(),
             Ok(_) => "accepted".into(),

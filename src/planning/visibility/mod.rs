@@ -12,6 +12,8 @@ mod sample_set;
 mod tests;
 mod view;
 
+use rayon::prelude::*;
+
 use super::cause::Cause;
 use super::context::{Cancelled, Context};
 use super::params::{Engine, Objective, PlanParams};
@@ -19,6 +21,7 @@ use super::surface::Surface;
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame};
 
+pub(super) use rays::Probe;
 pub use row::{QualityScale, Row};
 pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
@@ -108,17 +111,53 @@ pub fn cast(
     params: &PlanParams,
     ctx: &Context<'_>,
 ) -> Result<Table, Cancelled> {
-    let (optics, kept_quality) = (Optics::new(scanner, params), kept_quality(params));
-    match params.visibility.engine {
-        Engine::Raster => raster::cast(surface, &raster::Views { poses: views, usable }, &optics, kept_quality, occluders, ctx),
-        Engine::Rays => rays::cast(surface, views, &optics, kept_quality, &occluders.rays, ctx),
+    let (optics, kept_quality) = (Optics::new(scanner, params, &surface.demands), kept_quality(params, surface));
+    let hold = surface.demands.any_hold_to_quality();
+    // What some usable view measures is not yet known to be measured well.
+    let all = vec![true; views.len()];
+    let usable = if hold { &all } else { usable };
+    let mut table = match params.visibility.engine {
+        Engine::Raster => raster::cast(surface, &raster::Views { poses: views, usable }, &optics, kept_quality, occluders, ctx)?,
+        Engine::Rays => rays::cast(surface, views, &optics, kept_quality, &occluders.rays, ctx)?,
+    };
+    if hold {
+        hold_to_quality(&mut table, surface, views, &optics, ctx)?;
     }
+    Ok(table)
+}
+
+/// Takes out of the rows what is not measured as well as is asked.
+fn hold_to_quality(
+    table: &mut Table,
+    surface: &Surface,
+    views: &[Pose<Part, ScannerFrame>],
+    optics: &Optics,
+    ctx: &Context<'_>,
+) -> Result<(), Cancelled> {
+    let held = table.rows.par_iter().zip(views).map(|(row, pose)| {
+        ctx.check()?;
+        let view = optics.at(pose);
+        Ok(row.retained(|sample, quality| {
+            let normal = &surface.patch_of(sample).normal;
+            view.suffices(&surface.sample_mm[sample], normal, quality, surface.demands.kind(sample))
+        }))
+    });
+    let held = held.collect::<Result<Vec<_>, Cancelled>>()?;
+    for (row, held) in table.rows.iter().zip(&held) {
+        // The last cause that a view's optics can give: no other view gets further.
+        let mut lost = row.measured().clone();
+        lost.remove_all(held.measured());
+        lost.iter().for_each(|sample| table.furthest[sample as usize] = Cause::BelowGrade);
+    }
+    table.rows = held;
+    Ok(())
 }
 
 /// The scale of the quality in a table's rows; `None` where nothing is chosen by quality: that of the few chosen views is
 /// then computed by [`grade`].
-fn kept_quality(params: &PlanParams) -> Option<QualityScale> {
-    let wanted = params.selection.objective == Objective::Score && params.score.b > 0.0;
+fn kept_quality(params: &PlanParams, surface: &Surface) -> Option<QualityScale> {
+    let chosen_by = params.selection.objective == Objective::Score && params.score.b > 0.0;
+    let wanted = chosen_by || surface.demands.any_hold_to_quality();
     wanted.then(|| QualityScale::of(&params.score))
 }
 
@@ -129,7 +168,7 @@ pub fn grade(surface: &Surface, pose: &Pose<Part, ScannerFrame>, scanner: &Scann
     if row.quality().is_some() {
         return row.clone();
     }
-    let (optics, scale) = (Optics::new(scanner, params), QualityScale::of(&params.score));
+    let (optics, scale) = (Optics::new(scanner, params, &surface.demands), QualityScale::of(&params.score));
     let view = optics.at(pose);
     let step = |sample: u32| {
         let sample = sample as usize;

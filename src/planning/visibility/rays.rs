@@ -3,6 +3,7 @@
 //!
 //! Cost: at most 3 rays a sample and view, about 1 µs each on a mesh of 10⁵ triangles.
 
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::Table;
@@ -30,7 +31,7 @@ pub(super) fn cast(
     let mut furthest = vec![Cause::Facing; surface.sample_mm.len()];
     let mut rows = Vec::with_capacity(poses.len());
     for pose in poses {
-        let caster = Caster { surface, view: optics.at(pose), kept_quality, scene };
+        let caster = Caster { surface, probe: Probe::new(optics, pose, scene), kept_quality };
         rows.push(caster.cast(&mut furthest, ctx)?);
         ctx.progress(rows.len(), poses.len());
     }
@@ -40,9 +41,47 @@ pub(super) fn cast(
 /// One view, ready for many samples.
 struct Caster<'a> {
     surface: &'a Surface,
-    view: View<'a>,
+    probe: Probe<'a>,
     kept_quality: Option<QualityScale>,
+}
+
+/// One viewpoint held against single points: what this engine asks of every sample, and others of a few.
+pub(in crate::planning) struct Probe<'a> {
+    view: View<'a>,
     scene: &'a RayScene,
+}
+
+impl<'a> Probe<'a> {
+    pub(in crate::planning) fn new(optics: &'a Optics, pose: &Pose<Part, ScannerFrame>, scene: &'a RayScene) -> Self {
+        Self { view: optics.at(pose), scene }
+    }
+
+    /// The first step at which a point fails that has this unit normal and kind of demand; else its quality.
+    pub(in crate::planning) fn measure(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+        let quality = self.seen(p, normal, kind)?;
+        if self.view.suffices(p, normal, quality, kind) { Ok(quality) } else { Err(Cause::BelowGrade) }
+    }
+
+    /// The same, however well it is measured.
+    fn seen(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+        let quality = self.before_shadow(p, normal, kind)?;
+        for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
+            if self.scene.blocked(centre, p, RAY_END_SHARE) {
+                return Err(cause);
+            }
+        }
+        Ok(quality)
+    }
+
+    /// The same but for the shadows, which cost a ray each.
+    pub(in crate::planning) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+        self.view.before_shadow(p, normal, kind)
+    }
+
+    /// The angle at which the left camera, the right camera and the projector see a point.
+    pub(in crate::planning) fn incidence_rad(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> [f64; 3] {
+        self.view.centres_mm.map(|centre| normal.angle(&(centre - p)))
+    }
 }
 
 /// Words of a row, and the steps of quality that belong to their bits.
@@ -89,13 +128,7 @@ impl Caster<'_> {
     }
 
     fn measure(&self, sample: usize) -> Result<f32, Cause> {
-        let p = &self.surface.sample_mm[sample];
-        let quality = self.view.before_shadow(p, &self.surface.patch_of(sample).normal)?;
-        for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
-            if self.scene.blocked(centre, p, RAY_END_SHARE) {
-                return Err(cause);
-            }
-        }
-        Ok(quality)
+        let normal = &self.surface.patch_of(sample).normal;
+        self.probe.seen(&self.surface.sample_mm[sample], normal, self.surface.demands.kind(sample))
     }
 }

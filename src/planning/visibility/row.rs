@@ -156,6 +156,21 @@ impl Row {
             .flat_map(|(scale, steps)| self.samples().zip(steps).map(move |(sample, step)| (sample, scale.quality(*step))))
     }
 
+    /// The samples that `keep` accepts, with their quality. Nothing is left of a row without quality.
+    #[must_use]
+    pub fn retained(&self, keep: impl Fn(usize, f32) -> bool) -> Self {
+        let Some((scale, steps)) = self.quality() else { return Self::default() };
+        let mut measured = SampleSet::from_words(vec![0; self.words().len()]);
+        let mut kept = Vec::with_capacity(steps.len());
+        for (sample, step) in self.samples().zip(steps) {
+            if keep(sample as usize, scale.quality(*step)) {
+                measured.insert(sample);
+                kept.push(*step);
+            }
+        }
+        Self::new(measured.into_words()).with_quality(kept, scale)
+    }
+
     /// For each patch the share of its area that the view measures, 0 to 1.
     #[must_use]
     pub fn measured_fraction(&self, surface: &Surface) -> Vec<f32> {

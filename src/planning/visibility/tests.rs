@@ -6,7 +6,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::geometry::Mesh;
 use crate::planning::context::Silent;
-use crate::planning::params::{PartParams, RegionParams};
+use crate::planning::demands::Demands;
+use crate::planning::grade::Grade;
+use crate::planning::params::{FeatureParams, InterestParams, NoiseParams, PartParams, Region, RegionParams};
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
 
@@ -161,4 +163,91 @@ fn cancelling_ends_it() {
         &Context::new(&flag, &Silent),
     );
     assert!(result.is_err());
+}
+
+/// Of a plate at best focus, straight below, measured with what `features` and `interest` ask everywhere, by each engine.
+fn plate_area_held_mm2(change: impl Fn(&mut PlanParams)) -> f64 {
+    let mesh = box_mesh([-150.0, -100.0, -5.0], [150.0, 100.0, 0.0]);
+    let mut params = PlanParams::default();
+    change(&mut params);
+    let mut surface = sampled(&mesh, 1.0);
+    surface.demands = Demands::new(&mesh, &surface, &params).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let [area_mm2, reference_mm2] = [Engine::Raster, Engine::Rays].map(|engine| {
+        params.visibility.engine = engine;
+        top_area_mm2(&surface, &table(&mesh, &surface, &[looking_down(480.0)], &params).rows[0])
+    });
+    assert!((area_mm2 - reference_mm2).abs() < 1e-9, "{area_mm2} by depth maps, {reference_mm2} by rays");
+    area_mm2
+}
+
+fn everywhere() -> Region {
+    Region::Box { min_mm: [-1e3; 3], max_mm: [1e3; 3] }
+}
+
+/// Straight below the viewpoint the noise is least, and σ_F · r / F where r is the distance: a limit leaves a disc.
+#[test]
+fn a_limit_of_noise_or_spacing_leaves_a_disc() {
+    const RADIUS_MM: f64 = 60.0;
+    let cos = 480.0 / 480.0_f64.hypot(RADIUS_MM);
+    let disc_mm2 = std::f64::consts::PI * RADIUS_MM * RADIUS_MM;
+    let feature = |tolerance_mm, point_spacing_mm| FeatureParams {
+        name: None,
+        region: everywhere(),
+        tolerance_mm,
+        point_spacing_mm,
+        target: None,
+    };
+    let noise = NoiseParams::default();
+    let tolerance_mm = 4.0 * noise.best_mm / cos / noise.budget;
+    let by_noise_mm2 = plate_area_held_mm2(|params| params.regions.features = vec![feature(tolerance_mm, None)]);
+    assert!((by_noise_mm2 / disc_mm2 - 1.0).abs() < 0.02, "{by_noise_mm2} of {disc_mm2}");
+    // The nominal rig's cameras have 6668 px.
+    let by_spacing_mm2 =
+        plate_area_held_mm2(|params| params.regions.features = vec![feature(10.0, Some(480.0 / (6668.0 * cos)))]);
+    assert!((by_spacing_mm2 / disc_mm2 - 1.0).abs() < 0.02, "{by_spacing_mm2} of {disc_mm2}");
+}
+
+/// The left camera stands at x = −101: within 30° of it lies a disc of radius 480 · tan 30° around that point, cut by the
+/// right camera's.
+#[test]
+fn a_region_s_own_limit_of_incidence_replaces_the_job_s() {
+    let radius_mm = 480.0 * 15.0_f64.to_radians().tan();
+    let half_mm = 101.0_f64;
+    let lens_mm2 = 2.0 * radius_mm * radius_mm * (half_mm / radius_mm).acos()
+        - 2.0 * half_mm * (radius_mm * radius_mm - half_mm * half_mm).sqrt();
+    let interest = |deg| InterestParams {
+        name: None,
+        region: everywhere(),
+        weight: 1.0,
+        target: None,
+        camera_deg: Some(deg),
+        projector_deg: None,
+        min_grade: None,
+    };
+    let own_mm2 = plate_area_held_mm2(|params| params.regions.interest = vec![interest(15.0)]);
+    assert!((own_mm2 / lens_mm2 - 1.0).abs() < 0.03, "{own_mm2} of {lens_mm2}");
+    // Also where the job's own limit is the stricter one.
+    let looser_mm2 = plate_area_held_mm2(|params| {
+        params.limits.camera_deg = Some(5.0);
+        params.regions.interest = vec![interest(15.0)];
+    });
+    assert_eq!(looser_mm2, own_mm2);
+}
+
+#[test]
+fn a_least_grade_leaves_what_is_measured_so_well() {
+    let mut areas = [Grade::D, Grade::C, Grade::B, Grade::A]
+        .map(|grade| plate_area_held_mm2(|params| params.selection.min_grade = Some(grade)));
+    let whole_mm2 = plate_area_held_mm2(|_| ());
+    assert_eq!(areas[0], whole_mm2);
+    areas.windows(2).for_each(|pair| assert!(pair[0] >= pair[1], "{areas:?}"));
+    // Q = c (1 − 2δ/δ_max) + d at best focus is above 0.5 within δ = δ_max (1 − 0.1 / 0.6) / 2 of the viewpoint's axis.
+    areas[3] = plate_area_held_mm2(|params| {
+        params.selection.min_grade = Some(Grade::A);
+        params.limits.projector_deg = Some(30.0);
+        params.limits.camera_deg = Some(80.0);
+    });
+    let radius_mm = 480.0 * (30.0_f64 * (1.0 - 0.1 / 0.6) / 2.0).to_radians().tan();
+    let in_frame_mm2 = areas[3] / (std::f64::consts::PI * radius_mm * radius_mm);
+    assert!(in_frame_mm2 > 0.9 && in_frame_mm2 < 1.01, "{in_frame_mm2}");
 }

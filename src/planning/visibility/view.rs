@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::cell::{Lens, Scanner};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
 use crate::planning::cause::Cause;
+use crate::planning::demands::{Demand, Demands};
 use crate::planning::params::{PlanParams, ScoreAngle};
 
 /// What it is called when a device does not see a sample.
@@ -31,26 +32,39 @@ pub struct Optics {
     angle: ScoreAngle,
     /// δ_max of method §5: the projector's limit.
     incidence_reference_rad: f64,
+    demands: Vec<Demand>,
+    /// Limits of each kind of demand.
+    incidence_min: Vec<IncidenceMin>,
+    /// Smallest focal length of the cameras, pixels.
+    focal_px: f64,
+    /// σ_F and g of [`crate::planning::demands`].
+    noise_best_mm: f64,
+    noise_depth_gain: f64,
 }
 
 struct DeviceOptics {
     device_from_scanner: Isometry3<f64>,
     centre_mm: Point3<f64>,
     lens: Lens,
-    incidence_min_cos: f64,
 }
 
+/// Least cosines of the incidence against cameras and projector.
+pub(super) type IncidenceMin = [f64; 2];
+
 impl Optics {
-    /// Takes the limits from `params`, else from the scanner.
+    /// Takes the limits from what is asked of the samples, else from `params`, else from the scanner.
     #[must_use]
-    pub fn new(scanner: &Scanner, params: &PlanParams) -> Self {
+    pub fn new(scanner: &Scanner, params: &PlanParams, demands: &Demands) -> Self {
         let incidence_max_rad = |device: usize| params.limits.incidence_max_rad(&scanner.devices[device]);
         let devices = [0, 1, 2].map(|d| DeviceOptics {
             device_from_scanner: *scanner.devices[d].scanner_from_device.inverse().isometry(),
             centre_mm: scanner.devices[d].scanner_from_device.origin_mm(),
             lens: scanner.devices[d].lens,
-            incidence_min_cos: incidence_max_rad(d).cos(),
         });
+        let limits = |demand: &Demand| {
+            let own = [demand.camera_max_rad, demand.projector_max_rad];
+            [own[0].unwrap_or(incidence_max_rad(0)).cos(), own[1].unwrap_or(incidence_max_rad(2)).cos()]
+        };
         Self {
             near_mm: scanner.near_mm,
             best_mm: scanner.best_mm,
@@ -60,7 +74,18 @@ impl Optics {
             distance_weight: params.score.d,
             angle: params.score.angle,
             incidence_reference_rad: incidence_max_rad(2),
+            demands: demands.kinds.clone(),
+            incidence_min: demands.kinds.iter().map(limits).collect(),
+            focal_px: [0, 1].map(|d| scanner.devices[d].lens.focal_px()).into_iter().fold(f64::INFINITY, f64::min),
+            noise_best_mm: params.regions.noise.best_mm,
+            noise_depth_gain: params.regions.noise.depth_gain,
         }
+    }
+
+    /// D of method §5: the half range of the working depth on that side of F.
+    #[inline(always)]
+    fn half_range_mm(&self, depth_mm: f64) -> f64 {
+        if depth_mm < self.best_mm { self.best_mm - self.near_mm } else { self.far_mm - self.best_mm }
     }
 
     /// The viewpoint's side of everything that does not depend on the sample.
@@ -74,6 +99,11 @@ impl Optics {
             device_from_part: [0, 1, 2].map(|d| self.devices[d].device_from_scanner * scanner_from_part),
             centres_mm: [0, 1, 2].map(|d| part_from_scanner.point(&self.devices[d].centre_mm)),
         }
+    }
+
+    /// Limits of each kind of demand.
+    pub(super) fn incidence_min(&self) -> &[IncidenceMin] {
+        &self.incidence_min
     }
 
     /// Lens of device `d`: left, right, projector.
@@ -133,20 +163,21 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 impl View<'_> {
     /// The first step before any shadow at which a sample fails; else its quality.
-    pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> Result<f32, Cause> {
-        let (cause, quality) = self.judge((*p).into(), (*normal).into());
+    pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
+        let limits = self.optics.incidence_min[usize::from(kind)];
+        let (cause, quality) = self.judge((*p).into(), (*normal).into(), limits);
         if cause == u64::from(PASSES) { Ok(quality as f32) } else { Err(Cause::ALL[cause as usize]) }
     }
 
     /// The number of the first step before any shadow at which a sample fails, [`PASSES`] if none does, and its quality.
     #[inline(always)]
-    pub(super) fn judge(&self, p: [f64; 3], normal: [f64; 3]) -> (u64, f64) {
+    pub(super) fn judge(&self, p: [f64; 3], normal: [f64; 3], [camera_min, projector_min]: IncidenceMin) -> (u64, f64) {
         let optics = self.optics;
         let in_scanner = self.scanner.apply(p);
         // Spelled out: a loop over the devices would keep the caller's loop over samples from being vectorised.
-        let left = self.seen_by(0, p, normal, in_scanner);
-        let right = self.seen_by(1, p, normal, in_scanner);
-        let projector = self.seen_by(2, p, normal, in_scanner);
+        let left = self.seen_by(0, p, normal, in_scanner, camera_min);
+        let right = self.seen_by(1, p, normal, in_scanner, camera_min);
+        let projector = self.seen_by(2, p, normal, in_scanner, projector_min);
         let faces = left.faces & right.faces & projector.faces;
         let in_depth = (optics.near_mm <= in_scanner[2]) & (in_scanner[2] <= optics.far_mm);
         let mut cause = u64::from(PASSES);
@@ -163,14 +194,14 @@ impl View<'_> {
 
     /// What device `d` makes of a sample.
     #[inline(always)]
-    fn seen_by(&self, d: usize, p: [f64; 3], normal: [f64; 3], in_scanner: [f64; 3]) -> Seen {
+    fn seen_by(&self, d: usize, p: [f64; 3], normal: [f64; 3], in_scanner: [f64; 3], min_cos: f64) -> Seen {
         let (device, centre) = (&self.optics.devices[d], &self.centres_mm[d]);
         let towards = [centre.x - p[0], centre.y - p[1], centre.z - p[2]];
         let along_normal = dot(normal, towards);
         let [x, y, z] = self.devices[d].apply(in_scanner);
         Seen {
             faces: along_normal > 0.0,
-            within: along_normal >= device.incidence_min_cos * dot(towards, towards).sqrt(),
+            within: along_normal >= min_cos * dot(towards, towards).sqrt(),
             in_frame: device.lens.image(x, y, z).2,
         }
     }
@@ -178,6 +209,24 @@ impl View<'_> {
     /// The quality of a sample that is measured.
     pub(super) fn quality_at(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> f32 {
         self.quality(self.scanner.apply((*p).into()), (*normal).into()) as f32
+    }
+
+    /// Whether a sample that is measured is measured as well as is asked.
+    pub(super) fn suffices(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
+        let optics = self.optics;
+        let demand = &optics.demands[usize::from(kind)];
+        if !demand.holds_to_quality() {
+            return true;
+        }
+        let in_scanner = self.scanner.apply((*p).into());
+        let cos = -dot(self.scanner.turn((*normal).into()), in_scanner) / dot(in_scanner, in_scanner).sqrt();
+        let off = (in_scanner[2] - optics.best_mm) / optics.half_range_mm(in_scanner[2]);
+        let noise_mm = optics.noise_best_mm * (1.0 + optics.noise_depth_gain * off * off) / cos;
+        let spacing_mm = in_scanner[2] / (optics.focal_px * cos);
+        (cos > 0.0)
+            && demand.min_grade.is_none_or(|grade| f64::from(quality) > grade.above())
+            && demand.noise_max_mm.is_none_or(|most_mm| noise_mm <= most_mm)
+            && demand.spacing_max_mm.is_none_or(|most_mm| spacing_mm <= most_mm)
     }
 
     /// c·Q_δ + d·Q_dis (method §5), each clamped to [−1, 1]. D is the half range on the sample's side of F.
@@ -189,8 +238,7 @@ impl View<'_> {
         let cos = if optics.angle == ScoreAngle::Ray { along_ray } else { -facing[2] };
         let q_angle = within_one(1.0 - 2.0 * arc_cosine(cos) / optics.incidence_reference_rad);
         let off_mm = in_scanner[2] - optics.best_mm;
-        let half_range_mm = if off_mm < 0.0 { optics.best_mm - optics.near_mm } else { optics.far_mm - optics.best_mm };
-        let q_distance = within_one(1.0 - 2.0 * off_mm.abs() / half_range_mm);
+        let q_distance = within_one(1.0 - 2.0 * off_mm.abs() / optics.half_range_mm(in_scanner[2]));
         optics.angle_weight * q_angle + optics.distance_weight * q_distance
     }
 }

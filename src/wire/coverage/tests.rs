@@ -23,7 +23,7 @@ const OUT: Verdict = Verdict::NotAsked;
 fn faces_are_counted_once_each() {
     let mut counts = FaceCounts::default();
     for verdicts in [&[A, A, A][..], &[A, OUT, A], &[A, SHADOW, SHADOW], &[SHADOW, SHADOW, OUT], &[OUT, OUT, OUT]] {
-        counts.count(&tally(verdicts), None);
+        counts.count(&tally(verdicts));
     }
     assert_eq!(counts, FaceCounts { total: 5, measured: 2, partly_measured: 1, missed: 1, not_asked: 1 });
 }

@@ -34,7 +34,7 @@ impl MissGroup {
             Cause::Facing => Self::Facing,
             Cause::Depth => Self::Depth,
             Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector => Self::Frame,
-            Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector => Self::Incidence,
+            Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector | Cause::BelowGrade => Self::Incidence,
             Cause::ShadowLeft | Cause::ShadowRight | Cause::ShadowProjector => Self::Shadow,
             Cause::Unreachable | Cause::Collision | Cause::NoPath => Self::Reach,
             Cause::NotChosen => Self::NotChosen,

@@ -8,8 +8,8 @@ use super::markup::{area, duration, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
-use crate::planning::plan::{Drawn, Grade, MissedCause, Robust, share};
-use crate::planning::report::changed_params;
+use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Remedy, Robust, share};
+use crate::planning::report::{changed_params, treated_spots};
 use crate::planning::sequence::Leg;
 
 /// Spots of each cause that are listed.
@@ -56,6 +56,7 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
     let measuring = plan.views.iter().filter(|view| view.rejected.is_none()).count();
     let mut figures = vec![
         ("figure main", number(measuring as f64, 0), if measuring == 1 { "view" } else { "views" }),
+        ("figure", number(f64::from(plan.bound.views_lower), 0), "needed at least"),
         ("figure main", percent(coverage.of_coverable()), "of the coverable area"),
         ("figure", percent(coverage.of_asked()), "of the asked area"),
         ("figure", percent(coverage.of_total()), "of the whole surface"),
@@ -160,9 +161,40 @@ pub(super) fn missed(input: &ReportInput<'_>) -> String {
         "<section>\n<h2>What is missed, and why</h2>\n<p>Each spot stands under the cause that stops the viewpoint that comes closest \
          to measuring it. Coordinates are the part’s own.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th>\
          <th class=\"n\">Area</th><th class=\"n\">Of asked</th><th class=\"n\">Spots</th><th>Largest spots, centre in mm</th></tr></thead>\n\
-         <tbody>\n{}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\"><code>coverage.csv</code> lists every face of the \
-         uploaded file with its measured share, grade and cause.</p>\n</section>\n",
+         <tbody>\n{}</tbody></table></div>\n{}<p class=\"soft\" style=\"margin-top:8px\"><code>coverage.csv</code> lists every face of the \
+         uploaded file with its measured share, grade and cause; <code>missed.json</code> every spot, and the views of every \
+         remedy.</p>\n</section>\n",
+        rows.concat(),
+        spots(input)
+    )
+}
+
+/// The largest spots of all, and what would cure them; empty where no remedy was sought.
+fn spots(input: &ReportInput<'_>) -> String {
+    let treated = treated_spots(&input.outcome.plan.missed);
+    if treated.is_empty() {
+        return String::new();
+    }
+    let rows: Vec<String> = treated.iter().map(|(cause, spot, remedy)| spot_row(*cause, spot, remedy)).collect();
+    format!(
+        "<h3 style=\"margin-top:20px\">The largest spots, and what would cure them</h3>\n<p>For each the cheapest remedy that was \
+         tried on the model and measures at least half of the spot. Its views are in <code>plan.json</code>; put their poses \
+         into <code>candidates.poses</code> to plan with them.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th>\
+         <th class=\"n\">Area</th><th class=\"n\">Centre in mm</th><th class=\"n\">Size in mm</th><th>Remedy</th></tr></thead>\n\
+         <tbody>\n{}</tbody></table></div>\n",
         rows.concat()
+    )
+}
+
+fn spot_row(cause: Cause, spot: &MissedSpot, remedy: &Remedy) -> String {
+    let size = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
+    format!(
+        "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{size}</td><td>{}</td></tr>\n",
+        swatch(Ink::Missed(MissGroup::of(cause))),
+        words::cause_name(cause),
+        area(spot.area_mm2),
+        triple(spot.centre_mm.into(), 1),
+        words::remedy(remedy)
     )
 }
 

@@ -1,9 +1,9 @@
 //! Plain words for causes, stop rules and grades, with the values of the scanner and the job in them.
 
-use super::markup::{number, percent};
+use super::markup::{escape, number, percent};
 use crate::cell::Scanner;
 use crate::planning::params::{PlanParams, TargetOf};
-use crate::planning::plan::{Cause, StopReason};
+use crate::planning::plan::{Cause, Remedy, RemedyKind, StopReason};
 
 /// A cause in two or three words.
 pub(super) fn cause_name(cause: Cause) -> &'static str {
@@ -20,6 +20,7 @@ pub(super) fn cause_name(cause: Cause) -> &'static str {
         Cause::ShadowLeft => "Hidden from the left camera",
         Cause::ShadowRight => "Hidden from the right camera",
         Cause::ShadowProjector => "In the projector’s shadow",
+        Cause::BelowGrade => "Not measured well enough",
         Cause::Unreachable => "Out of the robot’s reach",
         Cause::Collision => "Something would collide",
         Cause::NoPath => "No safe path found",
@@ -54,6 +55,7 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::ShadowLeft => "Something stands between the point and the left camera: the part itself, or its fixture.".into(),
         Cause::ShadowRight => "Something stands between the point and the right camera: the part itself, or its fixture.".into(),
         Cause::ShadowProjector => "Something stands between the point and the projector: the part itself, or its fixture.".into(),
+        Cause::BelowGrade => "It is seen, but not as well as is asked: below the grade, too noisy or too sparse.".into(),
         Cause::Unreachable => "Viewpoints that would measure it are out of the robot’s reach at every table angle.".into(),
         Cause::Collision => format!(
             "At every viewpoint that would measure it, robot or scanner would touch something or come closer than {} mm.",
@@ -69,6 +71,20 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
 fn limit(limit_deg: Option<f64>, scanner: &Scanner, device: usize) -> String {
     let deg = limit_deg.unwrap_or_else(|| scanner.devices[device].incidence_max_rad.to_degrees());
     format!("more than {}° from the surface’s normal", number(deg, 1))
+}
+
+/// What would cure a spot: the kind in a word or two, then the plan's own sentence.
+pub(super) fn remedy(remedy: &Remedy) -> String {
+    let kind = match remedy.kind {
+        RemedyKind::View => "One more view",
+        RemedyKind::Roll => "Another roll",
+        RemedyKind::Tilt => "Another tilt",
+        RemedyKind::Standoff => "Another distance",
+        RemedyKind::Setup => "Another setup",
+        RemedyKind::Limit => "A larger limit",
+        RemedyKind::None => "None found",
+    };
+    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy.sentence()))
 }
 
 /// Why the selection of views ended.

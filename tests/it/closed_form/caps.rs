@@ -7,9 +7,9 @@ use nalgebra::Vector3;
 
 /// All points at most `half_angle` from `axis` (unit).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cap {
-    pub(super) axis: Vector3<f64>,
-    pub(super) half_angle: f64,
+pub(crate) struct Cap {
+    pub(crate) axis: Vector3<f64>,
+    pub(crate) half_angle: f64,
 }
 
 impl Cap {
@@ -36,7 +36,7 @@ impl Cap {
 }
 
 /// Area common to `caps`, which must be smaller than half spheres; 0 where they have nothing in common.
-pub(super) fn common_area(caps: &[Cap]) -> f64 {
+pub(crate) fn common_area(caps: &[Cap]) -> f64 {
     let corners = corners(caps);
     if corners.is_empty() {
         // Nested or apart: the smallest one, if all others hold it.

@@ -10,7 +10,7 @@ use super::samples::{BATCHES, SAMPLES, SampleCluster};
 use super::tile::{Nearness, TILE, place, step_down, step_right};
 use crate::geometry::{Kernel, greatest, least};
 use crate::planning::visibility::QualityScale;
-use crate::planning::visibility::view::{PASSES, View};
+use crate::planning::visibility::view::{IncidenceMin, PASSES, View};
 
 /// How much nearer than the plane of a sample's facet a pixel may be and still not hide it: what f32 and the bends
 /// between facets leave, mm.
@@ -25,6 +25,8 @@ pub(super) struct Judge<'a> {
     pub(super) view: &'a View<'a>,
     pub(super) cluster: &'a SampleCluster,
     pub(super) centre_mm: &'a Point3<f64>,
+    /// Limits of each kind of demand.
+    pub(super) incidence_min: &'a [IncidenceMin],
     pub(super) scale: QualityScale,
     pub(super) states: &'a mut [u8; SAMPLES],
     pub(super) steps: &'a mut [i16; SAMPLES],
@@ -39,9 +41,16 @@ impl Kernel for Judge<'_> {
         let centre = [self.centre_mm.x, self.centre_mm.y, self.centre_mm.z];
         // Results go to arrays of this function first: only then is it plain that they overlap nothing that is read.
         let (mut causes, mut qualities) = ([0_u64; SAMPLES], [0.0; SAMPLES]);
+        let (mut cameras, mut projectors) = ([self.incidence_min[0][0]; SAMPLES], [self.incidence_min[0][1]; SAMPLES]);
+        if self.incidence_min.len() > 1 {
+            for i in 0..SAMPLES {
+                [cameras[i], projectors[i]] = self.incidence_min[usize::from(self.cluster.kind[i])];
+            }
+        }
         for i in 0..SAMPLES {
             let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
-            let (cause, quality) = self.view.judge(p, [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])]);
+            let normal = [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])];
+            let (cause, quality) = self.view.judge(p, normal, [cameras[i], projectors[i]]);
             causes[i] = cause;
             qualities[i] = quality;
         }

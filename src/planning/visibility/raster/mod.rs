@@ -208,7 +208,8 @@ impl<'a> Engine<'a> {
                     *states = [Cause::Facing as u8; SAMPLES];
                     continue;
                 }
-                self.level.run(Judge { view, cluster, centre_mm: &self.surface.centre_mm, scale, states, steps });
+                let (centre_mm, incidence_min) = (&self.surface.centre_mm, self.optics.incidence_min());
+                self.level.run(Judge { view, cluster, centre_mm, incidence_min, scale, states, steps });
                 if *open != u64::MAX {
                     let closed = (0..SAMPLES).filter(|place| open >> place & 1 == 0);
                     closed.for_each(|place| states[place] = Cause::Facing as u8);

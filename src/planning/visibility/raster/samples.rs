@@ -1,5 +1,5 @@
 //! The samples in clusters of 64 neighbours, in the order of the rays' tree, with what culls a cluster whole. Offsets
-//! from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 29 bytes a sample.
+//! from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 30 bytes a sample.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -30,6 +30,8 @@ pub(super) struct SampleCluster {
     pub(super) normal: [[f32; SAMPLES]; 3],
     /// Number of each sample in the surface.
     pub(super) number: [u32; SAMPLES],
+    /// Kind of demand of each sample.
+    pub(super) kind: [u8; SAMPLES],
     /// Ball around the samples.
     centre_mm: Vector3<f64>,
     radius_mm: f64,
@@ -71,12 +73,14 @@ impl SampleCluster {
             offset_mm: [[0.0; SAMPLES]; 3],
             normal: [[0.0; SAMPLES]; 3],
             number: [NO_SAMPLE; SAMPLES],
+            kind: [0; SAMPLES],
             centre_mm,
             radius_mm: numbers.iter().map(|number| (offset(number) - centre_mm).norm()).fold(0.0, f64::max) + 1e-6,
             cone: Cone::around(normals.iter()),
         };
         for (place, (number, normal)) in numbers.iter().zip(&normals).enumerate() {
             cluster.number[place] = *number;
+            cluster.kind[place] = surface.demands.kind(*number as usize);
             for axis in 0..3 {
                 cluster.offset_mm[axis][place] = offset(number)[axis] as f32;
                 cluster.normal[axis][place] = normal[axis] as f32;

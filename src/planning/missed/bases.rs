@@ -1,0 +1,54 @@
+//! Which candidates remedies start from: those that get furthest at a spot, between them at each of its samples.
+
+use rayon::prelude::*;
+
+use super::look::{Look, Progress};
+use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::visibility::{Optics, Probe};
+
+/// Candidates that are looked at before any shadow; of more, so many evenly spaced ones.
+const CONSIDERED: usize = 2048;
+/// The furthest of them are looked at with shadows.
+const SHORTLIST: usize = 128;
+/// Candidates that remedies start from.
+const BASES: usize = 8;
+
+/// Candidates that get furthest at `look`, furthest first; each with how far it gets. Ties go to the lower number.
+pub(super) fn shortlist(
+    poses: &[Pose<Part, ScannerFrame>],
+    keep: impl Fn(usize) -> bool + Sync,
+    look: &Look,
+    optics: &Optics,
+    rays: &RayScene,
+    ctx: &Context<'_>,
+) -> Result<Vec<(usize, Progress)>, Cancelled> {
+    let probe = |candidate: usize| ctx.check().map(|()| Probe::new(optics, &poses[candidate], rays));
+    let considered: Vec<usize> = (0..poses.len()).step_by(poses.len().div_ceil(CONSIDERED).max(1)).filter(|c| keep(*c)).collect();
+    let cheap = |candidate: usize| Ok((candidate, look.progress_before_shadow(&probe(candidate)?)));
+    let mut cheap = considered.into_par_iter().map(cheap).collect::<Result<Vec<_>, Cancelled>>()?;
+    // Stable, like the next: ties stay in the order of candidates.
+    cheap.sort_by_key(|(_, progress)| std::cmp::Reverse(*progress));
+    cheap.truncate(SHORTLIST);
+    let full = |(candidate, _): (usize, u32)| Ok((candidate, look.progress(&probe(candidate)?)));
+    let mut full = cheap.into_par_iter().map(full).collect::<Result<Vec<_>, Cancelled>>()?;
+    full.sort_by_key(|(candidate, progress)| (std::cmp::Reverse(progress.sum()), *candidate));
+    Ok(full)
+}
+
+/// The fewest of a shortlist, greedily, that between them get furthest at every sample; then the furthest overall.
+pub(super) fn choose(shortlist: &[(usize, Progress)]) -> Vec<usize> {
+    let Some((first, rest)) = shortlist.split_first() else { return Vec::new() };
+    let furthest = rest.iter().fold(first.1.clone(), |furthest, (_, progress)| furthest.or_further(progress));
+    let mut left: Vec<(usize, u64)> = shortlist.iter().map(|(candidate, p)| (*candidate, p.at_front(&furthest))).collect();
+    let (mut open, mut bases) = (u64::MAX, Vec::new());
+    while bases.len() < BASES && !left.is_empty() {
+        // Of equal ones the first, which gets furthest overall.
+        let best = (1..left.len())
+            .fold(0, |best, i| if (left[i].1 & open).count_ones() > (left[best].1 & open).count_ones() { i } else { best });
+        let (candidate, bits) = left.remove(best);
+        open &= !bits;
+        bases.push(candidate);
+    }
+    bases
+}

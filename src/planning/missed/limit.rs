@@ -1,0 +1,72 @@
+//! How far the limits of incidence have to be raised for a spot: the smallest whole number of degrees, at most 89, with
+//! which a remedy's views measure their share. Cameras and projector are raised only as far as each has to be.
+
+use super::look::Look;
+use super::search::Case;
+use crate::cell::DeviceName;
+use crate::planning::params::PlanParams;
+use crate::planning::visibility::{Optics, Probe};
+
+/// Beyond this a surface is seen edge on.
+const MOST_DEG: f64 = 89.0;
+
+/// Limits of a job, degrees: left, right, projector.
+pub(super) fn limits_deg(case: &Case<'_>) -> [f64; 3] {
+    case.scanner.devices.map(|device| {
+        let given = match device.name {
+            DeviceName::Projector => case.params.limits.projector_deg,
+            DeviceName::Left | DeviceName::Right => case.params.limits.camera_deg,
+        };
+        given.unwrap_or_else(|| device.incidence_max_rad.to_degrees())
+    })
+}
+
+/// The job's parameters with limits of at least `deg`.
+pub(super) fn raised(case: &Case<'_>, camera_deg: f64, projector_deg: f64) -> PlanParams {
+    let mut params = case.params.clone();
+    params.limits.camera_deg = Some(camera_deg);
+    params.limits.projector_deg = Some(projector_deg);
+    params
+}
+
+/// Optics that accept whatever the largest limit would.
+pub(super) fn widest(case: &Case<'_>) -> Optics {
+    let [left, _, projector] = limits_deg(case);
+    Optics::new(case.scanner, &raised(case, left.max(MOST_DEG), projector.max(MOST_DEG)), &case.surface.demands)
+}
+
+/// What a view would need at each sample of a look: `None` where no limit helps.
+pub(super) struct Needs {
+    by_sample: Vec<Option<[f64; 3]>>,
+}
+
+impl Needs {
+    /// `probe` is one of [`widest`] optics.
+    pub(super) fn of(look: &Look, probe: &Probe<'_>) -> Self {
+        let by_sample = look
+            .points()
+            .iter()
+            .map(|(p, normal, kind)| probe.measure(p, normal, *kind).ok().map(|_| probe.incidence_rad(p, normal).map(f64::to_degrees)));
+        Self { by_sample: by_sample.collect() }
+    }
+
+    /// Bits of the samples that limits reach.
+    pub(super) fn measured(&self, limits_deg: &[f64; 3]) -> u64 {
+        let reaches = |needs: &[f64; 3]| needs.iter().zip(limits_deg).all(|(need, limit)| need <= limit);
+        let reached = self.by_sample.iter().enumerate().filter(|(_, needs)| needs.as_ref().is_some_and(reaches));
+        reached.fold(0, |bits, (sample, _)| bits | 1 << sample)
+    }
+}
+
+/// Every whole number of degrees that raises some limit.
+pub(super) fn steps_deg(limits_deg: &[f64; 3]) -> impl Iterator<Item = f64> {
+    let lowest = limits_deg.iter().copied().fold(MOST_DEG, f64::min).floor() as u32;
+    (lowest + 1..=MOST_DEG as u32).map(f64::from)
+}
+
+/// What may be raised to `deg`: the projector alone, the cameras alone, both.
+pub(super) fn options(limits_deg: &[f64; 3], deg: f64) -> [[f64; 3]; 3] {
+    let [left, right, projector] = *limits_deg;
+    let (cameras, lit) = ([left.max(deg), right.max(deg)], projector.max(deg));
+    [[left, right, lit], [cameras[0], cameras[1], projector], [cameras[0], cameras[1], lit]]
+}

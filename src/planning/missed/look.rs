@@ -1,0 +1,124 @@
+//! A spot as views are tried on it: few of its samples, one bit each, so that what a view measures of it is one word.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::planning::surface::Surface;
+use crate::planning::visibility::{Probe, ones};
+
+/// Samples of a spot that views are tried on: a share of a half is then known to about 6 points.
+const LOOKED_AT: usize = 64;
+/// Samples of a spot on which what works is confirmed.
+const CONFIRMED_ON: usize = 8192;
+/// Progress of a view at a sample that it measures; one that fails has the number of the cause.
+const MEASURED: u8 = u8::MAX;
+
+/// Position, normal, and kind of what is asked of a sample.
+pub(super) type AskedPoint = (Point3<f64>, Vector3<f64>, u8);
+
+/// Points of a spot.
+pub(super) struct Look {
+    points: Vec<AskedPoint>,
+    pub(super) samples: Vec<u32>,
+    /// Area that each stands for.
+    area_mm2: Vec<f64>,
+    /// Of the whole spot.
+    pub(super) total_mm2: f64,
+}
+
+/// How far a view gets at each sample.
+#[derive(Clone)]
+pub(super) struct Progress(Vec<u8>);
+
+impl Progress {
+    /// Bits of the samples that it measures.
+    pub(super) fn measured(&self) -> u64 {
+        self.bits(|step, _| step == MEASURED)
+    }
+
+    /// Bits of the samples at which nothing gets further than `furthest`, and this does.
+    pub(super) fn at_front(&self, furthest: &Self) -> u64 {
+        self.bits(|step, sample| step == furthest.0[sample])
+    }
+
+    fn bits(&self, has: impl Fn(u8, usize) -> bool) -> u64 {
+        self.0.iter().enumerate().filter(|(sample, step)| has(**step, *sample)).fold(0, |bits, (sample, _)| bits | 1 << sample)
+    }
+
+    /// The sum over the samples: the same scale for every view of one spot.
+    pub(super) fn sum(&self) -> u32 {
+        // A sample that is measured counts as much more than any that fails as a failing one can.
+        self.0.iter().map(|step| u32::from(if *step == MEASURED { 32 } else { *step })).sum()
+    }
+
+    /// At each sample the further of the two.
+    pub(super) fn or_further(mut self, other: &Self) -> Self {
+        self.0.iter_mut().zip(&other.0).for_each(|(step, other)| *step = (*step).max(*other));
+        self
+    }
+}
+
+impl Look {
+    /// At a few of the samples.
+    pub(super) fn few(surface: &Surface, samples: &[u32]) -> Self {
+        Self::new(surface, samples, LOOKED_AT)
+    }
+
+    /// At enough of them to state an area: at every one in all but huge spots.
+    pub(super) fn many(surface: &Surface, samples: &[u32]) -> Self {
+        Self::new(surface, samples, CONFIRMED_ON)
+    }
+
+    fn new(surface: &Surface, samples: &[u32], most: usize) -> Self {
+        let area = |sample: &u32| surface.sample_area_mm2(*sample as usize);
+        let total_mm2: f64 = samples.iter().map(area).sum();
+        let count = samples.len().min(most);
+        let samples: Vec<u32> = (0..count).map(|i| samples[i * samples.len() / count]).collect();
+        let looked_at_mm2: f64 = samples.iter().map(area).sum();
+        let area_mm2 = samples.iter().map(|sample| area(sample) * total_mm2 / looked_at_mm2).collect();
+        let point = |sample: &u32| {
+            let sample = *sample as usize;
+            (surface.sample_mm[sample], surface.patch_of(sample).normal, surface.demands.kind(sample))
+        };
+        Self { points: samples.iter().map(point).collect(), samples, area_mm2, total_mm2 }
+    }
+
+    /// Its points.
+    pub(super) fn points(&self) -> &[AskedPoint] {
+        &self.points
+    }
+
+    /// How far a view gets, shadows included.
+    pub(super) fn progress(&self, probe: &Probe<'_>) -> Progress {
+        Progress(
+            self.points
+                .iter()
+                .map(|(p, normal, kind)| probe.measure(p, normal, *kind).map_or_else(|cause| cause as u8, |_| MEASURED))
+                .collect(),
+        )
+    }
+
+    /// How far a view gets before any shadow, as [`Progress::sum`] counts.
+    pub(super) fn progress_before_shadow(&self, probe: &Probe<'_>) -> u32 {
+        let step = |(p, normal, kind): &AskedPoint| match probe.before_shadow(p, normal, *kind) {
+            Ok(_) => MEASURED,
+            Err(cause) => cause as u8,
+        };
+        Progress(self.points.iter().map(step).collect()).sum()
+    }
+
+    /// Area of the samples whose bits are set.
+    pub(super) fn area_mm2(&self, bits: u64) -> f64 {
+        ones(bits).map(|sample| self.area_mm2[sample as usize]).sum()
+    }
+
+    /// Area that each view adds to those before it.
+    pub(super) fn added_mm2(&self, probes: &[Probe<'_>]) -> Vec<f64> {
+        let mut added_mm2 = vec![0.0; probes.len()];
+        for ((p, normal, kind), area_mm2) in self.points.iter().zip(&self.area_mm2) {
+            if let Some(first) = probes.iter().position(|probe| probe.measure(p, normal, *kind).is_ok()) {
+                added_mm2[first] += area_mm2;
+            }
+        }
+        added_mm2
+    }
+}

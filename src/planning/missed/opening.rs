@@ -1,0 +1,46 @@
+//! From where a spot is open: directions in which nothing stands between its samples and the distance of best focus.
+
+use nalgebra::{Unit, Vector3};
+
+use super::look::Look;
+use super::moves::directions;
+use crate::geometry::RayScene;
+
+/// Directions that are looked into: about 9° apart.
+const DIRECTIONS: usize = 500;
+/// Samples that are looked from.
+const SAMPLES: usize = 12;
+/// Where a ray begins off the surface, mm: the end that the visibility of a sample leaves out.
+const OFF_SURFACE_MM: f64 = 3e-3;
+/// Directions within this angle support each other, so that the middle of an opening beats its border: cos 20°.
+const SUPPORT_COS: f64 = 0.939_692_620_785_908_4;
+/// Directions that are returned at most.
+const RETURNED: usize = 6;
+
+/// Directions towards the outside, each the middle of an opening, the widest first and none supporting another.
+pub(super) fn directions_of(look: &Look, rays: &RayScene, reach_mm: f64) -> Vec<Unit<Vector3<f64>>> {
+    let stride = look.points().len().div_ceil(SAMPLES).max(1);
+    let from: Vec<_> = look.points().iter().step_by(stride).collect();
+    let open = |towards: &Unit<Vector3<f64>>| {
+        let cosines = from.iter().filter(|(p, normal, _)| {
+            let start = p + normal * OFF_SURFACE_MM;
+            normal.dot(towards) > 0.0 && !rays.blocked(&start, &(start + towards.into_inner() * reach_mm), 1.0)
+        });
+        // An oblique view is worth less, as it is in projected area.
+        cosines.map(|(_, normal, _)| normal.dot(towards)).sum::<f64>()
+    };
+    let worth: Vec<(Unit<Vector3<f64>>, f64)> = directions(DIRECTIONS).map(|d| (d, open(&d))).filter(|(_, w)| *w > 0.0).collect();
+    let supported = |(towards, own): &(Unit<Vector3<f64>>, f64)| {
+        let around = worth.iter().filter(|(other, _)| other.dot(towards) >= SUPPORT_COS).map(|(_, worth)| worth).sum::<f64>();
+        (*towards, own + around)
+    };
+    let mut ranked: Vec<_> = worth.iter().map(supported).collect();
+    ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
+    for (towards, _) in ranked {
+        if chosen.len() < RETURNED && chosen.iter().all(|other| other.dot(&towards) < SUPPORT_COS) {
+            chosen.push(towards);
+        }
+    }
+    chosen
+}

@@ -1,0 +1,82 @@
+//! The connected spots that missed samples of one cause form. Patches hang together where they share a corner: longest
+//! edges are bisected at their middles alone, so that both sides of an edge are cut alike and corners have equal bits.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::geometry::{Aabb, Mesh, Part, Pose, Table, components_sharing};
+use crate::planning::plan::{Cause, Verdict};
+use crate::planning::surface::{PatchId, Surface};
+
+/// How near the plate a sample lies that the part rests on, mm.
+const RESTING_WITHIN_MM: f64 = 0.1;
+/// How steeply it must face down: within 8° of the vertical.
+const RESTING_NORMAL_COS: f64 = -0.99;
+
+/// Whether a sample belongs to the faces that the part stands on.
+#[must_use]
+pub(in crate::planning) fn rests(surface: &Surface, sample: usize, table_from_part: &Pose<Table, Part>) -> bool {
+    let height_mm = table_from_part.point(&surface.sample_mm[sample]).z;
+    let down = table_from_part.direction(&surface.patch_of(sample).normal).z;
+    height_mm.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS
+}
+
+/// Samples of one cause that hang together.
+pub(super) struct Spot {
+    pub(super) cause: Cause,
+    /// Ascending.
+    pub(super) samples: Vec<u32>,
+    pub(super) area_mm2: f64,
+    /// Area-weighted.
+    pub(super) centre_mm: Point3<f64>,
+    /// Of the box around its patches, along the part's axes.
+    pub(super) extent_mm: Vector3<f64>,
+    /// Ascending.
+    pub(super) source_faces: Vec<u32>,
+}
+
+/// Every spot, in the order of [`Cause`], those of a cause largest first.
+pub(super) fn find(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Spot> {
+    Cause::ALL.into_iter().flat_map(|cause| spots_of(cause, mesh, surface, verdicts)).collect()
+}
+
+fn spots_of(cause: Cause, mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Spot> {
+    let missed = |sample: &u32| verdicts[*sample as usize] == Verdict::Missed(cause);
+    let samples: Vec<u32> = (0..verdicts.len() as u32).filter(missed).collect();
+    let mut patches: Vec<PatchId> = samples.iter().map(|sample| surface.sample_patch[*sample as usize]).collect();
+    patches.dedup();
+    let component = components_sharing(patches.iter().map(|patch| corner_keys(surface, *patch)));
+    let mut members: Vec<Vec<u32>> = vec![Vec::new(); component.iter().max().map_or(0, |last| last + 1)];
+    let mut position = 0;
+    for sample in samples {
+        // Samples are ordered by patch.
+        while patches[position] != surface.sample_patch[sample as usize] {
+            position += 1;
+        }
+        members[component[position]].push(sample);
+    }
+    let mut spots: Vec<Spot> = members.into_iter().map(|samples| Spot::new(cause, samples, mesh, surface)).collect();
+    // A stable sort: spots of equal area stay ordered by their first patch.
+    spots.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    spots
+}
+
+/// Equal for equal corners: adding 0 turns −0 into 0.
+fn corner_keys(surface: &Surface, patch: PatchId) -> [[u64; 3]; 3] {
+    surface.patches[patch.0 as usize].corners_mm.map(|corner| [corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits()))
+}
+
+impl Spot {
+    fn new(cause: Cause, samples: Vec<u32>, mesh: &Mesh, surface: &Surface) -> Self {
+        let (mut area_mm2, mut moment) = (0.0, Vector3::zeros());
+        for sample in samples.iter().map(|sample| *sample as usize) {
+            area_mm2 += surface.sample_area_mm2(sample);
+            moment += surface.sample_mm[sample].coords * surface.sample_area_mm2(sample);
+        }
+        let patches = || samples.iter().map(|sample| surface.patch_of(*sample as usize));
+        let extent_mm = Aabb::around(patches().flat_map(|patch| &patch.corners_mm)).extent_mm();
+        let mut source_faces: Vec<u32> = patches().map(|patch| mesh.source_face[patch.face as usize]).collect();
+        source_faces.sort_unstable();
+        source_faces.dedup();
+        Self { cause, area_mm2, centre_mm: (moment / area_mm2).into(), extent_mm, source_faces, samples }
+    }
+}

@@ -1,0 +1,76 @@
+//! How far from the best a choice can be: the fewest views that any choice from the same candidates needs, by the linear
+//! relaxation and exact arithmetic (`multipliers.rs`); `certified` raises it by branch and bound.
+//!
+//! What the views are needed for: every goal, the plan's own target first; where the plan does not reach a goal (the
+//! target cannot be met, growth ended it, the views were limited), the area of it that the plan measures. Overlap, time and
+//! quality are left out, which makes it a bound with them as well. Cost: about half a second at most.
+
+use super::multipliers::{Aim, Multipliers, Size};
+use super::units::Units;
+use super::{Chosen, Problem, is_for_coverage, most_views};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::params::SelectionParams;
+use crate::planning::visibility::Row;
+
+/// The relaxation that every solver is given.
+const QUICK: Size = Size { step: 2e7, rows: 400 };
+
+/// See the module.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bound {
+    /// No choice of fewer views from the same candidates reaches the plan's goals, or what the plan measures of those that
+    /// it does not reach.
+    pub views_lower: u32,
+    /// Views chosen minus `views_lower`.
+    pub gap: u32,
+    /// For the best coverage: the largest share of the asked area that `selection.max_views` views can measure at most.
+    pub of_asked_upper: Option<f64>,
+    /// `of_asked_upper` minus the share that the plan measures; 0 where the plan is proved best.
+    pub gap_of_asked: Option<f64>,
+}
+
+/// The goals that `rows` stand for: no more than they reach.
+pub(super) fn goals_of(problem: &Problem<'_>, rows: &[&Row], for_coverage: bool) -> Vec<Units> {
+    let mut goals = Units::of_goals(problem);
+    if for_coverage {
+        goals.truncate(1);
+        goals.iter_mut().for_each(|goal| goal.needed = goal.total);
+    }
+    goals.iter_mut().for_each(|goal| goal.clamp_to(rows));
+    goals
+}
+
+/// The bound from the relaxation alone.
+pub(super) fn quick(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    chosen: &Chosen,
+    ctx: &Context<'_>,
+) -> Result<Bound, Cancelled> {
+    let rows: Vec<&Row> = chosen.choices.iter().map(|choice| problem.rows[choice.row]).collect();
+    let goals = goals_of(problem, &rows, is_for_coverage(params));
+    let multipliers = Multipliers::relaxed(problem, &goals, Aim::FewestViews, &QUICK, ctx)?;
+    let bound = Bound::of_views(multipliers.views_lower(problem), rows.len());
+    if !is_for_coverage(params) {
+        return Ok(bound);
+    }
+    let views = most_views(params);
+    let most = Multipliers::relaxed(problem, &goals, Aim::MostArea(views), &QUICK, ctx)?.most_units(problem, views);
+    Ok(bound.with_most(problem, &goals[0], most))
+}
+
+impl Bound {
+    pub(super) fn of_views(views_lower: usize, views: usize) -> Self {
+        let views_lower = views_lower.min(views);
+        Self { views_lower: views_lower as u32, gap: (views - views_lower) as u32, ..Self::default() }
+    }
+
+    /// The same for the best coverage, of which `most` units are possible and those needed are measured.
+    pub(super) fn with_most(self, problem: &Problem<'_>, goal: &Units, most: i64) -> Self {
+        let asked_mm2 = problem.asked_mm2();
+        let share = |units: i64| if asked_mm2 > 0.0 { (goal.area_mm2(units) / asked_mm2).min(1.0) } else { 0.0 };
+        let most = most.clamp(goal.needed, goal.measured.max(goal.needed));
+        let gap = if most == goal.needed { 0.0 } else { share(most) - share(goal.needed) };
+        Self { of_asked_upper: Some(share(most)), gap_of_asked: Some(gap), ..self }
+    }
+}

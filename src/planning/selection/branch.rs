@@ -1,0 +1,350 @@
+//! Can k views cover so much? Branch and bound over the rows: at each node the prices of the classes (`multipliers.rs`)
+//! are improved by subgradient steps (Held and Karp 1971; Polyak's step length), rows are fixed that the bound alone rules
+//! out or demands (reduced costs, as Caprara, Fischetti and Toth 1999, *A Heuristic Method for the Set Covering Problem*),
+//! rows go whose open classes another row holds as well, and the tree splits on taking a row or not.
+//!
+//! Whole numbers throughout, so that what is refuted is refuted. Nodes are taken in rounds whose make-up does not depend on
+//! threads. Cost: a subgradient step passes over the pairs of a node's rows and classes.
+
+use rayon::prelude::*;
+
+use super::classes::undominated;
+use crate::planning::context::{Cancelled, Context};
+
+/// Nodes that are worked on side by side.
+const SIDE_BY_SIDE: usize = 16;
+/// Work that each of them may do in a round.
+const ROUND_WORK: u64 = 40_000_000;
+/// Subgradient steps at the root, and at other nodes.
+const ROOT_STEPS: usize = 400;
+const NODE_STEPS: usize = 60;
+
+/// What is left of the question at a node.
+#[derive(Clone)]
+pub(super) struct Node {
+    /// Rows that may still be taken.
+    pub(super) ids: Vec<u32>,
+    /// For each of them its open classes, ascending.
+    pub(super) of_row: Vec<Vec<u32>>,
+    /// For each open class its units.
+    pub(super) units: Vec<i64>,
+    /// For each open class its price.
+    pub(super) prices: Vec<i64>,
+    /// Units that may stay open.
+    pub(super) slack: i64,
+    /// Views that may still be taken.
+    pub(super) views: usize,
+    /// Rows taken.
+    pub(super) taken: Vec<u32>,
+    /// Units by which the bound is above what is needed.
+    pub(super) excess: i64,
+}
+
+/// What came of a search.
+pub(super) enum Answer {
+    /// No.
+    Refuted,
+    /// Yes: by these rows.
+    Found(Vec<u32>),
+    /// Work ended; at most so many units more than asked for can be covered.
+    Open(i64),
+}
+
+/// Whether rows that cover enough units are what is looked for.
+pub(super) type Accepts<'a> = &'a (dyn Fn(&[u32]) -> bool + Sync);
+
+/// Searches until the answer is found or `work` pairs were looked at.
+pub(super) fn search(root: Node, accepts: Accepts<'_>, work: &mut u64, ctx: &Context<'_>) -> Result<Answer, Cancelled> {
+    let mut open = vec![root];
+    let mut is_root = true;
+    while !open.is_empty() {
+        if *work == 0 {
+            return Ok(Answer::Open(open.iter().map(|node| node.excess).max().unwrap_or(0)));
+        }
+        let batch = open.split_off(open.len().saturating_sub(SIDE_BY_SIDE));
+        // Until there is enough to do side by side, each node is only split.
+        let quota = if batch.len() < SIDE_BY_SIDE { 1 } else { ROUND_WORK.min(*work) };
+        let steps = if is_root { ROOT_STEPS } else { NODE_STEPS };
+        is_root = false;
+        let done = batch.into_par_iter().map(|node| descend(node, steps, accepts, quota, ctx));
+        for (answer, spent) in done.collect::<Result<Vec<_>, Cancelled>>()? {
+            *work = work.saturating_sub(spent);
+            match answer {
+                Descent::Found(taken) => return Ok(Answer::Found(taken)),
+                Descent::Left(nodes) => open.extend(nodes),
+            }
+        }
+    }
+    Ok(Answer::Refuted)
+}
+
+enum Descent {
+    Found(Vec<u32>),
+    Left(Vec<Node>),
+}
+
+/// Depth first from a node, as far as the quota goes.
+fn descend(root: Node, steps: usize, accepts: Accepts<'_>, quota: u64, ctx: &Context<'_>) -> Result<(Descent, u64), Cancelled> {
+    let (mut stack, mut spent) = (vec![root], 0);
+    while let Some(node) = stack.pop() {
+        let verdict = Examination { node, accepts, spent: &mut spent, ctx }.run(steps)?;
+        match verdict {
+            Verdict::Refuted => {}
+            Verdict::Found(taken) => return Ok((Descent::Found(taken), spent)),
+            Verdict::Split(nodes) => stack.extend(*nodes),
+        }
+        if spent >= quota {
+            break;
+        }
+    }
+    Ok((Descent::Left(stack), spent))
+}
+
+enum Verdict {
+    Refuted,
+    Found(Vec<u32>),
+    /// Without a row, and with it: the latter is looked at first.
+    Split(Box<[Node; 2]>),
+}
+
+struct Examination<'a> {
+    node: Node,
+    accepts: Accepts<'a>,
+    spent: &'a mut u64,
+    ctx: &'a Context<'a>,
+}
+
+/// What prices say of a node.
+struct Dearest {
+    sums: Vec<i64>,
+    /// Places of the dearest rows, as many as may be taken, dearest first.
+    top: Vec<u32>,
+    /// Units by which the bound is above what is needed; below 0 the node is refuted.
+    excess: i64,
+    /// The sum of the first row that is not among the dearest.
+    next: i64,
+}
+
+impl Examination<'_> {
+    fn run(mut self, steps: usize) -> Result<Verdict, Cancelled> {
+        self.node.drop_dominated(self.spent);
+        loop {
+            if self.node.slack < 0 {
+                return Ok(Verdict::Refuted);
+            }
+            if self.node.units.iter().sum::<i64>() <= self.node.slack && (self.accepts)(&self.node.taken) {
+                return Ok(Verdict::Found(self.node.taken));
+            }
+            if self.node.views == 0 || self.node.ids.is_empty() {
+                return Ok(Verdict::Refuted);
+            }
+            match self.price(steps)? {
+                Priced::Refuted => return Ok(Verdict::Refuted),
+                Priced::Found(taken) => return Ok(Verdict::Found(taken)),
+                Priced::Fixed => {}
+                Priced::Split(row) => return Ok(Verdict::Split(Box::new([self.node.without(row), self.node.with(row)]))),
+            }
+        }
+    }
+
+    /// Improves the prices until the node is refuted, rows can be fixed, or it is time to split.
+    fn price(&mut self, steps: usize) -> Result<Priced, Cancelled> {
+        let mut best: Option<(i64, Vec<i64>)> = None;
+        let mut direction = vec![0.0; self.node.units.len()];
+        let (mut length, mut since) = (1.0, 0);
+        let mut often = vec![0.0_f64; self.node.ids.len()];
+        let mut checkpoint = i64::MAX;
+        for step in 0..steps {
+            self.ctx.check()?;
+            let dearest = self.node.dearest();
+            *self.spent += self.node.pairs() as u64;
+            if dearest.excess < 0 {
+                return Ok(Priced::Refuted);
+            }
+            let cover = self.node.cover(&dearest.top);
+            if let Some(taken) = self.enough(&dearest, &cover) {
+                return Ok(Priced::Found(taken));
+            }
+            if self.node.fix(&dearest) {
+                self.node.drop_dominated(self.spent);
+                return Ok(Priced::Fixed);
+            }
+            often.iter_mut().for_each(|often| *often *= 0.9);
+            dearest.top.iter().for_each(|place| often[*place as usize] += 0.1);
+            if best.as_ref().is_none_or(|best| dearest.excess < best.0) {
+                best = Some((dearest.excess, self.node.prices.clone()));
+                since = 0;
+            } else {
+                since += 1;
+                if since >= 4 {
+                    (length, since) = (length * 0.6, 0);
+                }
+            }
+            if step % 15 == 14 {
+                let excess = best.as_ref().map_or(0, |best| best.0);
+                // What is left shrinks too slowly to be gone in the steps that are left.
+                if excess as f64 > 0.8 * checkpoint as f64 && steps < ROOT_STEPS {
+                    break;
+                }
+                checkpoint = excess;
+            }
+            self.node.step(&cover, dearest.excess, length, &mut direction);
+        }
+        if let Some((excess, prices)) = best {
+            self.node.prices = prices;
+            self.node.excess = excess;
+        }
+        let split = (0..often.len()).max_by(|a, b| often[*a].total_cmp(&often[*b]).then(b.cmp(a)));
+        Ok(Priced::Split(split.unwrap_or(0)))
+    }
+
+    /// The dearest rows, where they happen to cover enough.
+    fn enough(&self, dearest: &Dearest, cover: &[i32]) -> Option<Vec<u32>> {
+        let open: i64 = self.node.units.iter().zip(cover).filter(|(_, cover)| **cover == 0).map(|(units, _)| units).sum();
+        let taken =
+            || self.node.taken.iter().copied().chain(dearest.top.iter().map(|place| self.node.ids[*place as usize])).collect();
+        (open <= self.node.slack).then(taken).filter(|taken: &Vec<u32>| (self.accepts)(taken))
+    }
+}
+
+enum Priced {
+    Refuted,
+    Found(Vec<u32>),
+    Fixed,
+    Split(usize),
+}
+
+impl Node {
+    fn pairs(&self) -> usize {
+        self.of_row.iter().map(Vec::len).sum()
+    }
+
+    fn dearest(&self) -> Dearest {
+        let sum = |classes: &Vec<u32>| classes.iter().map(|class| self.prices[*class as usize]).sum();
+        let sums: Vec<i64> = self.of_row.iter().map(sum).collect();
+        let mut order: Vec<u32> = (0..sums.len() as u32).collect();
+        order.sort_unstable_by_key(|place| (std::cmp::Reverse(sums[*place as usize]), *place));
+        let next = order.get(self.views).map_or(0, |place| sums[*place as usize]);
+        order.truncate(self.views);
+        let best: i64 = order.iter().map(|place| sums[*place as usize]).sum();
+        Dearest { excess: best - self.prices.iter().sum::<i64>() + self.slack, sums, top: order, next }
+    }
+
+    /// How many of some rows cover each class.
+    fn cover(&self, rows: &[u32]) -> Vec<i32> {
+        let mut cover = vec![0; self.units.len()];
+        rows.iter().flat_map(|place| &self.of_row[*place as usize]).for_each(|class| cover[*class as usize] += 1);
+        cover
+    }
+
+    /// Moves the prices: up where nothing covers, down where much does. The direction is deflected by the ones before
+    /// (Camerini, Fratta, Maffioli 1975); a class moves in proportion to its units, so that merging changes nothing.
+    fn step(&mut self, cover: &[i32], excess: i64, length: f64, direction: &mut [f64]) {
+        let mut square = 0.0;
+        for (class, cover) in cover.iter().enumerate() {
+            let (units, price) = (self.units[class], self.prices[class]);
+            let wanted = f64::from(1 - cover);
+            let blocked = wanted > 0.0 && price == units || wanted < 0.0 && price == 0;
+            direction[class] = if blocked { 0.0 } else { wanted + 0.5 * direction[class] };
+            square += units as f64 * direction[class] * direction[class];
+        }
+        if square <= 0.0 {
+            return;
+        }
+        let stride = length * (excess as f64 * 1.05 + 1.0) / square;
+        for ((price, units), direction) in self.prices.iter_mut().zip(&self.units).zip(direction) {
+            *price = (*price + (stride * *units as f64 * *direction) as i64).clamp(0, *units);
+        }
+    }
+
+    /// Takes the rows without which the bound falls below what is needed, and gives up those with which it does.
+    fn fix(&mut self, dearest: &Dearest) -> bool {
+        let least = dearest.top.last().map_or(0, |place| dearest.sums[*place as usize]);
+        let mut is_top = vec![false; self.ids.len()];
+        dearest.top.iter().for_each(|place| is_top[*place as usize] = true);
+        let is_out = |place: usize| !is_top[place] && dearest.excess - least + dearest.sums[place] < 0;
+        let out: Vec<bool> = (0..self.ids.len()).map(is_out).collect();
+        let must = dearest.top.iter().find(|place| dearest.excess - dearest.sums[**place as usize] + dearest.next < 0);
+        let must = must.map(|place| self.ids[*place as usize]);
+        if must.is_none() && !out.contains(&true) {
+            return false;
+        }
+        let mut out = out.into_iter();
+        self.keep_rows(|_| !out.next().unwrap_or(false));
+        if let Some(place) = must.and_then(|id| self.ids.iter().position(|own| *own == id)) {
+            self.take(place);
+        }
+        self.drop_lost();
+        true
+    }
+
+    fn without(&self, row: usize) -> Self {
+        let mut node = self.clone();
+        let id = self.ids[row];
+        node.keep_rows(|own| own != id);
+        node.drop_lost();
+        node
+    }
+
+    fn with(&self, row: usize) -> Self {
+        let mut node = self.clone();
+        node.take(row);
+        node.drop_lost();
+        node
+    }
+
+    fn keep_rows(&mut self, mut keep: impl FnMut(u32) -> bool) {
+        let kept: Vec<bool> = self.ids.iter().map(|id| keep(*id)).collect();
+        let (mut of_ids, mut of_rows) = (kept.iter(), kept.iter());
+        self.ids.retain(|_| of_ids.next().copied().unwrap_or(true));
+        self.of_row.retain(|_| of_rows.next().copied().unwrap_or(true));
+    }
+
+    fn take(&mut self, row: usize) {
+        self.taken.push(self.ids.remove(row));
+        self.views -= 1;
+        let mut open = vec![true; self.units.len()];
+        self.of_row.remove(row).iter().for_each(|class| open[*class as usize] = false);
+        self.keep_classes(&open);
+    }
+
+    /// Classes that no row can cover any more stay open.
+    fn drop_lost(&mut self) {
+        let mut reached = vec![false; self.units.len()];
+        self.of_row.iter().flatten().for_each(|class| reached[*class as usize] = true);
+        if reached.contains(&false) {
+            self.slack -= self.units.iter().zip(&reached).filter(|(_, reached)| !**reached).map(|(units, _)| units).sum::<i64>();
+            self.keep_classes(&reached);
+        }
+    }
+
+    fn keep_classes(&mut self, keep: &[bool]) {
+        let mut number = 0;
+        let renamed: Vec<u32> = keep
+            .iter()
+            .map(|keep| {
+                number += u32::from(*keep);
+                number.wrapping_sub(1)
+            })
+            .collect();
+        for classes in &mut self.of_row {
+            classes.retain(|class| keep[*class as usize]);
+            classes.iter_mut().for_each(|class| *class = renamed[*class as usize]);
+        }
+        for values in [&mut self.units, &mut self.prices] {
+            let mut keep = keep.iter();
+            values.retain(|_| keep.next().copied().unwrap_or(true));
+        }
+    }
+
+    fn drop_dominated(&mut self, spent: &mut u64) {
+        *spent += self.pairs() as u64;
+        let kept = undominated(&self.of_row, self.units.len());
+        if kept.len() < self.ids.len() {
+            let mut is_kept = vec![false; self.ids.len()];
+            kept.iter().for_each(|place| is_kept[*place] = true);
+            let mut is_kept = is_kept.into_iter();
+            self.keep_rows(|_| is_kept.next().unwrap_or(true));
+        }
+    }
+}

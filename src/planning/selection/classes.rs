@@ -1,0 +1,119 @@
+//! A table without its repetitions: samples that the same rows measure become one class with the sum of their units, and
+//! rows go whose samples another row measures too. Neither changes what any number of views can cover. Cost: a bit a pair
+//! of sample and row, and a pass over the pairs that are set; a comparison of two rows ends at the first difference.
+
+use std::collections::HashMap;
+
+use super::Problem;
+use super::units::Units;
+use crate::planning::visibility::ones;
+
+/// See the module.
+pub(super) struct Classes {
+    /// For each kept row its number in [`Problem::rows`], ascending.
+    pub(super) rows: Vec<usize>,
+    /// For each kept row its classes, ascending.
+    pub(super) of_row: Vec<Vec<u32>>,
+    /// For each goal the units of each class.
+    pub(super) units: Vec<Vec<i64>>,
+    /// For each sample its class; [`Classes::NONE`] for samples that were left out or that no row measures.
+    pub(super) of_sample: Vec<u32>,
+}
+
+impl Classes {
+    /// No class.
+    pub(super) const NONE: u32 = u32::MAX;
+
+    /// Merges those of `samples` that some goal counts, over the `rows` given.
+    pub(super) fn new(problem: &Problem<'_>, goals: &[Units], samples: &[u32], rows: &[usize]) -> Self {
+        let index = index_of(problem, goals, samples);
+        let counted: Vec<u32> = samples.iter().copied().filter(|sample| index[*sample as usize] != Self::NONE).collect();
+        let signatures = Signatures::new(problem, rows, &index, counted.len());
+        let mut class_of: HashMap<&[u64], u32> = HashMap::new();
+        let mut representatives = Vec::new();
+        let mut units = vec![Vec::new(); goals.len()];
+        let mut of_sample = vec![Self::NONE; index.len()];
+        for (at, sample) in counted.iter().map(|sample| *sample as usize).enumerate() {
+            let signature = signatures.of(at);
+            if signature.iter().all(|word| *word == 0) {
+                continue;
+            }
+            let class = *class_of.entry(signature).or_insert_with(|| {
+                representatives.push(at);
+                units.iter_mut().for_each(|units| units.push(0));
+                representatives.len() as u32 - 1
+            });
+            of_sample[sample] = class;
+            units.iter_mut().zip(goals).for_each(|(units, goal)| units[class as usize] += goal.of_sample[sample]);
+        }
+        let mut of_row = vec![Vec::new(); rows.len()];
+        for (class, at) in (0..).zip(&representatives) {
+            signatures.rows(*at).for_each(|row| of_row[row].push(class));
+        }
+        let kept = undominated(&of_row, representatives.len());
+        let of_row = kept.iter().map(|row| std::mem::take(&mut of_row[*row])).collect();
+        Self { rows: kept.iter().map(|row| rows[*row]).collect(), of_row, units, of_sample }
+    }
+
+    /// Number of classes.
+    pub(super) fn len(&self) -> usize {
+        self.units.first().map_or(0, Vec::len)
+    }
+}
+
+/// For each sample its place among `samples` that count.
+fn index_of(problem: &Problem<'_>, goals: &[Units], samples: &[u32]) -> Vec<u32> {
+    let mut index = vec![Classes::NONE; problem.asked_area_mm2.len()];
+    let counts = |sample: &&u32| goals.iter().any(|goal| goal.of_sample[**sample as usize] > 0);
+    (0..).zip(samples.iter().filter(counts)).for_each(|(place, sample)| index[*sample as usize] = place);
+    index
+}
+
+/// For each sample the rows that measure it, a bit a row.
+struct Signatures {
+    words: Vec<u64>,
+    width: usize,
+}
+
+impl Signatures {
+    fn new(problem: &Problem<'_>, rows: &[usize], index: &[u32], samples: usize) -> Self {
+        let width = rows.len().div_ceil(64).max(1);
+        let mut words = vec![0; samples * width];
+        for (place, row) in rows.iter().enumerate() {
+            let placed = problem.rows[*row].samples().map(|sample| index[sample as usize]).filter(|at| *at != Classes::NONE);
+            placed.for_each(|at| words[at as usize * width + place / 64] |= 1 << (place % 64));
+        }
+        Self { words, width }
+    }
+
+    fn of(&self, sample: usize) -> &[u64] {
+        &self.words[sample * self.width..][..self.width]
+    }
+
+    fn rows(&self, sample: usize) -> impl Iterator<Item = usize> {
+        let words = (0..).step_by(64).zip(self.of(sample));
+        words.flat_map(|(first, word)| ones(*word).map(move |bit| first + bit as usize))
+    }
+}
+
+/// Rows, given by their classes, that no other contains; of equal ones the first.
+pub(super) fn undominated(of_row: &[Vec<u32>], classes: usize) -> Vec<usize> {
+    let bits: Vec<Vec<u64>> = of_row.iter().map(|row| bits_of(row, classes)).collect();
+    let mut largest_first: Vec<usize> = (0..of_row.len()).filter(|row| !of_row[*row].is_empty()).collect();
+    largest_first.sort_by_key(|row| std::cmp::Reverse(of_row[*row].len()));
+    let mut kept: Vec<usize> = Vec::new();
+    for row in largest_first {
+        let within = |other: &usize| bits[row].iter().zip(&bits[*other]).all(|(own, other)| own & !other == 0);
+        if !kept.iter().any(within) {
+            kept.push(row);
+        }
+    }
+    kept.sort_unstable();
+    kept
+}
+
+fn bits_of(row: &[u32], classes: usize) -> Vec<u64> {
+    let mut bits = vec![0; classes.div_ceil(64)];
+    row.iter().for_each(|class| bits[*class as usize / 64] |= 1 << (class % 64));
+    bits
+}

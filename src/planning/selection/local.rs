@@ -1,0 +1,284 @@
+//! Fewer views by exchange: greedy by area, views that are not needed dropped, then with one view less exchanges of one
+//! view for another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number
+//! of views: Resende 1998, Galinier and Hertz 2007). What is best at last is exchanged for a higher score (`polish.rs`).
+//!
+//! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: a step
+//! passes over the open and the singly covered samples of every row.
+
+use rayon::prelude::*;
+
+use super::greedy::{self, Batches};
+use super::overlap::Overlap;
+use super::polish;
+use super::score::Scorer;
+use super::units::Units;
+use super::{Chosen, Problem, StopReason, is_for_coverage, most_views};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::params::{ScoreParams, SelectionParams};
+use crate::planning::visibility::{Row, SampleSet, ones};
+
+/// Work of an attempt with one view less: pairs of sample and row looked at.
+const ATTEMPT: u64 = 400_000_000;
+/// Steps of an attempt at least, however large the table, and at most.
+const STEPS: std::ops::RangeInclusive<u64> = 12..=3_000;
+
+pub(super) fn select(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    weights: &ScoreParams,
+    ctx: &Context<'_>,
+) -> Result<Chosen, Cancelled> {
+    let scorer = Scorer::new(problem, params, weights);
+    let found = search(&scorer, params, ctx)?;
+    Ok(Chosen { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because })
+}
+
+/// Views without their order.
+pub(super) struct Found {
+    pub(super) rows: Vec<usize>,
+    pub(super) stopped_because: StopReason,
+}
+
+/// The best views that exchanges find.
+pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Context<'_>) -> Result<Found, Cancelled> {
+    let problem = scorer.problem;
+    let by_area = scorer.by_area();
+    let start = greedy::run(Batches::new(problem.rows.len()), &by_area, params, ctx)?;
+    let overlap = Overlap::new(problem, &params.overlap);
+    let mut rows: Vec<usize> = start.choices.iter().map(|choice| choice.row).collect();
+    let mut stopped_because = start.stopped_because;
+    let mut goals = Units::of_goals(problem);
+    let mut budget = Budget { left: u64::from(params.work_limit) * 1_000_000 };
+    let limited = stopped_because == StopReason::MaxViews && rows.len() == most_views(params);
+    if is_for_coverage(params) {
+        goals.truncate(1);
+        goals.iter_mut().for_each(|goal| goal.needed = goal.total);
+    }
+    if limited && !rows.is_empty() {
+        rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, &mut budget, ctx)?;
+    }
+    let measured: Vec<&Row> = rows.iter().map(|row| problem.rows[*row]).collect();
+    goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
+    if !is_for_coverage(params) {
+        if limited && problem.goals.len() == goals.len() && are_met(problem, &measured) {
+            stopped_because = StopReason::Target;
+        }
+        rows = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, &mut budget, ctx)?;
+    }
+    let rows = polish::run(scorer, &Exchange { problem, goals: &goals, overlap: &overlap }, rows, &mut budget, ctx)?;
+    Ok(Found { rows, stopped_because })
+}
+
+fn are_met(problem: &Problem<'_>, measured: &[&Row]) -> bool {
+    Units::of_goals(problem).iter().all(|goal| goal.covered_by(measured) >= goal.needed)
+}
+
+/// Work that may still be done.
+pub(super) struct Budget {
+    pub(super) left: u64,
+}
+
+impl Budget {
+    pub(super) fn spend(&mut self, work: u64) {
+        self.left = self.left.saturating_sub(work);
+    }
+}
+
+/// Exchanges of one view for another.
+pub(super) struct Exchange<'a> {
+    pub(super) problem: &'a Problem<'a>,
+    pub(super) goals: &'a [Units],
+    pub(super) overlap: &'a Overlap<'a>,
+}
+
+impl Exchange<'_> {
+    /// The same goals with as few views as are found.
+    pub(super) fn fewer(&self, rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+        let mut best = self.without_needless(rows);
+        while best.len() > 1 && budget.left > 0 {
+            let Some(start) = self.with_one_less(&best) else { break };
+            let found = self.run(start, budget, ctx)?;
+            if Standing::new(self, &found).deficit() > 0 || !self.overlap.connects(&found) {
+                break;
+            }
+            best = self.without_needless(found);
+        }
+        Ok(best)
+    }
+
+    /// Drops views, the last first, as long as the goals stay met.
+    fn without_needless(&self, mut rows: Vec<usize>) -> Vec<usize> {
+        for at in (0..rows.len()).rev() {
+            let mut fewer = rows.clone();
+            fewer.remove(at);
+            if !fewer.is_empty() && Standing::new(self, &fewer).deficit() == 0 && self.overlap.connects(&fewer) {
+                rows = fewer;
+            }
+        }
+        rows
+    }
+
+    /// Without the view that is missed least.
+    fn with_one_less(&self, rows: &[usize]) -> Option<Vec<usize>> {
+        let without =
+            |at: usize| rows.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, row)| *row).collect::<Vec<_>>();
+        let allowed = (0..rows.len()).map(without).filter(|fewer| self.overlap.connects(fewer));
+        allowed.min_by_key(|fewer| Standing::new(self, fewer).deficit())
+    }
+
+    /// Tabu search from `rows`; the best that it meets.
+    fn run(&self, mut rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+        let mut tabu = vec![0_u64; self.problem.rows.len()];
+        let mut best = (Standing::new(self, &rows).deficit(), rows.clone());
+        let mut spent = 0;
+        for step in 1..=*STEPS.end() {
+            if best.0 == 0 || (spent > ATTEMPT || budget.left == 0) && step > *STEPS.start() {
+                break;
+            }
+            let swaps = Swaps::new(self, &rows, ctx)?;
+            spent += swaps.work;
+            budget.spend(swaps.work);
+            let chosen = swaps.best(|at, row, deficit| {
+                let allowed = deficit < best.0 || (tabu[row] < step && tabu[rows[at]] < step);
+                allowed && self.connects(&rows, at, row)
+            });
+            let Some((at, row, deficit)) = chosen else { continue };
+            let noise = mixed(step);
+            tabu[rows[at]] = step + 4 + noise % 8;
+            tabu[row] = step + 1 + noise / 8 % (rows.len() as u64 / 2 + 1);
+            rows[at] = row;
+            if deficit < best.0 {
+                best = (deficit, rows.clone());
+            }
+        }
+        Ok(best.1)
+    }
+
+    /// Whether `rows` with the one at `at` exchanged may be chosen together.
+    pub(super) fn connects(&self, rows: &[usize], at: usize, row: usize) -> bool {
+        let mut exchanged = rows.to_vec();
+        exchanged[at] = row;
+        self.overlap.connects(&exchanged)
+    }
+}
+
+/// Finaliser of SplitMix64 (Steele, Lea, Flood 2014).
+fn mixed(step: u64) -> u64 {
+    let mut z = step.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ z >> 31
+}
+
+/// What views cover, and which of them alone.
+struct Standing<'a> {
+    goals: &'a [Units],
+    /// Samples that exactly one view covers, for each view; at last those that none covers.
+    alone: Vec<SampleSet>,
+    /// For each goal what is covered.
+    covered: Vec<i64>,
+}
+
+impl<'a> Standing<'a> {
+    fn new(exchange: &Exchange<'a>, rows: &[usize]) -> Self {
+        let words = exchange.problem.asked_area_mm2.len().div_ceil(64);
+        let (mut once, mut twice) = (vec![0_u64; words], vec![0_u64; words]);
+        let measured: Vec<&Row> = rows.iter().map(|row| exchange.problem.rows[*row]).collect();
+        for row in &measured {
+            for ((once, twice), word) in once.iter_mut().zip(&mut twice).zip(row.words()) {
+                *twice |= *once & word;
+                *once |= word;
+            }
+        }
+        let only =
+            |row: &&Row| SampleSet::from_words(row.words().iter().zip(&twice).map(|(word, twice)| word & !twice).collect());
+        let mut alone: Vec<SampleSet> = measured.iter().map(only).collect();
+        alone.push(SampleSet::from_words(once.iter().map(|word| !word).collect()));
+        let covered = exchange.goals.iter().map(|goal| goal.total - units_in(&alone[rows.len()], goal)).collect();
+        Self { goals: exchange.goals, alone, covered }
+    }
+
+    fn deficit(&self) -> i64 {
+        self.goals.iter().zip(&self.covered).map(|(goal, covered)| (goal.needed - covered).max(0)).sum()
+    }
+}
+
+/// Units in a set whose last word may hold bits beyond the samples.
+fn units_in(samples: &SampleSet, goal: &Units) -> i64 {
+    let words = samples.words().iter().zip(goal.of_sample.chunks(64));
+    words.map(|(word, units)| ones(*word).filter_map(|bit| units.get(bit as usize)).sum::<i64>()).sum()
+}
+
+/// What every exchange would leave to be covered.
+pub(super) struct Swaps {
+    /// Deficit after the exchange of each view (inner) for each row (outer).
+    deficits: Vec<Vec<i64>>,
+    pub(super) work: u64,
+}
+
+impl Swaps {
+    pub(super) fn new(exchange: &Exchange<'_>, rows: &[usize], ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let standing = Standing::new(exchange, rows);
+        let views = rows.len();
+        let mut sole = vec![u16::MAX; exchange.problem.asked_area_mm2.len().next_multiple_of(64)];
+        for (view, samples) in (0..).zip(&standing.alone) {
+            samples.iter().for_each(|sample| sole[sample as usize] = view);
+        }
+        let moving = standing.alone.iter().fold(vec![0; sole.len() / 64], |mut all: Vec<u64>, samples| {
+            all.iter_mut().zip(samples.words()).for_each(|(all, word)| *all |= word);
+            all
+        });
+        let lost: Vec<Vec<i64>> = exchange
+            .goals
+            .iter()
+            .map(|goal| standing.alone[..views].iter().map(|alone| units_in(alone, goal)).collect())
+            .collect();
+        let goals = exchange.goals;
+        let of_row = |row: &&Row| {
+            ctx.check()?;
+            let mut regained = vec![vec![0_i64; views + 1]; goals.len()];
+            let mut work = moving.len() as u64 / 4;
+            for (at, (word, moving)) in row.words().iter().zip(&moving).enumerate() {
+                for bit in ones(word & moving) {
+                    let sample = 64 * at + bit as usize;
+                    let view = usize::from(sole[sample]);
+                    regained.iter_mut().zip(goals).for_each(|(sums, goal)| sums[view] += goal.of_sample[sample]);
+                    work += 1;
+                }
+            }
+            let deficit = |view: usize| {
+                let of_goals = goals.iter().zip(&standing.covered).zip(&lost).zip(&regained);
+                of_goals
+                    .map(|(((goal, covered), lost), regained)| {
+                        (goal.needed - (covered - lost[view] + regained[view] + regained[views])).max(0)
+                    })
+                    .sum()
+            };
+            Ok(((0..views).map(deficit).collect::<Vec<i64>>(), work))
+        };
+        let of_rows = exchange.problem.rows.par_iter().map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
+        let work = of_rows.iter().map(|(_, work)| work).sum();
+        let mut deficits: Vec<Vec<i64>> = of_rows.into_iter().map(|(deficits, _)| deficits).collect();
+        rows.iter().for_each(|row| deficits[*row].clear());
+        Ok(Self { deficits, work })
+    }
+
+    /// Every exchange of the view at a place for a row that is not chosen, with the deficit after it.
+    pub(super) fn all(&self) -> impl Iterator<Item = (usize, usize, i64)> + '_ {
+        let of_row = |(row, deficits): (usize, &'_ Vec<i64>)| -> Vec<(usize, usize, i64)> {
+            deficits.iter().enumerate().map(|(at, deficit)| (at, row, *deficit)).collect()
+        };
+        self.deficits.iter().enumerate().flat_map(of_row)
+    }
+
+    /// The allowed exchange with the least deficit; the first among equals.
+    fn best(&self, allowed: impl Fn(usize, usize, i64) -> bool) -> Option<(usize, usize, i64)> {
+        let mut best: Option<(usize, usize, i64)> = None;
+        for (at, row, deficit) in self.all() {
+            if best.is_none_or(|best| deficit < best.2) && allowed(at, row, deficit) {
+                best = Some((at, row, deficit));
+            }
+        }
+        best
+    }
+}

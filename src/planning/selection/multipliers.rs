@@ -1,0 +1,210 @@
+//! Prices of samples, and what follows from them exactly. With a price u_s of 0 to w_s for each sample, w_s its units and
+//! slack the units that may stay open, views S that meet the goals satisfy Σ_{s covered} u_s ≥ Σ u_s − slack, and cover at
+//! most the sum of their rows' prices: if the k dearest rows together are below that, k views cannot do it. This is the
+//! Lagrangian bound of maximum k-cover (Cornuéjols, Fisher, Nemhauser 1977; Held and Karp 1971 for prices as such). It
+//! holds for any prices; those of the linear relaxation make it as good as that relaxation. Whole numbers throughout.
+//!
+//! Several goals enter as one: their units are added with whole weights, the relaxation's prices of the goals.
+
+use super::Problem;
+use super::classes::Classes;
+use super::relaxation::{Form, Solution, solve};
+use super::units::{Units, row_sums};
+use crate::planning::context::{Cancelled, Context};
+
+/// Weights of the goals add up to about this.
+const GOAL_WEIGHTS: f64 = 256.0;
+/// Most often that the relaxation is solved again with rows that were too dear.
+const MOST_ROUNDS: usize = 4;
+/// Relative gap to which the relaxation is solved, and that on a share of the samples, which is to hold for the others.
+const GAP: f64 = 1e-7;
+const GAP_OF_SHARE: f64 = 4e-3;
+
+/// How large a relaxation may be.
+pub(super) struct Size {
+    /// Classes × (rows a class)² / 2 at most, about: work of a step.
+    pub(super) step: f64,
+    /// Rows at most.
+    pub(super) rows: usize,
+}
+
+/// See the module.
+pub(super) struct Multipliers {
+    /// w_s.
+    pub(super) units: Vec<i64>,
+    /// u_s.
+    pub(super) prices: Vec<i64>,
+    /// Units that may stay open.
+    pub(super) slack: i64,
+}
+
+/// What is to be bounded.
+#[derive(Clone, Copy)]
+pub(super) enum Aim {
+    /// Views for the goals.
+    FewestViews,
+    /// Units of the first goal with so many views.
+    MostArea(usize),
+}
+
+impl Multipliers {
+    /// From the linear relaxation, as large as `size` allows.
+    pub(super) fn relaxed(
+        problem: &Problem<'_>,
+        goals: &[Units],
+        aim: Aim,
+        size: &Size,
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let samples = sampled(problem, goals, size);
+        let is_share = samples.1;
+        let mut rows = largest_rows(problem, &goals[0], size.rows);
+        let mut round = 1;
+        loop {
+            let classes = Classes::new(problem, goals, &samples.0, &rows);
+            let form = form(&classes, goals, aim);
+            let solution = solve(&classes.of_row, classes.len(), &form, if is_share { GAP_OF_SHARE } else { GAP }, ctx)?;
+            let multipliers = Self::new(problem, goals, &classes, &form, &solution, is_share);
+            let sums = row_sums(&problem.rows, &multipliers.prices);
+            let dearest = classes.rows.iter().map(|row| sums[*row]).max().unwrap_or(0);
+            let mut dearer: Vec<usize> = (0..sums.len()).filter(|row| sums[*row] > dearest && !rows.contains(row)).collect();
+            if dearer.is_empty() || round == MOST_ROUNDS || is_share {
+                return Ok(multipliers);
+            }
+            dearer.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
+            dearer.truncate(size.rows / 4);
+            rows.extend(dearer);
+            rows.sort_unstable();
+            round += 1;
+        }
+    }
+
+    fn new(problem: &Problem<'_>, goals: &[Units], classes: &Classes, form: &Form, solution: &Solution, is_share: bool) -> Self {
+        let weights = goal_weights(goals, &solution.limit);
+        let weighted =
+            |of: &dyn Fn(&Units) -> i64| -> i64 { goals.iter().zip(&weights).map(|(goal, weight)| weight * of(goal)).sum() };
+        let units: Vec<i64> = (0..problem.asked_area_mm2.len()).map(|sample| weighted(&|goal| goal.of_sample[sample])).collect();
+        let slack = weighted(&|goal| goal.total - goal.needed);
+        let caps = caps(form, solution, classes.len());
+        let ratio: Vec<f64> = caps.iter().zip(&solution.class).map(|(cap, price)| (price / cap).clamp(0.0, 1.0)).collect();
+        let taken = if is_share { taken_of_samples(problem, classes, solution) } else { Vec::new() };
+        let mean_cap = caps.iter().sum::<f64>() / caps.len().max(1) as f64;
+        let price = |sample: usize| match classes.of_sample[sample] {
+            Classes::NONE if is_share && taken[sample] > 0.0 => central_ratio((taken[sample] - 1.0) * mean_cap / solution.tau),
+            Classes::NONE => 1.0,
+            class => ratio[class as usize],
+        };
+        let prices =
+            units.iter().enumerate().map(|(sample, units)| ((price(sample) * *units as f64) as i64).clamp(0, *units)).collect();
+        Self { units, prices, slack }
+    }
+
+    /// The fewest views that these prices do not rule out.
+    pub(super) fn views_lower(&self, problem: &Problem<'_>) -> usize {
+        let mut sums = row_sums(&problem.rows, &self.prices);
+        sums.sort_unstable_by(|a, b| b.cmp(a));
+        let needed = self.prices.iter().sum::<i64>() - self.slack;
+        let mut held = 0;
+        let falls_short = |sum: &&i64| {
+            let falls_short = held < needed;
+            held += **sum;
+            falls_short
+        };
+        sums.iter().take_while(falls_short).count()
+    }
+
+    /// Units that `views` views cover at most.
+    pub(super) fn most_units(&self, problem: &Problem<'_>, views: usize) -> i64 {
+        let mut sums = row_sums(&problem.rows, &self.prices);
+        sums.sort_unstable_by(|a, b| b.cmp(a));
+        let open: i64 = self.units.iter().zip(&self.prices).map(|(units, price)| units - price).sum();
+        open + sums.iter().take(views).sum::<i64>()
+    }
+}
+
+/// Samples for the relaxation, and whether they are a share of all: spread evenly over those that count.
+fn sampled(problem: &Problem<'_>, goals: &[Units], size: &Size) -> (Vec<u32>, bool) {
+    let counts = |sample: &u32| goals.iter().any(|goal| goal.of_sample[*sample as usize] > 0);
+    let all: Vec<u32> = (0..problem.asked_area_mm2.len() as u32).filter(counts).collect();
+    let pairs: f64 = problem.rows.iter().map(|row| row.count() as f64).sum();
+    let most_rows = (size.rows as f64 / problem.rows.len().max(1) as f64).min(1.0);
+    let rows_a_sample = (pairs * most_rows / all.len().max(1) as f64).max(1.0);
+    let most = (2.0 * size.step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
+    if all.len() <= most {
+        return (all, false);
+    }
+    let share = |place: usize| all[place * all.len() / most];
+    ((0..most).map(share).collect(), true)
+}
+
+/// The rows that cover most, ascending by number.
+fn largest_rows(problem: &Problem<'_>, goal: &Units, most: usize) -> Vec<usize> {
+    let mut rows: Vec<usize> = (0..problem.rows.len()).collect();
+    if rows.len() > most {
+        let sums = row_sums(&problem.rows, &goal.of_sample);
+        rows.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
+        rows.truncate(most);
+        rows.sort_unstable();
+    }
+    rows
+}
+
+/// The relaxation over the classes: shares of what they hold; of what no row covers nothing need be covered.
+fn form(classes: &Classes, goals: &[Units], aim: Aim) -> Form {
+    let shares = |units: &[i64]| -> Vec<f64> {
+        let whole: f64 = units.iter().map(|units| *units as f64).sum();
+        units.iter().map(|units| *units as f64 / whole.max(1.0)).collect()
+    };
+    let held: Vec<f64> = classes.units.iter().map(|units| units.iter().map(|units| *units as f64).sum()).collect();
+    match aim {
+        Aim::MostArea(views) => Form::MostArea(shares(&classes.units[0]), views as f64),
+        Aim::FewestViews => Form::FewestViews(
+            goals
+                .iter()
+                .zip(&classes.units)
+                .zip(held)
+                .map(|((goal, units), held)| {
+                    // A share of the samples stands for all of them: the same share may stay open of what is measured.
+                    let measured = goal.measured.max(1) as f64;
+                    (shares(units), if held > 0.0 { (1.0 - goal.needed as f64 / measured).max(0.0) } else { 1.0 })
+                })
+                .collect(),
+        ),
+    }
+}
+
+/// Largest price of each class.
+fn caps(form: &Form, solution: &Solution, classes: usize) -> Vec<f64> {
+    match form {
+        Form::MostArea(weights, _) => weights.clone(),
+        Form::FewestViews(goals) => {
+            let cap = |class: usize| goals.iter().zip(&solution.limit).map(|((weights, _), limit)| weights[class] * limit).sum();
+            (0..classes).map(cap).collect()
+        }
+    }
+}
+
+/// Whole weights in proportion to the prices of the goals; 1 for a single one.
+fn goal_weights(goals: &[Units], prices: &[f64]) -> Vec<i64> {
+    let sum: f64 = prices.iter().sum();
+    if goals.len() == 1 || sum <= 0.0 || !sum.is_finite() {
+        return (0..goals.len()).map(|goal| i64::from(goal == 0)).collect();
+    }
+    prices.iter().map(|price| (price / sum * GOAL_WEIGHTS).round() as i64).collect()
+}
+
+/// A x at every sample.
+fn taken_of_samples(problem: &Problem<'_>, classes: &Classes, solution: &Solution) -> Vec<f64> {
+    let mut taken = vec![0.0; problem.asked_area_mm2.len()];
+    for (row, share) in classes.rows.iter().zip(&solution.taken).filter(|(_, share)| **share > 1e-6) {
+        problem.rows[*row].samples().for_each(|sample| taken[sample as usize] += share);
+    }
+    taken
+}
+
+/// The price, as a share of its cap, of a class on the central path: ρ with 1/ρ − 1/(1 − ρ) = `excess`, which is the
+/// class's excess cover times its cap over τ.
+fn central_ratio(excess: f64) -> f64 {
+    // ρ² e − ρ (e + 2) + 1 = 0, the root between 0 and 1.
+    2.0 / (excess + 2.0 + (excess * excess + 4.0).sqrt())
+}

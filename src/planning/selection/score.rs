@@ -1,0 +1,159 @@
+//! What a candidate adds at a point of a selection: G_v = a·G_c + b·G_q over the open samples (method §5), or plain area,
+//! less what its time costs. Sums run in an order that the samples' numbers alone decide, so that they do not depend on
+//! threads. Cost: a pass over the row's words and the open samples in them.
+
+use super::Problem;
+use crate::planning::params::{Objective, ScoreParams, SelectionParams};
+use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
+
+/// Sums side by side: sample s belongs to sum s mod 8.
+const LANES: usize = 8;
+/// Stands for the steps of a word when quality does not count.
+const NO_STEPS: [i16; 64] = [0; 64];
+
+/// How candidates are scored.
+pub(super) struct Scorer<'a> {
+    pub(super) problem: &'a Problem<'a>,
+    objective: Objective,
+    weights: &'a ScoreParams,
+    cost_mm2_per_s: f64,
+}
+
+impl<'a> Scorer<'a> {
+    pub(super) fn new(problem: &'a Problem<'a>, params: &SelectionParams, weights: &'a ScoreParams) -> Self {
+        Self { problem, objective: params.objective, weights, cost_mm2_per_s: params.view_cost_mm2_per_s }
+    }
+
+    /// The same by plain area, without what time costs.
+    pub(super) fn by_area(&self) -> Self {
+        Self { problem: self.problem, objective: Objective::Coverage, weights: self.weights, cost_mm2_per_s: 0.0 }
+    }
+
+    /// Scale and steps of a row's quality, where the score counts it.
+    fn quality(&self, row: usize) -> Option<(QualityScale, &'a [i16])> {
+        let counts = self.objective == Objective::Score && self.weights.b > 0.0;
+        self.problem.rows[row].quality().filter(|_| counts)
+    }
+
+    /// Whether a row's score without travel can only fall as samples are closed: where no sample is worth less than
+    /// nothing. That holds to the last bit, since a sum in a fixed order never grows when some of its terms become 0.
+    pub(super) fn scores_only_fall(&self, row: usize) -> bool {
+        self.quality(row).is_none_or(|(scale, _)| self.weights.a >= self.weights.b * f64::from(scale.greatest()))
+    }
+
+    /// Score of a row over `open`, less the time of the view itself.
+    pub(super) fn score(&self, row: usize, open: &Open) -> f64 {
+        self.gross_score(row, open) - self.cost_mm2_per_s * self.problem.view_secs
+    }
+
+    fn gross_score(&self, row: usize, open: &Open) -> f64 {
+        let measured = self.problem.rows[row];
+        match (self.objective, self.quality(row)) {
+            // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
+            (_, Some((scale, steps))) => {
+                let whole = f64::from(i16::MAX);
+                open.sum(measured, Some(steps), self.weights.a * whole, self.weights.b * f64::from(scale.greatest())) / whole
+            }
+            (Objective::Score, None) => self.weights.a * open.area_mm2(measured),
+            (Objective::Coverage, None) => open.area_mm2(measured),
+        }
+    }
+
+    /// What the way from the nearest of `chosen` to `row` costs.
+    pub(super) fn travel_cost_mm2(&self, row: usize, chosen: &[usize]) -> f64 {
+        let Some(travel_secs) = self.problem.travel_secs.filter(|_| self.cost_mm2_per_s > 0.0) else { return 0.0 };
+        let nearest_secs = chosen.iter().map(|from| travel_secs(*from, row)).fold(f64::INFINITY, f64::min);
+        if nearest_secs.is_finite() { self.cost_mm2_per_s * nearest_secs } else { 0.0 }
+    }
+
+    /// What the travel between `rows` costs: the shortest tree that joins them (Prim 1957).
+    pub(super) fn tree_cost_mm2(&self, rows: &[usize]) -> f64 {
+        let Some(travel_secs) = self.problem.travel_secs.filter(|_| self.cost_mm2_per_s > 0.0) else { return 0.0 };
+        let Some((first, rest)) = rows.split_first() else { return 0.0 };
+        let mut away: Vec<(usize, f64)> = rest.iter().map(|row| (*row, travel_secs(*first, *row))).collect();
+        let mut secs = 0.0;
+        while let Some(nearest) = (0..away.len()).min_by(|a, b| away[*a].1.total_cmp(&away[*b].1)) {
+            let (joined, way_secs) = away.swap_remove(nearest);
+            secs += way_secs;
+            away.iter_mut().for_each(|(row, to_tree)| *to_tree = to_tree.min(travel_secs(joined, *row)));
+        }
+        self.cost_mm2_per_s * secs
+    }
+
+    /// What each measured sample of a row is worth, ascending by sample.
+    pub(super) fn worths(&self, row: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let (worth, worth_a_step, steps) = match (self.objective, self.quality(row)) {
+            (_, Some((scale, steps))) => {
+                (self.weights.a, self.weights.b * f64::from(scale.greatest()) / f64::from(i16::MAX), steps)
+            }
+            (Objective::Score, None) => (self.weights.a, 0.0, &[][..]),
+            (Objective::Coverage, None) => (1.0, 0.0, &[][..]),
+        };
+        let steps = steps.iter().copied().chain(std::iter::repeat(0));
+        let of = move |sample: u32, step: i16| self.problem.worth_mm2[sample as usize] * (worth + worth_a_step * f64::from(step));
+        self.problem.rows[row].samples().zip(steps).map(move |(sample, step)| (sample, of(sample, step)))
+    }
+}
+
+/// What is not yet covered.
+#[derive(Clone)]
+pub(super) struct Open {
+    /// The samples: tells which words of a row can be passed over.
+    samples: SampleSet,
+    /// Area that each sample stands for, 0 for those that are not open.
+    area_mm2: Vec<f64>,
+}
+
+impl Open {
+    /// Every sample that has area.
+    pub(super) fn all(area_mm2: &[f64]) -> Self {
+        let mut samples = SampleSet::none_of(area_mm2.len());
+        let asked = (0..).zip(area_mm2).filter(|(_, area_mm2)| **area_mm2 > 0.0);
+        asked.for_each(|(sample, _)| samples.insert(sample));
+        Self { samples, area_mm2: area_mm2.to_vec() }
+    }
+
+    pub(super) fn close(&mut self, row: &Row) {
+        self.samples.remove_all(row.measured());
+        row.samples().for_each(|sample| self.area_mm2[sample as usize] = 0.0);
+    }
+
+    /// Closes the samples that are not `wanted`.
+    pub(super) fn retain(&mut self, wanted: impl Fn(usize) -> bool) {
+        let mut others = SampleSet::none_of(self.area_mm2.len());
+        (0..self.area_mm2.len()).filter(|sample| !wanted(*sample)).for_each(|sample| others.insert(sample as u32));
+        others.iter().for_each(|sample| self.area_mm2[sample as usize] = 0.0);
+        self.samples.remove_all(&others);
+    }
+
+    pub(super) fn area_mm2(&self, row: &Row) -> f64 {
+        self.sum(row, None, 1.0, 0.0)
+    }
+
+    /// Sum of area × (`worth` + `worth_a_step` × step) over the open samples of a row, in [`LANES`] sums side by side, so
+    /// that samples measured in unbroken runs are added as vectors. A closed sample adds 0, whether passed over or not.
+    fn sum(&self, row: &Row, mut steps: Option<&[i16]>, worth: f64, worth_a_step: f64) -> f64 {
+        let mut sums = [0.0; LANES];
+        for ((measured, open), area_mm2) in row.words().iter().zip(self.samples.words()).zip(self.area_mm2.chunks(64)) {
+            let count = measured.count_ones() as usize;
+            let own = match &mut steps {
+                Some(steps) => steps.split_off(..count).unwrap_or_default(),
+                None => &NO_STEPS[..count],
+            };
+            let add = |sum: &mut f64, area_mm2: f64, step: i16| *sum += area_mm2 * (worth + worth_a_step * f64::from(step));
+            if measured & open == 0 {
+                continue;
+            }
+            if count == 64 {
+                for (area_mm2, own) in area_mm2.chunks_exact(LANES).zip(own.chunks_exact(LANES)) {
+                    (0..LANES).for_each(|lane| add(&mut sums[lane], area_mm2[lane], own[lane]));
+                }
+            } else {
+                for (bit, step) in ones(*measured).zip(own) {
+                    add(&mut sums[bit as usize % LANES], area_mm2[bit as usize], *step);
+                }
+            }
+        }
+        sums.iter().sum()
+    }
+}

@@ -1,0 +1,65 @@
+//! Tells which samples a region holds.
+
+use std::collections::HashSet;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::cell::FieldError;
+use crate::geometry::Mesh;
+use crate::planning::params::Region;
+
+/// A region, looked up in a mesh.
+pub(in super::super) struct RegionFinder<'a> {
+    /// Faces of the file, where the region is made of faces.
+    source_faces: HashSet<u32>,
+    region: &'a Region,
+}
+
+impl<'a> RegionFinder<'a> {
+    /// # Errors
+    /// Faces or a group that the file does not have; `at` is where the region stands in the parameters.
+    pub(in super::super) fn new(mesh: &Mesh, region: &'a Region, at: &str) -> Result<Self, Vec<FieldError>> {
+        let source_faces = match region {
+            Region::Faces { faces } => named_faces(mesh, faces, at)?.collect(),
+            Region::Name { name } => named_group(mesh, name, at)?.iter().copied().collect(),
+            Region::Box { .. } | Region::Sphere { .. } | Region::HalfSpace { .. } | Region::Plane { .. } => HashSet::new(),
+        };
+        Ok(Self { source_faces, region })
+    }
+
+    /// Whether it holds a point on a face.
+    pub(in super::super) fn holds(&self, source_face: u32, p: &Point3<f64>) -> bool {
+        let height_mm =
+            |point_mm: &[f64; 3], normal: &[f64; 3]| (p - Point3::from(*point_mm)).dot(&Vector3::from(*normal).normalize());
+        match self.region {
+            Region::Box { min_mm, max_mm } => (0..3).all(|axis| min_mm[axis] <= p[axis] && p[axis] <= max_mm[axis]),
+            Region::Sphere { centre_mm, radius_mm } => (p - Point3::from(*centre_mm)).norm() <= *radius_mm,
+            Region::HalfSpace { point_mm, normal } => height_mm(point_mm, normal) <= 0.0,
+            Region::Plane { point_mm, normal, within_mm } => height_mm(point_mm, normal).abs() <= *within_mm,
+            Region::Faces { .. } | Region::Name { .. } => self.source_faces.contains(&source_face),
+        }
+    }
+}
+
+fn named_faces<'f>(mesh: &Mesh, faces: &'f [u32], at: &str) -> Result<impl Iterator<Item = u32> + 'f, Vec<FieldError>> {
+    let faces_in_file = mesh.source_face.last().map_or(0, |last| last + 1);
+    match faces.iter().find(|face| **face >= faces_in_file) {
+        Some(beyond) => Err(vec![FieldError {
+            pointer: format!("{at}/faces"),
+            detail: format!("names face {beyond}; the file's faces are 0 to {}", faces_in_file.saturating_sub(1)),
+        }]),
+        None => Ok(faces.iter().copied()),
+    }
+}
+
+fn named_group<'m>(mesh: &'m Mesh, name: &str, at: &str) -> Result<&'m [u32], Vec<FieldError>> {
+    mesh.groups.iter().find(|group| group.name == name).map(|group| group.source_faces.as_slice()).ok_or_else(|| {
+        let known: Vec<_> = mesh.groups.iter().map(|group| group.name.as_str()).take(20).collect();
+        let known = if known.is_empty() {
+            "the file has no named groups".to_owned()
+        } else {
+            format!("the file's groups are {}", known.join(", "))
+        };
+        vec![FieldError { pointer: format!("{at}/name"), detail: format!("is {name:?}; {known}") }]
+    })
+}

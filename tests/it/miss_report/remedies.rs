@@ -1,0 +1,174 @@
+//! Remedies as the plan prints them, applied: the spot is then measured, and by as much as was said.
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+use vantage::cell::{PoseSpec, Presets, SpecLibrary};
+use vantage::geometry::{Mesh, Part, Pose, Table};
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::PlanParams;
+use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
+use vantage::planning::report::{text, treated_spots};
+use vantage::planning::{PlanInput, plan};
+
+use super::bodies::{Pocket, blind_hole, l_pocket};
+use super::{everything, given, looking};
+use crate::support::shapes::prism;
+use crate::support::{box_mesh, nominal_scanner, plan_viewpoints};
+
+/// Said and found areas differ by no more than this share: huge spots alone are looked at in part.
+const SAID: f64 = 1e-6;
+
+fn treated(outcome: &Outcome) -> Vec<(Cause, &MissedSpot, &Remedy)> {
+    treated_spots(&outcome.plan.missed)
+}
+
+/// The parameters with a remedy applied.
+fn applied(params: &PlanParams, remedy: &Remedy) -> PlanParams {
+    let mut params = params.clone();
+    params.candidates.poses.extend(remedy.views.iter().map(|view| PoseSpec::from(&view.part_from_scanner)));
+    params.limits.camera_deg = remedy.camera_deg.or(params.limits.camera_deg);
+    params.limits.projector_deg = remedy.projector_deg.or(params.limits.projector_deg);
+    params.selection.max_views = None;
+    params
+}
+
+/// Area that was missed for `cause` on the spot's faces and is measured now.
+fn cured_mm2(mesh: &Mesh, before: &Outcome, after: &Outcome, cause: Cause, spot: &MissedSpot) -> f64 {
+    before.surface.area_where(|s| {
+        before.verdicts[s] == Verdict::Missed(cause)
+            && matches!(after.verdicts[s], Verdict::Measured(_))
+            && spot.source_faces.binary_search(&mesh.source_face[before.surface.patch_of(s).face as usize]).is_ok()
+    })
+}
+
+/// Plans, applies every remedy by itself and looks at the spot; returns the kinds that were met.
+fn every_remedy_works(mesh: &Mesh, params: &PlanParams, most: usize) -> Vec<RemedyKind> {
+    let scanner = nominal_scanner();
+    let before = plan_viewpoints(mesh, &scanner, params);
+    let treated = treated(&before);
+    for (cause, spot, remedy) in treated.iter().filter(|(.., remedy)| remedy.kind != RemedyKind::None).take(most) {
+        let mut params = applied(params, remedy);
+        params.missed.remedies = 0;
+        let after = plan_viewpoints(mesh, &scanner, &params);
+        let cured_mm2 = cured_mm2(mesh, &before, &after, *cause, spot);
+        println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, remedy.sentence());
+        assert!(remedy.area_mm2 >= 0.5 * spot.area_mm2 && (1..=4).contains(&remedy.views.len()));
+        assert!(cured_mm2 >= remedy.area_mm2 * (1.0 - SAID), "{cured_mm2} of {} with {}", remedy.area_mm2, remedy.sentence());
+    }
+    treated.iter().map(|(.., remedy)| remedy.kind).collect()
+}
+
+#[test]
+fn a_slot_across_the_baseline_is_cured_by_another_roll() {
+    // 12 mm wide, 60 mm deep, along y; the only view has its baseline across it.
+    let profile =
+        [[6.0, -60.0], [6.0, 0.0], [30.0, 0.0], [30.0, -80.0], [-30.0, -80.0], [-30.0, 0.0], [-6.0, 0.0], [-6.0, -60.0]];
+    let slot = slotted(&profile);
+    let mut params = everything((85.0, 77.5));
+    params.candidates.strategies = Vec::new();
+    params.candidates.poses = vec![PoseSpec::from(&looking(Point3::new(0.0, 0.0, -30.0), 0.0, 0.0, 0.0))];
+    params.regions.exclude =
+        vec![vantage::planning::params::Region::HalfSpace { point_mm: [0.0, 0.0, -62.0], normal: [0.0, 0.0, 1.0] }];
+    let before = plan_viewpoints(&slot, &nominal_scanner(), &params);
+    let floor = treated(&before).into_iter().find(|(_, spot, _)| (spot.centre_mm.z + 60.0).abs() < 1e-6);
+    let (cause, spot, remedy) = floor.expect("the floor is a spot");
+    assert_eq!((cause, remedy.kind), (Cause::ShadowLeft, RemedyKind::Roll), "{}", remedy.sentence());
+    assert!((spot.extent_mm - Vector3::new(12.0, 80.0, 0.0)).norm() < 1e-6, "{:?}", spot.extent_mm);
+    assert!((remedy.views[0].roll_rad.to_degrees() - 90.0).abs() < 1e-9);
+    every_remedy_works(&slot, &params, 20);
+}
+
+/// A prism whose section has a slot: the fan of [`prism`] cannot close it, so its ends stay open.
+fn slotted(profile: &[[f64; 2]]) -> Mesh {
+    let mut mesh = prism(profile, 40.0);
+    mesh.faces.truncate(2 * profile.len());
+    mesh.source_face.truncate(2 * profile.len());
+    mesh
+}
+
+#[test]
+fn sides_that_no_view_faces_are_cured_by_tilts() {
+    let block = box_mesh([-30.0; 3], [30.0; 3]);
+    let mut params = everything((60.0, 55.0));
+    params.candidates.strategies = Vec::new();
+    params.candidates.poses = vec![PoseSpec::from(&looking(Point3::new(0.0, 0.0, 30.0), 0.0, 0.0, 0.0))];
+    let kinds = every_remedy_works(&block, &params, 20);
+    assert_eq!(kinds, [RemedyKind::Tilt], "five faces that hang together are one spot");
+}
+
+#[test]
+fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
+    // At the bottom of a narrow hole nothing but straight down helps, and the one view stands 70 mm too far.
+    let body = blind_hole(10.0, 20.0);
+    let straight = looking(Point3::origin(), 0.0, 0.0, 0.0);
+    let back = Pose::from_parts(straight.origin_mm().coords + Vector3::z() * 100.0, straight.isometry().rotation);
+    let params = given(&body, &[back, looking(Point3::new(0.0, 0.0, 60.0), 0.0, 0.0, 0.0)], (40.0, 40.0));
+    let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
+    let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
+    let (_, spot, remedy) = floor.expect("a spot out of depth");
+    assert!((spot.centre_mm.z + 20.0).abs() < 0.5, "{:?}", spot.centre_mm);
+    assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", remedy.sentence());
+    every_remedy_works(&body.mesh, &params, 20);
+}
+
+#[test]
+fn the_wall_of_a_deep_hole_needs_a_larger_limit() {
+    let body = blind_hole(10.0, 60.0);
+    let mut params = everything((50.0, 45.0));
+    params.regions.exclude = vec![vantage::planning::params::Region::Faces { faces: body.outside() }];
+    let kinds = every_remedy_works(&body.mesh, &params, 20);
+    assert!(kinds.contains(&RemedyKind::Limit) || kinds.contains(&RemedyKind::None), "{kinds:?}");
+    println!("{kinds:?}");
+}
+
+#[test]
+fn the_ceiling_of_an_l_pocket_has_no_remedy_and_says_so() {
+    // Behind 8 mm of leg height, 40 mm in, nothing reaches the ceiling's end.
+    let pocket = Pocket { width_mm: 10.0, depth_mm: 60.0, leg_mm: 40.0, leg_height_mm: 8.0, half_length_mm: 60.0 };
+    let body = l_pocket(&pocket);
+    let mut params = everything((85.0, 77.5));
+    params.regions.exclude = vec![vantage::planning::params::Region::Faces { faces: body.outside() }];
+    let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
+    let ceiling = body.faces("ceiling");
+    let of_ceiling: Vec<_> =
+        treated(&before).into_iter().filter(|(_, spot, _)| spot.source_faces.iter().all(|face| ceiling.contains(face))).collect();
+    assert!(!of_ceiling.is_empty());
+    println!("{}", text(&before.plan));
+    assert!(of_ceiling.iter().any(|(.., remedy)| remedy.kind == RemedyKind::None && remedy.views.is_empty()));
+}
+
+#[test]
+fn what_was_measurable_and_left_out_is_cured_by_choosing_it() {
+    let block = box_mesh([-30.0; 3], [30.0; 3]);
+    let mut params = everything((60.0, 55.0));
+    params.selection.max_views = Some(1);
+    let kinds = every_remedy_works(&block, &params, 20);
+    assert!(!kinds.is_empty() && kinds.iter().all(|kind| *kind == RemedyKind::View), "{kinds:?}");
+}
+
+#[test]
+fn the_face_that_a_part_stands_on_is_cured_by_another_setup() {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
+    let planned = |params: &PlanParams| {
+        let cancel = AtomicBool::new(false);
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+        plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
+    };
+    let mut params = PlanParams::default();
+    params.part.samples_per_mm2 = Some(0.3);
+    let before = planned(&params);
+    let (cause, spot, remedy) = treated(&before)[0];
+    assert_eq!((cause, remedy.kind), (Cause::ExcludedResting, RemedyKind::Setup), "{}", remedy.sentence());
+    assert!((spot.area_mm2 - 2400.0).abs() < 1e-6 && remedy.area_mm2 >= 1200.0);
+    // What points to the scanner there points up in the other setup.
+    let up = -remedy.views[0].part_from_scanner.direction(&Vector3::z());
+    assert!(up.z < -0.3, "{up:?}");
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let turned: Pose<Table, Part> = Pose::from_parts(Vector3::new(0.0, 0.0, mesh.aabb().extent_mm().z), half_turn);
+    params.part.table_from_part = Some(PoseSpec::from(&turned));
+    params.missed.remedies = 0;
+    let after = planned(&params);
+    assert!(cured_mm2(&mesh, &before, &after, cause, spot) >= remedy.area_mm2 * (1.0 - SAID));
+}
