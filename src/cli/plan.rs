@@ -229,6 +229,9 @@ fn report(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
     }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
+        if let Some(remedy) = &missed.remedy {
+            println!("                   its largest spot: {}", remedy.text);
+        }
     }
     println!("Look at {}", args.out.join("report.html").display());
     Ok(())

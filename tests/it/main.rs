@@ -3,6 +3,7 @@
 mod architecture;
 mod candidate_rounds;
 mod candidate_study;
+mod certified_figures;
 mod closed_form;
 mod goldens;
 mod http;
@@ -11,6 +12,7 @@ mod kinematics;
 mod meshes;
 mod miss_report;
 mod oracle_coverage;
+mod oracle_selection;
 mod packet_rays;
 mod plan_command;
 mod planning_with_cell;

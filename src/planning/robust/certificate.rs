@@ -120,9 +120,9 @@ pub(in crate::planning) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// The views that measure something.
-    pub(in crate::planning) fn of(occluders: &'a Occluders, views: &[PlannedView]) -> Self {
-        let measuring = views.iter().filter(|view| view.rejected.is_none());
+    /// The views of a setup that measure something.
+    pub(in crate::planning) fn of(occluders: &'a Occluders, views: &[PlannedView], setup: usize) -> Self {
+        let measuring = views.iter().filter(|view| view.rejected.is_none() && view.setup == setup);
         Self { occluders, views: measuring.map(|view| view.part_from_scanner).collect() }
     }
 }
