@@ -21,6 +21,8 @@ mod raster_engine;
 mod reach_study;
 mod readme;
 mod report;
+mod robust;
 mod server;
 mod setups;
+mod study_command;
 mod support;

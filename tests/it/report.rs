@@ -1,7 +1,7 @@
 //! What a person looks at after a plan, made from a plan whose answers are known in closed form: a sphere seen from
 //! four sides. The text report is held by `tests/golden/plan_report.txt`; `UPDATE_GOLDEN=1` writes it anew.
 
-mod markup;
+pub(crate) mod markup;
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -12,8 +12,8 @@ use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, SetupPlan,
-    StopReason, Verdict, ViewId,
+    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView,
+    SetupPlan, StopReason, Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -101,6 +101,7 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
         independent: Independent::default(),
         robust: None,
         pixel_set_area_mm2: None,
+        ..Coverage::default()
     }
 }
 

@@ -81,7 +81,7 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
+    pub(super) fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
         of_asked.sort_by(f64::total_cmp);
         Self { nominal, of_asked }
     }
@@ -215,7 +215,7 @@ impl<'a> Second<'a> {
 }
 
 /// Where something is that should be at the identity: turned about `centre_mm`, then moved.
-fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
+pub(super) fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
     let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
     let shift_mm = stream.direction().into_inner() * error.translation_mm;
     Pose::from_parts(centre_mm.coords + shift_mm - turn * centre_mm.coords, turn)
