@@ -28,7 +28,7 @@ impl SelectionTable {
         params.limits.projector_deg = Some(projector_deg);
         params.candidates.hemisphere = Some(Hemisphere::Full);
         params.part.patch_edge_mm = Some(1000.0);
-        params.part.samples_per_mm2 = Some(4.0 * samples as f64 / mesh.area_mm2());
+        params.part.samples_per_mm2 = Some(2.0 * samples as f64 / mesh.area_mm2());
         let (cancel, part) = (AtomicBool::new(false), surface::resolve(&params.part, &mesh));
         let ctx = Context::new(&cancel, &Silent);
         let surface = surface::sample(&mesh, &part, &params.regions, 0).expect("samples");
