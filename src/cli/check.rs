@@ -151,10 +151,13 @@ fn kind(value: &Value) -> Option<Kind> {
     }
 }
 
-/// What a plan with a cell asks of its program.
-fn expected(document: &PlanDocument, plan_sha256: String) -> Option<Expected> {
-    let table_from_part = document.cell.as_ref()?.table_from_part.pose();
-    let visited = document.viewpoints.iter().filter(|view| view.station.is_some());
+/// What a plan with a cell asks of the program of a setup.
+fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Option<Expected> {
+    let cell = document.cell.as_ref()?;
+    let lies = document.setups.get(setup);
+    let table_from_part = lies.map_or(&cell.table_from_part, |lies| &lies.table_from_part).pose();
+    let is_here = |id: u32| lies.is_none_or(|lies| lies.viewpoints.contains(&id));
+    let visited = document.viewpoints.iter().filter(|view| view.station.is_some() && is_here(view.id));
     let views = visited.map(|view| (ViewId(view.id), view.part_from_scanner.pose())).collect();
     Some(Expected { plan_sha256, table_from_part, views })
 }
@@ -162,7 +165,7 @@ fn expected(document: &PlanDocument, plan_sha256: String) -> Option<Expected> {
 fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell: Option<&Cell>) -> Result<(), CliError> {
     let program = document.program().map_err(|errors| files::findings(shown, &errors))?;
     let Some(cell) = cell else { return Ok(()) };
-    let plan = args.plan.as_deref().map(read_plan).transpose()?;
+    let plan = args.plan.as_deref().map(|path| read_plan(path, document.setup)).transpose()?;
     let clearance_mm = plan.as_ref().map_or(LEAST_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
     let expected = plan.as_ref().and_then(|(_, expected)| expected.as_ref());
     let scene = scene(args, cell, expected.map(|expected| expected.table_from_part), clearance_mm)?;
@@ -171,12 +174,12 @@ fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell
     if lines.is_empty() { Ok(()) } else { Err(CliError::BadInput(lines.join("\n"))) }
 }
 
-fn read_plan(path: &Path) -> Result<(PlanDocument, Option<Expected>), CliError> {
+fn read_plan(path: &Path, setup: usize) -> Result<(PlanDocument, Option<Expected>), CliError> {
     let shown = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
     let document: PlanDocument = read(files::value(path)?, &shown)?;
     let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-    let expected = expected(&document, sha256);
+    let expected = expected(&document, sha256, setup);
     Ok((document, expected))
 }
 

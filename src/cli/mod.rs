@@ -19,6 +19,7 @@ pub mod plan;
 pub mod progress;
 pub mod serve;
 mod signals;
+pub mod study;
 mod telemetry;
 
 /// Plan automated 3D scans: mesh and cell in; viewpoints, proof of coverage and robot program out.
@@ -44,6 +45,7 @@ enum Command {
     Serve(serve::ServeArgs),
     Demo(demo::DemoArgs),
     Plan(plan::PlanArgs),
+    Study(study::StudyArgs),
     Inspect(inspect::InspectArgs),
     Check(check::CheckArgs),
     Part(part::PartArgs),
@@ -100,6 +102,7 @@ impl Cli {
             Command::Serve(args) => serve::run(&args),
             Command::Demo(args) => demo::run(&args),
             Command::Plan(args) => plan::run(&args, &*raised_by_signal()?),
+            Command::Study(args) => study::run(&args, &*raised_by_signal()?),
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Part(args) => part::run(&args),

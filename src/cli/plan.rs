@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use serde_json::Value;
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
 use super::files::{self, FileLibrary};
 use super::progress::Progress;
@@ -17,6 +19,7 @@ use crate::planning::params::PlanParams;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::json_file_bytes;
+use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::PlanDocument;
 
 /// Plan viewpoints, motion and robot program for a part.
@@ -26,7 +29,8 @@ use crate::wire::plan::PlanDocument;
   vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
   vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
 
-Files written to --out: plan.json, program.json, timings.json, report.html, report.txt, coverage.csv and listings.
+Files written to --out: plan.json, program.json, timings.json, report.html, report.txt, coverage.csv, listings, and
+ovp.json, a log that the public benchmark of viewpoint planning reads.
 Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted.")]
 pub struct PlanArgs {
     /// The part: STL, OBJ or PLY.
@@ -71,14 +75,11 @@ pub struct PlanArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let params = params(args)?;
-    let cell = cell(args)?;
-    let scanner = match &cell {
-        Some(cell) => cell.scanner.clone(),
-        None => scanner(args.scanner.as_deref().unwrap_or("transcan-c"))?,
-    };
-    let (part, part_sha256) = mesh(&args.mesh, args.unit)?;
-    let fixture = params.part.fixture_mesh.as_ref().map(|path| mesh(Path::new(path), args.unit)).transpose()?;
+    let params = load_params(args.params.as_deref(), &args.sets)?;
+    let cell = load_cell(&args.cell, args.scanner.as_deref())?;
+    let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
+    let (part, part_sha256) = load_mesh(&args.mesh, args.unit)?;
+    let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(Path::new(path), args.unit)).transpose()?;
     let job = PlanJob {
         mesh: &part.mesh,
         fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
@@ -90,21 +91,25 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
     };
     out::prepare(&args.out)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(usize::from(args.threads))
-        .build()
-        .map_err(|error| CliError::Failed(format!("--threads: {error}")))?;
+    let pool = pool(args.threads)?;
     let progress = Progress::start();
-    let result = pool.install(|| job.run(&Context::new(cancel, &progress)));
+    let result = pool.install(|| {
+        let ctx = Context::new(cancel, &progress);
+        let outcome = job.plan(&ctx)?;
+        let artifacts = job.render(&outcome, &ctx)?;
+        Ok((outcome, artifacts))
+    });
     let seconds = progress.finish();
-    let mut artifacts = result.map_err(explain)?;
+    let (outcome, mut artifacts) = result.map_err(explain)?;
+    let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
     artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
+    artifacts.push(Artifact { name: "ovp.json", bytes: json_file_bytes(&log) });
     out::write(&args.out, &artifacts)?;
     report(args, &artifacts)
 }
 
 /// The mesh, after what is suspicious about it was told: a wrong unit is better seen before an hour than after.
-fn mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), CliError> {
+pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), CliError> {
     let (read, sha256) = files::mesh(path, unit)?;
     for warning in read.health.warnings() {
         eprintln!("{}: {warning}\n  → {}", path.display(), warning.remedy());
@@ -112,29 +117,35 @@ fn mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), Cli
     Ok((read, sha256))
 }
 
-fn cell(args: &PlanArgs) -> Result<Option<Cell>, CliError> {
-    if args.cell == "none" {
+/// The cell that `--cell` names; none for `none`.
+pub(super) fn load_cell(name: &str, scanner: Option<&str>) -> Result<Option<Cell>, CliError> {
+    if name == "none" {
         return Ok(None);
     }
-    if args.scanner.is_some() {
+    if scanner.is_some() {
         return Err(CliError::BadInput("--scanner goes with --cell none; a cell names its own scanner".into()));
     }
-    let spec: CellSpec = files::spec(SpecKind::Cell, &args.cell, Presets.cell(&args.cell))?;
-    spec.build(&FileLibrary).map(Some).map_err(|errors| files::findings(&args.cell, &errors))
+    let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
+    spec.build(&FileLibrary).map(Some).map_err(|errors| files::findings(name, &errors))
 }
 
-fn scanner(name: &str) -> Result<Scanner, CliError> {
+/// The cell's scanner, else the one that `--scanner` names.
+pub(super) fn load_scanner(cell: Option<&Cell>, name: Option<&str>) -> Result<Scanner, CliError> {
+    if let Some(cell) = cell {
+        return Ok(cell.scanner.clone());
+    }
+    let name = name.unwrap_or("transcan-c");
     let spec: ScannerSpec = files::spec(SpecKind::Scanner, name, Presets.scanner(name))?;
     spec.build().map_err(|errors| files::findings(name, &errors))
 }
 
 /// File first, then every `--set` over it.
-fn params(args: &PlanArgs) -> Result<PlanParams, CliError> {
-    let mut value = match &args.params {
+pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
+    let mut value = match file {
         Some(path) => files::value(path)?,
         None => Value::Object(serde_json::Map::new()),
     };
-    for set in &args.sets {
+    for set in sets {
         let (key, text) = set
             .split_once('=')
             .ok_or_else(|| CliError::BadInput(format!("--set {set}: is not KEY=VALUE, as in selection.target=0.99")))?;
@@ -144,6 +155,21 @@ fn params(args: &PlanArgs) -> Result<PlanParams, CliError> {
     let params: PlanParams = files::from_value(value, "parameters")?;
     params.check().map_err(|errors| files::findings("parameters", &errors))?;
     Ok(params)
+}
+
+/// Threads to work with; all cores for 0.
+pub(super) fn pool(threads: u16) -> Result<rayon::ThreadPool, CliError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build();
+    pool.map_err(|error| CliError::Failed(format!("--threads: {error}")))
+}
+
+/// The time, RFC 3339, UTC; empty where the machine has none.
+fn now() -> String {
+    let mut text = String::new();
+    match SystemTime.format_time(&mut Writer::new(&mut text)) {
+        Ok(()) => text,
+        Err(_) => String::new(),
+    }
 }
 
 fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
@@ -169,7 +195,8 @@ fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>
         .collect()
 }
 
-fn explain(error: PlanError) -> CliError {
+/// What ends the command when planning does.
+pub(super) fn explain(error: PlanError) -> CliError {
     match error {
         PlanError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
@@ -193,8 +220,18 @@ fn report(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
         100.0 * coverage.of_coverable,
         plan.stopped_because
     );
+    if let Some(independent) = &coverage.independent {
+        println!("  on samples that no view was chosen on: {:.2} % of the asked area", 100.0 * independent.of_asked);
+    }
+    if let Some(robust) = &coverage.robust {
+        let worst = [robust.of_asked.worst, robust.part.of_asked.worst].map(|share| 100.0 * share);
+        println!("  with poses off, at worst: {:.2} % (views), {:.2} % (the part)", worst[0], worst[1]);
+    }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
+        if let Some(remedy) = &missed.remedy {
+            println!("                   its largest spot: {}", remedy.text);
+        }
     }
     println!("Look at {}", args.out.join("report.html").display());
     Ok(())

@@ -20,6 +20,7 @@ mod robust;
 mod rounds;
 pub mod selection;
 pub mod sequence;
+mod setups;
 pub mod stations;
 pub mod studies;
 mod study;

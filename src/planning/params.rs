@@ -20,8 +20,11 @@ pub use selection::{OverlapParams, SelectionGoal};
 /// Most viewpoints that a job may give.
 const MOST_POSES: usize = 10_000;
 
+/// Most resting poses to choose from.
+const MOST_RESTING: usize = 12;
+
 /// All parameters of a plan. Unknown fields are refused.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct PlanParams {
     /// Patches, samples and how the part lies.
@@ -46,8 +49,31 @@ pub struct PlanParams {
     pub robust: RobustParams,
     /// What is tried for what is missed.
     pub missed: MissedParams,
+    /// In how many resting poses the part may be planned, 1 to 4; fewer are used where they do. With more than 1 every
+    /// setup is planned with viewpoints above the plate. Default 1.
+    pub setups: u32,
     /// Seed of every pseudo-random choice. Default 0.
     pub seed: u64,
+}
+
+impl Default for PlanParams {
+    fn default() -> Self {
+        Self {
+            part: PartParams::default(),
+            regions: RegionParams::default(),
+            scan: ScanParams::default(),
+            motion: MotionParams::default(),
+            limits: LimitParams::default(),
+            candidates: CandidateParams::default(),
+            visibility: VisibilityParams::default(),
+            score: ScoreParams::default(),
+            selection: SelectionParams::default(),
+            robust: RobustParams::default(),
+            missed: MissedParams::default(),
+            setups: 1,
+            seed: 0,
+        }
+    }
 }
 
 /// Patches, samples and how the part lies.
@@ -60,6 +86,9 @@ pub struct PartParams {
     pub samples_per_mm2: Option<f64>,
     /// How the part lies on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
     pub table_from_part: Option<PoseSpec>,
+    /// Poses to choose from where `setups` is more than 1, at most 12. Default: `table_from_part` and the stable poses of the
+    /// part's convex hull.
+    pub resting_poses: Vec<PoseSpec>,
     /// A fixture that occludes and collides and is not measured, modelled in the part's own coordinates and unit:
     /// a mesh id over HTTP, a file on the command line.
     pub fixture_mesh: Option<String>,
@@ -305,6 +334,12 @@ impl PlanParams {
         if let Some(pose) = &self.part.table_from_part {
             pose.check("/part/table_from_part", findings);
         }
+        let poses = &self.part.resting_poses;
+        findings.require(poses.len() <= MOST_RESTING, "/part/resting_poses", || {
+            format!("has {} entries; allowed is {MOST_RESTING}", poses.len())
+        });
+        poses.iter().enumerate().for_each(|(index, pose)| pose.check(&format!("/part/resting_poses/{index}"), findings));
+        findings.range("/setups", f64::from(self.setups), 1.0, 4.0, "");
     }
 
     fn check_hardware_values(&self, findings: &mut Findings) {

@@ -12,10 +12,11 @@ use super::missed;
 use super::motion::Motion;
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
-use super::plan::{Certificate, Outcome};
+use super::plan::{Certificate, Outcome, SetupPlan};
 use super::robust::{self, Setting};
 use super::rounds::{Considered, Rounds};
 use super::sequence::Ordered;
+use super::setups::{self, Setup};
 use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface::{self, Surface};
 use super::visibility::{self, Row};
@@ -31,26 +32,39 @@ const MOST_RESELECTIONS: usize = 4;
 /// [`PlanError`]. Area that cannot be measured is no error: it is counted, with its cause, in the outcome.
 pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
     let prepared = Prepared::new(input, params, ctx)?;
-    let motion = motion(input, &prepared.params, prepared.table_from_part)?;
-    let considered = prepared.considered(input, motion.as_ref(), ctx)?;
-    let robust_rows = prepared.robust_rows(input, &considered, ctx)?;
+    let setups = prepared.setups(input, ctx)?;
+    let Tables { considered, robust_rows } = prepared.tables(input, &setups, ctx)?;
     let Considered { generated, table, reach } = considered;
-    let (params, table_from_part, occluders) = (&prepared.params, prepared.table_from_part, &prepared.occluders);
-    let (surface, asked_area_mm2) = (prepared.surface, prepared.asked_area_mm2);
-    let study = Study { input, params, surface, table_from_part, generated, table, robust_rows, reach, asked_area_mm2 };
-    let (chosen, ordered, barred) = choose(&study, motion.as_ref(), ctx)?;
+    let poses = setups.iter().map(|setup| setup.table_from_part).collect();
+    let Prepared { params, surface, asked_area_mm2, .. } = &prepared;
+    let (surface, asked_area_mm2) = (surface.clone(), asked_area_mm2.clone());
+    let study = Study { input, params, surface, setups: poses, generated, table, robust_rows, reach, asked_area_mm2 };
+    let (chosen, ordered, barred) = choose(&study, &setups, ctx)?;
     ctx.begin(Stage::Missed)?;
-    let takes = motion.as_ref().map(|motion| |view: &Pose<Part, ScannerFrame>| motion.takes(view, ctx));
-    let takes = takes.as_ref().map(|takes| takes as &missed::Takes<'_>);
-    let mut outcome = study.conclude(&chosen, ordered, &barred, occluders, takes, ctx)?;
+    let takes = |view: &Pose<Part, ScannerFrame>| takes(&setups, view, ctx);
+    let takes = input.cell.is_some().then_some(&takes as &missed::Takes<'_>);
+    let mut outcome = study.conclude(&chosen, ordered, &barred, prepared.hides(&setups), takes, ctx)?;
     if params.visibility.pixel_set {
-        count_by_pixels(&mut outcome, input, occluders, ctx)?;
+        count_by_pixels(&mut outcome, input, prepared.hides(&setups), ctx)?;
     }
     ctx.begin(Stage::Certificate)?;
-    let settings = [Setting::of(occluders, &outcome.plan.views)];
+    let used = |lies: &SetupPlan| setups.iter().find(|setup| setup.table_from_part == lies.table_from_part);
+    let settings: Vec<_> = (0..outcome.plan.setups.len())
+        .filter_map(|number| Some(Setting::of(&used(&outcome.plan.setups[number])?.occluders, &outcome.plan.views, number)))
+        .collect();
     let Certificate { independent, robust } = robust::certify(input, params, &settings, ctx)?;
     (outcome.plan.coverage.independent, outcome.plan.coverage.robust) = (independent, robust);
     Ok(outcome)
+}
+
+/// Whether the cell can take a view in one of the setups.
+fn takes(setups: &[Setup<'_>], view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
+    for motion in setups.iter().filter_map(|setup| setup.motion.as_ref()) {
+        if motion.takes(view, ctx)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// What the views of a plan are chosen from, for studies of candidates and solvers.
@@ -72,22 +86,29 @@ pub struct Tabulated {
 /// [`PlanError`].
 pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Tabulated, PlanError> {
     let prepared = Prepared::new(input, params, ctx)?;
-    let motion = motion(input, &prepared.params, prepared.table_from_part)?;
-    let mut considered = prepared.considered(input, motion.as_ref(), ctx)?;
+    let setups = prepared.setups(input, ctx)?;
+    let mut considered = prepared.tables(input, &setups, ctx)?.considered;
     considered.drop_unusable();
     let Prepared { surface, asked_area_mm2, .. } = prepared;
     Ok(Tabulated { surface, asked_area_mm2, candidates: considered.generated.kept, rows: considered.table.rows })
 }
 
-/// A part on its plate, in samples, with everything that hides one of them.
+/// A part in samples, before it is known how it lies.
 struct Prepared {
     /// Defaults resolved.
     params: PlanParams,
     surface: Surface,
-    table_from_part: Pose<Table, Part>,
-    occluders: visibility::Occluders,
     /// Area of each sample, 0 where it is not asked for.
     asked_area_mm2: Vec<f64>,
+    /// The part without a plate; with several setups, since none of their plates stands in all.
+    alone: Option<visibility::Occluders>,
+}
+
+/// The candidates of all setups.
+struct Tables {
+    considered: Considered,
+    /// What views are chosen by where they shall bear errors, see [`robust::rows`].
+    robust_rows: Option<Vec<Row>>,
 }
 
 impl Prepared {
@@ -98,32 +119,44 @@ impl Prepared {
         let surface = demands::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
-        let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
-        let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
-        input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
         params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);
-        Ok(Self { params, surface, table_from_part, occluders, asked_area_mm2 })
+        let alone = (params.setups > 1).then(|| visibility::Occluders::new([input.mesh]));
+        Ok(Self { params, surface, asked_area_mm2, alone })
     }
 
-    fn considered(&self, input: &PlanInput<'_>, motion: Option<&Motion<'_>>, ctx: &Context<'_>) -> Result<Considered, PlanError> {
-        let scope = scope(input, &self.surface, self.table_from_part, self.params.seed);
-        let (params, occluders, asked_area_mm2) = (&self.params, &self.occluders, &self.asked_area_mm2);
-        Rounds { scope, params, occluders, motion, asked_area_mm2 }.run(ctx)
+    fn setups<'a>(&'a self, input: &PlanInput<'a>, ctx: &Context<'_>) -> Result<Vec<Setup<'a>>, PlanError> {
+        let poses = setups::poses(input, &self.params, ctx)?.into_iter();
+        let setup = |table_from_part| {
+            let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
+            let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+            input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
+            let motion = input.cell.map(|cell| Motion::new(cell, input, &self.params, table_from_part)).transpose()?;
+            Ok(Setup { table_from_part, occluders, motion })
+        };
+        poses.map(setup).collect()
     }
 
-    /// What views are chosen by where they shall bear errors, see [`robust::rows`].
-    fn robust_rows(&self, input: &PlanInput<'_>, considered: &Considered, ctx: &Context<'_>) -> Result<Option<Vec<Row>>, Cancelled> {
-        let (surface, params, occluders) = (&self.surface, &self.params, &self.occluders);
-        robust::rows(&robust::Scene { surface, scanner: input.scanner, occluders, params }, considered, ctx)
+    /// Every candidate with what it measures, the setups' candidates one after another.
+    fn tables(&self, input: &PlanInput<'_>, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<Tables, PlanError> {
+        let mut tables = Tables { considered: Considered::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
+        for (number, setup) in setups.iter().enumerate() {
+            let scope = scope(input, &self.surface, setup.table_from_part, self.params.seed);
+            let (params, occluders, motion) = (&self.params, &setup.occluders, setup.motion.as_ref());
+            let rounds = Rounds { scope, params, occluders, motion, asked_area_mm2: &self.asked_area_mm2 };
+            let considered = rounds.run(ctx)?.in_setup(number);
+            let scene = robust::Scene { surface: &self.surface, scanner: input.scanner, occluders, params };
+            if let Some(rows) = robust::rows(&scene, &considered, ctx)? {
+                tables.robust_rows.get_or_insert_default().extend(rows);
+            }
+            tables.considered.append(considered);
+        }
+        Ok(tables)
     }
-}
 
-fn motion<'a>(
-    input: &PlanInput<'a>,
-    params: &'a PlanParams,
-    table_from_part: Pose<Table, Part>,
-) -> Result<Option<Motion<'a>>, PlanError> {
-    input.cell.map(|cell| Motion::new(cell, input, params, table_from_part)).transpose()
+    /// What hides samples from views of any setup: with several, the part alone. A plate hides nothing from above it.
+    fn hides<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a visibility::Occluders {
+        self.alone.as_ref().filter(|_| setups.len() > 1).unwrap_or(&setups[0].occluders)
+    }
 }
 
 fn scope<'a>(input: &PlanInput<'a>, surface: &'a Surface, table_from_part: Pose<Table, Part>, seed: u64) -> Scope<'a> {
@@ -145,25 +178,30 @@ fn count_by_pixels(
     Ok(())
 }
 
-/// Selection and sequence: a chosen view to which no path is found is barred and selection runs again, a bounded number
-/// of times.
+/// Selection and sequence, setup by setup: a chosen view to which no path is found is barred and selection runs again, a
+/// bounded number of times.
 fn choose(
     study: &Study<'_>,
-    motion: Option<&Motion<'_>>,
+    setups: &[Setup<'_>],
     ctx: &Context<'_>,
-) -> Result<(Chosen, Option<Ordered>, BTreeSet<usize>), PlanError> {
+) -> Result<(Chosen, Vec<Ordered>, BTreeSet<usize>), PlanError> {
     let mut barred = BTreeSet::new();
     let mut reselections = 0;
     loop {
         ctx.begin(Stage::Selection)?;
         let chosen = study.select(&barred, ctx)?;
-        let Some(motion) = motion else { return Ok((chosen, None, barred)) };
-        ctx.begin(Stage::Sequence)?;
-        let ordered = motion.order(&study.stations_of(&chosen), ctx)?;
-        if ordered.no_path.is_empty() || reselections == MOST_RESELECTIONS {
-            return Ok((chosen, Some(ordered), barred));
+        let motions: Vec<_> = setups.iter().filter_map(|setup| setup.motion.as_ref()).collect();
+        if motions.is_empty() {
+            return Ok((chosen, Vec::new(), barred));
         }
-        barred.extend(study.candidates_behind(&chosen, &ordered.no_path));
+        ctx.begin(Stage::Sequence)?;
+        let order = |(setup, motion): (usize, &&Motion<'_>)| motion.order(&study.stations_of(&chosen, setup), ctx);
+        let ordered: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
+        let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
+        if no_path.is_empty() || reselections == MOST_RESELECTIONS {
+            return Ok((chosen, ordered, barred));
+        }
+        barred.extend(study.candidates_behind(&chosen, &no_path));
         reselections += 1;
     }
 }
@@ -188,7 +226,7 @@ fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
         };
         limit_deg.get_or_insert(device.incidence_max_rad.to_degrees());
     }
-    let hemisphere = if input.cell.is_some() { Hemisphere::AboveTable } else { Hemisphere::Full };
+    let hemisphere = if input.cell.is_some() || params.setups > 1 { Hemisphere::AboveTable } else { Hemisphere::Full };
     resolved.candidates.hemisphere.get_or_insert(hemisphere);
     resolved
 }

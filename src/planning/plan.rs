@@ -9,7 +9,7 @@ pub use super::missed::{Remedy, RemedyKind, RemedyView};
 use super::params::PlanParams;
 pub use super::robust::{Certificate, Drawn, Independent, Robust};
 pub use super::selection::{Bound, StopReason, ViewId};
-use super::sequence::Sequence;
+use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
 
@@ -28,14 +28,41 @@ pub struct Plan {
     pub coverage: Coverage,
     /// The chosen views, in the order chosen.
     pub views: Vec<PlannedView>,
-    /// Order and paths; present with a cell.
-    pub sequence: Option<Sequence>,
+    /// The ways in which the part lies while views are taken, in that order; at least one.
+    pub setups: Vec<SetupPlan>,
     /// What is not measured, by cause, in the order of [`Cause`].
     pub missed: Vec<MissedCause>,
     /// Which rule ended the selection.
     pub stopped_because: StopReason,
     /// How many views, or how much area, the best choice from the same candidates could have.
     pub bound: Bound,
+}
+
+/// What is done while the part lies in one way.
+#[derive(Clone, Debug)]
+pub struct SetupPlan {
+    /// How it lies.
+    pub table_from_part: Pose<Table, Part>,
+    /// The views taken, in the order chosen.
+    pub views: Vec<ViewId>,
+    /// Asked area that some kept candidate of this setup measures.
+    pub coverable_area_mm2: f64,
+    /// Asked area that its views measure.
+    pub measured_area_mm2: f64,
+    /// Order and paths; present with a cell.
+    pub sequence: Option<Sequence>,
+}
+
+impl Plan {
+    /// The sequences of all setups, one after another.
+    pub fn sequences(&self) -> impl Iterator<Item = &Sequence> {
+        self.setups.iter().filter_map(|setup| setup.sequence.as_ref())
+    }
+
+    /// Views in the order visited, each with the move that leads to it.
+    pub fn visits(&self) -> impl Iterator<Item = &(ViewId, Leg)> {
+        self.sequences().flat_map(|sequence| &sequence.visits)
+    }
 }
 
 /// Facts of the planned part.
@@ -136,6 +163,8 @@ pub struct PlannedView {
     pub id: ViewId,
     /// The candidate it was.
     pub candidate: CandidateId,
+    /// Setup of the plan that it is taken in, from 0.
+    pub setup: usize,
     /// Which side of the part it looks at.
     pub label: Label,
     /// Its pose.

@@ -78,12 +78,11 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
+    write_setups(out, plan)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
     write_bound(out, &plan.bound)?;
     write_views(out, plan)?;
-    if let Some(sequence) = &plan.sequence {
-        write_sequence(out, sequence)?;
-    }
+    plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
     write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
 }
 
@@ -96,6 +95,20 @@ fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {
         writeln!(out, "  on the table: {}", pose(table_from_part))?;
     }
     Ok(())
+}
+
+/// Where the part is turned over: how it lies each time, and what that gives.
+fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
+    if plan.setups.len() < 2 {
+        return Ok(());
+    }
+    writeln!(out, "\nsetups")?;
+    plan.setups.iter().enumerate().try_for_each(|(number, setup)| {
+        let asked_mm2 = plan.coverage.asked_area_mm2;
+        let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
+        let (views, lies) = (setup.views.len(), pose(&setup.table_from_part));
+        writeln!(out, "  {number}: {views} views measure {measured} of the asked area, of {coverable} that they could; {lies}")
+    })
 }
 
 fn write_params(out: &mut String, params: &PlanParams) -> fmt::Result {

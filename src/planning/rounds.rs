@@ -3,12 +3,14 @@
 //! counts as uncovered.
 
 use super::candidates::{self, Generated, Open, Rejection, Scope};
+use super::cause::Cause;
 use super::context::{Cancelled, Context, Stage};
 use super::error::PlanError;
 use super::motion::Motion;
 use super::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
 use super::selection::{self, Problem};
 use super::study::Reach;
+use super::surface::Surface;
 use super::visibility::{self, Occluders, SampleSet, Table as VisibilityTable};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
 
@@ -147,11 +149,24 @@ fn close(area_mm2: &mut [f64], table: &VisibilityTable, kept: usize) {
 }
 
 impl Considered {
+    /// No candidates.
+    pub(super) fn none_of(surface: &Surface, with_cell: bool) -> Self {
+        let furthest = vec![Cause::Facing; surface.sample_mm.len()];
+        let table = VisibilityTable { rows: Vec::new(), furthest };
+        Self { generated: Generated::default(), table, reach: with_cell.then(Vec::new) }
+    }
+
     fn usable(&self) -> impl Iterator<Item = usize> {
         (0..self.generated.kept.len()).filter(|kept| is_usable(self.reach.as_ref(), *kept))
     }
 
-    fn append(&mut self, more: Self) {
+    /// The same, taken in a setup.
+    pub(super) fn in_setup(mut self, setup: usize) -> Self {
+        self.generated.kept.iter_mut().for_each(|candidate| candidate.setup = setup);
+        self
+    }
+
+    pub(super) fn append(&mut self, more: Self) {
         self.generated.append(more.generated);
         self.table.rows.extend(more.table.rows);
         let furthest = self.table.furthest.iter_mut().zip(more.table.furthest);

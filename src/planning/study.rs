@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
-use super::candidates::{Generated, Rejection};
+use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
 use super::demands;
 use super::error::PlanError;
@@ -14,7 +14,8 @@ use super::input::PlanInput;
 use super::missed;
 use super::params::{PlanParams, SelectionParams, TargetOf};
 use super::plan::{
-    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, StopReason, Verdict, ViewId,
+    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SetupPlan, StopReason,
+    Verdict, ViewId,
 };
 use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::Ordered;
@@ -31,7 +32,8 @@ pub(super) struct Study<'a> {
     pub(super) input: &'a PlanInput<'a>,
     pub(super) params: &'a PlanParams,
     pub(super) surface: Surface,
-    pub(super) table_from_part: Pose<Table, Part>,
+    /// How the part lies in each setup.
+    pub(super) setups: Vec<Pose<Table, Part>>,
     pub(super) generated: Generated,
     /// One row a kept candidate.
     pub(super) table: VisibilityTable,
@@ -139,13 +141,14 @@ impl Study<'_> {
         Ok(Chosen { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
     }
 
-    /// Chosen views with their stations, for ordering.
-    pub(super) fn stations_of(&self, chosen: &Chosen) -> Vec<(ViewId, &[Station])> {
+    /// Chosen views of a setup with their stations, for ordering.
+    pub(super) fn stations_of(&self, chosen: &Chosen, setup: usize) -> Vec<(ViewId, &[Station])> {
         let stations = |kept: usize| match &self.reach {
             Some(reach) => reach[kept].as_deref().unwrap_or_default(),
             None => &[],
         };
-        chosen.kept.iter().enumerate().map(|(view, kept)| (ViewId(view as u32), stations(*kept))).collect()
+        let of_setup = |(_, kept): &(usize, &usize)| self.generated.kept[**kept].setup == setup;
+        chosen.kept.iter().enumerate().filter(of_setup).map(|(view, kept)| (ViewId(view as u32), stations(*kept))).collect()
     }
 
     /// The kept candidates behind `views`.
@@ -153,7 +156,7 @@ impl Study<'_> {
         views.iter().map(|view| chosen.kept[view.0 as usize]).collect()
     }
 
-    /// The outcome of a selection, ordered when there is a cell. `barred` are candidates that were given up for want of
+    /// The outcome of a selection, ordered, setup by setup, when there is a cell. `barred` are candidates that were given up for want of
     /// a path; `occluders` and `takes` are for the remedies of what is missed.
     ///
     /// # Errors
@@ -161,7 +164,7 @@ impl Study<'_> {
     pub(super) fn conclude(
         self,
         chosen: &Chosen,
-        ordered: Option<Ordered>,
+        ordered: Vec<Ordered>,
         barred: &BTreeSet<usize>,
         occluders: &visibility::Occluders,
         takes: Option<&missed::Takes<'_>>,
@@ -174,6 +177,7 @@ impl Study<'_> {
         let verdicts = self.verdicts(&measuring, &given_up);
         let coverage = self.coverage(&measuring, &verdicts);
         let missed = missed::explain(&self.case(&given_up, occluders, takes), &verdicts, ctx)?;
+        let used = self.used_setups(chosen);
         let plan = Plan {
             part: PartFacts {
                 sha256: self.input.part_sha256.to_owned(),
@@ -181,20 +185,44 @@ impl Study<'_> {
                 area_mm2: self.input.mesh.area_mm2(),
                 aabb: self.input.mesh.aabb(),
             },
-            table_from_part: self.reach.is_some().then_some(self.table_from_part),
+            table_from_part: self.reach.is_some().then_some(self.setups[used[0]]),
             candidates: self.counts(),
-            views: self.views(chosen, ordered.as_ref(), &no_path, &coverage),
+            views: self.views(chosen, &ordered, &used, &no_path, &coverage),
             missed,
             stopped_because: match chosen.selection.stopped_because {
                 ended_by if given_up.is_empty() => ended_by,
                 ended_by => stopped_because(ended_by, &coverage, &self.params.selection),
             },
             bound: chosen.selection.bound,
-            sequence: ordered.map(|ordered| ordered.sequence),
+            setups: self.setup_plans(chosen, &used, ordered, &measuring),
             coverage,
             params: self.params.clone(),
         };
         Ok(Outcome { plan, surface: self.surface, verdicts, measured_by_view: measuring, pixel_views: None })
+    }
+
+    /// The setups in which views are taken; the first where there are none.
+    fn used_setups(&self, chosen: &Chosen) -> Vec<usize> {
+        let used: BTreeSet<usize> = chosen.kept.iter().map(|kept| self.generated.kept[*kept].setup).collect();
+        if used.is_empty() { vec![0] } else { used.into_iter().collect() }
+    }
+
+    fn setup_plans(&self, chosen: &Chosen, used: &[usize], ordered: Vec<Ordered>, measuring: &[Row]) -> Vec<SetupPlan> {
+        let mut sequences: Vec<_> = ordered.into_iter().map(|ordered| Some(ordered.sequence)).collect();
+        let asked_mm2 = |rows: &[&Row]| coverable_mm2(rows, &self.asked_area_mm2);
+        let plan = |setup: &usize| {
+            let is_here = |kept: usize| self.generated.kept[kept].setup == *setup;
+            let views: Vec<_> = (0..chosen.kept.len()).filter(|view| is_here(chosen.kept[*view])).collect();
+            let usable: Vec<_> = self.usable().into_iter().filter(|kept| is_here(*kept)).collect();
+            SetupPlan {
+                table_from_part: self.setups[*setup],
+                coverable_area_mm2: asked_mm2(&self.rows(&usable)),
+                measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[*view]).collect::<Vec<_>>()),
+                views: views.into_iter().map(|view| ViewId(view as u32)).collect(),
+                sequence: sequences.get_mut(*setup).and_then(Option::take),
+            }
+        };
+        used.iter().map(plan).collect()
     }
 
     fn case<'c>(
@@ -209,7 +237,7 @@ impl Study<'_> {
             surface: &self.surface,
             scanner: self.input.scanner,
             params: self.params,
-            table_from_part: self.table_from_part,
+            setups: &self.setups,
             occluders,
             candidates: kept,
             rows: &self.table.rows,
@@ -235,7 +263,7 @@ impl Study<'_> {
         }
         let motion_cause = self.motion_causes(given_up);
         let missed = |sample: usize| {
-            let rests = self.reach.is_some() && missed::rests(&self.surface, sample, &self.table_from_part);
+            let rests = self.reach.is_some() && self.setups.iter().all(|pose| missed::rests(&self.surface, sample, pose));
             if rests {
                 return Cause::ExcludedResting;
             }
@@ -330,13 +358,15 @@ impl Study<'_> {
     fn views(
         &self,
         chosen: &Chosen,
-        ordered: Option<&Ordered>,
+        ordered: &[Ordered],
+        used: &[usize],
         no_path: &BTreeSet<usize>,
         coverage: &Coverage,
     ) -> Vec<PlannedView> {
+        let setup = |candidate: &Candidate| used.iter().position(|setup| *setup == candidate.setup).unwrap_or_default();
         let station = |view: ViewId| {
-            let visits = &ordered?.sequence.visits;
-            visits.iter().find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
+            let mut visits = ordered.iter().flat_map(|ordered| &ordered.sequence.visits);
+            visits.find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
         };
         let curve = &coverage.curve_area_mm2;
         let gain_mm2 = |number: usize| if number == 0 { curve[0] } else { curve[number] - curve[number - 1] };
@@ -347,6 +377,7 @@ impl Study<'_> {
                 PlannedView {
                     id,
                     candidate: candidate.id,
+                    setup: setup(candidate),
                     label: candidate.label,
                     part_from_scanner: candidate.part_from_scanner,
                     gain_of_asked: super::plan::share(gain_mm2(number), coverage.asked_area_mm2),

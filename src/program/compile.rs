@@ -5,10 +5,10 @@ use crate::cell::Cell;
 use crate::planning::params::PlanParams;
 use crate::planning::sequence::{Leg, Sequence};
 
-/// The program of a sequence: for each view move, settle and scan; then home. `params` must be those that the sequence was
+/// The program of a setup's sequence: for each view move, settle and scan; then home. `params` must be those that the sequence was
 /// ordered with, `plan_sha256` the hash of the plan's file.
 #[must_use]
-pub fn compile(sequence: &Sequence, cell: &Cell, plan_sha256: &str, params: &PlanParams) -> Program {
+pub fn compile(sequence: &Sequence, setup: usize, cell: &Cell, plan_sha256: &str, params: &PlanParams) -> Program {
     let speed_fraction = params.motion.speed_fraction;
     let mut steps = Vec::with_capacity(3 * sequence.visits.len() + 1);
     for (view, leg) in &sequence.visits {
@@ -19,6 +19,7 @@ pub fn compile(sequence: &Sequence, cell: &Cell, plan_sha256: &str, params: &Pla
     steps.push(step(&sequence.return_home, speed_fraction));
     Program {
         plan_sha256: plan_sha256.to_owned(),
+        setup,
         robot: cell.robot.name.clone(),
         turntable: cell.turntable.name.clone(),
         home_rad: cell.home_rad,

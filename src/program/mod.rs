@@ -15,6 +15,8 @@ use crate::planning::plan::ViewId;
 pub struct Program {
     /// SHA-256 of the bytes of `plan.json`, lower-case hexadecimal.
     pub plan_sha256: String,
+    /// Setup of the plan in which the part lies, from 0.
+    pub setup: usize,
     /// Name of the robot's specification.
     pub robot: String,
     /// Name of the turntable's specification.

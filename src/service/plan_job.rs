@@ -21,6 +21,14 @@ use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
 /// Most triangles of the preview that browsers draw and `coverage.bin` refers to.
 pub const PREVIEW_TRIANGLES: usize = 300_000;
 
+/// Programs of the setups.
+const PROGRAM_FILES: [[&str; 2]; 4] = [
+    ["program.json", "program.csv"],
+    ["program-2.json", "program-2.csv"],
+    ["program-3.json", "program-3.csv"],
+    ["program-4.json", "program-4.csv"],
+];
+
 /// A file that came out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Artifact {
@@ -56,6 +64,14 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn run(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
+        Ok(self.render(&self.plan(ctx)?, ctx)?)
+    }
+
+    /// Plans.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn plan(&self, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
         let input = PlanInput {
             mesh: self.mesh,
             fixture: self.fixture,
@@ -63,22 +79,25 @@ impl PlanJob<'_> {
             scanner: self.scanner,
             cell: self.cell,
         };
-        let outcome = plan(&input, self.params, ctx)?;
-        ctx.begin(Stage::Report)?;
-        Ok(self.render(&outcome, ctx)?)
+        plan(&input, self.params, ctx)
     }
 
-    fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    /// Renders every file.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+        ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
-        let program = self.program(plan, &document);
+        let programs = self.programs(plan, &document);
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES);
         let report = ReportInput {
             outcome,
             mesh: self.mesh,
             scanner: self.scanner,
             cell_name: self.cell.map(|cell| cell.name.as_str()),
-            cycle_secs: program.as_ref().map(|program| program.cycle_secs),
+            cycle_secs: (!programs.is_empty()).then(|| programs.iter().map(|program| program.cycle_secs).sum()),
             part_name: &self.part_name,
             echo: &self.echo,
         };
@@ -93,17 +112,18 @@ impl PlanJob<'_> {
             ("report.txt", text(plan).into_bytes()),
             ("report.html", report::html(&report, ctx)?.into_bytes()),
         ];
-        if let Some(program) = program {
-            files.push(("program.json", ProgramDocument::new(&program, self.echo.clone()).to_bytes()));
-            files.push(("program.csv", wire::program::csv(&program).into_bytes()));
+        for (program, [json, csv]) in programs.iter().zip(PROGRAM_FILES) {
+            files.push((json, ProgramDocument::new(program, self.echo.clone()).to_bytes()));
+            files.push((csv, wire::program::csv(program).into_bytes()));
         }
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
-    /// The robot program, where there is a cell; it names the bytes of the plan that it carries out.
-    fn program(&self, plan: &Plan, document: &[u8]) -> Option<Program> {
-        let plan_sha256 = hex(&Sha256::digest(document));
-        Some(compile(plan.sequence.as_ref()?, self.cell?, &plan_sha256, &plan.params))
+    /// The robot program of each setup, where there is a cell; they name the bytes of the plan that they carry out.
+    fn programs(&self, plan: &Plan, document: &[u8]) -> Vec<Program> {
+        let (Some(cell), plan_sha256) = (self.cell, hex(&Sha256::digest(document))) else { return Vec::new() };
+        let compiled = |(setup, sequence)| compile(sequence, setup, cell, &plan_sha256, &plan.params);
+        plan.sequences().enumerate().map(compiled).collect()
     }
 
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {

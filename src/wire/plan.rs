@@ -11,7 +11,7 @@ use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{PlanParams, PoseErrorParams};
 use crate::planning::plan::{
     Bound, Cause, Coverage, Drawn, Independent, MissedCause, MissedSpot, Outcome, Plan, PlannedView, RegionCoverage, Remedy,
-    RemedyView, Robust, share,
+    RemedyView, Robust, SetupPlan, share,
 };
 
 /// Schema name that the document carries.
@@ -40,9 +40,13 @@ pub struct PlanDocument {
     pub candidates: CandidatesDocument,
     /// What the chosen views measure.
     pub coverage: CoverageDocument,
+    /// The ways in which the part lies while views are taken, where there are several; `program.json` is that of the first,
+    /// `program-2.json` that of the second, and so on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub setups: Vec<SetupDocument>,
     /// The chosen views, in the order chosen.
     pub viewpoints: Vec<ViewpointDocument>,
-    /// Viewpoint ids in the order visited.
+    /// Viewpoint ids in the order visited, setup by setup.
     pub sequence: Vec<u32>,
     /// What is not measured, by cause.
     pub missed: Vec<MissedDocument>,
@@ -144,6 +148,30 @@ pub struct CellDocument {
     pub robot: String,
     /// Name of the turntable's specification.
     pub turntable: String,
+}
+
+/// What is done while the part lies in one way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct SetupDocument {
+    /// How it lies.
+    pub table_from_part: PoseSpec,
+    /// Ids of the viewpoints taken.
+    pub viewpoints: Vec<u32>,
+    /// Asked area that some kept candidate of this setup measures.
+    pub coverable_area_mm2: f64,
+    /// Asked area that its viewpoints measure.
+    pub measured_area_mm2: f64,
+}
+
+fn setups(plan: &Plan) -> Vec<SetupDocument> {
+    let document = |setup: &SetupPlan| SetupDocument {
+        table_from_part: PoseSpec::from(&setup.table_from_part),
+        viewpoints: setup.views.iter().map(|view| view.0).collect(),
+        coverable_area_mm2: setup.coverable_area_mm2,
+        measured_area_mm2: setup.measured_area_mm2,
+    };
+    if plan.setups.len() > 1 { plan.setups.iter().map(document).collect() } else { Vec::new() }
 }
 
 /// How the candidates fared.
@@ -434,7 +462,7 @@ impl PlanDocument {
     #[must_use]
     pub fn new(outcome: &Outcome, scanner: &Scanner, cell: Option<CellDocument>, echo: Echo) -> Self {
         let plan = &outcome.plan;
-        let sequence = plan.sequence.iter().flat_map(|sequence| &sequence.visits).map(|(view, _)| view.0).collect();
+        let sequence = plan.visits().map(|(view, _)| view.0).collect();
         Self {
             schema: PLAN_SCHEMA.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -449,6 +477,7 @@ impl PlanDocument {
                 rejected: plan.candidates.rejected.iter().map(|(reason, n)| (reason.as_str().to_owned(), *n)).collect(),
             },
             coverage: CoverageDocument::from(&plan.coverage),
+            setups: setups(plan),
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
             missed: plan.missed.iter().map(MissedDocument::from).collect(),

@@ -47,6 +47,9 @@ pub struct ProgramDocument {
     pub echo: Echo,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,
+    /// Setup of the plan in which the part lies, from 0.
+    #[serde(default, skip_serializing_if = "is_first")]
+    pub setup: usize,
     /// Name of the robot's specification.
     pub robot: String,
     /// Name of the turntable's specification.
@@ -92,6 +95,11 @@ pub enum StepDocument {
     },
 }
 
+/// Most plans have one setup, which needs no name.
+fn is_first(setup: &usize) -> bool {
+    *setup == 0
+}
+
 impl ProgramDocument {
     /// The document of a program.
     #[must_use]
@@ -100,6 +108,7 @@ impl ProgramDocument {
             schema: PROGRAM_SCHEMA.to_owned(),
             echo,
             plan_sha256: program.plan_sha256.clone(),
+            setup: program.setup,
             robot: program.robot.clone(),
             turntable: program.turntable.clone(),
             home_deg: degrees(&program.home_rad),
@@ -124,6 +133,7 @@ impl ProgramDocument {
         findings.into_result()?;
         Ok(Program {
             plan_sha256: self.plan_sha256.clone(),
+            setup: self.setup,
             robot: self.robot.clone(),
             turntable: self.turntable.clone(),
             home_rad: self.home_deg.map(f64::to_radians),

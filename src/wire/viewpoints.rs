@@ -54,7 +54,7 @@ pub fn json(plan: &Plan) -> ViewpointsDocument {
     ViewpointsDocument {
         schema: VIEWPOINTS_SCHEMA.to_owned(),
         viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
-        sequence: plan.sequence.iter().flat_map(|sequence| &sequence.visits).map(|(view, _)| view.0).collect(),
+        sequence: plan.visits().map(|(view, _)| view.0).collect(),
     }
 }
 
@@ -85,8 +85,6 @@ pub fn csv(plan: &Plan) -> String {
 
 /// Position in the order visited, seconds and points between of the move that leads there.
 fn visit(plan: &Plan, view: ViewId) -> Option<(usize, f64, usize)> {
-    let visits = &plan.sequence.as_ref()?.visits;
-    let position = visits.iter().position(|(visited, _)| *visited == view)?;
-    let leg = &visits[position].1;
+    let (position, (_, leg)) = plan.visits().enumerate().find(|(_, (visited, _))| *visited == view)?;
     Some((position, leg.duration_secs, leg.via_rad.len()))
 }

@@ -66,6 +66,14 @@ fn the_walk_through_runs_as_written() {
 }
 
 #[test]
+fn the_study_runs_as_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    bash("vantage part base --triangles 8000 --out base.stl", folder.path());
+    let told = bash(block_after("## See what a knob does"), folder.path());
+    assert!(told.contains("a = 0.25, b = 0.75") && folder.path().join("study/weights.html").is_file(), "{told}");
+}
+
+#[test]
 fn every_parameter_that_readme_sets_is_one() {
     let folder = tempfile::tempdir().expect("a folder");
     bash("vantage part base --triangles 8000 --out base.stl", folder.path());

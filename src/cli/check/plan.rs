@@ -6,9 +6,9 @@ use std::collections::BTreeSet;
 use super::{Expected, expected};
 use crate::cell::{Cell, FieldError, Findings};
 use crate::planning::candidates::Label;
-use crate::planning::plan::{Cause, StopReason, ViewId};
+use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
 use crate::program;
-use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, ViewpointDocument};
+use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument};
 
 /// Shares add up to within this.
 const SHARE: f64 = 1e-9;
@@ -34,8 +34,11 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     check_missed(document, &mut findings);
     check_bound(document, &mut findings);
     one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
-    if let (Some(cell), Some(expected)) = (cell, expected(document, String::new())) {
-        check_stations(document, cell, &expected, &mut findings);
+    check_setups(document, &mut findings);
+    for setup in 0..document.setups.len().max(1) {
+        if let (Some(cell), Some(expected)) = (cell, expected(document, String::new(), setup)) {
+            check_stations(document, cell, &expected, &mut findings);
+        }
     }
     findings.into_result()
 }
@@ -153,6 +156,22 @@ fn check_views(document: &PlanDocument, findings: &mut Findings) {
     });
 }
 
+/// Where the part is turned over, each viewpoint belongs to one setup.
+fn check_setups(document: &PlanDocument, findings: &mut Findings) {
+    let mut taken = BTreeSet::new();
+    for (number, setup) in document.setups.iter().enumerate() {
+        setup.table_from_part.check(&format!("/setups/{number}/table_from_part"), findings);
+        for (index, id) in setup.viewpoints.iter().enumerate() {
+            let at = format!("/setups/{number}/viewpoints/{index}");
+            findings
+                .require((*id as usize) < document.viewpoints.len(), &at, || format!("is {id}; allowed are ids of viewpoints"));
+            findings.require(taken.insert(*id), at, || format!("takes {id} a second time"));
+        }
+    }
+    let all = document.setups.is_empty() || taken.len() == document.viewpoints.len();
+    findings.require(all, "/setups", || "leave viewpoints out; allowed is each viewpoint in one setup".into());
+}
+
 fn check_view(index: usize, view: &ViewpointDocument, with_cell: bool, visited: &BTreeSet<u32>, findings: &mut Findings) {
     let at = format!("/viewpoints/{index}");
     findings.require(view.id as usize == index, format!("{at}/id"), || {
@@ -183,6 +202,9 @@ fn check_missed(document: &PlanDocument, findings: &mut Findings) {
             format!("is {:?} a second time; allowed is one entry a cause", missed.reason)
         });
         above_zero(&format!("{at}/area_mm2"), missed.area_mm2, "mm²", findings);
+        for (spot, treated) in missed.largest.iter().enumerate() {
+            check_remedy(&format!("{at}/largest/{spot}/remedy"), &treated.remedy, findings);
+        }
     }
     let coverage = &document.coverage;
     let left_mm2 = coverage.asked_area_mm2 - coverage.measured_area_mm2;
@@ -192,10 +214,20 @@ fn check_missed(document: &PlanDocument, findings: &mut Findings) {
     });
 }
 
+fn check_remedy(at: &str, remedy: &RemedyDocument, findings: &mut Findings) {
+    one_of(format!("{at}/kind"), &remedy.kind, &RemedyKind::ALL.map(RemedyKind::as_str), findings);
+    share(format!("{at}/of_spot"), remedy.of_spot, findings);
+    let works = remedy.kind != RemedyKind::None.as_str();
+    findings.require(works != remedy.views.is_empty(), format!("{at}/views"), || {
+        format!("has {} entries with kind {:?}; only none has no view", remedy.views.len(), remedy.kind)
+    });
+}
+
 fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, findings: &mut Findings) {
     let axes = cell.axes();
     for (index, view) in document.viewpoints.iter().enumerate() {
-        let Some(station) = view.station else { continue };
+        let is_here = expected.views.iter().any(|(id, _)| id.0 == view.id);
+        let Some(station) = view.station.filter(|_| is_here) else { continue };
         let [j1, j2, j3, j4, j5, j6] = station.joints_deg;
         let configuration = [j1, j2, j3, j4, j5, j6, station.table_angle_deg].map(f64::to_radians);
         let at = format!("/viewpoints/{index}/station");

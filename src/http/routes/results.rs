@@ -31,6 +31,9 @@ const fn form(name: &'static str, media_type: &'static str, file: &'static str) 
 
 const PLAN: [Form; 1] = [form("json", JSON, "plan.json")];
 const PROGRAM: [Form; 2] = [form("json", JSON, "program.json"), form("csv", CSV, "program.csv")];
+const PROGRAM_2: [Form; 2] = [form("json", JSON, "program-2.json"), form("csv", CSV, "program-2.csv")];
+const PROGRAM_3: [Form; 2] = [form("json", JSON, "program-3.json"), form("csv", CSV, "program-3.csv")];
+const PROGRAM_4: [Form; 2] = [form("json", JSON, "program-4.json"), form("csv", CSV, "program-4.csv")];
 const VIEWPOINTS: [Form; 2] = [form("json", JSON, "viewpoints.json"), form("csv", CSV, "viewpoints.csv")];
 const COVERAGE: [Form; 2] = [form("json", JSON, "coverage.json"), form("csv", CSV, "coverage.csv")];
 const MISSED: [Form; 1] = [form("json", JSON, "missed.json")];
@@ -106,6 +109,21 @@ result! {
 result! {
     /// The robot program
     program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ["json", "csv"],
+    ("application/json", ProgramDocument), ("text/csv", String)
+}
+result! {
+    /// The robot program of the second setup
+    program_2, "get_program_2", "/jobs/{id}/program-2", PROGRAM_2, "dialect" ["json", "csv"],
+    ("application/json", ProgramDocument), ("text/csv", String)
+}
+result! {
+    /// The robot program of the third setup
+    program_3, "get_program_3", "/jobs/{id}/program-3", PROGRAM_3, "dialect" ["json", "csv"],
+    ("application/json", ProgramDocument), ("text/csv", String)
+}
+result! {
+    /// The robot program of the fourth setup
+    program_4, "get_program_4", "/jobs/{id}/program-4", PROGRAM_4, "dialect" ["json", "csv"],
     ("application/json", ProgramDocument), ("text/csv", String)
 }
 result! {

@@ -28,7 +28,7 @@ pub(super) fn judge(
         .map(|(number, (table_from_scanner, label))| {
             ctx.check()?;
             let part_from_scanner = part_from_table * table_from_scanner;
-            let candidate = Candidate { id: CandidateId(number as u32), part_from_scanner, label };
+            let candidate = Candidate { id: CandidateId(number as u32), part_from_scanner, label, setup: 0 };
             Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
         })
         .collect::<Result<_, Cancelled>>()?;

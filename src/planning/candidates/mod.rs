@@ -91,6 +91,8 @@ pub struct Candidate {
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Which side it looks at.
     pub label: Label,
+    /// Setup that it is taken in, from 0.
+    pub setup: usize,
 }
 
 /// What the candidates are generated for.

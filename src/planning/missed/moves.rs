@@ -140,7 +140,7 @@ impl Moves<'_> {
         (self.centre_mm - pose.origin_mm()).dot(&pose.direction(&Vector3::z()))
     }
 
-    /// From all around, baseline both ways, and from where the part alone leaves the spot open.
+    /// From where the part alone leaves the spot open, the widest opening first; then from all around, baseline both ways.
     pub(super) fn setups(&self, openings: &[Unit<Vector3<f64>>]) -> Vec<Proposal> {
         let straight =
             |towards: &Unit<Vector3<f64>>| self.aimed(self.nearest(towards), towards.into_inner(), self.scanner.best_mm);
@@ -148,7 +148,7 @@ impl Moves<'_> {
             let level = straight(&towards);
             [level.clone(), rolled(level, FRAC_PI_2)]
         });
-        around.chain(openings.iter().flat_map(|towards| Self::every_roll(straight(towards)))).collect()
+        openings.iter().flat_map(|towards| Self::every_roll(straight(towards))).chain(around).collect()
     }
 }
 

@@ -51,7 +51,7 @@ impl RemedyKind {
 pub struct Remedy {
     /// Which kind.
     pub kind: RemedyKind,
-    /// The views, best first, at most 4. None where nothing works.
+    /// The views, best first, at most 8. None where nothing works.
     pub views: Vec<RemedyView>,
     /// Limit of the cameras that is needed, where it has to be raised, degrees.
     pub camera_deg: Option<f64>,
@@ -95,7 +95,7 @@ impl Remedy {
         let Some(first) = self.views.first() else {
             return match self.tried {
                 1 => "none: the one view tried does not measure half of it".into(),
-                tried => format!("none: no four of {tried} views tried measure half of it"),
+                tried => format!("none: no eight of {tried} views tried measure half of it"),
             };
         };
         let candidate = first.candidate.0;

@@ -1,6 +1,6 @@
 //! Remedies in the order of their cost: what is left out chosen too, a candidate rolled, tilted, moved, the part turned
 //! onto another side, limits raised. Of each kind some views are tried on the spot's samples; the first kind with at most
-//! four views that together measure half of the spot is the remedy. Every step runs over lists in a fixed order, so that
+//! eight views that together measure half of the spot is the remedy. Every step runs over lists in a fixed order, so that
 //! the answer is the same on any number of threads; nothing looks at a clock.
 
 use std::sync::OnceLock;
@@ -25,9 +25,9 @@ use crate::planning::visibility::{Occluders, Optics, Probe, Row};
 /// Share of a spot's area that a remedy measures at least.
 const WORKS: f64 = 0.5;
 /// A further view adds at least this share of the spot.
-const WORTH_A_VIEW: f64 = 0.1;
-/// Views of a remedy at most.
-const VIEWS: usize = 4;
+const WORTH_A_VIEW: f64 = 0.05;
+/// Views of a remedy at most: each of a ring of views down a hole sees a part of its wall.
+const VIEWS: usize = 8;
 /// Views of one kind that the cell is asked for at most.
 const ASKED_OF_CELL: usize = 24;
 
@@ -40,7 +40,8 @@ pub(in crate::planning) struct Case<'a> {
     pub(in crate::planning) surface: &'a Surface,
     pub(in crate::planning) scanner: &'a Scanner,
     pub(in crate::planning) params: &'a PlanParams,
-    pub(in crate::planning) table_from_part: Pose<Table, Part>,
+    /// How the part lies in each setup.
+    pub(in crate::planning) setups: &'a [Pose<Table, Part>],
     pub(in crate::planning) occluders: &'a Occluders,
     /// Those kept, with what each measures and whether it could have been chosen.
     pub(in crate::planning) candidates: &'a [Candidate],
@@ -122,10 +123,12 @@ impl<'a> Bench<'a> {
 
     /// Whether a candidate like this would have been kept.
     fn is_allowed(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
-        let table_from_scanner = self.case.table_from_part * *pose;
-        let devices = self.case.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
-        let above = |centre: nalgebra::Point3<f64>| table_from_scanner.point(&centre).z > 0.0;
-        (!self.above_only || devices.chain([nalgebra::Point3::origin()]).all(above)) && self.is_outside(pose)
+        let devices = || self.case.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+        let above = |table_from_part: &Pose<Table, Part>| {
+            let table_from_scanner = *table_from_part * *pose;
+            devices().chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
+        };
+        (!self.above_only || self.case.setups.iter().any(above)) && self.is_outside(pose)
     }
 
     fn is_outside(&self, pose: &Pose<Part, ScannerFrame>) -> bool {

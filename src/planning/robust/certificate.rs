@@ -81,7 +81,7 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
+    pub(super) fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
         of_asked.sort_by(f64::total_cmp);
         Self { nominal, of_asked }
     }
@@ -120,9 +120,9 @@ pub(in crate::planning) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// The views that measure something.
-    pub(in crate::planning) fn of(occluders: &'a Occluders, views: &[PlannedView]) -> Self {
-        let measuring = views.iter().filter(|view| view.rejected.is_none());
+    /// The views of a setup that measure something.
+    pub(in crate::planning) fn of(occluders: &'a Occluders, views: &[PlannedView], setup: usize) -> Self {
+        let measuring = views.iter().filter(|view| view.rejected.is_none() && view.setup == setup);
         Self { occluders, views: measuring.map(|view| view.part_from_scanner).collect() }
     }
 }
@@ -215,7 +215,7 @@ impl<'a> Second<'a> {
 }
 
 /// Where something is that should be at the identity: turned about `centre_mm`, then moved.
-fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
+pub(super) fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
     let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
     let shift_mm = stream.direction().into_inner() * error.translation_mm;
     Pose::from_parts(centre_mm.coords + shift_mm - turn * centre_mm.coords, turn)

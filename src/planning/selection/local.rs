@@ -19,8 +19,12 @@ use crate::planning::visibility::{Row, SampleSet, ones};
 
 /// Work of an attempt with one view less: pairs of sample and row looked at.
 const ATTEMPT: u64 = 400_000_000;
-/// Steps of an attempt at least, however large the table, and at most.
-const STEPS: std::ops::RangeInclusive<u64> = 12..=3_000;
+/// Steps of an attempt at least, however large the table, and at most, with so many more a row.
+const LEAST_STEPS: u64 = 12;
+const MOST_STEPS: u64 = 100;
+const STEPS_A_ROW: u64 = 8;
+/// Rows of a table that one thread takes at once.
+const ROWS_A_TASK: usize = 16;
 
 pub(super) fn select(
     problem: &Problem<'_>,
@@ -131,8 +135,8 @@ impl Exchange<'_> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
         let mut best = (Standing::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
-        for step in 1..=*STEPS.end() {
-            if best.0 == 0 || (spent > ATTEMPT || budget.left == 0) && step > *STEPS.start() {
+        for step in 1..=MOST_STEPS + STEPS_A_ROW * tabu.len() as u64 {
+            if best.0 == 0 || (spent > ATTEMPT || budget.left == 0) && step > LEAST_STEPS {
                 break;
             }
             let swaps = Swaps::new(self, &rows, ctx)?;
@@ -256,7 +260,8 @@ impl Swaps {
             };
             Ok(((0..views).map(deficit).collect::<Vec<i64>>(), work))
         };
-        let of_rows = exchange.problem.rows.par_iter().map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
+        let of_rows =
+            exchange.problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
         let work = of_rows.iter().map(|(_, work)| work).sum();
         let mut deficits: Vec<Vec<i64>> = of_rows.into_iter().map(|(deficits, _)| deficits).collect();
         rows.iter().for_each(|row| deficits[*row].clear());

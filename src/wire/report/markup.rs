@@ -4,7 +4,7 @@ use crate::planning::report::fixed;
 
 /// Text that somebody else wrote, safe between tags and inside quoted attributes. Characters that markup forbids become
 /// the replacement character.
-pub(super) fn escape(text: &str) -> String {
+pub(in crate::wire) fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for character in text.chars() {
         match character {
@@ -24,7 +24,7 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// A number with so many decimals, its thousands set apart by a narrow space, with a true minus sign.
-pub(super) fn number(value: f64, decimals: usize) -> String {
+pub(in crate::wire) fn number(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     let (sign, digits) = text.strip_prefix('-').map_or(("", text.as_str()), |digits| ("−", digits));
     let (whole, fraction) = digits.split_at(digits.find('.').unwrap_or(digits.len()));
@@ -39,23 +39,23 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
 }
 
 /// A share as a percentage with two decimals.
-pub(super) fn percent(share: f64) -> String {
+pub(in crate::wire) fn percent(share: f64) -> String {
     format!("{}\u{a0}%", number(share * 100.0, 2))
 }
 
 /// An area, with the decimals that its size deserves.
-pub(super) fn area(area_mm2: f64) -> String {
+pub(in crate::wire) fn area(area_mm2: f64) -> String {
     let decimals = if area_mm2.abs() < 100.0 { 1 } else { 0 };
     format!("{}\u{a0}mm²", number(area_mm2, decimals))
 }
 
 /// A point or direction: coordinates with so many decimals.
-pub(super) fn triple(values: [f64; 3], decimals: usize) -> String {
+pub(in crate::wire) fn triple(values: [f64; 3], decimals: usize) -> String {
     format!("({})", values.map(|value| number(value, decimals)).join(", "))
 }
 
 /// Seconds as people read them.
-pub(super) fn duration(secs: f64) -> String {
+pub(in crate::wire) fn duration(secs: f64) -> String {
     if secs < 100.0 {
         return format!("{}\u{a0}s", number(secs, 1));
     }

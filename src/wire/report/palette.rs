@@ -7,7 +7,7 @@ use crate::planning::plan::{Cause, Grade, Verdict};
 
 /// Causes that an operator treats alike.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum MissGroup {
+pub(in crate::wire) enum MissGroup {
     /// Hidden from a device.
     Shadow,
     /// Too oblique for a device.
@@ -44,7 +44,7 @@ impl MissGroup {
 
 /// What a spot of a picture stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Ink {
+pub(in crate::wire) enum Ink {
     /// Measured, with this grade.
     Measured(Grade),
     /// Measured, but not by the view that the picture shows.
@@ -89,7 +89,7 @@ impl Ink {
     }
 
     /// `#rrggbb`.
-    pub(super) fn hex(self) -> String {
+    pub(in crate::wire) fn hex(self) -> String {
         let [r, g, b] = self.rgb();
         format!("#{r:02x}{g:02x}{b:02x}")
     }

@@ -10,7 +10,7 @@ use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Remedy, Robust, share};
 use crate::planning::report::{changed_params, treated_spots};
-use crate::planning::sequence::Leg;
+use crate::planning::sequence::{Leg, Sequence};
 
 /// Spots of each cause that are listed.
 const SPOTS_LISTED: usize = 3;
@@ -62,8 +62,9 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         ("figure", percent(coverage.of_total()), "of the whole surface"),
         ("figure main", percent(coverage.independent.of_asked()), "of the asked area, on fresh samples"),
     ];
-    if let Some(sequence) = &plan.sequence {
-        figures.push(("figure", duration(sequence.motion_secs()), "moving"));
+    let motion_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
+    if plan.sequences().next().is_some() {
+        figures.push(("figure", duration(motion_secs), "moving"));
     }
     figures.extend(input.cycle_secs.map(|secs| ("figure", duration(secs), "a cycle, predicted")));
     let figures: Vec<String> = figures
@@ -126,7 +127,8 @@ pub(super) fn certificate(input: &ReportInput<'_>) -> String {
 /// The same with poses that are off.
 fn off_poses(robust: &Robust) -> String {
     let row = |name: &str, drawn: &Drawn| {
-        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()].map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
+        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()]
+            .map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
         format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
     };
     format!(
@@ -223,21 +225,27 @@ fn missed_row(input: &ReportInput<'_>, missed: &MissedCause) -> String {
 /// In which order the views are visited; empty without a cell.
 pub(super) fn order(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
-    let Some(sequence) = &plan.sequence else { return String::new() };
     let label = |id| plan.views.iter().find(|view| view.id == id).map_or("", |view| view.label.as_str());
-    let mut rows: Vec<String> = sequence
-        .visits
-        .iter()
-        .zip(1..)
-        .map(|((view, leg), stop)| order_row(&stop.to_string(), &format!("View {} ({})", view.0, label(*view)), leg))
-        .collect();
-    rows.push(order_row("", "Home", &sequence.return_home));
+    let mut rows: Vec<String> = Vec::new();
+    for (setup, sequence) in plan.sequences().enumerate() {
+        if setup > 0 {
+            rows.push(format!("<tr><td></td><td colspan=\"5\">The part is turned over: setup {}.</td></tr>\n", setup + 1));
+        }
+        let visits = sequence.visits.iter().zip(1..);
+        rows.extend(
+            visits.map(|((view, leg), stop)| order_row(&stop.to_string(), &format!("View {} ({})", view.0, label(*view)), leg)),
+        );
+        rows.push(order_row("", "Home", &sequence.return_home));
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
     format!(
         "<section>\n<h2>Visiting order</h2>\n<p>From home through every view and back; {} of motion in all.</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th class=\"n\">Stop</th><th>At</th><th class=\"n\">Turntable</th>\
          <th class=\"n\">Joints 1 to 6</th><th class=\"n\">Move</th><th class=\"n\">Points between</th></tr></thead>\n<tbody>\n{}</tbody>\
          </table></div>\n</section>\n",
-        duration(sequence.motion_secs()),
+        duration(plan.sequences().map(Sequence::motion_secs).sum()),
         rows.concat()
     )
 }

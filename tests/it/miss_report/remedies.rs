@@ -8,7 +8,7 @@ use vantage::geometry::{Mesh, Part, Pose, Table};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
-use vantage::planning::report::{text, treated_spots};
+use vantage::planning::report::treated_spots;
 use vantage::planning::{PlanInput, plan};
 
 use super::bodies::{Pocket, blind_hole, l_pocket};
@@ -53,7 +53,7 @@ fn every_remedy_works(mesh: &Mesh, params: &PlanParams, most: usize) -> Vec<Reme
         let after = plan_viewpoints(mesh, &scanner, &params);
         let cured_mm2 = cured_mm2(mesh, &before, &after, *cause, spot);
         println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, remedy.sentence());
-        assert!(remedy.area_mm2 >= 0.5 * spot.area_mm2 && (1..=4).contains(&remedy.views.len()));
+        assert!(remedy.area_mm2 >= 0.5 * spot.area_mm2 && (1..=8).contains(&remedy.views.len()));
         assert!(cured_mm2 >= remedy.area_mm2 * (1.0 - SAID), "{cured_mm2} of {} with {}", remedy.area_mm2, remedy.sentence());
     }
     treated.iter().map(|(.., remedy)| remedy.kind).collect()
@@ -63,7 +63,7 @@ fn every_remedy_works(mesh: &Mesh, params: &PlanParams, most: usize) -> Vec<Reme
 fn a_slot_across_the_baseline_is_cured_by_another_roll() {
     // 12 mm wide, 60 mm deep, along y; the only view has its baseline across it.
     let profile =
-        [[6.0, -60.0], [6.0, 0.0], [30.0, 0.0], [30.0, -80.0], [-30.0, -80.0], [-30.0, 0.0], [-6.0, 0.0], [-6.0, -60.0]];
+        [[-6.0, -60.0], [-6.0, 0.0], [-30.0, 0.0], [-30.0, -80.0], [30.0, -80.0], [30.0, 0.0], [6.0, 0.0], [6.0, -60.0]];
     let slot = slotted(&profile);
     let mut params = everything((85.0, 77.5));
     params.candidates.strategies = Vec::new();
@@ -99,15 +99,16 @@ fn sides_that_no_view_faces_are_cured_by_tilts() {
 
 #[test]
 fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
-    // At the bottom of a narrow hole nothing but straight down helps, and the one view stands 70 mm too far.
-    let body = blind_hole(10.0, 20.0);
-    let straight = looking(Point3::origin(), 0.0, 0.0, 0.0);
-    let back = Pose::from_parts(straight.origin_mm().coords + Vector3::z() * 100.0, straight.isometry().rotation);
-    let params = given(&body, &[back, looking(Point3::new(0.0, 0.0, 60.0), 0.0, 0.0, 0.0)], (40.0, 40.0));
+    // At the bottom of a narrow hole nothing but straight down helps; the one view stands just right for the face around
+    // it, too far for the floor.
+    let body = blind_hole(10.0, 16.0);
+    let view = looking(Point3::new(0.0, 0.0, 80.0), 0.0, 0.0, 0.0);
+    let mut params = given(&body, &[view], (40.0, 40.0));
+    params.regions.exclude.clear();
     let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
     let (_, spot, remedy) = floor.expect("a spot out of depth");
-    assert!((spot.centre_mm.z + 20.0).abs() < 0.5, "{:?}", spot.centre_mm);
+    assert!((spot.centre_mm.z + 16.0).abs() < 0.5, "{:?}", spot.centre_mm);
     assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", remedy.sentence());
     every_remedy_works(&body.mesh, &params, 20);
 }
@@ -117,7 +118,7 @@ fn the_wall_of_a_deep_hole_needs_a_larger_limit() {
     let body = blind_hole(10.0, 60.0);
     let mut params = everything((50.0, 45.0));
     params.regions.exclude = vec![vantage::planning::params::Region::Faces { faces: body.outside() }];
-    let kinds = every_remedy_works(&body.mesh, &params, 20);
+    let kinds = every_remedy_works(&body.mesh, &params, 4);
     assert!(kinds.contains(&RemedyKind::Limit) || kinds.contains(&RemedyKind::None), "{kinds:?}");
     println!("{kinds:?}");
 }
@@ -127,15 +128,15 @@ fn the_ceiling_of_an_l_pocket_has_no_remedy_and_says_so() {
     // Behind 8 mm of leg height, 40 mm in, nothing reaches the ceiling's end.
     let pocket = Pocket { width_mm: 10.0, depth_mm: 60.0, leg_mm: 40.0, leg_height_mm: 8.0, half_length_mm: 60.0 };
     let body = l_pocket(&pocket);
-    let mut params = everything((85.0, 77.5));
+    let mut params = everything((60.0, 55.0));
     params.regions.exclude = vec![vantage::planning::params::Region::Faces { faces: body.outside() }];
     let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
     let ceiling = body.faces("ceiling");
-    let of_ceiling: Vec<_> =
-        treated(&before).into_iter().filter(|(_, spot, _)| spot.source_faces.iter().all(|face| ceiling.contains(face))).collect();
-    assert!(!of_ceiling.is_empty());
-    println!("{}", text(&before.plan));
-    assert!(of_ceiling.iter().any(|(.., remedy)| remedy.kind == RemedyKind::None && remedy.views.is_empty()));
+    let (_, spot, remedy) = treated(&before)
+        .into_iter()
+        .find(|(_, spot, _)| spot.source_faces.iter().any(|face| ceiling.contains(face)))
+        .expect("a spot");
+    assert_eq!((remedy.kind, remedy.views.len()), (RemedyKind::None, 0), "{:?}: {}", spot.centre_mm, remedy.sentence());
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 pub(crate) mod glb;
 mod needs;
+pub(crate) mod selection_table;
 pub(crate) mod shapes;
 
 use std::sync::atomic::AtomicBool;

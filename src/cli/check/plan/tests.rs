@@ -63,6 +63,8 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/coverage/grades/A", json!(-0.2), "/coverage/grades/A: is -0.2; allowed is 0 to 1"),
         ("/coverage/measured_area_mm2", json!(1e9), "/coverage/measured_area_mm2: is 1000000000 mm²; allowed is 0 to"),
         ("/coverage/asked_area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
+        ("/missed/0/largest/0/remedy/kind", json!("hope"), "is \"hope\"; allowed is one of view, roll, tilt"),
+        ("/missed/0/largest/0/remedy/of_spot", json!(2), "is 2; allowed is 0 to 1"),
         ("/part/sha256", json!("0A".repeat(32)), "allowed are 64 of 0-9 and a-f"),
         ("/part/area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
         ("/part/triangles", json!(0), "allowed is 1 and more"),

@@ -5,7 +5,7 @@ use super::*;
 use crate::planning::params::{OverlapParams, SelectionGoal};
 
 const SAMPLES: usize = 24;
-const ROWS: usize = 12;
+const ROWS: usize = 10;
 const SOLVERS: [Solver; 4] = [Solver::Greedy, Solver::Lazy, Solver::Local, Solver::Certified];
 
 /// A table of up to [`ROWS`] rows over [`SAMPLES`] samples, their areas, and for up to two regions members and shares.
@@ -69,8 +69,9 @@ impl Table {
 
     /// Area of a goal that a set of rows, a bit each, measures.
     fn measured_mm2(&self, goal: &Goal<'_>, set: u32) -> f64 {
-        let chosen = || self.rows.iter().enumerate().filter(|(row, _)| set >> row & 1 == 1);
-        (0..SAMPLES).filter(|s| chosen().any(|(_, row)| row.holds(*s as u32))).map(|s| goal.area_mm2[s]).sum()
+        let chosen = self.rows.iter().enumerate().filter(|(row, _)| set >> row & 1 == 1);
+        let covered = chosen.fold(0, |covered, (_, row)| covered | row.words()[0]);
+        bits(covered as u32).map(|sample| goal.area_mm2[sample as usize]).sum()
     }
 
     fn set_of(&self, selection: &Selection) -> u32 {

@@ -1,0 +1,165 @@
+//! In which poses the part is planned: as many setups as `setups` allows, as few as do.
+//!
+//! What a viewpoint measures does not depend on how the part lies, only whether it can be taken: all optical centres above
+//! the plate. So one table of viewpoints all around tells for every set of poses what they can measure together, and the
+//! smallest set is taken that loses no more than [`FLIP_WORTH`] against the best set of the size allowed. The cell's reach
+//! enters afterwards, with the candidates of each chosen pose. The poses are those given, else how the part lies in the
+//! first place and the stable poses of [`stable_poses`].
+//!
+//! Cost: one table of 412 views and 8 000 samples.
+
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+
+use super::candidates::{self, Scope};
+use super::context::Context;
+use super::error::PlanError;
+use super::input::PlanInput;
+use super::motion::Motion;
+use super::params::{CandidateParams, Hemisphere, PlanParams};
+use super::surface;
+use super::visibility::{self, Occluders, SampleSet};
+use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table, stable_poses};
+
+/// Poses that are compared.
+const MOST_POSES: usize = 12;
+/// Samples on which they are.
+const SAMPLES: f64 = 8_000.0;
+/// Share of the asked area for which the part is turned over once more.
+const FLIP_WORTH: f64 = 0.002;
+/// Poses whose axes differ by less are one, radians (3°).
+const SAME_POSE_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
+
+/// One way in which the part lies, with everything that hides a sample or hinders the robot then.
+pub(super) struct Setup<'a> {
+    pub(super) table_from_part: Pose<Table, Part>,
+    pub(super) occluders: Occluders,
+    /// Present with a cell.
+    pub(super) motion: Option<Motion<'a>>,
+}
+
+/// The poses to plan in: one where one is asked for.
+///
+/// # Errors
+/// [`PlanError`].
+pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Vec<Pose<Table, Part>>, PlanError> {
+    let first = params.part.table_from_part.unwrap_or_default().pose();
+    if params.setups <= 1 {
+        return Ok(vec![first]);
+    }
+    if input.fixture.is_some() {
+        let detail = "is more than 1 with a fixture, which holds one setup; plan each setup by itself".to_owned();
+        return Err(PlanError::param("/setups", detail));
+    }
+    let pool = pool(input.mesh, params, &first);
+    let reachable = measured_from(&pool, input, params, ctx)?;
+    let asked_mm2 = reachable.area_mm2.iter().sum::<f64>();
+    let most = (params.setups as usize).min(pool.len());
+    let best: Vec<(Vec<usize>, f64)> = (1..=most).map(|count| reachable.best_of(count)).collect();
+    let enough_mm2 = best.iter().map(|(_, mm2)| *mm2).fold(0.0, f64::max) - FLIP_WORTH * asked_mm2;
+    let fewest = best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![0], |(poses, _)| poses);
+    Ok(fewest.into_iter().map(|pose| pool[pose]).collect())
+}
+
+/// Poses to choose from: those given, else the first and the stable ones.
+fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) -> Vec<Pose<Table, Part>> {
+    if !params.part.resting_poses.is_empty() {
+        return params.part.resting_poses.iter().map(crate::cell::PoseSpec::pose).collect();
+    }
+    let mut pool = vec![*first];
+    for stable in stable_poses(mesh) {
+        let pose = standing_on(mesh, &stable.down);
+        let is_new = |other: &Pose<Table, Part>| other.inverse().direction(&-Vector3::z()).angle(&stable.down) > SAME_POSE_RAD;
+        if pool.iter().all(is_new) && pool.len() < MOST_POSES {
+            pool.push(pose);
+        }
+    }
+    pool
+}
+
+/// The part turned the shortest way so that `down` points down; its lowest point on the plate, its box's centre on the axis.
+fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose<Table, Part> {
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let turn = UnitQuaternion::rotation_between_axis(&Unit::new_normalize(*down), &-Vector3::z_axis()).unwrap_or(half_turn);
+    let turned = mesh.vertices_mm.iter().map(|p| turn * p);
+    let aabb = turned.fold(crate::geometry::Aabb::empty(), |aabb, p| aabb.with(&p));
+    let centre = aabb.centre();
+    Pose::from_parts(Translation3::new(-centre.x, -centre.y, -aabb.min.z).vector, turn)
+}
+
+/// What can be measured from above the plate in each pose.
+struct Reachable {
+    by_pose: Vec<SampleSet>,
+    /// Asked area of each sample.
+    area_mm2: Vec<f64>,
+}
+
+fn measured_from(
+    pool: &[Pose<Table, Part>],
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    ctx: &Context<'_>,
+) -> Result<Reachable, PlanError> {
+    let mut coarse = params.clone();
+    coarse.part.samples_per_mm2 = Some(SAMPLES / input.mesh.area_mm2());
+    coarse.part.patch_edge_mm = Some(f64::INFINITY);
+    let surface = surface::sample(input.mesh, &coarse.part, &coarse.regions, coarse.seed).map_err(PlanError::BadParams)?;
+    let grid = CandidateParams {
+        step_small_deg: 15.0,
+        step_large_deg: 30.0,
+        rolls_deg: vec![0.0, 90.0],
+        hemisphere: Some(Hemisphere::Full),
+        ..CandidateParams::ellipsoid()
+    };
+    let scope =
+        Scope { part: input.mesh, surface: &surface, scanner: input.scanner, cell: None, table_from_part: pool[0], seed: 0 };
+    let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
+    let views: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+    let occluders = Occluders::new([input.mesh]);
+    let usable = vec![true; views.len()];
+    let table = visibility::cast(&surface, &views, &usable, input.scanner, &occluders, &coarse, &ctx.silent())?;
+    let seen_in = |table_from_part: &Pose<Table, Part>| {
+        let mut measured = SampleSet::none_of(surface.sample_mm.len());
+        let taken = views.iter().zip(&table.rows).filter(|(view, _)| is_above(view, table_from_part, input));
+        taken.for_each(|(_, row)| measured.insert_all(row.measured()));
+        measured
+    };
+    let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
+    Ok(Reachable { by_pose: pool.iter().map(seen_in).collect(), area_mm2: (0..surface.sample_mm.len()).map(area_mm2).collect() })
+}
+
+/// Whether the viewpoint and all devices stand above the plate's plane.
+fn is_above(view: &Pose<Part, ScannerFrame>, table_from_part: &Pose<Table, Part>, input: &PlanInput<'_>) -> bool {
+    let table_from_scanner = *table_from_part * *view;
+    let centres = input.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+    centres.chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
+}
+
+impl Reachable {
+    /// The poses that measure most together, so many; the first of equals. With the area, mm².
+    fn best_of(&self, count: usize) -> (Vec<usize>, f64) {
+        let mut best = (Vec::new(), f64::NEG_INFINITY);
+        let nothing = SampleSet::none_of(self.area_mm2.len());
+        self.extend(&mut Vec::new(), &nothing, count, &mut best);
+        best
+    }
+
+    fn extend(&self, poses: &mut Vec<usize>, measured: &SampleSet, count: usize, best: &mut (Vec<usize>, f64)) {
+        if poses.len() == count {
+            let area_mm2 = measured.iter().map(|sample| self.area_mm2[sample as usize]).sum();
+            if area_mm2 > best.1 {
+                *best = (poses.clone(), area_mm2);
+            }
+            return;
+        }
+        for pose in poses.last().map_or(0, |last| last + 1)..self.by_pose.len() {
+            let mut measured = measured.clone();
+            measured.insert_all(&self.by_pose[pose]);
+            poses.push(pose);
+            self.extend(poses, &measured, count, best);
+            poses.pop();
+        }
+    }
+}

@@ -1,0 +1,59 @@
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::cell::PoseSpec;
+use crate::planning::context::Silent;
+use crate::testing::{box_mesh, nominal_scanner};
+
+fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Part>> {
+    let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+    let mut params = PlanParams::default();
+    params.part.table_from_part = Some(PoseSpec::from(&super::super::resting(mesh)));
+    change(&mut params);
+    poses(&input, &params, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn down(pose: &Pose<Table, Part>) -> Vector3<f64> {
+    pose.inverse().direction(&-Vector3::z())
+}
+
+/// From above all of a box but its bottom is seen: it takes one more pose for that, and no third one.
+#[test]
+fn a_box_is_turned_once_however_often_it_may_be() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    assert_eq!(poses_of(&mesh, |_| ()).len(), 1);
+    for setups in 2..=4 {
+        let poses = poses_of(&mesh, |params| params.setups = setups);
+        assert_eq!(poses.len(), 2, "with {setups} allowed");
+        assert!(down(&poses[0]).angle(&down(&poses[1])) > 1.5, "the bottom is up, or at least upright, once");
+        for pose in &poses {
+            let lowest_mm = mesh.vertices_mm.iter().map(|p| pose.point(p).z).fold(f64::INFINITY, f64::min);
+            assert!(lowest_mm.abs() < 1e-4, "stands on the plate: {lowest_mm}");
+        }
+    }
+}
+
+#[test]
+fn given_poses_alone_are_chosen_from() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    let upright = standing_on(&mesh, &-Vector3::z());
+    let over = standing_on(&mesh, &Vector3::z());
+    let given = [upright, over].map(|pose| PoseSpec::from(&pose));
+    let poses = poses_of(&mesh, |params| {
+        params.setups = 2;
+        params.part.resting_poses = given.to_vec();
+    });
+    assert_eq!(poses.len(), 2);
+    assert!(down(&poses[0]).z < -0.999 && down(&poses[1]).z > 0.999);
+}
+
+#[test]
+fn a_fixture_holds_one_setup() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
+    let input = PlanInput { mesh: &mesh, fixture: Some(&mesh), part_sha256: "", scanner: &scanner, cell: None };
+    let params = PlanParams { setups: 2, ..PlanParams::default() };
+    let refused = poses(&input, &params, &Context::new(&cancel, &Silent)).err().unwrap_or_else(|| panic!("refused"));
+    assert!(refused.to_string().contains("/setups"), "{refused}");
+}

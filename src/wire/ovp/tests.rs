@@ -1,0 +1,68 @@
+use std::sync::atomic::AtomicBool;
+
+use serde_json::Value;
+
+use super::*;
+use crate::cell::{Presets, SpecLibrary};
+use crate::geometry::demo_parts;
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::PlanParams;
+use crate::planning::{PlanInput, plan};
+
+/// Every field that the benchmark's reader (`Log.py`) asks for or its readme lists, with the kind of its value.
+const FIELDS: [(&str, fn(&Value) -> bool); 24] = [
+    ("/Log/Camera/DistanceMM", Value::is_f64),
+    ("/Log/Camera/FocalLength", Value::is_f64),
+    ("/Log/Camera/Model", Value::is_string),
+    ("/Log/Camera/PixSizeMM", Value::is_f64),
+    ("/Log/Camera/ResHeight", Value::is_u64),
+    ("/Log/Camera/ResWidth", Value::is_u64),
+    ("/Log/Coverage/InTriangles", Value::is_u64),
+    ("/Log/Coverage/Percentage", Value::is_f64),
+    ("/Log/CoveragePerVP/0", Value::is_f64),
+    ("/Log/Duration/OptimizationSec", Value::is_f64),
+    ("/Log/Duration/RayTracingSec", Value::is_f64),
+    ("/Log/Model/FaceCount", Value::is_u64),
+    ("/Log/Model/Name", Value::is_string),
+    ("/Log/Model/VertexCount", Value::is_u64),
+    ("/Log/OptimizationType", Value::is_string),
+    ("/Log/TimeStamp", Value::is_string),
+    ("/Log/TriangleCoveragePerVP/0", Value::is_u64),
+    ("/Log/VPC/Count", Value::is_u64),
+    ("/Log/VPC/DiscardedCount", Value::is_u64),
+    ("/Log/VPC/Functional", Value::is_string),
+    ("/Log/VPC/ListName", Value::is_string),
+    ("/Log/VPC/Threshold", Value::is_string),
+    ("/Log/VPSelectionOrder/0", Value::is_u64),
+    ("/OVP/Count", Value::is_u64),
+];
+
+#[test]
+fn the_log_has_the_benchmarks_fields_and_its_counts_add_up() {
+    let mesh = demo_parts::figurine(20_000).expect("a part");
+    let scanner = Presets.scanner("transcan-c").expect("a preset").build().expect("valid");
+    let mut params = PlanParams::default();
+    params.part.samples_per_mm2 = Some(0.1);
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+    let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    let seconds = BTreeMap::from([("visibility", 1.5), ("selection", 0.25)]);
+    let log = OvpDocument::new(&outcome, &mesh, &scanner, "part.stl", &seconds, "2020-01-02T03:04:05Z".into());
+    let json = serde_json::to_value(&log).expect("JSON");
+    for (pointer, is_kind) in FIELDS {
+        assert!(json.pointer(pointer).is_some_and(is_kind), "{pointer}: {:?}", json.pointer(pointer));
+    }
+
+    let (views, counts) = (outcome.plan.views.len(), &outcome.plan.candidates);
+    let lengths = [log.log.coverage_per_vp.len(), log.log.triangle_coverage_per_vp.len(), log.log.vp_selection_order.len()];
+    assert_eq!(lengths, [views; 3]);
+    assert_eq!((log.ovp.count, log.ovp.list.len()), (views, views));
+    assert_eq!(log.log.triangle_coverage_per_vp.iter().sum::<usize>(), log.log.coverage.in_triangles);
+    assert!((log.log.coverage_per_vp.iter().sum::<f64>() - log.log.coverage.percentage).abs() < 1e-12);
+    assert_eq!(log.log.vpc.count + log.log.vpc.discarded_count, counts.generated);
+    // Triangles of one size, each with a sample: their share is about that of the area.
+    assert!((log.log.coverage.percentage - outcome.plan.coverage.of_total()).abs() < 0.05, "{:?}", log.log.coverage);
+    // 6668 pixels of 1.85 µm.
+    assert!((log.log.camera.focal_length - 12.336).abs() < 1e-3, "{:?}", log.log.camera);
+    assert_eq!((log.log.duration.ray_tracing_sec, log.log.duration.optimization_sec), (1.5, 0.25));
+    assert_eq!((log.log.vpc.functional.as_str(), log.log.optimization_type.as_str()), ("even+targeted", "greedy"));
+}
