@@ -107,7 +107,8 @@ fn views_that_shall_bear_an_error_are_chosen_by_less_than_they_measure() {
         lost += nominal.count() - robust.count();
     }
     assert!(lost > 0, "no error takes anything");
-    params.robust.select = false;
-    let scene = Scene { params: &params, ..scene };
+    let mut as_ever = params.clone();
+    as_ever.robust.select = false;
+    let scene = Scene { params: &as_ever, ..scene };
     assert!(rows(&scene, &considered, &ctx).expect("not cancelled").is_none());
 }
