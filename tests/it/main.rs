@@ -23,5 +23,6 @@ mod readme;
 mod report;
 mod robust;
 mod server;
+mod setups;
 mod study_command;
 mod support;

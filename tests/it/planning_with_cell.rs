@@ -63,7 +63,7 @@ fn every_station_puts_the_scanner_where_the_view_wants_it() {
             assert!((reached.direction(&axis) - asked.direction(&axis)).norm() < 1e-9);
         }
     }
-    let visited: Vec<_> = outcome.plan.sequence.expect("a cell").visits.iter().map(|(view, _)| *view).collect();
+    let visited: Vec<_> = outcome.plan.visits().map(|(view, _)| *view).collect();
     let mut sorted = visited.clone();
     sorted.sort_unstable();
     assert_eq!(sorted, outcome.plan.views.iter().map(|view| view.id).collect::<Vec<_>>());

@@ -12,8 +12,8 @@ use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Bound, CandidateCounts, Cause, Coverage, Grade, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, StopReason,
-    Verdict, ViewId,
+    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, SetupPlan,
+    StopReason, Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -98,6 +98,8 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
             .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
         regions: Vec::new(),
+        independent: Independent::default(),
+        robust: None,
         pixel_set_area_mm2: None,
         ..Coverage::default()
     }
@@ -156,6 +158,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
     let views = (0..sides.len()).map(|view| PlannedView {
         id: ViewId(view as u32),
         candidate: CandidateId(view as u32 * 7),
+        setup: 0,
         label: sides[view].1,
         part_from_scanner: poses[view],
         gain_of_asked: gain(view) / coverage.asked_area_mm2,
@@ -163,13 +166,21 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         station: Some(station(view as f64)),
         rejected: None,
     });
+    let table_from_part = Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity());
+    let setup = SetupPlan {
+        table_from_part,
+        views: (0..sides.len()).map(|view| ViewId(view as u32)).collect(),
+        coverable_area_mm2: coverage.coverable_area_mm2,
+        measured_area_mm2: coverage.measured_area_mm2,
+        sequence: Some(sequence(sides.len())),
+    };
     let plan = Plan {
         part: PartFacts { sha256: "ab".repeat(32), triangles: mesh.faces.len(), area_mm2: mesh.area_mm2(), aabb: mesh.aabb() },
-        table_from_part: Some(Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity())),
+        table_from_part: Some(table_from_part),
         params,
         candidates: CandidateCounts { generated: 62, kept: 50, rejected: [(Rejection::BelowTable, 12)].into() },
         views: views.collect(),
-        sequence: Some(sequence(sides.len())),
+        setups: vec![setup],
         missed: missed_of(mesh, &surface, &verdicts),
         stopped_because: StopReason::Target,
         bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },

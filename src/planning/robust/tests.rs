@@ -48,7 +48,7 @@ fn the_draws_are_told_by_their_worst_their_5th_percentile_and_their_mean() {
 
 fn params(error: Option<PoseErrorParams>) -> PlanParams {
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-    params.part.samples_per_mm2 = Some(0.1);
+    (params.part.samples_per_mm2, params.missed.remedies) = (Some(0.1), 0);
     (params.robust.pose_error, params.robust.draws, params.robust.part_draws) = (error, 3, 3);
     params
 }

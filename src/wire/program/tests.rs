@@ -8,6 +8,7 @@ fn program() -> Program {
     let at = |deg: f64| [deg, -deg, 0.5 * deg, 0.0, 90.0, 1.0, 3.0 * deg].map(f64::to_radians);
     Program {
         plan_sha256: "0f".repeat(32),
+        setup: 0,
         robot: "=cmd()".into(),
         turntable: "minas-a6-500".into(),
         home_rad: at(0.0),

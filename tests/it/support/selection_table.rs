@@ -3,12 +3,11 @@
 
 use std::sync::atomic::AtomicBool;
 
-use vantage::planning::candidates::{self, Scope};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{Hemisphere, Objective, PlanParams, ScoreParams, SelectionParams};
+use vantage::planning::params::{CandidateParams, Hemisphere, Objective, PlanParams, ScoreParams, SelectionParams};
 use vantage::planning::selection::{Problem, Selection, select};
-use vantage::planning::visibility::{self, Row};
-use vantage::planning::{resting, surface};
+use vantage::planning::visibility::Row;
+use vantage::planning::{PlanInput, tabulate};
 
 use super::{nominal_scanner, shared_mesh_scaled};
 
@@ -23,22 +22,16 @@ impl SelectionTable {
     pub(crate) fn new(path: &str, camera_deg: f64, projector_deg: f64, samples: usize) -> Option<Self> {
         let mesh = shared_mesh_scaled(path, 120.0)?;
         let scanner = nominal_scanner();
-        let mut params = PlanParams::default();
+        let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
         params.limits.camera_deg = Some(camera_deg);
         params.limits.projector_deg = Some(projector_deg);
         params.candidates.hemisphere = Some(Hemisphere::Full);
         params.part.patch_edge_mm = Some(1000.0);
         params.part.samples_per_mm2 = Some(4.0 * samples as f64 / mesh.area_mm2());
-        let (cancel, part) = (AtomicBool::new(false), surface::resolve(&params.part, &mesh));
-        let ctx = Context::new(&cancel, &Silent);
-        let surface = surface::sample(&mesh, &part, &params.regions, 0).expect("samples");
-        let scope = Scope { surface: &surface, scanner: &scanner, table_from_part: resting(&mesh) };
-        let kept = candidates::generate(&scope, &params.candidates, &mesh, &ctx).expect("not cancelled").kept;
-        let poses: Vec<_> = kept.iter().map(|candidate| candidate.part_from_scanner).collect();
-        let (occluders, usable) = (visibility::Occluders::new([&mesh]), vec![true; poses.len()]);
-        let table = visibility::cast(&surface, &poses, &usable, &scanner, &occluders, &params, &ctx).expect("not cancelled");
-        let areas_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(|sample| surface.sample_area_mm2(sample)).collect();
-        Some(Self::drawn(&table.rows, &areas_mm2, samples))
+        let cancel = AtomicBool::new(false);
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+        let table = tabulate(&input, &params, &Context::new(&cancel, &Silent)).expect("a table");
+        Some(Self::drawn(&table.rows, &table.asked_area_mm2, samples))
     }
 
     /// Systematic sampling by area: every `1 / samples` of the area one sample, those drawn more than once merged.
