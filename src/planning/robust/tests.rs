@@ -48,7 +48,7 @@ fn the_draws_are_told_by_their_worst_their_5th_percentile_and_their_mean() {
 
 fn params(error: Option<PoseErrorParams>) -> PlanParams {
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-    params.part.samples_per_mm2 = Some(0.1);
+    (params.part.samples_per_mm2, params.missed.remedies) = (Some(0.1), 0);
     (params.robust.pose_error, params.robust.draws, params.robust.part_draws) = (error, 3, 3);
     params
 }
@@ -107,8 +107,8 @@ fn views_that_shall_bear_an_error_are_chosen_by_less_than_they_measure() {
         lost += nominal.count() - robust.count();
     }
     assert!(lost > 0, "no error takes anything");
-    let mut nominal = params.clone();
-    nominal.robust.select = false;
-    let scene = Scene { params: &nominal, ..scene };
+    let mut as_ever = params.clone();
+    as_ever.robust.select = false;
+    let scene = Scene { params: &as_ever, ..scene };
     assert!(rows(&scene, &considered, &ctx).expect("not cancelled").is_none());
 }

@@ -42,7 +42,7 @@ fn the_log_has_the_benchmarks_fields_and_its_counts_add_up() {
     let mesh = demo_parts::figurine(20_000).expect("a part");
     let scanner = Presets.scanner("transcan-c").expect("a preset").build().expect("valid");
     let mut params = PlanParams::default();
-    params.part.samples_per_mm2 = Some(0.1);
+    (params.part.samples_per_mm2, params.missed.remedies) = (Some(0.1), 0);
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
     let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     let seconds = BTreeMap::from([("visibility", 1.5), ("selection", 0.25)]);
