@@ -78,8 +78,7 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let (part, part_sha256) = load_mesh(&args.mesh, args.unit)?;
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
-    let input =
-        PlanInput { mesh: &part.mesh, fixture, part_sha256: &part_sha256, scanner: &scanner, cell: cell.as_ref() };
+    let input = PlanInput { mesh: &part.mesh, fixture, part_sha256: &part_sha256, scanner: &scanner, cell: cell.as_ref() };
     out::prepare(&args.out)?;
     let progress = Progress::start();
     let study = Study::from(args.study);

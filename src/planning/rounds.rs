@@ -2,8 +2,8 @@
 //! then those that build on that, examined in the same way and added. What no candidate that the cell can use measures
 //! counts as uncovered.
 
-use super::cause::Cause;
 use super::candidates::{self, Generated, Open, Rejection, Scope};
+use super::cause::Cause;
 use super::context::{Cancelled, Context, Stage};
 use super::error::PlanError;
 use super::motion::Motion;

@@ -14,7 +14,8 @@ use super::input::PlanInput;
 use super::missed;
 use super::params::{PlanParams, SelectionParams, TargetOf};
 use super::plan::{
-    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SetupPlan, StopReason, Verdict, ViewId,
+    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SetupPlan, StopReason,
+    Verdict, ViewId,
 };
 use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::Ordered;

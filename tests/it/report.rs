@@ -12,8 +12,8 @@ use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView, SetupPlan,
-    StopReason, Verdict, ViewId,
+    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView,
+    SetupPlan, StopReason, Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};

@@ -17,7 +17,8 @@ fn part(folder: &Path) -> String {
 fn each_study_writes_its_table_two_plots_and_a_page() {
     let folder = tempfile::tempdir().expect("a folder");
     let (part, out) = (part(folder.path()), folder.path().join("out"));
-    let coarse = ["part.samples_per_mm2=0.05", "part.patch_edge_mm=20", "candidates.even_directions=20", "candidates.targeted_max=10"];
+    let coarse =
+        ["part.samples_per_mm2=0.05", "part.patch_edge_mm=20", "candidates.even_directions=20", "candidates.targeted_max=10"];
     for (study, lines) in [("weights", 5), ("limits", 5), ("candidates", 8)] {
         let output = vantage()
             .args(["study", study, &part, "--unit", "mm", "--views", "8", "--out", &out.display().to_string()])

@@ -163,7 +163,8 @@ fn check_setups(document: &PlanDocument, findings: &mut Findings) {
         setup.table_from_part.check(&format!("/setups/{number}/table_from_part"), findings);
         for (index, id) in setup.viewpoints.iter().enumerate() {
             let at = format!("/setups/{number}/viewpoints/{index}");
-            findings.require((*id as usize) < document.viewpoints.len(), &at, || format!("is {id}; allowed are ids of viewpoints"));
+            findings
+                .require((*id as usize) < document.viewpoints.len(), &at, || format!("is {id}; allowed are ids of viewpoints"));
             findings.require(taken.insert(*id), at, || format!("takes {id} a second time"));
         }
     }

@@ -43,10 +43,9 @@ pub(super) struct Needs {
 impl Needs {
     /// `probe` is one of [`widest`] optics.
     pub(super) fn of(look: &Look, probe: &Probe<'_>) -> Self {
-        let by_sample = look
-            .points()
-            .iter()
-            .map(|(p, normal, kind)| probe.measure(p, normal, *kind).ok().map(|_| probe.incidence_rad(p, normal).map(f64::to_degrees)));
+        let by_sample = look.points().iter().map(|(p, normal, kind)| {
+            probe.measure(p, normal, *kind).ok().map(|_| probe.incidence_rad(p, normal).map(f64::to_degrees))
+        });
         Self { by_sample: by_sample.collect() }
     }
 

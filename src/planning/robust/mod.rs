@@ -36,11 +36,7 @@ pub(super) struct Scene<'a> {
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn rows(
-    scene: &Scene<'_>,
-    considered: &Considered,
-    ctx: &Context<'_>,
-) -> Result<Option<Vec<Row>>, Cancelled> {
+pub(super) fn rows(scene: &Scene<'_>, considered: &Considered, ctx: &Context<'_>) -> Result<Option<Vec<Row>>, Cancelled> {
     let Some(error) = scene.params.robust.pose_error.filter(|_| scene.params.robust.select) else { return Ok(None) };
     let (kept, mut rows) = (&considered.generated.kept, considered.table.rows.clone());
     let usable: Vec<bool> = (0..kept.len()).map(|kept| is_usable(considered.reach.as_ref(), kept)).collect();

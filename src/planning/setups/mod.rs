@@ -113,7 +113,8 @@ fn measured_from(
         hemisphere: Some(Hemisphere::Full),
         ..CandidateParams::ellipsoid()
     };
-    let scope = Scope { part: input.mesh, surface: &surface, scanner: input.scanner, cell: None, table_from_part: pool[0], seed: 0 };
+    let scope =
+        Scope { part: input.mesh, surface: &surface, scanner: input.scanner, cell: None, table_from_part: pool[0], seed: 0 };
     let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
     let views: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
     let occluders = Occluders::new([input.mesh]);

@@ -127,7 +127,8 @@ pub(super) fn certificate(input: &ReportInput<'_>) -> String {
 /// The same with poses that are off.
 fn off_poses(robust: &Robust) -> String {
     let row = |name: &str, drawn: &Drawn| {
-        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()].map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
+        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()]
+            .map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
         format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
     };
     format!(
@@ -231,9 +232,9 @@ pub(super) fn order(input: &ReportInput<'_>) -> String {
             rows.push(format!("<tr><td></td><td colspan=\"5\">The part is turned over: setup {}.</td></tr>\n", setup + 1));
         }
         let visits = sequence.visits.iter().zip(1..);
-        rows.extend(visits.map(|((view, leg), stop)| {
-            order_row(&stop.to_string(), &format!("View {} ({})", view.0, label(*view)), leg)
-        }));
+        rows.extend(
+            visits.map(|((view, leg), stop)| order_row(&stop.to_string(), &format!("View {} ({})", view.0, label(*view)), leg)),
+        );
         rows.push(order_row("", "Home", &sequence.return_home));
     }
     if rows.is_empty() {

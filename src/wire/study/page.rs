@@ -1,7 +1,7 @@
 //! `<study>.html`: both plots, the table and what they say, in one file in the manner of the plan's report.
 
-use super::{StudyInput, grades_svg, coverage_svg};
 use super::table::goal;
+use super::{StudyInput, coverage_svg, grades_svg};
 use crate::planning::plan::StopReason;
 use crate::planning::report::changed_params;
 use crate::planning::studies::{Series, Study};
@@ -16,13 +16,13 @@ pub fn html(input: &StudyInput<'_>) -> String {
         Study::Limits => "Limits of incidence",
         Study::Candidates => "Candidate strategies",
     };
-    let figure = |svg: String| format!("<section>\n<div class=\"card\">{svg}</div>\n</section>\n");
+    let figure = |name: &str, svg: String| format!("<section>\n<h2>{name}</h2>\n<div class=\"card\">{svg}</div>\n</section>\n");
     let body = [
         header(input, title),
         "<main>\n".to_owned(),
-        format!("<section>\n<p>{}</p>\n</section>\n", words(input)),
-        figure(coverage_svg(input)),
-        figure(grades_svg(input)),
+        format!("<section>\n<h2>What was varied</h2>\n<p>{}</p>\n</section>\n", words(input)),
+        figure("Coverage", coverage_svg(input)),
+        figure("Grades", grades_svg(input)),
         table(input),
         skipped(input),
         settings(input),
@@ -81,7 +81,8 @@ fn table(input: &StudyInput<'_>) -> String {
 fn row(input: &StudyInput<'_>, series: &Series) -> String {
     let step = series.after(input.at);
     let views = input.views_for_goal(series).map_or_else(|| "not reached".to_owned(), |views| number(views as f64, 0));
-    let mut figures = vec![number(series.candidates as f64, 0), percent(series.coverable_of_asked), views, percent(step.of_asked)];
+    let mut figures =
+        vec![number(series.candidates as f64, 0), percent(series.coverable_of_asked), views, percent(step.of_asked)];
     figures.extend(step.grades.map(percent));
     let figures: Vec<String> = figures.iter().map(|figure| format!("<td class=\"n\">{figure}</td>")).collect();
     let why = match series.stopped_because {

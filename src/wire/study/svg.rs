@@ -76,18 +76,12 @@ impl Svg {
 
     /// A bar of a fixed colour.
     pub(super) fn bar(&mut self, fill: &str, [x, y]: [f64; 2], [width, height]: [f64; 2]) {
-        let _ = writeln!(
-            self.0,
-            "<rect fill=\"{fill}\" x=\"{x:.2}\" y=\"{y:.1}\" width=\"{width:.2}\" height=\"{height:.1}\"/>"
-        );
+        let _ = writeln!(self.0, "<rect fill=\"{fill}\" x=\"{x:.2}\" y=\"{y:.1}\" width=\"{width:.2}\" height=\"{height:.1}\"/>");
     }
 
     /// A bar of what is left over.
     pub(super) fn rest(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2]) {
-        let _ = writeln!(
-            self.0,
-            "<rect class=\"rest\" x=\"{x:.2}\" y=\"{y:.1}\" width=\"{width:.2}\" height=\"{height:.1}\"/>"
-        );
+        let _ = writeln!(self.0, "<rect class=\"rest\" x=\"{x:.2}\" y=\"{y:.1}\" width=\"{width:.2}\" height=\"{height:.1}\"/>");
     }
 
     /// The drawing.

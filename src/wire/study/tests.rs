@@ -3,7 +3,12 @@ use crate::planning::plan::StopReason;
 use crate::planning::studies::Step;
 
 fn series(label: &str, of_asked: &[f64]) -> Series {
-    let step = |of_asked: &f64| Step { of_asked: *of_asked, of_coverable: *of_asked, of_total: of_asked / 2.0, grades: [of_asked / 4.0; 4] };
+    let step = |of_asked: &f64| Step {
+        of_asked: *of_asked,
+        of_coverable: *of_asked,
+        of_total: of_asked / 2.0,
+        grades: [of_asked / 4.0; 4],
+    };
     Series {
         label: label.into(),
         settings: vec![("score.a", "1".into()), ("score.b", "0".into())],
@@ -46,7 +51,14 @@ fn the_text_says_views_for_the_goal_and_what_was_left_out() {
 #[test]
 fn the_plots_have_axes_with_units_and_every_series_in_the_legend() {
     let coverage = told(coverage_svg);
-    for wanted in ["number of views", "measured, % of the asked area", "a = 1", "&lt;b&gt; &amp; &quot;a&quot; = 0", "measures nothing", "75.00"] {
+    for wanted in [
+        "number of views",
+        "measured, % of the asked area",
+        "a = 1",
+        "&lt;b&gt; &amp; &quot;a&quot; = 0",
+        "measures nothing",
+        "75.00",
+    ] {
         assert!(coverage.contains(wanted), "{wanted:?} is not in\n{coverage}");
     }
     assert_eq!(coverage.matches("<polyline").count(), 2 * 3, "a line and its legend");
