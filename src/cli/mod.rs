@@ -9,6 +9,7 @@ use self::signals::Signals;
 
 pub mod check;
 pub mod demo;
+mod features;
 pub mod files;
 pub mod healthcheck;
 pub mod inspect;

@@ -9,7 +9,7 @@ use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
 use super::files::{self, FileLibrary};
 use super::progress::Progress;
-use super::{CliError, out};
+use super::{CliError, features, out};
 use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::mesh_io::ReadMesh;
@@ -50,6 +50,10 @@ pub struct PlanArgs {
     /// One parameter, over the file's: `selection.target=0.99`. The value is JSON, else a string.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
+    /// Toleranced features, beside those of `regions.features`: a JSON or CSV file, for example with the lines
+    /// `name,region,tolerance_mm,point_spacing_mm` and `bore,sphere 10 20 30 5,0.05,0.2`.
+    #[arg(long)]
+    features: Option<PathBuf>,
     /// Folder for the results; made if it is not there.
     #[arg(long)]
     out: PathBuf,
@@ -75,7 +79,8 @@ pub struct PlanArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let params = load_params(args.params.as_deref(), &args.sets)?;
+    let mut params = load_params(args.params.as_deref(), &args.sets)?;
+    params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
     let (part, part_sha256) = load_mesh(&args.mesh, args.unit)?;

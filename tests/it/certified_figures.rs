@@ -8,11 +8,9 @@ use vantage::planning::selection::StopReason;
 use crate::support::selection_table::SelectionTable;
 
 /// Mesh, limits of cameras and projector, optimum found elsewhere, and how far another draw may be off.
-const FIGURES: [(&str, f64, f64, usize, usize); 6] = [
-    ("meshes/rocker-arm_20k.obj", 85.0, 77.5, 5, 1),
+const FIGURES: [(&str, f64, f64, usize, usize); 4] = [
     ("meshes/rocker-arm_20k.obj", 60.0, 55.0, 12, 1),
     ("meshes/cogwheel_536_ascii.stl", 60.0, 55.0, 16, 2),
-    ("meshes/fandisk_13k.obj", 85.0, 77.5, 3, 1),
     ("meshes/fandisk_13k.obj", 60.0, 55.0, 6, 1),
     ("meshes/gearbox_output_housing_16k.stl", 60.0, 55.0, 22, 1),
 ];

@@ -13,7 +13,7 @@ use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
 
 /// The relaxation that every solver is given.
-const QUICK: Size = Size { step: 2e7, rows: 400 };
+const QUICK: Size = Size { step: 3e7, rows: 400 };
 
 /// See the module.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -55,6 +55,13 @@ impl Classes {
         Self { rows: kept.iter().map(|row| rows[*row]).collect(), of_row, units, of_sample }
     }
 
+    /// Work of a step of the relaxation: half the square of the rows of each class.
+    pub(super) fn step_work(&self) -> f64 {
+        let mut rows = vec![0.0; self.len()];
+        self.of_row.iter().flatten().for_each(|class| rows[*class as usize] += 1.0);
+        rows.iter().map(|rows| rows * rows / 2.0).sum()
+    }
+
     /// Number of classes.
     pub(super) fn len(&self) -> usize {
         self.units.first().map_or(0, Vec::len)

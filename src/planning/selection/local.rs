@@ -20,7 +20,7 @@ use crate::planning::visibility::{Row, SampleSet, ones};
 /// Work of an attempt with one view less: pairs of sample and row looked at.
 const ATTEMPT: u64 = 400_000_000;
 /// Steps of an attempt at least, however large the table, and at most, with so many more a row.
-const LEAST_STEPS: u64 = 12;
+const LEAST_STEPS: u64 = 8;
 const MOST_STEPS: u64 = 100;
 const STEPS_A_ROW: u64 = 8;
 /// Rows of a table that one thread takes at once.
@@ -207,6 +207,18 @@ impl<'a> Standing<'a> {
     }
 }
 
+/// For each view the units of those samples that it covers alone and `row` covers too; at last of those that none covers.
+fn regained(row: &Row, moving: &[u64], sole: &[u16], goal: &Units, views: usize) -> Vec<i64> {
+    let mut sums = vec![0; views + 1];
+    let blocks = row.words().iter().zip(moving).zip(sole.chunks_exact(64)).zip(goal.of_sample.chunks(64));
+    for (((word, moving), sole), units) in blocks.filter(|(((word, moving), _), _)| *word & *moving != 0) {
+        for bit in ones(word & moving) {
+            sums[usize::from(sole[bit as usize])] += units[bit as usize];
+        }
+    }
+    sums
+}
+
 /// Units in a set whose last word may hold bits beyond the samples.
 fn units_in(samples: &SampleSet, goal: &Units) -> i64 {
     let words = samples.words().iter().zip(goal.of_sample.chunks(64));
@@ -240,16 +252,9 @@ impl Swaps {
         let goals = exchange.goals;
         let of_row = |row: &&Row| {
             ctx.check()?;
-            let mut regained = vec![vec![0_i64; views + 1]; goals.len()];
-            let mut work = moving.len() as u64 / 4;
-            for (at, (word, moving)) in row.words().iter().zip(&moving).enumerate() {
-                for bit in ones(word & moving) {
-                    let sample = 64 * at + bit as usize;
-                    let view = usize::from(sole[sample]);
-                    regained.iter_mut().zip(goals).for_each(|(sums, goal)| sums[view] += goal.of_sample[sample]);
-                    work += 1;
-                }
-            }
+            let regained: Vec<Vec<i64>> = goals.iter().map(|goal| regained(row, &moving, &sole, goal, views)).collect();
+            let seen: usize = row.words().iter().zip(&moving).map(|(word, moving)| (word & moving).count_ones() as usize).sum();
+            let work = (moving.len() / 4 + seen * goals.len()) as u64;
             let deficit = |view: usize| {
                 let of_goals = goals.iter().zip(&standing.covered).zip(&lost).zip(&regained);
                 of_goals

@@ -20,6 +20,9 @@ const MOST_ROUNDS: usize = 4;
 const GAP: f64 = 1e-7;
 const GAP_OF_SHARE: f64 = 4e-3;
 
+/// Samples of a table that is merged to see whether all of it is small enough.
+const MOST_MERGED: usize = 60_000;
+
 /// How large a relaxation may be.
 pub(super) struct Size {
     /// Classes × (rows a class)² / 2 at most, about: work of a step.
@@ -56,12 +59,11 @@ impl Multipliers {
         size: &Size,
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
-        let samples = sampled(problem, goals, size);
-        let is_share = samples.1;
         let mut rows = largest_rows(problem, &goals[0], size.rows);
+        let (samples, is_share) = sampled(problem, goals, &rows, size);
         let mut round = 1;
         loop {
-            let classes = Classes::new(problem, goals, &samples.0, &rows);
+            let classes = Classes::new(problem, goals, &samples, &rows);
             let form = form(&classes, goals, aim);
             let solution = solve(&classes.of_row, classes.len(), &form, if is_share { GAP_OF_SHARE } else { GAP }, ctx)?;
             let multipliers = Self::new(problem, goals, &classes, &form, &solution, is_share);
@@ -122,19 +124,20 @@ impl Multipliers {
     }
 }
 
-/// Samples for the relaxation, and whether they are a share of all: spread evenly over those that count.
-fn sampled(problem: &Problem<'_>, goals: &[Units], size: &Size) -> (Vec<u32>, bool) {
+/// Samples for the relaxation, and whether they are a share of all, spread evenly over those that count.
+fn sampled(problem: &Problem<'_>, goals: &[Units], rows: &[usize], size: &Size) -> (Vec<u32>, bool) {
     let counts = |sample: &u32| goals.iter().any(|goal| goal.of_sample[*sample as usize] > 0);
     let all: Vec<u32> = (0..problem.asked_area_mm2.len() as u32).filter(counts).collect();
-    let pairs: f64 = problem.rows.iter().map(|row| row.count() as f64).sum();
-    let most_rows = (size.rows as f64 / problem.rows.len().max(1) as f64).min(1.0);
-    let rows_a_sample = (pairs * most_rows / all.len().max(1) as f64).max(1.0);
+    if all.len() <= MOST_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
+        return (all, false);
+    }
+    let pairs: f64 = rows.iter().map(|row| problem.rows[*row].count() as f64).sum();
+    let rows_a_sample = (pairs / all.len().max(1) as f64).max(1.0);
     let most = (2.0 * size.step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
     if all.len() <= most {
         return (all, false);
     }
-    let share = |place: usize| all[place * all.len() / most];
-    ((0..most).map(share).collect(), true)
+    ((0..most).map(|place| all[place * all.len() / most]).collect(), true)
 }
 
 /// The rows that cover most, ascending by number.

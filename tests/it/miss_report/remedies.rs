@@ -6,18 +6,25 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use vantage::cell::{PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Pose, Table};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::PlanParams;
+use vantage::planning::params::{PlanParams, Region};
 use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
 use vantage::planning::report::treated_spots;
 use vantage::planning::{PlanInput, plan};
 
-use super::bodies::{Pocket, blind_hole, l_pocket};
+use super::bodies::blind_hole;
 use super::{everything, given, looking};
 use crate::support::shapes::prism;
 use crate::support::{box_mesh, nominal_scanner, plan_viewpoints};
 
 /// Said and found areas differ by no more than this share: huge spots alone are looked at in part.
 const SAID: f64 = 1e-6;
+
+/// Until nothing adds anything, on samples few enough to plan it often.
+fn quick(mesh: &Mesh, limits: super::Limits) -> PlanParams {
+    let mut params = everything(limits);
+    params.part.samples_per_mm2 = Some(10_000.0 / mesh.area_mm2());
+    params
+}
 
 fn treated(outcome: &Outcome) -> Vec<(Cause, &MissedSpot, &Remedy)> {
     treated_spots(&outcome.plan.missed)
@@ -65,18 +72,17 @@ fn a_slot_across_the_baseline_is_cured_by_another_roll() {
     let profile =
         [[-6.0, -60.0], [-6.0, 0.0], [-30.0, 0.0], [-30.0, -80.0], [30.0, -80.0], [30.0, 0.0], [6.0, 0.0], [6.0, -60.0]];
     let slot = slotted(&profile);
-    let mut params = everything((85.0, 77.5));
+    let mut params = quick(&slot, (85.0, 77.5));
     params.candidates.strategies = Vec::new();
     params.candidates.poses = vec![PoseSpec::from(&looking(Point3::new(0.0, 0.0, -30.0), 0.0, 0.0, 0.0))];
-    params.regions.exclude =
-        vec![vantage::planning::params::Region::HalfSpace { point_mm: [0.0, 0.0, -62.0], normal: [0.0, 0.0, 1.0] }];
+    params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.0, -62.0], normal: [0.0, 0.0, 1.0] }];
     let before = plan_viewpoints(&slot, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(_, spot, _)| (spot.centre_mm.z + 60.0).abs() < 1e-6);
     let (cause, spot, remedy) = floor.expect("the floor is a spot");
     assert_eq!((cause, remedy.kind), (Cause::ShadowLeft, RemedyKind::Roll), "{}", remedy.sentence());
     assert!((spot.extent_mm - Vector3::new(12.0, 80.0, 0.0)).norm() < 1e-6, "{:?}", spot.extent_mm);
     assert!((remedy.views[0].roll_rad.to_degrees() - 90.0).abs() < 1e-9);
-    every_remedy_works(&slot, &params, 20);
+    every_remedy_works(&slot, &params, 4);
 }
 
 /// A prism whose section has a slot: the fan of [`prism`] cannot close it, so its ends stay open.
@@ -90,10 +96,10 @@ fn slotted(profile: &[[f64; 2]]) -> Mesh {
 #[test]
 fn sides_that_no_view_faces_are_cured_by_tilts() {
     let block = box_mesh([-30.0; 3], [30.0; 3]);
-    let mut params = everything((60.0, 55.0));
+    let mut params = quick(&block, (60.0, 55.0));
     params.candidates.strategies = Vec::new();
     params.candidates.poses = vec![PoseSpec::from(&looking(Point3::new(0.0, 0.0, 30.0), 0.0, 0.0, 0.0))];
-    let kinds = every_remedy_works(&block, &params, 20);
+    let kinds = every_remedy_works(&block, &params, 4);
     assert_eq!(kinds, [RemedyKind::Tilt], "five faces that hang together are one spot");
 }
 
@@ -105,46 +111,46 @@ fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
     let view = looking(Point3::new(0.0, 0.0, 80.0), 0.0, 0.0, 0.0);
     let mut params = given(&body, &[view], (40.0, 40.0));
     params.regions.exclude.clear();
+    params.part.samples_per_mm2 = Some(4.0);
     let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
     let (_, spot, remedy) = floor.expect("a spot out of depth");
-    assert!((spot.centre_mm.z + 16.0).abs() < 0.5, "{:?}", spot.centre_mm);
+    assert!((spot.centre_mm.z + 16.0).abs() < 1.0, "{:?}", spot.centre_mm);
     assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", remedy.sentence());
-    every_remedy_works(&body.mesh, &params, 20);
+    every_remedy_works(&body.mesh, &params, 2);
 }
 
 #[test]
-fn the_wall_of_a_deep_hole_needs_a_larger_limit() {
-    let body = blind_hole(10.0, 60.0);
-    let mut params = everything((50.0, 45.0));
-    params.regions.exclude = vec![vantage::planning::params::Region::Faces { faces: body.outside() }];
-    let kinds = every_remedy_works(&body.mesh, &params, 4);
-    assert!(kinds.contains(&RemedyKind::Limit) || kinds.contains(&RemedyKind::None), "{kinds:?}");
-    println!("{kinds:?}");
+fn the_lower_wall_of_a_hole_needs_a_larger_limit() {
+    // Past the rim of a hole 60 mm wide and deep its lower wall is seen at an incidence above atan(1): 45°.
+    let body = blind_hole(30.0, 60.0);
+    let mut params = quick(&body.mesh, (40.0, 35.0));
+    params.regions.exclude = vec![Region::Faces { faces: body.outside() }];
+    params.missed.remedies = 1;
+    assert_eq!(every_remedy_works(&body.mesh, &params, 1), [RemedyKind::Limit]);
 }
 
 #[test]
-fn the_ceiling_of_an_l_pocket_has_no_remedy_and_says_so() {
-    // Behind 8 mm of leg height, 40 mm in, nothing reaches the ceiling's end.
-    let pocket = Pocket { width_mm: 10.0, depth_mm: 60.0, leg_mm: 40.0, leg_height_mm: 8.0, half_length_mm: 60.0 };
-    let body = l_pocket(&pocket);
-    let mut params = everything((60.0, 55.0));
-    params.regions.exclude = vec![vantage::planning::params::Region::Faces { faces: body.outside() }];
-    let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
-    let ceiling = body.faces("ceiling");
-    let (_, spot, remedy) = treated(&before)
-        .into_iter()
-        .find(|(_, spot, _)| spot.source_faces.iter().any(|face| ceiling.contains(face)))
-        .expect("a spot");
-    assert_eq!((remedy.kind, remedy.views.len()), (RemedyKind::None, 0), "{:?}: {}", spot.centre_mm, remedy.sentence());
+fn a_closed_cavity_has_no_remedy_and_says_so() {
+    let (mut block, void) = (box_mesh([-30.0; 3], [30.0; 3]), box_mesh([-10.0; 3], [10.0; 3]));
+    let first = block.vertices_mm.len() as u32;
+    block.vertices_mm.extend(&void.vertices_mm);
+    block.faces.extend(void.faces.iter().map(|[a, b, c]| [first + a, first + c, first + b]));
+    block.source_face = (0..block.faces.len() as u32).collect();
+    let outcome = plan_viewpoints(&block, &nominal_scanner(), &quick(&block, (85.0, 77.5)));
+    let treated = treated(&outcome);
+    let [(cause, spot, remedy)] = treated[..] else { panic!("one spot: {treated:?}") };
+    assert_eq!((cause, remedy.kind, remedy.views.len()), (Cause::ShadowLeft, RemedyKind::None, 0));
+    assert!((spot.area_mm2 - 2400.0).abs() < 1e-6 && (spot.extent_mm - Vector3::repeat(20.0)).norm() < 1e-9, "{spot:?}");
+    assert!(spot.centre_mm.coords.norm() < 0.5 && remedy.tried > 100, "{spot:?} {remedy:?}");
 }
 
 #[test]
 fn what_was_measurable_and_left_out_is_cured_by_choosing_it() {
     let block = box_mesh([-30.0; 3], [30.0; 3]);
-    let mut params = everything((60.0, 55.0));
+    let mut params = quick(&block, (60.0, 55.0));
     params.selection.max_views = Some(1);
-    let kinds = every_remedy_works(&block, &params, 20);
+    let kinds = every_remedy_works(&block, &params, 4);
     assert!(!kinds.is_empty() && kinds.iter().all(|kind| *kind == RemedyKind::View), "{kinds:?}");
 }
 

@@ -1,0 +1,115 @@
+//! A list of toleranced features, as `--features` takes it: JSON, an array or an object with `features`, of what
+//! `regions.features` holds; or CSV with the columns `name`, `region`, `tolerance_mm` and, where wanted, `point_spacing_mm`
+//! and `target`. In CSV a region is its kind and what it takes, mm, by blanks:
+//!
+//! | region | |
+//! | --- | --- |
+//! | `name bore` | a group of the file |
+//! | `faces 12 40-57` | faces of the file, from 0 |
+//! | `box x y z x y z` | two corners |
+//! | `sphere x y z radius` | |
+//! | `half_space x y z nx ny nz` | a point of its plane, its outward direction |
+//! | `plane x y z nx ny nz within` | and the distance to either side |
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::CliError;
+use super::files::from_value;
+use crate::planning::params::{FeatureParams, Region};
+
+#[cfg(test)]
+mod tests;
+
+const COLUMNS: [&str; 5] = ["name", "region", "tolerance_mm", "point_spacing_mm", "target"];
+
+/// Reads a list.
+///
+/// # Errors
+/// [`CliError::BadInput`] that names the file, the line and what is allowed there.
+pub(super) fn read(path: &Path) -> Result<Vec<FeatureParams>, CliError> {
+    let shown = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    parse(&text, &shown)
+}
+
+fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
+    if !text.trim_start().starts_with(['{', '[']) {
+        return csv(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")));
+    }
+    let value: Value = serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let list = match value {
+        Value::Object(mut fields) if fields.len() == 1 => fields.remove("features"),
+        other => Some(other),
+    };
+    from_value(list.unwrap_or_default(), shown)
+}
+
+fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
+    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+    let (_, header) = lines.next().ok_or("is empty; the first line names the columns")?;
+    let columns: Vec<&str> = header.split(',').map(str::trim).collect();
+    if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(column)) {
+        return Err(format!("has a column {unknown:?}; allowed are {}", COLUMNS.join(", ")));
+    }
+    lines.map(|(number, line)| feature(&columns, line).map_err(|error| format!("line {number}: {error}"))).collect()
+}
+
+fn feature(columns: &[&str], line: &str) -> Result<FeatureParams, String> {
+    let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+    if cells.len() != columns.len() {
+        return Err(format!("has {} cells; the header has {}", cells.len(), columns.len()));
+    }
+    let cell = |name: &str| columns.iter().position(|column| *column == name).map(|at| cells[at]).filter(|cell| !cell.is_empty());
+    let optional = |name: &str| cell(name).map(|text| number(text).map_err(|error| format!("{name} {error}"))).transpose();
+    Ok(FeatureParams {
+        name: cell("name").map(str::to_owned),
+        region: region(cell("region").ok_or("has no region")?)?,
+        tolerance_mm: optional("tolerance_mm")?.ok_or("has no tolerance_mm")?,
+        point_spacing_mm: optional("point_spacing_mm")?,
+        target: optional("target")?,
+    })
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| format!("is {text:?}; allowed is a number"))
+}
+
+fn region(text: &str) -> Result<Region, String> {
+    let (kind, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    let numbers =
+        || rest.split_whitespace().map(number).collect::<Result<Vec<f64>, _>>().map_err(|error| format!("region {error}"));
+    let point = |numbers: &[f64], first: usize| [0, 1, 2].map(|axis| numbers[first + axis]);
+    let taking = |count: usize| {
+        let numbers = numbers()?;
+        let wrong = || format!("region {kind} has {} numbers; it takes {count}", numbers.len());
+        if numbers.len() == count { Ok(numbers) } else { Err(wrong()) }
+    };
+    Ok(match kind {
+        "name" => Region::Name { name: rest.trim().to_owned() },
+        "faces" => Region::Faces { faces: faces(rest)? },
+        "box" => taking(6).map(|n| Region::Box { min_mm: point(&n, 0), max_mm: point(&n, 3) })?,
+        "sphere" => taking(4).map(|n| Region::Sphere { centre_mm: point(&n, 0), radius_mm: n[3] })?,
+        "half_space" => taking(6).map(|n| Region::HalfSpace { point_mm: point(&n, 0), normal: point(&n, 3) })?,
+        "plane" => taking(7).map(|n| Region::Plane { point_mm: point(&n, 0), normal: point(&n, 3), within_mm: n[6] })?,
+        _ => return Err(format!("region is of kind {kind:?}; allowed are name, faces, box, sphere, half_space, plane")),
+    })
+}
+
+/// Face numbers and ranges of them.
+fn faces(text: &str) -> Result<Vec<u32>, String> {
+    /// Most faces that one line names.
+    const MOST: usize = 10_000_000;
+    let mut faces = Vec::new();
+    for part in text.split_whitespace() {
+        let wrong = || format!("region faces has {part:?}; allowed are numbers from 0 and ranges such as 40-57");
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        let (first, last): (u32, u32) = (first.parse().map_err(|_| wrong())?, last.parse().map_err(|_| wrong())?);
+        if first > last || (last - first) as usize >= MOST - faces.len() {
+            return Err(wrong());
+        }
+        faces.extend(first..=last);
+    }
+    Ok(faces)
+}

@@ -1,0 +1,43 @@
+use super::*;
+
+fn read(text: &str) -> Vec<FeatureParams> {
+    parse(text, "features").unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn refused(text: &str) -> String {
+    parse(text, "features").err().unwrap_or_else(|| panic!("{text:?} is refused")).to_string()
+}
+
+#[test]
+fn a_table_and_a_document_say_the_same() {
+    let table = "name,region,tolerance_mm,point_spacing_mm,target\n\
+                 bore, sphere 10 20 30 5, 0.05, 0.2, 0.9\n\
+                 ,faces 3 7-9,0.2,,\n\
+                 face,plane 0 0 10 0 0 1 0.1,0.1,,\n";
+    let document = r#"{"features": [
+        {"name": "bore", "region": {"kind": "sphere", "centre_mm": [10, 20, 30], "radius_mm": 5}, "tolerance_mm": 0.05,
+         "point_spacing_mm": 0.2, "target": 0.9},
+        {"region": {"kind": "faces", "faces": [3, 7, 8, 9]}, "tolerance_mm": 0.2},
+        {"name": "face", "region": {"kind": "plane", "point_mm": [0, 0, 10], "normal": [0, 0, 1], "within_mm": 0.1},
+         "tolerance_mm": 0.1}]}"#;
+    assert_eq!(read(table), read(document));
+    assert_eq!(read(table).len(), 3);
+}
+
+#[test]
+fn what_is_wrong_is_named_with_its_line() {
+    for (text, wanted) in [
+        ("", "is empty"),
+        ("region,tolerance\n", "\"tolerance\""),
+        ("region,tolerance_mm\nsphere 1 2 3 4,x\n", "line 2: tolerance_mm is \"x\""),
+        ("region,tolerance_mm\n\nsphere 1 2 3,0.1\n", "line 3: region sphere has 3 numbers; it takes 4"),
+        ("region,tolerance_mm\ncone 1,0.1\n", "\"cone\""),
+        ("region,tolerance_mm\nfaces 9-7,0.1\n", "\"9-7\""),
+        ("region,tolerance_mm\nfaces 0-4294967295,0.1\n", "0-4294967295"),
+        ("region,tolerance_mm\nname bore\n", "has 1 cells; the header has 2"),
+        ("[{\"region\": {\"kind\": \"name\", \"name\": \"bore\"}}]", "tolerance_mm"),
+    ] {
+        let error = refused(text);
+        assert!(error.contains(wanted), "{text:?}: {error}");
+    }
+}
