@@ -13,6 +13,23 @@ pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
     Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
 }
 
+/// A trough on a plate, 30 mm wide and 60 mm deep, open along x and to the top: three boxes that touch.
+pub(crate) fn trough() -> Mesh {
+    let boxes = [
+        box_mesh([-100.0, -60.0, 0.0], [100.0, 60.0, 10.0]),
+        box_mesh([-100.0, -30.0, 10.0], [100.0, -15.0, 70.0]),
+        box_mesh([-100.0, 15.0, 10.0], [100.0, 30.0, 70.0]),
+    ];
+    let [mut all, others @ ..] = boxes;
+    for other in others {
+        let first = all.vertices_mm.len() as u32;
+        all.faces.extend(other.faces.iter().map(|face| face.map(|corner| corner + first)));
+        all.vertices_mm.extend(other.vertices_mm);
+    }
+    all.source_face = (0..all.faces.len() as u32).collect();
+    all
+}
+
 /// The nominal rig of method §2.
 pub(crate) fn nominal_scanner() -> Scanner {
     Presets.scanner("transcan-c-nominal").ok().and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))

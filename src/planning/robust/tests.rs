@@ -4,13 +4,12 @@ use nalgebra::Point3;
 
 use super::certificate::{Drawn, random_error};
 use super::*;
-use crate::cell::{Presets, SpecLibrary};
-use crate::geometry::demo_parts;
 use crate::planning::context::Silent;
-use crate::planning::params::CandidateParams;
+use crate::planning::params::{CandidateParams, Engine};
 use crate::planning::plan::Outcome;
 use crate::planning::random::Stream;
 use crate::planning::{PlanInput, plan, tabulate};
+use crate::testing::{nominal_scanner, trough};
 
 const ERROR: PoseErrorParams = PoseErrorParams { angle_deg: 1.0, translation_mm: 2.0 };
 
@@ -48,14 +47,15 @@ fn the_draws_are_told_by_their_worst_their_5th_percentile_and_their_mean() {
 
 fn params(error: Option<PoseErrorParams>) -> PlanParams {
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
-    (params.part.samples_per_mm2, params.missed.remedies) = (Some(0.1), 0);
+    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.02), Some(20.0));
+    (params.visibility.engine, params.missed.remedies) = (Engine::Rays, 0);
+    params.selection.max_views = Some(3);
     (params.robust.pose_error, params.robust.draws, params.robust.part_draws) = (error, 3, 3);
     params
 }
 
 fn planned(params: &PlanParams) -> Outcome {
-    let mesh = demo_parts::figurine(20_000).expect("a part");
-    let scanner = Presets.scanner("transcan-c-nominal").expect("a preset").build().expect("valid");
+    let (mesh, scanner) = (trough(), nominal_scanner());
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
     plan(&input, params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan")
 }
@@ -65,7 +65,8 @@ fn no_error_changes_nothing_and_a_large_one_costs_coverage() {
     let none = planned(&params(Some(PoseErrorParams { angle_deg: 0.0, translation_mm: 0.0 }))).plan.coverage;
     let robust = none.robust.expect("asked for");
     for drawn in [&robust.views, &robust.part] {
-        assert_eq!((drawn.draws(), drawn.worst(), drawn.mean()), (3, drawn.nominal, drawn.nominal));
+        assert_eq!((drawn.draws(), drawn.worst(), drawn.p5()), (3, drawn.nominal, drawn.nominal));
+        assert!((drawn.mean() - drawn.nominal).abs() < 1e-12);
     }
     assert_eq!(robust.views.nominal, none.independent.of_asked());
     let large = planned(&params(Some(PoseErrorParams { angle_deg: 15.0, translation_mm: 60.0 }))).plan.coverage;
@@ -81,15 +82,14 @@ fn the_second_samples_are_other_points_as_dense_of_the_same_surface() {
     assert_eq!(coverage.independent.samples, samples);
     assert!((coverage.independent.total_area_mm2 / coverage.total_area_mm2 - 1.0).abs() < 1e-12);
     assert!(coverage.independent.measured_area_mm2 != coverage.measured_area_mm2, "the same points");
-    assert!((coverage.independent.of_asked() - coverage.of_asked()).abs() < 0.02, "{coverage:?}");
+    assert!((coverage.independent.of_asked() - coverage.of_asked()).abs() < 0.03, "{coverage:?}");
 }
 
 #[test]
 fn views_that_shall_bear_an_error_are_chosen_by_less_than_they_measure() {
     let mut params = params(Some(PoseErrorParams { angle_deg: 3.0, translation_mm: 10.0 }));
     params.robust.select = true;
-    let mesh = demo_parts::figurine(20_000).expect("a part");
-    let scanner = Presets.scanner("transcan-c-nominal").expect("a preset").build().expect("valid");
+    let (mesh, scanner) = (trough(), nominal_scanner());
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
     let cancel = AtomicBool::new(false);
     let ctx = Context::new(&cancel, &Silent);

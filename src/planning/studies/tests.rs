@@ -4,11 +4,10 @@ use utoipa::PartialSchema;
 use utoipa::openapi::{RefOr, Schema};
 
 use super::*;
-use crate::cell::{Presets, SpecLibrary};
-use crate::geometry::demo_parts;
 use crate::planning::context::Silent;
-use crate::planning::params::CandidateParams;
+use crate::planning::params::{CandidateParams, Engine};
 use crate::planning::visibility::Row;
+use crate::testing::{nominal_scanner, trough};
 
 /// Few samples and directions, so that a study takes a second.
 fn coarse() -> PlanParams {
@@ -23,14 +22,13 @@ fn coarse() -> PlanParams {
         ..CandidateParams::default()
     };
     let mut params = PlanParams { candidates, ..PlanParams::default() };
-    params.part.samples_per_mm2 = Some(0.05);
-    params.part.patch_edge_mm = Some(20.0);
+    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.01), Some(20.0));
+    params.visibility.engine = Engine::Rays;
     params
 }
 
 fn found(study: Study, params: &PlanParams) -> Result<Findings, PlanError> {
-    let mesh = demo_parts::figurine(20_000).expect("a part");
-    let scanner = Presets.scanner("transcan-c-nominal").expect("a preset").build().expect("valid");
+    let (mesh, scanner) = (trough(), nominal_scanner());
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
     run(study, &input, params, 12, &Context::new(&AtomicBool::new(false), &Silent))
 }
@@ -87,9 +85,12 @@ fn each_strategy_stands_alone_and_what_needs_a_cell_is_left_out_with_the_reason(
 fn what_nothing_can_use_is_an_error() {
     let mut params = coarse();
     params.part.samples_per_mm2 = Some(1e9);
-    assert!(matches!(found(Study::Limits, &params), Err(PlanError::BadParams(_))));
-    params.part.samples_per_mm2 = Some(900.0);
+    assert!(matches!(found(Study::Limits, &params), Err(PlanError::BadParams(_))), "out of range");
+    params.part.samples_per_mm2 = Some(1000.0);
     assert!(matches!(found(Study::Limits, &params), Err(PlanError::BadParams(_))), "too many samples for every limit");
+    params = coarse();
+    params.candidates.standoffs_mm = vec![500.0];
+    assert!(matches!(found(Study::Weights, &params), Err(PlanError::NoPlan(_))), "nothing is in depth");
 }
 
 #[test]

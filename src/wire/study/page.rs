@@ -16,13 +16,13 @@ pub fn html(input: &StudyInput<'_>) -> String {
         Study::Limits => "Limits of incidence",
         Study::Candidates => "Candidate strategies",
     };
-    let figure = |svg: String| format!("<section>\n<div class=\"card\">{svg}</div>\n</section>\n");
+    let figure = |name: &str, svg: String| format!("<section>\n<h2>{name}</h2>\n<div class=\"card\">{svg}</div>\n</section>\n");
     let body = [
         header(input, title),
         "<main>\n".to_owned(),
-        format!("<section>\n<p>{}</p>\n</section>\n", words(input)),
-        figure(coverage_svg(input)),
-        figure(grades_svg(input)),
+        format!("<section>\n<h2>What was varied</h2>\n<p>{}</p>\n</section>\n", words(input)),
+        figure("Coverage", coverage_svg(input)),
+        figure("Grades", grades_svg(input)),
         table(input),
         skipped(input),
         settings(input),
