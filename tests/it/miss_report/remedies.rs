@@ -76,6 +76,7 @@ fn a_slot_across_the_baseline_is_cured_by_another_roll() {
     params.candidates.strategies = Vec::new();
     params.candidates.poses = vec![PoseSpec::from(&looking(Point3::new(0.0, 0.0, -30.0), 0.0, 0.0, 0.0))];
     params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.0, -62.0], normal: [0.0, 0.0, 1.0] }];
+    params.missed.remedies = 20;
     let before = plan_viewpoints(&slot, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(_, spot, _)| (spot.centre_mm.z + 60.0).abs() < 1e-6);
     let (cause, spot, remedy) = floor.expect("the floor is a spot");
@@ -112,6 +113,7 @@ fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
     let mut params = given(&body, &[view], (40.0, 40.0));
     params.regions.exclude.clear();
     params.part.samples_per_mm2 = Some(4.0);
+    params.missed.remedies = 20;
     let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
     let (_, spot, remedy) = floor.expect("a spot out of depth");
