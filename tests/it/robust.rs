@@ -23,6 +23,7 @@ fn params(mesh: &Mesh, camera_deg: f64, projector_deg: f64, select: bool) -> Pla
     params.part.patch_edge_mm = Some(mesh.aabb().extent_mm().max() / 20.0);
     params.robust.pose_error = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
     params.robust.select = select;
+    params.missed.remedies = 0;
     params
 }
 
