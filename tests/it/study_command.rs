@@ -62,7 +62,14 @@ fn a_plan_has_the_benchmarks_log_beside_it() {
     let (part, out) = (part(folder.path()), folder.path().join("out"));
     let planned = vantage()
         .args(["plan", &part, "--unit", "mm", "--cell", "none", "--set", "part.samples_per_mm2=0.05"])
-        .args(["--set", "missed.remedies=0", "--set", "candidates.strategies=[\"ellipsoid\"]", "--set", "candidates.rolls_deg=[0]"])
+        .args([
+            "--set",
+            "missed.remedies=0",
+            "--set",
+            "candidates.strategies=[\"ellipsoid\"]",
+            "--set",
+            "candidates.rolls_deg=[0]",
+        ])
         .args(["--out", &out.display().to_string()])
         .output()
         .expect("the program");

@@ -38,7 +38,7 @@ pub(super) fn directions_of(look: &Look, rays: &RayScene, reach_mm: f64) -> Vec<
     let mut ranked: Vec<_> = worth.iter().map(supported).collect();
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
     // Square to the spot comes first where that is open: the lattice only comes near it.
-    let mean = Unit::try_new(from.iter().map(|(_, normal)| normal).sum::<Vector3<f64>>(), f64::EPSILON);
+    let mean = Unit::try_new(from.iter().map(|(_, normal, _)| normal).sum::<Vector3<f64>>(), f64::EPSILON);
     let mut chosen: Vec<Unit<Vector3<f64>>> = mean.into_iter().filter(|towards| open(towards) > 0.0).collect();
     for (towards, _) in ranked {
         if chosen.len() < RETURNED && chosen.iter().all(|other| other.dot(&towards) < SUPPORT_COS) {
