@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use vantage::cell::PoseSpec;
 use vantage::geometry::{Part, Pose, Scanner as ScannerFrame};
-use vantage::planning::params::{Objective, PlanParams, Region, TargetOf};
+use vantage::planning::params::{CandidateParams, Objective, PlanParams, Region, TargetOf};
 use vantage::planning::plan::{Cause, Outcome, Verdict};
 
 use crate::closed_form::caps::{Cap, common_area};
@@ -41,7 +41,7 @@ pub(crate) fn given(body: &Body, views: &[Pose<Part, ScannerFrame>], limits: Lim
 
 /// Plans until nothing adds anything.
 pub(crate) fn everything((camera_deg, projector_deg): Limits) -> PlanParams {
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     (params.limits.camera_deg, params.limits.projector_deg) = (Some(camera_deg), Some(projector_deg));
     (params.selection.target, params.selection.target_of, params.selection.min_growth) = (1.0, TargetOf::Asked, 0.0);
     params.selection.objective = Objective::Coverage;

@@ -6,7 +6,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use vantage::cell::{PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Pose, Table};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{PlanParams, Region};
+use vantage::planning::params::{CandidateParams, PlanParams, Region};
 use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
 use vantage::planning::report::treated_spots;
 use vantage::planning::{PlanInput, plan};
@@ -165,7 +165,7 @@ fn the_face_that_a_part_stands_on_is_cured_by_another_setup() {
         let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
         plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
     };
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.part.samples_per_mm2 = Some(0.3);
     let before = planned(&params);
     let (cause, spot, remedy) = treated(&before)[0];
