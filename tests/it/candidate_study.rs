@@ -11,7 +11,7 @@ use std::time::Instant;
 use vantage::geometry::Mesh;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{
-    CandidateParams, Objective, PlanParams, ScoreParams, SelectionParams, Solver, Strategy, TargetOf,
+    CandidateParams, Objective, PlanParams, Rolls, ScoreParams, SelectionParams, Solver, Strategy, TargetOf,
 };
 use vantage::planning::selection::{self, Problem, StopReason};
 use vantage::planning::{PlanInput, Tabulated, tabulate};
@@ -47,6 +47,7 @@ fn sets() -> Vec<(&'static str, CandidateParams)> {
     };
     let even = |count: u32, base: CandidateParams| CandidateParams { even_directions: Some(count), ..base };
     let level_and_upright = [0.0, 90.0];
+    let in_turn = |rolls_deg: &[f64]| even(300, CandidateParams { rolls: Rolls::InTurn, ..set(&[Even, Targeted], rolls_deg) });
     vec![
         ("ellipsoid 30/45 (the thesis's 54)", CandidateParams::ellipsoid()),
         ("the same × rolls 0, 90", set(&[Ellipsoid], &level_and_upright)),
@@ -68,6 +69,8 @@ fn sets() -> Vec<(&'static str, CandidateParams)> {
             let mixed = set(&[Even, SurfacePoints, Targeted], &level_and_upright);
             CandidateParams { surface_points: 50, ..even(100, mixed) }
         }),
+        ("even 300, rolls 0, 90 in turn + targeted", in_turn(&[0.0, 90.0])),
+        ("even 300, rolls 0, 45, 90, 135 in turn + targeted", in_turn(&[0.0, 45.0, 90.0, 135.0])),
         ("even 300 + targeted", even(300, set(&[Even, Targeted], &[0.0]))),
         (DEFAULT, CandidateParams::default()),
     ]

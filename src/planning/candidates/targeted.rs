@@ -1,9 +1,9 @@
 //! Viewpoints for what is still uncovered, each solved from the opening above one open sample.
 //!
 //! From the sample the directions are found in which nothing lies within the working depth: the sky. Of these the ones
-//! remain, with a roll, for which the lines to all three optical centres are clear and within the incidence limits; the
-//! axis is the middle of that cone, and of its rolls the one is taken whose baseline lies along the widest opening. The
-//! sample comes to lie at F on the axis, which is not slid.
+//! remain, with a roll, for which the lines to all three optical centres are clear and within the incidence limits: a cone.
+//! The axis is the one in it that is nearest the middle of the sky, and of its rolls the one is taken whose baseline lies
+//! along the widest opening. The sample comes to lie at F on the axis, which is not slid.
 //!
 //! Part frame, mm. Cost: about a thousand rays a sample looked at.
 
@@ -101,7 +101,7 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// The view from the middle of the cone, if there is one.
+    /// The view from as near the middle of the sky as the three lines allow, if there is one.
     fn view(&self, sample_mm: &Point3<f64>, normal: &Vector3<f64>) -> Option<View> {
         let from_mm = sample_mm + normal * ABOVE_MM;
         let axes = self.axes(&from_mm, normal);
@@ -110,11 +110,7 @@ impl<'a> Solver<'a> {
             .flat_map(|outward| (0..ROLLS).map(|roll| View::rolled(sample_mm, outward, PI * roll as f64 / ROLLS as f64)))
             .collect();
         let clear = self.clear(&from_mm, normal, &tried);
-        let middle = clear.iter().map(|view| view.outward).sum::<Vector3<f64>>();
-        let inner = clear.iter().fold(None, |inner: Option<&View>, view| match inner {
-            Some(inner) if inner.outward.dot(&middle) >= view.outward.dot(&middle) => Some(inner),
-            _ => Some(view),
-        })?;
+        let inner = clear.first()?;
         let rolls: Vec<_> = clear.iter().filter(|view| view.outward == inner.outward).collect();
         let widths = self.widths(&from_mm, &rolls);
         let widest = (1..rolls.len()).fold(0, |best, roll| if widths[roll] > widths[best] { roll } else { best });
