@@ -134,11 +134,23 @@ impl Study<'_> {
     /// those measure; see [`stopped_because`] for what is then said of it.
     pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
         let usable: Vec<_> = self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect();
-        let selection = selection::select(&self.problem(&usable), &self.params.selection, &self.params.score, ctx)?;
+        let travel_secs = |from: usize, to: usize| self.travel_secs(usable[from], usable[to]);
+        let mut problem = self.problem(&usable);
+        problem.travel_secs = self.reach.is_some().then_some(&travel_secs);
+        let selection = selection::select(&problem, &self.params.selection, &self.params.score, ctx)?;
         if selection.choices.is_empty() && barred.is_empty() {
             return Err(PlanError::NoPlan(self.why_nothing()));
         }
         Ok(Chosen { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+    }
+
+    /// Time of the quickest straight move between stations of two kept candidates: what travel costs at least.
+    fn travel_secs(&self, from: usize, to: usize) -> f64 {
+        let (Some(cell), Some(reach)) = (self.input.cell, &self.reach) else { return 0.0 };
+        let stations = |kept: usize| reach[kept].as_deref().unwrap_or_default();
+        let (axes, speed_fraction) = (cell.axes(), self.params.motion.speed_fraction);
+        let pairs = stations(from).iter().flat_map(|a| stations(to).iter().map(move |b| (a.configuration(), b.configuration())));
+        pairs.map(|(a, b)| axes.move_secs(&a, &b, speed_fraction)).fold(f64::INFINITY, f64::min)
     }
 
     /// Chosen views of a setup with their stations, for ordering.

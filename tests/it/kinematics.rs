@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 use vantage::cell::{LinkCapsule, Presets, Robot, SpecLibrary};
 use vantage::geometry::{Pose, demo_parts};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::PlanParams;
+use vantage::planning::params::{CandidateParams, PlanParams};
 use vantage::planning::{PlanInput, plan};
 
 use crate::support::{oracle_python, shared};
@@ -157,7 +157,13 @@ fn every_station_of_a_plan_puts_the_scanner_there_by_the_vendors_urdf() {
     let mesh = demo_parts::base(8_000).expect("a part");
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
     let cancel = AtomicBool::new(false);
-    let plan = plan(&input, &PlanParams::default(), &Context::new(&cancel, &Silent)).expect("a plan").plan;
+    let plan = plan(
+        &input,
+        &PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() },
+        &Context::new(&cancel, &Silent),
+    )
+    .expect("a plan")
+    .plan;
     let table_from_part = plan.table_from_part.expect("with a cell");
     let stations: Vec<_> = plan.views.iter().map(|view| view.station.expect("a station")).collect();
     let joints: Vec<_> = stations.iter().map(|station| station.joints_rad).collect();

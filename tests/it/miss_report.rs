@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use vantage::cell::PoseSpec;
 use vantage::geometry::{Part, Pose, Scanner as ScannerFrame};
-use vantage::planning::params::{Objective, PlanParams, Region, TargetOf};
+use vantage::planning::params::{CandidateParams, Objective, PlanParams, Region, TargetOf};
 use vantage::planning::plan::{Cause, Outcome, Verdict};
 
 use crate::closed_form::caps::{Cap, common_area};
@@ -41,7 +41,7 @@ pub(crate) fn given(body: &Body, views: &[Pose<Part, ScannerFrame>], limits: Lim
 
 /// Plans until nothing adds anything.
 pub(crate) fn everything((camera_deg, projector_deg): Limits) -> PlanParams {
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     (params.limits.camera_deg, params.limits.projector_deg) = (Some(camera_deg), Some(projector_deg));
     (params.selection.target, params.selection.target_of, params.selection.min_growth) = (1.0, TargetOf::Asked, 0.0);
     params.selection.objective = Objective::Coverage;
@@ -194,7 +194,7 @@ fn blind_holes_are_missed_for_the_causes_and_areas_that_lines_through_the_mouth_
     for ratio in [0.5, 1.0, 2.0, 3.0] {
         let depth_mm = 2.0 * RADIUS_MM * ratio;
         let body = blind_hole(RADIUS_MM, depth_mm);
-        let mouth = Opening::round_at_top(RADIUS_MM);
+        let mouth = [Opening::round_at_top(RADIUS_MM)];
         let eyes: Vec<_> = views.iter().map(|view| eyes_of(&scanner, view, limits)).collect();
         let floor = |u: f64, v: f64| {
             let (r, phi) = (RADIUS_MM * u.sqrt(), 2.0 * PI * v);
@@ -204,8 +204,8 @@ fn blind_holes_are_missed_for_the_causes_and_areas_that_lines_through_the_mouth_
             let e = Vector3::new((2.0 * PI * v).cos(), (2.0 * PI * v).sin(), 0.0);
             (Point3::from(e * RADIUS_MM - Vector3::z() * depth_mm * u), -e)
         };
-        let mut expected = area_by_cause(&eyes, &[mouth.clone()], PI * RADIUS_MM * RADIUS_MM, floor);
-        let of_wall = area_by_cause(&eyes, &[mouth], 2.0 * PI * RADIUS_MM * depth_mm, wall);
+        let mut expected = area_by_cause(&eyes, &mouth, PI * RADIUS_MM * RADIUS_MM, floor);
+        let of_wall = area_by_cause(&eyes, &mouth, 2.0 * PI * RADIUS_MM * depth_mm, wall);
         of_wall.into_iter().for_each(|(cause, area_mm2)| *expected.entry(cause).or_default() += area_mm2);
         let outcome = plan_viewpoints(&body.mesh, &scanner, &given(&body, &views, limits));
         let what = format!("hole of depth/diameter {ratio}");

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use vantage::cell::{PoseSpec, Scanner};
 use vantage::geometry::Mesh;
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{PlanParams, Standoff};
+use vantage::planning::params::{CandidateParams, PlanParams, Standoff};
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, tabulate};
 use vantage::wire::echo::Echo;
@@ -43,12 +43,12 @@ struct Answer {
 
 #[test]
 fn calibrated_rig_with_its_distortion_covers_what_the_oracle_says() {
-    compare(&preset_scanner("transcan-c"), &PlanParams::default());
+    compare(&preset_scanner("transcan-c"), &PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() });
 }
 
 #[test]
 fn nominal_rig_at_narrow_limits_covers_what_the_oracle_says() {
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.limits.camera_deg = Some(60.0);
     params.limits.projector_deg = Some(55.0);
     params.candidates.standoff = Standoff::Centre;

@@ -12,7 +12,7 @@ use vantage::geometry::demo_parts;
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, SimdLevel, assess};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{Engine, PlanParams};
+use vantage::planning::params::{CandidateParams, Engine, PlanParams};
 use vantage::planning::surface::{self, Surface};
 use vantage::planning::visibility::{self, Occluders, Table};
 use vantage::wire::echo::Echo;
@@ -199,13 +199,14 @@ fn views_that_cannot_be_chosen_are_asked_only_what_the_others_leave_open() {
 fn a_plan_has_the_same_bytes_with_every_vector_width() {
     let scanner = nominal_scanner();
     let part = shapes::step(90.0, 45.0, 40.0);
-    let outcome = plan_viewpoints(&part, &scanner, &PlanParams::default());
+    let params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
+    let outcome = plan_viewpoints(&part, &scanner, &params);
     let wanted = PlanDocument::new(&outcome, &scanner, None, Echo::default()).to_bytes();
     let cancel = AtomicBool::new(false);
     for level in SimdLevel::available() {
         let input = vantage::planning::PlanInput { mesh: &part, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
-        let outcome = vantage::planning::plan(&input, &PlanParams::default(), &ctx).expect("a plan");
+        let outcome = vantage::planning::plan(&input, &params, &ctx).expect("a plan");
         let bytes = PlanDocument::new(&outcome, &scanner, None, Echo::default()).to_bytes();
         assert!(bytes == wanted, "{} gives another plan", level.as_str());
     }
@@ -253,7 +254,7 @@ fn the_pixel_set_is_that_of_one_ray_a_pixel() {
 #[test]
 fn a_plan_counts_by_pixels_where_asked_to() {
     let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     assert!(plan_viewpoints(&mesh, &scanner, &params).pixel_views.is_none());
     params.visibility.pixel_set = true;
     let outcome = plan_viewpoints(&mesh, &scanner, &params);

@@ -13,7 +13,7 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
     Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView,
-    SetupPlan, StopReason, Verdict, ViewId,
+    Remedy, RemedyKind, RemedyView, SetupPlan, StopReason, Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -119,13 +119,35 @@ fn missed_of(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Missed
             spots: vec![MissedSpot {
                 area_mm2,
                 centre_mm: centre.into(),
-                extent_mm: Vector3::zeros(),
+                extent_mm: Vector3::new(12.0, 34.5, 6.0),
                 source_faces,
-                remedy: None,
+                remedy: (cause == Cause::ShadowLeft).then(|| tilt(area_mm2)),
             }],
         }
     };
     vec![spot(Cause::ExcludedResting), spot(Cause::ShadowLeft)]
+}
+
+/// A tilted view that measures three quarters of a spot.
+fn tilt(spot_mm2: f64) -> Remedy {
+    let area_mm2 = 0.75 * spot_mm2;
+    let view = RemedyView {
+        candidate: CandidateId(7),
+        roll_rad: 0.0,
+        tilt_rad: 20f64.to_radians(),
+        standoff_mm: 480.0,
+        part_from_scanner: looking_from(Vector3::new(1.0, 1.0, 1.0)),
+        area_mm2,
+    };
+    Remedy {
+        kind: RemedyKind::Tilt,
+        views: vec![view],
+        camera_deg: None,
+        projector_deg: None,
+        area_mm2,
+        of_spot: 0.75,
+        tried: 321,
+    }
 }
 
 fn station(turns: f64) -> Station {
@@ -223,6 +245,10 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         "2\u{a0}min 23\u{a0}s",
         "Hidden from the left camera",
         "coverage.csv",
+        "The largest spots, and what would cure them",
+        "12.0 × 34.5 × 6.0",
+        "<b>Another tilt</b>",
+        "tilt candidate 7 by 20°: measures 1013.8 mm², 75 % of it",
         "It is no measurement",
         "not safety-rated",
     ] {
@@ -362,9 +388,15 @@ fn listings_carry_the_contracts_names() {
     let listing = serde_json::to_value(missed::json(&outcome.plan)).expect("JSON");
     let shadow = &listing["missed"][1];
     assert_eq!(
-        (shadow["reason"].as_str(), shadow["spots"].as_u64(), shadow["remedy"].is_null()),
-        (Some("shadow_left"), Some(1), true)
+        (shadow["reason"].as_str(), shadow["spots"].as_u64(), shadow["remedy"]["kind"].as_str()),
+        (Some("shadow_left"), Some(1), Some("tilt"))
     );
+    assert!(listing["missed"][0]["remedy"].is_null(), "none was sought");
+    let treated = &shadow["largest"][0];
+    assert_eq!((&treated["remedy"], &shadow["listing"][0]["remedy"]), (&shadow["remedy"], &shadow["remedy"]));
+    assert_eq!(treated["extent_mm"], serde_json::json!([12.0, 34.5, 6.0]));
+    let tilt_deg = treated["remedy"]["views"][0]["tilt_deg"].as_f64().expect("an angle");
+    assert!((tilt_deg - 20.0).abs() < 1e-9 && treated["remedy"]["views"][0]["part_from_scanner"].is_object());
     let faces = shadow["listing"][0]["faces"].as_array().expect("faces");
     assert!(!faces.is_empty() && faces.iter().all(|face| face.as_u64() < Some(24 * 48)));
 }

@@ -21,7 +21,7 @@ pub(super) fn limits_deg(case: &Case<'_>) -> [f64; 3] {
     })
 }
 
-/// The job's parameters with limits of at least `deg`.
+/// The job's parameters with these limits.
 pub(super) fn raised(case: &Case<'_>, camera_deg: f64, projector_deg: f64) -> PlanParams {
     let mut params = case.params.clone();
     params.limits.camera_deg = Some(camera_deg);

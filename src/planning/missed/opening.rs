@@ -17,7 +17,8 @@ const SUPPORT_COS: f64 = 0.939_692_620_785_908_4;
 /// Directions that are returned at most.
 const RETURNED: usize = 6;
 
-/// Directions towards the outside, each the middle of an opening, the widest first and none supporting another.
+/// Directions towards the outside: square to the spot, then the middles of openings, the widest first; none supports
+/// another.
 pub(super) fn directions_of(look: &Look, rays: &RayScene, reach_mm: f64) -> Vec<Unit<Vector3<f64>>> {
     let stride = look.points().len().div_ceil(SAMPLES).max(1);
     let from: Vec<_> = look.points().iter().step_by(stride).collect();
@@ -36,7 +37,9 @@ pub(super) fn directions_of(look: &Look, rays: &RayScene, reach_mm: f64) -> Vec<
     };
     let mut ranked: Vec<_> = worth.iter().map(supported).collect();
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let mut chosen: Vec<Unit<Vector3<f64>>> = Vec::new();
+    // Square to the spot comes first where that is open: the lattice only comes near it.
+    let mean = Unit::try_new(from.iter().map(|(_, normal, _)| normal).sum::<Vector3<f64>>(), f64::EPSILON);
+    let mut chosen: Vec<Unit<Vector3<f64>>> = mean.into_iter().filter(|towards| open(towards) > 0.0).collect();
     for (towards, _) in ranked {
         if chosen.len() < RETURNED && chosen.iter().all(|other| other.dot(&towards) < SUPPORT_COS) {
             chosen.push(towards);

@@ -104,14 +104,12 @@ impl Remedy {
             RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
             RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
             RemedyKind::Standoff => {
-                let tilted =
-                    if first.tilt_rad > 0.0 { format!(", tilted by {}°", degrees(first.tilt_rad)) } else { String::new() };
-                format!("take candidate {candidate} from {} mm{tilted}{}", fixed(first.standoff_mm, 0), rolled(first))
+                format!("take candidate {candidate} from {} mm{}{}", fixed(first.standoff_mm, 0), tilted(first), rolled(first))
             }
             RemedyKind::Setup => {
                 let up = -first.part_from_scanner.direction(&nalgebra::Vector3::z());
                 let up = [up.x, up.y, up.z].map(|x| fixed(x, 2)).join(" ");
-                format!("lay the part another way, with its direction ({up}) towards the scanner")
+                format!("lay the part another way, its direction ({up}) up")
             }
             RemedyKind::Limit => self.limits_text(),
             RemedyKind::None => String::new(),
@@ -130,9 +128,15 @@ impl Remedy {
         let limit = |name: &str, deg: Option<f64>| deg.map(|deg| format!("{name} to {}°", fixed(deg, 1)));
         let limits = [limit("limits.camera_deg", self.camera_deg), limit("limits.projector_deg", self.projector_deg)];
         let limits: Vec<_> = limits.into_iter().flatten().collect();
-        let from = self.views.first().map_or_else(String::new, |first| format!(" and look from candidate {}", first.candidate.0));
+        let from = self.views.first().map_or_else(String::new, |first| {
+            format!(" and look from candidate {}{}{}", first.candidate.0, tilted(first), rolled(first))
+        });
         format!("raise {}{from}", limits.join(" and "))
     }
+}
+
+fn tilted(view: &RemedyView) -> String {
+    if view.tilt_rad == 0.0 { String::new() } else { format!(", tilted by {}°", degrees(view.tilt_rad)) }
 }
 
 fn rolled(view: &RemedyView) -> String {

@@ -28,6 +28,8 @@ const WORKS: f64 = 0.5;
 const WORTH_A_VIEW: f64 = 0.05;
 /// Views of a remedy at most: each of a ring of views down a hole sees a part of its wall.
 const VIEWS: usize = 8;
+/// Views of one setup are all within 75° of straight down.
+const ONE_SETUP_COS: f64 = 0.258_819_045_102_520_8;
 /// Views of one kind that the cell is asked for at most.
 const ASKED_OF_CELL: usize = 24;
 
@@ -224,12 +226,32 @@ impl<'a> Search<'a> {
         rays: &RayScene,
         moves: &Moves<'_>,
     ) -> Result<Option<Remedy>, Cancelled> {
-        let bits: Vec<u64> = tried.iter().map(|tried| tried.progress.measured()).collect();
+        let mut bits: Vec<u64> = tried.iter().map(|tried| tried.progress.measured()).collect();
+        if kind == RemedyKind::Setup {
+            self.leave_one_setup(tried, &mut bits);
+        }
         // Another setup has other stations.
         let accept = |i: usize| if kind == RemedyKind::Setup { Ok(true) } else { self.is_taken(&tried[i].proposal) };
         let Some(pick) = self.pick(&bits, accept)? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
         Ok(self.confirmed(kind, &views, &self.bench.optics, rays, moves))
+    }
+
+    /// Clears the bits of views that are below the table, or nearly, when the view that measures most looks straight down.
+    fn leave_one_setup(&self, tried: &[Tried], bits: &mut [u64]) {
+        let best = (1..bits.len()).fold(
+            0,
+            |best, i| {
+                if self.look.area_mm2(bits[i]) > self.look.area_mm2(bits[best]) { i } else { best }
+            },
+        );
+        let axis = |tried: &Tried| tried.proposal.pose.direction(&nalgebra::Vector3::z());
+        let Some(down) = tried.get(best).map(axis) else { return };
+        for (tried, bits) in tried.iter().zip(bits) {
+            if axis(tried).dot(&down) < ONE_SETUP_COS {
+                *bits = 0;
+            }
+        }
     }
 
     fn is_taken(&self, proposal: &Proposal) -> Result<bool, Cancelled> {

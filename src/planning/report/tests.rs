@@ -15,8 +15,8 @@ fn only_changed_parameters_are_named() {
     let mut params = PlanParams::default();
     params.selection.max_views = Some(7);
     params.part.patch_edge_mm = Some(2.906_123_802_5);
-    params.candidates.rolls_deg = vec![0.0, 90.0];
-    let changed = [("candidates.rolls_deg", "[0.0,90.0]"), ("part.patch_edge_mm", "2.90612"), ("selection.max_views", "7")];
+    params.candidates.rolls_deg = vec![0.0, 45.0];
+    let changed = [("candidates.rolls_deg", "[0.0,45.0]"), ("part.patch_edge_mm", "2.90612"), ("selection.max_views", "7")];
     assert_eq!(changed_params(&params), changed.map(|(key, value)| (key.to_owned(), value.to_owned())));
 }
 

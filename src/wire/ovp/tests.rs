@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::*;
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::{Engine, PlanParams};
+use crate::planning::params::{CandidateParams, Engine, PlanParams};
 use crate::planning::{PlanInput, plan};
 use crate::testing::{nominal_scanner, trough};
 
@@ -39,7 +39,7 @@ const FIELDS: [(&str, fn(&Value) -> bool); 24] = [
 #[test]
 fn the_log_has_the_benchmarks_fields_and_its_counts_add_up() {
     let (mesh, scanner) = (trough(), nominal_scanner());
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.01), Some(20.0));
     (params.visibility.engine, params.missed.remedies) = (Engine::Rays, 0);
     params.candidates.even_directions = Some(20);

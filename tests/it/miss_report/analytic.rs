@@ -28,16 +28,17 @@ pub(super) fn eyes_of(scanner: &Scanner, view: &Pose<Part, ScannerFrame>, (camer
 }
 
 /// What a line that crosses a horizontal plane has to pass through.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Opening {
     z_mm: f64,
-    /// Round, about the origin, or from one x to another.
     through: Through,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 enum Through {
+    /// Within this radius of the z axis.
     Disc(f64),
+    /// From one x to another.
     Slot(f64, f64),
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use vantage::cell::{PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Pose, Table};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{PlanParams, Region};
+use vantage::planning::params::{CandidateParams, PlanParams, Region};
 use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
 use vantage::planning::report::treated_spots;
 use vantage::planning::{PlanInput, plan};
@@ -76,6 +76,7 @@ fn a_slot_across_the_baseline_is_cured_by_another_roll() {
     params.candidates.strategies = Vec::new();
     params.candidates.poses = vec![PoseSpec::from(&looking(Point3::new(0.0, 0.0, -30.0), 0.0, 0.0, 0.0))];
     params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.0, -62.0], normal: [0.0, 0.0, 1.0] }];
+    params.missed.remedies = 20;
     let before = plan_viewpoints(&slot, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(_, spot, _)| (spot.centre_mm.z + 60.0).abs() < 1e-6);
     let (cause, spot, remedy) = floor.expect("the floor is a spot");
@@ -112,6 +113,7 @@ fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
     let mut params = given(&body, &[view], (40.0, 40.0));
     params.regions.exclude.clear();
     params.part.samples_per_mm2 = Some(4.0);
+    params.missed.remedies = 20;
     let before = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
     let (_, spot, remedy) = floor.expect("a spot out of depth");
@@ -163,7 +165,7 @@ fn the_face_that_a_part_stands_on_is_cured_by_another_setup() {
         let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
         plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
     };
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.part.samples_per_mm2 = Some(0.3);
     let before = planned(&params);
     let (cause, spot, remedy) = treated(&before)[0];

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::check;
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::{PlanParams, PoseErrorParams};
+use crate::planning::params::{CandidateParams, PlanParams, PoseErrorParams};
 use crate::service::plan_job::PlanJob;
 use crate::testing::{box_mesh, nominal_scanner};
 use crate::wire::echo::Echo;
@@ -12,7 +12,7 @@ use crate::wire::echo::Echo;
 /// The plan of a block without a cell, as a file holds it.
 fn plan() -> Value {
     let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
-    let mut params = PlanParams::default();
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.selection.max_views = Some(2);
     params.limits.camera_deg = Some(35.0);
     params.robust.pose_error = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
