@@ -57,16 +57,17 @@ fn nominal_rig_at_narrow_limits_covers_what_the_oracle_says() {
 
 fn compare(scanner: &Scanner, params: &PlanParams) {
     let Some(python) = oracle_python() else { return };
-    println!("{:40} views  of asked (oracle)   of coverable (oracle)   oracle s", scanner.name);
+    println!("{:40} views  of asked (fresh, oracle)   of coverable (oracle)   oracle s", scanner.name);
     for part in PARTS {
         let (Some(file), Some(mesh)) = (shared(part), shared_mesh_scaled(part, EXTENT_MM)) else { return };
         let outcome = plan_viewpoints(&mesh, scanner, params);
         let oracle = ask(&python, &file, &outcome, &mesh, scanner);
         let coverage = &outcome.plan.coverage;
         println!(
-            "{part:40} {:>5}   {:.4} ({:.4})      {:.4} ({:.4})         {:.1}",
+            "{part:40} {:>5}   {:.4} ({:.4}, {:.4})    {:.4} ({:.4})         {:.1}",
             outcome.plan.views.len(),
             coverage.of_asked(),
+            coverage.independent.of_asked(),
             oracle.of_asked,
             coverage.of_coverable(),
             oracle.of_coverable,
@@ -77,6 +78,8 @@ fn compare(scanner: &Scanner, params: &PlanParams) {
         assert!(oracle.covered_not_coverable == 0.0, "{part}: a chosen view is no candidate, {oracle:?}");
         assert!((coverable - oracle.coverable_of_asked).abs() <= WITHIN, "{part}: coverable {coverable}, {oracle:?}");
         assert!((coverage.of_asked() - oracle.of_asked).abs() <= WITHIN, "{part}: {coverage:?}, {oracle:?}");
+        let independent = coverage.independent.of_asked();
+        assert!((independent - oracle.of_asked).abs() <= WITHIN, "{part}: on other samples {independent}, {oracle:?}");
         assert!((coverage.of_coverable() - oracle.of_coverable).abs() <= WITHIN, "{part}: {coverage:?}, {oracle:?}");
     }
 }

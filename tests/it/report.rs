@@ -101,7 +101,6 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
         independent: Independent::default(),
         robust: None,
         pixel_set_area_mm2: None,
-        ..Coverage::default()
     }
 }
 

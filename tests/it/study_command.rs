@@ -29,9 +29,11 @@ fn each_study_writes_its_table_two_plots_and_a_page() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert!(told.lines().count() >= lines + 2 && told.contains("goal: 98.5 %"), "{told}");
         let read = |name: String| std::fs::read_to_string(out.join(&name)).unwrap_or_else(|error| panic!("{name}: {error}"));
-        for file in [format!("{study}-coverage.svg"), format!("{study}-grades.svg"), format!("{study}.html")] {
-            well_formed(&read(file)).expect("well-formed");
+        for plot in ["coverage", "grades"] {
+            let svg = read(format!("{study}-{plot}.svg"));
+            well_formed(&format!("<!DOCTYPE html>{svg}")).expect("well-formed");
         }
+        well_formed(&read(format!("{study}.html"))).expect("well-formed");
         let csv = read(format!("{study}.csv"));
         let ended = csv.lines().skip(1).filter(|line| !line.ends_with(',')).count();
         assert!(ended >= lines, "{ended} series end in\n{csv}");

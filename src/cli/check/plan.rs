@@ -102,6 +102,22 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
     }
     check_grades(coverage, findings);
     check_curve(coverage, findings);
+    check_certificate(coverage, findings);
+}
+
+fn check_certificate(coverage: &CoverageDocument, findings: &mut Findings) {
+    if let Some(independent) = &coverage.independent {
+        share("/coverage/independent/of_asked", independent.of_asked, findings);
+        share("/coverage/independent/of_total", independent.of_total, findings);
+    }
+    let Some(robust) = &coverage.robust else { return };
+    for (at, drawn) in [("/coverage/robust/of_asked", robust.of_asked), ("/coverage/robust/part/of_asked", robust.part.of_asked)]
+    {
+        share(format!("{at}/nominal"), drawn.nominal, findings);
+        share(format!("{at}/mean"), drawn.mean, findings);
+        let ordered = 0.0 <= drawn.worst && drawn.worst <= drawn.p5 && drawn.p5 <= 1.0;
+        findings.require(ordered, at, || format!("has worst {} and p5 {}; allowed is 0 ≤ worst ≤ p5 ≤ 1", drawn.worst, drawn.p5));
+    }
 }
 
 fn check_grades(coverage: &CoverageDocument, findings: &mut Findings) {

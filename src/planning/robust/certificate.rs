@@ -22,7 +22,7 @@ use crate::planning::visibility::{self, Occluders, SampleSet};
 /// Names of the streams of random numbers.
 const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
 const EACH_VIEW: u64 = 0x76_6965_7773;
-const WHOLE_PART: u64 = 0x70_6172_74;
+const WHOLE_PART: u64 = 0x7061_7274;
 
 /// What the chosen views are worth.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,8 +8,11 @@ use crate::planning::params::{CandidateParams, Engine, PlanParams};
 use crate::planning::{PlanInput, plan};
 use crate::testing::{nominal_scanner, trough};
 
-/// Every field that the benchmark's reader (`Log.py`) asks for or its readme lists, with the kind of its value.
-const FIELDS: [(&str, fn(&Value) -> bool); 24] = [
+/// A field and the kind of its value.
+type Field = (&'static str, fn(&Value) -> bool);
+
+/// Every field that the benchmark's reader (`Log.py`) asks for or its readme lists.
+const FIELDS: [Field; 24] = [
     ("/Log/Camera/DistanceMM", Value::is_f64),
     ("/Log/Camera/FocalLength", Value::is_f64),
     ("/Log/Camera/Model", Value::is_string),

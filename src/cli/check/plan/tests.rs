@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::check;
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::{CandidateParams, PlanParams};
+use crate::planning::params::{CandidateParams, PlanParams, PoseErrorParams};
 use crate::service::plan_job::PlanJob;
 use crate::testing::{box_mesh, nominal_scanner};
 use crate::wire::echo::Echo;
@@ -15,6 +15,8 @@ fn plan() -> Value {
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.selection.max_views = Some(2);
     params.limits.camera_deg = Some(35.0);
+    params.robust.pose_error = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
+    (params.robust.draws, params.robust.part_draws) = (2, 2);
     let job = PlanJob {
         mesh: &mesh,
         fixture: None,
@@ -56,6 +58,9 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/coverage/of_asked", json!(1.2), "is 1.2; allowed is 0 to 1"),
         ("/coverage/of_coverable", json!(-0.1), "is -0.1; allowed is 0 to 1"),
         ("/coverage/of_total", json!(2), "is 2; allowed is 0 to 1"),
+        ("/coverage/independent/of_asked", json!(1.1), "is 1.1; allowed is 0 to 1"),
+        ("/coverage/robust/of_asked/mean", json!(1.1), "is 1.1; allowed is 0 to 1"),
+        ("/coverage/robust/part/of_asked/worst", json!(0.99), "allowed is 0 ≤ worst ≤ p5 ≤ 1"),
         ("/coverage/of_coverable", json!(0.5), "by measured_area_mm2 it is"),
         ("/coverage/curve/0", json!(1.0), "/coverage/curve/1: is 0."),
         ("/coverage/curve", json!([half, half]), "of_asked is"),
