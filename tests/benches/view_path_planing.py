@@ -1,4 +1,4 @@
-"""Poses of MobMonRob/ViewPathPlaning (Apache-2.0), for tests/benches/view_planners: python view_planners.py CHECKOUT
+"""Poses of MobMonRob/ViewPathPlaning (Apache-2.0), for tests/benches/view_planners: python view_path_planing.py CHECKOUT
 MESH METRES_PER_UNIT OUT. Runs the peer's phase 1 as it is, on the mesh and scale given, and the greedy cover of its
 phase 2, in the peer's own virtual environment; writes OUT/part.stl (mm, turned as the peer turns it) and OUT/peer.json
 (poses of its sensor in that part's frame, its own coverage, seconds).
