@@ -90,7 +90,7 @@ fn two_setups_measure_what_was_found_independently() {
         ("meshes/gearbox_output_housing_16k.stl", 120.0, Some([60.0, 55.0]), 88.69),
     ] {
         let Some(mesh) = shared_mesh_scaled(name, largest_mm) else { continue };
-        let mut params = PlanParams { candidates: PlanParams::default().candidates, ..quick(2) };
+        let mut params = quick(2);
         params.part.samples_per_mm2 = Some(8000.0 / mesh.area_mm2());
         params.selection.target = 1.0;
         params.missed.remedies = 0;

@@ -116,7 +116,9 @@ fn check_certificate(coverage: &CoverageDocument, findings: &mut Findings) {
         share(format!("{at}/nominal"), drawn.nominal, findings);
         share(format!("{at}/mean"), drawn.mean, findings);
         let ordered = 0.0 <= drawn.worst && drawn.worst <= drawn.p5 && drawn.p5 <= 1.0;
-        findings.require(ordered, at, || format!("has worst {} and p5 {}; allowed is 0 ≤ worst ≤ p5 ≤ 1", drawn.worst, drawn.p5));
+        findings.require(ordered, format!("{at}/worst"), || {
+            format!("is {}, p5 {}; allowed is 0 ≤ worst ≤ p5 ≤ 1", drawn.worst, drawn.p5)
+        });
     }
 }
 

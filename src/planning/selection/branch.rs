@@ -253,7 +253,7 @@ impl Node {
         }
         let stride = length * (excess as f64 * 1.05 + 1.0) / square;
         for ((price, units), direction) in self.prices.iter_mut().zip(&self.units).zip(direction) {
-            *price = (*price + (stride * *units as f64 * *direction) as i64).clamp(0, *units);
+            *price = price.saturating_add((stride * *units as f64 * *direction) as i64).clamp(0, *units);
         }
     }
 
