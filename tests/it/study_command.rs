@@ -8,7 +8,7 @@ use crate::server::process::vantage;
 
 fn part(folder: &Path) -> String {
     let file = folder.join("part.stl").display().to_string();
-    let made = vantage().args(["part", "figurine", "--triangles", "20000", "--out", &file]).output().expect("the program");
+    let made = vantage().args(["part", "figurine", "--triangles", "8000", "--out", &file]).output().expect("the program");
     assert!(made.status.success());
     file
 }

@@ -12,6 +12,9 @@ use super::process::Server;
 /// Stages that only a cell has.
 const WITH_CELL: [&str; 1] = ["stage.sequence"];
 
+/// What a job asks for that does not have to take long.
+const QUICK: &str = r#"{"candidates": {"even_directions": 20}}"#;
+
 /// What was promised before the end: answers that came.
 #[derive(Default)]
 struct Promised {
@@ -40,7 +43,7 @@ fn work_until_death(server: &mut Server, failpoint: &str) -> Promised {
 fn request(mesh: &Value, failpoint: &str) -> String {
     let cell = if WITH_CELL.contains(&failpoint) { "e05-transcan" } else { "none" };
     // Long enough to be cancelled.
-    let params = if failpoint.starts_with("cancel.") { r#"{"part": {"samples_per_mm2": 2}}"# } else { "{}" };
+    let params = if failpoint.starts_with("cancel.") { r#"{"part": {"samples_per_mm2": 2}}"# } else { QUICK };
     format!("{{\"mesh_id\": {}, \"cell\": \"{cell}\", \"params\": {params}}}", mesh["id"])
 }
 
@@ -154,7 +157,7 @@ fn death_at_any_moment_loses_nothing() {
         let mut server = Server::start(data.path(), &[]);
         let mesh = server.upload().expect("a mesh");
         let ids: Vec<String> =
-            (0..3).map(|_| server.submit(&mesh, "{}").expect("a job")["id"].as_str().expect("an id").to_owned()).collect();
+            (0..3).map(|_| server.submit(&mesh, QUICK).expect("a job")["id"].as_str().expect("an id").to_owned()).collect();
         std::thread::sleep(Duration::from_millis(millis));
         server.signal("KILL");
         server.end(Duration::from_secs(10));
