@@ -12,7 +12,7 @@ mod regions;
 mod robust;
 mod selection;
 
-pub use candidates::{CandidateParams, Hemisphere, Rolls, Standoff, Strategy};
+pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};

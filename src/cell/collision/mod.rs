@@ -25,6 +25,7 @@ use parry3d::math::Pose as ParryPose;
 use self::scene_body::{Carrier, SceneBody, assemble};
 use self::solid::{near, parry_pose};
 use super::axis::{Axis, Configuration};
+use super::halton::{PRIMES, halton};
 use super::kinematics::Kinematics;
 use super::layout::{Cell, joints_of};
 use crate::geometry::{Base, Mesh, Part, Pose, Table};
@@ -287,19 +288,6 @@ impl Pair {
     }
 }
 
-const PRIMES: [u32; 7] = [2, 3, 5, 7, 11, 13, 17];
-
-/// Element `index` of the Halton sequence in `base`: evenly spread and the same everywhere.
-fn halton(mut index: u32, base: u32) -> f64 {
-    let (mut fraction, mut value) = (1.0, 0.0);
-    while index > 0 {
-        fraction /= f64::from(base);
-        value += fraction * f64::from(index % base);
-        index /= base;
-    }
-    value
-}
-
 /// Every two bodies that `may_meet`.
 fn pairs(
     bodies: &[SceneBody],
@@ -314,7 +302,12 @@ fn pairs(
     for b in 0..bodies.len() {
         for a in 0..b {
             if may_meet(&bodies[a], &bodies[b]) {
-                pairs.push(Pair { a, b, reach_mm: relative_reach_mm(&bodies[a], &bodies[b], &between), clearance_mm });
+                pairs.push(Pair {
+                    a,
+                    b,
+                    reach_mm: relative_reach_mm(&bodies[a], &bodies[b], &between, kinematics),
+                    clearance_mm,
+                });
             }
         }
     }
@@ -322,15 +315,17 @@ fn pairs(
 }
 
 /// For each axis the farthest that a point of the outer body is from it, 0 for axes that move both or neither.
-fn relative_reach_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6]) -> Configuration {
+fn relative_reach_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> Configuration {
     let (inner, outer) = if a.carrier.link() <= b.carrier.link() { (a, b) } else { (b, a) };
+    // A flange beside axis 6 is nearer to axis 5 in some postures than it is at zero.
+    let off_axis_mm = if outer.carrier.link() == 6 { 2.0 * kinematics.flange_off_axis_mm() } else { 0.0 };
     let mut reach_mm = [0.0; 7];
     for joint in inner.carrier.link()..outer.carrier.link() {
         // Joint `joint + 1` turns frame `joint + 1`, from whose origin the chain leads out to the body.
-        reach_mm[joint] = between_mm[joint + 1..outer.carrier.link()].iter().sum::<f64>() + outer.reach_mm;
+        reach_mm[joint] = between_mm[joint + 1..outer.carrier.link()].iter().sum::<f64>() + outer.reach_mm + off_axis_mm;
     }
     reach_mm[6] = [a, b].iter().filter(|body| body.carrier == Carrier::Plate).map(|body| body.reach_mm).sum();
-    reach_mm
+    kinematics.of_vendor_joints(reach_mm)
 }
 
 #[cfg(test)]

@@ -3,13 +3,20 @@
 //! Frames of an arm: 0 is the foot, 1 to 6 move with joints 1 to 6 and each has its origin on its joint's axis; 6 is the
 //! flange. Collision bodies of a link are given in these frames.
 
+mod chain;
 mod opw;
+mod recognise;
+mod ur;
 
-use nalgebra::Isometry3;
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub use chain::{Chain, ChainJointSpec, ChainSpec};
 pub use opw::{Opw, OpwSpec};
+pub use ur::UrSpec;
 
 use super::field_error::Findings;
 use crate::geometry::{Base, Flange, Pose};
@@ -17,12 +24,19 @@ use crate::geometry::{Base, Flange, Pose};
 /// Frames 0 to 6, each as base-from-frame.
 pub type LinkFrames = [Isometry3<f64>; 7];
 
+/// The axis of each joint in the frame that it turns.
+type JointAxes = [[f64; 3]; 6];
+
 /// How an arm is built.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum KinematicsSpec {
     /// Ortho-parallel basis with spherical wrist.
     Opw(OpwSpec),
+    /// Three parallel axes, then right angles.
+    Ur(UrSpec),
+    /// Any six turning joints.
+    Chain(Box<ChainSpec>),
 }
 
 impl KinematicsSpec {
@@ -30,6 +44,8 @@ impl KinematicsSpec {
     pub fn check(&self, pointer: &str, findings: &mut Findings) {
         match self {
             Self::Opw(spec) => spec.check(pointer, findings),
+            Self::Ur(spec) => spec.check(pointer, findings),
+            Self::Chain(spec) => spec.check(pointer, findings),
         }
     }
 
@@ -38,6 +54,8 @@ impl KinematicsSpec {
     pub fn build(&self) -> Kinematics {
         match self {
             Self::Opw(spec) => Kinematics::Opw(spec.build()),
+            Self::Ur(spec) => Kinematics::Ur(spec.clone()),
+            Self::Chain(spec) => Kinematics::Chain(Box::new(spec.build())),
         }
     }
 }
@@ -47,6 +65,10 @@ impl KinematicsSpec {
 pub enum Kinematics {
     /// Ortho-parallel basis with spherical wrist.
     Opw(Opw),
+    /// Three parallel axes, then right angles.
+    Ur(UrSpec),
+    /// Any six turning joints.
+    Chain(Box<Chain>),
 }
 
 impl Kinematics {
@@ -55,6 +77,8 @@ impl Kinematics {
     pub fn link_frames(&self, joints_rad: &[f64; 6]) -> LinkFrames {
         match self {
             Self::Opw(arm) => arm.link_frames(joints_rad),
+            Self::Ur(arm) => ur::link_frames(arm, joints_rad),
+            Self::Chain(arm) => arm.link_frames(joints_rad),
         }
     }
 
@@ -69,9 +93,103 @@ impl Kinematics {
     #[must_use]
     pub fn branches(&self, base_from_flange: &Pose<Base, Flange>) -> Vec<[f64; 6]> {
         match self {
-            Self::Opw(arm) => arm.inverse(base_from_flange),
+            Self::Opw(arm) => arm.inverse(base_from_flange, opw::COSINE_SLACK),
+            Self::Ur(arm) => ur::inverse(arm, base_from_flange.isometry(), ur::SLACK),
+            Self::Chain(arm) => arm.inverse(base_from_flange.isometry()),
         }
     }
+
+    /// Which of its branches a joint vector is on.
+    #[must_use]
+    pub fn posture(&self, joints_rad: &[f64; 6]) -> Posture {
+        let (frames, axes) = (self.link_frames(joints_rad), self.axes_in_base(joints_rad));
+        let at = |frame: usize| frames[frame].translation.vector;
+        Posture {
+            shoulder_back: axes[0].cross(&axes[1]).dot(&(at(5) - at(1))) > 0.0,
+            elbow_down: (at(3) - at(2)).cross(&(at(5) - at(3))).dot(&axes[1]) < 0.0,
+            wrist_flipped: axes[3].cross(&axes[5]).dot(&axes[4]) < 0.0,
+        }
+    }
+
+    /// How far from a singular posture: the least singular value of the flange's Jacobian, its lengths in parts of
+    /// upper arm and forearm together; 0 at a singularity (T. Yoshikawa, "Manipulability of Robotic Mechanisms", Int. J. Robotics
+    /// Research 4(2), 1985, section 3, of whose measure this is the last factor).
+    #[must_use]
+    pub fn singularity_margin(&self, joints_rad: &[f64; 6]) -> f64 {
+        let (frames, axes) = (self.link_frames(joints_rad), self.axes_in_base(joints_rad));
+        let at = |frame: usize| frames[frame].translation.vector;
+        let length = (at(3) - at(2)).norm() + (at(5) - at(3)).norm();
+        // Of the wrist's centre: how far the flange stands out is no matter of posture.
+        let jacobian = Matrix6::from_columns(&std::array::from_fn::<_, 6, _>(|joint| {
+            let (axis, on_axis) = (axes[joint], if joint == 5 { at(5) } else { at(joint + 1) });
+            let moved = axis.cross(&(at(5) - on_axis)) / length.max(1.0);
+            Vector6::new(moved.x, moved.y, moved.z, axis.x, axis.y, axis.z)
+        }));
+        jacobian.singular_values().min()
+    }
+
+    /// The joints' axes, base frame.
+    fn axes_in_base(&self, joints_rad: &[f64; 6]) -> [Vector3<f64>; 6] {
+        let frames = self.link_frames(joints_rad);
+        let axes = match self {
+            Self::Opw(_) => opw::JOINT_AXES,
+            Self::Ur(_) => ur::JOINT_AXES,
+            Self::Chain(arm) => arm.joint_axes(),
+        };
+        std::array::from_fn(|joint| frames[joint + 1].rotation * Vector3::from(axes[joint]))
+    }
+
+    /// What a radian of each of the vendor's joints may move, where `reach_mm` is that of the joints of the chain.
+    #[must_use]
+    pub(super) fn of_vendor_joints(&self, mut reach_mm: [f64; 7]) -> [f64; 7] {
+        if matches!(self, Self::Opw(arm) if arm.joint_3_from_ground) {
+            reach_mm[1] += reach_mm[2];
+        }
+        reach_mm
+    }
+
+    /// How far the flange's origin is from axis 6, mm.
+    #[must_use]
+    pub(super) fn flange_off_axis_mm(&self) -> f64 {
+        match self {
+            Self::Opw(_) | Self::Ur(_) => 0.0,
+            Self::Chain(arm) => arm.flange_off_axis_mm(),
+        }
+    }
+}
+
+/// Which way shoulder, elbow and wrist are bent, as makers tell branches apart. Told by the axes of the closed form; where a
+/// chain's axis 2 looks the other way, front and back, up and down change places.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Posture {
+    /// The wrist is behind axis 1.
+    pub shoulder_back: bool,
+    /// The elbow hangs below the line from shoulder to wrist, the arm reaching forward.
+    pub elbow_down: bool,
+    /// Axis 5 is turned to its negative side.
+    pub wrist_flipped: bool,
+}
+
+impl std::fmt::Display for Posture {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (shoulder, elbow) =
+            (if self.shoulder_back { "back" } else { "front" }, if self.elbow_down { "elbow down" } else { "elbow up" });
+        write!(f, "{shoulder}, {elbow}, {}", if self.wrist_flipped { "flip" } else { "no flip" })
+    }
+}
+
+/// The same direction in (−π, π].
+fn principal(angle_rad: f64) -> f64 {
+    let turned = angle_rad.rem_euclid(TAU);
+    if turned > PI { turned - TAU } else { turned }
+}
+
+fn shift(x: f64, y: f64, z: f64) -> Translation3<f64> {
+    Translation3::new(x, y, z)
+}
+
+fn turn_z(angle_rad: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad)
 }
 
 #[cfg(test)]

@@ -6,18 +6,18 @@
 //! +y, c2 apart along z; wrist centre at (a2, 0, c3) from the elbow; wrist axes z, y, z; flange c4 above the wrist centre.
 //! Vendor joints q give θ = sign·q − offset. The inverse takes about 1 µs for all eight branches.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::LinkFrames;
+use super::{JointAxes, LinkFrames, principal, shift, turn_z};
 use crate::cell::field_error::Findings;
 use crate::geometry::{Base, Flange, Pose};
 
 /// A cosine this far beyond 1 is rounding at the stretched or folded arm; the wrist centre moves less than 1e-6 mm.
-const COSINE_SLACK: f64 = 1e-12;
+pub(super) const COSINE_SLACK: f64 = 1e-12;
 
 /// Dimensions, signs and offsets of an ortho-parallel arm with a spherical wrist.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -43,6 +43,10 @@ pub struct OpwSpec {
     /// Model angle at the vendor's zero, negated, degrees, -360 to 360 each.
     #[schema(min_items = 6, max_items = 6)]
     pub offsets_deg: [f64; 6],
+    /// The vendor counts joint 3 from the horizontal instead of from the upper arm, as FANUC does: turning joint 2 then
+    /// leaves the forearm's slope. Joint 3 of the closed form is the sum of the vendor's joints 2 and 3. Default `false`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub joint_3_from_ground: bool,
 }
 
 impl OpwSpec {
@@ -77,6 +81,7 @@ impl OpwSpec {
             c4_mm: self.c4_mm,
             signs: self.sign_corrections.map(f64::from),
             offsets_rad: self.offsets_deg.map(f64::to_radians),
+            joint_3_from_ground: self.joint_3_from_ground,
         }
     }
 }
@@ -84,21 +89,24 @@ impl OpwSpec {
 /// An ortho-parallel arm with a spherical wrist.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opw {
-    a1_mm: f64,
-    a2_mm: f64,
-    b_mm: f64,
-    c1_mm: f64,
-    c2_mm: f64,
-    c3_mm: f64,
-    c4_mm: f64,
-    signs: [f64; 6],
-    offsets_rad: [f64; 6],
+    pub(super) a1_mm: f64,
+    pub(super) a2_mm: f64,
+    pub(super) b_mm: f64,
+    pub(super) c1_mm: f64,
+    pub(super) c2_mm: f64,
+    pub(super) c3_mm: f64,
+    pub(super) c4_mm: f64,
+    pub(super) signs: [f64; 6],
+    pub(super) offsets_rad: [f64; 6],
+    pub(super) joint_3_from_ground: bool,
 }
 
 impl Opw {
     /// Foot, joints 1 to 5, flange. Frames 4 and 5 have their origin at the wrist centre, and frame 1 at the height of
     /// the shoulder.
     pub(super) fn link_frames(&self, joints_rad: &[f64; 6]) -> LinkFrames {
+        let mut joints_rad = *joints_rad;
+        joints_rad[2] += if self.joint_3_from_ground { joints_rad[1] } else { 0.0 };
         let theta: [f64; 6] = std::array::from_fn(|i| self.signs[i] * joints_rad[i] - self.offsets_rad[i]);
         let base_from_1 = shift(0.0, 0.0, self.c1_mm) * turn_z(theta[0]);
         let base_from_2 = base_from_1 * shift(self.a1_mm, self.b_mm, 0.0) * turn_y(theta[1]);
@@ -109,18 +117,21 @@ impl Opw {
         [Isometry3::identity(), base_from_1, base_from_2, base_from_3, base_from_4, base_from_5, base_from_6]
     }
 
-    /// Shoulder front and back × elbow both ways × wrist both ways.
-    pub(super) fn inverse(&self, base_from_flange: &Pose<Base, Flange>) -> Vec<[f64; 6]> {
+    /// Shoulder front and back × elbow both ways × wrist both ways. A pose beyond the reach by more than `slack` has none;
+    /// with more than [`COSINE_SLACK`] the answers are near misses there, the elbow bent both ways.
+    pub(super) fn inverse(&self, base_from_flange: &Pose<Base, Flange>, slack: f64) -> Vec<[f64; 6]> {
         let rotation = base_from_flange.isometry().rotation.to_rotation_matrix();
         let wrist = base_from_flange.origin_mm().coords - rotation * Vector3::z() * self.c4_mm;
         let mut solutions = Vec::with_capacity(8);
-        for (theta1, x, z) in self.shoulders(&wrist) {
-            for (theta2, theta3) in self.elbows(x, z) {
+        for (theta1, x, z) in self.shoulders(&wrist, slack) {
+            for (theta2, theta3) in self.elbows(x, z, slack) {
                 let base_from_3 = Rotation3::from_axis_angle(&Vector3::z_axis(), theta1)
                     * Rotation3::from_axis_angle(&Vector3::y_axis(), theta2 + theta3);
                 for [theta4, theta5, theta6] in wrists(&(base_from_3.inverse() * rotation)) {
                     let theta = [theta1, theta2, theta3, theta4, theta5, theta6];
-                    solutions.push(std::array::from_fn(|i| principal(self.signs[i] * (theta[i] + self.offsets_rad[i]))));
+                    let mut joints = std::array::from_fn(|i| self.signs[i] * (theta[i] + self.offsets_rad[i]));
+                    joints[2] -= if self.joint_3_from_ground { joints[1] } else { 0.0 };
+                    solutions.push(joints.map(principal));
                 }
             }
         }
@@ -128,28 +139,32 @@ impl Opw {
     }
 
     /// θ1 facing the wrist and facing away from it, each with the wrist as seen from the shoulder in the arm's plane.
-    fn shoulders(&self, wrist: &Vector3<f64>) -> impl Iterator<Item = (f64, f64, f64)> + use<> {
+    fn shoulders(&self, wrist: &Vector3<f64>, slack: f64) -> impl Iterator<Item = (f64, f64, f64)> + use<> {
         let forward2 = wrist.x * wrist.x + wrist.y * wrist.y - self.b_mm * self.b_mm;
         // Closer to axis 1 than the arm's plane can come: no solution, unless by rounding.
-        let reachable = forward2 >= -COSINE_SLACK * self.b_mm * self.b_mm;
-        let forward = forward2.max(0.0).sqrt();
+        let reachable = forward2 >= -slack * self.b_mm * self.b_mm;
+        let forward = forward2.max((slack - COSINE_SLACK) * self.b_mm * self.b_mm).sqrt();
         let (azimuth, z, a1, b) = (wrist.y.atan2(wrist.x), wrist.z - self.c1_mm, self.a1_mm, self.b_mm);
         [forward, -forward].into_iter().filter(move |_| reachable).map(move |x| (azimuth - b.atan2(x), x - a1, z))
     }
 
     /// θ2 and θ3 of the planar two-bar chain to (x, z), elbow one way and the other.
-    fn elbows(&self, x: f64, z: f64) -> impl Iterator<Item = (f64, f64)> + use<> {
+    fn elbows(&self, x: f64, z: f64, slack: f64) -> impl Iterator<Item = (f64, f64)> + use<> {
         let forearm = self.a2_mm.hypot(self.c3_mm);
         let upper = self.c2_mm;
         let bend = self.a2_mm.atan2(self.c3_mm);
         let cosine = (x * x + z * z - upper * upper - forearm * forearm) / (2.0 * upper * forearm);
-        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-        [sine, -sine].into_iter().filter(move |_| cosine.abs() <= 1.0 + COSINE_SLACK).map(move |sine| {
+        let sine = (1.0 - cosine * cosine).max(slack - COSINE_SLACK).sqrt();
+        [sine, -sine].into_iter().filter(move |_| cosine.abs() <= 1.0 + slack).map(move |sine| {
             let theta2 = x.atan2(z) - (forearm * sine).atan2(upper + forearm * cosine);
             (theta2, sine.atan2(cosine) - bend)
         })
     }
 }
+
+/// Each joint turns about this axis of its frame, or against it where the vendor's sign is negative.
+pub(super) const JOINT_AXES: JointAxes =
+    [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// θ4, θ5, θ6 with Rz(θ4) Ry(θ5) Rz(θ6) = `rotation`, wrist one way and flipped. θ6 is read off what θ4 and θ5 leave over,
 /// so that at θ5 = 0 or π, where only θ4 ± θ6 counts, the product still holds to the last digit (θ4 is 0 there, or π).
@@ -162,20 +177,6 @@ fn wrists(rotation: &Rotation3<f64>) -> [[f64; 3]; 2] {
     [[theta4, theta5, theta6], [theta4 + PI, -theta5, theta6 + PI]]
 }
 
-/// The same direction in (−π, π].
-fn principal(angle_rad: f64) -> f64 {
-    let turned = angle_rad.rem_euclid(TAU);
-    if turned > PI { turned - TAU } else { turned }
-}
-
-fn shift(x: f64, y: f64, z: f64) -> Translation3<f64> {
-    Translation3::new(x, y, z)
-}
-
 fn turn_y(angle_rad: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad)
-}
-
-fn turn_z(angle_rad: f64) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad)
 }

@@ -3,7 +3,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::{Kinematics, KinematicsSpec, OpwSpec};
+use super::{ChainJointSpec, ChainSpec, Kinematics, KinematicsSpec, OpwSpec, UrSpec};
+use crate::cell::PoseSpec;
 use crate::geometry::Pose;
 
 fn e05() -> OpwSpec {
@@ -17,6 +18,7 @@ fn e05() -> OpwSpec {
         c4_mm: 155.0,
         sign_corrections: [1, -1, 1, 1, 1, 1],
         offsets_deg: [0.0; 6],
+        joint_3_from_ground: false,
     }
 }
 
@@ -32,6 +34,7 @@ fn general() -> OpwSpec {
         c4_mm: 85.0,
         sign_corrections: [-1, 1, 1, -1, 1, -1],
         offsets_deg: [30.0, 0.0, -90.0, 0.0, 15.0, 180.0],
+        joint_3_from_ground: false,
     }
 }
 
@@ -157,6 +160,167 @@ proptest! {
         for frame in 0..6 {
             let length = |f: &[Isometry3<f64>; 7]| (f[frame + 1].translation.vector - f[frame].translation.vector).norm();
             prop_assert!((length(&before) - length(&after)).abs() < 1e-9);
+        }
+    }
+}
+
+/// Universal Robots UR5e, as its maker lists it.
+fn ur5e() -> Kinematics {
+    let spec = UrSpec { d1_mm: 162.5, a2_mm: -425.0, a3_mm: -392.2, d4_mm: 133.3, d5_mm: 99.7, d6_mm: 99.6 };
+    KinematicsSpec::Ur(spec).build()
+}
+
+/// The joints of an arm as a chain: origins at zero, axes as given.
+fn chain_of(arm: &Kinematics, axes: [[f64; 3]; 6], shift_mm: f64) -> ChainSpec {
+    let frames = arm.link_frames(&[0.0; 6]);
+    let spec = |pose: Isometry3<f64>| PoseSpec::from(&Pose::<(), ()>::claim(pose));
+    let moved = |frame: usize| if frame == 0 { Isometry3::identity() } else { Isometry3::translation(0.0, 0.0, shift_mm) };
+    // Each origin slides along its own axis, and all but the foot's are turned: neither may matter.
+    let turned = |frame: usize| frames[frame] * UnitQuaternion::from_euler_angles(0.1 * frame as f64, 0.0, 0.2);
+    let origin = |joint: usize| spec(if joint == 0 { turned(1) } else { turned(joint).inverse() * turned(joint + 1) });
+    let axis = |joint: usize| {
+        let in_frame =
+            UnitQuaternion::from_euler_angles(0.1 * (joint + 1) as f64, 0.0, 0.2).inverse() * Vector3::from(axes[joint]);
+        (2.0 * in_frame).into()
+    };
+    ChainSpec {
+        joints: std::array::from_fn(|joint| ChainJointSpec { origin: origin(joint), axis: axis(joint) }),
+        flange: spec(turned(6).inverse() * frames[6] * moved(6)),
+    }
+}
+
+const OPW_AXES: [[f64; 3]; 6] =
+    [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+fn chain(spec: ChainSpec) -> (Kinematics, Option<&'static str>) {
+    let mut findings = crate::cell::Findings::default();
+    spec.check("", &mut findings);
+    findings.into_result().expect("a sound chain");
+    let built = spec.build();
+    let form = built.closed_form();
+    (Kinematics::Chain(Box::new(built)), form)
+}
+
+#[test]
+fn ur5e_lies_along_x_at_zero() {
+    // Both links stretched along −x, the wrist hanging: the maker's zero.
+    let flange = ur5e().base_from_flange(&[0.0; 6]);
+    assert!((flange.origin_mm().coords - Vector3::new(-817.2, -232.9, 62.8)).norm() < 1e-9, "{flange:?}");
+    assert!((flange.direction(&Vector3::z()) - Vector3::new(0.0, -1.0, 0.0)).norm() < 1e-12);
+}
+
+#[test]
+fn chains_are_recognised_as_what_they_are() {
+    let negated = OPW_AXES.map(|axis| axis.map(|c| -c));
+    for (name, arm, axes, form) in [
+        ("e05", arm(e05()), OPW_AXES, Some("opw")),
+        ("e05 with every axis reversed", arm(e05()), negated, Some("opw")),
+        ("general", arm(general()), OPW_AXES, Some("opw")),
+        ("ur5e", ur5e(), [[0.0, 0.0, 1.0]; 6], Some("ur")),
+        ("ur5e with every axis reversed", ur5e(), [[0.0, 0.0, -1.0]; 6], Some("ur")),
+    ] {
+        let (chain, found) = chain(chain_of(&arm, axes, 25.0));
+        assert_eq!(found, form, "{name}");
+        let (worst, nearest, count) = round_trip(&chain, &[0.4, -0.8, 1.0, 0.7, 0.9, -1.2]);
+        assert!(worst <= 1e-6 && nearest < 1e-6 && count >= 4, "{name}: {count} solutions, {worst}, nearest {nearest}");
+    }
+}
+
+#[test]
+fn a_calibrated_arm_is_solved_as_it_is_and_not_as_it_was_meant() {
+    // A maker's calibration moves every origin by a little and tilts every axis: the closed form is off by millimetres.
+    let mut spec = chain_of(&ur5e(), [[0.0, 0.0, 1.0]; 6], 0.0);
+    for (number, joint) in spec.joints.iter_mut().enumerate() {
+        joint.origin.translation_mm[number % 3] += 0.3 + 0.1 * number as f64;
+        joint.axis[(number + 1) % 3] += 0.003;
+    }
+    let (chain, form) = chain(spec);
+    assert_eq!(form, Some("ur"));
+    for step in 0..50 {
+        let q: [f64; 6] = std::array::from_fn(|joint| 2.5 * (f64::from(step) * (joint as f64 + 2.0).sqrt() + 0.3).sin());
+        let (worst, nearest, _) = round_trip(&chain, &q);
+        assert!(worst <= 1e-6 && nearest < 1e-5, "{q:?}: {worst}, nearest {nearest}");
+    }
+}
+
+#[test]
+fn an_arm_without_a_closed_form_is_solved_by_steps() {
+    // An offset wrist: axis 5 passes axis 4 by 60 mm, so that no three axes meet and no three are parallel.
+    let mut spec = chain_of(&arm(general()), OPW_AXES, 0.0);
+    spec.joints[4].origin.translation_mm[0] += 60.0;
+    spec.joints[5].origin.translation_mm[1] += 45.0;
+    let (chain, form) = chain(spec);
+    assert_eq!(form, None);
+    let mut missed = 0;
+    for step in 0..100 {
+        let q: [f64; 6] = std::array::from_fn(|joint| 2.2 * (f64::from(step) * (joint as f64 + 2.0).sqrt() + 0.3).sin());
+        let (worst, nearest, count) = round_trip(&chain, &q);
+        assert!(worst <= 1e-6 && count > 0, "{q:?}: {count} solutions, worst {worst}");
+        missed += usize::from(nearest > 1e-4);
+    }
+    // Steps from spread postures may miss a branch.
+    assert!(missed <= 10, "the branch asked for is missed {missed} times of 100");
+}
+
+#[test]
+fn fanuc_counts_joint_3_from_the_ground() {
+    let (coupled, plain) = (arm(OpwSpec { joint_3_from_ground: true, ..general() }), arm(general()));
+    let [q, by] = [[0.2, 0.5, -0.3, 0.7, 0.9, -0.4], [0.0, 0.3, 0.0, 0.0, 0.0, 0.0]];
+    let counted = std::array::from_fn(|joint| q[joint] + if joint == 2 { q[1] } else { 0.0 });
+    assert_eq!(coupled.base_from_flange(&q), plain.base_from_flange(&counted));
+    // Turning joint 2 alone moves the forearm without tilting it.
+    let moved = std::array::from_fn(|joint| q[joint] + by[joint]);
+    let (before, after) = (coupled.link_frames(&q)[4], coupled.link_frames(&moved)[4]);
+    // The signs of joints 2 and 3 agree in this arm, so the slopes add; they cancel where the vendor's differ.
+    let cancelling = OpwSpec { sign_corrections: [-1, 1, -1, -1, 1, -1], joint_3_from_ground: true, ..general() };
+    let cancelling = arm(cancelling);
+    let (level, still) = (cancelling.link_frames(&q)[3], cancelling.link_frames(&moved)[3]);
+    assert!(level.rotation.angle_to(&still.rotation) < 1e-12);
+    assert!(before.rotation.angle_to(&after.rotation) > 0.5);
+    let (worst, nearest, count) = round_trip(&coupled, &q);
+    assert!(worst <= 1e-6 && nearest < 1e-6 && count == 8, "{count} solutions, {worst}, nearest {nearest}");
+}
+
+#[test]
+fn postures_tell_branches_apart_and_margins_fall_to_nothing_at_singularities() {
+    for arm in [arm(e05()), arm(general()), ur5e()] {
+        let pose = arm.base_from_flange(&[0.3, 0.6, 0.8, 0.4, 0.9, 0.2]);
+        let branches = arm.branches(&pose);
+        let postures: std::collections::BTreeSet<_> = branches.iter().map(|joints| arm.posture(joints)).collect();
+        assert_eq!((branches.len(), postures.len()), (8, 8));
+        for joints in &branches {
+            assert!(arm.singularity_margin(joints) > 0.01, "{joints:?}");
+        }
+    }
+    let e05 = arm(e05());
+    assert!(e05.singularity_margin(&[0.3, 0.6, 0.8, 0.4, 0.0, 0.2]) < 1e-9, "straight wrist");
+    assert!(e05.singularity_margin(&[0.3, 0.6, 0.0, 0.4, 0.9, 0.2]) < 1e-9, "stretched elbow");
+    let margin = |q5: f64| e05.singularity_margin(&[0.3, 0.6, 0.8, 0.4, q5, 0.2]);
+    assert!(margin(0.1) < margin(0.3) && margin(0.3) < margin(0.8));
+    assert_eq!(e05.posture(&[0.3, -0.6, 0.8, 0.4, -0.9, 0.2]).to_string(), "front, elbow up, flip");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn inverse_then_forward_is_the_pose_for_the_ur5e(joints in prop::array::uniform6(-PI..PI)) {
+        let arm = ur5e();
+        let (worst, nearest, count) = round_trip(&arm, &joints);
+        prop_assert!(worst <= 1e-6, "worst {worst}");
+        prop_assert!(count >= 2 && count % 2 == 0);
+        if arm.singularity_margin(&joints) > 1e-3 {
+            prop_assert!(nearest < 1e-6, "nearest {nearest}");
+        }
+    }
+
+    #[test]
+    fn a_chain_is_solved_like_its_closed_form(joints in prop::array::uniform6(-PI..PI)) {
+        let (chain, _) = chain(chain_of(&arm(general()), OPW_AXES, 10.0));
+        let (worst, nearest, _) = round_trip(&chain, &joints);
+        prop_assert!(worst <= 1e-6, "worst {worst}");
+        if chain.singularity_margin(&joints) > 1e-2 {
+            prop_assert!(nearest < 1e-4, "nearest {nearest}");
         }
     }
 }

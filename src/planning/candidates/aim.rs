@@ -87,7 +87,7 @@ pub(super) fn semi_axes_mm(block: &Block, scope: &Scope<'_>, standoff: Standoff)
 
 /// Poses of an aim at most.
 pub(super) fn views_of_an_aim(params: &CandidateParams) -> usize {
-    (1 + 4 * params.tilts_deg.len()) * params.rolls_of(0).len() * params.standoffs_mm.len()
+    (1 + 4 * params.tilts_deg.len()) * params.rolls_deg.len() * params.standoffs_mm.len()
 }
 
 /// Turns aims into poses: for each the untilted view, then every tilt; of each every roll, and every stand-off of that.
@@ -98,12 +98,12 @@ pub(super) fn place(
     ctx: &Context<'_>,
 ) -> Result<Vec<Placed>, Cancelled> {
     let (slide, best_mm) = (Slide::new(scope), scope.scanner.best_mm);
-    let poses_of = |(number, aim): (usize, &Aim)| {
+    let poses_of = |aim: &Aim| {
         ctx.check()?;
         let tilted = params.tilts_deg.iter().flat_map(|tilt_deg| aim.tilted(tilt_deg.to_radians(), best_mm));
         let mut placed = Vec::with_capacity(views_of_an_aim(params));
         for view in std::iter::once(aim.clone()).chain(tilted) {
-            for orientation in view.orientations(params.rolls_of(number)) {
+            for orientation in view.orientations(&params.rolls_deg) {
                 let position_mm = if view.slides { slide.along_axis(view.position_mm, &orientation) } else { view.position_mm };
                 placed.extend(params.standoffs_mm.iter().map(|back_mm| {
                     let position_mm = position_mm - view.axis * *back_mm;
@@ -113,7 +113,7 @@ pub(super) fn place(
         }
         Ok(placed)
     };
-    let poses = aims.par_iter().enumerate().map(poses_of).collect::<Result<Vec<_>, Cancelled>>()?;
+    let poses = aims.par_iter().map(poses_of).collect::<Result<Vec<_>, Cancelled>>()?;
     Ok(poses.into_iter().flatten().collect())
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use super::*;
 use crate::cell::{Presets, SpecLibrary};
 use crate::planning::context::Silent;
-use crate::planning::params::{Hemisphere, PartParams, PlanParams, RegionParams, Rolls, Standoff};
+use crate::planning::params::{Hemisphere, PartParams, PlanParams, RegionParams, Standoff};
 use crate::planning::resting;
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
@@ -95,25 +95,6 @@ fn rolls_turn_about_the_viewing_axis() {
     for pair in poses(&generated).chunks(2) {
         assert!((pair[0].origin_mm() - pair[1].origin_mm()).norm() < 1e-9);
         assert!((pair[1].direction(&Vector3::x()) - pair[0].direction(&Vector3::y())).norm() < 1e-9);
-    }
-}
-
-#[test]
-fn rolls_in_turn_give_one_to_a_direction() {
-    let params = CandidateParams {
-        rolls_deg: vec![0.0, 90.0],
-        rolls: Rolls::InTurn,
-        standoff: Standoff::Centre,
-        ..CandidateParams::ellipsoid()
-    };
-    let (turned, level) = (
-        poses(&generated([100.0, 80.0, 60.0], &params)),
-        poses(&generated([100.0, 80.0, 60.0], &CandidateParams { rolls: Rolls::Every, rolls_deg: vec![0.0], ..params.clone() })),
-    );
-    assert_eq!((turned.len(), level.len()), (54, 54));
-    for (number, (turned, level)) in turned.iter().zip(&level).enumerate() {
-        let axis = if number % 2 == 0 { Vector3::x() } else { Vector3::y() };
-        assert!((turned.direction(&Vector3::x()) - level.direction(&axis)).norm() < 1e-9);
     }
 }
 

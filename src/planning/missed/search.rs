@@ -14,7 +14,7 @@ use super::remedy::{Remedy, RemedyKind, RemedyView};
 use super::spots::{self, Spot};
 use super::{bases, limit, opening};
 use crate::cell::Scanner;
-use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
+use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
 use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{Hemisphere, PlanParams};
@@ -103,6 +103,8 @@ struct Bench<'a> {
     optics: Optics,
     widest: Optics,
     above_only: bool,
+    /// Of the part.
+    aabb: Aabb,
     /// The part without table and fixture; made when the first spot asks for it.
     part_alone: OnceLock<RayScene>,
 }
@@ -115,6 +117,7 @@ impl<'a> Bench<'a> {
             optics: Optics::new(case.scanner, case.params, &case.surface.demands),
             widest: limit::widest(case),
             above_only: case.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
+            aabb: case.mesh.aabb(),
             part_alone: OnceLock::new(),
         }
     }
@@ -135,7 +138,7 @@ impl<'a> Bench<'a> {
 
     fn is_outside(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
         let viewpoint = pose.origin_mm();
-        !(self.case.mesh.aabb().holds(&viewpoint) && self.part_alone().encloses(&viewpoint))
+        !(self.aabb.holds(&viewpoint) && self.part_alone().encloses(&viewpoint))
     }
 }
 

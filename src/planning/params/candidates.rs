@@ -77,16 +77,6 @@ pub enum Standoff {
     Centre,
 }
 
-/// How the rolls of the list are given to directions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Rolls {
-    /// Every direction has all of them.
-    Every,
-    /// Every direction has one, the next in turn: more directions for as many views.
-    InTurn,
-}
-
 /// Which viewpoints are considered (method §3).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
@@ -122,8 +112,6 @@ pub struct CandidateParams {
     /// Rolls about the viewing axis for each direction, degrees, -360 to 360. Default `[0, 90]`. `iterative` draws its
     /// rolls and `targeted` solves for them.
     pub rolls_deg: Vec<f64>,
-    /// Whether each direction has every roll, or the next in turn. Default `every`.
-    pub rolls: Rolls,
     /// Beside each view, four that are turned by this angle to the four sides about the point at F ahead, with the
     /// scanner levelled again, degrees, 1 to 60. Default: none.
     pub tilts_deg: Vec<f64>,
@@ -154,7 +142,6 @@ impl Default for CandidateParams {
             iterative_views: 50,
             targeted_max: 100,
             rolls_deg: vec![0.0, 90.0],
-            rolls: Rolls::Every,
             tilts_deg: Vec::new(),
             standoffs_mm: vec![0.0],
             hemisphere: None,
@@ -175,14 +162,6 @@ impl CandidateParams {
     #[must_use]
     pub fn uses(&self, strategy: Strategy) -> bool {
         self.strategies.contains(&strategy)
-    }
-
-    /// The rolls of direction number `direction`.
-    pub(in crate::planning) fn rolls_of(&self, direction: usize) -> &[f64] {
-        match self.rolls {
-            Rolls::Every => &self.rolls_deg,
-            Rolls::InTurn => &self.rolls_deg[direction % self.rolls_deg.len()..][..1],
-        }
     }
 
     /// Checks every range.

@@ -16,7 +16,20 @@ use vantage::planning::params::PlanParams;
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan};
 
-pub(crate) use needs::{chromium, oracle_python, program, shared};
+pub(crate) use needs::{all_asked, chromium, oracle_python, program, shared};
+
+/// The public parts of the tables of views and coverage: name, mesh, longest extent in mm.
+pub(crate) const PARTS: [(&str, &str, f64); 9] = [
+    ("bunny", "meshes/bunny_69k_binary.stl", 120.0),
+    ("rocker", "meshes/rocker-arm_20k.obj", 120.0),
+    ("cogwheel", "meshes/cogwheel_536_ascii.stl", 120.0),
+    ("fandisk", "meshes/fandisk_13k.obj", 120.0),
+    ("armadillo", "meshes/armadillo_52k_binary.stl", 120.0),
+    ("gearbox", "meshes/gearbox_output_housing_16k.stl", 120.0),
+    ("piboy", "meshes/piboy_rear_case_15k_binary.stl", 120.0),
+    ("turbine", "meshes/turbineblade_199k_binary.ply", 120.0),
+    ("featuretype", "meshes/featuretype_3476_inch.stl", 127.0),
+];
 
 /// The nominal rig of method §2.
 pub(crate) fn nominal_scanner() -> Scanner {

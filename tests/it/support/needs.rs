@@ -28,12 +28,16 @@ pub(crate) fn chromium() -> Option<PathBuf> {
     installed("VANTAGE_CHROMIUM", "a Chromium")
 }
 
+/// Whether this is `tests/all`, which leaves nothing out.
+pub(crate) fn all_asked() -> bool {
+    std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all")
+}
+
 fn installed(variable: &str, what: &str) -> Option<PathBuf> {
     if let Some(program) = std::env::var_os(variable) {
         return Some(PathBuf::from(program));
     }
-    let all = std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all");
-    assert!(!all, "VANTAGE_TESTS=all, but {variable} does not name {what}; run tests/all");
+    assert!(!all_asked(), "VANTAGE_TESTS=all, but {variable} does not name {what}; run tests/all");
     say(&format!("skipped: needs {what}, installed and run by tests/all ({variable} is not set)"));
     None
 }
@@ -47,8 +51,7 @@ fn say(text: &str) {
 /// Whether a program is on the path.
 pub(crate) fn program(name: &str) -> bool {
     let runs = std::process::Command::new(name).arg("--version").output().is_ok();
-    let all = std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all");
-    assert!(runs || !all, "VANTAGE_TESTS=all, but {name} is not installed; run tests/all");
+    assert!(runs || !all_asked(), "VANTAGE_TESTS=all, but {name} is not installed; run tests/all");
     if !runs {
         say(&format!("skipped: needs {name}, installed by tests/all"));
     }
