@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 
 use super::field_error::Findings;
 use super::library::{NotFound, SpecKind, SpecLibrary};
 use super::shape_spec::{BodySpec, ShapeSpec};
-use crate::geometry::Mesh;
+use crate::geometry::{Aabb, Mesh};
 
 /// A rigid body and where it is in its owner's frame.
 #[derive(Clone, Debug)]
@@ -47,6 +47,21 @@ pub enum Shape {
 }
 
 impl Body {
+    /// Corners of the box around it along its own axes, owner's frame, mm.
+    #[must_use]
+    pub fn corners_mm(&self) -> Vec<Point3<f64>> {
+        let half = |x: f64, y: f64, z: f64| Aabb { min: Point3::new(-x, -y, -z), max: Point3::new(x, y, z) };
+        let own = match &self.shape {
+            Shape::Box { size_mm: [x, y, z] } => half(0.5 * x, 0.5 * y, 0.5 * z),
+            Shape::Cylinder { radius_mm, height_mm } => half(*radius_mm, *radius_mm, 0.5 * height_mm),
+            Shape::Capsule { radius_mm, length_mm } => half(*radius_mm, *radius_mm, 0.5 * length_mm + radius_mm),
+            Shape::Mesh(mesh) => mesh.aabb(),
+        };
+        let corner =
+            |i: usize| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { own.max[axis] } else { own.min[axis] }));
+        (0..8).map(|i| self.owner_from_body * corner(i)).collect()
+    }
+
     /// Bodies of checked specifications; a mesh that `library` cannot give is a finding below `pointer`.
     pub(super) fn resolve(specs: &[BodySpec], pointer: &str, library: &dyn SpecLibrary, findings: &mut Findings) -> Vec<Self> {
         let mut bodies = Vec::with_capacity(specs.len());

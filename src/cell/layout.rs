@@ -1,6 +1,7 @@
 //! The cell: which scanner, robot and turntable, and where each is. Joints to scanner, and plate to base, in the chain
 //! FK(joints) · flange_from_scanner = base_from_table · Rz(table angle) · table_from_part · part_from_scanner.
 
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -15,6 +16,9 @@ use super::scanner::{Scanner, ScannerSpec};
 use super::shape_spec::BodySpec;
 use super::turntable::{Turntable, TurntableSpec};
 use crate::geometry::{Base, Flange, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
+
+/// Standard gravity (CGPM 1901).
+const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
 /// A cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -191,12 +195,31 @@ impl Cell {
         self.robot.base_from_flange(joints_rad) * self.flange_from_scanner
     }
 
+    /// Static moment of scanner and mount about the flange's centre in the posture where it is largest, N·m. The scanner's
+    /// centre of mass is that of its specification, else the mean of its bodies' centres; the mount's is the mean of its.
+    #[must_use]
+    pub fn flange_moment_nm(&self) -> f64 {
+        let mean = |bodies: &[Body]| {
+            let sum: Vector3<f64> = bodies.iter().map(|body| body.owner_from_body.translation.vector).sum();
+            Point3::from(sum / bodies.len().max(1) as f64)
+        };
+        let scanner = self.scanner.centre_of_mass_mm.map_or_else(|| mean(&self.scanner_bodies), Point3::from);
+        let scanner = self.flange_from_scanner.point(&scanner).coords * self.scanner.mass_kg;
+        let mount = mean(&self.mount).coords * self.mount_mass_kg;
+        GRAVITY_M_PER_S2 * (scanner + mount).norm() / 1000.0
+    }
+
     /// What only the parts together show: payload, home within the limits and clear of everything.
     fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         let (scanner_kg, mount_kg, payload_kg) = (self.scanner.mass_kg, self.mount_mass_kg, self.robot.payload_kg);
         findings.require(scanner_kg + mount_kg <= payload_kg, "/scanner", || {
             format!("weighs {scanner_kg} kg and its mount {mount_kg} kg, more than the robot's payload of {payload_kg} kg")
+        });
+        let moment = self.flange_moment_nm();
+        let most = self.robot.max_flange_moment_nm.unwrap_or(f64::INFINITY);
+        findings.require(moment <= most, "/flange_from_scanner", || {
+            format!("puts a moment of {moment:.2} N·m on the flange, more than the {most} N·m that the robot bears")
         });
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad).enumerate() {
             findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {

@@ -14,6 +14,7 @@ mod robot;
 mod scanner;
 mod shape_spec;
 mod turntable;
+pub mod urdf;
 
 pub use axis::{Axes, Axis, AxisSpec, Configuration};
 pub use body::{Body, Shape};

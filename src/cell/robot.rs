@@ -17,6 +17,9 @@ pub struct RobotSpec {
     pub name: String,
     /// Largest mass at the flange, kg, 0.1 to 2000.
     pub payload_kg: f64,
+    /// Largest moment of what it carries about the flange's centre, N·m, 0.1 to 10000. Default: not checked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_flange_moment_nm: Option<f64>,
     /// How the arm is built.
     pub kinematics: KinematicsSpec,
     /// Joints 1 to 6.
@@ -55,6 +58,7 @@ impl RobotSpec {
         Ok(Robot {
             name: self.name.clone(),
             payload_kg: self.payload_kg,
+            max_flange_moment_nm: self.max_flange_moment_nm,
             kinematics: self.kinematics.build(),
             joints: self.joints.map(|joint| joint.build()),
             links: self.links.iter().map(LinkSpec::build).collect(),
@@ -64,6 +68,9 @@ impl RobotSpec {
     fn check(&self, findings: &mut Findings) {
         findings.require(!self.name.is_empty(), "/name", || "is empty; name the robot".into());
         findings.range("/payload_kg", self.payload_kg, 0.1, 2000.0, "kg");
+        if let Some(moment) = self.max_flange_moment_nm {
+            findings.range("/max_flange_moment_nm", moment, 0.1, 10_000.0, "N·m");
+        }
         self.kinematics.check("/kinematics", findings);
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(&format!("/joints/{index}"), findings);
@@ -105,6 +112,8 @@ pub struct Robot {
     pub name: String,
     /// Largest mass at the flange, kg.
     pub payload_kg: f64,
+    /// Largest moment of what it carries about the flange's centre, N·m, if known.
+    pub max_flange_moment_nm: Option<f64>,
     /// Joints to frames, and back.
     pub kinematics: Kinematics,
     /// Limits of joints 1 to 6.

@@ -96,6 +96,21 @@ fn inconsistent_cells_are_refused_with_the_field() {
     heavy.mount_mass_kg = 2.3;
     assert!(heavy.build(&Presets).is_ok(), "5 kg in all");
 
+    // 2.7 kg, 120 mm from the flange's axis in its frame: 3.18 N·m in the worst posture.
+    let mut long = cell_spec();
+    let mut scanner = Presets.scanner("transcan-c").expect("preset");
+    let flange_from_scanner = long.flange_from_scanner.pose::<crate::geometry::Flange, crate::geometry::Scanner>();
+    let centre = flange_from_scanner.inverse().point(&nalgebra::Point3::new(120.0, 0.0, 0.0));
+    scanner.centre_of_mass_mm = Some(centre.into());
+    long.scanner = Named::Inline(Box::new(scanner));
+    let mut weak = Presets.robot("hans-e05").expect("preset");
+    weak.max_flange_moment_nm = Some(3.0);
+    long.robot = Named::Inline(Box::new(weak.clone()));
+    assert_finding(&findings(&long), "/flange_from_scanner", "3.18 N·m on the flange, more than the 3 N·m");
+    weak.max_flange_moment_nm = Some(3.2);
+    long.robot = Named::Inline(Box::new(weak));
+    assert!(long.build(&Presets).is_ok(), "3.2 N·m are enough");
+
     robot.joints[3] = AxisSpec { min_deg: 10.0, max_deg: -10.0, ..robot.joints[3] };
     robot.payload_kg = 5.0;
     spec.robot = Named::Inline(Box::new(robot));

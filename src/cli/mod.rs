@@ -18,6 +18,8 @@ mod out;
 pub mod part;
 pub mod plan;
 pub mod progress;
+pub mod reach;
+pub mod robot;
 pub mod serve;
 mod signals;
 pub mod study;
@@ -50,6 +52,7 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Check(check::CheckArgs),
     Part(part::PartArgs),
+    Robot(robot::RobotArgs),
     Completions(CompletionsArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
 }
@@ -107,6 +110,7 @@ impl Cli {
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Part(args) => part::run(&args),
+            Command::Robot(args) => robot::run(&args),
             Command::Completions(CompletionsArgs { shell }) => {
                 clap_complete::generate(shell, &mut Self::command(), "vantage", &mut std::io::stdout());
                 Ok(())

@@ -1,11 +1,11 @@
-//! `vantage study`: one knob varied, the rest left alone, as table, plots and page.
+//! `vantage study`: one knob varied, the rest left alone, as table, plots and page; and the reach of a cell's layouts.
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use super::plan::{explain, load_cell, load_mesh, load_params, load_scanner, pool};
 use super::progress::Progress;
-use super::{CliError, out};
+use super::{CliError, out, reach};
 use crate::geometry::LengthUnit;
 use crate::planning::PlanInput;
 use crate::planning::context::Context;
@@ -22,22 +22,27 @@ enum Varied {
     Limits,
     /// Candidate strategies: each alone, then the configured mix
     Candidates,
+    /// Where robot, table and scanner stand in a cell: how much of the viewing hemisphere each layout reaches
+    Reach,
 }
 
-/// Vary the score's weights, the limits of incidence or the candidates, and see what coverage and grades come out.
+/// Vary the score's weights, the limits of incidence or the candidates, and see what coverage and grades come out; or the
+/// layout of a cell, and see what it reaches.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage study weights part.stl --unit mm
   vantage study limits part.stl --unit mm --scanner transcan-c-nominal --out limits
   vantage study candidates part.stl --unit mm --set selection.objective=coverage --at 10
+  vantage study reach --cell e05-transcan --foot 350,400,450 --table=-250,-200,-150 --mountings
 
-Files written to --out, each named after the study: .csv, -coverage.svg, -grades.svg and .html with all of them.
+Files written to --out, each named after the study: .csv, -coverage.svg, -grades.svg and .html with all of them;
+for reach .csv and .svg.
 Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted.")]
 pub struct StudyArgs {
     /// What to vary.
     study: Varied,
-    /// The part: STL, OBJ or PLY.
-    mesh: PathBuf,
+    /// The part: STL, OBJ or PLY; `reach` needs none.
+    mesh: Option<PathBuf>,
     /// Unit of the file's coordinates: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
@@ -59,6 +64,8 @@ pub struct StudyArgs {
     /// Number of views at which grades are told.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     at: u32,
+    #[command(flatten)]
+    reach: reach::ReachArgs,
     /// Folder for the results; made if it is not there.
     #[arg(long, default_value = "study")]
     out: PathBuf,
@@ -72,16 +79,26 @@ pub struct StudyArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
+    let (study, mesh) = match (args.study, &args.mesh) {
+        (Varied::Reach, None) => return reach::run(&args.reach, &args.cell, &args.out, args.threads, cancel),
+        (Varied::Reach, Some(mesh)) => {
+            let detail = "is not used by `study reach`, which places a cube; give its edge with --cube";
+            return Err(CliError::BadInput(format!("{}: {detail}", mesh.display())));
+        }
+        (Varied::Weights, Some(mesh)) => (Study::Weights, mesh),
+        (Varied::Limits, Some(mesh)) => (Study::Limits, mesh),
+        (Varied::Candidates, Some(mesh)) => (Study::Candidates, mesh),
+        (_, None) => return Err(CliError::BadInput("names no mesh; give the part's file after the study".into())),
+    };
     let params = load_params(args.params.as_deref(), &args.sets)?;
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
-    let (part, part_sha256) = load_mesh(&args.mesh, args.unit)?;
+    let (part, part_sha256) = load_mesh(mesh, args.unit)?;
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
     let input = PlanInput { mesh: &part.mesh, fixture, part_sha256: &part_sha256, scanner: &scanner, cell: cell.as_ref() };
     out::prepare(&args.out)?;
     let progress = Progress::start();
-    let study = Study::from(args.study);
     let most_views = args.views.max(args.at);
     let findings =
         pool(args.threads)?.install(|| studies::run(study, &input, &params, most_views, &Context::new(cancel, &progress)));
@@ -91,7 +108,7 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let told = StudyInput {
         findings: &findings,
         params: &params,
-        part_name: &args.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        part_name: &mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         scanner_name: &scanner.name,
         cell_name: cell.as_ref().map(|cell| cell.name.as_str()),
         at: args.at as usize,
@@ -101,16 +118,6 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     print!("{}", text(&told));
     println!("Look at {}", args.out.join(names[3]).display());
     Ok(())
-}
-
-impl From<Varied> for Study {
-    fn from(varied: Varied) -> Self {
-        match varied {
-            Varied::Weights => Self::Weights,
-            Varied::Limits => Self::Limits,
-            Varied::Candidates => Self::Candidates,
-        }
-    }
 }
 
 /// Table, plots and page of a study.

@@ -11,6 +11,7 @@ pub use super::robust::{Certificate, Drawn, Independent, Robust};
 pub use super::selection::{Bound, StopReason, ViewId};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
+use crate::cell::{Posture, Robot};
 use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
 
 /// A plan. Everything needed to write `plan.json`; no clock, no thread count.
@@ -175,8 +176,31 @@ pub struct PlannedView {
     pub score: f64,
     /// Where the cell takes it from; `None` without a cell, or when rejected.
     pub station: Option<Station>,
+    /// How the arm stands there.
+    pub stance: Option<Stance>,
     /// Why it measures nothing, if so.
     pub rejected: Option<Cause>,
+}
+
+/// How an arm stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stance {
+    /// Which way it is bent.
+    pub posture: Posture,
+    /// How far from singular, 0 at a singularity ([`crate::cell::Kinematics::singularity_margin`]).
+    pub singularity_margin: f64,
+}
+
+impl Stance {
+    /// Of a robot at a station.
+    #[must_use]
+    pub fn of(robot: &Robot, station: &Station) -> Self {
+        let joints_rad = &station.joints_rad;
+        Self {
+            posture: robot.kinematics.posture(joints_rad),
+            singularity_margin: robot.kinematics.singularity_margin(joints_rad),
+        }
+    }
 }
 
 /// Area missed for one cause.

@@ -198,7 +198,11 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
         writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
     }
     writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
-    writeln!(out, "  moving {} s in all", fixed(sequence.motion_secs(), 1))
+    let (secs, at_least) = (fixed(sequence.motion_secs(), 1), fixed(sequence.at_least_secs, 1));
+    match sequence.is_shortest() {
+        true => writeln!(out, "  moving {secs} s in all, the least over the stations and moves considered"),
+        false => writeln!(out, "  moving {secs} s in all, at least {at_least} s over the stations and moves considered"),
+    }
 }
 
 fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -> fmt::Result {

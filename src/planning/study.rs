@@ -14,8 +14,8 @@ use super::input::PlanInput;
 use super::missed;
 use super::params::{PlanParams, SelectionParams, TargetOf};
 use super::plan::{
-    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SetupPlan, StopReason,
-    Verdict, ViewId,
+    CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SetupPlan, Stance,
+    StopReason, Verdict, ViewId,
 };
 use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::Ordered;
@@ -386,6 +386,7 @@ impl Study<'_> {
         choices
             .map(|(number, (kept, choice))| {
                 let (id, candidate) = (ViewId(number as u32), &self.generated.kept[*kept]);
+                let station = station(id);
                 PlannedView {
                     id,
                     candidate: candidate.id,
@@ -394,7 +395,8 @@ impl Study<'_> {
                     part_from_scanner: candidate.part_from_scanner,
                     gain_of_asked: super::plan::share(gain_mm2(number), coverage.asked_area_mm2),
                     score: choice.score,
-                    station: station(id),
+                    station,
+                    stance: station.zip(self.input.cell).map(|(station, cell)| Stance::of(&cell.robot, &station)),
                     rejected: no_path.contains(kept).then_some(Cause::NoPath),
                 }
             })

@@ -13,6 +13,7 @@ use crate::planning::plan::{
     Bound, Cause, Coverage, Drawn, Independent, MissedCause, MissedSpot, Outcome, Plan, PlannedView, RegionCoverage, Remedy,
     RemedyView, Robust, SetupPlan, share,
 };
+use crate::planning::sequence::Sequence;
 
 /// Schema name that the document carries.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -48,6 +49,9 @@ pub struct PlanDocument {
     pub viewpoints: Vec<ViewpointDocument>,
     /// Viewpoint ids in the order visited, setup by setup.
     pub sequence: Vec<u32>,
+    /// How long the moves take; `null` without a cell.
+    #[serde(default)]
+    pub motion: Option<MotionDocument>,
     /// What is not measured, by cause.
     pub missed: Vec<MissedDocument>,
     /// How far from the best the chosen views can be.
@@ -348,14 +352,30 @@ pub struct ViewpointDocument {
     pub rejected: Option<String>,
 }
 
-/// Table angle and joints, degrees.
+/// Time of all moves, setups added up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct MotionDocument {
+    /// Predicted, s.
+    pub moving_secs: f64,
+    /// No order, over the stations and moves that were considered, takes less, s: equal where the order is proved the best.
+    pub moving_secs_lower: f64,
+}
+
+/// Table angle and joints, degrees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct StationDocument {
     /// Table angle.
     pub table_angle_deg: f64,
     /// Joints 1 to 6.
     pub joints_deg: [f64; 6],
+    /// Which way shoulder, elbow and wrist are bent, such as `front, elbow up, no flip`.
+    #[serde(default)]
+    pub posture: String,
+    /// How far from a singularity: least singular value of the flange's Jacobian, lengths in parts of the arm's; 0 at one.
+    #[serde(default)]
+    pub singularity_margin: f64,
 }
 
 /// Area missed for one cause.
@@ -402,6 +422,9 @@ pub struct RemedyDocument {
     pub text: String,
     /// The views that it takes, best first; to apply them, put their poses into `candidates.poses`.
     pub views: Vec<RemedyViewDocument>,
+    /// How to lay the part, if so: a pose in which it rests, for `part.table_from_part` or `part.resting_poses`.
+    #[serde(default)]
+    pub table_from_part: Option<PoseSpec>,
     /// What to raise `limits.camera_deg` to, if so.
     pub camera_deg: Option<f64>,
     /// What to raise `limits.projector_deg` to, if so.
@@ -480,6 +503,10 @@ impl PlanDocument {
             setups: setups(plan),
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
+            motion: plan.sequences().next().map(|_| MotionDocument {
+                moving_secs: plan.sequences().map(Sequence::motion_secs).sum(),
+                moving_secs_lower: plan.sequences().map(|sequence| sequence.at_least_secs).sum(),
+            }),
             missed: plan.missed.iter().map(MissedDocument::from).collect(),
             bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),
@@ -582,9 +609,11 @@ impl From<&PlannedView> for ViewpointDocument {
             part_from_scanner: PoseSpec::from(&view.part_from_scanner),
             gain_of_asked: view.gain_of_asked,
             score: view.score,
-            station: view.station.map(|station| StationDocument {
+            station: view.station.zip(view.stance).map(|(station, stance)| StationDocument {
                 table_angle_deg: degrees(station.table_angle_rad),
                 joints_deg: station.joints_rad.map(degrees),
+                posture: stance.posture.to_string(),
+                singularity_margin: stance.singularity_margin,
             }),
             rejected: view.rejected.map(|cause: Cause| cause.as_str().to_owned()),
         }
@@ -628,6 +657,7 @@ impl From<&Remedy> for RemedyDocument {
             kind: remedy.kind.as_str().to_owned(),
             text: remedy.sentence(),
             views: remedy.views.iter().map(view).collect(),
+            table_from_part: remedy.table_from_part.as_ref().map(PoseSpec::from),
             camera_deg: remedy.camera_deg,
             projector_deg: remedy.projector_deg,
             area_mm2: remedy.area_mm2,

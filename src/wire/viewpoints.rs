@@ -73,8 +73,8 @@ pub fn csv(plan: &Plan) -> String {
         csv.number(view.score);
         let visit = visit(plan, planned.id);
         csv.optional(visit.map(|(position, ..)| position));
-        csv.optional(view.station.map(|station| station.table_angle_deg));
-        (0..6).for_each(|joint| csv.optional(view.station.map(|station| station.joints_deg[joint])));
+        csv.optional(view.station.as_ref().map(|station| station.table_angle_deg));
+        (0..6).for_each(|joint| csv.optional(view.station.as_ref().map(|station| station.joints_deg[joint])));
         csv.optional(visit.map(|(_, secs, _)| secs));
         csv.optional(visit.map(|(.., points)| points));
         csv.text(view.rejected.as_deref().unwrap_or(""));

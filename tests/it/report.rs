@@ -7,13 +7,14 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use vantage::cell::Posture;
 use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, preview};
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
     Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView,
-    Remedy, RemedyKind, RemedyView, SetupPlan, StopReason, Verdict, ViewId,
+    Remedy, RemedyKind, RemedyView, SetupPlan, Stance, StopReason, Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -141,6 +142,7 @@ fn tilt(spot_mm2: f64) -> Remedy {
     Remedy {
         kind: RemedyKind::Tilt,
         views: vec![view],
+        table_from_part: None,
         camera_deg: None,
         projector_deg: None,
         area_mm2,
@@ -157,7 +159,7 @@ fn sequence(views: usize) -> Sequence {
     let leg =
         |turns: f64| Leg { via_rad: vec![[0.0; 7]; turns as usize % 2], target: station(turns), duration_secs: 1.25 + turns };
     let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
-    Sequence { visits, return_home: leg(0.0) }
+    Sequence { visits, return_home: leg(0.0), at_least_secs: 0.0 }
 }
 
 /// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.
@@ -176,6 +178,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
     let verdicts = verdicts(&surface, &rows);
     let coverage = coverage_of(&surface, &verdicts, &rows);
     let gain = |view: usize| coverage.curve_area_mm2[view] - if view == 0 { 0.0 } else { coverage.curve_area_mm2[view - 1] };
+    let posture = Posture { shoulder_back: false, elbow_down: false, wrist_flipped: true };
     let views = (0..sides.len()).map(|view| PlannedView {
         id: ViewId(view as u32),
         candidate: CandidateId(view as u32 * 7),
@@ -185,6 +188,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         gain_of_asked: gain(view) / coverage.asked_area_mm2,
         score: gain(view) * 0.7,
         station: Some(station(view as f64)),
+        stance: Some(Stance { posture, singularity_margin: 0.2 }),
         rejected: None,
     });
     let table_from_part = Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity());

@@ -41,6 +41,39 @@ fn each_study_writes_its_table_two_plots_and_a_page() {
 }
 
 #[test]
+fn a_study_of_reach_writes_a_table_and_a_map_and_names_the_best_layout() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    let run = |args: &[&str]| {
+        let output =
+            vantage().args(["study", "reach", "--out", &out.display().to_string()]).args(args).output().expect("the program");
+        (
+            output.status.code(),
+            String::from_utf8_lossy(&output.stdout).into_owned(),
+            String::from_utf8_lossy(&output.stderr).into_owned(),
+        )
+    };
+    let (code, told, error) = run(&["--cell", "e05-transcan", "--foot", "400,450", "--table=-200"]);
+    assert_eq!(code, Some(0), "{error}");
+    // The figures of config/cells/REACH.md for a cube of 120 mm.
+    assert!(told.contains("as it is: foot 400 mm from the axis, plate -200 mm above the foot"), "{told}");
+    let csv = std::fs::read_to_string(out.join("reach.csv")).expect("the table");
+    let recorded = include_str!("../../config/cells/REACH.md");
+    let row = recorded.lines().find(|line| line.starts_with("| -200 |")).expect("the row of that height");
+    for (column, line) in [(5, 1), (6, 2)] {
+        let small = row.split('|').nth(column).expect("an entry").split('/').next().expect("the small part").trim();
+        let cells: Vec<&str> = csv.lines().nth(line).expect("a row").split(',').collect();
+        assert_eq!(format!("{} · {}", cells[4], cells[6]), small, "{csv}");
+    }
+    well_formed(&format!("<!DOCTYPE html>{}", std::fs::read_to_string(out.join("reach.svg")).expect("the map")))
+        .expect("well-formed");
+    let (code, _, error) = run(&["--cell", "none"]);
+    assert!(code == Some(2) && error.contains("needs a cell"), "{error}");
+    let (code, _, error) = run(&["--cell", "e05-transcan", "--cube", "0"]);
+    assert!(code == Some(2) && error.contains("--cube: is 0 mm; allowed is 1 to 5000 mm"), "{error}");
+}
+
+#[test]
 fn a_study_refuses_like_the_other_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let (part, out) = (part(folder.path()), folder.path().join("out").display().to_string());

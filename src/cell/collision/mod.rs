@@ -151,14 +151,26 @@ impl CollisionScene {
         let widest_rad = travel.iter().fold(0.0, |widest: f64, angle| widest.max(angle.abs()));
         let steps = (widest_rad / STEP_RAD).ceil().max(1.0);
         let segment = Segment { from, travel: &travel };
-        self.check(from).or_else(|| self.check(to)).or_else(|| self.check_inside(&segment, steps).err())
+        let inside = || self.check_inside(&segment, steps, self.pairs.iter().collect()).err();
+        self.check(from).or_else(|| self.check(to)).or_else(inside)
+    }
+
+    /// What part or fixture runs into, wherever the arm is, as the table turns from one angle to another.
+    #[must_use]
+    pub fn check_turn(&self, from_rad: f64, to_rad: f64) -> Option<Contact> {
+        let [from, to] = [from_rad, to_rad].map(|angle| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, angle]);
+        let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
+        let steps = (travel[6].abs() / STEP_RAD).ceil().max(1.0);
+        let turns = |body: usize| self.bodies[body].is_rider();
+        let still = |body: usize| self.bodies[body].carrier.is_still();
+        let pairs = self.pairs.iter().filter(|pair| (turns(pair.a) && still(pair.b)) || (turns(pair.b) && still(pair.a)));
+        self.check_inside(&Segment { from: &from, travel: &travel }, steps, pairs.collect()).err()
     }
 
     /// Proves a segment free. Pieces are looked at coarse to fine, all of one length before any shorter one: a contact
     /// mostly shows early. A pair that is far enough apart for its whole piece is done with; for the others the piece is
     /// halved.
-    fn check_inside(&self, segment: &Segment<'_>, steps: f64) -> Result<(), Contact> {
-        let all: Vec<&Pair> = self.pairs.iter().collect();
+    fn check_inside(&self, segment: &Segment<'_>, steps: f64, all: Vec<&Pair>) -> Result<(), Contact> {
         let mut pieces: Vec<(f64, Vec<&Pair>)> =
             (0..steps as u64).map(|step| ((step as f64 + 0.5) / steps, all.clone())).collect();
         let mut half = 0.5 / steps;

@@ -43,8 +43,8 @@ pub struct OpwSpec {
     /// Model angle at the vendor's zero, negated, degrees, -360 to 360 each.
     #[schema(min_items = 6, max_items = 6)]
     pub offsets_deg: [f64; 6],
-    /// The vendor counts joint 3 from the horizontal instead of from the upper arm, as FANUC does: turning joint 2 then
-    /// leaves the forearm's slope. Joint 3 of the closed form is the sum of the vendor's joints 2 and 3. Default `false`.
+    /// The vendor counts joint 3 from the ground instead of from the upper arm, as FANUC does, and others of arms with a
+    /// parallel rod: turning joint 2 alone then leaves the forearm's slope as it is. Default `false`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub joint_3_from_ground: bool,
 }
@@ -102,11 +102,16 @@ pub struct Opw {
 }
 
 impl Opw {
+    /// What a vendor's radian of joint 2 counts of joint 3.
+    fn joint_3_of_2(&self) -> f64 {
+        if self.joint_3_from_ground { self.signs[1] * self.signs[2] } else { 0.0 }
+    }
+
     /// Foot, joints 1 to 5, flange. Frames 4 and 5 have their origin at the wrist centre, and frame 1 at the height of
     /// the shoulder.
     pub(super) fn link_frames(&self, joints_rad: &[f64; 6]) -> LinkFrames {
         let mut joints_rad = *joints_rad;
-        joints_rad[2] += if self.joint_3_from_ground { joints_rad[1] } else { 0.0 };
+        joints_rad[2] -= self.joint_3_of_2() * joints_rad[1];
         let theta: [f64; 6] = std::array::from_fn(|i| self.signs[i] * joints_rad[i] - self.offsets_rad[i]);
         let base_from_1 = shift(0.0, 0.0, self.c1_mm) * turn_z(theta[0]);
         let base_from_2 = base_from_1 * shift(self.a1_mm, self.b_mm, 0.0) * turn_y(theta[1]);
@@ -130,7 +135,7 @@ impl Opw {
                 for [theta4, theta5, theta6] in wrists(&(base_from_3.inverse() * rotation)) {
                     let theta = [theta1, theta2, theta3, theta4, theta5, theta6];
                     let mut joints = std::array::from_fn(|i| self.signs[i] * (theta[i] + self.offsets_rad[i]));
-                    joints[2] -= if self.joint_3_from_ground { joints[1] } else { 0.0 };
+                    joints[2] += self.joint_3_of_2() * joints[1];
                     solutions.push(joints.map(principal));
                 }
             }

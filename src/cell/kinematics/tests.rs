@@ -263,22 +263,23 @@ fn an_arm_without_a_closed_form_is_solved_by_steps() {
 }
 
 #[test]
-fn fanuc_counts_joint_3_from_the_ground() {
-    let (coupled, plain) = (arm(OpwSpec { joint_3_from_ground: true, ..general() }), arm(general()));
-    let [q, by] = [[0.2, 0.5, -0.3, 0.7, 0.9, -0.4], [0.0, 0.3, 0.0, 0.0, 0.0, 0.0]];
-    let counted = std::array::from_fn(|joint| q[joint] + if joint == 2 { q[1] } else { 0.0 });
-    assert_eq!(coupled.base_from_flange(&q), plain.base_from_flange(&counted));
-    // Turning joint 2 alone moves the forearm without tilting it.
-    let moved = std::array::from_fn(|joint| q[joint] + by[joint]);
-    let (before, after) = (coupled.link_frames(&q)[4], coupled.link_frames(&moved)[4]);
-    // The signs of joints 2 and 3 agree in this arm, so the slopes add; they cancel where the vendor's differ.
-    let cancelling = OpwSpec { sign_corrections: [-1, 1, -1, -1, 1, -1], joint_3_from_ground: true, ..general() };
-    let cancelling = arm(cancelling);
-    let (level, still) = (cancelling.link_frames(&q)[3], cancelling.link_frames(&moved)[3]);
-    assert!(level.rotation.angle_to(&still.rotation) < 1e-12);
-    assert!(before.rotation.angle_to(&after.rotation) > 0.5);
-    let (worst, nearest, count) = round_trip(&coupled, &q);
-    assert!(worst <= 1e-6 && nearest < 1e-6 && count == 8, "{count} solutions, {worst}, nearest {nearest}");
+fn a_joint_3_from_the_ground_keeps_its_slope_when_joint_2_turns() {
+    // Signs of joints 2 and 3 alike, as ABB has them, and different, as FANUC has them: 3 is then less 2, or 3 and 2.
+    for (signs, counted) in [([-1, 1, 1, -1, 1, -1], -1.0), ([-1, 1, -1, -1, 1, -1], 1.0)] {
+        let plain = OpwSpec { sign_corrections: signs, ..general() };
+        let coupled = arm(OpwSpec { joint_3_from_ground: true, ..plain.clone() });
+        let q = [0.2, 0.5, -0.3, 0.7, 0.9, -0.4];
+        let from_upper_arm = std::array::from_fn(|joint| q[joint] + if joint == 2 { counted * q[1] } else { 0.0 });
+        assert_eq!(coupled.base_from_flange(&q), arm(plain).base_from_flange(&from_upper_arm));
+        let turned = std::array::from_fn(|joint| q[joint] + if joint == 1 { 0.3 } else { 0.0 });
+        let (before, after) = (coupled.link_frames(&q)[3], coupled.link_frames(&turned)[3]);
+        assert!(
+            before.rotation.angle_to(&after.rotation) < 1e-12
+                && (before.translation.vector - after.translation.vector).norm() > 10.0
+        );
+        let (worst, nearest, count) = round_trip(&coupled, &q);
+        assert!(worst <= 1e-6 && nearest < 1e-6 && count >= 4, "{count} solutions, {worst}, nearest {nearest}");
+    }
 }
 
 #[test]

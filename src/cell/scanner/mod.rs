@@ -31,6 +31,8 @@ pub struct Scanner {
     pub devices: [OpticalDevice; 3],
     /// Mass, kg.
     pub mass_kg: f64,
+    /// Centre of mass, scanner frame, mm, if it is known.
+    pub centre_of_mass_mm: Option<[f64; 3]>,
     /// Envelope for collision tests, scanner frame.
     pub body: Vec<BodySpec>,
     /// Measurement volume as its source states it from optics alone, mm along x, y, z of the scanner.

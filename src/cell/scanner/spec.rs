@@ -34,6 +34,10 @@ pub struct ScannerSpec {
     pub board_poses: Option<BoardPosesSpec>,
     /// Mass, kg, 0.01 to 100.
     pub mass_kg: f64,
+    /// Centre of mass, scanner frame, mm, -2000 to 2000 each. Default: the mean of the centres of its bodies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 3, max_items = 3)]
+    pub centre_of_mass_mm: Option<[f64; 3]>,
     /// Envelope for collision tests, in the scanner frame.
     #[serde(default)]
     pub body: Vec<BodySpec>,
@@ -142,6 +146,7 @@ impl ScannerSpec {
             far_mm: self.depth_mm.far,
             devices,
             mass_kg: self.mass_kg,
+            centre_of_mass_mm: self.centre_of_mass_mm,
             body: self.body.clone(),
             stated_volume_mm: self.stated_volume_mm,
             practical_volume_mm: self.practical_volume_mm,
@@ -202,6 +207,9 @@ impl ScannerSpec {
             boards.check(findings);
         }
         findings.range("/mass_kg", self.mass_kg, 0.01, 100.0, "kg");
+        for (axis, value) in self.centre_of_mass_mm.iter().flatten().enumerate() {
+            findings.range(format!("/centre_of_mass_mm/{axis}"), *value, -2000.0, 2000.0, "mm");
+        }
         for (index, body) in self.body.iter().enumerate() {
             body.check(&format!("/body/{index}"), findings);
         }

@@ -245,7 +245,7 @@ fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, fin
     let axes = cell.axes();
     for (index, view) in document.viewpoints.iter().enumerate() {
         let is_here = expected.views.iter().any(|(id, _)| id.0 == view.id);
-        let Some(station) = view.station.filter(|_| is_here) else { continue };
+        let Some(station) = view.station.as_ref().filter(|_| is_here) else { continue };
         let [j1, j2, j3, j4, j5, j6] = station.joints_deg;
         let configuration = [j1, j2, j3, j4, j5, j6, station.table_angle_deg].map(f64::to_radians);
         let at = format!("/viewpoints/{index}/station");

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::candidates::CandidateId;
 use crate::planning::report::fixed;
 
@@ -53,6 +53,8 @@ pub struct Remedy {
     pub kind: RemedyKind,
     /// The views, best first, at most 8. None where nothing works.
     pub views: Vec<RemedyView>,
+    /// How the part lies for [`RemedyKind::Setup`]: what to give as `part.table_from_part`.
+    pub table_from_part: Option<Pose<Table, Part>>,
     /// Limit of the cameras that is needed, where it has to be raised, degrees.
     pub camera_deg: Option<f64>,
     /// Limit of the projector that is needed, where it has to be raised, degrees.
@@ -85,8 +87,16 @@ pub struct RemedyView {
 impl Remedy {
     /// Nothing of what was tried works.
     pub(super) fn none(tried: usize) -> Self {
-        let (views, camera_deg, projector_deg) = (Vec::new(), None, None);
-        Self { kind: RemedyKind::None, views, camera_deg, projector_deg, area_mm2: 0.0, of_spot: 0.0, tried }
+        Self {
+            kind: RemedyKind::None,
+            views: Vec::new(),
+            table_from_part: None,
+            camera_deg: None,
+            projector_deg: None,
+            area_mm2: 0.0,
+            of_spot: 0.0,
+            tried,
+        }
     }
 
     /// The remedy in a sentence.
@@ -106,8 +116,9 @@ impl Remedy {
             RemedyKind::Standoff => {
                 format!("take candidate {candidate} from {} mm{}{}", fixed(first.standoff_mm, 0), tilted(first), rolled(first))
             }
+            // The pose that it rests in, named by what points up there.
             RemedyKind::Setup => {
-                let up = -first.part_from_scanner.direction(&nalgebra::Vector3::z());
+                let up = self.table_from_part.unwrap_or(Pose::identity()).inverse().direction(&nalgebra::Vector3::z());
                 let up = [up.x, up.y, up.z].map(|x| fixed(x, 2)).join(" ");
                 format!("lay the part another way, its direction ({up}) up")
             }

@@ -19,6 +19,7 @@ use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::plan::{Cause, MissedCause, MissedSpot, Verdict};
+use crate::planning::setups;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Occluders, Optics, Probe, Row};
 
@@ -28,8 +29,6 @@ const WORKS: f64 = 0.5;
 const WORTH_A_VIEW: f64 = 0.05;
 /// Views of a remedy at most: each of a ring of views down a hole sees a part of its wall.
 const VIEWS: usize = 8;
-/// Views of one setup are all within 75° of straight down.
-const ONE_SETUP_COS: f64 = 0.258_819_045_102_520_8;
 /// Views of one kind that the cell is asked for at most.
 const ASKED_OF_CELL: usize = 24;
 
@@ -107,6 +106,7 @@ struct Bench<'a> {
     aabb: Aabb,
     /// The part without table and fixture; made when the first spot asks for it.
     part_alone: OnceLock<RayScene>,
+    other_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
 
 impl<'a> Bench<'a> {
@@ -119,6 +119,7 @@ impl<'a> Bench<'a> {
             above_only: case.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
             aabb: case.mesh.aabb(),
             part_alone: OnceLock::new(),
+            other_poses: OnceLock::new(),
         }
     }
 
@@ -126,13 +127,24 @@ impl<'a> Bench<'a> {
         self.part_alone.get_or_init(|| RayScene::new([self.case.mesh]))
     }
 
+    /// Ways in which the part rests and that are not planned in, the likeliest first.
+    fn other_poses(&self) -> &[Pose<Table, Part>] {
+        self.other_poses.get_or_init(|| {
+            let first = self.case.setups.first().copied().unwrap_or(Pose::identity());
+            let mut poses = setups::pool(self.case.mesh, self.case.params, &first);
+            poses.retain(|pose| !self.case.setups.contains(pose));
+            poses
+        })
+    }
+
+    /// Whether viewpoint and devices stand above the plate, the part lying like this.
+    fn is_above(&self, table_from_part: &Pose<Table, Part>, pose: &Pose<Part, ScannerFrame>) -> bool {
+        setups::is_above(pose, table_from_part, self.case.scanner)
+    }
+
     /// Whether a candidate like this would have been kept.
     fn is_allowed(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
-        let devices = || self.case.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
-        let above = |table_from_part: &Pose<Table, Part>| {
-            let table_from_scanner = *table_from_part * *pose;
-            devices().chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
-        };
+        let above = |table_from_part: &Pose<Table, Part>| self.is_above(table_from_part, pose);
         (!self.above_only || self.case.setups.iter().any(above)) && self.is_outside(pose)
     }
 
@@ -188,7 +200,7 @@ impl<'a> Search<'a> {
             let mut proposals = moves.setups(&openings);
             proposals.retain(|proposal| bench.is_outside(&proposal.pose));
             let these = self.try_all(proposals, bench.part_alone())?;
-            if let Some(remedy) = self.first_that_works(RemedyKind::Setup, &these, bench.part_alone(), &moves)? {
+            if let Some(remedy) = self.turned_over(&these, &moves)? {
                 return Ok(remedy);
             }
         }
@@ -229,32 +241,28 @@ impl<'a> Search<'a> {
         rays: &RayScene,
         moves: &Moves<'_>,
     ) -> Result<Option<Remedy>, Cancelled> {
-        let mut bits: Vec<u64> = tried.iter().map(|tried| tried.progress.measured()).collect();
-        if kind == RemedyKind::Setup {
-            self.leave_one_setup(tried, &mut bits);
-        }
-        // Another setup has other stations.
-        let accept = |i: usize| if kind == RemedyKind::Setup { Ok(true) } else { self.is_taken(&tried[i].proposal) };
-        let Some(pick) = self.pick(&bits, accept)? else { return Ok(None) };
+        let bits: Vec<u64> = tried.iter().map(|tried| tried.progress.measured()).collect();
+        let Some(pick) = self.pick(&bits, |i| self.is_taken(&tried[i].proposal))? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
         Ok(self.confirmed(kind, &views, &self.bench.optics, rays, moves))
     }
 
-    /// Clears the bits of views that are below the table, or nearly, when the view that measures most looks straight down.
-    fn leave_one_setup(&self, tried: &[Tried], bits: &mut [u64]) {
-        let best = (1..bits.len()).fold(
-            0,
-            |best, i| {
-                if self.look.area_mm2(bits[i]) > self.look.area_mm2(bits[best]) { i } else { best }
-            },
-        );
-        let axis = |tried: &Tried| tried.proposal.pose.direction(&nalgebra::Vector3::z());
-        let Some(down) = tried.get(best).map(axis) else { return };
-        for (tried, bits) in tried.iter().zip(bits) {
-            if axis(tried).dot(&down) < ONE_SETUP_COS {
-                *bits = 0;
+    /// In the first of the poses in which the part rests that lets views from above the plate measure enough.
+    fn turned_over(&self, tried: &[Tried], moves: &Moves<'_>) -> Result<Option<Remedy>, Cancelled> {
+        let bench = self.bench;
+        for table_from_part in bench.other_poses() {
+            let bits =
+                |tried: &Tried| if bench.is_above(table_from_part, &tried.proposal.pose) { tried.progress.measured() } else { 0 };
+            let bits: Vec<u64> = tried.iter().map(bits).collect();
+            // Its stations are for a plan of that setup to find.
+            let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
+            let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
+            let remedy = self.confirmed(RemedyKind::Setup, &views, &bench.optics, bench.part_alone(), moves);
+            if let Some(remedy) = remedy {
+                return Ok(Some(Remedy { table_from_part: Some(*table_from_part), ..remedy }));
             }
         }
+        Ok(None)
     }
 
     fn is_taken(&self, proposal: &Proposal) -> Result<bool, Cancelled> {
@@ -311,6 +319,7 @@ impl<'a> Search<'a> {
         (of_spot >= WORKS).then(|| Remedy {
             kind,
             views: views.iter().zip(added_mm2).map(view).collect(),
+            table_from_part: None,
             camera_deg: None,
             projector_deg: None,
             area_mm2,

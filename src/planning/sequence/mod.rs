@@ -9,8 +9,10 @@
 //! edge evaluations via lazy best-first search", ICAPS 2016).
 //!
 //! Ways around: by raised or retreated points beside either end, by turning the table with the arm at home, or by home
-//! itself. A station that cannot be joined to home this way is dropped; a view without stations left has no path.
+//! itself. A station that cannot be joined to home this way is dropped; where that leaves a view without any, two trees are
+//! grown towards each other, and only where they do not meet the view has no path.
 
+mod connect;
 mod routes;
 mod tour;
 
@@ -27,6 +29,13 @@ use super::selection::ViewId;
 use super::stations::Station;
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
+
+/// Stations of a view to which a way is searched where no simple one is free.
+const SEARCHED: usize = 2;
+/// Rounds of kicks at most.
+const MOST_KICKS: u32 = 3;
+/// A sequence is as short as can be if it is this close to what none can be shorter than, seconds.
+const PROVED_SECS: f64 = 1e-6;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,6 +55,8 @@ pub struct Sequence {
     pub visits: Vec<(ViewId, Leg)>,
     /// The move home.
     pub return_home: Leg,
+    /// No tour over the stations and moves that were considered takes less.
+    pub at_least_secs: f64,
 }
 
 impl Sequence {
@@ -65,8 +76,16 @@ pub struct Ordered {
     pub no_path: Vec<ViewId>,
 }
 
+impl Sequence {
+    /// Whether it is proved the shortest over the stations and moves that were considered.
+    #[must_use]
+    pub fn is_shortest(&self) -> bool {
+        self.motion_secs() - self.at_least_secs <= PROVED_SECS
+    }
+}
+
 /// Orders the views and chooses a station for each. Every move of the result was checked along its whole length. With up
-/// to nine views the tour is the shortest over the moves this stage knows, beyond that a local optimum. Runs on the
+/// to twelve views the tour is the shortest over the moves this stage knows, beyond that it comes with a bound. Runs on the
 /// caller's rayon pool; the result does not depend on the number of threads.
 ///
 /// # Errors
@@ -82,12 +101,13 @@ pub fn order(
     let joined = join_to_home(stations, &routes, ctx)?;
     let mut visits = Vec::new();
     let mut last = None;
-    for (node, route) in shortest_tour(&joined, &routes, ctx)? {
+    let (tour, at_least_secs) = shortest_tour(&joined, &routes, ctx)?;
+    for (node, route) in tour {
         visits.push((joined.views[joined.nodes[node].view], leg(route, joined.nodes[node].configuration)));
         last = Some(node);
     }
     let home = last.map(|node| joined.nodes[node].from_home.reversed()).unwrap_or_default();
-    Ok(Ordered { sequence: Sequence { visits, return_home: leg(home, cell.home_rad) }, no_path: joined.no_path })
+    Ok(Ordered { sequence: Sequence { visits, return_home: leg(home, cell.home_rad), at_least_secs }, no_path: joined.no_path })
 }
 
 fn leg(route: Route, target: Configuration) -> Leg {
@@ -112,11 +132,12 @@ fn join_to_home(stations: &[(ViewId, &[Station])], routes: &Routes<'_>, ctx: &Co
             let joined = of_view.par_iter().map(|station| {
                 ctx.check()?;
                 let configuration = station.configuration();
-                let route = routes.home_route(&configuration);
+                let route = routes.home_route(&configuration, ctx)?;
                 ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
                 Ok(route.map(|route| (configuration, route)))
             });
-            joined.filter_map(Result::transpose).collect()
+            let reached: Vec<_> = joined.filter_map(Result::transpose).collect::<Result<_, Cancelled>>()?;
+            if reached.is_empty() { searched(of_view, routes, ctx) } else { Ok(reached) }
         })
         .collect::<Result<_, _>>()?;
     let mut joined = Joined { nodes: Vec::new(), groups: Vec::new(), views: Vec::new(), no_path: Vec::new() };
@@ -133,8 +154,19 @@ fn join_to_home(stations: &[(ViewId, &[Station])], routes: &Routes<'_>, ctx: &Co
     Ok(joined)
 }
 
-/// Nodes in the order visited, each with the checked route that leads to it.
-fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Vec<(usize, Route)>, Cancelled> {
+/// The first of a view's stations to which a search finds a way, where no simple way leads to any.
+fn searched(of_view: &[Station], routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Vec<(Configuration, Route)>, Cancelled> {
+    for station in of_view.iter().take(SEARCHED) {
+        let configuration = station.configuration();
+        if let Some(route) = routes.searched_home_route(&configuration, ctx)? {
+            return Ok(vec![(configuration, route)]);
+        }
+    }
+    Ok(Vec::new())
+}
+
+/// Nodes in the order visited, each with the checked route that leads to it; and the time that no tour is shorter than.
+fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Result<(Vec<(usize, Route)>, f64), Cancelled> {
     let nodes = &joined.nodes;
     let mut costs = Costs::new(nodes.len(), |a, b| {
         if b == nodes.len() {
@@ -145,16 +177,21 @@ fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Res
     });
     let mut checked: HashMap<(usize, usize), Route> = HashMap::new();
     let mut tour = Vec::new();
+    // Kicks cost more than moves do to check: they begin when the plain search is content, and end when they find nothing.
+    let mut kicks = 0;
     loop {
-        tour = tour::shortest(&joined.groups, &costs, &tour, ctx)?;
+        let known = tour.clone();
+        tour = tour::shortest(&joined.groups, &costs, &tour, kicks, ctx)?;
         let unchecked: Vec<_> = tour.windows(2).map(|step| key(step[0], step[1])).filter(|k| !checked.contains_key(k)).collect();
         if unchecked.is_empty() {
-            break;
+            if kicks == MOST_KICKS || (kicks > 0 && tour == known) {
+                break;
+            }
+            kicks += 1;
+            continue;
         }
-        let found: Vec<Route> = unchecked
-            .par_iter()
-            .map(|(a, b)| ctx.check().map(|()| routes.between(&nodes[*a], &nodes[*b])))
-            .collect::<Result<_, _>>()?;
+        let found: Vec<Route> =
+            unchecked.par_iter().map(|(a, b)| routes.between(&nodes[*a], &nodes[*b], ctx)).collect::<Result<_, _>>()?;
         for ((a, b), route) in unchecked.into_iter().zip(found) {
             costs.set(a, b, route.secs);
             checked.insert((a, b), route);
@@ -165,7 +202,7 @@ fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Res
         let route = &checked[&key(step[0], step[1])];
         (step[1], if step[0] < step[1] { route.clone() } else { route.reversed() })
     });
-    Ok(first.into_iter().chain(others).collect())
+    Ok((first.into_iter().chain(others).collect(), tour::at_least(&joined.groups, &costs, &tour, ctx)?))
 }
 
 /// Moves can be run either way, so a pair is looked at once, from the lower number to the higher.

@@ -1,12 +1,15 @@
 //! Checked moves between stations: straight where that is free, else by way of raised or retreated points, of the arm at
-//! home while the table turns, or of home itself. Every segment of a route that is returned was checked.
+//! home while the table turns, or of home itself, and made shorter where corners can be cut; from home also by search. Every
+//! segment of a route that is returned was checked.
 
 use std::sync::OnceLock;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::connect::{connect, shortened};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration, joints_of};
 use crate::geometry::{Base, Pose, Scanner as ScannerFrame};
+use crate::planning::context::{Cancelled, Context};
 
 /// Ways to draw the scanner back: along its own −z, and up, mm.
 const RETREATS_MM: [[f64; 2]; 5] = [[100.0, 0.0], [250.0, 0.0], [0.0, 100.0], [0.0, 250.0], [150.0, 200.0]];
@@ -62,28 +65,49 @@ impl<'a> Routes<'a> {
         self.axes.move_secs(a, b, self.speed_fraction)
     }
 
-    /// The quickest free way from home that is known; `None` where there is none.
-    pub(super) fn home_route(&self, station: &Configuration) -> Option<Route> {
+    /// The quickest free way from home of the simple ones; `None` where there is none.
+    pub(super) fn home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let home = &self.cell.home_rad;
         if self.is_free(home, station) {
-            return Some(self.route(home, Vec::new(), station));
+            return Ok(Some(self.route(home, Vec::new(), station)));
         }
         let turned = self.arm_at_home(station[6]);
         let mut vias = vec![vec![turned]];
         for retreat in self.retreats(station) {
             vias.extend([vec![retreat], vec![turned, retreat]]);
         }
-        self.quickest_free(home, vias, station, f64::INFINITY)
+        let quickest = self.quickest_free(home, vias, station, f64::INFINITY);
+        quickest.map(|route| self.shorter(home, route, station, ctx)).transpose()
+    }
+
+    /// A free way from home by search, to the first point that the station can be drawn back to, else to itself.
+    pub(super) fn searched_home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
+        let home = &self.cell.home_rad;
+        // No motion of the arm helps where the part itself cannot be turned there.
+        if self.scene.check_turn(home[6], station[6]).is_some() {
+            return Ok(None);
+        }
+        let (goal, last) = self.retreats(station).first().map_or((*station, Vec::new()), |retreat| (*retreat, vec![*retreat]));
+        let Some(found) = connect(home, &goal, &self.axes, self.scene, ctx)? else { return Ok(None) };
+        let route = self.route(home, [found, last].concat(), station);
+        self.shorter(home, route, station, ctx).map(Some)
     }
 
     /// The quickest free way between two stations that is known; by home, if nothing else.
-    pub(super) fn between(&self, a: &Node, b: &Node) -> Route {
+    pub(super) fn between(&self, a: &Node, b: &Node, ctx: &Context<'_>) -> Result<Route, Cancelled> {
         let (from, to) = (&a.configuration, &b.configuration);
         if self.is_free(from, to) {
-            return self.route(from, Vec::new(), to);
+            return Ok(self.route(from, Vec::new(), to));
         }
         let by_home = self.by_home(a, b);
-        self.quickest_free(from, self.detours(a, b), to, by_home.secs).unwrap_or(by_home)
+        let quickest = self.quickest_free(from, self.detours(a, b), to, by_home.secs).unwrap_or(by_home);
+        self.shorter(from, quickest, to, ctx)
+    }
+
+    /// The same way with corners cut.
+    fn shorter(&self, from: &Configuration, route: Route, to: &Configuration, ctx: &Context<'_>) -> Result<Route, Cancelled> {
+        let way = std::iter::once(*from).chain(route.via_rad).chain([*to]).collect();
+        Ok(self.route(from, shortened(way, &self.axes, self.scene, ctx)?, to))
     }
 
     fn by_home(&self, a: &Node, b: &Node) -> Route {

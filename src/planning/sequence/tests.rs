@@ -131,8 +131,13 @@ fn an_obstacle_in_the_straight_way_is_gone_around() {
     };
     let mut room = room(14, vec![post(300.0, 420.0), post(300.0, -420.0)]);
     let routes = super::routes::Routes::new(&room.cell, &room.scene, 0.25);
+    let flag = AtomicBool::new(false);
+    let ctx = Context::new(&flag, &Silent);
     let all: Vec<Station> = room.stations.iter().flatten().copied().collect();
-    let joined: Vec<_> = all.iter().filter(|station| routes.home_route(&station.configuration()).is_some()).collect();
+    let joined: Vec<_> = all
+        .iter()
+        .filter(|station| routes.home_route(&station.configuration(), &ctx).expect("not cancelled").is_some())
+        .collect();
     let mut pairs = joined.iter().flat_map(|a| joined.iter().map(move |b| [**a, **b]));
     let blocked = pairs.find(|[a, b]| room.scene.check_segment(&a.configuration(), &b.configuration()).is_some());
     // Two views with one station each: the tour has to go from one to the other.

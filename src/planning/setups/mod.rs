@@ -21,6 +21,7 @@ use super::motion::Motion;
 use super::params::{CandidateParams, Hemisphere, PlanParams};
 use super::surface;
 use super::visibility::{self, Occluders, SampleSet};
+use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table, stable_poses};
 
 /// Poses that are compared.
@@ -64,7 +65,7 @@ pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_
 }
 
 /// Poses to choose from: those given, else the first and the stable ones.
-fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) -> Vec<Pose<Table, Part>> {
+pub(super) fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) -> Vec<Pose<Table, Part>> {
     if !params.part.resting_poses.is_empty() {
         return params.part.resting_poses.iter().map(crate::cell::PoseSpec::pose).collect();
     }
@@ -122,7 +123,7 @@ fn measured_from(
     let table = visibility::cast(&surface, &views, &usable, input.scanner, &occluders, &coarse, &ctx.silent())?;
     let seen_in = |table_from_part: &Pose<Table, Part>| {
         let mut measured = SampleSet::none_of(surface.sample_mm.len());
-        let taken = views.iter().zip(&table.rows).filter(|(view, _)| is_above(view, table_from_part, input));
+        let taken = views.iter().zip(&table.rows).filter(|(view, _)| is_above(view, table_from_part, input.scanner));
         taken.for_each(|(_, row)| measured.insert_all(row.measured()));
         measured
     };
@@ -131,9 +132,9 @@ fn measured_from(
 }
 
 /// Whether the viewpoint and all devices stand above the plate's plane.
-fn is_above(view: &Pose<Part, ScannerFrame>, table_from_part: &Pose<Table, Part>, input: &PlanInput<'_>) -> bool {
+pub(super) fn is_above(view: &Pose<Part, ScannerFrame>, table_from_part: &Pose<Table, Part>, scanner: &Scanner) -> bool {
     let table_from_scanner = *table_from_part * *view;
-    let centres = input.scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+    let centres = scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
     centres.chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
 }
 

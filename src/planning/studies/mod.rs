@@ -8,6 +8,7 @@
 //! Shares are of the samples that views are chosen on. Cost: that of the tables; choosing is the least of it.
 
 mod ground;
+pub mod reach;
 mod steps;
 #[cfg(test)]
 mod tests;

@@ -3,6 +3,7 @@
 
 mod chart;
 mod page;
+pub mod reach;
 mod svg;
 mod table;
 #[cfg(test)]

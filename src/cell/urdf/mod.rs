@@ -1,0 +1,370 @@
+//! A robot's specification from its URDF file (Unified Robot Description Format; lengths in metres, angles in radians): the
+//! six joints between two links as a chain, their limits and speeds, and capsules around the collision shapes of whatever
+//! moves with each joint.
+//!
+//! A URDF has no accelerations and no payload: the caller gives them.
+
+mod capsules;
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use urdf_rs::{Geometry, Joint, JointType};
+
+use super::axis::AxisSpec;
+use super::kinematics::{ChainJointSpec, ChainSpec, KinematicsSpec};
+use super::pose_spec::PoseSpec;
+use super::robot::{LinkSpec, RobotSpec};
+use crate::geometry::{Mesh, Pose};
+use capsules::{Capsule, around};
+
+const MM_OF_METRE: f64 = 1000.0;
+/// Names that the last link of an arm commonly has, the first preferred.
+const TIPS: [&str; 4] = ["tool0", "flange", "ee_link", "tcp"];
+/// Limits of a joint that turns without end.
+const ENDLESS_RAD: f64 = std::f64::consts::TAU;
+/// Corners of the circles that stand for the rims of cylinders and balls.
+const CORNERS: usize = 24;
+
+/// What a URDF does not say, and which of its links are meant.
+#[derive(Clone, Debug)]
+pub struct UrdfOptions {
+    /// Name of the robot; the file's where empty.
+    pub name: Option<String>,
+    /// Link that stands still; the root where empty.
+    pub base_link: Option<String>,
+    /// Link that is the flange; the one of the usual names, or the only end, where empty.
+    pub tip_link: Option<String>,
+    /// Largest mass at the flange, kg.
+    pub payload_kg: f64,
+    /// Time in which a joint comes to its rated speed, s.
+    pub ramp_secs: f64,
+}
+
+/// Why a URDF gives no robot.
+#[derive(Debug, thiserror::Error)]
+pub enum UrdfError {
+    /// Not a URDF.
+    #[error("is no URDF: {0}")]
+    Unreadable(String),
+    /// No link of this name.
+    #[error("has no link {0:?}")]
+    NoLink(String),
+    /// No end of the tree is six turning joints away.
+    #[error("no end of it is six turning joints from {base:?}; its ends are {ends:?}: name the flange with --tip, and --base")]
+    NoArm {
+        /// Where the count began.
+        base: String,
+        /// Links without children.
+        ends: Vec<String>,
+    },
+    /// A joint of another kind.
+    #[error("joint {joint:?} between {base:?} and {tip:?} is {kind}; allowed are revolute, continuous and fixed ones")]
+    JointKind {
+        /// Its name.
+        joint: String,
+        /// What it is.
+        kind: String,
+        /// From here.
+        base: String,
+        /// To here.
+        tip: String,
+    },
+    /// A number that cannot be.
+    #[error("joint {joint:?} has the {what} {value}")]
+    Number {
+        /// Its name.
+        joint: String,
+        /// Which.
+        what: &'static str,
+        /// The value.
+        value: f64,
+    },
+    /// A mesh that cannot be had.
+    #[error("the collision mesh {file:?} of link {link:?}: {detail}")]
+    Mesh {
+        /// As the URDF names it.
+        file: String,
+        /// Whose it is.
+        link: String,
+        /// Why.
+        detail: String,
+    },
+}
+
+/// The robot of a URDF. `load` finds a mesh by the name that the URDF gives it; its numbers count as they stand in the file.
+///
+/// # Errors
+/// See [`UrdfError`].
+pub fn import(
+    text: &str,
+    options: &UrdfOptions,
+    load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
+) -> Result<RobotSpec, UrdfError> {
+    let robot = urdf_rs::read_from_string(text).map_err(|error| UrdfError::Unreadable(error.to_string()))?;
+    let tree = Tree::new(&robot);
+    let base = tree.base(options)?;
+    let tip = tree.tip(options, &base)?;
+    let path = tree.path(&base, &tip).ok_or_else(|| UrdfError::NoLink(tip.clone()))?;
+    let (kinematics, moving) = chain(&path, &base, &tip)?;
+    let mut joints = Vec::with_capacity(6);
+    for joint in &moving {
+        joints.push(axis(joint, options.ramp_secs)?);
+    }
+    let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: base.clone(), ends: tree.ends() })?;
+    Ok(RobotSpec {
+        name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
+        payload_kg: options.payload_kg,
+        max_flange_moment_nm: None,
+        kinematics: KinematicsSpec::Chain(Box::new(kinematics)),
+        joints,
+        links: tree.links(&base, &tip, &path, load)?,
+    })
+}
+
+/// The file's links and joints, found by name.
+struct Tree<'a> {
+    robot: &'a urdf_rs::Robot,
+    /// The joint that carries each link.
+    carrier: BTreeMap<&'a str, &'a Joint>,
+}
+
+impl<'a> Tree<'a> {
+    fn new(robot: &'a urdf_rs::Robot) -> Self {
+        Self { robot, carrier: robot.joints.iter().map(|joint| (joint.child.link.as_str(), joint)).collect() }
+    }
+
+    fn named(&self, name: &str) -> Result<String, UrdfError> {
+        let known = self.robot.links.iter().any(|link| link.name == name);
+        if known { Ok(name.to_owned()) } else { Err(UrdfError::NoLink(name.to_owned())) }
+    }
+
+    fn base(&self, options: &UrdfOptions) -> Result<String, UrdfError> {
+        match &options.base_link {
+            Some(name) => self.named(name),
+            None => {
+                let root = self.robot.links.iter().find(|link| !self.carrier.contains_key(link.name.as_str()));
+                // "base_link" is what ROS calls the foot; a root above it, often "world", is a place and no part of the arm.
+                let foot = self.robot.links.iter().find(|link| link.name == "base_link");
+                foot.or(root).map(|link| link.name.clone()).ok_or_else(|| UrdfError::NoLink("base_link".into()))
+            }
+        }
+    }
+
+    fn ends(&self) -> Vec<String> {
+        let is_end = |name: &str| self.robot.joints.iter().all(|joint| joint.parent.link != name);
+        self.robot.links.iter().map(|link| link.name.clone()).filter(|name| is_end(name)).collect()
+    }
+
+    /// The flange: six turning joints from the base, by its usual name if it has one.
+    fn tip(&self, options: &UrdfOptions, base: &str) -> Result<String, UrdfError> {
+        if let Some(name) = &options.tip_link {
+            return self.named(name);
+        }
+        let is_arm = |name: &str| self.path(base, name).is_some_and(|path| path.iter().filter(|joint| turns(joint)).count() == 6);
+        let usual = TIPS.iter().map(|name| (*name).to_owned()).filter(|name| self.named(name).is_ok());
+        let found = usual.chain(self.ends()).find(|name| is_arm(name));
+        found.ok_or_else(|| UrdfError::NoArm { base: base.to_owned(), ends: self.ends() })
+    }
+
+    /// The joints from one link to another, in order; `None` where it does not hang on it.
+    fn path(&self, base: &str, tip: &str) -> Option<Vec<&'a Joint>> {
+        let (mut path, mut at) = (Vec::new(), tip);
+        while at != base {
+            let joint = *self.carrier.get(at)?;
+            // A file may be wound into a circle.
+            if path.len() > self.robot.joints.len() {
+                return None;
+            }
+            path.push(joint);
+            at = &joint.parent.link;
+        }
+        path.reverse();
+        Some(path)
+    }
+
+    /// Capsules around everything that hangs on the base, on the frame that carries it.
+    fn links(
+        &self,
+        base: &str,
+        tip: &str,
+        path: &[&Joint],
+        load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
+    ) -> Result<Vec<LinkSpec>, UrdfError> {
+        let frames = zero_frames(path);
+        let mut specs = Vec::new();
+        for link in &self.robot.links {
+            let Some((frame, frame_from_link)) = self.carried(&link.name, base, tip, path, &frames) else { continue };
+            let mut triangles = Vec::new();
+            for collision in &link.collision {
+                let pose = frame_from_link * metres(&collision.origin);
+                let corners = shape(&collision.geometry, &link.name, load)?;
+                triangles.extend(corners.into_iter().map(|corners| corners.map(|p| pose * p)));
+            }
+            let capsules = around(&triangles);
+            let count = capsules.len();
+            specs
+                .extend(capsules.into_iter().enumerate().map(|(index, capsule)| spec(&link.name, frame, index, count, &capsule)));
+        }
+        Ok(specs)
+    }
+
+    /// The frame, 0 to 6, that a link moves with, and where it is in it; `None` for what does not hang on the base, or moves
+    /// by a joint of its own.
+    fn carried(
+        &self,
+        name: &str,
+        base: &str,
+        tip: &str,
+        path: &[&Joint],
+        frames: &[Isometry3<f64>; 7],
+    ) -> Option<(usize, Isometry3<f64>)> {
+        let way = self.path(base, name)?;
+        let shared = way.iter().zip(path).take_while(|(a, b)| std::ptr::eq(**a, **b)).count();
+        if way[shared..].iter().any(|joint| joint.joint_type != JointType::Fixed) {
+            return None;
+        }
+        let turned = way.iter().filter(|joint| turns(joint)).count();
+        // What the flange carries is given in the flange's own frame.
+        let frame = if name == tip && turned == 6 { 6 } else { turned };
+        let base_from_link = way.iter().fold(Isometry3::identity(), |at, joint| at * metres(&joint.origin));
+        Some((frame, frames[frame].inverse() * base_from_link))
+    }
+}
+
+fn turns(joint: &Joint) -> bool {
+    matches!(joint.joint_type, JointType::Revolute | JointType::Continuous)
+}
+
+/// Foot, joints 1 to 5 and the flange with all joints at zero, base frame.
+fn zero_frames(path: &[&Joint]) -> [Isometry3<f64>; 7] {
+    let (mut frames, mut at, mut turned) = ([Isometry3::identity(); 7], Isometry3::identity(), 0);
+    for joint in path {
+        at *= metres(&joint.origin);
+        if turns(joint) {
+            turned += 1;
+            frames[turned.min(6)] = at;
+        }
+    }
+    frames[6] = at;
+    frames
+}
+
+/// The joints that turn, with whatever is fixed before each, and the flange behind the last.
+fn chain<'a>(path: &[&'a Joint], base: &str, tip: &str) -> Result<(ChainSpec, Vec<&'a Joint>), UrdfError> {
+    let (mut at, mut joints, mut moving) = (Isometry3::identity(), Vec::new(), Vec::new());
+    for joint in path {
+        at *= metres(&joint.origin);
+        match joint.joint_type {
+            JointType::Fixed => {}
+            JointType::Revolute | JointType::Continuous => {
+                joints.push(ChainJointSpec { origin: written(&at), axis: joint.axis.xyz.0 });
+                moving.push(*joint);
+                at = Isometry3::identity();
+            }
+            ref kind => {
+                let (joint, kind) = (joint.name.clone(), format!("{kind:?}").to_lowercase());
+                return Err(UrdfError::JointKind { joint, kind, base: base.to_owned(), tip: tip.to_owned() });
+            }
+        }
+    }
+    let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: base.to_owned(), ends: vec![tip.to_owned()] })?;
+    Ok((ChainSpec { joints, flange: written(&at) }, moving))
+}
+
+fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
+    let limit = &joint.limit;
+    let (min_rad, max_rad) = match joint.joint_type {
+        JointType::Continuous => (-ENDLESS_RAD, ENDLESS_RAD),
+        _ => (limit.lower, limit.upper),
+    };
+    let bad = |what: &'static str, value: f64| UrdfError::Number { joint: joint.name.clone(), what, value };
+    if !(min_rad.is_finite() && max_rad > min_rad) {
+        return Err(bad("upper limit", max_rad));
+    }
+    if !(limit.velocity.is_finite() && limit.velocity > 0.0) {
+        return Err(bad("speed", limit.velocity));
+    }
+    let speed_deg_per_s = limit.velocity.to_degrees();
+    Ok(AxisSpec {
+        min_deg: min_rad.to_degrees(),
+        max_deg: max_rad.to_degrees(),
+        max_speed_deg_per_s: speed_deg_per_s,
+        max_acceleration_deg_per_s2: speed_deg_per_s / ramp_secs,
+    })
+}
+
+/// The triangles of a collision shape, in its own frame, mm.
+fn shape(
+    geometry: &Geometry,
+    link: &str,
+    load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
+) -> Result<Vec<[Point3<f64>; 3]>, UrdfError> {
+    let ring = |radius: f64, z: f64| {
+        let corner = move |i: usize| {
+            let angle = std::f64::consts::TAU * i as f64 / CORNERS as f64;
+            // Corners of a polygon around the circle, not in it.
+            let out = radius * MM_OF_METRE / (std::f64::consts::PI / CORNERS as f64).cos();
+            Point3::new(out * angle.cos(), out * angle.sin(), z * MM_OF_METRE)
+        };
+        (0..CORNERS).map(corner).collect::<Vec<_>>()
+    };
+    let corners: Vec<Point3<f64>> = match geometry {
+        Geometry::Mesh { filename, scale } => {
+            let scale = scale.map_or([1.0; 3], |scale| scale.0);
+            let bad = |detail| UrdfError::Mesh { file: filename.clone(), link: link.to_owned(), detail };
+            let mesh = load(filename).map_err(bad)?;
+            let at = |vertex: u32| {
+                let p = mesh.vertices_mm[vertex as usize];
+                Point3::from([0, 1, 2].map(|axis| p[axis] * scale[axis] * MM_OF_METRE))
+            };
+            return Ok(mesh.faces.iter().map(|face| face.map(at)).collect());
+        }
+        Geometry::Box { size } => {
+            let half = size.0.map(|edge| 0.5 * edge * MM_OF_METRE);
+            (0..8)
+                .map(|i| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { half[axis] } else { -half[axis] })))
+                .collect()
+        }
+        Geometry::Cylinder { radius, length } => [ring(*radius, -0.5 * length), ring(*radius, 0.5 * length)].concat(),
+        Geometry::Capsule { radius, length } => {
+            [-1.0, 1.0].iter().flat_map(|end| ball(&ring, *radius, end * 0.5 * length)).collect()
+        }
+        Geometry::Sphere { radius } => ball(&ring, *radius, 0.0),
+    };
+    // Only the corners count, and they are few: every one with the first two.
+    Ok(corners.iter().map(|corner| [corners[0], corners[corners.len() / 2], *corner]).collect())
+}
+
+/// Rings around a ball, m.
+fn ball(ring: &impl Fn(f64, f64) -> Vec<Point3<f64>>, radius: f64, z: f64) -> Vec<Point3<f64>> {
+    let at = |step: i32| std::f64::consts::FRAC_PI_8 * f64::from(step);
+    (-3..=3)
+        .flat_map(|step| ring(radius * at(step).cos(), z + radius * at(step).sin()))
+        .chain(ring(0.0, z - radius))
+        .chain(ring(0.0, z + radius))
+        .collect()
+}
+
+fn spec(link: &str, frame: usize, index: usize, count: usize, capsule: &Capsule) -> LinkSpec {
+    LinkSpec {
+        link: frame as u8,
+        name: if count == 1 { link.to_owned() } else { format!("{link} {}", index + 1) },
+        from_mm: capsule.from_mm.into(),
+        to_mm: capsule.to_mm.into(),
+        radius_mm: capsule.radius_mm,
+    }
+}
+
+fn metres(pose: &urdf_rs::Pose) -> Isometry3<f64> {
+    let [roll, pitch, yaw] = pose.rpy.0;
+    let translation = Translation3::from(Vector3::from(pose.xyz.0) * MM_OF_METRE);
+    Isometry3::from_parts(translation, UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+}
+
+fn written(pose: &Isometry3<f64>) -> PoseSpec {
+    PoseSpec::from(&Pose::<(), ()>::claim(*pose))
+}
+
+#[cfg(test)]
+mod tests;

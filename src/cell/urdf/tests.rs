@@ -1,0 +1,116 @@
+use nalgebra::Point3;
+
+use super::capsules::around;
+use super::{UrdfError, UrdfOptions, import};
+use crate::geometry::Mesh;
+
+fn options() -> UrdfOptions {
+    UrdfOptions { name: None, base_link: None, tip_link: None, payload_kg: 5.0, ramp_secs: 0.5 }
+}
+
+fn no_mesh(name: &str) -> Result<Mesh, String> {
+    Err(format!("no mesh {name}"))
+}
+
+/// An arm of six joints like an Elfin, 1 m of it, with cylinders for links and a fixed flange.
+fn arm(last_kind: &str) -> String {
+    let mut text = String::from("<robot name=\"six\"><link name=\"world\"/><link name=\"base_link\"/>");
+    text +=
+        "<joint name=\"stand\" type=\"fixed\"><parent link=\"world\"/><child link=\"base_link\"/><origin xyz=\"0 0 1\"/></joint>";
+    let rows = [
+        ("0 0 0.1", "0 0 1"),
+        ("0 0 0.12", "0 1 0"),
+        ("0 0 0.38", "0 1 0"),
+        ("0 0 0.2", "0 0 1"),
+        ("0 0 0.22", "0 1 0"),
+        ("0 0 0.05", "0 0 1"),
+    ];
+    for (number, (origin, axis)) in rows.iter().enumerate() {
+        let parent = if number == 0 { "base_link".to_owned() } else { format!("link_{number}") };
+        let (name, kind) = (format!("link_{}", number + 1), if number == 5 { last_kind } else { "revolute" });
+        text += &format!(
+            "<link name=\"{name}\"><collision><origin xyz=\"0 0 0.05\"/><geometry><cylinder radius=\"0.04\" length=\"0.1\"/></geometry></collision></link>\
+             <joint name=\"joint_{0}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{name}\"/><origin xyz=\"{origin}\"/>\
+             <axis xyz=\"{axis}\"/><limit lower=\"-2\" upper=\"2.5\" velocity=\"1.5\" effort=\"0\"/></joint>",
+            number + 1
+        );
+    }
+    text + "<link name=\"tool0\"/><joint name=\"end\" type=\"fixed\"><parent link=\"link_6\"/><child link=\"tool0\"/><origin xyz=\"0 0 0.03\"/></joint></robot>"
+}
+
+#[test]
+fn a_urdf_gives_joints_limits_and_capsules_in_millimetres() {
+    let spec = import(&arm("continuous"), &options(), &mut no_mesh).expect("a robot");
+    let robot = spec.build().expect("a sound one");
+    assert_eq!((spec.name.as_str(), spec.links.len(), robot.joints[5].max_rad), ("six", 6, std::f64::consts::TAU));
+    assert!((robot.joints[0].max_speed_rad_per_s - 1.5).abs() < 1e-12);
+    assert!((robot.joints[0].max_acceleration_rad_per_s2 - 3.0).abs() < 1e-12);
+    // The stand below base_link is no part of the arm.
+    let frames = robot.link_frames(&[0.0; 6]);
+    assert!((frames[6].translation.vector.z - 1100.0).abs() < 1e-9, "{}", frames[6]);
+    // A cylinder of radius 40 and length 100 lies in a capsule that is little wider; all of it is in its link's frame.
+    for link in &robot.links {
+        // The last is given in the frame of the flange, 30 mm ahead of its own.
+        let ahead = if link.link == 6 { 30.0 } else { 0.0 };
+        let deepest = link.from_mm.z.min(link.to_mm.z) - link.radius_mm + ahead;
+        assert!(link.radius_mm > 40.0 && link.radius_mm < 75.0 && deepest <= 0.0 && deepest > -42.0, "{link:?}");
+    }
+    // Axes 4 and 6 are in line and 5 crosses them: an ortho-parallel arm.
+    assert_eq!(robot.kinematics.branches(&robot.base_from_flange(&[0.1, 0.3, 0.5, 0.2, 0.7, -0.4])).len(), 8);
+}
+
+#[test]
+fn what_is_no_arm_is_refused_by_name() {
+    let refused = |text: &str, options: &UrdfOptions| import(text, options, &mut no_mesh).expect_err("refused").to_string();
+    let told = refused("<robot", &options());
+    assert!(told.contains("is no URDF"), "{told}");
+    let told = refused(&arm("fixed"), &options());
+    assert!(told.contains("six turning joints from \"base_link\"") && told.contains("tool0"), "{told}");
+    let told = refused(&arm("prismatic"), &UrdfOptions { tip_link: Some("tool0".into()), ..options() });
+    assert!(told.contains("joint_6") && told.contains("prismatic"), "{told}");
+    let told = refused(&arm("revolute"), &UrdfOptions { tip_link: Some("hand".into()), ..options() });
+    assert!(told.contains("has no link \"hand\""), "{told}");
+    let told = refused(&arm("revolute").replace("velocity=\"1.5\"", "velocity=\"0\""), &options());
+    assert!(told.contains("the speed 0"), "{told}");
+    let meshed = arm("revolute").replace("<cylinder radius=\"0.04\" length=\"0.1\"/>", "<mesh filename=\"package://x/a.stl\"/>");
+    assert!(matches!(import(&meshed, &options(), &mut no_mesh), Err(UrdfError::Mesh { .. })));
+    let circle = "<robot name=\"o\"><link name=\"a\"/><link name=\"b\"/>\
+        <joint name=\"1\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
+        <joint name=\"2\" type=\"fixed\"><parent link=\"b\"/><child link=\"a\"/></joint></robot>";
+    refused(circle, &options());
+}
+
+#[test]
+fn capsules_hold_every_corner_and_save_what_a_split_can_save() {
+    // An elbow: two bars at a right angle.
+    let bar = |along: usize, from: f64, to: f64| {
+        let mut triangles = Vec::new();
+        for step in 0..20 {
+            let at = |t: f64, y: f64, z: f64| {
+                let mut p = [y, y, y];
+                p[along] = from + (to - from) * t;
+                p[(along + 1) % 3] = y;
+                p[(along + 2) % 3] = z;
+                Point3::from(p)
+            };
+            let [a, b] = [f64::from(step) / 20.0, f64::from(step + 1) / 20.0];
+            for (y, z) in [(-10.0, -10.0), (-10.0, 10.0), (10.0, -10.0), (10.0, 10.0)] {
+                triangles.push([at(a, y, z), at(b, y, z), at(a, -y, z)]);
+            }
+        }
+        triangles
+    };
+    let elbow = [bar(0, 0.0, 300.0), bar(1, 0.0, 300.0)].concat();
+    let capsules = around(&elbow);
+    assert!(capsules.len() >= 2 && capsules.len() <= 4, "{capsules:?}");
+    assert!(capsules.iter().all(|capsule| capsule.radius_mm < 60.0), "{capsules:?}");
+    let holds = |p: &Point3<f64>| {
+        capsules.iter().any(|capsule| {
+            let (along, out) = (capsule.to_mm - capsule.from_mm, p - capsule.from_mm);
+            let t = (out.dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+            (out - along * t).norm() <= capsule.radius_mm
+        })
+    };
+    assert!(elbow.iter().flatten().all(holds));
+    assert!(around(&[]).is_empty());
+}

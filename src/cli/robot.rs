@@ -1,0 +1,113 @@
+//! `vantage robot`: a robot's specification from its URDF file.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::CliError;
+use crate::cell::urdf::{UrdfOptions, import};
+use crate::cell::{KinematicsSpec, RobotSpec};
+use crate::geometry::mesh_io::{self, Limits};
+use crate::geometry::{LengthUnit, Mesh};
+
+/// Write a robot's specification from a URDF file: joints, limits, and capsules around its collision shapes.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage robot elfin5.urdf --payload 5 --out elfin5.toml
+  vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src --out arm.toml
+
+A URDF has neither payload nor accelerations: give --payload, and --ramp if half a second to full speed is wrong.
+Name the file in a cell's TOML as its robot, or upload it: PUT /api/v1/robots/{name}.")]
+pub struct RobotArgs {
+    /// The URDF file; xacro must be expanded first.
+    pub urdf: PathBuf,
+    /// The TOML file to write.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Name of the robot [default: the file's].
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Link that stands still [default: base_link, else the root].
+    #[arg(long)]
+    pub base: Option<String>,
+    /// Link that is the flange [default: tool0 or flange, else the end six joints from the base].
+    #[arg(long)]
+    pub tip: Option<String>,
+    /// Largest mass at the flange, kg.
+    #[arg(long, value_parser = positive)]
+    pub payload: f64,
+    /// Time in which a joint comes to its rated speed, s.
+    #[arg(long, default_value_t = 0.5, value_parser = positive)]
+    pub ramp: f64,
+    /// Folder in which `package://NAME` stands for its subfolder NAME [default: the URDF's folder and those above it].
+    #[arg(long)]
+    pub packages: Option<PathBuf>,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("is {number}; allowed is above 0")) }
+}
+
+/// Reads the URDF and its meshes, writes the specification.
+///
+/// # Errors
+/// [`CliError::BadInput`] when a file cannot be read or written, or gives no robot.
+pub fn run(args: &RobotArgs) -> Result<(), CliError> {
+    let at = |path: &Path, error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", path.display()));
+    let text = fs::read_to_string(&args.urdf).map_err(|error| at(&args.urdf, &error))?;
+    let options = UrdfOptions {
+        name: args.name.clone(),
+        base_link: args.base.clone(),
+        tip_link: args.tip.clone(),
+        payload_kg: args.payload,
+        ramp_secs: args.ramp,
+    };
+    let mut load = |name: &str| read_mesh(&find_mesh(name, args)?);
+    let spec = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
+    if let Err(errors) = spec.build() {
+        let all: Vec<String> = errors.iter().map(ToString::to_string).collect();
+        return Err(at(&args.urdf, &all.join("; ")));
+    }
+    let toml = toml::to_string_pretty(&spec).map_err(|error| at(&args.out, &error))?;
+    let text =
+        format!("# From {}. Check limits, speeds and accelerations against the maker's data sheet.\n{toml}", name_of(&args.urdf));
+    fs::write(&args.out, text).map_err(|error| at(&args.out, &error))?;
+    println!("{}: {}", args.out.display(), summary(&spec));
+    Ok(())
+}
+
+fn summary(spec: &RobotSpec) -> String {
+    let KinematicsSpec::Chain(chain) = &spec.kinematics else { return spec.name.clone() };
+    let form = match chain.build().closed_form() {
+        Some("opw") => "ortho-parallel with a spherical wrist, solved in closed form",
+        Some(_) => "three parallel axes, solved in closed form",
+        None => "of no known form, solved by steps",
+    };
+    format!("{}, {form}; {} capsules", spec.name, spec.links.len())
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// The file behind a name such as `package://NAME/meshes/link.stl`, `file:///…` or `meshes/link.stl`.
+fn find_mesh(name: &str, args: &RobotArgs) -> Result<PathBuf, String> {
+    if let Some(path) = name.strip_prefix("file://") {
+        return Ok(path.into());
+    }
+    let relative = name.strip_prefix("package://").unwrap_or(name);
+    let home = fs::canonicalize(&args.urdf).map_err(|error| error.to_string())?;
+    let folders: Vec<&Path> = match &args.packages {
+        Some(folder) => vec![folder],
+        None => home.ancestors().skip(1).collect(),
+    };
+    let found = folders.iter().map(|folder| folder.join(relative)).find(|path| path.is_file());
+    found.ok_or_else(|| format!("is not below {}; name the folder of the packages with --packages", folders[0].display()))
+}
+
+/// Numbers count as they stand: a URDF's are metres.
+fn read_mesh(path: &Path) -> Result<Mesh, String> {
+    let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let read = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default());
+    read.map(|read| read.mesh).map_err(|error| format!("{}: {error}", path.display()))
+}

@@ -1,0 +1,188 @@
+//! A free way between two configurations where no simple one is, by growing two trees towards each other (J. Kuffner and
+//! S. LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", ICRA 2000), then made short. Every edge is
+//! proved free as a segment. Samples come from a stream that the two ends name, so the same question has the same answer.
+
+use crate::cell::{Axes, CollisionScene, Configuration};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::random::Stream;
+
+/// Longest edge of a tree, radians of any axis (25°).
+const EDGE_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
+/// Samples after which the search gives up.
+const SAMPLES: usize = 200;
+/// Share of the samples that are spread over all that the axes allow; the others lie around the two ends.
+const FAR_SHARE: f64 = 0.3;
+/// How far around the ends, radians (70°).
+const AROUND_RAD: f64 = 70.0 * std::f64::consts::PI / 180.0;
+/// Tries to cut a corner of the way found.
+const SHORTCUTS: usize = 24;
+/// Names the streams of this search.
+const STREAM: u64 = 0x7272_7463;
+
+/// A free way with points left out and corners cut, its ends left out too.
+pub(super) fn shortened(
+    mut way: Vec<Configuration>,
+    axes: &Axes,
+    scene: &CollisionScene,
+    ctx: &Context<'_>,
+) -> Result<Vec<Configuration>, Cancelled> {
+    if let ([from, .., to], true) = (way.as_slice(), way.len() > 2) {
+        Search::new([*from, *to], axes, scene).shorten(&mut way, ctx)?;
+    }
+    way.pop();
+    way.drain(..way.len().min(1));
+    Ok(way)
+}
+
+/// The points between `from` and `to`, both left out; `None` where none were found. Not cheap: up to a second.
+pub(super) fn connect(
+    from: &Configuration,
+    to: &Configuration,
+    axes: &Axes,
+    scene: &CollisionScene,
+    ctx: &Context<'_>,
+) -> Result<Option<Vec<Configuration>>, Cancelled> {
+    let found = Search::new([*from, *to], axes, scene).trees(ctx)?;
+    found.map(|way| shortened(way, axes, scene, ctx)).transpose()
+}
+
+struct Search<'a> {
+    axes: &'a Axes,
+    scene: &'a CollisionScene,
+    stream: Stream,
+    ends: [Configuration; 2],
+}
+
+/// Free configurations, each with a free segment to the one it grew from; the root comes first.
+struct Tree(Vec<(Configuration, usize)>);
+
+impl Tree {
+    fn nearest(&self, axes: &Axes, goal: &Configuration) -> usize {
+        let secs = |node: &usize| axes.move_secs(&self.0[*node].0, goal, 1.0);
+        (0..self.0.len()).min_by(|a, b| secs(a).total_cmp(&secs(b))).unwrap_or(0)
+    }
+
+    /// From the root to a node.
+    fn branch(&self, mut node: usize) -> Vec<Configuration> {
+        let mut branch = vec![self.0[node].0];
+        while node != 0 {
+            node = self.0[node].1;
+            branch.push(self.0[node].0);
+        }
+        branch.reverse();
+        branch
+    }
+}
+
+impl<'a> Search<'a> {
+    fn new(ends: [Configuration; 2], axes: &'a Axes, scene: &'a CollisionScene) -> Self {
+        let names: Vec<u64> = std::iter::once(STREAM).chain(ends.iter().flatten().map(|angle| angle.to_bits())).collect();
+        Self { axes, scene, stream: Stream::new(0, &names), ends }
+    }
+
+    fn trees(&mut self, ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
+        let mut trees = self.ends.map(|end| Tree(vec![(end, 0)]));
+        for round in 0..SAMPLES {
+            ctx.check()?;
+            let sample = self.sample();
+            let [growing, other] = &mut trees;
+            if let Some(reached) = self.grow(growing, &sample, 1, ctx)? {
+                let goal = growing.0[reached].0;
+                let met = self.grow(other, &goal, usize::MAX, ctx)?.filter(|node| other.0[*node].0 == goal);
+                if let Some(met) = met {
+                    let (mut way, mut rest) = (growing.branch(reached), other.branch(met));
+                    rest.pop();
+                    way.extend(rest.into_iter().rev());
+                    if round % 2 == 1 {
+                        way.reverse();
+                    }
+                    return Ok(Some(way));
+                }
+            }
+            trees.reverse();
+        }
+        Ok(None)
+    }
+
+    /// Grows from the nearest node towards `goal`, at most `edges` edges; the last node added.
+    fn grow(&self, tree: &mut Tree, goal: &Configuration, edges: usize, ctx: &Context<'_>) -> Result<Option<usize>, Cancelled> {
+        let mut at = tree.nearest(self.axes, goal);
+        let mut added = None;
+        for _ in 0..edges {
+            ctx.check()?;
+            let here = tree.0[at].0;
+            let widest = here.iter().zip(goal).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
+            let share = (EDGE_RAD / widest).min(1.0);
+            let next =
+                if share < 1.0 { std::array::from_fn(|axis| here[axis] + share * (goal[axis] - here[axis])) } else { *goal };
+            if here == next || self.scene.check_segment(&here, &next).is_some() {
+                break;
+            }
+            tree.0.push((next, at));
+            at = tree.0.len() - 1;
+            added = Some(at);
+            if next == *goal {
+                break;
+            }
+        }
+        Ok(added)
+    }
+
+    fn sample(&mut self) -> Configuration {
+        let far = self.stream.unit() < FAR_SHARE;
+        std::array::from_fn(|axis| {
+            let (limits, [a, b]) = (&self.axes.0[axis], self.ends.map(|end| end[axis]));
+            let (low, high) = if far {
+                (limits.min_rad, limits.max_rad)
+            } else {
+                ((a.min(b) - AROUND_RAD).max(limits.min_rad), (a.max(b) + AROUND_RAD).min(limits.max_rad))
+            };
+            low + (high - low) * self.stream.unit()
+        })
+    }
+
+    /// Leaves out points that are not needed, then cuts corners, where that is free and quicker.
+    fn shorten(&mut self, way: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+        self.leave_out(way, ctx)?;
+        for _ in 0..SHORTCUTS {
+            ctx.check()?;
+            let (first, last) = (self.place(way), self.place(way));
+            let ((first, from), (last, to)) = if first.0 <= last.0 { (first, last) } else { (last, first) };
+            let cut = [&way[..=first], &[from, to], &way[last + 1..]].concat();
+            let is_quicker = self.axes.path_secs(&cut, 1.0) < self.axes.path_secs(way.as_slice(), 1.0);
+            // Pieces of a proved segment too: between its samples it may come a little nearer than the clearance.
+            let changed = &cut[first..first + 4];
+            if first < last && is_quicker && changed.windows(2).all(|ends| self.is_free(&ends[0], &ends[1])) {
+                *way = cut;
+                self.leave_out(way, ctx)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn leave_out(&self, way: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+        let mut at = 0;
+        while at + 2 < way.len() {
+            ctx.check()?;
+            // The farthest point that can be gone to straight.
+            let onward = (at + 2..way.len()).rev().find(|next| self.is_free(&way[at], &way[*next]));
+            if let Some(next) = onward {
+                way.drain(at + 1..next);
+            }
+            at += 1;
+        }
+        Ok(())
+    }
+
+    /// A point on the way, and the segment that it is on.
+    fn place(&mut self, way: &[Configuration]) -> (usize, Configuration) {
+        let at = self.stream.unit() * (way.len() - 1) as f64;
+        let segment = at as usize;
+        let ([from, to], share) = ([way[segment], way[segment + 1]], at - segment as f64);
+        (segment, std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis])))
+    }
+
+    fn is_free(&self, a: &Configuration, b: &Configuration) -> bool {
+        self.scene.check_segment(a, b).is_none()
+    }
+}

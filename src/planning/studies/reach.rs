@@ -1,0 +1,187 @@
+//! Where to put robot, table and scanner: how much of the viewing hemisphere each layout of a cell reaches, limits and
+//! collisions included.
+//!
+//! A cube stands in the middle of the plate; the scanner looks at its centre from half its edge + F, baseline level, from
+//! [`ELEVATIONS`] angles between straight above and level and [`AZIMUTHS`] azimuths. The table stands still in this count: a
+//! turning one brings every azimuth round, so one azimuth is enough for an elevation, and the directions say how much choice
+//! is left. The foot moves along the line to the table, the table up and down; obstacles and floor stay where they are.
+//! One layout costs about a tenth of a second.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use crate::cell::collision::LEAST_CLEARANCE_MM;
+use crate::cell::{Body, Cell, CollisionScene};
+use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::stations::solve_some;
+
+/// Angles from straight above to level, 5° apart.
+pub const ELEVATIONS: usize = 19;
+/// Azimuths, 15° apart.
+pub const AZIMUTHS: usize = 24;
+/// How far the table turns while it stands still, radians.
+const STILL_RAD: f64 = 1e-5;
+
+/// Which layouts are compared.
+#[derive(Clone, Debug)]
+pub struct Layouts {
+    /// Edge of the cube on the plate, mm.
+    pub part_mm: f64,
+    /// Distances of the robot's foot from the table's axis, mm.
+    pub foot_mm: Vec<f64>,
+    /// Heights of the plate above the foot, mm.
+    pub table_mm: Vec<f64>,
+    /// Ways to bolt the scanner to the flange.
+    pub mountings: Vec<Mounting>,
+    /// What bodies keep from each other, mm.
+    pub clearance_mm: f64,
+}
+
+/// A way to bolt the scanner to the flange.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mounting {
+    /// In words.
+    pub label: String,
+    /// The hand-eye pose that it makes.
+    pub flange_from_scanner: Pose<Flange, ScannerFrame>,
+}
+
+/// What is reached without collision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Reached {
+    /// Elevations with at least one azimuth, of [`ELEVATIONS`]: what a turning table sees.
+    pub elevations: usize,
+    /// Directions, of [`ELEVATIONS`] · [`AZIMUTHS`]: what is seen while the table stands still.
+    pub directions: usize,
+}
+
+/// One layout.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layout {
+    /// Index of the mounting.
+    pub mounting: usize,
+    /// Distance of the foot from the table's axis, mm.
+    pub foot_mm: f64,
+    /// Height of the plate above the foot, mm.
+    pub table_mm: f64,
+    /// `None` where the arm at home is closer to something than 1 mm.
+    pub reached: Option<Reached>,
+}
+
+/// As the cell has it, then on each face of the scanner's envelope but the front: the flange's axis points into the face's
+/// middle, its x axis along the scanner's z (along x for the back), `adapter_mm` away from it.
+#[must_use]
+pub fn mountings(cell: &Cell, adapter_mm: f64) -> Vec<Mounting> {
+    let mut all = vec![Mounting { label: "as it is".into(), flange_from_scanner: cell.flange_from_scanner }];
+    let envelope = cell.scanner_bodies.iter().flat_map(Body::corners_mm).fold(Aabb::empty(), |all, corner| all.with(&corner));
+    if cell.scanner_bodies.is_empty() {
+        return all;
+    }
+    let (centre, half) = (envelope.centre(), 0.5 * envelope.extent_mm());
+    let faces = [
+        ("on the top face (−y)", Vector3::y(), half.y),
+        ("on the bottom face (+y)", -Vector3::y(), half.y),
+        ("on the left end (−x)", Vector3::x(), half.x),
+        ("on the right end (+x)", -Vector3::x(), half.x),
+        ("on the back (−z)", Vector3::z(), half.z),
+    ];
+    all.extend(faces.map(|(label, into, reach_mm)| {
+        let x = if into.z == 0.0 { Vector3::z() } else { Vector3::x() };
+        let axes = Rotation3::from_basis_unchecked(&[x, into.cross(&x), into]);
+        let origin = centre.coords - into * (reach_mm + adapter_mm);
+        let scanner_from_flange = Isometry3::from_parts(Translation3::from(origin), UnitQuaternion::from_rotation_matrix(&axes));
+        let flange_from_scanner = Pose::<ScannerFrame, Flange>::claim(scanner_from_flange).inverse();
+        Mounting { label: label.into(), flange_from_scanner }
+    }));
+    all
+}
+
+/// Every layout: mounting by mounting, height by height, foot by foot.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn reach(cell: &Cell, layouts: &Layouts, ctx: &Context<'_>) -> Result<Vec<Layout>, Cancelled> {
+    let Layouts { foot_mm, table_mm, mountings, .. } = layouts;
+    let all: Vec<(usize, f64, f64)> = (0..mountings.len())
+        .flat_map(|mounting| table_mm.iter().flat_map(move |table| foot_mm.iter().map(move |foot| (mounting, *table, *foot))))
+        .collect();
+    let done = AtomicUsize::new(0);
+    all.par_iter()
+        .map(|(mounting, table_mm, foot_mm)| {
+            let laid = laid_out(cell, &mountings[*mounting].flange_from_scanner, *foot_mm, *table_mm);
+            let reached = reached(&laid, layouts, ctx)?;
+            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
+            Ok(Layout { mounting: *mounting, foot_mm: *foot_mm, table_mm: *table_mm, reached })
+        })
+        .collect()
+}
+
+/// The layout that reaches most elevations, then most directions; the first of equals.
+#[must_use]
+pub fn best(layouts: &[Layout]) -> Option<&Layout> {
+    let reaching = layouts.iter().filter(|layout| layout.reached.is_some());
+    reaching.fold(
+        None,
+        |best: Option<&Layout>, layout| if best.is_none_or(|best| layout.reached > best.reached) { Some(layout) } else { best },
+    )
+}
+
+/// Where the foot stands from the table's axis and how high the plate is above it, mm.
+#[must_use]
+pub fn own_layout(cell: &Cell) -> [f64; 2] {
+    let origin = cell.base_from_table.origin_mm();
+    [origin.x.hypot(origin.y), origin.z]
+}
+
+fn laid_out(cell: &Cell, flange_from_scanner: &Pose<Flange, ScannerFrame>, foot_mm: f64, table_mm: f64) -> Cell {
+    let mut laid = cell.clone();
+    let origin = cell.base_from_table.origin_mm();
+    let away = origin.x.hypot(origin.y);
+    let towards = if away > 0.0 { Vector3::new(origin.x, origin.y, 0.0) / away } else { Vector3::x() };
+    let place = towards * foot_mm + Vector3::z() * table_mm;
+    laid.base_from_table = Pose::from_parts(place, cell.base_from_table.isometry().rotation);
+    laid.flange_from_scanner = *flange_from_scanner;
+    let still = &mut laid.turntable.axis;
+    (still.min_rad, still.max_rad) = (-STILL_RAD, STILL_RAD);
+    laid.home_rad[6] = 0.0;
+    laid
+}
+
+fn reached(cell: &Cell, layouts: &Layouts, ctx: &Context<'_>) -> Result<Option<Reached>, Cancelled> {
+    ctx.check()?;
+    if CollisionScene::without_part(cell, LEAST_CLEARANCE_MM).check(&cell.home_rad).is_some() {
+        return Ok(None);
+    }
+    let half = 0.5 * layouts.part_mm;
+    let table_from_part: Pose<Table, Part> = Pose::claim(Isometry3::translation(-half, -half, 0.0));
+    let scene = CollisionScene::new(cell, &cube(layouts.part_mm), None, &table_from_part, layouts.clearance_mm);
+    let views: Vec<_> = (0..ELEVATIONS)
+        .flat_map(|i| {
+            (0..AZIMUTHS).map(move |j| (FRAC_PI_2 * i as f64 / (ELEVATIONS - 1) as f64, TAU * j as f64 / AZIMUTHS as f64))
+        })
+        .map(|(polar, azimuth)| view(half, half + cell.scanner.best_mm, polar, azimuth))
+        .collect();
+    let stations = solve_some(&views, cell, &scene, &table_from_part, 1, &ctx.silent())?;
+    let rings: Vec<usize> = stations.chunks(AZIMUTHS).map(|ring| ring.iter().filter(|found| found.is_ok()).count()).collect();
+    let elevations = rings.iter().filter(|directions| **directions > 0).count();
+    Ok(Some(Reached { elevations, directions: rings.iter().sum() }))
+}
+
+/// Looks at the cube's centre, baseline level.
+fn view(half_mm: f64, distance_mm: f64, polar: f64, azimuth: f64) -> Pose<Part, ScannerFrame> {
+    let out = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
+    let x = Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+    let axes = Rotation3::from_basis_unchecked(&[x, (-out).cross(&x), -out]);
+    Pose::from_parts(Vector3::repeat(half_mm) + out * distance_mm, UnitQuaternion::from_rotation_matrix(&axes))
+}
+
+fn cube(edge_mm: f64) -> Mesh {
+    let corner = |i: usize| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { edge_mm } else { 0.0 }));
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..12).collect(), faces, groups: Vec::new() }
+}
