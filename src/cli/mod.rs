@@ -17,6 +17,7 @@ pub mod inspect_scanner;
 mod out;
 pub mod part;
 pub mod plan;
+pub mod program;
 pub mod progress;
 pub mod serve;
 mod signals;
@@ -49,6 +50,7 @@ enum Command {
     Study(study::StudyArgs),
     Inspect(inspect::InspectArgs),
     Check(check::CheckArgs),
+    Program(program::ProgramArgs),
     Part(part::PartArgs),
     Completions(CompletionsArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
@@ -106,6 +108,7 @@ impl Cli {
             Command::Study(args) => study::run(&args, &*raised_by_signal()?),
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
+            Command::Program(args) => program::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Completions(CompletionsArgs { shell }) => {
                 clap_complete::generate(shell, &mut Self::command(), "vantage", &mut std::io::stdout());

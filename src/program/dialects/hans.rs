@@ -31,7 +31,7 @@ pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = "turned by the sender at each @table line, never while the arm moves.";
     let units = "deg, deg/s, deg/s2, s; TCP and Base are the controller's own frames.";
-    let head = paragraphs(job, &format!("{name}.txt"), units, table, &HOW_TO_SEND);
+    let head = paragraphs(job, &format!("{name}.cps"), units, table, &HOW_TO_SEND);
     let mut lines = commented(&head, "#");
     lines.push(format!("@home {}", angles(&job.program.home_rad, &job.axes, DEGREE, 4).join(" ")));
     for action in &job.actions {
@@ -46,7 +46,7 @@ pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
             }
         }
     }
-    Ok(vec![Job::file(&name, "txt", &lines)])
+    Ok(vec![Job::file(&name, "cps", &lines)])
 }
 
 /// Arm or table; never both, since the program is interlocked.

@@ -62,7 +62,7 @@ impl Dialect {
     #[must_use]
     pub fn extensions(self) -> &'static [&'static str] {
         match self {
-            Self::Hans => &["txt"],
+            Self::Hans => &["cps"],
             Self::UrScript => &["script"],
             Self::Rapid => &["mod"],
             Self::Krl => &["src", "dat"],

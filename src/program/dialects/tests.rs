@@ -194,3 +194,22 @@ fn dialects_are_found_by_name() {
     let refused = "karel".parse::<Dialect>().expect_err("none");
     assert_eq!(refused, "\"karel\" is no dialect; there are hans, urscript, rapid, krl, fanuc, robodk, csv");
 }
+
+#[test]
+fn the_table_has_a_row_a_point_and_action() {
+    let cell = cell();
+    let program = program(&cell);
+    let text = rendered(&program, &cell, Dialect::Csv, &DialectParams::default()).expect("renders").remove(0);
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let ops: Vec<_> = rows.iter().map(|row| row[1]).collect();
+    assert_eq!(ops, ["op", "home", "via", "via", "move_joints", "settle", "scan", "move_joints"]);
+    assert!(rows.iter().all(|row| row.len() == 20));
+    // At the scan arm and table stand where the move ended, and so does the scanner.
+    assert_eq!((&rows[6][2..9], &rows[6][13..]), (&rows[4][2..9], &rows[4][13..]));
+    assert_eq!(rows[6][11..13], ["7", "5"]);
+    let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("number");
+    let home_deg = cell.home_rad.map(f64::to_degrees);
+    assert!((number(4, 2) - home_deg[0] - 10.0).abs() < 1e-8 && (number(4, 8) - home_deg[6] - 45.0).abs() < 1e-8);
+    let scanner = cell.base_from_scanner(&crate::cell::joints_of(&cell.home_rad));
+    assert!((0..3).all(|axis| (number(1, 13 + axis) - scanner.origin_mm()[axis]).abs() < 1e-6));
+}
