@@ -38,7 +38,9 @@ fn robodks_own_package_takes_every_call() {
         assert_eq!(said.len(), wanted.len());
         for (said, wanted) in said.iter().zip(wanted) {
             match (said, wanted) {
-                (Said::Go(a), Said::Go(b)) => assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 0.5e-6 + 1e-9), "{a:?} {b:?}"),
+                (Said::Go(a), Said::Go(b)) => {
+                    assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 0.5e-6 + 1e-9), "{a:?} {b:?}")
+                }
                 (Said::Wait(a), Said::Wait(b)) => assert!((a - b).abs() < 1e-6),
                 (a, b) => assert_eq!(a, b),
             }

@@ -42,11 +42,6 @@ pub(super) struct Lead {
 }
 
 impl Stretch {
-    /// Whether a joint of the arm moves.
-    pub(super) fn moves_arm(&self) -> bool {
-        self.from_rad[..6] != self.to_rad[..6]
-    }
-
     /// Whether the table turns.
     pub(super) fn moves_table(&self) -> bool {
         self.from_rad[6] != self.to_rad[6]

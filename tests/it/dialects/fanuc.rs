@@ -37,7 +37,7 @@ peg::parser! { grammar language() for str {
     /// What may stand in a remark, a message or a comment, at most so many.
     rule words(most: usize) -> String
         = text:$(['A'..='Z' | 'a'..='z' | '0'..='9' | ' ' | '!' | '#'..='/' | ':' | '<'..='@' | '[' | '\\' | '^'..='`' | '{'..='~']*) {?
-            if text.len() <= most { Ok(text.to_owned()) } else { Err("a shorter text") }
+            if text.trim_end().len() <= most { Ok(text.to_owned()) } else { Err("a shorter text") }
         }
     rule attribute() -> (String, String)
         = !"/" _ "TCD:"? _ name:name() _ "=" _ value:$([^ ';' | ',' | '\n']* ("," ['*' | '1'])*) [';' | ','] eol() { (name, value.to_owned()) }
@@ -107,8 +107,11 @@ fn said(program: &Program, lines: &[&Line], params: &DialectParams) -> Vec<Said>
             Line::Output(output, true) => {
                 let label = 99;
                 assert_eq!(*output, params.scan_output);
-                let wanted =
-                    [Line::Wait(params.pulse_secs), Line::Output(*output, false), Line::WaitInput { input: params.scan_input, label }];
+                let wanted = [
+                    Line::Wait(params.pulse_secs),
+                    Line::Output(*output, false),
+                    Line::WaitInput { input: params.scan_input, label },
+                ];
                 assert!(rest[..3].iter().copied().eq(&wanted), "{rest:?}");
                 rest = &rest[3..];
                 Said::Scan

@@ -38,8 +38,8 @@ type Routine = (String, Vec<Statement>);
 type Point = (String, Vec<(String, f64)>);
 
 const KEYWORDS: [&str; 22] = [
-    "DEF", "END", "DEFFCT", "ENDFCT", "DEFDAT", "ENDDAT", "DECL", "INT", "BOOL", "IF", "THEN", "ENDIF", "WHILE", "ENDWHILE", "FOR",
-    "TO", "ENDFOR", "HALT", "RETURN", "WAIT", "PTP", "NOT",
+    "DEF", "END", "DEFFCT", "ENDFCT", "DEFDAT", "ENDDAT", "DECL", "INT", "BOOL", "IF", "THEN", "ENDIF", "WHILE", "ENDWHILE",
+    "FOR", "TO", "ENDFOR", "HALT", "RETURN", "WAIT", "PTP", "NOT",
 ];
 
 fn both(a: Expr, operator: &'static str, b: Expr) -> Expr {
@@ -157,7 +157,10 @@ impl Module {
             Statement::For(..) | Statement::Declare(_) => None,
             Statement::Assign(name, Expr::Number(percent)) => {
                 let axis = params.table_axis;
-                assert!([format!("$VEL_EXTAX[{axis}]"), format!("$ACC_EXTAX[{axis}]")].contains(name) && (1.0..=100.0).contains(percent));
+                assert!(
+                    [format!("$VEL_EXTAX[{axis}]"), format!("$ACC_EXTAX[{axis}]")].contains(name)
+                        && (1.0..=100.0).contains(percent)
+                );
                 None
             }
             other => panic!("{other:?}"),

@@ -56,7 +56,11 @@ impl Job {
         let home = cell.home_rad;
         let first = at([10.123_456_7, -3.0, 4.0, 5.0, -6.0, 7.0], 45.0);
         let second = at([-10.0, -3.0, 4.0, -0.000_01, 0.0, -7.654_321], -20.0);
-        let legs = [vec![home, at([0.0; 6], 30.0), at([5.0, 0.0, 0.0, 0.0, 0.0, 0.0], 30.0), first], vec![first, second], vec![second, home]];
+        let legs = [
+            vec![home, at([0.0; 6], 30.0), at([5.0, 0.0, 0.0, 0.0, 0.0, 0.0], 30.0), first],
+            vec![first, second],
+            vec![second, home],
+        ];
         let axes = cell.axes();
         let go = |points: &[Configuration]| {
             Step::Move(Move {
@@ -161,7 +165,8 @@ fn each_dialect_is_written_as_before() {
 #[test]
 fn every_statement_reads_back_as_the_program() {
     let params = DialectParams { scan_output: 3, scan_input: 5, table_axis: 2, ..DialectParams::default() };
-    let named = DialectParams { program_name: "Gehäuse №7 «end»; 螺丝".to_owned(), fanuc_name_chars: 36, ..params.clone() };
+    let named =
+        DialectParams { program_name: "Gehäuse №7 «end»; 螺丝".to_owned(), fanuc_name_chars: 36, ..params.clone() };
     for (job, what) in [(Job::tour(), "tour"), (Job::planned(), "box")] {
         for params in [&params, &named] {
             for dialect in Dialect::ALL {
@@ -190,9 +195,7 @@ fn the_grammars_refuse_what_is_no_statement() {
         let text = files[0].text.replacen(from, to, 1);
         assert_ne!(text, files[0].text, "{dialect:?} has {from:?}");
         files[0].text = text;
-        let wanted = job.wanted(dialect);
-        let said = std::panic::catch_unwind(|| read(&files, &params));
-        assert!(said.map_or(true, |said| said != wanted && said.len() != wanted.len()), "{dialect:?} takes {to:?}");
+        assert!(std::panic::catch_unwind(|| read(&files, &params)).is_err(), "{dialect:?} takes {to:?}");
     };
     broken(Dialect::Rapid, "fine,tool0;", "fine,tool0", |f, p| rapid::read(&f[0], p));
     broken(Dialect::Rapid, "ENDPROC", "END", |f, p| rapid::read(&f[0], p));
@@ -202,5 +205,5 @@ fn the_grammars_refuse_what_is_no_statement() {
     broken(Dialect::UrScript, "r=0)", "r=0", |f, p| urscript::read(&f[0], p));
     broken(Dialect::Fanuc, "FINE ACC25 ;", "CNT100 ACC25 ;", |f, p| fanuc::read(&f[0], p));
     broken(Dialect::Fanuc, "J6=", "J7=", |f, p| fanuc::read(&f[0], p));
-    broken(Dialect::Hans, ",;", ";", |f, p| hans::read(&f[0], p));
+    broken(Dialect::Hans, "SetBoxDO,1,1,;", "SetBoxDO,1,1;", |f, p| hans::read(&f[0], p));
 }

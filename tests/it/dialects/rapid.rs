@@ -46,8 +46,25 @@ struct Module {
 }
 
 const RESERVED: [&str; 19] = [
-    "MODULE", "ENDMODULE", "PROC", "ENDPROC", "LOCAL", "CONST", "VAR", "PERS", "IF", "THEN", "ELSE", "ENDIF", "AND", "OR", "NOT",
-    "EXIT", "WHILE", "FOR", "RETURN",
+    "MODULE",
+    "ENDMODULE",
+    "PROC",
+    "ENDPROC",
+    "LOCAL",
+    "CONST",
+    "VAR",
+    "PERS",
+    "IF",
+    "THEN",
+    "ELSE",
+    "ENDIF",
+    "AND",
+    "OR",
+    "NOT",
+    "EXIT",
+    "WHILE",
+    "FOR",
+    "RETURN",
 ];
 
 fn both(a: Expr, operator: &'static str, b: Expr) -> Expr {
@@ -146,12 +163,15 @@ impl Module {
         let Statement::Call(name, arguments) = statement else { panic!("{statement:?}") };
         match (name.as_str(), arguments.as_slice()) {
             ("require_home", []) => {
-                assert!(matches!(self.routine("require_home").last(), Some(Statement::If(_, inner)) if inner.last() == Some(&Statement::Exit)));
+                assert!(
+                    matches!(self.routine("require_home").last(), Some(Statement::If(_, inner)) if inner.last() == Some(&Statement::Exit))
+                );
                 Some(Said::Begin(self.point("p0", params)))
             }
             ("scan", []) => Some(Said::Scan),
             ("AliasIO", [Argument::Required(Expr::Text(signal)), alias]) => {
-                let wanted = [(format!("DO_{}", params.scan_output), "scan_output"), (format!("DI_{}", params.scan_input), "scan_input")];
+                let wanted =
+                    [(format!("DO_{}", params.scan_output), "scan_output"), (format!("DI_{}", params.scan_input), "scan_input")];
                 assert!(wanted.iter().any(|(text, name)| text == signal && *alias == named(name)));
                 None
             }
@@ -163,7 +183,17 @@ impl Module {
                 assert_eq!(switch, "InPos");
                 Some(Said::Wait(*secs))
             }
-            ("MoveAbsJ", [Argument::Required(Expr::Name(point)), offsets, speed, Argument::Optional(time, Some(Expr::Number(secs))), zone, tool]) => {
+            (
+                "MoveAbsJ",
+                [
+                    Argument::Required(Expr::Name(point)),
+                    offsets,
+                    speed,
+                    Argument::Optional(time, Some(Expr::Number(secs))),
+                    zone,
+                    tool,
+                ],
+            ) => {
                 assert_eq!((offsets, time.as_str()), (&Argument::Optional("NoEOffs".to_owned(), None), "T"));
                 assert_eq!([speed, zone, tool], [&named("vmax"), &named("fine"), &named("tool0")]);
                 assert!(*secs > 0.0);

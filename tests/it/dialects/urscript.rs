@@ -32,8 +32,8 @@ enum Statement {
 }
 
 const KEYWORDS: [&str; 19] = [
-    "and", "break", "continue", "def", "elif", "else", "end", "global", "halt", "if", "join", "kill", "local", "not", "or", "return",
-    "run", "thread", "while",
+    "and", "break", "continue", "def", "elif", "else", "end", "global", "halt", "if", "join", "kill", "local", "not", "or",
+    "return", "run", "thread", "while",
 ];
 
 fn both(a: Expr, operator: &'static str, b: Expr) -> Expr {
@@ -90,7 +90,9 @@ pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
     let Statement::Def(name, _, body) = program else { panic!("{program:?}") };
     assert_eq!(format!("{}.script", name.trim_end_matches("_program")), file.name);
     let function = |wanted: &str| {
-        let found = body.iter().find_map(|s| if let Statement::Def(name, _, inner) = s { (name == wanted).then_some(inner) } else { None });
+        let found = body
+            .iter()
+            .find_map(|s| if let Statement::Def(name, _, inner) = s { (name == wanted).then_some(inner) } else { None });
         found.unwrap_or_else(|| panic!("no function {wanted}"))
     };
     let output = |on: bool| {
@@ -124,7 +126,9 @@ pub(super) fn read(file: &DialectFile, params: &DialectParams) -> Vec<Said> {
 }
 
 fn check_speed(arguments: &[Argument]) {
-    let [(Some(a), Expr::Number(acceleration)), (Some(v), Expr::Number(speed)), time, radius] = arguments else { panic!("{arguments:?}") };
+    let [(Some(a), Expr::Number(acceleration)), (Some(v), Expr::Number(speed)), time, radius] = arguments else {
+        panic!("{arguments:?}")
+    };
     assert_eq!((a.as_str(), v.as_str()), ("a", "v"));
     assert!(*acceleration > 0.0 && *speed > 0.0);
     let zero = |name: &str| (Some(name.to_owned()), Expr::Number(0.0));
