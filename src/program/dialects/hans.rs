@@ -14,11 +14,11 @@ const LAST_SIGNAL: u32 = 7;
 /// No controller compiles the script; a file's name is all it is.
 const NAME: NameRule = NameRule { longest: 64, reserved: &[] };
 
-const HOW_TO_SEND: [&str; 8] = [
-    "Send each line that begins with a letter as it stands, without the line end, and wait for Name,OK,...,;",
-    "before the next; on Name,Fail,code,; stop. Lines with @ are for the sender:",
+const HOW_TO_SEND: [&str; 7] = [
+    "Send each line that begins with a letter as it stands, without the line end, and wait for its Name,OK,...,; before the \
+     next; on Name,Fail,code,; stop. Lines with @ are for the sender:",
     "@home J1 J2 J3 J4 J5 J6 TABLE: stop unless ReadActPos,0,; and the table are within 0.5 deg of this.",
-    "@motion: poll ReadRobotState,0,; until not moving [0], blending done [11] and in position [12] are 0, 1, 1.",
+    "@motion: poll ReadRobotState,0,; until moving [0] is 0, blending done [11] is 1 and in position [12] is 1.",
     "@table A: turn the table to A deg and wait until it stands; the arm stands meanwhile.",
     "@wait S: wait S seconds.",
     "@input N S: poll ReadBoxDI,N,; until it is 1; stop when it is not within S seconds.",

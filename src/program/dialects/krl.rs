@@ -83,7 +83,7 @@ pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     let name = identifier(&job.params.program_name, job.program.setup, &NAME).to_ascii_uppercase();
     let access = ["&ACCESS RVP".to_owned(), "&REL 1".to_owned()];
     let mut src = access.to_vec();
-    src.push(format!("DEF {name}( )"));
+    src.extend([format!("DEF {name}( )"), "DECL INT I".to_owned()]);
     src.extend(head(job, &name));
     src.extend(body(job)?);
     src.push("END".to_owned());
@@ -114,7 +114,7 @@ fn head(job: &Job<'_>, name: &str) -> Vec<String> {
 
 fn body(job: &Job<'_>) -> Result<Vec<String>, DialectError> {
     let axis = job.params.table_axis;
-    let mut lines = vec!["INT I".to_owned(), "BAS(#INITMOV,0)".to_owned()];
+    let mut lines = vec!["BAS(#INITMOV,0)".to_owned()];
     lines.push(
         "; The paths begin at home; from anywhere else they were not checked. Bring arm and table there by hand.".to_owned(),
     );

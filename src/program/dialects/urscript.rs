@@ -69,7 +69,7 @@ def vantage_scan():
   end
 end
 
-# The paths begin at home; from anywhere else they were not checked.
+# The paths begin at home; from anywhere else they were not checked. The table turns home while the arm is there.
 def vantage_require_home():
   local home = [{j1}, {j2}, {j3}, {j4}, {j5}, {j6}]
   local here = get_actual_joint_positions()

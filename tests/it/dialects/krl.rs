@@ -79,7 +79,7 @@ peg::parser! { grammar language() for str {
         variable:variable() { Expr::Variable(variable) }
     }
     rule statement() -> Statement
-        = key("INT") name:name() eol() { Statement::Declare(name) }
+        = key("DECL") key("INT") name:name() eol() { Statement::Declare(name) }
         / key("PTP") name:name() eol() { Statement::Ptp(name) }
         / key("WAIT") key("SEC") secs:number() eol() { Statement::WaitSecs(secs) }
         / key("HALT") eol() { Statement::Halt }
