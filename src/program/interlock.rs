@@ -80,3 +80,6 @@ fn corners(
     points.extend(corners(&middle, to, scene, halvings - 1)?);
     Ok(points)
 }
+
+#[cfg(test)]
+mod tests;
