@@ -167,7 +167,7 @@ fn share_of_acceleration(speed_fraction: f64) -> u32 {
 }
 
 fn go(stretch: &Stretch, job: &Job<'_>) -> String {
-    // Rounded up: never quicker than was planned.
-    let secs = (stretch.secs(&job.axes) * 1000.0).ceil() / 1000.0;
+    // Rounded up, never quicker than was planned; what angles lose in a file changes no digit.
+    let secs = (stretch.secs(&job.axes) * 1000.0 - 1e-3).ceil() / 1000.0;
     format!("    MoveAbsJ p{}\\NoEOffs,vmax\\T:={},fine,tool0;", stretch.point, fixed(secs, 3))
 }
