@@ -19,7 +19,7 @@ use crate::geometry::{LengthUnit, Part, Pose, Table};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;
 use crate::planning::resting;
-use crate::program::{self, Expected};
+use crate::program::{self, Expected, Finding};
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 
@@ -41,18 +41,35 @@ pub struct CheckArgs {
     /// Cell to derive limits, times, collisions and poses with: a preset's name, or a TOML or JSON file.
     #[arg(long)]
     cell: Option<String>,
+    #[command(flatten)]
+    against: Against,
+}
+
+/// What a program is checked against beside the cell.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Against {
     /// Plan that a program must carry out.
     #[arg(long, requires = "cell")]
-    plan: Option<PathBuf>,
+    pub(super) plan: Option<PathBuf>,
     /// Part, for collisions: STL, OBJ or PLY.
     #[arg(long, requires = "cell")]
-    mesh: Option<PathBuf>,
+    pub(super) mesh: Option<PathBuf>,
     /// Fixture, for collisions, in the part's coordinates and unit.
     #[arg(long, requires = "mesh")]
     fixture: Option<PathBuf>,
     /// Unit of the meshes: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
+}
+
+/// What [`Against`] names, read.
+pub(super) struct Ground {
+    /// The plan.
+    pub(super) plan: Option<PlanDocument>,
+    /// What it asks of the program.
+    pub(super) expected: Option<Expected>,
+    /// The cell, with the part where there is one.
+    pub(super) scene: CollisionScene,
 }
 
 /// Checks every file; prints one line for each that is sound.
@@ -72,7 +89,8 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     if wrong.is_empty() { Ok(()) } else { Err(CliError::BadInput(wrong.join("\n"))) }
 }
 
-fn cell(name: &str) -> Result<Cell, CliError> {
+/// The cell: a preset's, or a file's.
+pub(super) fn cell(name: &str) -> Result<Cell, CliError> {
     let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings(name, &errors))
 }
@@ -165,13 +183,41 @@ fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Optio
 fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell: Option<&Cell>) -> Result<(), CliError> {
     let program = document.program().map_err(|errors| files::findings(shown, &errors))?;
     let Some(cell) = cell else { return Ok(()) };
-    let plan = args.plan.as_deref().map(|path| read_plan(path, document.setup)).transpose()?;
-    let clearance_mm = plan.as_ref().map_or(LEAST_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
-    let expected = plan.as_ref().and_then(|(_, expected)| expected.as_ref());
-    let scene = scene(args, cell, expected.map(|expected| expected.table_from_part), clearance_mm)?;
-    let found = program::check(&program, cell, &scene, expected);
+    let ground = args.against.ground(cell, document.setup)?;
+    let found = program::check(&program, cell, &ground.scene, ground.expected.as_ref());
+    if found.is_empty() { Ok(()) } else { Err(faults(shown, &found)) }
+}
+
+/// Every finding on a line of its own.
+pub(super) fn faults(shown: &str, found: &[Finding]) -> CliError {
     let lines: Vec<_> = found.iter().map(|finding| format!("{shown}: {finding}")).collect();
-    if lines.is_empty() { Ok(()) } else { Err(CliError::BadInput(lines.join("\n"))) }
+    CliError::BadInput(lines.join("\n"))
+}
+
+impl Against {
+    /// Reads what is named, for the program of `setup`.
+    pub(super) fn ground(&self, cell: &Cell, setup: usize) -> Result<Ground, CliError> {
+        let (plan, expected) = self.plan.as_deref().map(|path| read_plan(path, setup)).transpose()?.unzip();
+        let expected = expected.flatten();
+        let clearance_mm = plan.as_ref().map_or(LEAST_CLEARANCE_MM, |plan| plan.params.motion.clearance_mm) - ROUNDING_MM;
+        let table_from_part = expected.as_ref().map(|expected| expected.table_from_part);
+        let scene = self.scene(cell, table_from_part, clearance_mm)?;
+        Ok(Ground { plan, expected, scene })
+    }
+
+    fn scene(
+        &self,
+        cell: &Cell,
+        table_from_part: Option<Pose<Table, Part>>,
+        clearance_mm: f64,
+    ) -> Result<CollisionScene, CliError> {
+        let Some(path) = &self.mesh else { return Ok(CollisionScene::without_part(cell, clearance_mm)) };
+        let (part, _) = files::mesh(path, self.unit)?;
+        let fixture = self.fixture.as_deref().map(|path| files::mesh(path, self.unit)).transpose()?;
+        let table_from_part = table_from_part.unwrap_or_else(|| resting(&part.mesh));
+        let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
+        Ok(CollisionScene::new(cell, &part.mesh, fixture, &table_from_part, clearance_mm))
+    }
 }
 
 fn read_plan(path: &Path, setup: usize) -> Result<(PlanDocument, Option<Expected>), CliError> {
@@ -181,20 +227,6 @@ fn read_plan(path: &Path, setup: usize) -> Result<(PlanDocument, Option<Expected
     let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
     let expected = expected(&document, sha256, setup);
     Ok((document, expected))
-}
-
-fn scene(
-    args: &CheckArgs,
-    cell: &Cell,
-    table_from_part: Option<Pose<Table, Part>>,
-    clearance_mm: f64,
-) -> Result<CollisionScene, CliError> {
-    let Some(path) = &args.mesh else { return Ok(CollisionScene::without_part(cell, clearance_mm)) };
-    let (part, _) = files::mesh(path, args.unit)?;
-    let fixture = args.fixture.as_deref().map(|path| files::mesh(path, args.unit)).transpose()?;
-    let table_from_part = table_from_part.unwrap_or_else(|| resting(&part.mesh));
-    let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
-    Ok(CollisionScene::new(cell, &part.mesh, fixture, &table_from_part, clearance_mm))
 }
 
 #[cfg(test)]

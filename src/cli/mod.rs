@@ -17,6 +17,7 @@ pub mod inspect_scanner;
 mod out;
 pub mod part;
 pub mod plan;
+pub mod program;
 pub mod progress;
 pub mod reach;
 pub mod robot;
@@ -51,6 +52,7 @@ enum Command {
     Study(study::StudyArgs),
     Inspect(inspect::InspectArgs),
     Check(check::CheckArgs),
+    Program(program::ProgramArgs),
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
     Completions(CompletionsArgs),
@@ -109,6 +111,7 @@ impl Cli {
             Command::Study(args) => study::run(&args, &*raised_by_signal()?),
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
+            Command::Program(args) => program::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
             Command::Completions(CompletionsArgs { shell }) => {

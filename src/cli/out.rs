@@ -30,16 +30,21 @@ pub(super) fn prepare(out: &Path) -> Result<(), CliError> {
 /// # Errors
 /// [`CliError::Failed`].
 pub(super) fn write(out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
-    for artifact in artifacts {
-        let (path, part) = (out.join(artifact.name), out.join(format!(".{}.part", artifact.name)));
-        let written = std::fs::write(&part, &artifact.bytes).and_then(|()| std::fs::rename(&part, &path));
-        written.map_err(|error| {
-            // It may not be there at all.
-            let _ = std::fs::remove_file(&part);
-            refused(&path, &error)
-        })?;
-    }
-    Ok(())
+    artifacts.iter().try_for_each(|artifact| write_file(&out.join(artifact.name), &artifact.bytes))
+}
+
+/// Writes one file under another name first.
+///
+/// # Errors
+/// [`CliError::Failed`].
+pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
+    let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let part = path.with_file_name(format!(".{name}.part"));
+    std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, path)).map_err(|error| {
+        // It may not be there at all.
+        let _ = std::fs::remove_file(&part);
+        refused(path, &error)
+    })
 }
 
 fn refused(path: &Path, error: &std::io::Error) -> CliError {

@@ -146,10 +146,15 @@ pub(super) fn load_scanner(cell: Option<&Cell>, name: Option<&str>) -> Result<Sc
 
 /// File first, then every `--set` over it.
 pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
-    let mut value = match file {
+    let value = match file {
         Some(path) => files::value(path)?,
         None => Value::Object(serde_json::Map::new()),
     };
+    set_params(value, sets)
+}
+
+/// Every `--set` over `value`.
+pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
     for set in sets {
         let (key, text) = set
             .split_once('=')

@@ -61,11 +61,11 @@ impl<'a> Motion<'a> {
         let ctx = ctx.silent();
         let reach = self.reach(&[*view], &ctx)?;
         let Some(Ok(stations)) = reach.first() else { return Ok(false) };
-        Ok(self.order(&[(ViewId(0), stations)], &ctx)?.no_path.is_empty())
+        Ok(self.order(&[(ViewId(0), stations)], false, &ctx)?.no_path.is_empty())
     }
 
-    /// Order and paths through `views`.
-    pub(super) fn order(&self, views: &[(ViewId, &[Station])], ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
-        sequence::order(views, self.cell, &self.scene, self.params, ctx)
+    /// Order and paths through `views`; see [`sequence::order`].
+    pub(super) fn order(&self, views: &[(ViewId, &[Station])], insist: bool, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
+        sequence::order(views, self.cell, &self.scene, self.params, insist, ctx)
     }
 }

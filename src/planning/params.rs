@@ -8,11 +8,13 @@ use super::grade::Grade;
 use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
 
 mod candidates;
+mod dialects;
 mod regions;
 mod robust;
 mod selection;
 
 pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
+pub use dialects::DialectParams;
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
@@ -35,6 +37,8 @@ pub struct PlanParams {
     pub scan: ScanParams,
     /// Values that the program carries to the robot.
     pub motion: MotionParams,
+    /// Names and signals in the programs for robot controllers.
+    pub dialects: DialectParams,
     /// Incidence limits of this job.
     pub limits: LimitParams,
     /// Which viewpoints are considered.
@@ -63,6 +67,7 @@ impl Default for PlanParams {
             regions: RegionParams::default(),
             scan: ScanParams::default(),
             motion: MotionParams::default(),
+            dialects: DialectParams::default(),
             limits: LimitParams::default(),
             candidates: CandidateParams::default(),
             visibility: VisibilityParams::default(),
@@ -317,6 +322,7 @@ impl PlanParams {
         self.check_part(&mut findings);
         self.regions.check(&mut findings);
         self.check_hardware_values(&mut findings);
+        self.dialects.check(&mut findings);
         self.candidates.check(&mut findings);
         self.check_given(&mut findings);
         self.check_selection(&mut findings);

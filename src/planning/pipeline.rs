@@ -195,7 +195,9 @@ fn choose(
             return Ok((chosen, Vec::new(), barred));
         }
         ctx.begin(Stage::Sequence)?;
-        let order = |(setup, motion): (usize, &&Motion<'_>)| motion.order(&study.stations_of(&chosen, setup), ctx);
+        let order = |(setup, motion): (usize, &&Motion<'_>)| {
+            motion.order(&study.stations_of(&chosen, setup), reselections < MOST_RESELECTIONS, ctx)
+        };
         let ordered: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
         if no_path.is_empty() || reselections == MOST_RESELECTIONS {

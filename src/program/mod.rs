@@ -3,9 +3,12 @@
 
 mod check;
 mod compile;
+pub mod dialects;
+mod interlock;
 
 pub use check::{Expected, Fault, Finding, check, off_pose};
 pub use compile::compile;
+pub use interlock::{Together, interlock};
 
 use crate::cell::Configuration;
 use crate::planning::plan::ViewId;

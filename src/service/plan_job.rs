@@ -1,17 +1,19 @@
 //! From a part, a cell and parameters to every result file: what the server's jobs and the command line share.
 
+use std::collections::BTreeMap;
+
 use sha2::{Digest, Sha256};
 
 use super::store::hex;
-use crate::cell::{Cell, PoseSpec, Scanner};
+use crate::cell::{Cell, CollisionScene, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::report::text;
 use crate::planning::{PlanError, PlanInput, plan};
-use crate::program::{Program, compile};
-use crate::wire;
+use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
+use crate::program::{Expected, Program, compile};
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
@@ -21,13 +23,29 @@ use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
 /// Most triangles of the preview that browsers draw and `coverage.bin` refers to.
 pub const PREVIEW_TRIANGLES: usize = 300_000;
 
+/// Files of a setup's program: the neutral one, then those of the dialects.
+macro_rules! program_files {
+    ($stem:literal) => {
+        [
+            concat!($stem, ".json"),
+            concat!($stem, ".cps"),
+            concat!($stem, ".script"),
+            concat!($stem, ".mod"),
+            concat!($stem, ".src"),
+            concat!($stem, ".dat"),
+            concat!($stem, ".ls"),
+            concat!($stem, ".py"),
+            concat!($stem, ".csv"),
+        ]
+    };
+}
+
 /// Programs of the setups.
-const PROGRAM_FILES: [[&str; 2]; 4] = [
-    ["program.json", "program.csv"],
-    ["program-2.json", "program-2.csv"],
-    ["program-3.json", "program-3.csv"],
-    ["program-4.json", "program-4.csv"],
-];
+const PROGRAM_FILES: [[&str; 9]; 4] =
+    [program_files!("program"), program_files!("program-2"), program_files!("program-3"), program_files!("program-4")];
+
+/// Why there is no program in some dialects, by file.
+pub const REFUSED_FILE: &str = "refused.json";
 
 /// A file that came out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -112,9 +130,18 @@ impl PlanJob<'_> {
             ("report.txt", text(plan).into_bytes()),
             ("report.html", report::html(&report, ctx)?.into_bytes()),
         ];
-        for (program, [json, csv]) in programs.iter().zip(PROGRAM_FILES) {
-            files.push((json, ProgramDocument::new(program, self.echo.clone()).to_bytes()));
-            files.push((csv, wire::program::csv(program).into_bytes()));
+        let mut refused = BTreeMap::new();
+        for (program, names) in programs.iter().zip(PROGRAM_FILES) {
+            files.push((names[0], ProgramDocument::new(program, self.echo.clone()).to_bytes()));
+            for (name, text) in self.dialects(plan, program, &names) {
+                match text {
+                    Ok(text) => files.push((name, text.into_bytes())),
+                    Err(reason) => drop(refused.insert(name, reason)),
+                }
+            }
+        }
+        if !refused.is_empty() {
+            files.push((REFUSED_FILE, json_file_bytes(&refused)));
         }
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
@@ -124,6 +151,32 @@ impl PlanJob<'_> {
         let (Some(cell), plan_sha256) = (self.cell, hex(&Sha256::digest(document))) else { return Vec::new() };
         let compiled = |(setup, sequence)| compile(sequence, setup, cell, &plan_sha256, &plan.params);
         plan.sequences().enumerate().map(compiled).collect()
+    }
+
+    /// The program in every dialect, or why not, by file. The linter goes first.
+    fn dialects(&self, plan: &Plan, program: &Program, names: &[&'static str]) -> Vec<(&'static str, Result<String, String>)> {
+        let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
+        let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
+        let visited = plan.views.iter().filter(|view| view.setup == program.setup && view.station.is_some());
+        let expected = Expected {
+            plan_sha256: program.plan_sha256.clone(),
+            table_from_part: setup.table_from_part,
+            views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
+        };
+        let checked = CheckedProgram::new(program, cell, &scene, Some(&expected), CheckedWith::Part);
+        let rendered = |dialect: Dialect| -> Result<Vec<DialectFile>, String> {
+            let checked =
+                checked.as_ref().map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))?;
+            checked.render(dialect, &plan.params.dialects).map_err(|error| error.to_string())
+        };
+        let named =
+            |extension: &str| names.iter().copied().find(|name| name.rsplit_once('.').is_some_and(|(_, end)| end == extension));
+        let files = Dialect::ALL.into_iter().flat_map(|dialect| {
+            let rendered = rendered(dialect);
+            let text = move |index: usize| rendered.as_ref().map(|files| files[index].text.clone()).map_err(Clone::clone);
+            dialect.extensions().iter().enumerate().filter_map(move |(index, extension)| Some((named(extension)?, text(index))))
+        });
+        files.collect()
     }
 
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {

@@ -1,11 +1,9 @@
-//! `program.json`, schema `vantage.program/1`, and `program.csv`, one row for each point or action in the order of
-//! execution. Degrees here, radians inside.
+//! `program.json`, schema `vantage.program/1`. Degrees here, radians inside.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::angle;
-use super::csv::Csv;
 use super::echo::Echo;
 use super::json_file_bytes;
 use crate::cell::{Configuration, FieldError, Findings};
@@ -19,22 +17,6 @@ pub const PROGRAM_SCHEMA: &str = "vantage.program/1";
 const ANGLE_DEG: f64 = 3600.0;
 /// Longest time, seconds.
 const LONGEST_SECS: f64 = 86_400.0;
-
-const HEADER: [&str; 13] = [
-    "step",
-    "op",
-    "j1_deg",
-    "j2_deg",
-    "j3_deg",
-    "j4_deg",
-    "j5_deg",
-    "j6_deg",
-    "table_angle_deg",
-    "speed_fraction",
-    "secs",
-    "viewpoint",
-    "brightness",
-];
 
 /// The whole document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -229,51 +211,6 @@ impl From<&StepDocument> for Step {
 
 fn degrees(configuration: &Configuration) -> [f64; 7] {
     configuration.map(angle::degrees)
-}
-
-/// The program as a table: a via point, a target or an action a row, with where arm and table are then. A move's time
-/// stands at its target.
-#[must_use]
-pub fn csv(program: &Program) -> String {
-    let mut table = Csv::new(&HEADER);
-    row(&mut table, None, "home", &program.home_rad, [None; 2], [None; 2]);
-    let mut here = program.home_rad;
-    for (index, step) in program.steps.iter().enumerate() {
-        let index = Some(index);
-        match step {
-            Step::Move(step) => {
-                let speed = Some(step.speed_fraction);
-                for point in &step.via_rad {
-                    row(&mut table, index, "via", point, [speed, None], [None; 2]);
-                }
-                here = step.target_rad;
-                row(&mut table, index, "move_joints", &here, [speed, Some(step.duration_secs)], [None; 2]);
-            }
-            Step::Settle { secs } => row(&mut table, index, "settle", &here, [None, Some(*secs)], [None; 2]),
-            Step::Scan { view, brightness, capture_secs } => {
-                let scan = [Some(view.0), Some(u32::from(*brightness))];
-                row(&mut table, index, "scan", &here, [None, Some(*capture_secs)], scan);
-            }
-        }
-    }
-    table.finish()
-}
-
-/// Numbers and words of ours only: nothing in it could be read as a formula.
-fn row(
-    table: &mut Csv,
-    index: Option<usize>,
-    op: &str,
-    here: &Configuration,
-    speed_and_secs: [Option<f64>; 2],
-    viewpoint_and_brightness: [Option<u32>; 2],
-) {
-    table.optional(index);
-    table.number(op);
-    degrees(here).iter().for_each(|angle_deg| table.number(angle_deg));
-    speed_and_secs.iter().for_each(|value| table.optional(*value));
-    viewpoint_and_brightness.iter().for_each(|value| table.optional(*value));
-    table.end_row();
 }
 
 #[cfg(test)]

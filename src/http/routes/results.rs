@@ -1,5 +1,7 @@
 //! What came out of a job. A result never changes: its tag is the hash of its bytes.
 
+use std::collections::BTreeMap;
+
 use axum::extract::{Path, State};
 use axum::http::header::CONTENT_SECURITY_POLICY;
 use axum::http::{HeaderMap, HeaderValue};
@@ -8,8 +10,11 @@ use axum::response::{IntoResponse, Response};
 use super::{immutable, job_id, not_modified};
 use crate::http::extract::Params;
 use crate::http::negotiate::{Form, choose};
-use crate::http::problem::Problem;
+use crate::http::problem::{Code, Problem};
 use crate::http::router::Site;
+use crate::service::Error;
+use crate::service::plan_job::REFUSED_FILE;
+use crate::wire::JobId;
 use crate::wire::coverage::CoverageListing;
 use crate::wire::missed::MissedListing;
 use crate::wire::plan::PlanDocument;
@@ -30,10 +35,28 @@ const fn form(name: &'static str, media_type: &'static str, file: &'static str) 
 }
 
 const PLAN: [Form; 1] = [form("json", JSON, "plan.json")];
-const PROGRAM: [Form; 2] = [form("json", JSON, "program.json"), form("csv", CSV, "program.csv")];
-const PROGRAM_2: [Form; 2] = [form("json", JSON, "program-2.json"), form("csv", CSV, "program-2.csv")];
-const PROGRAM_3: [Form; 2] = [form("json", JSON, "program-3.json"), form("csv", CSV, "program-3.csv")];
-const PROGRAM_4: [Form; 2] = [form("json", JSON, "program-4.json"), form("csv", CSV, "program-4.csv")];
+/// A setup's program in every dialect. Their media types are nobody's standard; they keep `Accept: text/plain` from meaning
+/// one of them.
+macro_rules! program_forms {
+    ($stem:literal) => {
+        [
+            form("json", JSON, concat!($stem, ".json")),
+            form("csv", CSV, concat!($stem, ".csv")),
+            form("hans", "text/x-hans-cps; charset=utf-8", concat!($stem, ".cps")),
+            form("urscript", "text/x-urscript; charset=utf-8", concat!($stem, ".script")),
+            form("rapid", "text/x-rapid; charset=utf-8", concat!($stem, ".mod")),
+            form("krl", "text/x-krl; charset=utf-8", concat!($stem, ".src")),
+            form("krl_dat", "text/x-krl-dat; charset=utf-8", concat!($stem, ".dat")),
+            form("fanuc", "text/x-fanuc-ls; charset=utf-8", concat!($stem, ".ls")),
+            form("robodk", "text/x-python; charset=utf-8", concat!($stem, ".py")),
+        ]
+    };
+}
+
+const PROGRAM: [Form; 9] = program_forms!("program");
+const PROGRAM_2: [Form; 9] = program_forms!("program-2");
+const PROGRAM_3: [Form; 9] = program_forms!("program-3");
+const PROGRAM_4: [Form; 9] = program_forms!("program-4");
 const VIEWPOINTS: [Form; 2] = [form("json", JSON, "viewpoints.json"), form("csv", CSV, "viewpoints.csv")];
 const COVERAGE: [Form; 2] = [form("json", JSON, "coverage.json"), form("csv", CSV, "coverage.csv")];
 const MISSED: [Form; 1] = [form("json", JSON, "missed.json")];
@@ -56,7 +79,10 @@ async fn answer(
     // Whether there is such a job goes before the form: who asks for the wrong form of nothing is told of the nothing.
     site.app.job(id).await?;
     let form = choose(headers, asked.as_deref(), forms)?;
-    let file = site.app.result(id, form.file).await?;
+    let file = match site.app.result(id, form.file).await {
+        Err(Error::NoSuchResult { .. }) => return Err(absent(site, id, form.file).await),
+        found => found?,
+    };
     if let Some(response) = not_modified(headers, &file.sha256) {
         return Ok(response);
     }
@@ -67,6 +93,19 @@ async fn answer(
         response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
     }
     Ok(response)
+}
+
+/// Why a job that succeeded has no such file: planning says so of dialects.
+async fn absent(site: &Site, id: JobId, name: &str) -> Problem {
+    let refused = async {
+        let file = site.app.result(id, REFUSED_FILE).await.ok()?;
+        let bytes = site.app.read(&file).await.ok()?;
+        serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
+    };
+    match refused.await {
+        Some(reason) => Problem::new(Code::ResultNotFound, format!("there is no {name}: {reason}")),
+        None => Error::NoSuchResult { job: id, name: name.to_owned() }.into(),
+    }
 }
 
 macro_rules! result {
@@ -108,23 +147,34 @@ result! {
 }
 result! {
     /// The robot program
-    program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ["json", "csv"],
-    ("application/json", ProgramDocument), ("text/csv", String)
+    ///
+    /// As neutral JSON, as a table, or in the language of a controller (`params.dialects`). KUKA's has two files, `krl` and
+    /// `krl_dat`. A language in which the program cannot be said has none: `result_not_found` with the reason.
+    program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
+    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
+    ("text/x-python", String)
 }
 result! {
     /// The robot program of the second setup
-    program_2, "get_program_2", "/jobs/{id}/program-2", PROGRAM_2, "dialect" ["json", "csv"],
-    ("application/json", ProgramDocument), ("text/csv", String)
+    program_2, "get_program_2", "/jobs/{id}/program-2", PROGRAM_2, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
+    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
+    ("text/x-python", String)
 }
 result! {
     /// The robot program of the third setup
-    program_3, "get_program_3", "/jobs/{id}/program-3", PROGRAM_3, "dialect" ["json", "csv"],
-    ("application/json", ProgramDocument), ("text/csv", String)
+    program_3, "get_program_3", "/jobs/{id}/program-3", PROGRAM_3, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
+    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
+    ("text/x-python", String)
 }
 result! {
     /// The robot program of the fourth setup
-    program_4, "get_program_4", "/jobs/{id}/program-4", PROGRAM_4, "dialect" ["json", "csv"],
-    ("application/json", ProgramDocument), ("text/csv", String)
+    program_4, "get_program_4", "/jobs/{id}/program-4", PROGRAM_4, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
+    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
+    ("text/x-python", String)
 }
 result! {
     /// The chosen viewpoints
@@ -191,7 +241,7 @@ pub(in crate::http) async fn file(
         "json" => JSON,
         "csv" => CSV,
         "html" => HTML,
-        "txt" => TEXT,
+        "txt" | "cps" | "script" | "mod" | "src" | "dat" | "ls" | "py" => TEXT,
         _ => BYTES,
     };
     let bytes = site.app.read(&file).await?;

@@ -88,6 +88,9 @@ impl Sequence {
 /// to twelve views the tour is the shortest over the moves this stage knows, beyond that it comes with a bound. Runs on the
 /// caller's rayon pool; the result does not depend on the number of threads.
 ///
+/// Who would rather choose other views than leave some out may `insist` on all: a view without a path then ends it at once,
+/// with an empty sequence.
+///
 /// # Errors
 /// [`Cancelled`].
 pub fn order(
@@ -95,10 +98,18 @@ pub fn order(
     cell: &Cell,
     scene: &CollisionScene,
     params: &PlanParams,
+    insist: bool,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
     let routes = Routes::new(cell, scene, params.motion.speed_fraction);
     let joined = join_to_home(stations, &routes, ctx)?;
+    if insist && !joined.no_path.is_empty() {
+        let return_home = leg(Route::default(), cell.home_rad);
+        return Ok(Ordered {
+            sequence: Sequence { visits: Vec::new(), return_home, at_least_secs: 0.0 },
+            no_path: joined.no_path,
+        });
+    }
     let mut visits = Vec::new();
     let mut last = None;
     let (tour, at_least_secs) = shortest_tour(&joined, &routes, ctx)?;

@@ -60,7 +60,7 @@ impl Room {
             self.stations.iter().enumerate().map(|(i, stations)| (ViewId(i as u32), stations.as_slice())).collect();
         let flag = AtomicBool::new(cancelled);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
-        pool.install(|| order(&listed, &self.cell, &self.scene, &PlanParams::default(), &Context::new(&flag, &Silent)))
+        pool.install(|| order(&listed, &self.cell, &self.scene, &PlanParams::default(), false, &Context::new(&flag, &Silent)))
     }
 
     /// Re-checks every segment at half a degree, its times and its limits, from the sequence alone.

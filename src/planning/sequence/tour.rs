@@ -19,7 +19,9 @@ pub(super) const EXACT_GROUPS: usize = 12;
 /// Kicks a group.
 const KICKS: usize = 2;
 /// Longest piece of a kick.
-const KICKED_GROUPS: f64 = 8.0;
+const KICKED_GROUPS: f64 = 4.0;
+/// Positions beside a kick that are looked at afterwards.
+const AROUND: usize = 5;
 /// Names the stream of kicks.
 const STREAM: u64 = 0x7475_7273;
 /// Longest piece that Or-opt moves.
@@ -158,15 +160,15 @@ impl<'a> Search<'a> {
     }
 
     fn run(mut self, round: u32, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
-        while self.improve(ctx)? {}
+        while self.improve(0..self.order.len(), ctx)? {}
         if round == 0 {
             return Ok(self.nodes());
         }
         let mut stream = Stream::new(0, &[STREAM, u64::from(round)]);
         let mut best = (self.secs, self.order.clone());
         for _ in 0..KICKS * self.groups.len() {
-            self.kick(&mut stream);
-            while self.improve(ctx)? {}
+            let around = self.kick(&mut stream);
+            while self.improve(around.clone(), ctx)? {}
             if self.secs < best.0 - LEAST_GAIN_SECS {
                 best = (self.secs, self.order.clone());
             } else {
@@ -177,24 +179,26 @@ impl<'a> Search<'a> {
         Ok(self.nodes())
     }
 
-    /// Two neighbouring pieces of the order change places.
-    fn kick(&mut self, stream: &mut Stream) {
+    /// Two neighbouring pieces of the order change places; the positions around them.
+    fn kick(&mut self, stream: &mut Stream) -> Range<usize> {
         let groups = self.order.len();
         let longest = KICKED_GROUPS.min((groups / 2) as f64);
         let mut length = || (1.0 + stream.unit() * longest).min(longest) as usize;
         let (front, back) = (length(), length());
         let first = (stream.unit() * (groups - front - back + 1) as f64) as usize;
-        self.order[first..first + front + back].rotate_left(front);
+        let end = first + front + back;
+        self.order[first..end].rotate_left(front);
         self.refresh();
+        first.saturating_sub(AROUND)..(end + AROUND).min(groups)
     }
 
-    /// One round over all pieces of the order: each is reversed, or has a few groups moved from one end to the other,
+    /// One round over all pieces of the order within these positions: each is reversed, or has a few groups moved from one end to the other,
     /// wherever that makes the tour shorter. Whether anything did.
-    fn improve(&mut self, ctx: &Context<'_>) -> Result<bool, Cancelled> {
+    fn improve(&mut self, within: Range<usize>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let before = self.secs;
-        for first in 0..self.order.len() - 1 {
+        for first in within.start..within.end - 1 {
             ctx.check()?;
-            for last in first + 1..self.order.len() {
+            for last in first + 1..within.end {
                 let limit = self.secs - LEAST_GAIN_SECS;
                 let better = rearranged(&self.order[first..=last])
                     .find(|piece| self.at_least(first, piece) < limit && self.with_piece(first, piece) < limit);

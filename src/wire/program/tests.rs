@@ -1,4 +1,4 @@
-use super::{PROGRAM_SCHEMA, ProgramDocument, csv};
+use super::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, Step};
 use crate::wire::echo::Echo;
@@ -76,19 +76,4 @@ fn what_is_out_of_range_is_refused_where_it_is() {
     assert!(parse::<super::StepDocument>(unknown).is_err());
     let extra = br#"{"op": "settle", "secs": 1.0, "minutes": 2}"#;
     assert!(parse::<super::StepDocument>(extra).is_err());
-}
-
-#[test]
-fn the_table_has_a_row_a_point_and_action_and_no_text_of_users() {
-    let table = csv(&program());
-    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
-    let ops: Vec<_> = rows.iter().map(|row| row[1]).collect();
-    assert_eq!(ops, ["op", "home", "via", "move_joints", "settle", "scan", "move_joints"]);
-    assert!(rows.iter().all(|row| row.len() == 13));
-    let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("number");
-    assert!((number(3, 2) - 10.0).abs() < 1e-9 && (number(3, 8) - 30.0).abs() < 1e-9);
-    // At the scan arm and table stand where the move ended.
-    assert_eq!(rows[5][2..9], rows[3][2..9]);
-    assert_eq!(rows[5][11..], ["4", "5"]);
-    assert!(!table.contains("cmd"));
 }

@@ -28,7 +28,7 @@ pub(super) struct Answer {
 }
 
 /// Every file that a job may come to.
-pub(super) const FILES: [&str; 11] = [
+pub(super) const FILES: [&str; 18] = [
     "plan.json",
     "program.json",
     "missed.json",
@@ -40,6 +40,13 @@ pub(super) const FILES: [&str; 11] = [
     "report.html",
     "report.txt",
     "program.csv",
+    "program.cps",
+    "program.script",
+    "program.mod",
+    "program.src",
+    "program.dat",
+    "program.ls",
+    "program.py",
 ];
 
 /// The planner of these tests.
@@ -51,6 +58,10 @@ fn planner() -> Planner {
             Some("no_plan") => return Err(RunError::NoPlan("nothing is in reach".into())),
             Some("bad_input") => input.mesh.read("/mesh_id", 1).map(drop)?,
             Some("wait") => wait_for_cancel(ctx)?,
+            Some("refuse") => {
+                let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
+                return Ok(vec![Artifact { name: "refused.json", bytes }]);
+            }
             _ => {}
         }
         ctx.begin(Stage::Visibility).map_err(|_| RunError::Cancelled)?;

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::api::{Api, http_options, service_options};
+use super::api::{Api, FILES, http_options, service_options};
 
 #[tokio::test]
 async fn a_job_is_accepted_planned_and_told_about() {
@@ -34,7 +34,7 @@ async fn a_job_is_accepted_planned_and_told_about() {
     assert_eq!((&job["problem"], &job["queue_position"]), (&json!(null), &json!(null)));
     assert!(job["timings"]["surface"].as_f64().is_some_and(|seconds| seconds >= 0.0));
     let names: Vec<&str> = job["results"].as_array().expect("a list").iter().filter_map(|file| file["name"].as_str()).collect();
-    assert_eq!(names.len(), 12);
+    assert_eq!(names.len(), FILES.len() + 1, "and the timings");
     assert!(names.contains(&"timings.json"));
     let plan = job["results"].as_array().expect("a list").iter().find(|file| file["name"] == "plan.json").expect("a plan");
     assert_eq!(job["plan_sha256"], plan["sha256"]);

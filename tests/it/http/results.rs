@@ -17,6 +17,15 @@ async fn each_result_comes_in_its_forms() {
         ("program", "", "application/json", "program.json"),
         ("program?dialect=csv", "", csv, "program.csv"),
         ("program", "text/csv", csv, "program.csv"),
+        ("program?dialect=hans", "", "text/x-hans-cps; charset=utf-8", "program.cps"),
+        ("program?dialect=urscript", "", "text/x-urscript; charset=utf-8", "program.script"),
+        ("program?dialect=rapid", "text/plain", "text/x-rapid; charset=utf-8", "program.mod"),
+        ("program", "text/x-rapid", "text/x-rapid; charset=utf-8", "program.mod"),
+        ("program?dialect=krl", "", "text/x-krl; charset=utf-8", "program.src"),
+        ("program?dialect=krl_dat", "", "text/x-krl-dat; charset=utf-8", "program.dat"),
+        ("program?dialect=fanuc", "", "text/x-fanuc-ls; charset=utf-8", "program.ls"),
+        ("program?dialect=robodk", "", "text/x-python; charset=utf-8", "program.py"),
+        ("files/program.src", "", text, "program.src"),
         ("viewpoints", "*/*", "application/json", "viewpoints.json"),
         ("viewpoints", "text/csv", csv, "viewpoints.csv"),
         ("coverage", "", "application/json", "coverage.json"),
@@ -70,10 +79,27 @@ async fn other_forms_are_not_to_be_had() {
         let path = format!("/api/v1/jobs/{job}/{path}");
         api.send("GET", &path, &[("accept", accept)], "").await.problem("not_acceptable");
     }
+    let problem = api.get(&format!("/api/v1/jobs/{job}/program?dialect=cobol")).await.problem("not_acceptable");
+    let detail = problem["detail"].as_str().expect("text");
+    for dialect in ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"] {
+        assert!(detail.contains(&format!("({dialect})")), "{detail}");
+    }
+    api.get(&format!("/api/v1/jobs/{job}/program-2?dialect=rapid")).await.problem("result_not_found");
     api.get(&format!("/api/v1/jobs/{job}/program?format=json")).await.problem_at("bad_query", &["format"]);
     for name in ["nothing", "plan.json%00", "..%2f..%2fvantage.db", "%2e%2e"] {
         api.get(&format!("/api/v1/jobs/{job}/files/{name}")).await.problem("result_not_found");
     }
+}
+
+#[tokio::test]
+async fn a_dialect_that_cannot_say_a_program_says_why() {
+    let api = Api::start().await;
+    let job = api.job("refuse").await;
+    api.ended(&job).await;
+    let problem = api.get(&format!("/api/v1/jobs/{job}/program?dialect=fanuc")).await.problem("result_not_found");
+    assert_eq!(problem["detail"], "there is no program.ls: the speed is 0.001 of the rated");
+    let problem = api.get(&format!("/api/v1/jobs/{job}/program?dialect=rapid")).await.problem("result_not_found");
+    assert!(problem["detail"].as_str().expect("text").ends_with("has no program.mod"), "{problem}");
 }
 
 #[tokio::test]

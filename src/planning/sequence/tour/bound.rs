@@ -14,8 +14,10 @@ use rayon::prelude::*;
 use super::Costs;
 use crate::planning::context::{Cancelled, Context};
 
-/// Rounds of multipliers.
-const ROUNDS: u32 = 200;
+/// Rounds of multipliers at most, …
+const ROUNDS: f64 = 200.0;
+/// … and steps from node to node in all of them, a few seconds' worth.
+const STEPS: f64 = 3e9;
 /// Rounds without gain after which steps are halved.
 const PATIENCE: u32 = 8;
 /// A gap smaller than this share of the tour is closed.
@@ -57,7 +59,8 @@ impl Labels {
 pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, ctx: &Context<'_>) -> Result<f64, Cancelled> {
     let mut tolls = vec![0.0; groups.len()];
     let (mut best, mut share, mut waited) = (0.0_f64, 1.0, 0);
-    for _ in 0..ROUNDS {
+    let rounds = (STEPS / (groups.len() * costs.nodes * costs.nodes) as f64).clamp(4.0, ROUNDS) as u32;
+    for _ in 0..rounds {
         ctx.check()?;
         let (secs, stops) = shortest_walk(groups, costs, &tolls);
         waited = if secs > best { 0 } else { waited + 1 };

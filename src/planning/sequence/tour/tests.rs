@@ -93,7 +93,7 @@ proptest! {
         let ctx = Context::new(&flag, &Silent);
         let mut search = Search::new(&groups, &costs, &[]);
         let at_first = search.secs;
-        while search.improve(&ctx).expect("not cancelled") {}
+        while search.improve(0..groups.len(), &ctx).expect("not cancelled") {}
         let tour = search.nodes();
         assert_visits_each_group_once(&tour, &groups);
         prop_assert!((length(&tour, &costs) - search.secs).abs() < 1e-9);

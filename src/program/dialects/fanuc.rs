@@ -1,0 +1,147 @@
+//! FANUC TP program in ASCII, `.LS` (*R-30iB Operator's Manual*, B-83284EN). `J P[n] p% FINE ACCp` stops at each point; speed
+//! and acceleration are whole percents. The table is the first axis of motion group 2, which the program takes along. Angles
+//! are the controller's own: on arms whose third joint is coupled to the second the program's joints already are as the
+//! vendor shows them, and nothing is converted here. Remarks have 32 characters, comments 16, positions three decimals.
+
+use super::header::paragraphs;
+use super::names::{NameRule, identifier, wrap};
+use super::numbers::{DEGREE, angles};
+use super::walk::{Action, Stretch, points};
+use super::{Dialect, DialectError, DialectFile, Job, percent};
+use crate::cell::Configuration;
+
+/// Names that the controller refuses.
+const RESERVED: [&str; 13] =
+    ["CON", "PRN", "AUX", "NUL", "COM1", "COM2", "COM3", "COM4", "LPT1", "LPT2", "LPT3", "PROGRAM", "END"];
+/// Longest remark.
+const REMARK_CHARS: usize = 32;
+/// Speed of the move home, where the arm already stands, percent.
+const HOMING_PERCENT: u32 = 5;
+/// Label that the wait for the scanner jumps to.
+const LATE: u32 = 99;
+
+/// The program.
+pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
+    job.check_signals(Dialect::Fanuc, 1, 4096)?;
+    let rule = NameRule { longest: job.params.fanuc_name_chars as usize, reserved: &RESERVED };
+    let name = identifier(&job.params.program_name, job.program.setup, &rule).to_ascii_uppercase();
+    let body = body(job, &name)?;
+    let mut lines = attributes(&name, job, body.len());
+    lines.extend(body.iter().enumerate().map(|(index, line)| format!("{:>4}:{line} ;", index + 1)));
+    lines.push("/POS".to_owned());
+    for (index, point) in points(job.program, &job.actions).iter().enumerate() {
+        lines.extend(position(index, point, job));
+    }
+    lines.push("/END".to_owned());
+    Ok(vec![Job::file(&name, "ls", &lines)])
+}
+
+fn attributes(name: &str, job: &Job<'_>, lines: usize) -> Vec<String> {
+    let hash = &job.program.plan_sha256;
+    let text = format!(
+        "/PROG  {name}
+/ATTR
+OWNER\t\t= MNEDITOR;
+COMMENT\t\t= \"PLAN {}\";
+PROG_SIZE\t= 0;
+CREATE\t\t= DATE 00-00-00  TIME 00:00:00;
+MODIFIED\t= DATE 00-00-00  TIME 00:00:00;
+FILE_NAME\t= ;
+VERSION\t\t= 0;
+LINE_COUNT\t= {lines};
+MEMORY_SIZE\t= 0;
+PROTECT\t\t= READ_WRITE;
+TCD:  STACK_SIZE\t= 0,
+      TASK_PRIORITY\t= 50,
+      TIME_SLICE\t= 0,
+      BUSY_LAMP_OFF\t= 0,
+      ABORT_REQUEST\t= 0,
+      PAUSE_REQUEST\t= 0;
+DEFAULT_GROUP\t= 1,1,*,*,*;
+CONTROL_CODE\t= 00000000 00000000;
+/APPL
+/MN",
+        &hash[..hash.len().min(11)]
+    );
+    text.lines().map(str::to_owned).collect()
+}
+
+fn body(job: &Job<'_>, name: &str) -> Result<Vec<String>, DialectError> {
+    let home = "Bring arm and table home by hand first: the first move goes there, slowly, on a way that was not checked.";
+    let coupled = "Joints are the controller's own, J3 coupled to J2 where it is so.";
+    let table = "axis 1 of motion group 2; it moves with the arm.";
+    let head = paragraphs(job, &format!("{name}.LS"), "deg, percent of rated, s.", table, &[home, coupled]);
+    let mut lines: Vec<String> = head.iter().flat_map(|paragraph| remark(paragraph)).collect();
+    lines.push(format!("  $WAITTMOUT={}", (100.0 * job.params.timeout_secs).ceil() as u32));
+    lines.push(format!("J P[1] {HOMING_PERCENT}% FINE"));
+    for action in &job.actions {
+        match action {
+            Action::Toward(view) => lines.extend(remark(&super::walk::toward(*view))),
+            Action::Go(stretch) => lines.push(go(stretch)?),
+            Action::Settle(secs) => lines.push(wait(*secs)),
+            Action::Scan { view, brightness } => {
+                lines.extend(remark(&format!("scan viewpoint {}, level {brightness}", view.0)));
+                lines.extend(scan(job));
+            }
+        }
+    }
+    lines.extend([
+        "  END".to_owned(),
+        format!("  LBL[{LATE}:NO ANSWER]"),
+        "  MESSAGE[SCANNER DID NOT ANSWER]".to_owned(),
+        "  ABORT".to_owned(),
+    ]);
+    Ok(lines)
+}
+
+/// A semicolon would end the line.
+fn remark(text: &str) -> Vec<String> {
+    wrap(&text.replace([';', '"'], "."), REMARK_CHARS).into_iter().map(|line| format!("  !{line}")).collect()
+}
+
+fn go(stretch: &Stretch) -> Result<String, DialectError> {
+    let percent = percent(stretch.speed_fraction, Dialect::Fanuc)?;
+    Ok(format!("J P[{}] {percent}% FINE ACC{percent}", stretch.point + 1))
+}
+
+/// Rounded up to hundredths, and without a zero before the point, as the controller writes it.
+fn wait(secs: f64) -> String {
+    let text = format!("{:.2}", (100.0 * secs - 1e-6).ceil().max(0.0) / 100.0);
+    format!("  WAIT {:>6}(sec)", text.strip_prefix('0').unwrap_or(&text))
+}
+
+fn scan(job: &Job<'_>) -> [String; 4] {
+    let (output, input) = (job.params.scan_output, job.params.scan_input);
+    [
+        format!("  DO[{output}]=ON"),
+        wait(job.params.pulse_secs),
+        format!("  DO[{output}]=OFF"),
+        format!("  WAIT DI[{input}]=ON TIMEOUT,LBL[{LATE}]"),
+    ]
+}
+
+fn position(index: usize, point: &Configuration, job: &Job<'_>) -> Vec<String> {
+    let joints = angles(point, &job.axes, DEGREE, 3);
+    let joint = |axis: usize| format!("J{}= {:>9} deg", axis + 1, joints[axis]);
+    let text = format!(
+        "P[{}{}]{{
+   GP1:
+\tUF : 0, UT : 1,
+\t{},\t{},\t{},
+\t{},\t{},\t{}
+   GP2:
+\tUF : 0, UT : 1,
+\tJ1= {:>9} deg
+}};",
+        index + 1,
+        if index == 0 { ":\"HOME\"" } else { "" },
+        joint(0),
+        joint(1),
+        joint(2),
+        joint(3),
+        joint(4),
+        joint(5),
+        joints[6]
+    );
+    text.lines().map(str::to_owned).collect()
+}

@@ -1,0 +1,46 @@
+//! What every program says of itself before it does anything.
+
+use super::names::comment;
+use super::walk::Action;
+use super::{CheckedWith, Job};
+
+/// The header, a paragraph a line, without marks of a comment. `units` and `table` are the dialect's own words on its
+/// units and on how the table is moved; `extra` is what else has to be known.
+pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, extra: &[&str]) -> Vec<String> {
+    let (program, cell) = (job.program, job.cell);
+    let views = job.actions.iter().filter(|action| matches!(action, Action::Scan { .. })).count();
+    let checked = match job.checked_with {
+        CheckedWith::Part => "Checked in the model of the cell with the part in it: limits, speeds, collisions.",
+        CheckedWith::CellAlone => {
+            "WARNING: checked in the model of the cell WITHOUT the part: what hits the part was not looked for."
+        }
+    };
+    let mut lines = vec![
+        format!("Vantage scan program. File name: {file}"),
+        format!("Plan SHA-256 {}", program.plan_sha256),
+        format!("Setup {}, {views} scans, predicted cycle {:.1} s", program.setup + 1, program.cycle_secs),
+        format!("Cell {}, robot {}, turntable {}", cell.name, cell.robot.name, cell.turntable.name),
+        format!("Units: {units}"),
+        "WARNING: not safety-rated. Guarding, speed limits and stops belong to the cell's safety system.".to_owned(),
+        "WARNING: run first at reduced speed, nobody in the cell, a hand on the stop.".to_owned(),
+        checked.to_owned(),
+        format!(
+            "Payload to be set on the controller: {:.2} kg at the flange, and cables.",
+            cell.scanner.mass_kg + cell.mount_mass_kg
+        ),
+        format!("Table: {table}"),
+        "Each point is a stop: the paths between them were checked as straight joint moves.".to_owned(),
+        format!(
+            "Scan: output {} on for {} s starts it; input {} on ends it, after {} s the program stops.",
+            job.params.scan_output, job.params.pulse_secs, job.params.scan_input, job.params.timeout_secs
+        ),
+    ];
+    lines.extend(extra.iter().map(|&line| line.to_owned()));
+    lines.iter().map(|line| comment(line)).collect()
+}
+
+/// The paragraphs in lines of at most 100 characters, each behind `mark`.
+pub(super) fn commented(paragraphs: &[String], mark: &str) -> Vec<String> {
+    let lines = paragraphs.iter().flat_map(|paragraph| super::names::wrap(paragraph, 100));
+    lines.map(|line| format!("{mark} {line}")).collect()
+}

@@ -1,0 +1,192 @@
+//! KUKA KRL (*KSS 8.x Operating and Programming Instructions for System Integrators*): a `.src` file with the program and a
+//! `.dat` file with its points, both of the same name, at most 24 characters. `PTP` without approximation stops at each
+//! point; speeds and accelerations are whole percents of each axis. The table is an external axis. The first motion is to
+//! home, where the arm already stands: the controller wants its block coincidence there.
+
+use super::header::{commented, paragraphs};
+use super::names::{NameRule, identifier};
+use super::numbers::{DEGREE, angles, fixed};
+use super::walk::{Action, points, scanning, toward};
+use super::{Dialect, DialectError, DialectFile, Job, percent};
+
+const NAME: NameRule = NameRule { longest: 24, reserved: &RESERVED };
+/// Keywords and names of the program's own.
+const RESERVED: [&str; 61] = [
+    "AND",
+    "ANIN",
+    "ANOUT",
+    "B_AND",
+    "B_NOT",
+    "BAS",
+    "BOOL",
+    "BRAKE",
+    "CASE",
+    "CCDLIST",
+    "CHANNEL",
+    "CHAR",
+    "CIRC",
+    "CIRC_REL",
+    "CONST",
+    "CONTINUE",
+    "DECL",
+    "DEF",
+    "DEFAULT",
+    "DEFDAT",
+    "DEFFCT",
+    "DELAY",
+    "DIGIN",
+    "DO",
+    "ELSE",
+    "END",
+    "ENDDAT",
+    "ENDFCT",
+    "ENDFOR",
+    "ENDIF",
+    "ENDLOOP",
+    "ENUM",
+    "EXIT",
+    "EXT",
+    "FALSE",
+    "FOR",
+    "FRAME",
+    "GLOBAL",
+    "GOTO",
+    "HALT",
+    "IF",
+    "IMPORT",
+    "INT",
+    "INTERRUPT",
+    "IS_AWAY",
+    "LIN",
+    "LOOP",
+    "NOT",
+    "OR",
+    "PTP",
+    "PULSE",
+    "REAL",
+    "REPEAT",
+    "RETURN",
+    "SCAN_VIEW",
+    "SIGNAL",
+    "STRUC",
+    "SWITCH",
+    "WAIT",
+    "WHILE",
+    "XHOME",
+];
+/// The controller's timer that the wait for the scanner uses.
+const TIMER: u32 = 10;
+
+/// Program and points.
+pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
+    job.check_signals(Dialect::Krl, 1, 4096)?;
+    let name = identifier(&job.params.program_name, job.program.setup, &NAME).to_ascii_uppercase();
+    let access = ["&ACCESS RVP".to_owned(), "&REL 1".to_owned()];
+    let mut src = access.to_vec();
+    src.extend([format!("DEF {name}( )"), "DECL INT I".to_owned()]);
+    src.extend(head(job, &name));
+    src.extend(body(job)?);
+    src.push("END".to_owned());
+    src.extend(is_away(job));
+    src.extend(scan(job).lines().map(str::to_owned));
+    let mut dat = access.to_vec();
+    dat.push(format!("DEFDAT {name}"));
+    dat.extend(points(job.program, &job.actions).iter().enumerate().map(|(index, point)| {
+        let [j1, j2, j3, j4, j5, j6, table] = angles(point, &job.axes, DEGREE, 4);
+        let axis = job.params.table_axis;
+        format!("DECL E6AXIS {}={{A1 {j1},A2 {j2},A3 {j3},A4 {j4},A5 {j5},A6 {j6},E{axis} {table}}}", point_name(index))
+    }));
+    dat.push("ENDDAT".to_owned());
+    Ok(vec![Job::file(&name, "src", &src), Job::file(&name, "dat", &dat)])
+}
+
+fn point_name(index: usize) -> String {
+    if index == 0 { "XHOME".to_owned() } else { format!("XP{index}") }
+}
+
+fn head(job: &Job<'_>, name: &str) -> Vec<String> {
+    let axis = job.params.table_axis;
+    let table = format!("external axis E{axis}; it moves with the arm (synchronous, not an asynchronous axis).");
+    let timer = format!("Uses $TIMER[{TIMER}].");
+    let paragraphs = paragraphs(job, &format!("{name}.src, with {name}.dat"), "deg, percent of rated, s.", &table, &[&timer]);
+    commented(&paragraphs, ";")
+}
+
+fn body(job: &Job<'_>) -> Result<Vec<String>, DialectError> {
+    let axis = job.params.table_axis;
+    let mut lines = vec!["BAS(#INITMOV,0)".to_owned()];
+    lines.push(
+        "; The paths begin at home; from anywhere else they were not checked. Bring arm and table there by hand.".to_owned(),
+    );
+    lines.extend(["WHILE IS_AWAY( )", "HALT", "ENDWHILE"].map(str::to_owned));
+    let mut speed = None;
+    for action in &job.actions {
+        match action {
+            Action::Toward(view) => lines.push(format!("; {}", toward(*view))),
+            Action::Go(stretch) => {
+                let percent = percent(stretch.speed_fraction, Dialect::Krl)?;
+                if speed.is_none() {
+                    lines.extend(set_speed(percent, axis));
+                    lines.push("PTP XHOME".to_owned());
+                } else if speed != Some(percent) {
+                    lines.extend(set_speed(percent, axis));
+                }
+                speed = Some(percent);
+                lines.push(format!("PTP {}", point_name(stretch.point)));
+            }
+            Action::Settle(secs) => lines.push(format!("WAIT SEC {}", fixed(*secs, 3))),
+            Action::Scan { view, brightness } => {
+                lines.push(format!("; {}", scanning(*view, *brightness)));
+                lines.push("SCAN_VIEW( )".to_owned());
+            }
+        }
+    }
+    Ok(lines)
+}
+
+fn set_speed(percent: u32, axis: u32) -> [String; 6] {
+    [
+        "FOR I=1 TO 6".to_owned(),
+        format!("$VEL_AXIS[I]={percent}"),
+        format!("$ACC_AXIS[I]={percent}"),
+        "ENDFOR".to_owned(),
+        format!("$VEL_EXTAX[{axis}]={percent}"),
+        format!("$ACC_EXTAX[{axis}]={percent}"),
+    ]
+}
+
+/// Whether arm or table is not at home.
+fn is_away(job: &Job<'_>) -> Vec<String> {
+    let axes = (1..=6).map(|joint| format!("A{joint}")).chain([format!("E{}", job.params.table_axis)]);
+    let tests = axes.flat_map(|axis| {
+        [format!("IF ABS($AXIS_ACT.{axis}-XHOME.{axis})>0.5 THEN"), "RETURN TRUE".to_owned(), "ENDIF".to_owned()]
+    });
+    let last = ["RETURN FALSE".to_owned(), "ENDFCT".to_owned()];
+    std::iter::once("DEFFCT BOOL IS_AWAY( )".to_owned()).chain(tests).chain(last).collect()
+}
+
+/// Waits in vain until the time is over, then halts; started again, it waits once more.
+fn scan(job: &Job<'_>) -> String {
+    let params = job.params;
+    let (output, input) = (params.scan_output, params.scan_input);
+    format!(
+        "DEF SCAN_VIEW( )
+$OUT[{output}]=TRUE
+WAIT SEC {pulse}
+$OUT[{output}]=FALSE
+$TIMER[{TIMER}]=0
+$TIMER_STOP[{TIMER}]=FALSE
+WHILE NOT $IN[{input}]
+IF $TIMER[{TIMER}]>{timeout} THEN
+; The scanner did not answer.
+HALT
+$TIMER[{TIMER}]=0
+ENDIF
+ENDWHILE
+$TIMER_STOP[{TIMER}]=TRUE
+END
+",
+        pulse = fixed(params.pulse_secs, 3),
+        timeout = (params.timeout_secs * 1000.0).ceil() as u32
+    )
+}

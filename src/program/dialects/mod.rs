@@ -1,0 +1,232 @@
+//! Programs in the languages of robot controllers. Motion is the program's, point by point with a stop at each, since that
+//! is what was checked; a dialect adds nothing but the words. Only a [`CheckedProgram`] can be rendered.
+//!
+//! Angles are degrees here where the language's are. The table is an external axis where the language has one (RAPID, KRL,
+//! FANUC, RoboDK); Han's and URScript call for it by name, and get the interlocked program, in which it never moves with
+//! the arm. Each file documents what of its language it relies on.
+
+mod csv;
+mod fanuc;
+mod hans;
+mod header;
+mod krl;
+mod names;
+mod numbers;
+mod rapid;
+mod robodk;
+mod urscript;
+mod walk;
+
+use super::{Expected, Finding, Program, Together, check, interlock};
+use crate::cell::{Axes, Cell, CollisionScene};
+use crate::planning::params::DialectParams;
+
+/// A language of robot controllers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Dialect {
+    /// Commands of Han's CPS interface, one a line.
+    Hans,
+    /// Universal Robots URScript.
+    UrScript,
+    /// ABB RAPID.
+    Rapid,
+    /// KUKA KRL, two files.
+    Krl,
+    /// FANUC TP, ASCII.
+    Fanuc,
+    /// Python for RoboDK.
+    RoboDk,
+    /// A table of joints and poses.
+    Csv,
+}
+
+impl Dialect {
+    /// All of them.
+    pub const ALL: [Self; 7] = [Self::Hans, Self::UrScript, Self::Rapid, Self::Krl, Self::Fanuc, Self::RoboDk, Self::Csv];
+
+    /// Its name in interfaces.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Hans => "hans",
+            Self::UrScript => "urscript",
+            Self::Rapid => "rapid",
+            Self::Krl => "krl",
+            Self::Fanuc => "fanuc",
+            Self::RoboDk => "robodk",
+            Self::Csv => "csv",
+        }
+    }
+
+    /// What its files' names end with, in the order rendered.
+    #[must_use]
+    pub fn extensions(self) -> &'static [&'static str] {
+        match self {
+            Self::Hans => &["cps"],
+            Self::UrScript => &["script"],
+            Self::Rapid => &["mod"],
+            Self::Krl => &["src", "dat"],
+            Self::Fanuc => &["ls"],
+            Self::RoboDk => &["py"],
+            Self::Csv => &["csv"],
+        }
+    }
+
+    /// Whether its controllers move the table with the arm.
+    fn has_table_axis(self) -> bool {
+        !matches!(self, Self::Hans | Self::UrScript)
+    }
+}
+
+impl std::str::FromStr for Dialect {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|dialect| dialect.as_str() == name)
+            .ok_or_else(|| format!("{name:?} is no dialect; there are {}", Self::ALL.map(Self::as_str).join(", ")))
+    }
+}
+
+/// A file for a controller.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DialectFile {
+    /// The name that the controller asks for.
+    pub name: String,
+    /// What is in it; ASCII.
+    pub text: String,
+}
+
+/// Why a program cannot be said in a dialect.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DialectError {
+    /// No such signal.
+    #[error("dialects.{parameter} is {number}; {dialect} has {lowest} to {highest}")]
+    Signal {
+        /// Name of the parameter.
+        parameter: &'static str,
+        /// What it is.
+        number: u32,
+        /// Name of the dialect.
+        dialect: &'static str,
+        /// Lowest.
+        lowest: u32,
+        /// Highest.
+        highest: u32,
+    },
+    /// Whole percents cannot say it without being quicker than was checked.
+    #[error("the speed is {0} of the rated; {1} cannot go below 1 %")]
+    TooSlow(f64, &'static str),
+    /// Arm and table have to move together.
+    #[error(transparent)]
+    Together(#[from] Together),
+    /// With arm and table one after the other the linter finds faults.
+    #[error("with arm and table moving one after the other: {0}")]
+    Interlocked(Finding),
+}
+
+/// What a program was checked against, which its header says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CheckedWith {
+    /// The cell with the part in it.
+    Part,
+    /// The cell alone.
+    CellAlone,
+}
+
+/// A program that the linter found nothing in.
+#[derive(Clone, Debug)]
+pub struct CheckedProgram<'a> {
+    program: &'a Program,
+    interlocked: Result<Program, DialectError>,
+    cell: &'a Cell,
+    checked_with: CheckedWith,
+}
+
+impl<'a> CheckedProgram<'a> {
+    /// Checks the program, and its interlocked form, in `scene`.
+    ///
+    /// # Errors
+    /// What the linter finds in the program; what it finds in the interlocked form is told when that is rendered.
+    pub fn new(
+        program: &'a Program,
+        cell: &'a Cell,
+        scene: &CollisionScene,
+        expected: Option<&Expected>,
+        checked_with: CheckedWith,
+    ) -> Result<Self, Vec<Finding>> {
+        let findings = check(program, cell, scene, expected);
+        if !findings.is_empty() {
+            return Err(findings);
+        }
+        let interlocked = interlock(program, cell, scene).map_err(DialectError::from).and_then(|interlocked| {
+            match check(&interlocked, cell, scene, expected).into_iter().next() {
+                Some(finding) => Err(DialectError::Interlocked(finding)),
+                None => Ok(interlocked),
+            }
+        });
+        Ok(Self { program, interlocked, cell, checked_with })
+    }
+
+    /// The program in a dialect: one file for each of its extensions. `params` are taken as checked.
+    ///
+    /// # Errors
+    /// [`DialectError`].
+    pub fn render(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
+        let program = if dialect.has_table_axis() { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
+        let job = Job {
+            program,
+            actions: walk::actions(program),
+            cell: self.cell,
+            axes: self.cell.axes(),
+            params,
+            checked_with: self.checked_with,
+        };
+        match dialect {
+            Dialect::Hans => hans::render(&job),
+            Dialect::UrScript => urscript::render(&job),
+            Dialect::Rapid => Ok(rapid::render(&job)),
+            Dialect::Krl => krl::render(&job),
+            Dialect::Fanuc => fanuc::render(&job),
+            Dialect::RoboDk => Ok(robodk::render(&job)),
+            Dialect::Csv => Ok(csv::render(&job)),
+        }
+    }
+}
+
+/// What every dialect is rendered from.
+struct Job<'a> {
+    program: &'a Program,
+    actions: Vec<walk::Action>,
+    cell: &'a Cell,
+    axes: Axes,
+    params: &'a DialectParams,
+    checked_with: CheckedWith,
+}
+
+impl Job<'_> {
+    /// The file called `name` with the dialect's `extension`.
+    fn file(name: &str, extension: &str, lines: &[String]) -> DialectFile {
+        DialectFile { name: format!("{name}.{extension}"), text: lines.join("\n") + "\n" }
+    }
+
+    fn check_signals(&self, dialect: Dialect, lowest: u32, highest: u32) -> Result<(), DialectError> {
+        let numbers = [("scan_output", self.params.scan_output), ("scan_input", self.params.scan_input)];
+        match numbers.into_iter().find(|(_, number)| !(lowest..=highest).contains(number)) {
+            Some((parameter, number)) => {
+                Err(DialectError::Signal { parameter, number, dialect: dialect.as_str(), lowest, highest })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Speed in whole percents, rounded down: never quicker than was checked.
+fn percent(speed_fraction: f64, dialect: Dialect) -> Result<u32, DialectError> {
+    let percent = (100.0 * speed_fraction + 1e-9).floor();
+    if percent < 1.0 { Err(DialectError::TooSlow(speed_fraction, dialect.as_str())) } else { Ok(percent as u32) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,173 @@
+//! ABB RAPID (*Technical reference manual, RAPID Instructions, Functions and Data types*, 3HAC050917). `MoveAbsJ` with `fine`
+//! stops at each joint target; its `\T` is the time of the move, which is how a share of the rated joint speeds is said in a
+//! language whose speed data are those of the tool. The table is an external axis of the joint target. `WaitDI` past
+//! `\MaxTime` raises ERR_WAIT_MAXTIME, which stops the program since nothing handles it. Names have 32 characters at most.
+
+use super::header::{commented, paragraphs};
+use super::names::{NameRule, identifier};
+use super::numbers::{DEGREE, angles, fixed};
+use super::walk::{Action, Stretch, points, scanning, toward};
+use super::{DialectFile, Job};
+use crate::cell::Configuration;
+
+/// The procedure has the module's name and this, within 32 characters.
+const RUN: &str = "_run";
+const NAME: NameRule = NameRule { longest: 32 - RUN.len(), reserved: &RESERVED };
+/// Reserved words, and what no module should be called.
+const RESERVED: [&str; 54] = [
+    "ALIAS",
+    "AND",
+    "BACKWARD",
+    "CASE",
+    "CONNECT",
+    "CONST",
+    "DEFAULT",
+    "DIV",
+    "DO",
+    "ELSE",
+    "ELSEIF",
+    "ENDFOR",
+    "ENDFUNC",
+    "ENDIF",
+    "ENDMODULE",
+    "ENDPROC",
+    "ENDRECORD",
+    "ENDTEST",
+    "ENDTRAP",
+    "ENDWHILE",
+    "ERROR",
+    "EXIT",
+    "FALSE",
+    "FOR",
+    "FROM",
+    "FUNC",
+    "GOTO",
+    "IF",
+    "INOUT",
+    "LOCAL",
+    "MAIN",
+    "MOD",
+    "MODULE",
+    "NOSTEPIN",
+    "NOT",
+    "NOVIEW",
+    "OR",
+    "PERS",
+    "PROC",
+    "RAISE",
+    "READONLY",
+    "RECORD",
+    "RETRY",
+    "RETURN",
+    "STEP",
+    "SYSMODULE",
+    "TEST",
+    "THEN",
+    "TO",
+    "TRAP",
+    "TRUE",
+    "TRYNEXT",
+    "VAR",
+    "WHILE",
+];
+/// An external axis that is not there.
+const ABSENT: &str = "9E9";
+
+/// The module.
+pub(super) fn render(job: &Job<'_>) -> Vec<DialectFile> {
+    let name = identifier(&job.params.program_name, job.program.setup, &NAME);
+    let table = format!("external axis {} of the joint targets; it moves with the arm.", job.params.table_axis);
+    let signals = format!(
+        "Signals: scan_output and scan_input stand for the configured signals DO_{} and DI_{}; change the names below.",
+        job.params.scan_output, job.params.scan_input
+    );
+    let load = "tool0 carries no load: replace it by the scanner's tool data before the first run.";
+    let units = "deg, s.";
+    let head = paragraphs(job, &format!("{name}.mod"), units, &table, &[&signals, load, &format!("Call {name}{RUN};")]);
+    let mut lines = vec![format!("MODULE {name}")];
+    lines.extend(commented(&head, "  !"));
+    for (index, point) in points(job.program, &job.actions).iter().enumerate() {
+        lines.push(format!("  LOCAL CONST jointtarget p{index}:={};", joint_target(point, job)));
+    }
+    lines.extend(routines(job).lines().map(str::to_owned));
+    lines.push(format!("  PROC {name}{RUN}()"));
+    lines.extend(body(job));
+    lines.extend(["  ENDPROC".to_owned(), "ENDMODULE".to_owned()]);
+    vec![Job::file(&name, "mod", &lines)]
+}
+
+fn joint_target(point: &Configuration, job: &Job<'_>) -> String {
+    let [j1, j2, j3, j4, j5, j6, table] = angles(point, &job.axes, DEGREE, 4);
+    let external = (1..=6).map(|axis| if axis == job.params.table_axis { table.as_str() } else { ABSENT });
+    format!("[[{j1},{j2},{j3},{j4},{j5},{j6}],[{}]]", external.collect::<Vec<_>>().join(","))
+}
+
+fn routines(job: &Job<'_>) -> String {
+    let params = job.params;
+    let eax = ["a", "b", "c", "d", "e", "f"][params.table_axis.clamp(1, 6) as usize - 1];
+    let far: Vec<String> = (1..=6)
+        .map(|axis| format!("Abs(now.robax.rax_{axis}-p0.robax.rax_{axis})>0.5"))
+        .chain([format!("Abs(now.extax.eax_{eax}-p0.extax.eax_{eax})>0.5")])
+        .collect();
+    format!(
+        "  LOCAL VAR signaldo scan_output;
+  LOCAL VAR signaldi scan_input;
+  ! The paths begin at home; from anywhere else they were not checked.
+  LOCAL PROC require_home()
+    VAR jointtarget now;
+    now:=CJointT();
+    IF {} THEN
+      ErrWrite \"Vantage: not at home\",\"Bring arm and table to p0 by hand, then start again.\";
+      EXIT;
+    ENDIF
+  ENDPROC
+  LOCAL PROC scan()
+    SetDO scan_output,1;
+    WaitTime {};
+    SetDO scan_output,0;
+    WaitDI scan_input,1\\MaxTime:={};
+  ENDPROC
+",
+        far.join("\n      OR "),
+        fixed(params.pulse_secs, 3),
+        fixed(params.timeout_secs, 3)
+    )
+}
+
+fn body(job: &Job<'_>) -> Vec<String> {
+    let mut lines = vec![
+        format!("    AliasIO \"DO_{}\",scan_output;", job.params.scan_output),
+        format!("    AliasIO \"DI_{}\",scan_input;", job.params.scan_input),
+        "    require_home;".to_owned(),
+    ];
+    let mut acceleration = None;
+    for action in &job.actions {
+        match action {
+            Action::Toward(view) => lines.push(format!("    ! {}", toward(*view))),
+            Action::Go(stretch) => {
+                if acceleration.replace(stretch.speed_fraction) != Some(stretch.speed_fraction) {
+                    lines.push(format!("    AccSet {},100;", share_of_acceleration(stretch.speed_fraction)));
+                }
+                lines.push(go(stretch, job));
+            }
+            Action::Settle(secs) => lines.push(format!("    WaitTime\\InPos,{};", fixed(*secs, 3))),
+            Action::Scan { view, brightness } => {
+                lines.push(format!("    ! {}", scanning(*view, *brightness)));
+                lines.push("    scan;".to_owned());
+            }
+        }
+    }
+    lines.push("    AccSet 100,100;".to_owned());
+    lines
+}
+
+/// AccSet takes 20 % at least.
+fn share_of_acceleration(speed_fraction: f64) -> u32 {
+    (100.0 * speed_fraction).round().clamp(20.0, 100.0) as u32
+}
+
+fn go(stretch: &Stretch, job: &Job<'_>) -> String {
+    // Rounded up, never quicker than was planned; what angles lose in a file changes no digit.
+    let secs = (stretch.secs(&job.axes) * 1000.0 - 1e-3).ceil() / 1000.0;
+    format!("    MoveAbsJ p{}\\NoEOffs,vmax\\T:={},fine,tool0;", stretch.point, fixed(secs, 3))
+}

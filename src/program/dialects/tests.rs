@@ -1,0 +1,215 @@
+use super::names::{NameRule, comment, identifier, wrap};
+use super::numbers::{DEGREE, angles, fixed};
+use super::walk::{Action, actions};
+use super::{CheckedProgram, CheckedWith, Dialect, DialectError};
+use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use crate::planning::params::DialectParams;
+use crate::planning::plan::ViewId;
+use crate::program::{Move, Program, Step};
+
+fn cell() -> Cell {
+    Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds")
+}
+
+/// A short tour about home: table alone, arm alone, both.
+fn program(cell: &Cell) -> Program {
+    let home = cell.home_rad;
+    let at = |joint_deg: f64, table_deg: f64| {
+        let mut point = home;
+        point[0] += joint_deg.to_radians();
+        point[6] += table_deg.to_radians();
+        point
+    };
+    let axes = cell.axes();
+    let travel = |points: &[[f64; 7]]| {
+        let (target, before) = points.split_last().expect("a target");
+        Step::Move(Move {
+            via_rad: before[1..].to_vec(),
+            target_rad: *target,
+            speed_fraction: 0.25,
+            duration_secs: axes.path_secs(points, 0.25),
+        })
+    };
+    let steps = vec![
+        travel(&[home, at(0.0, 30.0), at(5.0, 30.0), at(10.0, 45.0)]),
+        Step::Settle { secs: 0.305 },
+        Step::Scan { view: ViewId(7), brightness: 5, capture_secs: 1.0 },
+        travel(&[at(10.0, 45.0), home]),
+    ];
+    Program {
+        plan_sha256: "0123456789abcdef".repeat(4),
+        setup: 0,
+        robot: cell.robot.name.clone(),
+        turntable: cell.turntable.name.clone(),
+        home_rad: home,
+        cycle_secs: steps.iter().map(Step::secs).sum(),
+        steps,
+    }
+}
+
+fn rendered(program: &Program, cell: &Cell, dialect: Dialect, params: &DialectParams) -> Result<Vec<String>, DialectError> {
+    let scene = CollisionScene::without_part(cell, 5.0);
+    let checked = CheckedProgram::new(program, cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    Ok(checked.render(dialect, params)?.into_iter().map(|file| file.text).collect())
+}
+
+#[test]
+fn names_become_identifiers_of_each_length() {
+    let rule = |longest| NameRule { longest, reserved: &["MODULE", "MODULE_2"] };
+    for (name, setup, longest, wanted) in [
+        ("vantage", 0, 8, "vantage"),
+        ("vantage", 1, 8, "vantag_2"),
+        ("Gehäuse №7 (links)", 0, 32, "Geh_use_7_links"),
+        ("7up", 0, 8, "v_7up"),
+        ("123456789", 3, 8, "v_1234_4"),
+        ("module", 0, 32, "v_module"),
+        ("module", 1, 32, "v_module_2"),
+        ("螺丝", 0, 8, "v"),
+        ("x\"; DROP", 0, 32, "x_DROP"),
+        ("a_______b", 0, 32, "a_b"),
+        ("abcdefg_h", 0, 8, "abcdefg"),
+    ] {
+        let found = identifier(name, setup, &rule(longest));
+        assert_eq!(found, wanted, "{name:?} in {longest}");
+        assert!(found.len() <= longest);
+    }
+}
+
+#[test]
+fn comments_stay_on_their_line() {
+    assert_eq!(comment("arm\r\nMoveAbsJ évil\t\u{2028}"), "arm??MoveAbsJ ?vil??");
+    assert_eq!(wrap("aa bb  cccc dddddddd", 5), ["aa bb", "cccc", "ddddd", "ddd"]);
+}
+
+#[test]
+fn numbers_are_rounded_within_the_limits_and_never_minus_zero() {
+    assert_eq!([fixed(-0.0004, 3), fixed(-0.0, 1), fixed(-1.25, 1), fixed(30.0, 4)], ["0.000", "0.0", "-1.2", "30.0000"]);
+    let mut axes = cell().axes();
+    axes.0[0].max_rad = 1.234_56_f64.to_radians();
+    axes.0[0].min_rad = -1.234_56_f64.to_radians();
+    let mut at = [0.0; 7];
+    at[0] = axes.0[0].max_rad;
+    assert_eq!(angles(&at, &axes, DEGREE, 4)[0], "1.2345");
+    at[0] = axes.0[0].min_rad;
+    assert_eq!(angles(&at, &axes, DEGREE, 4)[0], "-1.2345");
+}
+
+#[test]
+fn the_interlocked_program_turns_the_table_with_the_arm_at_rest() {
+    let cell = cell();
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let program = program(&cell);
+    let interlocked = crate::program::interlock(&program, &cell, &scene).expect("free");
+    let stretches: Vec<_> = actions(&interlocked)
+        .into_iter()
+        .filter_map(|a| if let Action::Go(stretch) = a { Some(stretch) } else { None })
+        .collect();
+    assert!(stretches.iter().all(|stretch| (stretch.from_rad[..6] != stretch.to_rad[..6]) != stretch.moves_table()));
+    assert_eq!(stretches.len(), 6, "one for table or arm alone, two for both: {stretches:?}");
+    assert_eq!(crate::program::check(&interlocked, &cell, &scene, None), []);
+    assert!(interlocked.cycle_secs > program.cycle_secs);
+    assert_eq!(crate::program::interlock(&interlocked, &cell, &scene).expect("free"), interlocked);
+}
+
+#[test]
+fn a_program_with_faults_is_not_rendered() {
+    let cell = cell();
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let mut faulty = program(&cell);
+    faulty.cycle_secs += 1.0;
+    let findings = CheckedProgram::new(&faulty, &cell, &scene, None, CheckedWith::Part).expect_err("refused");
+    assert_eq!(findings.len(), 1);
+}
+
+#[test]
+fn signals_that_a_controller_lacks_are_refused() {
+    let cell = cell();
+    let program = program(&cell);
+    let refused = |dialect, params: DialectParams| rendered(&program, &cell, dialect, &params).expect_err("refused").to_string();
+    let far = DialectParams { scan_output: 8, ..DialectParams::default() };
+    assert_eq!(refused(Dialect::UrScript, far.clone()), "dialects.scan_output is 8; urscript has 0 to 7");
+    assert!(rendered(&program, &cell, Dialect::Krl, &far).is_ok());
+    let none = DialectParams { scan_input: 0, ..DialectParams::default() };
+    assert_eq!(refused(Dialect::Krl, none), "dialects.scan_input is 0; krl has 1 to 4096");
+}
+
+#[test]
+fn speeds_below_a_percent_are_refused_where_percents_are_whole() {
+    let cell = cell();
+    let mut slow = program(&cell);
+    let axes = cell.axes();
+    let mut here = slow.home_rad;
+    for step in &mut slow.steps {
+        if let Step::Move(step) = step {
+            step.speed_fraction = 0.005;
+            step.duration_secs = axes.path_secs(std::iter::once(&here).chain(&step.via_rad).chain([&step.target_rad]), 0.005);
+            here = step.target_rad;
+        }
+    }
+    slow.cycle_secs = slow.steps.iter().map(Step::secs).sum();
+    for dialect in Dialect::ALL {
+        let slow = rendered(&slow, &cell, dialect, &DialectParams::default());
+        assert_eq!(slow.is_err(), matches!(dialect, Dialect::Krl | Dialect::Fanuc), "{dialect:?}");
+    }
+}
+
+#[test]
+fn hostile_names_stay_comments_and_strings() {
+    let mut cell = cell();
+    let nasty = "arm\"\n; */ MoveL \u{202e}\\ 螺\r\nEND";
+    cell.robot.name = nasty.to_owned();
+    let tame = program(&self::cell());
+    let mut program = tame.clone();
+    program.robot = nasty.to_owned();
+    let params = DialectParams { program_name: nasty.replace(['\r', '\n'], " "), ..DialectParams::default() };
+    for dialect in Dialect::ALL {
+        let wild = rendered(&program, &cell, dialect, &params).expect("renders");
+        let calm = rendered(&tame, &self::cell(), dialect, &params).expect("renders");
+        for (wild, calm) in wild.iter().zip(&calm) {
+            assert!(wild.bytes().all(|b| matches!(b, b'\n' | b'\r' | b'\t' | b' '..=b'~')), "{dialect:?} is ASCII");
+            let code = |text: &str| -> Vec<String> {
+                let is_comment = |line: &&str| {
+                    let line = line.trim_start().trim_start_matches(|c: char| c.is_ascii_digit() || c == ':').trim_start();
+                    !line.starts_with(['#', '!', ';'])
+                };
+                let robot = |line: &str| line.split("Item(").next().unwrap_or_default().to_owned();
+                text.lines().filter(is_comment).filter(|line| !line.starts_with("LINE_COUNT")).map(robot).collect()
+            };
+            let unnumbered = |lines: Vec<String>| -> Vec<String> {
+                lines
+                    .into_iter()
+                    .map(|line| line.trim_start().trim_start_matches(|c: char| c.is_ascii_digit()).to_owned())
+                    .collect()
+            };
+            assert_eq!(unnumbered(code(wild)), unnumbered(code(calm)), "{dialect:?}: names change nothing but comments");
+        }
+    }
+}
+
+#[test]
+fn dialects_are_found_by_name() {
+    for dialect in Dialect::ALL {
+        assert_eq!(dialect.as_str().parse(), Ok(dialect));
+    }
+    let refused = "karel".parse::<Dialect>().expect_err("none");
+    assert_eq!(refused, "\"karel\" is no dialect; there are hans, urscript, rapid, krl, fanuc, robodk, csv");
+}
+
+#[test]
+fn the_table_has_a_row_a_point_and_action() {
+    let cell = cell();
+    let program = program(&cell);
+    let text = rendered(&program, &cell, Dialect::Csv, &DialectParams::default()).expect("renders").remove(0);
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let ops: Vec<_> = rows.iter().map(|row| row[1]).collect();
+    assert_eq!(ops, ["op", "home", "via", "via", "move_joints", "settle", "scan", "move_joints"]);
+    assert!(rows.iter().all(|row| row.len() == 20));
+    // At the scan arm and table stand where the move ended, and so does the scanner.
+    assert_eq!((&rows[6][2..9], &rows[6][13..]), (&rows[4][2..9], &rows[4][13..]));
+    assert_eq!(rows[6][11..13], ["7", "5"]);
+    let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("number");
+    let home_deg = cell.home_rad.map(f64::to_degrees);
+    assert!((number(4, 2) - home_deg[0] - 10.0).abs() < 1e-8 && (number(4, 8) - home_deg[6] - 45.0).abs() < 1e-8);
+    let scanner = cell.base_from_scanner(&crate::cell::joints_of(&cell.home_rad));
+    assert!((0..3).all(|axis| (number(1, 13 + axis) - scanner.origin_mm()[axis]).abs() < 1e-6));
+}
