@@ -1,6 +1,7 @@
 //! The integration tests: one binary, one module a topic.
 
 mod architecture;
+mod arms;
 mod candidate_rounds;
 mod candidate_study;
 mod certified_figures;

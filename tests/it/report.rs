@@ -159,7 +159,7 @@ fn sequence(views: usize) -> Sequence {
     let leg =
         |turns: f64| Leg { via_rad: vec![[0.0; 7]; turns as usize % 2], target: station(turns), duration_secs: 1.25 + turns };
     let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
-    Sequence { visits, return_home: leg(0.0), at_least_secs: 0.0 }
+    Sequence { visits, return_home: leg(0.0), at_least_secs: 11.5 }
 }
 
 /// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.

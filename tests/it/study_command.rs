@@ -56,7 +56,7 @@ fn a_study_of_reach_writes_a_table_and_a_map_and_names_the_best_layout() {
     let (code, told, error) = run(&["--cell", "e05-transcan", "--foot", "400,450", "--table=-200"]);
     assert_eq!(code, Some(0), "{error}");
     // The figures of config/cells/REACH.md for a cube of 120 mm.
-    assert!(told.contains("as it is: foot 400 mm from the axis, plate -200 mm above the foot"), "{told}");
+    assert!(told.contains("as it is: foot 400 mm from the axis, plate −200 mm above the foot"), "{told}");
     let csv = std::fs::read_to_string(out.join("reach.csv")).expect("the table");
     let recorded = include_str!("../../config/cells/REACH.md");
     let row = recorded.lines().find(|line| line.starts_with("| -200 |")).expect("the row of that height");
