@@ -6,9 +6,9 @@ use super::svg::Svg;
 use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, best};
 use crate::wire::report::markup::number;
 
-const CELL: [f64; 2] = [74.0, 34.0];
+const CELL: [f64; 2] = [92.0, 34.0];
 const LEFT: f64 = 86.0;
-const TOP: f64 = 70.0;
+const TOP: f64 = 44.0;
 const BELOW: f64 = 64.0;
 /// From nothing to all: light to dark of one hue, so that it reads in grey too (C. Brewer, *ColorBrewer*, Blues).
 const SHADES: [&str; 6] = ["#eff3ff", "#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c"];
@@ -73,11 +73,11 @@ pub fn svg(input: &ReachInput<'_>) -> String {
             field(&mut svg, layout, [LEFT + CELL[0] * column as f64, top + TOP + CELL[1] * row as f64]);
         }
         for (row, table_mm) in table_mm.iter().enumerate() {
-            svg.text(LEFT - 8.0, top + TOP + CELL[1] * (row as f64 + 0.5) + 4.0, "end", &format!("{table_mm}"));
+            svg.text(LEFT - 8.0, top + TOP + CELL[1] * (row as f64 + 0.5) + 4.0, "end", &number(*table_mm, 0));
         }
         let foot = top + TOP + CELL[1] * table_mm.len() as f64;
         for (column, foot_mm) in foot_mm.iter().enumerate() {
-            svg.text(LEFT + CELL[0] * (column as f64 + 0.5), foot + 18.0, "middle", &format!("{foot_mm}"));
+            svg.text(LEFT + CELL[0] * (column as f64 + 0.5), foot + 18.0, "middle", &number(*foot_mm, 0));
         }
         svg.text(LEFT + 0.5 * CELL[0] * foot_mm.len() as f64, foot + 38.0, "middle", "foot to the table's axis, mm");
     }
