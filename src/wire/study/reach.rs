@@ -63,11 +63,11 @@ pub fn svg(input: &ReachInput<'_>) -> String {
     let spoken = best_words(input);
     let width = (LEFT + CELL[0] * foot_mm.len() as f64 + 40.0).max(520.0);
     let mut svg = Svg::new(width, 40.0 + block * mountings.len() as f64, &title, &format!("{title}. {spoken}"));
-    for (number, mounting) in mountings.iter().enumerate() {
-        let top = 30.0 + block * number as f64;
+    for (index, mounting) in mountings.iter().enumerate() {
+        let top = 30.0 + block * index as f64;
         svg.text(16.0, top + 30.0, "strong", &format!("Flange {}", mounting.label));
         svg.upwards(24.0, top + TOP + 0.5 * CELL[1] * table_mm.len() as f64, "plate above foot, mm");
-        let layouts = input.found.iter().filter(|layout| layout.mounting == number);
+        let layouts = input.found.iter().filter(|layout| layout.mounting == index);
         for (place, layout) in layouts.enumerate() {
             let (row, column) = (place / foot_mm.len(), place % foot_mm.len());
             field(&mut svg, layout, [LEFT + CELL[0] * column as f64, top + TOP + CELL[1] * row as f64]);
