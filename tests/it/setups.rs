@@ -3,8 +3,9 @@
 
 use std::sync::atomic::AtomicBool;
 
-use vantage::cell::{Cell, CollisionScene, Presets, SpecLibrary};
-use vantage::geometry::Mesh;
+use nalgebra::{UnitQuaternion, Vector3};
+use vantage::cell::{Cell, CollisionScene, PoseSpec, Presets, SpecLibrary};
+use vantage::geometry::{Mesh, Part, Pose, Table};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams};
 use vantage::planning::plan::Outcome;
@@ -78,6 +79,17 @@ fn the_same_setups_on_one_thread_and_two() {
     assert_eq!(one, two);
 }
 
+/// Standing as in its file, and turned 180° about x; its box's centre on the axis, its bottom on the plate.
+fn as_filed_and_turned_over(mesh: &Mesh) -> Vec<PoseSpec> {
+    let (centre, height_mm) = (mesh.aabb().centre(), mesh.aabb().extent_mm().z);
+    let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let pose = |turn: UnitQuaternion<f64>| {
+        let lifted = Vector3::new(0.0, 0.0, 0.5 * height_mm) - turn * centre.coords;
+        PoseSpec::from(&Pose::<Table, Part>::from_parts(lifted, turn))
+    };
+    vec![pose(UnitQuaternion::identity()), pose(over)]
+}
+
 /// Two setups give at least the share of the whole surface that an independent computation gave the 54 directions of the
 /// ellipsoid, the part standing as in its file and turned 180° about x; less what other samples may make of it. A plain run
 /// asks of two parts, `tests/all` of every part.
@@ -102,6 +114,7 @@ fn two_setups_measure_what_was_found_independently() {
         for (limits_deg, found_percent) in rows {
             let Some(mesh) = shared_mesh_scaled(path, largest_mm) else { return };
             let mut params = quick(2);
+            params.part.resting_poses = as_filed_and_turned_over(&mesh);
             params.part.samples_per_mm2 = Some(8000.0 / mesh.area_mm2());
             // What can be measured is known before a view is chosen.
             params.selection.max_views = Some(1);
