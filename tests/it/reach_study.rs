@@ -2,18 +2,15 @@
 //! table in `config/cells/REACH.md` is written with `UPDATE_GOLDEN=1 cargo test --release --test it reach_study`; a plain
 //! run recomputes the chosen layout and its neighbours and holds the file and the preset `e05-transcan` to it.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use vantage::cell::{BodySpec, CellSpec, CollisionScene, Named, PoseSpec, Presets, RotationSpec, ShapeSpec, SpecLibrary};
-use vantage::geometry::{Flange, Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use vantage::cell::{BodySpec, CellSpec, PoseSpec, Presets, ShapeSpec, SpecLibrary};
+use vantage::geometry::{Flange, Pose, Scanner as ScannerFrame};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::stations::solve_some;
-
-use crate::support::box_mesh;
+use vantage::planning::studies::reach::{Layouts, Reached, mountings, reach};
 
 /// Distance of the robot's foot from the table's axis.
 const FOOT_MM: [f64; 6] = [300.0, 350.0, 375.0, 400.0, 450.0, 500.0];
@@ -21,12 +18,6 @@ const FOOT_MM: [f64; 6] = [300.0, 350.0, 375.0, 400.0, 450.0, 500.0];
 const TABLE_MM: [f64; 7] = [0.0, -50.0, -100.0, -150.0, -200.0, -250.0, -300.0];
 /// Edge of the cube on the plate.
 const PART_MM: [f64; 2] = [120.0, 300.0];
-/// Depth of best focus.
-const FOCUS_MM: f64 = 480.0;
-/// Angles from straight above to level, 5° apart.
-const ELEVATIONS: u32 = 19;
-/// Azimuths, 15° apart.
-const AZIMUTHS: u32 = 24;
 /// From the plate down to the floor: plate and housing.
 const TABLE_STANDS_MM: f64 = 180.0;
 /// Adapter between flange and scanner.
@@ -79,14 +70,11 @@ fn upright(x: f64, z: f64) -> PoseSpec {
     PoseSpec { translation_mm: [x, 0.0, z], quaternion_xyzw: [0.0, 0.0, 0.0, 1.0] }
 }
 
-/// The layout with its table held still, so that every azimuth is a direction of its own.
+/// The layout, with floor and pedestal where the table's height has them.
 fn layout(foot_mm: f64, table_mm: f64, mount: Mount) -> CellSpec {
     let floor_mm = table_mm - TABLE_STANDS_MM;
     let preset = Presets.cell("e05-transcan").expect("preset");
-    let mut turntable = Presets.turntable("minas-a6-500").expect("preset");
-    turntable.rotation = RotationSpec::Limited { min_deg: -0.001, max_deg: 0.001 };
     CellSpec {
-        turntable: Named::Inline(Box::new(turntable)),
         base_from_table: upright(foot_mm, table_mm),
         flange_from_scanner: PoseSpec::from(&mount.flange_from_scanner()),
         mount: vec![BodySpec {
@@ -104,44 +92,17 @@ fn layout(foot_mm: f64, table_mm: f64, mount: Mount) -> CellSpec {
     }
 }
 
-fn cube(edge_mm: f64) -> Mesh {
-    box_mesh([0.0; 3], [edge_mm; 3])
-}
-
-/// Looks at the cube's centre, baseline level.
-fn view(edge_mm: f64, polar: f64, azimuth: f64) -> Pose<Part, ScannerFrame> {
-    let out = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
-    let x = Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0);
-    let axes = Rotation3::from_basis_unchecked(&[x, (-out).cross(&x), -out]);
-    let origin = Vector3::repeat(0.5 * edge_mm) + out * (0.5 * edge_mm + FOCUS_MM);
-    Pose::from_parts(origin, UnitQuaternion::from_rotation_matrix(&axes))
-}
-
-/// What is reached without collision.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Reach {
-    /// Elevations with at least one azimuth: what a turning table sees.
-    elevations: u32,
-    /// Directions: what is seen while the table stands still.
-    directions: u32,
-}
-
 /// `None` where the bodies do not fit beside each other.
-fn reach(foot_mm: f64, table_mm: f64, mount: Mount, edge_mm: f64) -> Option<Reach> {
+fn reached(foot_mm: f64, table_mm: f64, mount: Mount, part_mm: f64) -> Option<Reached> {
     let cell = layout(foot_mm, table_mm, mount).build(&Presets).ok()?;
-    let table_from_part: Pose<Table, Part> = Pose::claim(Isometry3::translation(-0.5 * edge_mm, -0.5 * edge_mm, 0.0));
-    let scene = CollisionScene::new(&cell, &cube(edge_mm), None, &table_from_part, 5.0);
-    let polar = |i: u32| FRAC_PI_2 * f64::from(i) / f64::from(ELEVATIONS - 1);
-    let azimuth = |j: u32| TAU * f64::from(j) / f64::from(AZIMUTHS);
-    let views: Vec<_> = (0..ELEVATIONS).flat_map(|i| (0..AZIMUTHS).map(move |j| view(edge_mm, polar(i), azimuth(j)))).collect();
+    let mountings = mountings(&cell, ADAPTER_MM).into_iter().take(1).collect();
+    let layouts = Layouts { part_mm, foot_mm: vec![foot_mm], table_mm: vec![table_mm], mountings, clearance_mm: 5.0 };
     let flag = AtomicBool::new(false);
-    let stations = solve_some(&views, &cell, &scene, &table_from_part, 1, &Context::new(&flag, &Silent)).expect("not cancelled");
-    let rings = stations.chunks(AZIMUTHS as usize).map(|ring| ring.iter().filter(|found| found.is_ok()).count() as u32);
-    Some(Reach { elevations: rings.clone().filter(|count| *count > 0).count() as u32, directions: rings.sum() })
+    reach(&cell, &layouts, &Context::new(&flag, &Silent)).expect("not cancelled")[0].reached
 }
 
 fn entry(foot_mm: f64, table_mm: f64, mount: Mount) -> String {
-    let [Some(small), Some(large)] = PART_MM.map(|edge_mm| reach(foot_mm, table_mm, mount, edge_mm)) else {
+    let [Some(small), Some(large)] = PART_MM.map(|edge_mm| reached(foot_mm, table_mm, mount, edge_mm)) else {
         return "does not fit".into();
     };
     format!("{} · {} / {} · {}", small.elevations, small.directions, large.elevations, large.directions)
