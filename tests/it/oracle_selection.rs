@@ -43,7 +43,7 @@ struct Answer {
 fn a_mixed_integer_solver_finds_the_same_optima() {
     let Some(python) = oracle_python() else { return };
     for (path, camera_deg, projector_deg) in TABLES {
-        let Some(table) = SelectionTable::new(path, camera_deg, projector_deg, SAMPLES) else { return };
+        let Some(table) = SelectionTable::new(path, 120.0, camera_deg, projector_deg, SAMPLES) else { return };
         let answer = ask(&python, &table);
         let certified = SelectionParams { solver: Solver::Certified, ..SelectionParams::default() };
         let fewest = table.solve(&certified);

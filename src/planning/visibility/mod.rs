@@ -47,8 +47,7 @@ impl Occluders {
     #[must_use]
     pub fn new<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
         let meshes: Vec<_> = meshes.into_iter().collect();
-        let rays = RayScene::new(meshes.iter().copied());
-        let clusters = raster::Clusters::new(&meshes);
+        let (rays, clusters) = rayon::join(|| RayScene::new(meshes.iter().copied()), || raster::Clusters::new(&meshes));
         Self { rays, clusters }
     }
 

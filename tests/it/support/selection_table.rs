@@ -4,7 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{CandidateParams, Hemisphere, Objective, PlanParams, ScoreParams, SelectionParams};
+use vantage::planning::params::{CandidateParams, Hemisphere, Objective, PlanParams, ScoreParams, SelectionParams, Strategy};
 use vantage::planning::selection::{Problem, Selection, select};
 use vantage::planning::visibility::Row;
 use vantage::planning::{PlanInput, tabulate};
@@ -18,11 +18,35 @@ pub(crate) struct SelectionTable {
 }
 
 impl SelectionTable {
-    /// Of a part of 120 mm; none where the data set is absent.
-    pub(crate) fn new(path: &str, camera_deg: f64, projector_deg: f64, samples: usize) -> Option<Self> {
-        let mesh = shared_mesh_scaled(path, 120.0)?;
+    /// Of a part so long, with the ellipsoid's 54 candidates; none where the data set is absent.
+    pub(crate) fn new(path: &str, extent_mm: f64, camera_deg: f64, projector_deg: f64, samples: usize) -> Option<Self> {
+        Self::of(path, extent_mm, CandidateParams::ellipsoid(), [camera_deg, projector_deg], samples)
+    }
+
+    /// The same with so many candidates, even in direction.
+    pub(crate) fn with_views(
+        path: &str,
+        extent_mm: f64,
+        views: u32,
+        camera_deg: f64,
+        projector_deg: f64,
+        samples: usize,
+    ) -> Option<Self> {
+        let even =
+            CandidateParams { strategies: vec![Strategy::Even], even_directions: Some(views), ..CandidateParams::ellipsoid() };
+        Self::of(path, extent_mm, even, [camera_deg, projector_deg], samples)
+    }
+
+    fn of(
+        path: &str,
+        extent_mm: f64,
+        candidates: CandidateParams,
+        [camera_deg, projector_deg]: [f64; 2],
+        samples: usize,
+    ) -> Option<Self> {
+        let mesh = shared_mesh_scaled(path, extent_mm)?;
         let scanner = nominal_scanner();
-        let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
+        let mut params = PlanParams { candidates, ..PlanParams::default() };
         params.limits.camera_deg = Some(camera_deg);
         params.limits.projector_deg = Some(projector_deg);
         params.candidates.hemisphere = Some(Hemisphere::Full);
