@@ -18,7 +18,7 @@ pub mod urdf;
 
 pub use axis::{Axes, Axis, AxisSpec, Configuration};
 pub use body::{Body, Shape};
-pub use collision::{CollisionScene, Contact};
+pub use collision::{CollisionScene, Contact, Gap};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec, joints_of};

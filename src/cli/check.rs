@@ -15,11 +15,11 @@ use crate::cell::collision::LEAST_CLEARANCE_MM;
 use crate::cell::{
     Cell, CellSpec, CollisionScene, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
 };
-use crate::geometry::{LengthUnit, Part, Pose, Table};
-use crate::planning::params::PlanParams;
+use crate::geometry::{LengthUnit, Mesh};
+use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
-use crate::planning::resting;
-use crate::program::{self, Expected, Finding};
+use crate::planning::{PlanInput, recheck, resting};
+use crate::program::{self, Expected, Finding, Program};
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 
@@ -51,7 +51,7 @@ pub(super) struct Against {
     /// Plan that a program must carry out.
     #[arg(long, requires = "cell")]
     pub(super) plan: Option<PathBuf>,
-    /// Part, for collisions: STL, OBJ or PLY.
+    /// Part, for collisions, and with --plan for what the scans measure: STL, OBJ or PLY.
     #[arg(long, requires = "cell")]
     pub(super) mesh: Option<PathBuf>,
     /// Fixture, for collisions, in the part's coordinates and unit.
@@ -68,6 +68,9 @@ pub(super) struct Ground {
     pub(super) plan: Option<PlanDocument>,
     /// What it asks of the program.
     pub(super) expected: Option<Expected>,
+    /// The part and what holds it.
+    part: Option<Mesh>,
+    fixture: Option<Mesh>,
     /// The cell, with the part where there is one.
     pub(super) scene: CollisionScene,
 }
@@ -117,8 +120,11 @@ fn check(path: &Path, args: &CheckArgs, cell: Option<&Cell>) -> Result<String, C
         }
         Some(Kind::Program) => {
             let document: ProgramDocument = read(value, &shown)?;
-            check_program(&document, &shown, args, cell)?;
-            Ok(format!("program with {} steps, {:.1} s{}", document.steps.len(), document.cycle_secs, depth(cell)))
+            let measured = check_program(&document, &shown, args, cell)?;
+            let measured = measured.map_or_else(String::new, |share| {
+                format!("; its scans measure {:.2} % of the asked area, as planned", 100.0 * share)
+            });
+            Ok(format!("program with {} steps, {:.1} s{}{measured}", document.steps.len(), document.cycle_secs, depth(cell)))
         }
         None => Err(CliError::BadInput(format!(
             "{shown}: is neither a scanner, robot, turntable or cell, nor parameters, a plan ({PLAN_SCHEMA}) or a program ({PROGRAM_SCHEMA})"
@@ -177,15 +183,43 @@ fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Optio
     let is_here = |id: u32| lies.is_none_or(|lies| lies.viewpoints.contains(&id));
     let visited = document.viewpoints.iter().filter(|view| view.station.is_some() && is_here(view.id));
     let views = visited.map(|view| (ViewId(view.id), view.part_from_scanner.pose())).collect();
-    Some(Expected { plan_sha256, table_from_part, views })
+    let table_alone = document.params.motion.table == TableMotion::Alone;
+    Some(Expected { plan_sha256, table_from_part, table_alone, views })
 }
 
-fn check_program(document: &ProgramDocument, shown: &str, args: &CheckArgs, cell: Option<&Cell>) -> Result<(), CliError> {
+/// The share of the asked area that the program's scans measure, where plan and part are at hand.
+fn check_program(
+    document: &ProgramDocument,
+    shown: &str,
+    args: &CheckArgs,
+    cell: Option<&Cell>,
+) -> Result<Option<f64>, CliError> {
     let program = document.program().map_err(|errors| files::findings(shown, &errors))?;
-    let Some(cell) = cell else { return Ok(()) };
+    let Some(cell) = cell else { return Ok(None) };
     let ground = args.against.ground(cell, document.setup)?;
     let found = program::check(&program, cell, &ground.scene, ground.expected.as_ref());
-    if found.is_empty() { Ok(()) } else { Err(faults(shown, &found)) }
+    if !found.is_empty() {
+        return Err(faults(shown, &found));
+    }
+    let Some((measured, planned)) = ground.shares(&program, cell)? else { return Ok(None) };
+    match program::off_coverage(measured, planned) {
+        Some(fault) => Err(faults(shown, &[Finding { step: None, fault }])),
+        None => Ok(Some(measured)),
+    }
+}
+
+impl Ground {
+    /// What the program's scans measure of the asked area, and what the plan says of its setup.
+    fn shares(&self, program: &Program, cell: &Cell) -> Result<Option<(f64, f64)>, CliError> {
+        let (Some(plan), Some(expected), Some(part)) = (&self.plan, &self.expected, &self.part) else { return Ok(None) };
+        let fixture = self.fixture.as_ref();
+        let input = PlanInput { mesh: part, fixture, part_sha256: &plan.part.sha256, scanner: &cell.scanner, cell: Some(cell) };
+        let views = program::scan_poses(program, cell, &expected.table_from_part);
+        let measured = recheck::measured(&input, &plan.params, &expected.table_from_part, &views)
+            .map_err(|error| CliError::BadInput(error.to_string()))?;
+        let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
+        Ok(Some((measured.measured_mm2 / measured.asked_mm2, here / plan.coverage.asked_area_mm2)))
+    }
 }
 
 /// Every finding on a line of its own.
@@ -201,22 +235,17 @@ impl Against {
         let expected = expected.flatten();
         let clearance_mm = plan.as_ref().map_or(LEAST_CLEARANCE_MM, |plan| plan.params.motion.clearance_mm) - ROUNDING_MM;
         let table_from_part = expected.as_ref().map(|expected| expected.table_from_part);
-        let scene = self.scene(cell, table_from_part, clearance_mm)?;
-        Ok(Ground { plan, expected, scene })
-    }
-
-    fn scene(
-        &self,
-        cell: &Cell,
-        table_from_part: Option<Pose<Table, Part>>,
-        clearance_mm: f64,
-    ) -> Result<CollisionScene, CliError> {
-        let Some(path) = &self.mesh else { return Ok(CollisionScene::without_part(cell, clearance_mm)) };
-        let (part, _) = files::mesh(path, self.unit)?;
-        let fixture = self.fixture.as_deref().map(|path| files::mesh(path, self.unit)).transpose()?;
-        let table_from_part = table_from_part.unwrap_or_else(|| resting(&part.mesh));
-        let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
-        Ok(CollisionScene::new(cell, &part.mesh, fixture, &table_from_part, clearance_mm))
+        let read = |path: &PathBuf| files::mesh(path, self.unit).map(|(read, _)| read.mesh);
+        let part = self.mesh.as_ref().map(read).transpose()?;
+        let fixture = self.fixture.as_ref().map(read).transpose()?;
+        let scene = match &part {
+            None => CollisionScene::without_part(cell, clearance_mm),
+            Some(part) => {
+                let table_from_part = table_from_part.unwrap_or_else(|| resting(part));
+                CollisionScene::new(cell, part, fixture.as_ref(), &table_from_part, clearance_mm)
+            }
+        };
+        Ok(Ground { plan, expected, part, fixture, scene })
     }
 }
 

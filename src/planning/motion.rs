@@ -4,12 +4,13 @@ use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
 use super::error::PlanError;
 use super::input::PlanInput;
+use super::obstructions::LOOKED_AT_MM;
 use super::params::PlanParams;
 use super::selection::ViewId;
 use super::sequence::{self, Ordered};
 use super::stations::{self, Station};
 use super::study::Reach;
-use crate::cell::{Cell, CollisionScene};
+use crate::cell::{Cell, CollisionScene, Configuration, Contact, Gap};
 use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
 
 /// A cell with the part on its plate.
@@ -67,5 +68,36 @@ impl<'a> Motion<'a> {
     /// Order and paths through `views`; see [`sequence::order`].
     pub(super) fn order(&self, views: &[(ViewId, &[Station])], insist: bool, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
         sequence::order(views, self.cell, &self.scene, self.params, insist, ctx)
+    }
+
+    /// The two bodies that keep the cell from a view, and where: on the way to the first of its stations, or, where it
+    /// has none, at the one nearest to home that the arm could take but for collision. `None` where it takes it, or could
+    /// not reach it.
+    pub(super) fn where_it_fails(
+        &self,
+        view: &Pose<Part, ScannerFrame>,
+        stations: &[Station],
+    ) -> Option<(Contact, Configuration)> {
+        let configuration = match stations.first() {
+            Some(station) => self.scene.first_contact(&self.cell.home_rad, &station.configuration())?,
+            None => stations::nearest_way(view, self.cell, &self.scene, &self.table_from_part)?,
+        };
+        let gap = || self.scene.nearest(&configuration, LOOKED_AT_MM).map(|gap| gap.bodies);
+        let bodies = self.scene.check(&configuration).or_else(gap)?;
+        Some((bodies, configuration))
+    }
+
+    /// How far apart two bodies are.
+    pub(super) fn gap(&self, bodies: &Contact, configuration: &Configuration) -> Option<Gap> {
+        self.scene.gap_between(bodies, configuration, LOOKED_AT_MM)
+    }
+
+    /// Distance of what is nearest to each other at a station; `None` beyond [`LOOKED_AT_MM`].
+    pub(super) fn clearance_mm(&self, station: &Station) -> Option<f64> {
+        self.scene.nearest(&station.configuration(), LOOKED_AT_MM).map(|gap| gap.apart_mm)
+    }
+
+    pub(super) fn cell(&self) -> &Cell {
+        self.cell
     }
 }

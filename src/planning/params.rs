@@ -125,14 +125,28 @@ pub struct MotionParams {
     pub speed_fraction: f64,
     /// Smallest distance between moving and other bodies, mm, 1 to 200. Default 5.
     pub clearance_mm: f64,
+    /// Whether the table turns while the arm moves: `with_arm`, the default, or `alone`, for controllers that cannot drive
+    /// both together. Alone costs the time of both.
+    pub table: TableMotion,
     /// Largest deviation of an emitted polyline from the planned path, degrees of any joint, 0.001 to 2. Default 0.1.
     pub path_tolerance_deg: f64,
 }
 
 impl Default for MotionParams {
     fn default() -> Self {
-        Self { speed_fraction: 0.25, clearance_mm: 5.0, path_tolerance_deg: 0.1 }
+        Self { speed_fraction: 0.25, clearance_mm: 5.0, table: TableMotion::WithArm, path_tolerance_deg: 0.1 }
     }
+}
+
+/// How the table turns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TableMotion {
+    /// While the arm moves.
+    #[default]
+    WithArm,
+    /// With the arm at rest.
+    Alone,
 }
 
 /// Incidence limits of this job.

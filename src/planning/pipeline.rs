@@ -10,6 +10,7 @@ use super::error::PlanError;
 use super::input::PlanInput;
 use super::missed;
 use super::motion::Motion;
+use super::obstructions::{self, Blocked, Obstruction};
 use super::params::{Hemisphere, PlanParams};
 use super::placement;
 use super::plan::{Certificate, Outcome, SetupPlan};
@@ -43,18 +44,53 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     ctx.begin(Stage::Missed)?;
     let takes = |view: &Pose<Part, ScannerFrame>| takes(&setups, view, ctx);
     let takes = input.cell.is_some().then_some(&takes as &missed::Takes<'_>);
+    let without_path = ordered.iter().flat_map(|ordered| study.candidates_behind(&chosen, &ordered.no_path));
+    let obstructions = obstructions(&study, &setups, &without_path.chain(barred.iter().copied()).collect(), ctx)?;
     let mut outcome = study.conclude(&chosen, ordered, &barred, prepared.hides(&setups), takes, ctx)?;
     if params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, prepared.hides(&setups), ctx)?;
     }
+    outcome.plan.obstructions = obstructions;
+    add_clearances(&mut outcome, &setups);
     ctx.begin(Stage::Certificate)?;
-    let used = |lies: &SetupPlan| setups.iter().find(|setup| setup.table_from_part == lies.table_from_part);
+    let used = |lies: &SetupPlan| used(&setups, lies);
     let settings: Vec<_> = (0..outcome.plan.setups.len())
         .filter_map(|number| Some(Setting::of(&used(&outcome.plan.setups[number])?.occluders, &outcome.plan.views, number)))
         .collect();
     let Certificate { independent, robust } = robust::certify(input, params, &settings, ctx)?;
     (outcome.plan.coverage.independent, outcome.plan.coverage.robust) = (independent, robust);
     Ok(outcome)
+}
+
+/// The setup that a plan's is.
+fn used<'s, 'a>(setups: &'s [Setup<'a>], lies: &SetupPlan) -> Option<&'s Setup<'a>> {
+    setups.iter().find(|setup| setup.table_from_part == lies.table_from_part)
+}
+
+/// What keeps the cell from candidates; `without_path` are those kept that were given up.
+fn obstructions(
+    study: &Study<'_>,
+    setups: &[Setup<'_>],
+    without_path: &BTreeSet<usize>,
+    ctx: &Context<'_>,
+) -> Result<Vec<Obstruction>, Cancelled> {
+    let blocked = |(candidate, stations)| {
+        let candidate: &Candidate = candidate;
+        Some(Blocked { motion: setups[candidate.setup].motion.as_ref()?, candidate, stations })
+    };
+    let blocked: Vec<_> = study.obstructed(without_path).into_iter().filter_map(blocked).collect();
+    obstructions::explain(&blocked, ctx)
+}
+
+/// Adds to each station how near anything comes there.
+fn add_clearances(outcome: &mut Outcome, setups: &[Setup<'_>]) {
+    let lies = &outcome.plan.setups;
+    for view in &mut outcome.plan.views {
+        let motion = lies.get(view.setup).and_then(|lies| used(setups, lies)?.motion.as_ref());
+        if let (Some(motion), Some(station), Some(stance)) = (motion, &view.station, &mut view.stance) {
+            stance.clearance_mm = motion.clearance_mm(station);
+        }
+    }
 }
 
 /// Whether the cell can take a view in one of the setups.

@@ -6,6 +6,7 @@ use super::candidates::{CandidateId, Label, Rejection};
 pub use super::cause::Cause;
 pub use super::grade::Grade;
 pub use super::missed::{Remedy, RemedyKind, RemedyView};
+pub use super::obstructions::Obstruction;
 use super::params::PlanParams;
 pub use super::robust::{Certificate, Drawn, Independent, Robust};
 pub use super::selection::{Bound, StopReason, ViewId};
@@ -31,6 +32,8 @@ pub struct Plan {
     pub views: Vec<PlannedView>,
     /// The ways in which the part lies while views are taken, in that order; at least one.
     pub setups: Vec<SetupPlan>,
+    /// What keeps the cell from candidates, what keeps it from most first.
+    pub obstructions: Vec<Obstruction>,
     /// What is not measured, by cause, in the order of [`Cause`].
     pub missed: Vec<MissedCause>,
     /// Which rule ended the selection.
@@ -189,16 +192,20 @@ pub struct Stance {
     pub posture: Posture,
     /// How far from singular, 0 at a singularity ([`crate::cell::Kinematics::singularity_margin`]).
     pub singularity_margin: f64,
+    /// Distance of the two bodies that are nearest to each other, mm; `None` where all are farther apart than a clearance
+    /// may be asked for.
+    pub clearance_mm: Option<f64>,
 }
 
 impl Stance {
     /// Of a robot at a station.
     #[must_use]
-    pub fn of(robot: &Robot, station: &Station) -> Self {
+    pub fn of(robot: &Robot, station: &Station, clearance_mm: Option<f64>) -> Self {
         let joints_rad = &station.joints_rad;
         Self {
             posture: robot.kinematics.posture(joints_rad),
             singularity_margin: robot.kinematics.singularity_margin(joints_rad),
+            clearance_mm,
         }
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
 use super::params::PlanParams;
-use super::plan::{Bound, Cause, Coverage, MissedCause, MissedSpot, Plan, Remedy, share};
+use super::plan::{Bound, Cause, Coverage, MissedCause, MissedSpot, Obstruction, Plan, Remedy, share};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::geometry::Pose;
@@ -83,6 +83,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_bound(out, &plan.bound)?;
     write_views(out, plan)?;
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
+    write_obstructions(out, &plan.obstructions)?;
     write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
 }
 
@@ -198,10 +199,34 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
         writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
     }
     writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
+    writeln!(out, "  the table turns {} s of these", fixed(sequence.turning_secs(), 1))?;
     let (secs, at_least) = (fixed(sequence.motion_secs(), 1), fixed(sequence.at_least_secs, 1));
     match sequence.is_shortest() {
         true => writeln!(out, "  moving {secs} s in all, the least over the stations and moves considered"),
         false => writeln!(out, "  moving {secs} s in all, at least {at_least} s over the stations and moves considered"),
+    }
+}
+
+/// What keeps the cell from most candidates.
+fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Result {
+    const SHOWN: usize = 5;
+    if !obstructions.is_empty() {
+        writeln!(out, "\nin the way of candidates")?;
+    }
+    for Obstruction { bodies, without_station, without_path, gap, help, .. } in obstructions.iter().take(SHOWN) {
+        write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
+        match gap {
+            Some(gap) if gap.apart_mm < 0.0 => {
+                write!(out, "; {} mm deep at {} in the base", fixed(-gap.apart_mm, 1), point(&gap.place_mm))?
+            }
+            Some(gap) => write!(out, "; {} mm apart at {} in the base", fixed(gap.apart_mm, 1), point(&gap.place_mm))?,
+            None => {}
+        }
+        writeln!(out, "\n       {help}")?;
+    }
+    match obstructions.len() {
+        more if more > SHOWN => writeln!(out, "  and {} more", counted(more - SHOWN, "pair")),
+        _ => Ok(()),
     }
 }
 

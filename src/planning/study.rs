@@ -18,7 +18,7 @@ use super::plan::{
     StopReason, Verdict, ViewId,
 };
 use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
-use super::sequence::Ordered;
+use super::sequence::{Ordered, straight_secs};
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
 use super::visibility::{self, Row, SampleSet, Table as VisibilityTable};
@@ -148,9 +148,9 @@ impl Study<'_> {
     fn travel_secs(&self, from: usize, to: usize) -> f64 {
         let (Some(cell), Some(reach)) = (self.input.cell, &self.reach) else { return 0.0 };
         let stations = |kept: usize| reach[kept].as_deref().unwrap_or_default();
-        let (axes, speed_fraction) = (cell.axes(), self.params.motion.speed_fraction);
+        let axes = cell.axes();
         let pairs = stations(from).iter().flat_map(|a| stations(to).iter().map(move |b| (a.configuration(), b.configuration())));
-        pairs.map(|(a, b)| axes.move_secs(&a, &b, speed_fraction)).fold(f64::INFINITY, f64::min)
+        pairs.map(|(a, b)| straight_secs(&axes, &a, &b, &self.params.motion)).fold(f64::INFINITY, f64::min)
     }
 
     /// Chosen views of a setup with their stations, for ordering.
@@ -166,6 +166,15 @@ impl Study<'_> {
     /// The kept candidates behind `views`.
     pub(super) fn candidates_behind(&self, chosen: &Chosen, views: &[ViewId]) -> Vec<usize> {
         views.iter().map(|view| chosen.kept[view.0 as usize]).collect()
+    }
+
+    /// Kept candidates that are reached but for collisions, with no stations, and those of `given_up`, with theirs.
+    pub(super) fn obstructed(&self, given_up: &BTreeSet<usize>) -> Vec<(&Candidate, &[Station])> {
+        let stations = |kept: usize| match &self.reach.as_ref()?[kept] {
+            Ok(stations) => given_up.contains(&kept).then_some(stations.as_slice()),
+            Err(blocked) => (*blocked == Blocked::Collision).then_some(&[][..]),
+        };
+        (0..self.generated.kept.len()).filter_map(|kept| Some((&self.generated.kept[kept], stations(kept)?))).collect()
     }
 
     /// The outcome of a selection, ordered, setup by setup, when there is a cell. `barred` are candidates that were given up for want of
@@ -207,6 +216,7 @@ impl Study<'_> {
             },
             bound: chosen.selection.bound,
             setups: self.setup_plans(chosen, &used, ordered, &measuring),
+            obstructions: Vec::new(),
             coverage,
             params: self.params.clone(),
         };
@@ -396,7 +406,7 @@ impl Study<'_> {
                     gain_of_asked: super::plan::share(gain_mm2(number), coverage.asked_area_mm2),
                     score: choice.score,
                     station,
-                    stance: station.zip(self.input.cell).map(|(station, cell)| Stance::of(&cell.robot, &station)),
+                    stance: station.zip(self.input.cell).map(|(station, cell)| Stance::of(&cell.robot, &station, None)),
                     rejected: no_path.contains(kept).then_some(Cause::NoPath),
                 }
             })

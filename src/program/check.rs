@@ -16,6 +16,8 @@ const ROUNDING_SECS: f64 = 1e-6;
 const PLACE_MM: f64 = 0.1;
 /// And how far turned, degrees.
 const PLACE_DEG: f64 = 0.01;
+/// How far the measured share may be from the plan's: views may be off by [`PLACE_MM`] and [`PLACE_DEG`].
+const COVERAGE_OFF: f64 = 5e-4;
 /// Highest brightness level.
 const BRIGHTEST: u8 = 9;
 
@@ -26,6 +28,8 @@ pub struct Expected {
     pub plan_sha256: String,
     /// How the part lies.
     pub table_from_part: Pose<Table, Part>,
+    /// Whether arm and table move one after the other.
+    pub table_alone: bool,
     /// Views that are to be scanned.
     pub views: Vec<(ViewId, Pose<Part, ScannerFrame>)>,
 }
@@ -95,6 +99,12 @@ pub enum Fault {
         /// From the axes.
         derived: f64,
     },
+    /// Arm and table at once, where the plan has them move one after the other.
+    #[error("segment {segment} moves arm and table together; the plan has motion.table = \"alone\"")]
+    Together {
+        /// 0 leads to the first via point, or to the target.
+        segment: usize,
+    },
     /// Two bodies too close on the way.
     #[error("collides on segment {segment}: {contact}")]
     Collision {
@@ -122,6 +132,14 @@ pub enum Fault {
     /// No capture of a view of the plan.
     #[error("viewpoint {0} of the plan is never scanned")]
     NeverScanned(u32),
+    /// The scans together measure something else than the plan says.
+    #[error("the scans measure {:.2} % of the asked area; the plan says {:.2} %", 100.0 * measured, 100.0 * planned)]
+    Coverage {
+        /// Share that the scans measure.
+        measured: f64,
+        /// Share that the plan says.
+        planned: f64,
+    },
     /// No such level.
     #[error("brightness is {0}; allowed is 0 to {BRIGHTEST}")]
     Brightness(u8),
@@ -155,6 +173,37 @@ pub fn check(program: &Program, cell: &Cell, scene: &CollisionScene, expected: O
     linter.findings
 }
 
+/// Where the scanner is at each scan, as it is seen from the part.
+#[must_use]
+pub fn scan_poses(program: &Program, cell: &Cell, table_from_part: &Pose<Table, Part>) -> Vec<Pose<Part, ScannerFrame>> {
+    let mut here = program.home_rad;
+    let mut poses = Vec::new();
+    for step in &program.steps {
+        match step {
+            Step::Move(step) => here = step.target_rad,
+            Step::Scan { .. } => poses.push(part_from_scanner(cell, table_from_part, &here)),
+            Step::Settle { .. } => {}
+        }
+    }
+    poses
+}
+
+/// [`Fault::Coverage`] where the shares of the asked area differ by more than the poses' tolerance explains.
+#[must_use]
+pub fn off_coverage(measured: f64, planned: f64) -> Option<Fault> {
+    let differs = (measured - planned).abs() > COVERAGE_OFF;
+    differs.then_some(Fault::Coverage { measured, planned })
+}
+
+fn part_from_scanner(
+    cell: &Cell,
+    table_from_part: &Pose<Table, Part>,
+    configuration: &Configuration,
+) -> Pose<Part, ScannerFrame> {
+    let base_from_part = cell.base_from_plate(configuration[6]) * plate_from_placed(table_from_part);
+    base_from_part.inverse() * cell.base_from_scanner(&joints_of(configuration))
+}
+
 /// [`Fault::OffPose`] where the scanner is not on `wanted` at these joints and this table angle.
 #[must_use]
 pub fn off_pose(
@@ -164,8 +213,7 @@ pub fn off_pose(
     configuration: &Configuration,
     wanted: &Pose<Part, ScannerFrame>,
 ) -> Option<Fault> {
-    let base_from_part = cell.base_from_plate(configuration[6]) * plate_from_placed(table_from_part);
-    let found = base_from_part.inverse() * cell.base_from_scanner(&joints_of(configuration));
+    let found = part_from_scanner(cell, table_from_part, configuration);
     let mm = (found.origin_mm() - wanted.origin_mm()).norm();
     let deg = found.isometry().rotation.angle_to(&wanted.isometry().rotation).to_degrees();
     (mm > PLACE_MM || deg > PLACE_DEG).then_some(Fault::OffPose { view: view.0, mm, deg })
@@ -228,7 +276,11 @@ impl Linter<'_> {
         if (stated - derived).abs() > ROUNDING_SECS {
             self.find(Some(index), Fault::Duration { stated, derived });
         }
+        let table_alone = self.expected.is_some_and(|expected| expected.table_alone);
         for (segment, ends) in points.windows(2).enumerate() {
+            if table_alone && ends[0][6] != ends[1][6] && ends[0][..6] != ends[1][..6] {
+                self.find(Some(index), Fault::Together { segment });
+            }
             if let Some(contact) = self.scene.check_segment(&ends[0], &ends[1]) {
                 self.find(Some(index), Fault::Collision { segment, contact });
             }

@@ -62,18 +62,12 @@ fn corners(
     scene: &CollisionScene,
     halvings: u32,
 ) -> Result<Vec<Configuration>, Contact> {
-    if from[6] == to[6] || from[..6] == to[..6] {
-        return Ok(vec![*to]);
-    }
-    let (mut turned, mut moved) = (*from, *to);
-    (turned[6], moved[6]) = (to[6], from[6]);
-    let contact = |corner| scene.check_segment(from, corner).or_else(|| scene.check_segment(corner, to));
-    let Some(contact_turned) = contact(&turned) else { return Ok(vec![turned, *to]) };
-    if contact(&moved).is_none() {
-        return Ok(vec![moved, *to]);
-    }
+    let contact = match scene.corner_between(from, to) {
+        Ok(corner) => return Ok(corner.into_iter().chain([*to]).collect()),
+        Err(contact) => contact,
+    };
     if halvings == 0 {
-        return Err(contact_turned);
+        return Err(contact);
     }
     let middle = std::array::from_fn(|axis| 0.5 * (from[axis] + to[axis]));
     let mut points = corners(from, &middle, scene, halvings - 1)?;

@@ -43,7 +43,7 @@ fn job() -> Job {
     let plan_sha256 = "ab".repeat(32);
     let program = compile(&ordered.sequence, 0, &cell, &plan_sha256, &params);
     let views = poses.into_iter().enumerate().map(|(i, pose)| (ViewId(i as u32), pose)).collect();
-    Job { cell, scene, program, expected: Expected { plan_sha256, table_from_part, views } }
+    Job { cell, scene, program, expected: Expected { plan_sha256, table_from_part, table_alone: false, views } }
 }
 
 impl Job {

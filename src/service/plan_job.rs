@@ -8,7 +8,7 @@ use super::store::hex;
 use crate::cell::{Cell, CollisionScene, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh};
 use crate::planning::context::{Cancelled, Context, Stage};
-use crate::planning::params::PlanParams;
+use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::report::text;
 use crate::planning::{PlanError, PlanInput, plan};
@@ -161,6 +161,7 @@ impl PlanJob<'_> {
         let expected = Expected {
             plan_sha256: program.plan_sha256.clone(),
             table_from_part: setup.table_from_part,
+            table_alone: plan.params.motion.table == TableMotion::Alone,
             views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
         };
         let checked = CheckedProgram::new(program, cell, &scene, Some(&expected), CheckedWith::Part);

@@ -1,6 +1,7 @@
 //! `plan.json`, schema `vantage.plan/1`. No clock, no thread count: the same input gives the same bytes.
 
 mod missed;
+mod motion;
 
 use std::collections::BTreeMap;
 
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use missed::{MissedDocument, RemedyDocument, RemedyViewDocument, TreatedSpotDocument};
+pub use motion::{MotionDocument, ObstructionDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
@@ -16,7 +18,6 @@ use crate::planning::params::{PlanParams, PoseErrorParams};
 use crate::planning::plan::{
     Bound, Cause, Coverage, Drawn, Independent, Outcome, Plan, PlannedView, RegionCoverage, Robust, SetupPlan, share,
 };
-use crate::planning::sequence::Sequence;
 
 /// Schema name that the document carries.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -52,9 +53,12 @@ pub struct PlanDocument {
     pub viewpoints: Vec<ViewpointDocument>,
     /// Viewpoint ids in the order visited, setup by setup.
     pub sequence: Vec<u32>,
-    /// How long the moves take; `null` without a cell.
+    /// How long a cycle takes; `null` without a cell.
     #[serde(default)]
     pub motion: Option<MotionDocument>,
+    /// What keeps the cell from candidates, what keeps it from most first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub obstructions: Vec<ObstructionDocument>,
     /// What is not measured, by cause.
     pub missed: Vec<MissedDocument>,
     /// How far from the best the chosen views can be.
@@ -355,16 +359,6 @@ pub struct ViewpointDocument {
     pub rejected: Option<String>,
 }
 
-/// Time of all moves, setups added up.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(expecting = "an object")]
-pub struct MotionDocument {
-    /// Predicted, s.
-    pub moving_secs: f64,
-    /// No order, over the stations and moves that were considered, takes less, s: equal where the order is proved the best.
-    pub moving_secs_lower: f64,
-}
-
 /// Table angle and joints, degrees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
@@ -379,6 +373,9 @@ pub struct StationDocument {
     /// How far from a singularity: least singular value of the flange's Jacobian, lengths in parts of the arm's; 0 at one.
     #[serde(default)]
     pub singularity_margin: f64,
+    /// Distance of the two bodies that are nearest to each other, mm; `null` where that is more than 200 mm.
+    #[serde(default)]
+    pub clearance_mm: Option<f64>,
 }
 
 /// How far from the best the chosen views can be. The bound is on the candidates that could be chosen, without what is
@@ -429,10 +426,8 @@ impl PlanDocument {
             setups: setups(plan),
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
-            motion: plan.sequences().next().map(|_| MotionDocument {
-                moving_secs: plan.sequences().map(Sequence::motion_secs).sum(),
-                moving_secs_lower: plan.sequences().map(|sequence| sequence.at_least_secs).sum(),
-            }),
+            motion: MotionDocument::of(plan),
+            obstructions: plan.obstructions.iter().map(ObstructionDocument::from).collect(),
             missed: plan.missed.iter().map(MissedDocument::from).collect(),
             bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),
@@ -540,6 +535,7 @@ impl From<&PlannedView> for ViewpointDocument {
                 joints_deg: station.joints_rad.map(degrees),
                 posture: stance.posture.to_string(),
                 singularity_margin: stance.singularity_margin,
+                clearance_mm: stance.clearance_mm,
             }),
             rejected: view.rejected.map(|cause: Cause| cause.as_str().to_owned()),
         }

@@ -3,12 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Point3, Vector3};
-use vantage::cell::{Cell, PoseSpec, Presets, SpecLibrary};
+use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams, Region};
 use vantage::planning::plan::{Cause, Outcome};
-use vantage::planning::{PlanError, PlanInput, plan};
+use vantage::planning::{PlanError, PlanInput, plan, recheck};
+use vantage::program::{compile, off_coverage, scan_poses};
 
 use crate::support::box_mesh;
 
@@ -128,4 +129,56 @@ fn the_plate_hides_the_underside_from_views_below_it() {
     params.candidates.hemisphere = Some(Hemisphere::Full);
     let coverage = planned(&mesh, None, &cell, &params).expect("a plan").plan.coverage;
     assert!((coverage.optically_coverable_area_mm2 - (9600.0 - 1600.0)).abs() < 1e-6, "{coverage:?}");
+}
+
+#[test]
+fn what_the_scans_of_a_program_measure_is_what_the_plan_says() {
+    let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let Outcome { plan, .. } = planned(&mesh, None, &cell, &quick()).expect("a plan");
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let lies = plan.table_from_part.expect("a cell");
+    let program = compile(plan.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &plan.params);
+    let mut poses = scan_poses(&program, &cell, &lies);
+    assert_eq!(poses.len(), plan.views.len());
+    let share = |poses: &[_]| {
+        let measured = recheck::measured(&input, &plan.params, &lies, poses).expect("parameters of a plan");
+        measured.measured_mm2 / measured.asked_mm2
+    };
+    assert_eq!(off_coverage(share(&poses), plan.coverage.of_asked()), None);
+    poses.pop();
+    assert!(off_coverage(share(&poses), plan.coverage.of_asked()).is_some(), "one scan less measures less");
+}
+
+/// A beam over the table, where the scanner would look down from.
+fn beamed() -> Cell {
+    let mut spec = Presets.cell("e05-transcan").expect("a preset");
+    let table_mm = spec.base_from_table.translation_mm;
+    spec.obstacles.push(BodySpec {
+        name: "beam".into(),
+        owner_from_body: PoseSpec { translation_mm: [table_mm[0], table_mm[1], table_mm[2] + 640.0], ..PoseSpec::default() },
+        shape: ShapeSpec::Box { size_mm: [100.0, 600.0, 60.0] },
+    });
+    spec.build(&Presets).expect("a valid cell")
+}
+
+#[test]
+fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() {
+    let (cell, mesh) = (beamed(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let outcome = planned(&mesh, None, &cell, &quick()).expect("a plan");
+    let plan = &outcome.plan;
+    let beam =
+        plan.obstructions.iter().find(|found| [&found.bodies.a, &found.bodies.b].into_iter().any(|name| **name == *"beam"));
+    let beam = beam.expect("the beam is in the way");
+    assert!(beam.without_station > 0 && beam.help.contains("beam"), "{beam:?}");
+    let gap = beam.gap.as_ref().expect("of a box it is known");
+    assert!(gap.apart_mm < plan.params.motion.clearance_mm && gap.place_mm.z > 400.0, "{gap:?}");
+    let scene = CollisionScene::new(&cell, &mesh, None, &plan.table_from_part.expect("a cell"), 5.0);
+    assert_eq!(scene.check(&beam.configuration), Some(beam.bodies.clone()));
+    let counted: usize = plan.obstructions.iter().map(|found| found.without_station).sum();
+    let collided = plan.candidates.rejected.iter().find(|(reason, _)| reason.as_str() == "collision").map_or(0, |found| *found.1);
+    assert_eq!(counted, collided, "every candidate that collides is put down to something");
+    for stance in plan.views.iter().filter_map(|view| view.stance) {
+        assert!(stance.clearance_mm.is_none_or(|mm| mm >= 5.0 - 1e-3), "{stance:?}");
+    }
+    assert!(planned(&mesh, None, &default_cell(), &quick()).expect("a plan").plan.obstructions.len() < plan.obstructions.len());
 }

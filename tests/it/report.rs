@@ -7,14 +7,14 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use vantage::cell::Posture;
+use vantage::cell::{Contact, Gap, Posture};
 use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, preview};
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Outcome, PartFacts, Plan, PlannedView,
-    Remedy, RemedyKind, RemedyView, SetupPlan, Stance, StopReason, Verdict, ViewId,
+    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Obstruction, Outcome, PartFacts, Plan,
+    PlannedView, Remedy, RemedyKind, RemedyView, SetupPlan, Stance, StopReason, Verdict, ViewId,
 };
 use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
@@ -156,10 +156,27 @@ fn station(turns: f64) -> Station {
 }
 
 fn sequence(views: usize) -> Sequence {
-    let leg =
-        |turns: f64| Leg { via_rad: vec![[0.0; 7]; turns as usize % 2], target: station(turns), duration_secs: 1.25 + turns };
+    let leg = |turns: f64| Leg {
+        via_rad: vec![[0.0; 7]; turns as usize % 2],
+        target: station(turns),
+        duration_secs: 1.25 + turns,
+        turning_secs: 0.5,
+    };
     let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
     Sequence { visits, return_home: leg(0.0), at_least_secs: 11.5 }
+}
+
+fn obstruction() -> Obstruction {
+    let bodies = Contact { a: "camera <left>".into(), b: "post".into() };
+    let gap = Gap { bodies: bodies.clone(), apart_mm: -2.5, place_mm: Point3::new(300.0, -40.0, 210.0) };
+    Obstruction {
+        bodies,
+        without_station: 3,
+        without_path: 1,
+        configuration: [0.1; 7],
+        gap: Some(gap),
+        help: "move post, or the table away from it".into(),
+    }
 }
 
 /// The sphere seen from +x, −y, −x and above, its +y side left out of what is asked for, standing on its lowest part.
@@ -188,7 +205,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         gain_of_asked: gain(view) / coverage.asked_area_mm2,
         score: gain(view) * 0.7,
         station: Some(station(view as f64)),
-        stance: Some(Stance { posture, singularity_margin: 0.2 }),
+        stance: Some(Stance { posture, singularity_margin: 0.2, clearance_mm: Some(31.5) }),
         rejected: None,
     });
     let table_from_part = Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity());
@@ -206,6 +223,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         candidates: CandidateCounts { generated: 62, kept: 50, rejected: [(Rejection::BelowTable, 12)].into() },
         views: views.collect(),
         setups: vec![setup],
+        obstructions: vec![obstruction()],
         missed: missed_of(mesh, &surface, &verdicts),
         stopped_because: StopReason::Target,
         bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },

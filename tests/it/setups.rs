@@ -63,7 +63,8 @@ fn the_program_of_every_setup_is_sound() {
         let program = compile(sequence, number, &cell, &plan_sha256, &plan.params);
         let scene = CollisionScene::new(&cell, &mesh, None, &setup.table_from_part, params.motion.clearance_mm - 1e-6);
         let views = setup.views.iter().map(|view| (*view, plan.views[view.0 as usize].part_from_scanner)).collect();
-        let expected = Expected { plan_sha256: plan_sha256.clone(), table_from_part: setup.table_from_part, views };
+        let expected =
+            Expected { plan_sha256: plan_sha256.clone(), table_from_part: setup.table_from_part, table_alone: false, views };
         let findings = check(&program, &cell, &scene, Some(&expected));
         assert!(findings.is_empty(), "setup {number}: {findings:?}");
     }

@@ -11,6 +11,7 @@
 //! neighbourhood (conservative advancement; F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking
 //! for single and multiple articulated robots in complex environments", IEEE Trans. Robotics 21(3), 2005).
 
+mod gap;
 mod scene_body;
 mod solid;
 
@@ -22,6 +23,7 @@ use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::Pose as ParryPose;
 
+pub use self::gap::Gap;
 use self::scene_body::{Carrier, SceneBody, assemble};
 use self::solid::{near, parry_pose};
 use super::axis::{Axis, Configuration};
@@ -153,6 +155,22 @@ impl CollisionScene {
         let segment = Segment { from, travel: &travel };
         let inside = || self.check_inside(&segment, steps, self.pairs.iter().collect()).err();
         self.check(from).or_else(|| self.check(to)).or_else(inside)
+    }
+
+    /// Where arm and table change over on a straight way that they make one after the other, in an order that is free;
+    /// `None` where only one of them moves.
+    ///
+    /// # Errors
+    /// What is in the way where neither order is free.
+    pub fn corner_between(&self, from: &Configuration, to: &Configuration) -> Result<Option<Configuration>, Contact> {
+        if from[6] == to[6] || from[..6] == to[..6] {
+            return self.check_segment(from, to).map_or(Ok(None), Err);
+        }
+        let (mut turned, mut moved) = (*from, *to);
+        (turned[6], moved[6]) = (to[6], from[6]);
+        let contact = |corner| self.check_segment(from, corner).or_else(|| self.check_segment(corner, to));
+        let Some(contact_turned) = contact(&turned) else { return Ok(Some(turned)) };
+        if contact(&moved).is_none() { Ok(Some(moved)) } else { Err(contact_turned) }
     }
 
     /// What part or fixture runs into, wherever the arm is, as the table turns from one angle to another.

@@ -2,7 +2,8 @@
 //! S. LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", ICRA 2000), then made short. Every edge is
 //! proved free as a segment. Samples come from a stream that the two ends name, so the same question has the same answer.
 
-use crate::cell::{Axes, CollisionScene, Configuration};
+use super::moves::Moves;
+use crate::cell::{Axes, Configuration};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
 
@@ -22,12 +23,11 @@ const STREAM: u64 = 0x7272_7463;
 /// A free way with points left out and corners cut, its ends left out too.
 pub(super) fn shortened(
     mut way: Vec<Configuration>,
-    axes: &Axes,
-    scene: &CollisionScene,
+    moves: &Moves<'_>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Configuration>, Cancelled> {
     if let ([from, .., to], true) = (way.as_slice(), way.len() > 2) {
-        Search::new([*from, *to], axes, scene).shorten(&mut way, ctx)?;
+        Search::new([*from, *to], moves).shorten(&mut way, ctx)?;
     }
     way.pop();
     way.drain(..way.len().min(1));
@@ -38,17 +38,15 @@ pub(super) fn shortened(
 pub(super) fn connect(
     from: &Configuration,
     to: &Configuration,
-    axes: &Axes,
-    scene: &CollisionScene,
+    moves: &Moves<'_>,
     ctx: &Context<'_>,
 ) -> Result<Option<Vec<Configuration>>, Cancelled> {
-    let found = Search::new([*from, *to], axes, scene).trees(ctx)?;
-    found.map(|way| shortened(way, axes, scene, ctx)).transpose()
+    let found = Search::new([*from, *to], moves).trees(ctx)?;
+    found.map(|way| shortened(way, moves, ctx)).transpose()
 }
 
 struct Search<'a> {
-    axes: &'a Axes,
-    scene: &'a CollisionScene,
+    moves: &'a Moves<'a>,
     stream: Stream,
     ends: [Configuration; 2],
 }
@@ -75,9 +73,9 @@ impl Tree {
 }
 
 impl<'a> Search<'a> {
-    fn new(ends: [Configuration; 2], axes: &'a Axes, scene: &'a CollisionScene) -> Self {
+    fn new(ends: [Configuration; 2], moves: &'a Moves<'a>) -> Self {
         let names: Vec<u64> = std::iter::once(STREAM).chain(ends.iter().flatten().map(|angle| angle.to_bits())).collect();
-        Self { axes, scene, stream: Stream::new(0, &names), ends }
+        Self { moves, stream: Stream::new(0, &names), ends }
     }
 
     fn trees(&mut self, ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
@@ -106,7 +104,7 @@ impl<'a> Search<'a> {
 
     /// Grows from the nearest node towards `goal`, at most `edges` edges; the last node added.
     fn grow(&self, tree: &mut Tree, goal: &Configuration, edges: usize, ctx: &Context<'_>) -> Result<Option<usize>, Cancelled> {
-        let mut at = tree.nearest(self.axes, goal);
+        let mut at = tree.nearest(&self.moves.axes, goal);
         let mut added = None;
         for _ in 0..edges {
             ctx.check()?;
@@ -115,7 +113,7 @@ impl<'a> Search<'a> {
             let share = (EDGE_RAD / widest).min(1.0);
             let next =
                 if share < 1.0 { std::array::from_fn(|axis| here[axis] + share * (goal[axis] - here[axis])) } else { *goal };
-            if here == next || self.scene.check_segment(&here, &next).is_some() {
+            if here == next || !self.moves.is_free(&here, &next) {
                 break;
             }
             tree.0.push((next, at));
@@ -131,7 +129,7 @@ impl<'a> Search<'a> {
     fn sample(&mut self) -> Configuration {
         let far = self.stream.unit() < FAR_SHARE;
         std::array::from_fn(|axis| {
-            let (limits, [a, b]) = (&self.axes.0[axis], self.ends.map(|end| end[axis]));
+            let (limits, [a, b]) = (&self.moves.axes.0[axis], self.ends.map(|end| end[axis]));
             let (low, high) = if far {
                 (limits.min_rad, limits.max_rad)
             } else {
@@ -149,10 +147,10 @@ impl<'a> Search<'a> {
             let (first, last) = (self.place(way), self.place(way));
             let ((first, from), (last, to)) = if first.0 <= last.0 { (first, last) } else { (last, first) };
             let cut = [&way[..=first], &[from, to], &way[last + 1..]].concat();
-            let is_quicker = self.axes.path_secs(&cut, 1.0) < self.axes.path_secs(way.as_slice(), 1.0);
+            let is_quicker = self.moves.secs(&cut) < self.moves.secs(way);
             // Pieces of a proved segment too: between its samples it may come a little nearer than the clearance.
             let changed = &cut[first..first + 4];
-            if first < last && is_quicker && changed.windows(2).all(|ends| self.is_free(&ends[0], &ends[1])) {
+            if first < last && is_quicker && changed.windows(2).all(|ends| self.moves.is_free(&ends[0], &ends[1])) {
                 *way = cut;
                 self.leave_out(way, ctx)?;
             }
@@ -165,7 +163,7 @@ impl<'a> Search<'a> {
         while at + 2 < way.len() {
             ctx.check()?;
             // The farthest point that can be gone to straight.
-            let onward = (at + 2..way.len()).rev().find(|next| self.is_free(&way[at], &way[*next]));
+            let onward = (at + 2..way.len()).rev().find(|next| self.moves.is_free(&way[at], &way[*next]));
             if let Some(next) = onward {
                 way.drain(at + 1..next);
             }
@@ -180,9 +178,5 @@ impl<'a> Search<'a> {
         let segment = at as usize;
         let ([from, to], share) = ([way[segment], way[segment + 1]], at - segment as f64);
         (segment, std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis])))
-    }
-
-    fn is_free(&self, a: &Configuration, b: &Configuration) -> bool {
-        self.scene.check_segment(a, b).is_none()
     }
 }

@@ -13,6 +13,7 @@
 //! grown towards each other, and only where they do not meet the view has no path.
 
 mod connect;
+mod moves;
 mod routes;
 mod tour;
 
@@ -21,6 +22,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+pub use self::moves::straight_secs;
 use self::routes::{Node, Route, Routes};
 use self::tour::Costs;
 use super::context::{Cancelled, Context};
@@ -46,6 +48,8 @@ pub struct Leg {
     pub target: Station,
     /// Predicted time; every point is a stop.
     pub duration_secs: f64,
+    /// Of that the time in which the table turns.
+    pub turning_secs: f64,
 }
 
 /// A tour from home through every view with a station, and back.
@@ -77,6 +81,12 @@ pub struct Ordered {
 }
 
 impl Sequence {
+    /// Of that the time in which the table turns.
+    #[must_use]
+    pub fn turning_secs(&self) -> f64 {
+        self.visits.iter().map(|(_, leg)| leg.turning_secs).sum::<f64>() + self.return_home.turning_secs
+    }
+
     /// Whether it is proved the shortest over the stations and moves that were considered.
     #[must_use]
     pub fn is_shortest(&self) -> bool {
@@ -101,10 +111,10 @@ pub fn order(
     insist: bool,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
-    let routes = Routes::new(cell, scene, params.motion.speed_fraction);
+    let routes = Routes::new(cell, scene, &params.motion);
     let joined = join_to_home(stations, &routes, ctx)?;
     if insist && !joined.no_path.is_empty() {
-        let return_home = leg(Route::default(), cell.home_rad);
+        let return_home = leg(&cell.home_rad, Route::default(), cell.home_rad, &routes);
         return Ok(Ordered {
             sequence: Sequence { visits: Vec::new(), return_home, at_least_secs: 0.0 },
             no_path: joined.no_path,
@@ -114,15 +124,22 @@ pub fn order(
     let mut last = None;
     let (tour, at_least_secs) = shortest_tour(&joined, &routes, ctx)?;
     for (node, route) in tour {
-        visits.push((joined.views[joined.nodes[node].view], leg(route, joined.nodes[node].configuration)));
+        let from = last.map_or(&cell.home_rad, |node: usize| &joined.nodes[node].configuration);
+        visits.push((joined.views[joined.nodes[node].view], leg(from, route, joined.nodes[node].configuration, &routes)));
         last = Some(node);
     }
     let home = last.map(|node| joined.nodes[node].from_home.reversed()).unwrap_or_default();
-    Ok(Ordered { sequence: Sequence { visits, return_home: leg(home, cell.home_rad), at_least_secs }, no_path: joined.no_path })
+    let from = last.map_or(&cell.home_rad, |node| &joined.nodes[node].configuration);
+    let return_home = leg(from, home, cell.home_rad, &routes);
+    Ok(Ordered { sequence: Sequence { visits, return_home, at_least_secs }, no_path: joined.no_path })
 }
 
-fn leg(route: Route, target: Configuration) -> Leg {
-    Leg { via_rad: route.via_rad, target: Station::from(target), duration_secs: route.secs }
+fn leg(from: &Configuration, route: Route, target: Configuration, routes: &Routes<'_>) -> Leg {
+    let way: Vec<_> = std::iter::once(*from).chain(route.via_rad).chain([target]).collect();
+    let points = routes.moves.spelled_out(&way);
+    let turning_secs = routes.moves.turning_secs(&points);
+    let via_rad = points[1..points.len() - 1].to_vec();
+    Leg { via_rad, target: Station::from(target), duration_secs: route.secs, turning_secs }
 }
 
 /// Stations that can be reached from home, grouped by view.
@@ -183,7 +200,7 @@ fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Res
         if b == nodes.len() {
             nodes[a].from_home.secs
         } else {
-            routes.straight_secs(&nodes[a].configuration, &nodes[b].configuration)
+            routes.moves.straight_secs(&nodes[a].configuration, &nodes[b].configuration)
         }
     });
     let mut checked: HashMap<(usize, usize), Route> = HashMap::new();

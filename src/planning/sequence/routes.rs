@@ -7,9 +7,11 @@ use std::sync::OnceLock;
 use nalgebra::{Isometry3, Vector3};
 
 use super::connect::{connect, shortened};
-use crate::cell::{Axes, Cell, CollisionScene, Configuration, joints_of};
+use super::moves::Moves;
+use crate::cell::{Cell, CollisionScene, Configuration, joints_of};
 use crate::geometry::{Base, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::params::MotionParams;
 
 /// Ways to draw the scanner back: along its own −z, and up, mm.
 const RETREATS_MM: [[f64; 2]; 5] = [[100.0, 0.0], [250.0, 0.0], [0.0, 100.0], [0.0, 250.0], [150.0, 200.0]];
@@ -50,25 +52,18 @@ impl Node {
 /// Finds routes in one scene.
 pub(super) struct Routes<'a> {
     cell: &'a Cell,
-    scene: &'a CollisionScene,
-    axes: Axes,
-    speed_fraction: f64,
+    pub(super) moves: Moves<'a>,
 }
 
 impl<'a> Routes<'a> {
-    pub(super) fn new(cell: &'a Cell, scene: &'a CollisionScene, speed_fraction: f64) -> Self {
-        Self { cell, scene, axes: cell.axes(), speed_fraction }
-    }
-
-    /// Time of the straight move, free or not.
-    pub(super) fn straight_secs(&self, a: &Configuration, b: &Configuration) -> f64 {
-        self.axes.move_secs(a, b, self.speed_fraction)
+    pub(super) fn new(cell: &'a Cell, scene: &'a CollisionScene, motion: &MotionParams) -> Self {
+        Self { cell, moves: Moves::new(cell, scene, motion) }
     }
 
     /// The quickest free way from home of the simple ones; `None` where there is none.
     pub(super) fn home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let home = &self.cell.home_rad;
-        if self.is_free(home, station) {
+        if self.moves.is_free(home, station) {
             return Ok(Some(self.route(home, Vec::new(), station)));
         }
         let turned = self.arm_at_home(station[6]);
@@ -84,11 +79,11 @@ impl<'a> Routes<'a> {
     pub(super) fn searched_home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let home = &self.cell.home_rad;
         // No motion of the arm helps where the part itself cannot be turned there.
-        if self.scene.check_turn(home[6], station[6]).is_some() {
+        if self.moves.scene.check_turn(home[6], station[6]).is_some() {
             return Ok(None);
         }
         let (goal, last) = self.retreats(station).first().map_or((*station, Vec::new()), |retreat| (*retreat, vec![*retreat]));
-        let Some(found) = connect(home, &goal, &self.axes, self.scene, ctx)? else { return Ok(None) };
+        let Some(found) = connect(home, &goal, &self.moves, ctx)? else { return Ok(None) };
         let route = self.route(home, [found, last].concat(), station);
         self.shorter(home, route, station, ctx).map(Some)
     }
@@ -96,7 +91,7 @@ impl<'a> Routes<'a> {
     /// The quickest free way between two stations that is known; by home, if nothing else.
     pub(super) fn between(&self, a: &Node, b: &Node, ctx: &Context<'_>) -> Result<Route, Cancelled> {
         let (from, to) = (&a.configuration, &b.configuration);
-        if self.is_free(from, to) {
+        if self.moves.is_free(from, to) {
             return Ok(self.route(from, Vec::new(), to));
         }
         let by_home = self.by_home(a, b);
@@ -107,7 +102,7 @@ impl<'a> Routes<'a> {
     /// The same way with corners cut.
     fn shorter(&self, from: &Configuration, route: Route, to: &Configuration, ctx: &Context<'_>) -> Result<Route, Cancelled> {
         let way = std::iter::once(*from).chain(route.via_rad).chain([*to]).collect();
-        Ok(self.route(from, shortened(way, &self.axes, self.scene, ctx)?, to))
+        Ok(self.route(from, shortened(way, &self.moves, ctx)?, to))
     }
 
     fn by_home(&self, a: &Node, b: &Node) -> Route {
@@ -147,7 +142,7 @@ impl<'a> Routes<'a> {
         routes.sort_by(|a, b| a.secs.total_cmp(&b.secs));
         routes.into_iter().find(|route| {
             let points: Vec<_> = std::iter::once(from).chain(&route.via_rad).chain(std::iter::once(to)).collect();
-            points.windows(2).all(|ends| self.is_free(ends[0], ends[1]))
+            points.windows(2).all(|ends| self.moves.is_free(ends[0], ends[1]))
         })
     }
 
@@ -161,7 +156,7 @@ impl<'a> Routes<'a> {
                 let moved = Pose::claim(Isometry3::translation(shift.x, shift.y, shift.z) * base_from_scanner.isometry());
                 self.nearest(&moved, station)
             })
-            .filter(|point| self.is_free(station, point))
+            .filter(|point| self.moves.is_free(station, point))
             .collect()
     }
 
@@ -174,7 +169,7 @@ impl<'a> Routes<'a> {
             .into_iter()
             .flat_map(|joints| {
                 let at_table = std::array::from_fn(|axis| joints.get(axis).copied().unwrap_or(station[6]));
-                self.axes.windings(&at_table)
+                self.moves.axes.windings(&at_table)
             })
             .filter(|point| widest(point) <= RETREAT_TURN_RAD)
             .min_by(|a, b| widest(a).total_cmp(&widest(b)))
@@ -187,12 +182,8 @@ impl<'a> Routes<'a> {
     }
 
     fn route(&self, from: &Configuration, via_rad: Vec<Configuration>, to: &Configuration) -> Route {
-        let points = std::iter::once(from).chain(&via_rad).chain(std::iter::once(to));
-        let secs = self.axes.path_secs(points, self.speed_fraction);
+        let points: Vec<_> = std::iter::once(*from).chain(via_rad.iter().copied()).chain([*to]).collect();
+        let secs = self.moves.secs(&points);
         Route { via_rad, secs }
-    }
-
-    fn is_free(&self, a: &Configuration, b: &Configuration) -> bool {
-        self.scene.check_segment(a, b).is_none()
     }
 }

@@ -6,7 +6,7 @@ use super::{Configuration, Leg, Ordered, order};
 use crate::cell::{BodySpec, Cell, CollisionScene, Presets, ShapeSpec, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
-use crate::planning::params::PlanParams;
+use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
 use crate::planning::stations::{Station, solve};
 use crate::testing::box_mesh;
@@ -56,11 +56,15 @@ impl Room {
     }
 
     fn order_on(&self, threads: usize, cancelled: bool) -> Result<Ordered, Cancelled> {
+        self.order_with(&PlanParams::default(), threads, cancelled)
+    }
+
+    fn order_with(&self, params: &PlanParams, threads: usize, cancelled: bool) -> Result<Ordered, Cancelled> {
         let listed: Vec<_> =
             self.stations.iter().enumerate().map(|(i, stations)| (ViewId(i as u32), stations.as_slice())).collect();
         let flag = AtomicBool::new(cancelled);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
-        pool.install(|| order(&listed, &self.cell, &self.scene, &PlanParams::default(), false, &Context::new(&flag, &Silent)))
+        pool.install(|| order(&listed, &self.cell, &self.scene, params, false, &Context::new(&flag, &Silent)))
     }
 
     /// Re-checks every segment at half a degree, its times and its limits, from the sequence alone.
@@ -70,10 +74,11 @@ impl Room {
         let loose = CollisionScene::new(&self.cell, &cube(), None, &placed(), 0.5);
         let mut here = self.cell.home_rad;
         let legs = ordered.sequence.visits.iter().map(|(_, leg)| leg).chain([&ordered.sequence.return_home]);
-        for Leg { via_rad, target, duration_secs } in legs {
+        for Leg { via_rad, target, duration_secs, turning_secs } in legs {
             let points: Vec<Configuration> =
                 std::iter::once(here).chain(via_rad.iter().copied()).chain([target.configuration()]).collect();
             assert!((axes.path_secs(&points, 0.25) - duration_secs).abs() < 1e-9);
+            assert!((0.0..=*duration_secs + 1e-9).contains(turning_secs));
             for ends in points.windows(2) {
                 assert!(axes.allow(&ends[1]));
                 let widest = ends[0].iter().zip(ends[1]).map(|(a, b)| (a - b).abs().to_degrees()).fold(0.0, f64::max);
@@ -111,6 +116,26 @@ fn every_view_is_visited_once_on_checked_paths_from_home_to_home() {
 }
 
 #[test]
+fn a_table_that_turns_alone_never_turns_while_the_arm_moves() {
+    let room = room(9, Vec::new());
+    let mut params = PlanParams::default();
+    params.motion.table = TableMotion::Alone;
+    let [alone, together] =
+        [params, PlanParams::default()].map(|params| room.order_with(&params, 2, false).expect("not cancelled"));
+    assert_eq!(visited(&alone), visited(&together));
+    room.assert_sound(&alone);
+    let mut here = room.cell.home_rad;
+    for leg in alone.sequence.visits.iter().map(|(_, leg)| leg).chain([&alone.sequence.return_home]) {
+        for next in leg.via_rad.iter().copied().chain([leg.target.configuration()]) {
+            assert!(here[6] == next[6] || here[..6] == next[..6], "one at a time");
+            here = next;
+        }
+    }
+    assert!(alone.sequence.motion_secs() > together.sequence.motion_secs());
+    assert!(alone.sequence.turning_secs() > 0.0);
+}
+
+#[test]
 fn the_tour_is_no_longer_than_any_fixed_order_of_first_stations() {
     let room = room(6, Vec::new());
     let ordered = room.order().expect("not cancelled");
@@ -130,7 +155,7 @@ fn an_obstacle_in_the_straight_way_is_gone_around() {
         shape: ShapeSpec::Cylinder { radius_mm: 30.0, height_mm: 900.0 },
     };
     let mut room = room(14, vec![post(300.0, 420.0), post(300.0, -420.0)]);
-    let routes = super::routes::Routes::new(&room.cell, &room.scene, 0.25);
+    let routes = super::routes::Routes::new(&room.cell, &room.scene, &PlanParams::default().motion);
     let flag = AtomicBool::new(false);
     let ctx = Context::new(&flag, &Silent);
     let all: Vec<Station> = room.stations.iter().flatten().copied().collect();

@@ -94,6 +94,18 @@ pub fn solve_some(
         .collect()
 }
 
+/// Joints and table that take the view as near to home as can be, whatever collides there; `None` where none reach it.
+#[must_use]
+pub fn nearest_way(
+    view: &Pose<Part, ScannerFrame>,
+    cell: &Cell,
+    scene: &CollisionScene,
+    table_from_part: &Pose<Table, Part>,
+) -> Option<Configuration> {
+    let search = Search { cell, axes: cell.axes(), scene, table_from_part, keep: 1 };
+    search.ways(view).0.first().map(|way| way.configuration)
+}
+
 /// Whether the viewpoint lies inside a body that stands still at every table angle: a quick filter ahead of [`solve`].
 #[must_use]
 pub fn inside_obstacle(

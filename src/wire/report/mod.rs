@@ -63,6 +63,7 @@ pub fn html(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Cancel
         views::misses(input, &scene),
         sections::missed(input),
         sections::order(input),
+        sections::obstructions(input),
         sections::settings(input),
         "</main>\n".to_owned(),
         sections::footer(),

@@ -8,14 +8,43 @@ use super::markup::{area, duration, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
-use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Remedy, Robust, share};
+use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, share};
 use crate::planning::report::{changed_params, treated_spots};
 use crate::planning::sequence::{Leg, Sequence};
 
 /// Spots of each cause that are listed.
 const SPOTS_LISTED: usize = 3;
+/// Pairs of bodies in the cell's way that are listed.
+const OBSTRUCTIONS_LISTED: usize = 10;
 /// Characters of the file's digest that are shown.
 const DIGEST_SHOWN: usize = 12;
+
+/// What keeps the cell from candidates; nothing where nothing does.
+pub(super) fn obstructions(input: &ReportInput<'_>) -> String {
+    let rows: Vec<_> = input.outcome.plan.obstructions.iter().take(OBSTRUCTIONS_LISTED).map(obstruction_row).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<section>\n<h2>In the cell's way</h2>\n<p>What keeps the cell from viewpoints that were considered, most first; distances are those at one of them.</p>\n\
+         <div class=\"card scroll\"><table>\n<thead><tr><th>Bodies</th><th class=\"n\">Without a station</th><th class=\"n\">Without a path</th>\
+         <th class=\"n\">Apart</th><th class=\"n\">In the base frame</th><th>What would help</th></tr></thead>\n<tbody>\n{}</tbody>\
+         </table></div>\n</section>\n",
+        rows.concat()
+    )
+}
+
+fn obstruction_row(obstruction: &Obstruction) -> String {
+    let Obstruction { bodies, without_station, without_path, gap, help, .. } = obstruction;
+    let apart = gap.as_ref().map_or_else(|| "—".into(), |gap| format!("{} mm", number(gap.apart_mm, 1)));
+    let place = gap.as_ref().map_or_else(|| "—".into(), |gap| triple(gap.place_mm.into(), 0));
+    format!(
+        "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
+         <td class=\"n\">{place}</td><td>{}</td></tr>\n",
+        escape(&bodies.to_string()),
+        escape(help)
+    )
+}
 
 /// What was planned, for which part and which hardware.
 pub(super) fn header(input: &ReportInput<'_>) -> String {
@@ -241,11 +270,12 @@ pub(super) fn order(input: &ReportInput<'_>) -> String {
         return String::new();
     }
     format!(
-        "<section>\n<h2>Visiting order</h2>\n<p>From home through every view and back; {} of motion in all; over the stations and moves considered no order takes less than {}.</p>\n\
+        "<section>\n<h2>Visiting order</h2>\n<p>From home through every view and back; {} of motion in all, in {} of which the table turns; over the stations and moves considered no order takes less than {}.</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th class=\"n\">Stop</th><th>At</th><th class=\"n\">Turntable</th>\
          <th class=\"n\">Joints 1 to 6</th><th class=\"n\">Move</th><th class=\"n\">Points between</th></tr></thead>\n<tbody>\n{}</tbody>\
          </table></div>\n</section>\n",
         duration(plan.sequences().map(Sequence::motion_secs).sum()),
+        duration(plan.sequences().map(Sequence::turning_secs).sum()),
         duration(plan.sequences().map(|sequence| sequence.at_least_secs).sum()),
         rows.concat()
     )

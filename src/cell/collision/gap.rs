@@ -1,0 +1,96 @@
+//! How far apart what is nearest is, and where: what a check leaves out to be quick. Not for hot loops: tens of
+//! microseconds, a few milliseconds where meshes overlap.
+
+use nalgebra::Point3;
+use parry3d::math::Pose as ParryPose;
+use parry3d::query::{self, ClosestPoints};
+use parry3d::shape::{Capsule, Shape};
+
+use super::solid::Solid;
+use super::{CollisionScene, Contact, Pair, Placement, Segment};
+use crate::cell::axis::Configuration;
+
+/// Places looked at along a segment.
+const LOOKS: u32 = 200;
+
+/// Two bodies near each other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gap {
+    /// Which.
+    pub bodies: Contact,
+    /// Their distance; below zero how deep one is in the other, as far as that is known.
+    pub apart_mm: f64,
+    /// Between them, base frame, mm.
+    pub place_mm: Point3<f64>,
+}
+
+impl CollisionScene {
+    /// The two bodies that are nearest to each other, of those closer than `within_mm`. Links of the arm that are closer
+    /// than the clearance by construction are left out.
+    #[must_use]
+    pub fn nearest(&self, configuration: &Configuration, within_mm: f64) -> Option<Gap> {
+        let placement = self.place(configuration);
+        let may_be_near = |pair: &&Pair| pair.clearance_mm >= self.clearance_mm && self.is_closer(pair, &placement, within_mm);
+        let gaps = self.pairs.iter().filter(may_be_near).filter_map(|pair| self.gap(pair, &placement, within_mm));
+        gaps.min_by(|a, b| a.apart_mm.total_cmp(&b.apart_mm))
+    }
+
+    /// The same of two bodies alone.
+    #[must_use]
+    pub fn gap_between(&self, bodies: &Contact, configuration: &Configuration, within_mm: f64) -> Option<Gap> {
+        let placement = self.place(configuration);
+        let pair = self.pairs.iter().find(|pair| self.contact_of(pair) == *bodies)?;
+        self.gap(pair, &placement, within_mm)
+    }
+
+    /// Where a straight segment in joint space first comes closer to something than it may, of the places looked at.
+    #[must_use]
+    pub fn first_contact(&self, from: &Configuration, to: &Configuration) -> Option<Configuration> {
+        self.check_segment(from, to)?;
+        let travel = std::array::from_fn(|axis| to[axis] - from[axis]);
+        let segment = Segment { from, travel: &travel };
+        let places = (0..=LOOKS).map(|look| segment.at(f64::from(look) / f64::from(LOOKS)));
+        let mut found = places.filter(|place| self.check(place).is_some());
+        // Between two looks: named by the end that is nearer to it.
+        found.next().or(Some(*to))
+    }
+
+    fn gap(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Gap> {
+        let ((a, pose_a), (b, pose_b)) = (self.placed(pair.a, placement), self.placed(pair.b, placement));
+        let (a, b) = (a.shape(), b.shape());
+        let (apart_mm, place) = match query::closest_points(&pose_a, a, &pose_b, b, within_mm as f32).ok()? {
+            ClosestPoints::WithinMargin(p, q) => (f64::from((p - q).length()), (p + q) * 0.5),
+            ClosestPoints::Disjoint => return None,
+            ClosestPoints::Intersecting => match query::contact(&pose_a, a, &pose_b, b, 0.0) {
+                Ok(Some(contact)) => (f64::from(contact.dist.min(0.0)), (contact.point1 + contact.point2) * 0.5),
+                _ => (0.0, placement.boxes[pair.a].center()),
+            },
+        };
+        Some(Gap { bodies: self.contact_of(pair), apart_mm, place_mm: Point3::new(place.x, place.y, place.z).cast() })
+    }
+
+    fn placed(&self, body: usize, placement: &Placement) -> (Placed<'_>, ParryPose) {
+        let pose = placement.poses[body];
+        match &self.bodies[body].solid {
+            Solid::Segment { core, radius_mm } => (Placed::Own(Box::new(Capsule::new(core.a, core.b, *radius_mm))), pose),
+            Solid::Box(core) => (Placed::Scene(core), pose),
+            Solid::Cylinder { core, body_from_core } => (Placed::Scene(core), pose * *body_from_core),
+            Solid::Mesh(surface) => (Placed::Scene(surface.as_ref()), pose),
+        }
+    }
+}
+
+/// A body as parry's queries take it.
+enum Placed<'a> {
+    Own(Box<dyn Shape>),
+    Scene(&'a dyn Shape),
+}
+
+impl Placed<'_> {
+    fn shape(&self) -> &dyn Shape {
+        match self {
+            Self::Own(shape) => shape.as_ref(),
+            Self::Scene(shape) => *shape,
+        }
+    }
+}

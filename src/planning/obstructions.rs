@@ -1,0 +1,101 @@
+//! What stands in the way: which two bodies keep the cell from viewpoints, for how many, where, how deep, and what would
+//! help. A candidate without a station is put down to the two that meet at its station nearest to home; one without a
+//! path to the two that meet first on the straight way to it.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::candidates::Candidate;
+use super::context::{Cancelled, Context};
+use super::motion::Motion;
+use super::stations::Station;
+use crate::cell::collision::LEAST_CLEARANCE_MM;
+use crate::cell::{Cell, Configuration, Contact, Gap};
+
+/// How near bodies are looked at, mm: as far as a clearance may be asked for.
+pub(super) const LOOKED_AT_MM: f64 = 200.0;
+
+/// Two bodies that are in each other's way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Obstruction {
+    /// Which.
+    pub bodies: Contact,
+    /// Candidates that have no station for it.
+    pub without_station: usize,
+    /// Candidates to whose stations no path was found for it.
+    pub without_path: usize,
+    /// Where they meet, for one of the candidates: joints and table, radians.
+    pub configuration: Configuration,
+    /// How far apart they are there; of overlapping meshes it is not known.
+    pub gap: Option<Gap>,
+    /// What would help, in words.
+    pub help: String,
+}
+
+/// A candidate that the cell cannot use.
+pub(super) struct Blocked<'a> {
+    /// The cell, as the part lies for this candidate.
+    pub(super) motion: &'a Motion<'a>,
+    pub(super) candidate: &'a Candidate,
+    /// Stations to which no path was found; none where nothing but collisions was found.
+    pub(super) stations: &'a [Station],
+}
+
+/// What is in the way of `blocked`, what blocks most first.
+pub(super) fn explain(blocked: &[Blocked<'_>], ctx: &Context<'_>) -> Result<Vec<Obstruction>, Cancelled> {
+    let place = |blocked: &Blocked<'_>| {
+        ctx.check()?;
+        Ok(blocked.motion.where_it_fails(&blocked.candidate.part_from_scanner, blocked.stations))
+    };
+    let places: Vec<Option<(Contact, Configuration)>> = blocked.par_iter().map(place).collect::<Result<_, Cancelled>>()?;
+    let mut found: BTreeMap<(String, String), Obstruction> = BTreeMap::new();
+    for (blocked, place) in blocked.iter().zip(places) {
+        let Some((bodies, configuration)) = place else { continue };
+        let key = (bodies.a.to_string(), bodies.b.to_string());
+        let entry = found.entry(key).or_insert_with(|| Obstruction::new(bodies, configuration, blocked.motion));
+        match blocked.stations {
+            [] => entry.without_station += 1,
+            _ => entry.without_path += 1,
+        }
+    }
+    let mut found: Vec<_> = found.into_values().collect();
+    // Stable: equal ones stay in the order of their names.
+    found.sort_by_key(|obstruction| std::cmp::Reverse(obstruction.without_station + obstruction.without_path));
+    Ok(found)
+}
+
+impl Obstruction {
+    fn new(bodies: Contact, configuration: Configuration, motion: &Motion<'_>) -> Self {
+        let gap = motion.gap(&bodies, &configuration);
+        let help = help(&bodies, gap.as_ref(), motion.cell());
+        Self { bodies, without_station: 0, without_path: 0, configuration, gap, help }
+    }
+}
+
+fn help(bodies: &Contact, gap: Option<&Gap>, cell: &Cell) -> String {
+    if let Some(gap) = gap.filter(|gap| gap.apart_mm >= LEAST_CLEARANCE_MM) {
+        return format!("free there with motion.clearance_mm = {:.1}", (gap.apart_mm * 10.0).floor() / 10.0);
+    }
+    let among = |name: &str| *bodies.a == *name || *bodies.b == *name;
+    if let Some(obstacle) = cell.obstacles.iter().find(|body| among(&body.name)) {
+        return format!("move {}, or the table away from it", obstacle.name);
+    }
+    if among("fixture") {
+        return "hold the part elsewhere, or plan it in several ways of lying (setups)".into();
+    }
+    if among("part") {
+        return "lay the part in another way (setups, part.table_from_part), or look at it from farther off (candidates.standoffs_mm)"
+            .into();
+    }
+    if cell.table_bodies.iter().any(|body| among(&body.name)) || among("turntable plate") || among("floor") {
+        return "raise the part above the plate, or the robot's foot; `vantage study reach` tells which foot and table reach most"
+            .into();
+    }
+    let is_of_arm = |name: &str| cell.robot.links.iter().any(|link| *link.name == *name);
+    if is_of_arm(&bodies.a) && is_of_arm(&bodies.b) {
+        return "the arm folds onto itself there: set its foot nearer to the table or farther off; `vantage study reach` compares"
+            .into();
+    }
+    "mount the scanner otherwise (flange_from_scanner); `vantage study reach` compares mounts".into()
+}

@@ -1,0 +1,50 @@
+//! What viewpoints measure, from the part alone and by the reference engine: a second opinion on a plan, from whatever
+//! poses a program really scans at.
+
+use std::sync::atomic::AtomicBool;
+
+use super::context::{Context, Silent};
+use super::demands;
+use super::error::PlanError;
+use super::input::PlanInput;
+use super::params::{Engine, PlanParams};
+use super::placement;
+use super::selection::coverable_mm2;
+use super::study::asked_area_mm2;
+use super::visibility::{self, Occluders};
+use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
+
+/// Areas that views measure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// All that is asked for.
+    pub asked_mm2: f64,
+    /// Of that what at least one of the views measures.
+    pub measured_mm2: f64,
+}
+
+/// What `views` measure of the part as it lies; `params` as a plan states them, its samples those of the plan. Every sample
+/// is joined with every device by a ray: about a second for ten views of a hundred thousand samples.
+///
+/// # Errors
+/// Parameters out of range, or nothing asked for.
+pub fn measured(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    table_from_part: &Pose<Table, Part>,
+    views: &[Pose<Part, ScannerFrame>],
+) -> Result<Measured, PlanError> {
+    params.check().map_err(PlanError::BadParams)?;
+    let mut params = params.clone();
+    params.visibility.engine = Engine::Rays;
+    let surface = demands::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
+    let asked_area_mm2 = asked_area_mm2(&surface)?;
+    let plate = input.cell.map(|cell| placement::plate(cell, table_from_part));
+    let occluders = Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+    let never = AtomicBool::new(false);
+    let ctx = Context::new(&never, &Silent);
+    let usable = vec![true; views.len()];
+    let table = visibility::cast(&surface, views, &usable, input.scanner, &occluders, &params, &ctx)?;
+    let rows: Vec<_> = table.rows.iter().collect();
+    Ok(Measured { asked_mm2: asked_area_mm2.iter().sum(), measured_mm2: coverable_mm2(&rows, &asked_area_mm2) })
+}

@@ -1,0 +1,73 @@
+//! Moves in joint space as a cell makes them: arm and table together, or one after the other where its controllers know no
+//! more. Every point is a stop, so a move's time is that of its segments, each the controller's own trapezoid.
+
+use crate::cell::{Axes, Cell, CollisionScene, Configuration};
+use crate::planning::params::{MotionParams, TableMotion};
+
+/// How moves are made and what they may not meet.
+pub(super) struct Moves<'a> {
+    pub(super) axes: Axes,
+    pub(super) scene: &'a CollisionScene,
+    speed_fraction: f64,
+    table: TableMotion,
+}
+
+/// Seconds of the straight move from rest to rest.
+#[must_use]
+pub fn straight_secs(axes: &Axes, from: &Configuration, to: &Configuration, motion: &MotionParams) -> f64 {
+    match motion.table {
+        TableMotion::WithArm => axes.move_secs(from, to, motion.speed_fraction),
+        TableMotion::Alone => {
+            let corner = turned(from, to);
+            axes.move_secs(from, &corner, motion.speed_fraction) + axes.move_secs(&corner, to, motion.speed_fraction)
+        }
+    }
+}
+
+/// The arm as in `from`, the table as in `to`.
+fn turned(from: &Configuration, to: &Configuration) -> Configuration {
+    std::array::from_fn(|axis| if axis == 6 { to[6] } else { from[axis] })
+}
+
+impl<'a> Moves<'a> {
+    pub(super) fn new(cell: &Cell, scene: &'a CollisionScene, motion: &MotionParams) -> Self {
+        Self { axes: cell.axes(), scene, speed_fraction: motion.speed_fraction, table: motion.table }
+    }
+
+    /// Seconds of the straight move, free or not.
+    pub(super) fn straight_secs(&self, from: &Configuration, to: &Configuration) -> f64 {
+        let motion = MotionParams { speed_fraction: self.speed_fraction, table: self.table, ..MotionParams::default() };
+        straight_secs(&self.axes, from, to, &motion)
+    }
+
+    /// Seconds along `points`.
+    pub(super) fn secs(&self, points: &[Configuration]) -> f64 {
+        points.windows(2).map(|ends| self.straight_secs(&ends[0], &ends[1])).sum()
+    }
+
+    /// Of the seconds along `points`, which are as [`Moves::spelled_out`] gives them, those in which the table turns.
+    pub(super) fn turning_secs(&self, points: &[Configuration]) -> f64 {
+        let turns = |ends: &&[Configuration]| ends[0][6] != ends[1][6];
+        points.windows(2).filter(turns).map(|ends| self.straight_secs(&ends[0], &ends[1])).sum()
+    }
+
+    /// Whether the straight move meets nothing.
+    pub(super) fn is_free(&self, from: &Configuration, to: &Configuration) -> bool {
+        match self.table {
+            TableMotion::WithArm => self.scene.check_segment(from, to).is_none(),
+            TableMotion::Alone => self.scene.corner_between(from, to).is_ok(),
+        }
+    }
+
+    /// Free moves along `points` with every stop on the way, both ends kept.
+    pub(super) fn spelled_out(&self, points: &[Configuration]) -> Vec<Configuration> {
+        let mut all = points[..points.len().min(1)].to_vec();
+        for ends in points.windows(2) {
+            if self.table == TableMotion::Alone {
+                all.extend(self.scene.corner_between(&ends[0], &ends[1]).ok().flatten());
+            }
+            all.push(ends[1]);
+        }
+        all
+    }
+}
