@@ -1,18 +1,14 @@
 //! Every arm that ships and every public URDF: what the inverse gives leads back to the pose, and is all there is.
 
-use std::io::Write as _;
-use std::process::{Command, Stdio};
-
 use nalgebra::{Isometry3, Vector3};
 use vantage::cell::urdf::{UrdfOptions, import};
 use vantage::cell::{Kinematics, KinematicsSpec, Presets, Robot, RobotSpec, SpecKind, SpecLibrary};
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh, Pose};
 
-use crate::support::{all_asked, oracle_python, shared};
+use crate::support::{all_asked, lines_of, oracle_python, shared};
 
 const URDFS: [&str; 6] = ["elfin5", "irb1200_5_90", "irb2600_12_165", "kr10r1100sixx", "ur5e", "ur10e"];
-const ORACLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/oracles/ik_oracle.py");
 
 fn presets() -> Vec<RobotSpec> {
     let names = Presets.names(SpecKind::Robot);
@@ -20,7 +16,7 @@ fn presets() -> Vec<RobotSpec> {
 }
 
 /// A robot of the public data, its meshes read from beside it; `None` where there are no data.
-fn imported(name: &str) -> Option<RobotSpec> {
+pub(crate) fn imported(name: &str) -> Option<RobotSpec> {
     let file = shared(&format!("robots/{name}.urdf"))?;
     let text = std::fs::read_to_string(&file).expect("readable");
     let folder = file.parent().expect("a folder").to_owned();
@@ -122,14 +118,8 @@ fn by_oracle(arm: &Kinematics, poses: &[Isometry3<f64>]) -> Option<Vec<Vec<[f64;
         let matrix: Vec<f64> = (0..3).flat_map(row).chain([0.0, 0.0, 0.0, 1.0]).collect();
         input += &format!("{matrix:?}\n");
     }
-    let mut child = Command::new(python).arg(ORACLE).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("starts");
-    let mut stdin = child.stdin.take().expect("piped");
-    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
-    let output = child.wait_with_output().expect("ends");
-    writer.join().expect("writer").expect("the oracle reads");
-    assert!(output.status.success());
-    let lines = String::from_utf8(output.stdout).expect("UTF-8");
-    Some(lines.lines().map(|line| serde_json::from_str(line).expect("joint vectors")).collect())
+    let lines = lines_of(&python, "ik_oracle.py", &[], input);
+    Some(lines.iter().map(|line| serde_json::from_str(line).expect("joint vectors")).collect())
 }
 
 #[test]

@@ -1,8 +1,6 @@
 //! Kinematics and envelopes against the vendor's own model of the arm.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -12,11 +10,10 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, PlanParams};
 use vantage::planning::{PlanInput, plan};
 
-use crate::support::{oracle_python, shared};
+use crate::support::{lines_of, oracle_python, shared};
 
 const URDF: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/robots/elfin5.urdf");
 const MESHES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/robots/elfin_description/meshes/elfin5");
-const ORACLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/oracles/urdf_fk.py");
 
 fn e05() -> Robot {
     Presets.robot("hans-e05-thesis").expect("preset").build().expect("builds")
@@ -43,22 +40,10 @@ fn oracle() -> Option<PathBuf> {
 
 /// Poses of `frames` in elfin_base_link by the independent library, metres made millimetres: one list a joint vector.
 fn urdf_poses(python: &Path, joints: &[[f64; 6]], frames: &[&str]) -> Vec<Vec<Isometry3<f64>>> {
-    let mut child = Command::new(python)
-        .arg(ORACLE)
-        .arg(URDF)
-        .args(frames)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("starts the oracle");
     let input: String = joints.iter().map(|q| format!("{q:?}\n")).collect();
-    let mut stdin = child.stdin.take().expect("piped");
-    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
-    let output = child.wait_with_output().expect("oracle ends");
-    writer.join().expect("writer").expect("oracle reads");
-    assert!(output.status.success());
-    let text = String::from_utf8(output.stdout).expect("UTF-8");
-    text.lines()
+    let arguments: Vec<&str> = std::iter::once(URDF).chain(frames.iter().copied()).collect();
+    lines_of(python, "urdf_fk.py", &arguments, input)
+        .iter()
         .map(|line| serde_json::from_str::<Vec<[f64; 7]>>(line).expect("poses").iter().map(millimetres).collect())
         .collect()
 }

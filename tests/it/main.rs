@@ -13,6 +13,7 @@ mod inspect_scanner;
 mod kinematics;
 mod meshes;
 mod miss_report;
+mod oracle_collision;
 mod oracle_coverage;
 mod oracle_dialects;
 mod oracle_selection;

@@ -1,5 +1,6 @@
 //! What several topics share: where data lies, how parts are prepared, how a plan is made.
 
+mod child;
 pub(crate) mod glb;
 mod needs;
 pub(crate) mod selection_table;
@@ -16,6 +17,7 @@ use vantage::planning::params::PlanParams;
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan};
 
+pub(crate) use child::lines_of;
 pub(crate) use needs::{all_asked, chromium, oracle_python, program, shared};
 
 /// The public parts of the tables of views and coverage: name, mesh, longest extent in mm.

@@ -1,0 +1,123 @@
+//! Every emitted way, at 0.25° of any axis: what a program moves along touches nothing.
+
+use std::sync::atomic::AtomicBool;
+
+use vantage::cell::{BodySpec, Cell, CellSpec, Configuration, Named, PoseSpec, Presets, ShapeSpec, SpecLibrary};
+use vantage::geometry::{Mesh, Pose};
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::{CandidateParams, PlanParams, Strategy};
+use vantage::planning::plan::Plan;
+use vantage::planning::{PlanInput, plan};
+use vantage::program::{Program, Step, compile};
+
+use super::states::OUT_MM;
+use super::{ELFIN5, Vendor, asked, described};
+use crate::support::{PARTS, all_asked, oracle_python, shared_mesh_scaled};
+
+/// Samples of a way, degrees of any axis.
+const STEP_DEG: &str = "0.25";
+/// How near two bodies have to be for their distance to count, mm.
+const NEAR_MM: &str = "20";
+/// Samples on a part.
+const SAMPLES: f64 = 3000.0;
+
+pub(super) fn body(name: &str, at_mm: [f64; 3], shape: ShapeSpec) -> BodySpec {
+    let at = Pose::<(), ()>::claim(nalgebra::Isometry3::translation(at_mm[0], at_mm[1], at_mm[2]));
+    BodySpec { name: name.into(), owner_from_body: PoseSpec::from(&at), shape }
+}
+
+fn default_spec() -> CellSpec {
+    Presets.cell("e05-transcan").expect("a preset")
+}
+
+fn with_ur5e() -> CellSpec {
+    let at = Pose::<(), ()>::claim(nalgebra::Isometry3::translation(-450.0, 0.0, -200.0));
+    CellSpec {
+        robot: Named::Name("ur5e".into()),
+        base_from_table: PoseSpec::from(&at),
+        home_deg: [0.0, -120.0, 100.0, -70.0, -90.0, 0.0, 0.0],
+        ..default_spec()
+    }
+}
+
+fn with_obstacles() -> CellSpec {
+    let mut spec = default_spec();
+    spec.obstacles.extend([
+        body("cabinet", [400.0, 480.0, -100.0], ShapeSpec::Box { size_mm: [600.0, 80.0, 560.0] }),
+        body("post", [480.0, -420.0, 100.0], ShapeSpec::Cylinder { radius_mm: 40.0, height_mm: 960.0 }),
+        body("shelf", [820.0, 0.0, 350.0], ShapeSpec::Box { size_mm: [60.0, 700.0, 300.0] }),
+    ]);
+    spec
+}
+
+fn cells() -> Vec<(&'static str, Cell, Vendor)> {
+    let ur5e = Vendor { urdf: "ur5e", base: "base", tip: "tool0" };
+    let specs = [("default", default_spec(), ELFIN5), ("ur5e", with_ur5e(), ur5e), ("obstacles", with_obstacles(), ELFIN5)];
+    specs.into_iter().map(|(name, spec, vendor)| (name, spec.build(&Presets).expect("a valid cell"), vendor)).collect()
+}
+
+fn planned(mesh: &Mesh, cell: &Cell) -> Plan {
+    let mut params = PlanParams::default();
+    params.candidates = CandidateParams { strategies: vec![Strategy::Even], even_directions: Some(40), ..params.candidates };
+    params.part.samples_per_mm2 = Some(SAMPLES / mesh.area_mm2());
+    params.missed.remedies = 0;
+    let cancel = AtomicBool::new(false);
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell) };
+    plan(&input, &params, &Context::new(&cancel, &Silent)).expect("a plan").plan
+}
+
+/// The way of each move of a program, both ends included.
+pub(super) fn ways(program: &Program) -> Vec<Vec<Configuration>> {
+    let mut at = program.home_rad;
+    let mut way_of = |step: &Step| {
+        let Step::Move(step) = step else { return None };
+        let way = [&[at][..], &step.via_rad, &[step.target_rad]].concat();
+        at = step.target_rad;
+        Some(way)
+    };
+    program.steps.iter().filter_map(&mut way_of).collect()
+}
+
+pub(super) fn lines(ways: &[Vec<Configuration>]) -> String {
+    ways.iter().map(|way| format!("{way:?}\n")).collect()
+}
+
+#[test]
+fn nothing_touches_on_any_emitted_way() {
+    let Some(python) = oracle_python() else { return };
+    let parts = PARTS.iter().filter(|(name, ..)| all_asked() || ["rocker", "fandisk"].contains(name));
+    let (mut moves, mut samples, mut nearest_mm) = (0, 0, f64::INFINITY);
+    for (part, path, extent_mm) in parts {
+        for (name, cell, vendor) in cells() {
+            let Some(mesh) = shared_mesh_scaled(path, *extent_mm) else { return };
+            let plan = planned(&mesh, &cell);
+            let table_from_part = &plan.setups[0].table_from_part;
+            let Some(description) = described(&cell, &vendor, Some((&mesh, table_from_part)), false) else { return };
+            let program = compile(plan.setups[0].sequence.as_ref().expect("with a cell"), 0, &cell, "", &plan.params);
+            let ways = ways(&program);
+            let verdicts = asked(&python, [STEP_DEG, NEAR_MM], description + &lines(&ways));
+            assert_eq!(verdicts.len(), ways.len());
+            for verdict in &verdicts {
+                let touch = verdict.contacts.first();
+                assert!(touch.is_none(), "{part}, {name}: {touch:?}");
+            }
+            let nearest = verdicts
+                .iter()
+                .filter_map(|verdict| Some((verdict.smallest_mm?, verdict.between.clone()?)))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let clearance_mm = plan.params.motion.clearance_mm;
+            let looked_at: usize = verdicts.iter().map(|verdict| verdict.samples).sum();
+            println!(
+                "{part}, {name}: {} views, {} moves, {looked_at} samples, no contact; nearest {nearest:?}, clearance asked {clearance_mm} mm",
+                plan.views.len(),
+                ways.len()
+            );
+            let apart_mm = nearest.map_or(f64::INFINITY, |(mm, _)| mm);
+            assert!(apart_mm >= clearance_mm - OUT_MM, "{part}, {name}: {apart_mm} mm");
+            (moves, samples) = (moves + ways.len(), samples + looked_at);
+            nearest_mm = apart_mm.min(nearest_mm);
+        }
+    }
+    println!("in all {moves} moves, {samples} samples, no contact; nearest {nearest_mm:.2} mm");
+    assert!(moves > 0);
+}
