@@ -28,10 +28,16 @@ struct Verdict {
     samples: usize,
     /// Some of the contacts.
     contacts: Vec<Touch>,
-    /// How near the nearest two come; `None` where farther apart than was asked for.
-    smallest_mm: Option<f64>,
-    /// Which those are.
-    between: Option<[String; 2]>,
+    /// How near the nearest two bodies of the arm come, and which; `None` where farther apart than was asked for.
+    own: Option<(f64, [String; 2])>,
+    /// The same of any other two.
+    others: Option<(f64, [String; 2])>,
+}
+
+impl Verdict {
+    fn nearest(&self) -> Option<&(f64, [String; 2])> {
+        self.own.iter().chain(&self.others).min_by(|a, b| a.0.total_cmp(&b.0))
+    }
 }
 
 #[derive(Debug, Deserialize)]

@@ -1,14 +1,18 @@
 """Collisions by FCL: a line with a cell (see fcl_cell.py) on stdin, then a way a line, a list of configurations; straight
 between them, samples at most the angle of the first argument, degrees, apart on every axis. On stdout a line with the pairs of
 links that overlap however the arm stands and are left out, then for each way a line
-{"samples", "contacts": [{"pair", "at"}, ...] up to ten, "touching": samples in contact, "smallest_mm", "between"}, the smallest
-distance as far as it is below the second argument, mm, else null."""
+{"samples", "contacts": [{"pair", "at"}, ...] up to ten, "touching": samples in contact, "own", "others"}, the smallest distance
+between two bodies of the arm and between any other two, each [mm, names] if below the second argument, else null; the
+distance may be up to 0.5 mm less, a contact is a contact."""
 import json
 import sys
 
 import numpy as np
 
 from fcl_cell import read_cell
+
+# What the smallest distance may be too large by: distances are not measured for less.
+GOOD_TO_MM = 0.5
 
 step, widest = np.radians(float(sys.argv[1])), float(sys.argv[2])
 cell = read_cell(sys.stdin.readline())
@@ -23,36 +27,38 @@ def sampled(way):
     return np.concatenate(samples)
 
 
-def corners(body, matrices):
-    return matrices[:, :3, :3] @ body.corners + matrices[:, :3, 3, None]
+def seen(pair, placed, hits):
+    """The corners of one body's box in the frame of the other, at the samples asked for."""
+    a, b = pair
+    relative = np.linalg.inv(placed[b][hits]) @ placed[a][hits]
+    return relative[:, :3, :3] @ cell.bodies[a].corners + relative[:, :3, 3, None]
 
 
 for line in sys.stdin:
     way = sampled(np.array(json.loads(line)))
     placed = cell.place(way)
-    paths = [corners(body, matrices) for body, matrices in zip(cell.bodies, placed)]
     contacts, touching = [], set()
-    smallest, between = widest, None
+    # Nearest so far, and which two: of the arm's own bodies, and of others.
+    nearest = {True: (widest, None), False: (widest, None)}
     for pair, gaps in zip(cell.pairs, cell.gaps(placed)):
         a, b = pair
-        # How far the two are apart at the sample measured last; since then no point of a body moved further than a corner
-        # of its box.
+        own = all(cell.is_on_arm(body) for body in pair)
+        hits = np.flatnonzero(gaps <= nearest[own][0])
+        ways = seen(pair, placed, hits)
+        # How far the two are apart at the sample measured last; since then no point of the one moved further against the
+        # other than a corner of its box.
         known, then = 0.0, None
-        for i in np.flatnonzero(gaps <= smallest):
+        for i, corners in zip(hits, ways):
             if gaps[i] == 0.0 and cell.touch(a, b, placed[a][i], placed[b][i]):
                 touching.add(int(i))
-                smallest, between = 0.0, cell.names(pair)
+                nearest[own] = 0.0, cell.names(pair)
                 if len(contacts) < 10:
                     contacts.append({"pair": cell.names(pair), "at": way[i].tolist()})
+            if nearest[own][0] == 0.0:
                 continue
-            if smallest == 0.0:
-                continue
-            moved = 0.0
-            if then is not None:
-                moved = sum(np.linalg.norm(paths[body][i] - paths[body][then], axis=0).max() for body in pair)
-            if then is None or known - moved < smallest:
-                known, then = cell.distance(a, b, placed[a][i], placed[b][i]), i
-                if known < smallest:
-                    smallest, between = max(known, 0.0), cell.names(pair)
-    answer = {"samples": len(way), "contacts": contacts, "touching": len(touching)}
-    print(json.dumps({**answer, "smallest_mm": None if between is None else smallest, "between": between}), flush=True)
+            if then is None or known - np.linalg.norm(corners - then, axis=0).max() < nearest[own][0] - GOOD_TO_MM:
+                known, then = cell.distance(a, b, placed[a][i], placed[b][i]), corners
+                if known < nearest[own][0]:
+                    nearest[own] = max(known, 0.0), cell.names(pair)
+    said = {name: nearest[own] if nearest[own][1] else None for name, own in (("own", True), ("others", False))}
+    print(json.dumps({"samples": len(way), "contacts": contacts, "touching": len(touching), **said}), flush=True)

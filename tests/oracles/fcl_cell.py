@@ -189,6 +189,9 @@ class Cell:
         both_links = isinstance(a, int) and isinstance(b, int)
         return abs(rank.get(a, a) - rank.get(b, b)) > (1 if both_links else 0)
 
+    def is_on_arm(self, body):
+        return self.bodies[body].on == "flange" or isinstance(self.bodies[body].on, int)
+
     def joined(self):
         """Pairs of links whose meshes overlap however the arm stands."""
         states = np.random.default_rng(1).uniform(-np.pi, np.pi, (JOINED_STATES, 7))

@@ -37,7 +37,7 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
     let [bare, clear] = [0.0, CLEARANCE_MM].map(|mm| CollisionScene::new(cell, &part, None, &table_from_part, mm));
     let (mut contacts, mut missed, mut false_alarms, mut nearer, mut nearest_mm) = (0, 0, 0, 0, f64::INFINITY);
     for (state, verdict) in states.iter().zip(&verdicts) {
-        let apart_mm = verdict.smallest_mm.unwrap_or(2.0 * CLEARANCE_MM);
+        let apart_mm = verdict.nearest().map_or(2.0 * CLEARANCE_MM, |(mm, _)| *mm);
         contacts += usize::from(!verdict.contacts.is_empty());
         match (bare.check(state), verdict.contacts.first()) {
             (None, Some(touch)) => {
@@ -51,7 +51,7 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
             nearest_mm = apart_mm.min(nearest_mm);
             if apart_mm < CLEARANCE_MM - OUT_MM {
                 nearer += 1;
-                println!("free at {CLEARANCE_MM} mm: {:?} {apart_mm:.2} mm apart at {state:?}", verdict.between);
+                println!("free at {CLEARANCE_MM} mm: {:?} at {state:?}", verdict.nearest());
             }
         }
     }
