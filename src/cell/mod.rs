@@ -13,6 +13,7 @@ mod pose_spec;
 mod robot;
 mod scanner;
 mod shape_spec;
+pub mod time_law;
 mod turntable;
 pub mod urdf;
 

@@ -17,6 +17,7 @@ mod oracle_collision;
 mod oracle_coverage;
 mod oracle_dialects;
 mod oracle_selection;
+mod oracle_time_law;
 mod packet_rays;
 mod plan_command;
 mod planning_with_cell;
