@@ -16,6 +16,10 @@ const GRID_OF_A_LINE: usize = 100;
 const GRID_OF_A_BEND: usize = 32;
 /// Pieces shorter than this are none, radians along the path.
 const NOTHING_RAD: f64 = 1e-12;
+/// Shares of the grid that differ by less are the same, whatever a file did to the points.
+const ROUNDING: f64 = 1e-6;
+/// Directions that differ by less are one: what is left of a straight way that went through a file.
+const STRAIGHT: f64 = 1e-7;
 
 /// A curve in joint space whose direction never jumps.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +55,7 @@ impl SmoothPath {
             let [before, after] = [&directions[corner - 1], &directions[corner]];
             let widest = map(|axis| (after[axis] - before[axis]).abs()).into_iter().fold(0.0, f64::max);
             // The parabola passes its corner at a quarter of cut · (change of direction).
-            let cut = if widest > 0.0 { 4.0 * tolerance_rad / widest } else { 0.0 };
+            let cut = if widest > STRAIGHT { 4.0 * tolerance_rad / widest } else { 0.0 };
             cut.min(0.5 * lengths[corner - 1]).min(0.5 * lengths[corner])
         };
         let cuts: Vec<f64> = (0..corners.len()).map(|c| if c == 0 || c + 1 >= corners.len() { 0.0 } else { cut(c) }).collect();
@@ -99,7 +103,7 @@ impl SmoothPath {
         let mut grid = Vec::new();
         for piece in &self.pieces {
             let least = if piece.bend_per_rad == [0.0; 7] { GRID_OF_A_LINE } else { GRID_OF_A_BEND };
-            let steps = ((piece.length_rad / whole_rad * GRID).ceil() as usize).max(least);
+            let steps = ((piece.length_rad / whole_rad * GRID - ROUNDING).ceil() as usize).max(least);
             let step_rad = piece.length_rad / steps as f64;
             for step in 0..steps {
                 let t = step_rad * step as f64;

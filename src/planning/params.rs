@@ -128,13 +128,23 @@ pub struct MotionParams {
     /// Whether the table turns while the arm moves: `with_arm`, the default, or `alone`, for controllers that cannot drive
     /// both together. Alone costs the time of both.
     pub table: TableMotion,
+    /// What happens at the points of a move that is not straight: `stop`, the default, which every controller does alike, or
+    /// `round`, for executors that stream set points: corners are cut where that is free, and the move is run without
+    /// stopping, as quickly as the axes allow. Dialects take moves with stops alone.
+    pub corners: Corners,
     /// Largest deviation of an emitted polyline from the planned path, degrees of any joint, 0.001 to 2. Default 0.1.
     pub path_tolerance_deg: f64,
 }
 
 impl Default for MotionParams {
     fn default() -> Self {
-        Self { speed_fraction: 0.25, clearance_mm: 5.0, table: TableMotion::WithArm, path_tolerance_deg: 0.1 }
+        Self {
+            speed_fraction: 0.25,
+            clearance_mm: 5.0,
+            table: TableMotion::WithArm,
+            corners: Corners::Stop,
+            path_tolerance_deg: 0.1,
+        }
     }
 }
 
@@ -147,6 +157,17 @@ pub enum TableMotion {
     WithArm,
     /// With the arm at rest.
     Alone,
+}
+
+/// What happens at the points of a move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Corners {
+    /// Every point is a stop.
+    #[default]
+    Stop,
+    /// Corners are cut and passed without stopping.
+    Round,
 }
 
 /// Incidence limits of this job.
@@ -367,6 +388,10 @@ impl PlanParams {
         findings.range("/scan/settle_secs", self.scan.settle_secs, 0.0, 60.0, "s");
         findings.range("/scan/capture_secs", self.scan.capture_secs, 0.0, 600.0, "s");
         findings.range("/motion/speed_fraction", self.motion.speed_fraction, 0.01, 1.0, "");
+        let rounds_alone = self.motion.corners == Corners::Round && self.motion.table == TableMotion::Alone;
+        findings.require(!rounds_alone, "/motion/corners", || {
+            "is \"round\", which turns the table with the arm; motion.table is \"alone\"".into()
+        });
         findings.range("/motion/clearance_mm", self.motion.clearance_mm, 1.0, 200.0, "mm");
         findings.range("/motion/path_tolerance_deg", self.motion.path_tolerance_deg, 0.001, 2.0, "°");
         for (pointer, limit) in

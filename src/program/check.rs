@@ -272,7 +272,7 @@ impl Linter<'_> {
         if !(step.speed_fraction > 0.0 && step.speed_fraction <= 1.0) {
             return self.find(Some(index), Fault::SpeedFraction(step.speed_fraction));
         }
-        let (stated, derived) = (step.duration_secs, self.axes.path_secs(&points, step.speed_fraction));
+        let (stated, derived) = (step.duration_secs, step.derived_secs(here, &self.axes));
         if (stated - derived).abs() > ROUNDING_SECS {
             self.find(Some(index), Fault::Duration { stated, derived });
         }

@@ -34,5 +34,6 @@ fn step(leg: &Leg, speed_fraction: f64) -> Step {
         target_rad: leg.target.configuration(),
         speed_fraction,
         duration_secs: leg.duration_secs,
+        passed_within_rad: leg.passed_within_rad,
     })
 }

@@ -52,7 +52,9 @@ fn separate(step: &Move, from: &Configuration, scene: &CollisionScene, axes: &Ax
     let unchanged = points.len() == step.via_rad.len() + 2;
     let duration_secs = if unchanged { step.duration_secs } else { axes.path_secs(&points, step.speed_fraction) };
     let via_rad = points[1..points.len() - 1].to_vec();
-    Ok(Move { via_rad, duration_secs, ..step.clone() })
+    // One after the other, every corner is a stop.
+    let passed_within_rad = step.passed_within_rad.filter(|_| unchanged);
+    Ok(Move { via_rad, duration_secs, passed_within_rad, ..step.clone() })
 }
 
 /// Points that follow `from`, up to and with `to`.

@@ -10,7 +10,8 @@ pub use check::{Expected, Fault, Finding, check, off_coverage, off_pose, scan_po
 pub use compile::compile;
 pub use interlock::{Together, interlock};
 
-use crate::cell::Configuration;
+use crate::cell::time_law::SmoothPath;
+use crate::cell::{Axes, Configuration};
 use crate::planning::plan::ViewId;
 
 /// A program. Begins and ends at home; an immutable value.
@@ -65,7 +66,7 @@ impl Step {
     }
 }
 
-/// A polyline in joint space: straight, synchronised segments, at rest at every point.
+/// A polyline in joint space: straight, synchronised segments, at rest at every point or passing by them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Move {
     /// Points between start and target, both left out.
@@ -76,6 +77,29 @@ pub struct Move {
     pub speed_fraction: f64,
     /// Predicted time.
     pub duration_secs: f64,
+    /// How far any axis may be from a point between start and end, which is then passed without stopping, radians; `None`:
+    /// every point is a stop.
+    pub passed_within_rad: Option<f64>,
+}
+
+impl Move {
+    /// Time from `from` to the target, derived anew.
+    #[must_use]
+    pub fn derived_secs(&self, from: &Configuration, axes: &Axes) -> f64 {
+        let points: Vec<_> = std::iter::once(*from).chain(self.via_rad.iter().copied()).chain([self.target_rad]).collect();
+        match self.passed_within_rad {
+            None => axes.path_secs(&points, self.speed_fraction),
+            Some(within_rad) => SmoothPath::through(&points, within_rad).secs(axes, self.speed_fraction),
+        }
+    }
+}
+
+impl Program {
+    /// Whether any move passes points without stopping.
+    #[must_use]
+    pub fn passes_points(&self) -> bool {
+        self.steps.iter().any(|step| matches!(step, Step::Move(step) if step.passed_within_rad.is_some()))
+    }
 }
 
 #[cfg(test)]

@@ -48,7 +48,8 @@ pub struct ProgramDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "op", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum StepDocument {
-    /// Arm and table move along straight, synchronised segments in joint space, at rest at every point.
+    /// Arm and table move along straight, synchronised segments in joint space, at rest at every point unless it is said
+    /// otherwise.
     MoveJoints {
         /// Joints 1 to 6 at the end.
         joints_deg: [f64; 6],
@@ -60,6 +61,10 @@ pub enum StepDocument {
         via: Vec<[f64; 7]>,
         /// Predicted time.
         duration_secs: f64,
+        /// How far any axis may be from the points between, which are then passed without stopping, each rounded by a
+        /// parabola, as quickly as the axes allow; left out where every point is a stop.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        passed_within_deg: Option<f64>,
     },
     /// Everything stands still.
     Settle {
@@ -147,7 +152,7 @@ fn angles(pointer: &str, angles_deg: &[f64], findings: &mut Findings) {
 impl StepDocument {
     fn check(&self, pointer: &str, findings: &mut Findings) {
         match self {
-            Self::MoveJoints { joints_deg, table_angle_deg, speed_fraction, via, duration_secs } => {
+            Self::MoveJoints { joints_deg, table_angle_deg, speed_fraction, via, duration_secs, passed_within_deg } => {
                 angles(&format!("{pointer}/joints_deg"), joints_deg, findings);
                 findings.range(format!("{pointer}/table_angle_deg"), *table_angle_deg, -ANGLE_DEG, ANGLE_DEG, "°");
                 findings.range(format!("{pointer}/speed_fraction"), *speed_fraction, 0.001, 1.0, "");
@@ -155,6 +160,9 @@ impl StepDocument {
                     angles(&format!("{pointer}/via/{index}"), point, findings);
                 }
                 findings.range(format!("{pointer}/duration_secs"), *duration_secs, 0.0, LONGEST_SECS, "s");
+                if let Some(within_deg) = passed_within_deg {
+                    findings.range(format!("{pointer}/passed_within_deg"), *within_deg, 0.001, 2.0, "°");
+                }
             }
             Self::Settle { secs } => findings.range(format!("{pointer}/secs"), *secs, 0.0, LONGEST_SECS, "s"),
             Self::Scan { brightness, capture_secs, .. } => {
@@ -176,6 +184,7 @@ impl From<&Step> for StepDocument {
                     speed_fraction: step.speed_fraction,
                     via: step.via_rad.iter().map(degrees).collect(),
                     duration_secs: step.duration_secs,
+                    passed_within_deg: step.passed_within_rad.map(angle::degrees),
                 }
             }
             Step::Settle { secs } => Self::Settle { secs: *secs },
@@ -195,11 +204,13 @@ impl From<&StepDocument> for Step {
                 speed_fraction,
                 via,
                 duration_secs,
+                passed_within_deg,
             } => Self::Move(Move {
                 via_rad: via.iter().map(|point| point.map(f64::to_radians)).collect(),
                 target_rad: [*j1, *j2, *j3, *j4, *j5, *j6, *table_angle_deg].map(f64::to_radians),
                 speed_fraction: *speed_fraction,
                 duration_secs: *duration_secs,
+                passed_within_rad: passed_within_deg.map(f64::to_radians),
             }),
             StepDocument::Settle { secs } => Self::Settle { secs: *secs },
             StepDocument::Scan { viewpoint, brightness, capture_secs } => {

@@ -4,12 +4,17 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Point3, Vector3};
 use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
+use vantage::geometry::demo_parts::DemoPart;
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams, Region};
-use vantage::planning::plan::{Cause, Outcome};
+use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region};
+use vantage::planning::plan::{Cause, Outcome, Plan};
+use vantage::planning::sequence::Sequence;
 use vantage::planning::{PlanError, PlanInput, plan, recheck};
-use vantage::program::{compile, off_coverage, scan_poses};
+use vantage::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError};
+use vantage::program::{check, compile, off_coverage, scan_poses};
+use vantage::wire::echo::Echo;
+use vantage::wire::program::ProgramDocument;
 
 use crate::support::box_mesh;
 
@@ -181,4 +186,37 @@ fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() 
         assert!(stance.clearance_mm.is_none_or(|mm| mm >= 5.0 - 1e-3), "{stance:?}");
     }
     assert!(planned(&mesh, None, &default_cell(), &quick()).expect("a plan").plan.obstructions.len() < plan.obstructions.len());
+}
+
+/// Posts beside the table, where the arm swings from one side to the other.
+fn posted() -> Cell {
+    let mut spec = Presets.cell("e05-transcan").expect("a preset");
+    spec.obstacles.extend([330.0, -330.0].map(|y_mm| BodySpec {
+        name: "post".into(),
+        owner_from_body: PoseSpec { translation_mm: [300.0, y_mm, 210.0], ..PoseSpec::default() },
+        shape: ShapeSpec::Cylinder { radius_mm: 40.0, height_mm: 900.0 },
+    }));
+    spec.build(&Presets).expect("a valid cell")
+}
+
+#[test]
+fn a_program_that_passes_corners_stays_sound_through_its_file_and_no_dialect_takes_it() {
+    let (cell, mesh) = (posted(), DemoPart::Base.mesh(20_000).expect("a part"));
+    let mut params = PlanParams::default();
+    params.part.samples_per_mm2 = Some(0.3);
+    params.candidates.even_directions = Some(40);
+    let stopping = planned(&mesh, None, &cell, &params).expect("a plan").plan;
+    params.motion.corners = Corners::Round;
+    let plan = planned(&mesh, None, &cell, &params).expect("a plan").plan;
+    let secs = |plan: &Plan| plan.sequences().map(Sequence::motion_secs).sum::<f64>();
+    assert!(secs(&plan) < secs(&stopping), "{} and {}", secs(&plan), secs(&stopping));
+    let program = compile(plan.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &plan.params);
+    let read: ProgramDocument =
+        serde_json::from_slice(&ProgramDocument::new(&program, Echo::default()).to_bytes()).expect("its own document");
+    let read = read.program().expect("in range");
+    assert!(read.passes_points());
+    let scene = CollisionScene::new(&cell, &mesh, None, &plan.table_from_part.expect("a cell"), 5.0 - 0.01);
+    assert_eq!(check(&read, &cell, &scene, None), []);
+    let checked = CheckedProgram::new(&read, &cell, &scene, None, CheckedWith::Part).expect("sound");
+    assert_eq!(checked.render(Dialect::Rapid, &params.dialects), Err(DialectError::Passing));
 }

@@ -161,6 +161,7 @@ fn sequence(views: usize) -> Sequence {
         target: station(turns),
         duration_secs: 1.25 + turns,
         turning_secs: 0.5,
+        passed_within_rad: None,
     };
     let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
     Sequence { visits, return_home: leg(0.0), at_least_secs: 11.5 }

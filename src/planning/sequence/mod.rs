@@ -14,6 +14,7 @@
 
 mod connect;
 mod moves;
+mod rounded;
 mod routes;
 mod tour;
 
@@ -23,6 +24,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub use self::moves::straight_secs;
+use self::rounded::Rounded;
 use self::routes::{Node, Route, Routes};
 use self::tour::Costs;
 use super::context::{Cancelled, Context};
@@ -46,8 +48,10 @@ pub struct Leg {
     pub via_rad: Vec<Configuration>,
     /// Where it ends.
     pub target: Station,
-    /// Predicted time; every point is a stop.
+    /// Predicted time.
     pub duration_secs: f64,
+    /// How far any axis may be from a point that is passed without stopping, radians; `None`: every point is a stop.
+    pub passed_within_rad: Option<f64>,
     /// Of that the time in which the table turns.
     pub turning_secs: f64,
 }
@@ -59,7 +63,7 @@ pub struct Sequence {
     pub visits: Vec<(ViewId, Leg)>,
     /// The move home.
     pub return_home: Leg,
-    /// No tour over the stations and moves that were considered takes less.
+    /// No tour over the stations and moves that were considered takes less, corners stopped at.
     pub at_least_secs: f64,
 }
 
@@ -137,9 +141,20 @@ pub fn order(
 fn leg(from: &Configuration, route: Route, target: Configuration, routes: &Routes<'_>) -> Leg {
     let way: Vec<_> = std::iter::once(*from).chain(route.via_rad).chain([target]).collect();
     let points = routes.moves.spelled_out(&way);
+    let inner = |points: &[Configuration]| points[1..points.len() - 1].to_vec();
     let turning_secs = routes.moves.turning_secs(&points);
-    let via_rad = points[1..points.len() - 1].to_vec();
-    Leg { via_rad, target: Station::from(target), duration_secs: route.secs, turning_secs }
+    let target = Station::from(target);
+    match routes.moves.without_stops(&points) {
+        Some((Rounded { points: round, secs }, within_rad)) => Leg {
+            via_rad: inner(&round),
+            target,
+            duration_secs: secs,
+            passed_within_rad: Some(within_rad),
+            // In the same proportion: where on a way the table turns is not kept track of.
+            turning_secs: turning_secs * secs / route.secs,
+        },
+        None => Leg { via_rad: inner(&points), target, duration_secs: route.secs, passed_within_rad: None, turning_secs },
+    }
 }
 
 /// Stations that can be reached from home, grouped by view.

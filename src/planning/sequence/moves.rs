@@ -1,15 +1,19 @@
 //! Moves in joint space as a cell makes them: arm and table together, or one after the other where its controllers know no
-//! more. Every point is a stop, so a move's time is that of its segments, each the controller's own trapezoid.
+//! more. Every point is a stop, so a move's time is that of its segments, each the controller's own trapezoid; unless corners
+//! are to be passed without stopping (`rounded.rs`).
 
+use super::rounded::{Rounded, rounded};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
-use crate::planning::params::{MotionParams, TableMotion};
+use crate::planning::params::{Corners, MotionParams, TableMotion};
 
 /// How moves are made and what they may not meet.
 pub(super) struct Moves<'a> {
     pub(super) axes: Axes,
     pub(super) scene: &'a CollisionScene,
-    speed_fraction: f64,
+    pub(super) speed_fraction: f64,
     table: TableMotion,
+    /// How near corners that are not stopped at are passed, radians; `None`: all are stopped at.
+    rounded_within_rad: Option<f64>,
 }
 
 /// Seconds of the straight move from rest to rest.
@@ -31,7 +35,8 @@ fn turned(from: &Configuration, to: &Configuration) -> Configuration {
 
 impl<'a> Moves<'a> {
     pub(super) fn new(cell: &Cell, scene: &'a CollisionScene, motion: &MotionParams) -> Self {
-        Self { axes: cell.axes(), scene, speed_fraction: motion.speed_fraction, table: motion.table }
+        let rounded_within_rad = (motion.corners == Corners::Round).then(|| motion.path_tolerance_deg.to_radians());
+        Self { axes: cell.axes(), scene, speed_fraction: motion.speed_fraction, table: motion.table, rounded_within_rad }
     }
 
     /// Seconds of the straight move, free or not.
@@ -49,6 +54,12 @@ impl<'a> Moves<'a> {
     pub(super) fn turning_secs(&self, points: &[Configuration]) -> f64 {
         let turns = |ends: &&[Configuration]| ends[0][6] != ends[1][6];
         points.windows(2).filter(turns).map(|ends| self.straight_secs(&ends[0], &ends[1])).sum()
+    }
+
+    /// The same way without stops, and within what tolerance its corners are passed, where that is asked for and quicker.
+    pub(super) fn without_stops(&self, points: &[Configuration]) -> Option<(Rounded, f64)> {
+        let tolerance_rad = self.rounded_within_rad?;
+        Some((rounded(points, self, tolerance_rad)?, tolerance_rad))
     }
 
     /// Whether the straight move meets nothing.

@@ -3,10 +3,11 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::{Configuration, Leg, Ordered, order};
+use crate::cell::time_law::SmoothPath;
 use crate::cell::{BodySpec, Cell, CollisionScene, Presets, ShapeSpec, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
-use crate::planning::params::{PlanParams, TableMotion};
+use crate::planning::params::{Corners, PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
 use crate::planning::stations::{Station, solve};
 use crate::testing::box_mesh;
@@ -74,10 +75,14 @@ impl Room {
         let loose = CollisionScene::new(&self.cell, &cube(), None, &placed(), 0.5);
         let mut here = self.cell.home_rad;
         let legs = ordered.sequence.visits.iter().map(|(_, leg)| leg).chain([&ordered.sequence.return_home]);
-        for Leg { via_rad, target, duration_secs, turning_secs } in legs {
+        for Leg { via_rad, target, duration_secs, passed_within_rad, turning_secs } in legs {
             let points: Vec<Configuration> =
                 std::iter::once(here).chain(via_rad.iter().copied()).chain([target.configuration()]).collect();
-            assert!((axes.path_secs(&points, 0.25) - duration_secs).abs() < 1e-9);
+            let secs = match passed_within_rad {
+                None => axes.path_secs(&points, 0.25),
+                Some(within_rad) => SmoothPath::through(&points, *within_rad).secs(&axes, 0.25),
+            };
+            assert!((secs - duration_secs).abs() < 1e-9);
             assert!((0.0..=*duration_secs + 1e-9).contains(turning_secs));
             for ends in points.windows(2) {
                 assert!(axes.allow(&ends[1]));
@@ -171,6 +176,12 @@ fn an_obstacle_in_the_straight_way_is_gone_around() {
     assert_eq!(visited(&ordered), [0, 1]);
     assert!(!ordered.sequence.visits[1].1.via_rad.is_empty());
     room.assert_sound(&ordered);
+    let mut params = PlanParams::default();
+    params.motion.corners = Corners::Round;
+    let rounded = room.order_with(&params, 2, false).expect("not cancelled");
+    assert!(rounded.sequence.visits[1].1.passed_within_rad.is_some(), "its corners are passed without stopping");
+    assert!(rounded.sequence.motion_secs() < ordered.sequence.motion_secs());
+    room.assert_sound(&rounded);
 }
 
 #[test]

@@ -118,6 +118,11 @@ pub enum DialectError {
     /// Whole percents cannot say it without being quicker than was checked.
     #[error("the speed is {0} of the rated; {1} cannot go below 1 %")]
     TooSlow(f64, &'static str),
+    /// Moves are passed through that every dialect stops in.
+    #[error(
+        "the program passes points without stopping, which is for executors that stream set points; plan it with motion.corners = \"stop\""
+    )]
+    Passing,
     /// Arm and table have to move together.
     #[error(transparent)]
     Together(#[from] Together),
@@ -175,6 +180,9 @@ impl<'a> CheckedProgram<'a> {
     /// [`DialectError`].
     pub fn render(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
         let program = if dialect.has_table_axis() { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
+        if program.passes_points() {
+            return Err(DialectError::Passing);
+        }
         let job = Job {
             program,
             actions: walk::actions(program),

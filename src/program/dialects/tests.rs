@@ -28,6 +28,7 @@ fn program(cell: &Cell) -> Program {
             target_rad: *target,
             speed_fraction: 0.25,
             duration_secs: axes.path_secs(points, 0.25),
+            passed_within_rad: None,
         })
     };
     let steps = vec![

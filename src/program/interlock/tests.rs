@@ -67,7 +67,8 @@ fn what_cannot_be_separated_is_told_with_step_and_bodies() {
     let (cell, scene) = scene();
     let [home_rad, target_rad] =
         pairs(&cell).into_iter().find(|[from, to]| scene.check(from).is_none() && scene.check(to).is_some()).expect("a bad end");
-    let step = Step::Move(Move { via_rad: Vec::new(), target_rad, speed_fraction: 1.0, duration_secs: 0.0 });
+    let step =
+        Step::Move(Move { via_rad: Vec::new(), target_rad, speed_fraction: 1.0, duration_secs: 0.0, passed_within_rad: None });
     let program = Program {
         plan_sha256: String::new(),
         setup: 0,

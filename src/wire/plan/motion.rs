@@ -25,8 +25,8 @@ pub struct MotionDocument {
     /// Captures, s.
     #[serde(default)]
     pub scanning_secs: f64,
-    /// No order, over the stations and moves that were considered, takes less moving, s: equal where the order is proved
-    /// the best.
+    /// No order, over the stations and moves that were considered, takes less moving, s, if every corner is a stop: equal
+    /// where the order is proved the best.
     pub moving_secs_lower: f64,
 }
 

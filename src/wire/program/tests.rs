@@ -13,10 +13,22 @@ fn program() -> Program {
         turntable: "minas-a6-500".into(),
         home_rad: at(0.0),
         steps: vec![
-            Step::Move(Move { via_rad: vec![at(5.0)], target_rad: at(10.0), speed_fraction: 0.25, duration_secs: 2.5 }),
+            Step::Move(Move {
+                via_rad: vec![at(5.0)],
+                target_rad: at(10.0),
+                speed_fraction: 0.25,
+                duration_secs: 2.5,
+                passed_within_rad: None,
+            }),
             Step::Settle { secs: 0.3 },
             Step::Scan { view: ViewId(4), brightness: 5, capture_secs: 1.0 },
-            Step::Move(Move { via_rad: Vec::new(), target_rad: at(0.0), speed_fraction: 0.25, duration_secs: 2.0 }),
+            Step::Move(Move {
+                via_rad: Vec::new(),
+                target_rad: at(0.0),
+                speed_fraction: 0.25,
+                duration_secs: 2.0,
+                passed_within_rad: None,
+            }),
         ],
         cycle_secs: 5.8,
     }

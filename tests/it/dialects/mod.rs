@@ -68,6 +68,7 @@ impl Job {
                 target_rad: points[points.len() - 1],
                 speed_fraction: 0.25,
                 duration_secs: axes.path_secs(points, 0.25),
+                passed_within_rad: None,
             })
         };
         let scan = |view| [Step::Settle { secs: 0.3 }, Step::Scan { view: ViewId(view), brightness: 5, capture_secs: 1.0 }];

@@ -1,0 +1,70 @@
+//! Ways that are run without stopping: each corner is cut by a parabola, as wide as is free, and what is emitted is the
+//! polyline beside it, every segment of which was checked. The curve itself is nowhere further from it than the tolerance.
+
+use super::moves::Moves;
+use crate::cell::Configuration;
+use crate::cell::time_law::SmoothPath;
+
+/// A corner is cut no further from its point than this, radians along the way (30°).
+const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_6;
+/// How often the cut is halved where it is not free.
+const HALVINGS: u32 = 4;
+
+/// A way without stops.
+pub(super) struct Rounded {
+    /// Ends included.
+    pub(super) points: Vec<Configuration>,
+    pub(super) secs: f64,
+}
+
+/// The same way with its corners cut; `None` where it has none, or is not quicker so.
+pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad: f64) -> Option<Rounded> {
+    let [first, .., last] = points else { return None };
+    let mut way = vec![*first];
+    for corner in points.windows(3) {
+        way.extend(cut(&[corner[0], corner[1], corner[2]], moves, tolerance_rad));
+    }
+    way.push(*last);
+    if way.len() < 3 || !way.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {
+        return None;
+    }
+    let secs = SmoothPath::through(&way, tolerance_rad).secs(&moves.axes, moves.speed_fraction);
+    (secs < moves.secs(points)).then_some(Rounded { points: way, secs })
+}
+
+/// What stands for a corner: points along its parabola, or the corner itself where no parabola is free.
+fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, tolerance_rad: f64) -> Vec<Configuration> {
+    let half = |end: &Configuration| 0.5 * distance(corner, end);
+    let mut reach_rad = WIDEST_RAD.min(half(before)).min(half(after));
+    for _ in 0..HALVINGS {
+        let arc = arc(&[toward(corner, before, reach_rad), *corner, toward(corner, after, reach_rad)], tolerance_rad);
+        if arc.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {
+            return arc;
+        }
+        reach_rad *= 0.5;
+    }
+    vec![*corner]
+}
+
+/// Points on the parabola from the first to the last that the middle one pulls (a quadratic Bézier curve), so many that no
+/// chord is further from it than half the tolerance.
+fn arc([from, pull, to]: &[Configuration; 3], tolerance_rad: f64) -> Vec<Configuration> {
+    let bend = (0..7).map(|axis| (from[axis] - 2.0 * pull[axis] + to[axis]).abs()).fold(0.0, f64::max);
+    // A chord of a share h leaves the curve by bend · h² / 4.
+    let chords = (bend / (2.0 * tolerance_rad)).sqrt().ceil().max(1.0);
+    let at = |chord: u32| {
+        let share = f64::from(chord) / chords;
+        let [a, b, c] = [(1.0 - share).powi(2), 2.0 * share * (1.0 - share), share * share];
+        std::array::from_fn(|axis| a * from[axis] + b * pull[axis] + c * to[axis])
+    };
+    (0..=chords as u32).map(at).collect()
+}
+
+fn toward(from: &Configuration, to: &Configuration, way_rad: f64) -> Configuration {
+    let share = way_rad / distance(from, to).max(f64::MIN_POSITIVE);
+    std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
+}
+
+fn distance(a: &Configuration, b: &Configuration) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (b - a).powi(2)).sum::<f64>().sqrt()
+}
