@@ -8,6 +8,7 @@ pub mod demands;
 mod error;
 pub mod grade;
 mod input;
+mod min_time;
 mod missed;
 mod motion;
 pub mod obstructions;

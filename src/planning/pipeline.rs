@@ -8,10 +8,11 @@ use super::context::{Cancelled, Context, Stage};
 use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
+use super::min_time;
 use super::missed;
 use super::motion::Motion;
 use super::obstructions::{self, Blocked, Obstruction};
-use super::params::{Hemisphere, PlanParams};
+use super::params::{Hemisphere, PlanParams, SelectionGoal};
 use super::placement;
 use super::plan::{Certificate, Outcome, SetupPlan};
 use super::robust::{self, Setting};
@@ -236,6 +237,10 @@ fn choose(
         };
         let ordered: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
+        if no_path.is_empty() && study.params.selection.goal == SelectionGoal::MinTime {
+            let (chosen, ordered) = min_time::improve(study, &motions, (chosen, ordered), &barred, ctx)?;
+            return Ok((chosen, ordered, barred));
+        }
         if no_path.is_empty() || reselections == MOST_RESELECTIONS {
             return Ok((chosen, ordered, barred));
         }

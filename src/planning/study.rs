@@ -48,7 +48,7 @@ pub(super) struct Study<'a> {
 /// A selection over the kept candidates.
 pub(super) struct Chosen {
     /// Index of each chosen candidate among the kept ones, in the order chosen.
-    kept: Vec<usize>,
+    pub(super) kept: Vec<usize>,
     selection: Selection,
 }
 
@@ -85,7 +85,7 @@ impl Study<'_> {
         self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())
     }
 
-    fn problem(&self, kept: &[usize]) -> Problem<'_> {
+    pub(super) fn problem(&self, kept: &[usize]) -> Problem<'_> {
         let scan = &self.params.scan;
         let total_mm2 = self.surface.area_where(|_| true);
         let mut problem = Problem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
@@ -130,10 +130,28 @@ impl Study<'_> {
         (0..self.generated.kept.len()).filter(|kept| self.blocked(*kept).is_none()).collect()
     }
 
+    /// Kept candidates that the cell can use and that are not `barred`, ascending.
+    pub(super) fn choosable(&self, barred: &BTreeSet<usize>) -> Vec<usize> {
+        self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect()
+    }
+
+    /// The selection of `rows` of a problem over `usable`, as many as `chosen` has.
+    pub(super) fn chosen_of(
+        &self,
+        problem: &Problem<'_>,
+        usable: &[usize],
+        rows: &[usize],
+        chosen: &Chosen,
+        ctx: &Context<'_>,
+    ) -> Result<Chosen, PlanError> {
+        let selection = selection::of_rows(problem, &self.params.selection, &self.params.score, rows, &chosen.selection, ctx)?;
+        Ok(Chosen { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+    }
+
     /// Chooses among the usable candidates that are not `barred`. A target of the coverable area is here a share of what
     /// those measure; see [`stopped_because`] for what is then said of it.
     pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
-        let usable: Vec<_> = self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect();
+        let usable = self.choosable(barred);
         let travel_secs = |from: usize, to: usize| self.travel_secs(usable[from], usable[to]);
         let mut problem = self.problem(&usable);
         problem.travel_secs = self.reach.is_some().then_some(&travel_secs);

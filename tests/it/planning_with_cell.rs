@@ -7,8 +7,8 @@ use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec
 use vantage::geometry::demo_parts::DemoPart;
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region};
-use vantage::planning::plan::{Cause, Outcome, Plan};
+use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region, SelectionGoal};
+use vantage::planning::plan::{Cause, Outcome, Plan, StopReason};
 use vantage::planning::sequence::Sequence;
 use vantage::planning::{PlanError, PlanInput, plan, recheck};
 use vantage::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError};
@@ -186,6 +186,23 @@ fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() 
         assert!(stance.clearance_mm.is_none_or(|mm| mm >= 5.0 - 1e-3), "{stance:?}");
     }
     assert!(planned(&mesh, None, &default_cell(), &quick()).expect("a plan").plan.obstructions.len() < plan.obstructions.len());
+}
+
+#[test]
+fn the_shortest_cycle_has_as_many_views_meets_the_target_and_moves_less() {
+    let (cell, mesh) = (default_cell(), DemoPart::Figurine.mesh(20_000).expect("a part"));
+    let mut params = PlanParams::default();
+    params.part.samples_per_mm2 = Some(0.3);
+    params.candidates.even_directions = Some(60);
+    let fewest = planned(&mesh, None, &cell, &params).expect("a plan").plan;
+    params.selection.goal = SelectionGoal::MinTime;
+    let quickest = planned(&mesh, None, &cell, &params).expect("a plan").plan;
+    let secs = |plan: &Plan| plan.sequences().map(Sequence::motion_secs).sum::<f64>();
+    println!("{} views: {:.1} s moving, exchanged {:.1} s", fewest.views.len(), secs(&fewest), secs(&quickest));
+    assert_eq!((quickest.views.len(), quickest.bound), (fewest.views.len(), fewest.bound));
+    assert_eq!(quickest.stopped_because, StopReason::Target);
+    assert!(quickest.coverage.of_coverable() >= params.selection.target - 1e-9);
+    assert!(secs(&quickest) < 0.97 * secs(&fewest), "{} and {}", secs(&quickest), secs(&fewest));
 }
 
 /// Posts beside the table, where the arm swings from one side to the other.

@@ -14,6 +14,9 @@ pub enum SelectionGoal {
     /// The fewest views that reach the target (set cover with a partial target).
     #[default]
     FewestViews,
+    /// The shortest cycle that reaches the target: of the fewest views those that take the least time to go through. Needs a
+    /// cell; without one it is `fewest_views`.
+    MinTime,
     /// The largest asked area with `selection.max_views` views (maximum coverage); targets do not count.
     BestCoverage,
 }
@@ -42,7 +45,7 @@ pub(super) fn check(params: &SelectionParams, findings: &mut Findings) {
     });
     findings.range("/selection/view_cost_mm2_per_s", params.view_cost_mm2_per_s, 0.0, 1e6, "mm²/s");
     findings.range("/selection/work_limit", f64::from(params.work_limit), 1.0, 1e7, "million pairs");
-    findings.require(params.goal == SelectionGoal::FewestViews || params.max_views.is_some(), "/selection/max_views", || {
+    findings.require(params.goal != SelectionGoal::BestCoverage || params.max_views.is_some(), "/selection/max_views", || {
         "is not given; best_coverage needs the number of views".into()
     });
 }

@@ -154,6 +154,41 @@ pub(in crate::planning) fn greedily(
     Ok(greedy::select(problem, params, score, ctx)?.choices)
 }
 
+/// Every exchange of one of `rows` for another row after which the goals are met as far as `rows` meet them and overlap is
+/// as asked for: its place among `rows`, and the other.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(in crate::planning) fn exchanges(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    rows: &[usize],
+    ctx: &Context<'_>,
+) -> Result<Vec<(usize, usize)>, Cancelled> {
+    let measured: Vec<&Row> = rows.iter().map(|row| problem.rows[*row]).collect();
+    let (goals, overlap) = (bound::goals_of(problem, &measured, false), overlap::Overlap::new(problem, &params.overlap));
+    let exchange = local::Exchange { problem, goals: &goals, overlap: &overlap };
+    let swaps = local::Swaps::new(&exchange, rows, ctx)?;
+    let allowed = swaps.all().filter(|(at, row, deficit)| *deficit == 0 && exchange.connects(rows, *at, *row));
+    Ok(allowed.map(|(at, row, _)| (at, row)).collect())
+}
+
+/// The selection of `rows`, as many as `like` has, in greedy's order, with the bound of that one.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(in crate::planning) fn of_rows(
+    problem: &Problem<'_>,
+    params: &SelectionParams,
+    score: &ScoreParams,
+    rows: &[usize],
+    like: &Selection,
+    ctx: &Context<'_>,
+) -> Result<Selection, Cancelled> {
+    let choices = greedy::order(&score::Scorer::new(problem, params, score), rows, ctx)?;
+    Ok(Selection { choices, stopped_because: like.stopped_because, bound: like.bound })
+}
+
 impl<'a> Problem<'a> {
     /// The plan's own target alone: samples count by their asked area, and time costs nothing. `total_mm2` is the area
     /// of the whole surface.

@@ -1,0 +1,121 @@
+//! The shortest cycle that still meets the goals (`selection.goal` = `min_time`): views are exchanged for others that lie
+//! better on the way. An exchange keeps the number of views, so settling and scanning take what they took; what it saves is
+//! estimated with straight moves, as the view is taken out of the tour and the other put in where it costs least. Stations,
+//! order and paths are then found anew, and the result is kept if its moves really take less.
+
+use std::collections::BTreeSet;
+
+use super::context::Context;
+use super::error::PlanError;
+use super::motion::Motion;
+use super::selection;
+use super::sequence::{Ordered, Sequence, straight_secs};
+use super::study::{Chosen, Study};
+use crate::cell::{Axes, Cell, Configuration};
+
+/// Times that all is ordered anew, at most.
+const ROUNDS: usize = 6;
+/// Exchanges between two times, at most.
+const EXCHANGES: usize = 40;
+/// What an exchange has to save, seconds.
+const WORTH_SECS: f64 = 0.02;
+
+/// A plan's views in the order visited, by setup: number of the view and where the cell takes it.
+type Tours = Vec<Vec<(usize, Configuration)>>;
+
+/// The selection, or a quicker one, with its order.
+///
+/// # Errors
+/// Those of selecting.
+pub(super) fn improve(
+    study: &Study<'_>,
+    motions: &[&Motion<'_>],
+    (mut chosen, mut ordered): (Chosen, Vec<Ordered>),
+    barred: &BTreeSet<usize>,
+    ctx: &Context<'_>,
+) -> Result<(Chosen, Vec<Ordered>), PlanError> {
+    let moving = |ordered: &[Ordered]| ordered.iter().map(|ordered| ordered.sequence.motion_secs()).sum::<f64>();
+    for _ in 0..ROUNDS {
+        let Some(other) = exchanged(study, &chosen, &ordered, barred, ctx)? else { break };
+        let order = |(setup, motion): (usize, &&Motion<'_>)| motion.order(&study.stations_of(&other, setup), true, ctx);
+        let again: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
+        if again.iter().any(|ordered| !ordered.no_path.is_empty()) || moving(&again) >= moving(&ordered) - WORTH_SECS {
+            break;
+        }
+        (chosen, ordered) = (other, again);
+    }
+    Ok((chosen, ordered))
+}
+
+/// As many views that meet the goals and, going by straight moves, take less time; `None` where none are found.
+fn exchanged(
+    study: &Study<'_>,
+    chosen: &Chosen,
+    ordered: &[Ordered],
+    barred: &BTreeSet<usize>,
+    ctx: &Context<'_>,
+) -> Result<Option<Chosen>, PlanError> {
+    let Some(cell) = study.input.cell else { return Ok(None) };
+    let way = Way { study, cell, axes: cell.axes() };
+    let usable = study.choosable(barred);
+    let problem = study.problem(&usable);
+    let mut rows: Vec<usize> = chosen.kept.iter().filter_map(|kept| usable.binary_search(kept).ok()).collect();
+    let mut tours = tours(ordered.iter().map(|ordered| &ordered.sequence));
+    let mut found = false;
+    for _ in 0..EXCHANGES {
+        let allowed = selection::exchanges(&problem, &study.params.selection, &rows, ctx)?;
+        let savings = allowed.into_iter().filter_map(|(view, row)| {
+            let (saved_secs, tours) = way.exchange(&tours, view, usable[row])?;
+            Some((saved_secs, view, row, tours))
+        });
+        let best = savings.fold(None, |best: Option<(f64, usize, usize, Tours)>, next| match best {
+            Some(best) if best.0 >= next.0 => Some(best),
+            _ => Some(next),
+        });
+        let Some((_, view, row, quicker)) = best.filter(|best| best.0 > WORTH_SECS) else { break };
+        (rows[view], tours, found) = (row, quicker, true);
+    }
+    found.then(|| study.chosen_of(&problem, &usable, &rows, chosen, ctx)).transpose()
+}
+
+fn tours<'a>(sequences: impl Iterator<Item = &'a Sequence>) -> Tours {
+    let tour = |sequence: &Sequence| {
+        sequence.visits.iter().map(|(view, leg)| (view.0 as usize, leg.target.configuration())).collect::<Vec<_>>()
+    };
+    sequences.map(tour).collect()
+}
+
+struct Way<'a> {
+    study: &'a Study<'a>,
+    cell: &'a Cell,
+    axes: Axes,
+}
+
+impl Way<'_> {
+    /// What taking a kept candidate in place of a view saves, and the tours then; `None` where the candidate has no station,
+    /// or belongs to another setup.
+    fn exchange(&self, tours: &Tours, view: usize, kept: usize) -> Option<(f64, Tours)> {
+        let setup = self.study.generated.kept[kept].setup;
+        let at = tours.get(setup)?.iter().position(|(other, _)| *other == view)?;
+        let mut without = tours[setup].clone();
+        let (_, here) = without.remove(at);
+        let saved_secs = self.detour_secs(&without, at, &here);
+        let stations = self.study.reach.as_ref()?[kept].as_deref().ok()?;
+        let places = (0..=without.len()).flat_map(|at| stations.iter().map(move |station| (at, station.configuration())));
+        let costs = places.map(|(at, there)| (self.detour_secs(&without, at, &there), at, there));
+        let (cost_secs, at, there) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        without.insert(at, (view, there));
+        let mut tours = tours.clone();
+        tours[setup] = without;
+        Some((saved_secs - cost_secs, tours))
+    }
+
+    /// What going by `here` costs between the stops before and at `at`.
+    fn detour_secs(&self, tour: &[(usize, Configuration)], at: usize, here: &Configuration) -> f64 {
+        let home = &self.cell.home_rad;
+        let stop = |at: Option<usize>| at.and_then(|at| tour.get(at)).map_or(home, |(_, configuration)| configuration);
+        let (before, after) = (stop(at.checked_sub(1)), stop(Some(at)));
+        let secs = |from, to| straight_secs(&self.axes, from, to, &self.study.params.motion);
+        secs(before, here) + secs(here, after) - secs(before, after)
+    }
+}
