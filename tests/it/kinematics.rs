@@ -125,7 +125,7 @@ fn capsules_hold_the_vendors_meshes() {
             .iter()
             .map(|vertex| {
                 let in_base = base_from_mesh * vertex;
-                let around = robot.links.iter().filter(|capsule| capsule.link.abs_diff(link) <= 1 && capsule.link <= link);
+                let around = robot.links.iter().filter(|capsule| capsule.link == link);
                 around
                     .map(|capsule| distance_to(capsule, &(frames[capsule.link].inverse() * in_base)))
                     .fold(f64::INFINITY, f64::min)
