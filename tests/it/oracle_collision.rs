@@ -2,6 +2,7 @@
 //! random states, none happens on an emitted way, and what is refused cannot be done. The arm's links are the vendor's triangle
 //! meshes, put where the chain of the vendor's URDF puts them, by `tests/oracles/fcl_cell.py`.
 
+mod clutter;
 mod described;
 mod paths;
 mod states;

@@ -16,6 +16,7 @@ import trimesh
 
 # Corners of what is round: inscribed, so that a contact of the polyhedron is one of the shape.
 SECTIONS = 128
+CAPSULE_SECTIONS = 32
 # States of the arm in every one of which two links must touch to touch by construction.
 JOINED_STATES = 100
 # Points of a body that are looked for inside a convex one, whose surface may swallow it.
@@ -65,6 +66,11 @@ class Arm:
         matrix[:3, 3] = 1000.0 * np.array(xyz)
         return matrix
 
+    @staticmethod
+    def limits(joint):
+        limit = joint.find("limit")
+        return (-np.pi, np.pi) if joint.get("type") == "continuous" else (float(limit.get("lower")), float(limit.get("upper")))
+
     def root_from(self, link, joints):
         at = np.tile(np.eye(4), (len(joints), 1, 1))
         for joint in self.way(link):
@@ -96,6 +102,13 @@ class Arm:
                 yield link.get("name"), number, shape
 
 
+def solid(shape):
+    """A shape that is convex as FCL's own of that kind, else nothing."""
+    (kind, size), = shape.items()
+    makers = {"box": fcl.Box, "cylinder": fcl.Cylinder, "capsule": fcl.Capsule}
+    return makers[kind](*size) if kind in makers else None
+
+
 def surface(shape):
     """A shape as triangles, and whether they bound something convex."""
     (kind, size), = shape.items()
@@ -104,14 +117,14 @@ def surface(shape):
     if kind == "cylinder":
         return trimesh.creation.cylinder(radius=size[0], height=size[1], sections=SECTIONS), True
     if kind == "capsule":
-        mesh = trimesh.creation.capsule(radius=size[0], height=size[1], count=[SECTIONS, SECTIONS])
+        mesh = trimesh.creation.capsule(radius=size[0], height=size[1], count=[CAPSULE_SECTIONS, CAPSULE_SECTIONS])
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
         return mesh, True
     return trimesh.Trimesh(np.array(size["vertices"]), np.array(size["faces"]), process=False), False
 
 
 class Body:
-    def __init__(self, name, on, mesh, convex):
+    def __init__(self, name, on, mesh, convex, whole, body_from_whole):
         self.name, self.on = name, on
         self.centre = mesh.bounds.mean(axis=0)
         self.half = 0.5 * (mesh.bounds[1] - mesh.bounds[0])
@@ -129,6 +142,8 @@ class Body:
         model.addSubModel(vertices, np.asarray(mesh.faces))
         model.endModel()
         self.object = fcl.CollisionObject(model, fcl.Transform())
+        # The same as FCL's own shape, where it has one: quicker, and solid.
+        self.solid, self.body_from_solid = (model, np.eye(4)) if whole is None else (whole, body_from_whole)
 
     def put(self, matrix):
         self.object.setTransform(fcl.Transform(matrix[:3, :3], matrix[:3, 3]))
@@ -156,28 +171,29 @@ class Cell:
             self.link_names.setdefault(number, link.get("name"))
         if spec["capsules"] is None:
             for name, number, mesh in self.arm.meshes():
-                self.add(name, number, name, mesh, False, np.eye(4))
+                self.add(name, number, name, (mesh, False, None), np.eye(4))
         else:
             for capsule in spec["capsules"]:
                 ends = np.array([capsule["from"], capsule["to"]])
                 link = self.link_names[capsule["link"]]
                 at = trimesh.geometry.align_vectors([0, 0, 1], ends[1] - ends[0]) if np.ptp(ends, axis=0).any() else np.eye(4)
                 at[:3, 3] = ends.mean(axis=0)
-                mesh, convex = surface({"capsule": [capsule["radius"], float(np.linalg.norm(ends[1] - ends[0]))]})
+                shape = {"capsule": [capsule["radius"], float(np.linalg.norm(ends[1] - ends[0]))]}
                 at = np.linalg.inv(self.arm.base_from(link, zero)[0]) @ at
-                self.add(capsule["name"], capsule["link"], link, mesh, convex, at)
+                self.add(capsule["name"], capsule["link"], link, (*surface(shape), solid(shape)), at)
         for body in spec["bodies"]:
-            mesh, convex = surface(body["shape"])
-            self.add(body["name"], body["on"], body["on"], mesh, convex, pose(body["pose"]))
+            shape = body["shape"]
+            self.add(body["name"], body["on"], body["on"], (*surface(shape), solid(shape)), pose(body["pose"]))
         self.pairs = [(a, b) for b in range(len(self.bodies)) for a in range(b) if self.may_meet(a, b)]
         joined = self.joined()
         self.pairs = [pair for pair in self.pairs if pair not in joined]
         self.left_out = [self.names(pair) for pair in joined]
 
-    def add(self, name, on, owner, mesh, convex, owner_from_body):
+    def add(self, name, on, owner, shape, owner_from_body):
+        mesh, convex, whole = shape
         mesh = mesh.copy()
         mesh.apply_transform(owner_from_body)
-        self.bodies.append(Body(name, on, mesh, convex))
+        self.bodies.append(Body(name, on, mesh, convex, whole, owner_from_body))
         self.owner_from_body.append(owner)
 
     def may_meet(self, a, b):
@@ -194,7 +210,8 @@ class Cell:
 
     def joined(self):
         """Pairs of links whose meshes overlap however the arm stands."""
-        states = np.random.default_rng(1).uniform(-np.pi, np.pi, (JOINED_STATES, 7))
+        low, high = np.array([self.arm.limits(joint) for joint in self.arm.moving] + [(0.0, 0.0)]).T
+        states = np.random.default_rng(1).uniform(low, high, (JOINED_STATES, 7))
         placed = self.place(states)
         pairs = [pair for pair in self.pairs if all(isinstance(self.bodies[body].on, int) for body in pair)]
         return [(a, b) for a, b in pairs if all(self.touch(a, b, at_a, at_b) for at_a, at_b in zip(placed[a], placed[b]))]

@@ -26,7 +26,7 @@ pub(super) fn body(name: &str, at_mm: [f64; 3], shape: ShapeSpec) -> BodySpec {
     BodySpec { name: name.into(), owner_from_body: PoseSpec::from(&at), shape }
 }
 
-fn default_spec() -> CellSpec {
+pub(super) fn default_spec() -> CellSpec {
     Presets.cell("e05-transcan").expect("a preset")
 }
 
