@@ -96,13 +96,13 @@ impl Solid {
     }
 
     fn convex(&self, pose: &Pose) -> Option<Convex<'_>> {
-        let (core, pose, radius_mm): (&dyn SupportMap, Pose, f32) = match self {
+        let (core, core_pose, radius_mm): (&dyn SupportMap, Pose, f32) = match self {
             Self::Segment { core, radius_mm } => (core, *pose, *radius_mm),
             Self::Box(core) => (core, *pose, 0.0),
             Self::Cylinder { core, body_from_core } => (core, *pose * *body_from_core, 0.0),
             Self::Mesh(_) => return None,
         };
-        Some(Convex { core, pose, radius_mm, aabb: self.aabb(&pose) })
+        Some(Convex { core, pose: core_pose, radius_mm, aabb: self.aabb(pose) })
     }
 }
 

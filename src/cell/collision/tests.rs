@@ -46,6 +46,7 @@ fn distances_between_solids_are_the_analytic_ones() {
     let rod = capsule(30.0, 400.0);
     let block = cuboid([200.0, 100.0, 60.0]);
     let disc = Solid::from_shape(&Shape::Cylinder { radius_mm: 250.0, height_mm: 20.0 });
+    let post = Solid::from_shape(&Shape::Cylinder { radius_mm: 20.0, height_mm: 300.0 });
     let mesh = Solid::from_mesh(&box_mesh([-100.0, -50.0, -30.0], [100.0, 50.0, 30.0]), &Isometry3::identity());
     let quarter =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2));
@@ -62,6 +63,7 @@ fn distances_between_solids_are_the_analytic_ones() {
         ("ball off mesh corner", &mesh, at(0.0, 0.0, 0.0), &ball, at(200.0, 200.0, 200.0), diagonal),
         ("box beside mesh", &mesh, at(700.0, 100.0, 0.0), &block, at(700.0, 100.0, 160.0), 100.0),
         ("disc beside mesh", &mesh, at(0.0, 0.0, 0.0), &disc, at(0.0, 0.0, 50.0), 10.0),
+        ("post beside mesh, its middle far above", &mesh, at(0.0, 0.0, 0.0), &post, at(10.0, 80.0, 140.0), 10.0),
         ("two meshes", &mesh, at(0.0, 0.0, 0.0), &mesh, at(230.0, 140.0, 0.0), 50.0),
         ("overlapping", &mesh, at(0.0, 0.0, 0.0), &rod, at(0.0, 60.0, 0.0), 0.0),
         ("ball inside mesh", &mesh, at(0.0, 0.0, 0.0), &capsule(5.0, 10.0), at(1.0, 2.0, 3.0), 0.0),
