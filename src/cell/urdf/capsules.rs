@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector2, Vector3};
 /// Capsules of one set at most: two splits, one after the other.
 const SPLITS: u32 = 2;
 /// A split must leave at most this share of the volume.
-const WORTH: f64 = 0.75;
+const WORTH: f64 = 0.9;
 /// Steps towards the smallest circle: within 1 % of its radius.
 const STEPS: u32 = 100;
 /// Radii that are tried, in parts of the least.
