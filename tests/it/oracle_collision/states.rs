@@ -49,7 +49,9 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
         }
         if clear.check(state).is_none() {
             nearest_mm = apart_mm.min(nearest_mm);
-            if apart_mm < CLEARANCE_MM - OUT_MM {
+            // What the flange carries is as near to the link before it as it is mounted.
+            let is_nearer = |(mm, pair): &&(f64, [String; 2])| *mm < CLEARANCE_MM - OUT_MM && pair[1] != cell.mount[0].name;
+            if verdict.own.iter().chain(&verdict.others).any(|found| is_nearer(&found)) {
                 nearer += 1;
                 println!("free at {CLEARANCE_MM} mm: {:?} at {state:?}", verdict.nearest());
             }
