@@ -22,6 +22,9 @@ fn default_cell() -> Cell {
     Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
 }
 
+/// How far two bodies are apart, mm, and which.
+type Nearest = (f64, [String; 2]);
+
 /// The oracle's word on one way.
 #[derive(Debug, Deserialize)]
 struct Verdict {
@@ -30,13 +33,13 @@ struct Verdict {
     /// Some of the contacts.
     contacts: Vec<Touch>,
     /// How near the nearest two bodies of the arm come, and which; `None` where farther apart than was asked for.
-    own: Option<(f64, [String; 2])>,
+    own: Option<Nearest>,
     /// The same of any other two.
-    others: Option<(f64, [String; 2])>,
+    others: Option<Nearest>,
 }
 
 impl Verdict {
-    fn nearest(&self) -> Option<&(f64, [String; 2])> {
+    fn nearest(&self) -> Option<&Nearest> {
         self.own.iter().chain(&self.others).min_by(|a, b| a.0.total_cmp(&b.0))
     }
 }

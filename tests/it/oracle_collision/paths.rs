@@ -11,7 +11,7 @@ use vantage::planning::{PlanInput, plan};
 use vantage::program::{Program, Step, compile};
 
 use super::states::OUT_MM;
-use super::{ELFIN5, Vendor, Verdict, asked, described};
+use super::{ELFIN5, Nearest, Vendor, Verdict, asked, described};
 use crate::support::{PARTS, all_asked, oracle_python, shared_mesh_scaled};
 
 /// Samples of a way, degrees of any axis; a plain run takes fewer.
@@ -104,9 +104,7 @@ fn nothing_touches_on_any_emitted_way() {
             }
             let clearance_mm = plan.params.motion.clearance_mm;
             let looked_at: usize = verdicts.iter().map(|verdict| verdict.samples).sum();
-            let least = |of: fn(&Verdict) -> Option<&(f64, [String; 2])>| {
-                verdicts.iter().filter_map(of).min_by(|a, b| a.0.total_cmp(&b.0))
-            };
+            let least = |of: fn(&Verdict) -> Option<&Nearest>| verdicts.iter().filter_map(of).min_by(|a, b| a.0.total_cmp(&b.0));
             println!(
                 "{part}, {name}: {} views, {} moves, {looked_at} samples, no contact; nearest of the arm's own {:?}, of others {:?}; \
                  clearance asked {clearance_mm} mm",

@@ -4,7 +4,7 @@ use vantage::cell::{Cell, CollisionScene, Configuration};
 use vantage::geometry::demo_parts;
 use vantage::planning::resting;
 
-use super::{ELFIN5, Vendor, asked, default_cell, described};
+use super::{ELFIN5, Nearest, Vendor, asked, default_cell, described};
 use crate::arms::imported;
 use crate::support::{all_asked, oracle_python};
 
@@ -50,7 +50,7 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
         if clear.check(state).is_none() {
             nearest_mm = apart_mm.min(nearest_mm);
             // What the flange carries is as near to the link before it as it is mounted.
-            let is_nearer = |(mm, pair): &&(f64, [String; 2])| *mm < CLEARANCE_MM - OUT_MM && pair[1] != cell.mount[0].name;
+            let is_nearer = |(mm, pair): &&Nearest| *mm < CLEARANCE_MM - OUT_MM && pair[1] != cell.mount[0].name;
             if verdict.own.iter().chain(&verdict.others).any(|found| is_nearer(&found)) {
                 nearer += 1;
                 println!("free at {CLEARANCE_MM} mm: {:?} at {state:?}", verdict.nearest());
