@@ -9,11 +9,12 @@
 //! edge evaluations via lazy best-first search", ICAPS 2016).
 //!
 //! Ways around: by raised or retreated points beside either end, by turning the table with the arm at home, or by home
-//! itself. A station that cannot be joined to home this way is dropped; where that leaves a view without any, two trees are
+//! itself. The stations of the tour are then moved along the table's angle (`refine.rs`). A station that cannot be joined to home this way is dropped; where that leaves a view without any, two trees are
 //! grown towards each other, and only where they do not meet the view has no path.
 
 mod connect;
 mod moves;
+mod refine;
 mod rounded;
 mod routes;
 mod tour;
@@ -24,6 +25,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub use self::moves::straight_secs;
+use self::refine::Tour;
 use self::rounded::Rounded;
 use self::routes::{Node, Route, Routes};
 use self::tour::Costs;
@@ -63,7 +65,10 @@ pub struct Sequence {
     pub visits: Vec<(ViewId, Leg)>,
     /// The move home.
     pub return_home: Leg,
-    /// No tour over the stations and moves that were considered takes less, corners stopped at.
+    /// Time of the moves as the tour was found, before its stations were moved along the table's angle and with a stop at
+    /// every point.
+    pub ordered_secs: f64,
+    /// No such tour over the stations and moves that were considered takes less.
     pub at_least_secs: f64,
 }
 
@@ -91,10 +96,10 @@ impl Sequence {
         self.visits.iter().map(|(_, leg)| leg.turning_secs).sum::<f64>() + self.return_home.turning_secs
     }
 
-    /// Whether it is proved the shortest over the stations and moves that were considered.
+    /// Whether its order is proved the shortest over the stations and moves that were considered.
     #[must_use]
     pub fn is_shortest(&self) -> bool {
-        self.motion_secs() - self.at_least_secs <= PROVED_SECS
+        self.ordered_secs - self.at_least_secs <= PROVED_SECS
     }
 }
 
@@ -118,24 +123,27 @@ pub fn order(
     let routes = Routes::new(cell, scene, &params.motion);
     let joined = join_to_home(stations, &routes, ctx)?;
     if insist && !joined.no_path.is_empty() {
-        let return_home = leg(&cell.home_rad, Route::default(), cell.home_rad, &routes);
-        return Ok(Ordered {
-            sequence: Sequence { visits: Vec::new(), return_home, at_least_secs: 0.0 },
-            no_path: joined.no_path,
-        });
+        let nowhere = Tour { stops: Vec::new(), ways: vec![Route::default()] };
+        return Ok(Ordered { sequence: sequence(&nowhere, &routes, [0.0, 0.0]), no_path: joined.no_path });
     }
-    let mut visits = Vec::new();
-    let mut last = None;
-    let (tour, at_least_secs) = shortest_tour(&joined, &routes, ctx)?;
-    for (node, route) in tour {
-        let from = last.map_or(&cell.home_rad, |node: usize| &joined.nodes[node].configuration);
-        visits.push((joined.views[joined.nodes[node].view], leg(from, route, joined.nodes[node].configuration, &routes)));
-        last = Some(node);
+    let (steps, at_least_secs) = shortest_tour(&joined, &routes, ctx)?;
+    let home = steps.last().map(|(node, _)| joined.nodes[*node].from_home.reversed()).unwrap_or_default();
+    let mut tour = Tour { stops: Vec::new(), ways: Vec::new() };
+    for (node, route) in steps {
+        tour.stops.push((joined.views[joined.nodes[node].view], joined.nodes[node].configuration));
+        tour.ways.push(route);
     }
-    let home = last.map(|node| joined.nodes[node].from_home.reversed()).unwrap_or_default();
-    let from = last.map_or(&cell.home_rad, |node| &joined.nodes[node].configuration);
-    let return_home = leg(from, home, cell.home_rad, &routes);
-    Ok(Ordered { sequence: Sequence { visits, return_home, at_least_secs }, no_path: joined.no_path })
+    tour.ways.push(home);
+    let ordered_secs = tour.secs();
+    tour.refine(&routes, ctx)?;
+    Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, at_least_secs]), no_path: joined.no_path })
+}
+
+fn sequence(tour: &Tour, routes: &Routes<'_>, [ordered_secs, at_least_secs]: [f64; 2]) -> Sequence {
+    let home = *routes.home();
+    let leg_to = |stop: usize, target: Configuration| leg(&tour.before(stop, &home), tour.ways[stop].clone(), target, routes);
+    let visits = tour.stops.iter().enumerate().map(|(stop, (view, target))| (*view, leg_to(stop, *target))).collect();
+    Sequence { visits, return_home: leg_to(tour.stops.len(), home), ordered_secs, at_least_secs }
 }
 
 fn leg(from: &Configuration, route: Route, target: Configuration, routes: &Routes<'_>) -> Leg {

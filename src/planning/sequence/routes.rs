@@ -60,6 +60,14 @@ impl<'a> Routes<'a> {
         Self { cell, moves: Moves::new(cell, scene, motion) }
     }
 
+    pub(super) fn cell(&self) -> &Cell {
+        self.cell
+    }
+
+    pub(super) fn home(&self) -> &Configuration {
+        &self.cell.home_rad
+    }
+
     /// The quickest free way from home of the simple ones; `None` where there is none.
     pub(super) fn home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let home = &self.cell.home_rad;
@@ -161,7 +169,7 @@ impl<'a> Routes<'a> {
     }
 
     /// The joint vector for `base_from_scanner` that is nearest to `station`, if no axis turns far.
-    fn nearest(&self, base_from_scanner: &Pose<Base, ScannerFrame>, station: &Configuration) -> Option<Configuration> {
+    pub(super) fn nearest(&self, base_from_scanner: &Pose<Base, ScannerFrame>, station: &Configuration) -> Option<Configuration> {
         let base_from_flange = *base_from_scanner * self.cell.flange_from_scanner.inverse();
         let branches = self.cell.robot.kinematics.branches(&base_from_flange);
         let widest = |point: &Configuration| point.iter().zip(station).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -114,8 +114,16 @@ fn every_view_is_visited_once_on_checked_paths_from_home_to_home() {
         assert_eq!(ordered.no_path, []);
         assert_eq!(visited(&ordered), (0..count).collect::<Vec<_>>());
         for (view, leg) in &ordered.sequence.visits {
-            assert!(room.stations[view.0 as usize].contains(&leg.target), "a station that was offered");
+            let plate_from_scanner = |station: &Station| {
+                room.cell.base_from_plate(station.table_angle_rad).inverse() * room.cell.base_from_scanner(&station.joints_rad)
+            };
+            let [found, asked] =
+                [&leg.target, &room.stations[view.0 as usize][0]].map(|station| *plate_from_scanner(station).isometry());
+            assert!((found.translation.vector - asked.translation.vector).norm() < 1e-6, "the view is taken from its pose");
+            assert!(found.rotation.angle_to(&asked.rotation) < 1e-7);
         }
+        assert!(ordered.sequence.motion_secs() < ordered.sequence.ordered_secs - 0.1, "stations between the steps are quicker");
+        assert!(ordered.sequence.ordered_secs >= ordered.sequence.at_least_secs - 1e-9);
         room.assert_sound(&ordered);
     }
 }

@@ -25,8 +25,11 @@ pub struct MotionDocument {
     /// Captures, s.
     #[serde(default)]
     pub scanning_secs: f64,
-    /// No order, over the stations and moves that were considered, takes less moving, s, if every corner is a stop: equal
-    /// where the order is proved the best.
+    /// Moves as the order was found, before its stations were moved along the table's angle, every corner a stop, s.
+    #[serde(default)]
+    pub ordered_secs: f64,
+    /// No order, over the stations and moves that were considered, takes less than this, s: `ordered_secs` where the order is
+    /// proved the best.
     pub moving_secs_lower: f64,
 }
 
@@ -43,6 +46,7 @@ impl MotionDocument {
             turning_secs: plan.sequences().map(Sequence::turning_secs).sum(),
             settling_secs,
             scanning_secs,
+            ordered_secs: plan.sequences().map(|sequence| sequence.ordered_secs).sum(),
             moving_secs_lower: plan.sequences().map(|sequence| sequence.at_least_secs).sum(),
         })
     }
