@@ -38,6 +38,8 @@ const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 pub const LEAST_CLEARANCE_MM: f64 = 1.0;
 /// Configurations at which a pair must touch to be taken as touching by construction.
 const ALLOWED_PAIR_SAMPLES: u32 = 200;
+/// A point that is moved less by a turn is on its axis, mm.
+const ON_AXIS_MM: f64 = 1e-3;
 /// How deep what stands on the plate may be in what stands below, mm: it may lie on it, as on a floor level with the plate.
 const LYING_MM: f64 = 0.5;
 
@@ -125,6 +127,7 @@ impl CollisionScene {
             clearance_mm,
         };
         scene.excuse_pairs_of_the_arm(cell);
+        scene.ease_what_turns_on_itself();
         scene
     }
 
@@ -288,6 +291,26 @@ impl CollisionScene {
             index += 1;
             touching.binary_search(&(index - 1)).is_err()
         });
+    }
+
+    /// A capsule around the arm's first axis is as far from what stands still at any configuration: the column above its
+    /// pedestal. It must not touch, whatever clearance is asked for.
+    fn ease_what_turns_on_itself(&mut self) {
+        let mut quarter = [0.0; 6];
+        quarter[0] = std::f64::consts::FRAC_PI_2;
+        let frames = [[0.0; 6], quarter].map(|joints| self.kinematics.link_frames(&joints)[1]);
+        let on_axis = |body: &SceneBody| {
+            let ends = body.solid.ends_mm().filter(|_| body.carrier == Carrier::Link(1));
+            ends.is_some_and(|ends| {
+                let [a, b] = frames.map(|frame| ends.map(|end| frame * body.carrier_from_body * end));
+                a.iter().zip(&b).all(|(a, b)| (a - b).norm() < ON_AXIS_MM)
+            })
+        };
+        let (bodies, least_mm) = (&self.bodies, self.clearance_mm.min(LEAST_CLEARANCE_MM));
+        let keeps_apart = |a: usize, b: usize| bodies[a].carrier.is_still() && on_axis(&bodies[b]);
+        for pair in self.pairs.iter_mut().filter(|pair| keeps_apart(pair.a, pair.b) || keeps_apart(pair.b, pair.a)) {
+            pair.clearance_mm = least_mm;
+        }
     }
 
     /// What part or fixture stands in, though a configuration is not to blame: at some table angle what stands below

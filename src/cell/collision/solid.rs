@@ -73,6 +73,12 @@ impl Solid {
         }
     }
 
+    /// The ends of a capsule's axis.
+    pub(super) fn ends_mm(&self) -> Option<[Point3<f64>; 2]> {
+        let Self::Segment { core, .. } = self else { return None };
+        Some([core.a, core.b].map(|end| Point3::new(end.x, end.y, end.z).cast()))
+    }
+
     /// Farthest point from the carrier's origin, or from its z axis.
     pub(super) fn reach_mm(&self, carrier_from_body: &Isometry3<f64>, from_axis: bool) -> f64 {
         let pose = parry_pose(carrier_from_body);

@@ -9,8 +9,11 @@ use crate::planning::random::Stream;
 
 /// Longest edge of a tree, radians of any axis (25°).
 const EDGE_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
-/// Samples after which the search gives up.
-const SAMPLES: usize = 200;
+/// Samples after which the search gives up: in a hundred cluttered cells, 200 found no way to 35 views of which another
+/// planner, given a minute each, found one to 15 of 23; 3000 left none of those.
+const SAMPLES: usize = 3000;
+/// Samples after which it gives up where one end cannot be left.
+const STUCK_SAMPLES: usize = 300;
 /// Share of the samples that are spread over all that the axes allow; the others lie around the two ends.
 const FAR_SHARE: f64 = 0.3;
 /// How far around the ends, radians (70°).
@@ -34,7 +37,7 @@ pub(super) fn shortened(
     Ok(way)
 }
 
-/// The points between `from` and `to`, both left out; `None` where none were found. Not cheap: up to a second.
+/// The points between `from` and `to`, both left out; `None` where none were found. Not cheap: up to some seconds.
 pub(super) fn connect(
     from: &Configuration,
     to: &Configuration,
@@ -96,6 +99,9 @@ impl<'a> Search<'a> {
                     }
                     return Ok(Some(way));
                 }
+            }
+            if round == STUCK_SAMPLES && trees.iter().any(|tree| tree.0.len() == 1) {
+                break;
             }
             trees.reverse();
         }

@@ -37,7 +37,7 @@ pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
 
 /// Stations of a view to which a way is searched where no simple one is free.
-const SEARCHED: usize = 2;
+const SEARCHED: usize = 12;
 /// Rounds of kicks at most.
 const MOST_KICKS: u32 = 3;
 /// A sequence is as short as can be if it is this close to what none can be shorter than, seconds.

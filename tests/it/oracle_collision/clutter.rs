@@ -21,10 +21,10 @@ use vantage::wire::program::ProgramDocument;
 
 use super::paths::{body, default_spec, lines, ways};
 use super::{ELFIN5, asked, described};
-use crate::support::{all_asked, lines_of, oracle_python};
+use crate::support::{all_asked, lines_of, long_asked, oracle_python};
 
-/// Cells, and views of each.
-const CELLS: u64 = 100;
+/// Cells, and views of each: all, those that `tests/all` looks at, and without it.
+const CELLS: [u64; 3] = [100, 12, 1];
 const VIEWS: u64 = 8;
 /// Obstacles of a cell.
 const OBSTACLES: u64 = 14;
@@ -32,10 +32,14 @@ const OBSTACLES: u64 = 14;
 const CLEARANCE_MM: f64 = 1.0;
 /// Where views stand from the part's middle, mm.
 const DISTANCE_MM: f64 = 510.0;
-/// OMPL's time a question and for all, s.
-const SECONDS: [f64; 2] = [60.0, 600.0];
+/// OMPL's time a question and for all, s: in full, and for `tests/all`.
+const SECONDS: [[f64; 2]; 2] = [[60.0, 600.0], [20.0, 60.0]];
 /// Share of the refused views that OMPL may find a way to.
 const SOLVED_BY_OTHERS: f64 = 0.02;
+
+fn seconds() -> [f64; 2] {
+    SECONDS[usize::from(!long_asked())]
+}
 
 /// Numbers from 0 to below 1 that depend on a cell's number alone (SplitMix64).
 struct Draw(u64);
@@ -144,7 +148,7 @@ fn by_ompl(python: &Path, cell: &Cell, description: String, no_path: &[Vec<Stati
         format!("{}\n", json!({"home": cell.home_rad, "goals": goals, "low": low, "high": high}))
     };
     let input = description + &no_path.iter().map(question).collect::<String>();
-    let [each, left] = [SECONDS[0], left_secs].map(|secs| secs.to_string());
+    let [each, left] = [seconds()[0], left_secs].map(|secs| secs.to_string());
     let lines = lines_of(python, "path_oracle.py", &[&each, &left], input);
     lines.iter().map(|line| serde_json::from_str(line).expect("an answer")).collect()
 }
@@ -170,7 +174,14 @@ fn what_is_refused_in_clutter_cannot_be_done() {
     let table_from_part = resting(&part);
     let centre_mm = part.aabb().centre();
     let mut tally = Tally::default();
-    for number in 0..if all_asked() { CELLS } else { 1 } {
+    let cells = CELLS[if long_asked() {
+        0
+    } else if all_asked() {
+        1
+    } else {
+        2
+    }];
+    for number in 0..cells {
         let mut draw = Draw(number << 32);
         let cell = cluttered(&mut draw, &part, &table_from_part);
         let views: Vec<_> = (0..VIEWS).map(|_| draw.view(&centre_mm)).collect();
@@ -193,8 +204,8 @@ fn what_is_refused_in_clutter_cannot_be_done() {
         tally.unreachable += found.unreachable;
         tally.collision += found.collision;
         tally.no_path += found.no_path.len();
-        let left_secs = SECONDS[1] - tally.secs;
-        if !found.no_path.is_empty() && left_secs > SECONDS[0] {
+        let left_secs = seconds()[1] - tally.secs;
+        if !found.no_path.is_empty() && left_secs > seconds()[0] {
             let Some(description) = of(true) else { return };
             for answer in by_ompl(&python, &cell, description, &found.no_path, left_secs) {
                 println!("cell {number}: no path of ours, OMPL: {answer:?}");
@@ -209,7 +220,12 @@ fn what_is_refused_in_clutter_cannot_be_done() {
     println!(
         "{tally:?}: OMPL found a way to {} of the {} views without a path that it was asked for, {} s each and {} s in all; {refused} \
          refused in all",
-        tally.solved, tally.asked, SECONDS[0], SECONDS[1]
+        tally.solved,
+        tally.asked,
+        seconds()[0],
+        seconds()[1]
     );
-    assert!(tally.planned > 0 && tally.solved as f64 <= SOLVED_BY_OTHERS * refused as f64, "{tally:?}");
+    // Of few refusals one is no share.
+    let most = (SOLVED_BY_OTHERS * refused as f64).max(if long_asked() { 0.0 } else { 1.0 });
+    assert!(tally.planned > 0 && tally.solved as f64 <= most, "{tally:?}");
 }

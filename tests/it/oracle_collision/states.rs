@@ -6,7 +6,7 @@ use vantage::planning::resting;
 
 use super::{ELFIN5, Nearest, Vendor, asked, default_cell, described};
 use crate::arms::imported;
-use crate::support::{all_asked, oracle_python};
+use crate::support::{all_asked, long_asked, oracle_python};
 
 /// Clearance of the second question, mm: the default of a job.
 const CLEARANCE_MM: f64 = 5.0;
@@ -68,7 +68,17 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
 
 #[test]
 fn no_collision_of_the_default_cell_is_missed() {
-    compare(&default_cell(), &ELFIN5, if all_asked() { 10_000 } else { 100 });
+    compare(
+        &default_cell(),
+        &ELFIN5,
+        if long_asked() {
+            10_000
+        } else if all_asked() {
+            3000
+        } else {
+            100
+        },
+    );
 }
 
 /// The scanner of the default cell on arms whose capsules come from their URDF.
@@ -82,7 +92,7 @@ fn no_collision_of_an_imported_arm_is_missed() {
         Vendor { urdf: "irb2600_12_165", base: "base_link", tip: "tool0" },
         Vendor { urdf: "kr10r1100sixx", base: "base_link", tip: "tool0" },
     ];
-    let (arms, count) = if all_asked() { (&arms[..], 2000) } else { (&arms[1..2], 100) };
+    let (arms, count) = if all_asked() { (&arms[..], if long_asked() { 2000 } else { 300 }) } else { (&arms[1..2], 100) };
     for vendor in arms {
         let Some(spec) = imported(vendor.urdf) else { return };
         let mut cell = default_cell();

@@ -28,9 +28,14 @@ pub(crate) fn chromium() -> Option<PathBuf> {
     installed("VANTAGE_CHROMIUM", "a Chromium")
 }
 
-/// Whether this is `tests/all`, which leaves nothing out.
+/// Whether this is `tests/all`, which leaves no test out.
 pub(crate) fn all_asked() -> bool {
-    std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all")
+    std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "all" || tests == "long")
+}
+
+/// Whether also the longest rows are asked for: `VANTAGE_TESTS=long tests/all`.
+pub(crate) fn long_asked() -> bool {
+    std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "long")
 }
 
 fn installed(variable: &str, what: &str) -> Option<PathBuf> {
