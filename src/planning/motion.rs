@@ -70,26 +70,24 @@ impl<'a> Motion<'a> {
         sequence::order(views, self.cell, &self.scene, self.params, insist, ctx)
     }
 
-    /// The two bodies that keep the cell from a view, and where: on the way to the first of its stations, or, where it
-    /// has none, at the one nearest to home that the arm could take but for collision. `None` where it takes it, or could
-    /// not reach it.
+    /// The two bodies that keep the cell from a view, and the segment on which they do: the straight way to the first of its
+    /// stations, or, where it has none, a single place: the station nearest to home that the arm could take but for
+    /// collision. `None` where it takes the view, or could not reach it.
     pub(super) fn where_it_fails(
         &self,
         view: &Pose<Part, ScannerFrame>,
         stations: &[Station],
-    ) -> Option<(Contact, Configuration)> {
-        let configuration = match stations.first() {
-            Some(station) => self.scene.first_contact(&self.cell.home_rad, &station.configuration())?,
-            None => stations::nearest_way(view, self.cell, &self.scene, &self.table_from_part)?,
+    ) -> Option<(Contact, [Configuration; 2])> {
+        let ends = match stations.first() {
+            Some(station) => [self.cell.home_rad, station.configuration()],
+            None => [stations::nearest_way(view, self.cell, &self.scene, &self.table_from_part)?; 2],
         };
-        let gap = || self.scene.nearest(&configuration, LOOKED_AT_MM).map(|gap| gap.bodies);
-        let bodies = self.scene.check(&configuration).or_else(gap)?;
-        Some((bodies, configuration))
+        Some((self.scene.check_segment(&ends[0], &ends[1])?, ends))
     }
 
-    /// How far apart two bodies are.
-    pub(super) fn gap(&self, bodies: &Contact, configuration: &Configuration) -> Option<Gap> {
-        self.scene.gap_between(bodies, configuration, LOOKED_AT_MM)
+    /// Where on a segment two bodies are nearest to or deepest in each other.
+    pub(super) fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2]) -> Option<(Configuration, Gap)> {
+        self.scene.nearest_on(bodies, ends, LOOKED_AT_MM)
     }
 
     /// Distance of what is nearest to each other at a station; `None` beyond [`LOOKED_AT_MM`].

@@ -1,6 +1,6 @@
 //! What stands in the way: which two bodies keep the cell from viewpoints, for how many, where, how deep, and what would
-//! help. A candidate without a station is put down to the two that meet at its station nearest to home; one without a
-//! path to the two that meet first on the straight way to it.
+//! help. A candidate without a station is put down to two that meet at its station nearest to home; one without a path to
+//! two that meet on the straight way to it, and where they are deepest in each other there.
 
 use std::collections::BTreeMap;
 
@@ -48,12 +48,12 @@ pub(super) fn explain(blocked: &[Blocked<'_>], ctx: &Context<'_>) -> Result<Vec<
         ctx.check()?;
         Ok(blocked.motion.where_it_fails(&blocked.candidate.part_from_scanner, blocked.stations))
     };
-    let places: Vec<Option<(Contact, Configuration)>> = blocked.par_iter().map(place).collect::<Result<_, Cancelled>>()?;
+    let places: Vec<Option<(Contact, [Configuration; 2])>> = blocked.par_iter().map(place).collect::<Result<_, Cancelled>>()?;
     let mut found: BTreeMap<(String, String), Obstruction> = BTreeMap::new();
     for (blocked, place) in blocked.iter().zip(places) {
-        let Some((bodies, configuration)) = place else { continue };
+        let Some((bodies, ends)) = place else { continue };
         let key = (bodies.a.to_string(), bodies.b.to_string());
-        let entry = found.entry(key).or_insert_with(|| Obstruction::new(bodies, configuration, blocked.motion));
+        let entry = found.entry(key).or_insert_with(|| Obstruction::new(bodies, &ends, blocked.motion));
         match blocked.stations {
             [] => entry.without_station += 1,
             _ => entry.without_path += 1,
@@ -66,8 +66,8 @@ pub(super) fn explain(blocked: &[Blocked<'_>], ctx: &Context<'_>) -> Result<Vec<
 }
 
 impl Obstruction {
-    fn new(bodies: Contact, configuration: Configuration, motion: &Motion<'_>) -> Self {
-        let gap = motion.gap(&bodies, &configuration);
+    fn new(bodies: Contact, ends: &[Configuration; 2], motion: &Motion<'_>) -> Self {
+        let (configuration, gap) = motion.nearest_on(&bodies, ends).map_or((ends[1], None), |(at, gap)| (at, Some(gap)));
         let help = help(&bodies, gap.as_ref(), motion.cell());
         Self { bodies, without_station: 0, without_path: 0, configuration, gap, help }
     }
@@ -83,6 +83,11 @@ fn help(bodies: &Contact, gap: Option<&Gap>, cell: &Cell) -> String {
     }
     if among("fixture") {
         return "hold the part elsewhere, or plan it in several ways of lying (setups)".into();
+    }
+    let foot = cell.robot.links.iter().find(|link| link.link == 0 && among(&link.name));
+    if foot.is_some() && among("part") {
+        return "the part meets the robot's foot as the table turns: set the table farther off, or the part nearer to its axis"
+            .into();
     }
     if among("part") {
         return "lay the part in another way (setups, part.table_from_part), or look at it from farther off (candidates.standoffs_mm)"

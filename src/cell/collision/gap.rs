@@ -11,7 +11,7 @@ use super::{CollisionScene, Contact, Pair, Placement, Segment};
 use crate::cell::axis::Configuration;
 
 /// Places looked at along a segment.
-const LOOKS: u32 = 200;
+const LOOKS: u32 = 60;
 
 /// Two bodies near each other.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,24 +35,17 @@ impl CollisionScene {
         gaps.min_by(|a, b| a.apart_mm.total_cmp(&b.apart_mm))
     }
 
-    /// The same of two bodies alone.
+    /// Where two bodies are nearest to each other, or deepest in each other, on a straight segment in joint space, of a few
+    /// dozen places looked at, and how near.
     #[must_use]
-    pub fn gap_between(&self, bodies: &Contact, configuration: &Configuration, within_mm: f64) -> Option<Gap> {
-        let placement = self.place(configuration);
+    pub fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2], within_mm: f64) -> Option<(Configuration, Gap)> {
         let pair = self.pairs.iter().find(|pair| self.contact_of(pair) == *bodies)?;
-        self.gap(pair, &placement, within_mm)
-    }
-
-    /// Where a straight segment in joint space first comes closer to something than it may, of the places looked at.
-    #[must_use]
-    pub fn first_contact(&self, from: &Configuration, to: &Configuration) -> Option<Configuration> {
-        self.check_segment(from, to)?;
-        let travel = std::array::from_fn(|axis| to[axis] - from[axis]);
-        let segment = Segment { from, travel: &travel };
-        let places = (0..=LOOKS).map(|look| segment.at(f64::from(look) / f64::from(LOOKS)));
-        let mut found = places.filter(|place| self.check(place).is_some());
-        // Between two looks: named by the end that is nearer to it.
-        found.next().or(Some(*to))
+        let travel = std::array::from_fn(|axis| ends[1][axis] - ends[0][axis]);
+        let segment = Segment { from: &ends[0], travel: &travel };
+        let looks = if ends[0] == ends[1] { 0 } else { LOOKS };
+        let places = (0..=looks).map(|look| segment.at(f64::from(look) / f64::from(LOOKS)));
+        let gaps = places.filter_map(|place| Some((place, self.gap(pair, &self.place(&place), within_mm)?)));
+        gaps.min_by(|a, b| a.1.apart_mm.total_cmp(&b.1.apart_mm))
     }
 
     fn gap(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Gap> {
