@@ -14,6 +14,12 @@ use super::field_error::Findings;
 /// Joints 1 to 6 and the table angle, radians.
 pub type Configuration = [f64; 7];
 
+/// Length of the straight way between two configurations, radians: the root of the sum over all axes.
+#[must_use]
+pub fn way_rad(from: &Configuration, to: &Configuration) -> f64 {
+    from.iter().zip(to).map(|(from, to)| (to - from).powi(2)).sum::<f64>().sqrt()
+}
+
 /// Largest angle that an axis may be given, degrees.
 const ANGLE_DEG: f64 = 3600.0;
 

@@ -17,7 +17,7 @@ pub mod time_law;
 mod turntable;
 pub mod urdf;
 
-pub use axis::{Axes, Axis, AxisSpec, Configuration};
+pub use axis::{Axes, Axis, AxisSpec, Configuration, way_rad};
 pub use body::{Body, Shape};
 pub use collision::{CollisionScene, Contact, Gap};
 pub use field_error::{FieldError, Findings};

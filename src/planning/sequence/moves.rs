@@ -10,8 +10,7 @@ use crate::planning::params::{Corners, MotionParams, TableMotion};
 pub(super) struct Moves<'a> {
     pub(super) axes: Axes,
     pub(super) scene: &'a CollisionScene,
-    pub(super) speed_fraction: f64,
-    table: TableMotion,
+    pub(super) motion: MotionParams,
     /// How near corners that are not stopped at are passed, radians; `None`: all are stopped at.
     rounded_within_rad: Option<f64>,
 }
@@ -36,13 +35,12 @@ fn turned(from: &Configuration, to: &Configuration) -> Configuration {
 impl<'a> Moves<'a> {
     pub(super) fn new(cell: &Cell, scene: &'a CollisionScene, motion: &MotionParams) -> Self {
         let rounded_within_rad = (motion.corners == Corners::Round).then(|| motion.path_tolerance_deg.to_radians());
-        Self { axes: cell.axes(), scene, speed_fraction: motion.speed_fraction, table: motion.table, rounded_within_rad }
+        Self { axes: cell.axes(), scene, motion: motion.clone(), rounded_within_rad }
     }
 
     /// Seconds of the straight move, free or not.
     pub(super) fn straight_secs(&self, from: &Configuration, to: &Configuration) -> f64 {
-        let motion = MotionParams { speed_fraction: self.speed_fraction, table: self.table, ..MotionParams::default() };
-        straight_secs(&self.axes, from, to, &motion)
+        straight_secs(&self.axes, from, to, &self.motion)
     }
 
     /// Seconds along `points`.
@@ -64,7 +62,7 @@ impl<'a> Moves<'a> {
 
     /// Whether the straight move meets nothing.
     pub(super) fn is_free(&self, from: &Configuration, to: &Configuration) -> bool {
-        match self.table {
+        match self.motion.table {
             TableMotion::WithArm => self.scene.check_segment(from, to).is_none(),
             TableMotion::Alone => self.scene.corner_between(from, to).is_ok(),
         }
@@ -74,7 +72,7 @@ impl<'a> Moves<'a> {
     pub(super) fn spelled_out(&self, points: &[Configuration]) -> Vec<Configuration> {
         let mut all = points[..points.len().min(1)].to_vec();
         for ends in points.windows(2) {
-            if self.table == TableMotion::Alone {
+            if self.motion.table == TableMotion::Alone {
                 all.extend(self.scene.corner_between(&ends[0], &ends[1]).ok().flatten());
             }
             all.push(ends[1]);

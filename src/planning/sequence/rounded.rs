@@ -2,8 +2,8 @@
 //! polyline beside it, every segment of which was checked. The curve itself is nowhere further from it than the tolerance.
 
 use super::moves::Moves;
-use crate::cell::Configuration;
 use crate::cell::time_law::SmoothPath;
+use crate::cell::{Configuration, way_rad};
 
 /// A corner is cut no further from its point than this, radians along the way (30°).
 const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_6;
@@ -28,13 +28,13 @@ pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad
     if way.len() < 3 || !way.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {
         return None;
     }
-    let secs = SmoothPath::through(&way, tolerance_rad).secs(&moves.axes, moves.speed_fraction);
+    let secs = SmoothPath::through(&way, tolerance_rad).secs(&moves.axes, moves.motion.speed_fraction);
     (secs < moves.secs(points)).then_some(Rounded { points: way, secs })
 }
 
 /// What stands for a corner: points along its parabola, or the corner itself where no parabola is free.
 fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, tolerance_rad: f64) -> Vec<Configuration> {
-    let half = |end: &Configuration| 0.5 * distance(corner, end);
+    let half = |end: &Configuration| 0.5 * way_rad(corner, end);
     let mut reach_rad = WIDEST_RAD.min(half(before)).min(half(after));
     for _ in 0..HALVINGS {
         let arc = arc(&[toward(corner, before, reach_rad), *corner, toward(corner, after, reach_rad)], tolerance_rad);
@@ -60,11 +60,7 @@ fn arc([from, pull, to]: &[Configuration; 3], tolerance_rad: f64) -> Vec<Configu
     (0..=chords as u32).map(at).collect()
 }
 
-fn toward(from: &Configuration, to: &Configuration, way_rad: f64) -> Configuration {
-    let share = way_rad / distance(from, to).max(f64::MIN_POSITIVE);
+fn toward(from: &Configuration, to: &Configuration, reach_rad: f64) -> Configuration {
+    let share = reach_rad / way_rad(from, to).max(f64::MIN_POSITIVE);
     std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
-}
-
-fn distance(a: &Configuration, b: &Configuration) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (b - a).powi(2)).sum::<f64>().sqrt()
 }
