@@ -48,22 +48,29 @@ pub(super) struct SceneBody {
     pub(super) reach_mm: f64,
     /// Is below the part: the part may touch it.
     holds_part: bool,
+    /// Is bolted to the flange, not a link of the arm.
+    is_load: bool,
 }
 
 impl SceneBody {
     fn new(name: &str, carrier: Carrier, carrier_from_body: Isometry3<f64>, solid: Solid) -> Self {
         let reach_mm = solid.reach_mm(&carrier_from_body, carrier == Carrier::Plate);
-        Self { name: name.into(), carrier, carrier_from_body, solid, reach_mm, holds_part: false }
+        Self { name: name.into(), carrier, carrier_from_body, solid, reach_mm, holds_part: false, is_load: false }
     }
 
     fn from_body(body: &Body, carrier: Carrier, carrier_from_owner: &Isometry3<f64>) -> Self {
         Self::new(&body.name, carrier, carrier_from_owner * body.owner_from_body, Solid::from_shape(&body.shape))
     }
 
-    /// Whether the two can move against each other, without being neighbours in the chain or the part on its table.
+    fn load(body: &Body, flange_from_owner: &Isometry3<f64>) -> Self {
+        Self { is_load: true, ..Self::from_body(body, Carrier::Link(6), flange_from_owner) }
+    }
+
+    /// Whether the two can move against each other, without being neighbours in the chain or the part on its table. What
+    /// the flange carries may reach back to the link before it.
     pub(super) fn may_meet(&self, other: &Self) -> bool {
         match (self.carrier, other.carrier) {
-            (Carrier::Link(a), Carrier::Link(b)) => a.abs_diff(b) > 1,
+            (Carrier::Link(a), Carrier::Link(b)) => a.abs_diff(b) > usize::from(self.is_load == other.is_load),
             (Carrier::Plate, Carrier::Plate) => false,
             (Carrier::Plate, Carrier::Still) => !other.holds_part,
             (Carrier::Still, Carrier::Plate) => !self.holds_part,
@@ -95,11 +102,10 @@ impl SceneBody {
 
 /// Everything in the cell, in a fixed order: arm, mount, scanner, table, floor, obstacles, part, fixture.
 pub(super) fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
-    let flange = Carrier::Link(6);
     let mut bodies: Vec<_> = cell.robot.links.iter().map(link_body).collect();
-    bodies.extend(cell.mount.iter().map(|body| SceneBody::from_body(body, flange, &Isometry3::identity())));
+    bodies.extend(cell.mount.iter().map(|body| SceneBody::load(body, &Isometry3::identity())));
     let flange_from_scanner = cell.flange_from_scanner.isometry();
-    bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::from_body(body, flange, flange_from_scanner)));
+    bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::load(body, flange_from_scanner)));
     bodies.extend(table_bodies(cell));
     bodies.extend(cell.floor_mm.map(floor));
     bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, Carrier::Still, &Isometry3::identity())));

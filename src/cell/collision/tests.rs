@@ -270,3 +270,19 @@ fn a_placement_is_tested_over_the_whole_turn_below_and_as_placed_beside() {
     assert_eq!(contact(&around(220.0, 0.0)).map(|contact| contact.to_string()).as_deref(), Some("wall and part"));
     assert_eq!(contact(&around(0.0, 220.0)), None, "the table need not turn there");
 }
+
+#[test]
+fn what_the_flange_carries_may_reach_back_to_the_link_before_it() {
+    let mut cell = cell();
+    let bar = Shape::Box { size_mm: [20.0, 20.0, 160.0] };
+    // Beside the wrist, whose housing is not round about the last axis.
+    cell.mount.push(Body { name: "bar".into(), owner_from_body: at(0.0, 80.0, -60.0), shape: bar });
+    let scene = CollisionScene::without_part(&cell, 1.0);
+    let turned = |turn_deg: f64| {
+        let mut configuration = cell.home_rad;
+        configuration[5] = turn_deg.to_radians();
+        scene.check(&configuration).map(|contact| contact.to_string())
+    };
+    let found: Vec<_> = (-17..18).map(|step| turned(10.0 * f64::from(step))).collect();
+    assert!(found.iter().any(Option::is_none) && found.contains(&Some("wrist and bar".into())), "{found:?}");
+}
