@@ -38,8 +38,6 @@ use crate::cell::{Cell, CollisionScene};
 
 /// Stations of a view to which a way is searched where no simple one is free.
 const SEARCHED: usize = 12;
-/// Rounds of kicks at most.
-const MOST_KICKS: u32 = 3;
 /// A sequence is as short as can be if it is this close to what none can be shorter than, seconds.
 const PROVED_SECS: f64 = 1e-6;
 
@@ -228,18 +226,11 @@ fn shortest_tour(joined: &Joined, routes: &Routes<'_>, ctx: &Context<'_>) -> Res
     });
     let mut checked: HashMap<(usize, usize), Route> = HashMap::new();
     let mut tour = Vec::new();
-    // Kicks cost more than moves do to check: they begin when the plain search is content, and end when they find nothing.
-    let mut kicks = 0;
     loop {
-        let known = tour.clone();
-        tour = tour::shortest(&joined.groups, &costs, &tour, kicks, ctx)?;
+        tour = tour::shortest(&joined.groups, &costs, &tour, ctx)?;
         let unchecked: Vec<_> = tour.windows(2).map(|step| key(step[0], step[1])).filter(|k| !checked.contains_key(k)).collect();
         if unchecked.is_empty() {
-            if kicks == MOST_KICKS || (kicks > 0 && tour == known) {
-                break;
-            }
-            kicks += 1;
-            continue;
+            break;
         }
         let found: Vec<Route> =
             unchecked.par_iter().map(|(a, b)| routes.between(&nodes[*a], &nodes[*b], ctx)).collect::<Result<_, _>>()?;

@@ -215,3 +215,13 @@ fn threads_do_not_change_the_sequence_and_a_cancel_is_heard() {
     assert_eq!(room.order_on(1, false), room.order_on(2, false));
     assert_eq!(room.order_on(2, true), Err(Cancelled));
 }
+
+#[test]
+fn long_tours_come_with_a_bound_near_them() {
+    for (count, within) in [(20, 1.01), (30, 1.06)] {
+        let sequence = room(count, Vec::new()).order_on(2, false).expect("not cancelled").sequence;
+        let (secs, least_secs) = (sequence.ordered_secs, sequence.at_least_secs);
+        println!("{count} views: {secs:.2} s, at least {least_secs:.2} s");
+        assert!(least_secs <= secs && secs <= within * least_secs, "{count} views: {secs} s, at least {least_secs} s");
+    }
+}

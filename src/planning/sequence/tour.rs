@@ -1,31 +1,38 @@
 //! The shortest closed tour from home through one node of each group, on a symmetric matrix of times.
 //!
 //! Up to [`EXACT_GROUPS`] groups by dynamic programming over subsets (M. Held and R. Karp, 1962, with the node of each
-//! group as part of the state), 2ⁿ·N² steps for N nodes. Beyond, nearest neighbour improved by 2-opt and Or-opt until
-//! neither helps; the choice of nodes for each order tried is exact, by dynamic programming along it, of which only the
-//! changed piece is computed anew. The best is then kicked (O. Martin, S. Otto and E. Felten's double bridge, Complex
-//! Systems 5, 1991: three pieces change places) and improved again, a number of times that depends on the number of groups
-//! alone. How far it is from the shortest is bounded in [`bound`].
+//! group as part of the state), 2ⁿ·N² steps for N nodes. Beyond, by a large neighbourhood search (S. Smith and F. Imeson,
+//! "GLNS: an effective large neighborhood search heuristic for the generalized traveling salesman problem", Computers &
+//! Operations Research 87, 2017): some groups are taken out of the tour and put in again where they cost least, the nodes for
+//! the new order are chosen anew by dynamic programming along it, and the result is kept if it is shorter, or, less and less
+//! often, if it is not (annealing). Runs with numbers of their own go side by side. How far the result is from the shortest is
+//! bounded in [`bound`].
 
 mod bound;
 
 use std::ops::Range;
+
+use rayon::prelude::*;
 
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
 
 /// Groups up to which the tour is proved shortest.
 pub(super) const EXACT_GROUPS: usize = 12;
-/// Kicks a group.
-const KICKS: usize = 2;
-/// Longest piece of a kick.
-const KICKED_GROUPS: f64 = 4.0;
-/// Positions beside a kick that are looked at afterwards.
-const AROUND: usize = 5;
-/// Names the stream of kicks.
+/// Runs side by side, …
+const RUNS: u64 = 4;
+/// … each of so many trials a group from nothing, …
+const TRIALS: usize = 100;
+/// … and so many from a tour that is known.
+const TRIALS_AGAIN: usize = 25;
+/// Groups taken out at most.
+const TAKEN_OUT: f64 = 20.0;
+/// How much longer a tour may get in a trial at first, about, in mean steps.
+const WARMTH: f64 = 0.3;
+/// Names the streams of trials.
 const STREAM: u64 = 0x7475_7273;
-/// Longest piece that Or-opt moves.
-const MOVED_GROUPS: usize = 3;
+/// Trials between two looks at the cancel flag.
+const TRIALS_PER_LOOK: usize = 32;
 /// An improvement smaller than this is rounding, seconds.
 const LEAST_GAIN_SECS: f64 = 1e-9;
 
@@ -57,24 +64,28 @@ impl Costs {
         self.secs[a * (self.nodes + 1) + b]
     }
 
+    /// Times from a node, or from home, to every node and home.
+    fn row(&self, from: usize) -> &[f64] {
+        &self.secs[from * (self.nodes + 1)..][..=self.nodes]
+    }
+
     fn home(&self, node: usize) -> f64 {
         self.get(node, self.nodes)
     }
 }
 
-/// One node of each group in the order visited. `known` is a tour to start from (empty: none) and `round` the number of the
-/// round of kicks, 0 for none, which matter to the local search only. Ties go to the lower number.
+/// One node of each group in the order visited. `known` is a tour to start from (empty: none), which matters to the search
+/// only. Ties go to the lower number.
 pub(super) fn shortest(
     groups: &[Range<usize>],
     costs: &Costs,
     known: &[usize],
-    round: u32,
     ctx: &Context<'_>,
 ) -> Result<Vec<usize>, Cancelled> {
     match groups.len() {
         0 => Ok(Vec::new()),
         1..=EXACT_GROUPS => exact(groups, costs, ctx),
-        _ => Search::new(groups, costs, known).run(round, ctx),
+        _ => searched(groups, costs, known, ctx),
     }
 }
 
@@ -133,202 +144,157 @@ fn trace_back(groups: &[Range<usize>], costs: &Costs, best: &[f64], before: &[u3
     tour
 }
 
-/// Local search over orders of groups.
+/// The shortest tour of all runs; of several the first run's.
+fn searched(groups: &[Range<usize>], costs: &Costs, known: &[usize], ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+    let run = |run: u64| Search::new(groups, costs, Stream::new(0, &[STREAM, run])).run(known, ctx);
+    let found: Vec<(f64, Vec<usize>)> = (0..RUNS).into_par_iter().map(run).collect::<Result<_, _>>()?;
+    let shortest = found.into_iter().reduce(|best, next| if next.0 < best.0 - LEAST_GAIN_SECS { next } else { best });
+    Ok(shortest.map(|(_, tour)| tour).unwrap_or_default())
+}
+
+/// Large neighbourhood search.
 struct Search<'a> {
     groups: &'a [Range<usize>],
     costs: &'a Costs,
-    order: Vec<usize>,
-    /// For each position, for each node of the group there: shortest way from home to it along the order, and on to home.
+    /// Group of each node.
+    group_of: Vec<usize>,
+    stream: Stream,
+    /// For each position of an order, for each node of the group there: shortest way from home to it. Kept for its memory.
     to_here: Vec<Vec<f64>>,
-    to_home: Vec<Vec<f64>>,
-    secs: f64,
-    /// Shortest step between any nodes of two groups, row-major, (groups + 1)²; the last row and column are home.
-    least_steps: Vec<f64>,
 }
 
 impl<'a> Search<'a> {
-    fn new(groups: &'a [Range<usize>], costs: &'a Costs, known: &[usize]) -> Self {
-        let order = if known.is_empty() {
-            nearest_neighbours(groups, costs)
-        } else {
-            known.iter().filter_map(|node| groups.iter().position(|group| group.contains(node))).collect()
-        };
-        let least_steps = least_steps(groups, costs);
-        let mut search = Self { groups, costs, order, to_here: Vec::new(), to_home: Vec::new(), secs: 0.0, least_steps };
-        search.refresh();
-        search
+    fn new(groups: &'a [Range<usize>], costs: &'a Costs, stream: Stream) -> Self {
+        let group_of = groups.iter().enumerate().flat_map(|(group, nodes)| vec![group; nodes.len()]).collect();
+        Self { groups, costs, group_of, stream, to_here: vec![Vec::new(); groups.len()] }
     }
 
-    fn run(mut self, round: u32, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
-        while self.improve(0..self.order.len(), ctx)? {}
-        if round == 0 {
-            return Ok(self.nodes());
+    /// The shortest tour met, and its time.
+    fn run(mut self, known: &[usize], ctx: &Context<'_>) -> Result<(f64, Vec<usize>), Cancelled> {
+        let (mut here, trials) = match known {
+            [] => (self.put_in(Vec::new(), (0..self.groups.len()).collect()), TRIALS),
+            known => (known.to_vec(), TRIALS_AGAIN),
+        };
+        let trials = trials * self.groups.len();
+        let mut secs = self.choose_nodes(&mut here);
+        let mut best = (secs, here.clone());
+        let hottest_secs = WARMTH * secs / (self.groups.len() + 1) as f64;
+        for trial in 0..trials {
+            if trial % TRIALS_PER_LOOK == 0 {
+                ctx.check()?;
+            }
+            let (left, out) = self.take_out(&here);
+            let mut other = self.put_in(left, out);
+            let other_secs = self.choose_nodes(&mut other);
+            let heat_secs = hottest_secs * (1.0 - trial as f64 / trials as f64);
+            if other_secs < secs || self.stream.unit() < ((secs - other_secs) / heat_secs).exp() {
+                (here, secs) = (other, other_secs);
+            }
+            if secs < best.0 - LEAST_GAIN_SECS {
+                best = (secs, here.clone());
+            }
         }
-        let mut stream = Stream::new(0, &[STREAM, u64::from(round)]);
-        let mut best = (self.secs, self.order.clone());
-        for _ in 0..KICKS * self.groups.len() {
-            let around = self.kick(&mut stream);
-            while self.improve(around.clone(), ctx)? {}
-            if self.secs < best.0 - LEAST_GAIN_SECS {
-                best = (self.secs, self.order.clone());
+        Ok(best)
+    }
+
+    /// A number below `count`, uniform.
+    fn any(&mut self, count: usize) -> usize {
+        (self.stream.unit() * count as f64) as usize
+    }
+
+    /// A tour without some of its nodes, and the groups of those: neighbours in the tour, any, or those nearest to one of them.
+    fn take_out(&mut self, tour: &[usize]) -> (Vec<usize>, Vec<usize>) {
+        let most = TAKEN_OUT.min((tour.len() - 1) as f64);
+        let count = 2 + (self.stream.unit() * self.stream.unit() * (most - 1.0)) as usize;
+        let mut out = tour.to_vec();
+        match self.any(3) {
+            0 => out.rotate_left(self.any(tour.len())),
+            1 => (0..count).for_each(|at| out.swap(at, at + self.any(tour.len() - at))),
+            _ => {
+                let centre = tour[self.any(tour.len())];
+                out.sort_by(|a, b| self.costs.get(centre, *a).total_cmp(&self.costs.get(centre, *b)));
+            }
+        }
+        out.truncate(count);
+        let left = tour.iter().copied().filter(|node| !out.contains(node)).collect();
+        (left, out.into_iter().map(|node| self.group_of[node]).collect())
+    }
+
+    /// The tour with `groups` put in where they cost least: in any order, or always the one that costs least of all.
+    fn put_in(&mut self, mut tour: Vec<usize>, mut groups: Vec<usize>) -> Vec<usize> {
+        let least_first = self.any(2) == 0;
+        while !groups.is_empty() {
+            let place = if least_first {
+                let places = (0..groups.len()).map(|index| (index, self.place(&tour, groups[index])));
+                places.reduce(|best, next| if next.1.secs < best.1.secs { next } else { best })
             } else {
-                self.order.clone_from(&best.1);
-            }
-        }
-        self.refresh();
-        Ok(self.nodes())
-    }
-
-    /// Two neighbouring pieces of the order change places; the positions around them.
-    fn kick(&mut self, stream: &mut Stream) -> Range<usize> {
-        let groups = self.order.len();
-        let longest = KICKED_GROUPS.min((groups / 2) as f64);
-        let mut length = || (1.0 + stream.unit() * longest).min(longest) as usize;
-        let (front, back) = (length(), length());
-        let first = (stream.unit() * (groups - front - back + 1) as f64) as usize;
-        let end = first + front + back;
-        self.order[first..end].rotate_left(front);
-        self.refresh();
-        first.saturating_sub(AROUND)..(end + AROUND).min(groups)
-    }
-
-    /// One round over all pieces of the order within these positions: each is reversed, or has a few groups moved from one end to the other,
-    /// wherever that makes the tour shorter. Whether anything did.
-    fn improve(&mut self, within: Range<usize>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
-        let before = self.secs;
-        for first in within.start..within.end - 1 {
-            ctx.check()?;
-            for last in first + 1..within.end {
-                let limit = self.secs - LEAST_GAIN_SECS;
-                let better = rearranged(&self.order[first..=last])
-                    .find(|piece| self.at_least(first, piece) < limit && self.with_piece(first, piece) < limit);
-                if let Some(better) = better {
-                    self.order[first..=last].copy_from_slice(&better);
-                    self.refresh();
-                }
-            }
-        }
-        Ok(self.secs < before)
-    }
-
-    /// A quick lower bound of [`Self::with_piece`]: every step between the nearest nodes of its groups.
-    fn at_least(&self, first: usize, piece: &[usize]) -> f64 {
-        let least = |secs: &[f64]| secs.iter().copied().fold(f64::INFINITY, f64::min);
-        let (home, after) = (self.groups.len(), first + piece.len());
-        let before = first.checked_sub(1).map_or((home, 0.0), |i| (self.order[i], least(&self.to_here[i])));
-        let onward = self.order.get(after).map_or((home, 0.0), |group| (*group, least(&self.to_home[after])));
-        let mut from = before.0;
-        let mut secs = before.1 + onward.1;
-        for to in piece.iter().chain([&onward.0]) {
-            secs += self.least_steps[from * (home + 1) + to];
-            from = *to;
-        }
-        secs
-    }
-
-    /// Time of the tour with `piece` in place of as many groups from position `first` on.
-    fn with_piece(&self, first: usize, piece: &[usize]) -> f64 {
-        let mut before = first.checked_sub(1).map(|i| (self.order[i], self.to_here[i].clone()));
-        for group in piece {
-            before = Some((*group, self.step(before.as_ref(), *group)));
-        }
-        let Some((group, secs)) = before else { return self.secs };
-        let nodes = self.groups[group].clone().zip(secs);
-        match self.order.get(first + piece.len()) {
-            None => nodes.map(|(node, so_far)| so_far + self.costs.home(node)).fold(f64::INFINITY, f64::min),
-            Some(next) => {
-                let onward = &self.to_home[first + piece.len()];
-                nodes
-                    .flat_map(|(node, so_far)| {
-                        let steps = self.groups[*next].clone().zip(onward);
-                        steps.map(move |(to, on)| so_far + self.costs.get(node, to) + on)
-                    })
-                    .fold(f64::INFINITY, f64::min)
-            }
-        }
-    }
-
-    /// Shortest ways to each node of `group` from the group before it, or from home.
-    fn step(&self, before: Option<&(usize, Vec<f64>)>, group: usize) -> Vec<f64> {
-        let shortest_to = |to: usize| match before {
-            None => self.costs.home(to),
-            Some((group, secs)) => {
-                let ways = self.groups[*group].clone().zip(secs).map(|(from, so_far)| so_far + self.costs.get(from, to));
-                ways.fold(f64::INFINITY, f64::min)
-            }
-        };
-        self.groups[group].clone().map(shortest_to).collect()
-    }
-
-    fn sweep(&self, order: impl Iterator<Item = usize>) -> Vec<Vec<f64>> {
-        let mut before: Option<(usize, Vec<f64>)> = None;
-        order
-            .map(|group| {
-                let secs = self.step(before.as_ref(), group);
-                before = Some((group, secs.clone()));
-                secs
-            })
-            .collect()
-    }
-
-    fn refresh(&mut self) {
-        self.to_here = self.sweep(self.order.iter().copied());
-        self.to_home = self.sweep(self.order.iter().rev().copied());
-        self.to_home.reverse();
-        let first = self.order.first().map_or(0..0, |group| self.groups[*group].clone());
-        let closed = first.zip(self.to_home.first().into_iter().flatten()).map(|(node, on)| self.costs.home(node) + on);
-        self.secs = closed.fold(f64::INFINITY, f64::min);
-    }
-
-    /// The nodes of the best tour along the order.
-    fn nodes(&self) -> Vec<usize> {
-        let mut tour: Vec<usize> = Vec::with_capacity(self.order.len());
-        for (position, group) in self.order.iter().enumerate() {
-            let from = tour.last().copied();
-            let total = |node: usize, on: f64| from.map_or_else(|| self.costs.home(node), |from| self.costs.get(from, node)) + on;
-            let options = self.groups[*group].clone().zip(&self.to_home[position]);
-            let best = options.min_by(|a, b| total(a.0, *a.1).total_cmp(&total(b.0, *b.1)));
-            tour.extend(best.map(|(node, _)| node));
+                let index = self.any(groups.len());
+                Some((index, self.place(&tour, groups[index])))
+            };
+            let Some((index, place)) = place else { break };
+            tour.insert(place.at, place.node);
+            groups.swap_remove(index);
         }
         tour
     }
-}
 
-fn least_steps(groups: &[Range<usize>], costs: &Costs) -> Vec<f64> {
-    let home = costs.nodes..costs.nodes + 1;
-    let all: Vec<_> = groups.iter().chain([&home]).collect();
-    let least = |a: &Range<usize>, b: &Range<usize>| {
-        a.clone().flat_map(|from| b.clone().map(move |to| costs.get(from, to))).fold(f64::INFINITY, f64::min)
-    };
-    all.iter().flat_map(|a| all.iter().map(move |b| least(a, b))).collect()
-}
-
-/// `piece` reversed, and with up to three groups moved from its front to its back or the other way, as they are or turned.
-fn rearranged(piece: &[usize]) -> impl Iterator<Item = Vec<usize>> + '_ {
-    let reversed = std::iter::once_with(|| piece.iter().rev().copied().collect());
-    let moved = (1..=MOVED_GROUPS.min(piece.len() - 1)).flat_map(move |count| {
-        let (front, rest) = piece.split_at(count);
-        let (lead, back) = piece.split_at(piece.len() - count);
-        let turned = |part: &[usize]| part.iter().rev().copied().collect::<Vec<_>>();
-        [[rest, front].concat(), [rest, &turned(front)].concat(), [back, lead].concat(), [&turned(back), lead].concat()]
-    });
-    reversed.chain(moved)
-}
-
-/// From home always to the nearest group not yet visited.
-fn nearest_neighbours(groups: &[Range<usize>], costs: &Costs) -> Vec<usize> {
-    let mut left: Vec<usize> = (0..groups.len()).collect();
-    let (mut order, mut here) = (Vec::new(), costs.nodes);
-    while !left.is_empty() {
-        let nearest = |group: &usize| {
-            let to = groups[*group].clone().min_by(|a, b| costs.get(here, *a).total_cmp(&costs.get(here, *b)));
-            to.map_or((f64::INFINITY, here), |node| (costs.get(here, node), node))
-        };
-        let Some(at) = (0..left.len()).min_by(|a, b| nearest(&left[*a]).0.total_cmp(&nearest(&left[*b]).0)) else { break };
-        here = nearest(&left[at]).1;
-        order.push(left.remove(at));
+    /// Where a group costs least in a tour.
+    fn place(&self, tour: &[usize], group: usize) -> Place {
+        let home = self.costs.nodes;
+        let nodes = &self.groups[group];
+        let mut best = Place { secs: f64::INFINITY, at: 0, node: nodes.start };
+        for at in 0..=tour.len() {
+            let before = at.checked_sub(1).map_or(home, |at| tour[at]);
+            let after = tour.get(at).copied().unwrap_or(home);
+            let straight = self.costs.get(before, after);
+            let ways = self.costs.row(before)[nodes.clone()].iter().zip(&self.costs.row(after)[nodes.clone()]);
+            for (node, (there, on)) in nodes.clone().zip(ways) {
+                let secs = there + on - straight;
+                if secs < best.secs {
+                    best = Place { secs, at, node };
+                }
+            }
+        }
+        best
     }
-    order
+
+    /// The best nodes for the order of a tour, and its time.
+    fn choose_nodes(&mut self, tour: &mut [usize]) -> f64 {
+        let home = self.costs.nodes;
+        let mut before: Option<usize> = None;
+        for (position, group) in tour.iter().map(|node| self.group_of[*node]).enumerate() {
+            let (done, rest) = self.to_here.split_at_mut(position);
+            let to_here = &mut rest[0];
+            to_here.clear();
+            to_here.extend(self.groups[group].clone().map(|to| match before {
+                None => self.costs.home(to),
+                Some(before) => {
+                    let row = &self.costs.row(to)[self.groups[before].clone()];
+                    let ways = done[position - 1].iter().zip(row).map(|(so_far, step)| so_far + step);
+                    ways.fold(f64::INFINITY, |least, secs| if secs < least { secs } else { least })
+                }
+            }));
+            before = Some(group);
+        }
+        let (mut next, mut total) = (home, 0.0);
+        for (position, node) in tour.iter_mut().enumerate().rev() {
+            let options = self.groups[self.group_of[*node]].clone().zip(&self.to_here[position]);
+            let ways = options.map(|(node, so_far)| (so_far + self.costs.get(node, next), node));
+            let best = ways.fold((f64::INFINITY, *node), |best, way| if way.0 < best.0 { way } else { best });
+            if next == home {
+                total = best.0;
+            }
+            (*node, next) = (best.1, best.1);
+        }
+        total
+    }
+}
+
+/// A place in a tour for a node, and what it adds.
+struct Place {
+    secs: f64,
+    at: usize,
+    node: usize,
 }
 
 #[cfg(test)]

@@ -1,130 +1,482 @@
 //! A time that no tour can be shorter than, for tours too long to be proved shortest.
 //!
-//! Closed walks from home with one stop for each group are cheaper than tours: they may stop at a group twice and pass over
-//! another. The shortest is found by dynamic programming over the number of stops, walks that go from a group to another
-//! and straight back left out (N. Christofides, A. Mingozzi and P. Toth, "State-space relaxation procedures for the
-//! computation of bounds to routing problems", Networks 11, 1981); a toll on groups that it stops at too often, and a reward
-//! for those that it passes over, raise it towards the tour (M. Held and R. Karp's multipliers, by subgradient). Any tolls
-//! give a valid bound. Cost: O(groups · nodes²) a round.
+//! Walks from home with one stop for each group are cheaper than tours: they may stop at a group twice and pass over another.
+//! The shortest is found by dynamic programming over the number of stops (N. Christofides, A. Mingozzi and P. Toth,
+//! "State-space relaxation procedures for the computation of bounds to routing problems", Networks 11, 1981), each group
+//! remembering some of those that the walk came by, to which it may not go on (R. Baldacci, A. Mingozzi and R. Roberti, "New
+//! route relaxation and pricing strategies for the vehicle routing problem", Operations Research 59(5), 2011). A toll on groups
+//! that it stops at too often, and a reward for those that it passes over, raise it towards the tour (M. Held and R. Karp's
+//! multipliers, by subgradient); where tolls raise it no more, what groups remember grows by what the walk came back to
+//! (R. Roberti and A. Mingozzi, "Dynamic ng-path relaxation for the delivery man problem", Transportation Science 48(3),
+//! 2014). Any tolls and memories give a valid bound. A walk without a group twice is the shortest tour.
+//!
+//! Times are the same both ways, so a walk is two halves that meet, and only halves are grown. A half is dropped where no
+//! second half, with the smallest memories, makes a walk shorter than the known tour.
+//!
+//! Cost: labels · nodes · (nodes of a group) additions a round, in single precision.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::Costs;
+use crate::geometry::{Kernel, SimdLevel, least};
 use crate::planning::context::{Cancelled, Context};
 
-/// Rounds of multipliers at most, …
-const ROUNDS: f64 = 200.0;
-/// … and steps from node to node in all of them, a few seconds' worth.
-const STEPS: f64 = 3e9;
-/// Rounds without gain after which steps are halved.
-const PATIENCE: u32 = 8;
+/// Groups that each remembers at first, the nearest, …
+const REMEMBERED: usize = 3;
+/// … and at most.
+const MOST_REMEMBERED: usize = 13;
+/// Additions in all rounds together, about a second's worth on two cores.
+const ADDITIONS: usize = 32_000_000_000;
+/// Rounds without gain after which steps become shorter, …
+const PATIENCE: u32 = 3;
+/// … and by how much.
+const SHORTER: f64 = 0.7;
+/// Share of the full step below which memories grow, …
+const GROW: f64 = 0.3;
+/// … and with which it goes on then.
+const AGAIN: f64 = 0.4;
+/// Steps this short change nothing.
+const STILL: f64 = 1e-3;
+/// Nodes side by side.
+const LANES: usize = 16;
 /// A gap smaller than this share of the tour is closed.
 const CLOSED: f64 = 1e-6;
-/// No group.
-const HOME: u32 = u32::MAX;
-
-/// The shortest walk to a node, and the shortest whose last stop before was in another group.
-#[derive(Clone, Copy)]
-struct Labels {
-    secs: [f64; 2],
-    /// Group of the stop before.
-    group: [u32; 2],
-    /// Node of the stop before, and which of its labels.
-    from: [(u32, u8); 2],
-}
-
-const NONE: Labels = Labels { secs: [f64::INFINITY; 2], group: [HOME; 2], from: [(u32::MAX, 0); 2] };
-
-impl Labels {
-    fn offer(&mut self, secs: f64, group: u32, from: (u32, u8)) {
-        if secs < self.secs[0] {
-            if group != self.group[0] {
-                (self.secs[1], self.group[1], self.from[1]) = (self.secs[0], self.group[0], self.from[0]);
-            }
-            (self.secs[0], self.group[0], self.from[0]) = (secs, group, from);
-        } else if secs < self.secs[1] && group != self.group[0] {
-            (self.secs[1], self.group[1], self.from[1]) = (secs, group, from);
-        }
-    }
-
-    /// The label that a walk may go on from to `group`.
-    fn towards(&self, group: u32) -> usize {
-        usize::from(self.group[0] == group)
-    }
-}
 
 /// A lower bound of the shortest tour; `tour_secs` is the time of one that is known.
 pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, ctx: &Context<'_>) -> Result<f64, Cancelled> {
-    let mut tolls = vec![0.0; groups.len()];
-    let (mut best, mut share, mut waited) = (0.0_f64, 1.0, 0);
-    let rounds = (STEPS / (groups.len() * costs.nodes * costs.nodes) as f64).clamp(4.0, ROUNDS) as u32;
-    for _ in 0..rounds {
+    let width = width(groups);
+    if (groups.len() * width).pow(2).saturating_mul(groups.len() << REMEMBERED) > ADDITIONS {
+        return Ok(entered_secs(groups, costs).min(tour_secs));
+    }
+    let relaxation = Relaxation::new(groups, costs, ctx.simd_level());
+    let mut ascent = Ascent::new(&relaxation, tour_secs);
+    let mut additions = 0;
+    loop {
         ctx.check()?;
-        let (secs, stops) = shortest_walk(groups, costs, &tolls);
-        waited = if secs > best { 0 } else { waited + 1 };
-        best = best.max(secs);
-        let off: f64 = stops.iter().map(|stops| (f64::from(*stops) - 1.0).powi(2)).sum();
-        if off == 0.0 || tour_secs - best <= CLOSED * tour_secs {
-            break;
+        let walk = relaxation.shortest_walk(&ascent.first, &ascent.memories, &ascent.tolls, tour_secs);
+        additions += walk.additions;
+        if ascent.is_done(&walk) || additions + walk.additions > ADDITIONS {
+            return Ok(ascent.best_secs.clamp(0.0, tour_secs));
         }
-        if waited == PATIENCE {
-            (share, waited) = (0.5 * share, 0);
-        }
-        let step = share * (tour_secs - secs) / off;
-        tolls.iter_mut().zip(&stops).for_each(|(toll, stops)| *toll += step * (f64::from(*stops) - 1.0));
     }
-    Ok(best.min(tour_secs))
 }
 
-/// Time of the shortest closed walk under these tolls, less all tolls; and how often it stops at each group.
-fn shortest_walk(groups: &[Range<usize>], costs: &Costs, tolls: &[f64]) -> (f64, Vec<u32>) {
-    let group_of: Vec<u32> = groups.iter().zip(0_u32..).flat_map(|(group, number)| vec![number; group.len()]).collect();
-    let mut layers = vec![vec![NONE; costs.nodes]];
-    for node in 0..costs.nodes {
-        layers[0][node].offer(costs.home(node) + tolls[group_of[node] as usize], HOME, (u32::MAX, 0));
-    }
-    for _ in 1..groups.len() {
-        let before = &layers[layers.len() - 1];
-        let next = groups.par_iter().zip(0_u32..groups.len() as u32).map(|(to, number)| {
-            // Walks that may go on to this group, and where they are: the same for each of its nodes.
-            let open: Vec<(f64, u8)> =
-                before.iter().map(|labels| (labels.secs[labels.towards(number)], labels.towards(number) as u8)).collect();
-            to.clone().map(|node| step(groups, costs, &open, node, number, tolls[number as usize])).collect::<Vec<_>>()
+/// Nodes of the largest group, rounded up to whole [`LANES`].
+fn width(groups: &[Range<usize>]) -> usize {
+    groups.iter().map(Range::len).max().unwrap_or(0).next_multiple_of(LANES)
+}
+
+/// What every tour takes: the least step into each group and home. For tours too long for anything better.
+pub(super) fn entered_secs(groups: &[Range<usize>], costs: &Costs) -> f64 {
+    let home = costs.nodes..costs.nodes + 1;
+    let least_into = |group: &Range<usize>| {
+        let into = group.clone().flat_map(|node| {
+            let row = costs.row(node).iter().enumerate();
+            row.filter(|(from, _)| !group.contains(from)).map(|(_, secs)| *secs)
         });
-        layers.push(next.collect::<Vec<_>>().concat());
-    }
-    close(&layers, costs, &group_of, tolls)
+        into.fold(f64::INFINITY, f64::min)
+    };
+    groups.par_iter().chain([&home]).map(least_into).collect::<Vec<_>>().into_iter().sum()
 }
 
-/// Labels of a node from those of the layer before.
-fn step(groups: &[Range<usize>], costs: &Costs, open: &[(f64, u8)], node: usize, number: u32, toll: f64) -> Labels {
-    let row = &costs.secs[node * (costs.nodes + 1)..][..costs.nodes];
-    let mut labels = NONE;
-    for (from, group) in groups.iter().zip(0_u32..).filter(|(_, group)| *group != number) {
-        let ways = from.clone().map(|at| (open[at].0 + row[at], at));
-        let least = ways.fold((f64::INFINITY, usize::MAX), |least, way| if way.0 < least.0 { way } else { least });
-        if least.1 != usize::MAX {
-            labels.offer(least.0 + toll, group, (least.1 as u32, open[least.1].1));
-        }
-    }
-    labels
+/// Tolls and memories on their way to the best bound.
+struct Ascent {
+    tour_secs: f64,
+    tolls: Vec<f64>,
+    first: Memories,
+    memories: Memories,
+    most: usize,
+    best_secs: f64,
+    /// Of the memories as they are: the highest bound, and the tolls and the stops of its walk.
+    highest: (f64, Vec<f64>, Vec<usize>),
+    share: f64,
+    waited: u32,
 }
 
-fn close(layers: &[Vec<Labels>], costs: &Costs, group_of: &[u32], tolls: &[f64]) -> (f64, Vec<u32>) {
-    let last = &layers[layers.len() - 1];
-    let closed = |node: &usize| last[*node].secs[0] + costs.home(*node);
-    let end = (0..costs.nodes).min_by(|a, b| closed(a).total_cmp(&closed(b))).unwrap_or(0);
-    let mut stops = vec![0; tolls.len()];
-    let (mut node, mut label) = (end, 0);
-    for layer in layers.iter().rev() {
-        stops[group_of[node] as usize] += 1;
-        let (from, of) = layer[node].from[label];
-        (node, label) = (from as usize, usize::from(of));
-        if from == u32::MAX {
-            break;
+impl Ascent {
+    fn new(relaxation: &Relaxation<'_>, tour_secs: f64) -> Self {
+        let count = relaxation.groups.len();
+        let first = Memories::new(relaxation.nearest(REMEMBERED));
+        let (memories, tolls) = (first.clone(), vec![0.0; count]);
+        let highest = (0.0, tolls.clone(), Vec::new());
+        let (share, waited) = (1.0, 0);
+        Self { tour_secs, tolls, first, memories, most: REMEMBERED, best_secs: 0.0, highest, share, waited }
+    }
+
+    /// Takes a walk into account; whether nothing more is to be had.
+    fn is_done(&mut self, walk: &Walk) -> bool {
+        self.best_secs = self.best_secs.max(walk.secs);
+        if walk.secs > self.highest.0 || self.highest.2.is_empty() {
+            (self.highest, self.waited) = ((walk.secs, self.tolls.clone(), walk.groups.clone()), 0);
+        } else {
+            self.waited += 1;
+        }
+        let mut too_often = vec![-1.0; self.tolls.len()];
+        walk.groups.iter().for_each(|group| too_often[*group] += 1.0);
+        let off: f64 = too_often.iter().map(|stops: &f64| stops * stops).sum();
+        if off == 0.0 || walk.groups.is_empty() || self.tour_secs - self.best_secs <= CLOSED * self.tour_secs {
+            return true;
+        }
+        if self.waited == PATIENCE {
+            (self.share, self.waited) = (SHORTER * self.share, 0);
+            self.tolls.clone_from(&self.highest.1);
+            let grows = self.share < GROW && self.grow(&walk.groups);
+            if !grows && self.share < STILL {
+                return true;
+            }
+        }
+        let step = self.share * (self.tour_secs - walk.secs) / off;
+        self.tolls.iter_mut().zip(&too_often).for_each(|(toll, stops)| *toll += step * stops);
+        false
+    }
+
+    /// Has groups remember what the best walk and the last came back to by way of them; whether any does now.
+    fn grow(&mut self, last: &[usize]) -> bool {
+        self.most = (self.most + 1).min(MOST_REMEMBERED);
+        let mut lists = self.memories.lists.clone();
+        let mut grew = false;
+        for walk in [&self.highest.2[..], last] {
+            for (at, group) in walk.iter().enumerate() {
+                let Some(back) = walk[at + 1..].iter().position(|other| other == group) else { continue };
+                for between in &walk[at + 1..at + 1 + back] {
+                    if lists[*between].len() < self.most && !lists[*between].contains(group) {
+                        lists[*between].push(*group);
+                        grew = true;
+                    }
+                }
+            }
+        }
+        if grew {
+            self.memories = Memories::new(lists);
+            (self.share, self.highest.0) = (AGAIN, 0.0);
+        }
+        grew
+    }
+}
+
+/// Which groups each group remembers, and what becomes of what is remembered on the way from one to another.
+#[derive(Clone)]
+struct Memories {
+    lists: Vec<Vec<usize>>,
+    /// For each two groups, for each set of what the first remembers as bits: what the second remembers then.
+    passed_on: Vec<Vec<u16>>,
+}
+
+/// The second group is remembered by the first: no walk goes there.
+const FORBIDDEN: u16 = u16::MAX;
+
+impl Memories {
+    fn new(lists: Vec<Vec<usize>>) -> Self {
+        let count = lists.len();
+        let passed_on = |pair: usize| {
+            let (from, to) = (pair / count, pair % count);
+            let place = |group: &usize| lists[to].iter().position(|other| other == group);
+            let itself = place(&from).map_or(0, |bit| 1 << bit);
+            let places: Vec<_> = lists[from].iter().map(place).collect();
+            let barred = lists[from].iter().position(|group| *group == to).map_or(0, |bit| 1 << bit);
+            let passed = |set: u16| {
+                let kept = places.iter().enumerate().filter(|(bit, _)| set >> bit & 1 == 1).filter_map(|(_, place)| *place);
+                if set & barred == 0 { kept.fold(itself, |all, bit| all | 1 << bit) } else { FORBIDDEN }
+            };
+            (0..1 << lists[from].len()).map(passed).collect()
+        };
+        let passed_on = (0..count * count).into_par_iter().map(passed_on).collect();
+        Self { lists, passed_on }
+    }
+
+    fn passed_on(&self, from: usize, to: usize) -> &[u16] {
+        &self.passed_on[from * self.lists.len() + to]
+    }
+}
+
+/// Walks that end in a group: what the group remembers of each, ascending, and for each the time to each of its nodes.
+#[derive(Clone, Default)]
+struct Ends {
+    sets: Vec<u16>,
+    /// A row of [`Relaxation::width`] for each set; infinite where there is no such node or walk.
+    secs: Vec<f32>,
+}
+
+/// A shortest walk.
+struct Walk {
+    /// Its time less all tolls, rounded down; infinite where every walk is longer than the known tour.
+    secs: f64,
+    /// The groups it stops at, in order.
+    groups: Vec<usize>,
+    /// Additions that it took.
+    additions: usize,
+}
+
+/// The times as the walks need them.
+struct Relaxation<'a> {
+    groups: &'a [Range<usize>],
+    level: SimdLevel,
+    /// See [`width`].
+    width: usize,
+    /// For each two groups, for each [`LANES`] nodes of the second, for each node of the first the times to them, infinite where
+    /// there is none.
+    steps: Vec<[f32; LANES]>,
+    /// For each group the times from home to its nodes.
+    home: Vec<f32>,
+}
+
+impl<'a> Relaxation<'a> {
+    fn new(groups: &'a [Range<usize>], costs: &Costs, level: SimdLevel) -> Self {
+        let width = width(groups);
+        let padded = |row: &[f64], group: &Range<usize>| -> Vec<f32> {
+            let secs = row[group.clone()].iter().map(|secs| *secs as f32);
+            secs.chain(std::iter::repeat(f32::INFINITY)).take(width).collect()
+        };
+        let block = |from: &Range<usize>, to: &Range<usize>| -> Vec<[f32; LANES]> {
+            let rows: Vec<_> = from.clone().map(|node| padded(costs.row(node), to)).collect();
+            let lanes = |chunk: usize, node: usize| rows.get(node).and_then(|row| row.as_chunks().0.get(chunk).copied());
+            let each = (0..width / LANES).flat_map(|chunk| (0..width).map(move |node| (chunk, node)));
+            each.map(|(chunk, node)| lanes(chunk, node).unwrap_or([f32::INFINITY; LANES])).collect()
+        };
+        let steps = groups.iter().flat_map(|from| groups.iter().flat_map(move |to| block(from, to))).collect();
+        let home = groups.iter().flat_map(|group| padded(costs.row(costs.nodes), group)).collect();
+        Self { groups, level, width, steps, home }
+    }
+
+    /// A row of lanes for each node of `from`: the times to those of a chunk of `to`'s.
+    #[inline(always)]
+    fn steps(&self, from: usize, to: usize, chunk: usize) -> &[[f32; LANES]] {
+        let chunks = self.width / LANES;
+        &self.steps[((from * self.groups.len() + to) * chunks + chunk) * self.width..][..self.width]
+    }
+
+    fn home(&self, group: usize) -> &[f32] {
+        &self.home[group * self.width..][..self.width]
+    }
+
+    /// For each group the `count` nearest others.
+    fn nearest(&self, count: usize) -> Vec<Vec<usize>> {
+        let groups = self.groups.len();
+        let chunks = 0..self.width / LANES;
+        let steps = |from: usize, to: usize| chunks.clone().flat_map(move |chunk| self.steps(from, to, chunk).as_flattened());
+        let apart = |from: usize, to: usize| steps(from, to).copied().fold(f32::INFINITY, least);
+        let nearest = |from: usize| {
+            let mut others: Vec<_> = (0..groups).filter(|to| *to != from).map(|to| (apart(from, to), to)).collect();
+            others.sort_by(|a, b| a.0.total_cmp(&b.0));
+            others.into_iter().take(count).map(|(_, to)| to).collect()
+        };
+        (0..groups).map(nearest).collect()
+    }
+
+    fn shortest_walk(&self, first: &Memories, memories: &Memories, tolls: &[f64], tour_secs: f64) -> Walk {
+        let stops = self.groups.len();
+        let all_tolls: f64 = tolls.iter().sum();
+        let tolls: Vec<f32> = tolls.iter().map(|toll| *toll as f32).collect();
+        // Sums of single precision: each addition is off by half a unit in the last place of the sum at most.
+        let largest = tour_secs + tolls.iter().map(|toll| f64::from(toll.abs())).sum::<f64>();
+        let slack_secs = 2.0 * stops as f64 * f64::from(f32::EPSILON) * largest;
+        let (whole, mut additions) = self.layers(first, &tolls, stops, |_, _, _| true);
+        let grown = memories.lists != first.lists;
+        let layers = if grown {
+            let on = self.onward(&whole, &tolls);
+            let limit = (tour_secs + all_tolls + slack_secs) as f32;
+            let is_open = |stop: usize, group: usize, secs: &[f32]| {
+                let on = &on[stop][group * self.width..][..self.width];
+                secs.iter().zip(on).any(|(so_far, on)| so_far + on <= limit)
+            };
+            let (halves, more) = self.layers(memories, &tolls, stops / 2 + 1, is_open);
+            additions += more;
+            halves
+        } else {
+            whole
+        };
+        let (secs, groups) = self.meet(&layers, memories, &tolls);
+        Walk { secs: f64::from(secs) - all_tolls - slack_secs, groups, additions }
+    }
+
+    /// Walks from home of one stop, two stops and so on, those left out that are not open.
+    fn layers(
+        &self,
+        memories: &Memories,
+        tolls: &[f32],
+        stops: usize,
+        is_open: impl Fn(usize, usize, &[f32]) -> bool + Sync,
+    ) -> (Vec<Vec<Ends>>, usize) {
+        let begun =
+            |group: usize| Ends { sets: vec![0], secs: self.home(group).iter().map(|secs| secs + tolls[group]).collect() };
+        let mut layers: Vec<Vec<Ends>> = vec![(0..self.groups.len()).map(begun).collect()];
+        let mut labels = 0;
+        for stop in 1..stops {
+            let before = &layers[stop - 1];
+            let next: Vec<Ends> = (0..self.groups.len())
+                .into_par_iter()
+                .map(|to| {
+                    let step = Step { relaxation: self, memories, before, to };
+                    let mut ends = self.level.run(step);
+                    ends.secs.iter_mut().for_each(|secs| *secs += tolls[to]);
+                    ends.keep(self.width, |secs| is_open(stop, to, secs));
+                    ends
+                })
+                .collect();
+            labels += before.iter().map(|ends| ends.sets.len()).sum::<usize>();
+            layers.push(next);
+        }
+        (layers, labels * self.groups.len() * self.width * self.width)
+    }
+
+    /// For each number of stops before, for each node: the least time that a walk takes from there on home.
+    fn onward(&self, whole: &[Vec<Ends>], tolls: &[f32]) -> Vec<Vec<f32>> {
+        let least_of = |ends: &Ends, toll: f32| {
+            let mut on = vec![f32::INFINITY; self.width];
+            for row in ends.secs.chunks_exact(self.width) {
+                on.iter_mut().zip(row).for_each(|(on, secs)| *on = least(*secs - toll, *on));
+            }
+            on
+        };
+        whole.iter().rev().map(|layer| layer.iter().zip(tolls).flat_map(|(ends, toll)| least_of(ends, *toll)).collect()).collect()
+    }
+
+    /// The shortest walk of two halves that end at the same node and of which neither remembers what the other does.
+    fn meet(&self, layers: &[Vec<Ends>], memories: &Memories, tolls: &[f32]) -> (f32, Vec<usize>) {
+        let stops = self.groups.len();
+        let there = (stops - 1) / 2;
+        let back = stops - 1 - there;
+        let met = (0..stops).into_par_iter().map(|group| self.meet_in(group, &layers[there], &layers[back], tolls[group]));
+        let nearest = met.collect::<Vec<_>>().into_iter().reduce(|best, next| if next.secs < best.secs { next } else { best });
+        let Some(meeting) = nearest.filter(|meeting| meeting.secs < f32::INFINITY) else { return (f32::INFINITY, Vec::new()) };
+        let half = |stop: usize, set: u16| self.trace(layers, memories, stop, End { set, ..meeting.end });
+        let mut groups = half(there, meeting.sets[0]);
+        groups.reverse();
+        groups.extend(half(back, meeting.sets[1]).into_iter().skip(1));
+        (meeting.secs, groups)
+    }
+
+    fn meet_in(&self, group: usize, there: &[Ends], back: &[Ends], toll: f32) -> Meeting {
+        let end = End { group, node: 0, set: 0 };
+        let mut best = Meeting { secs: f32::INFINITY, end, sets: [0; 2] };
+        let (first, second) = (there[group].by_least(self.width), back[group].by_least(self.width));
+        for (least_there, set, secs) in &first {
+            for (least_back, other, on) in &second {
+                if least_there + least_back - toll >= best.secs {
+                    break;
+                }
+                if set & other == 0 {
+                    for (node, (so_far, on)) in secs.iter().zip(*on).enumerate() {
+                        let secs = so_far + on - toll;
+                        if secs < best.secs {
+                            best = Meeting { secs, end: End { group, node, set: 0 }, sets: [*set, *other] };
+                        }
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// The groups of a half, from its end back to its first stop.
+    fn trace(&self, layers: &[Vec<Ends>], memories: &Memories, stop: usize, end: End) -> Vec<usize> {
+        let mut here = end;
+        let mut groups = vec![here.group];
+        for layer in layers[..stop].iter().rev() {
+            let mut best = (f32::INFINITY, here);
+            for (group, ends) in layer.iter().enumerate().filter(|(group, _)| *group != here.group) {
+                let passed_on = memories.passed_on(group, here.group);
+                let steps = self.steps(group, here.group, here.node / LANES);
+                let rows = ends.sets.iter().zip(ends.secs.chunks_exact(self.width));
+                for (set, row) in rows.filter(|(set, _)| passed_on[usize::from(**set)] == here.set) {
+                    for (node, so_far) in row.iter().enumerate() {
+                        let secs = so_far + steps[node][here.node % LANES];
+                        if secs < best.0 {
+                            best = (secs, End { group, node, set: *set });
+                        }
+                    }
+                }
+            }
+            here = best.1;
+            groups.push(here.group);
+        }
+        groups
+    }
+}
+
+/// Where a walk ends: at which node of a group, and what the group remembers of it.
+#[derive(Clone, Copy)]
+struct End {
+    group: usize,
+    node: usize,
+    set: u16,
+}
+
+/// Where two halves meet, and what is remembered of each.
+struct Meeting {
+    secs: f32,
+    end: End,
+    sets: [u16; 2],
+}
+
+impl Ends {
+    /// Leaves out walks that are not open.
+    fn keep(&mut self, width: usize, is_open: impl Fn(&[f32]) -> bool) {
+        let mut kept = Self::default();
+        for (set, row) in self.sets.iter().zip(self.secs.chunks_exact(width)).filter(|(_, row)| is_open(row)) {
+            kept.sets.push(*set);
+            kept.secs.extend(row);
+        }
+        *self = kept;
+    }
+
+    /// Every set with its least time and its times, the least first.
+    fn by_least(&self, width: usize) -> Vec<(f32, u16, &[f32])> {
+        let rows = self.sets.iter().zip(self.secs.chunks_exact(width));
+        let mut rows: Vec<_> = rows.map(|(set, row)| (row.iter().copied().fold(f32::INFINITY, least), *set, row)).collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rows
+    }
+}
+
+/// From all groups to one.
+struct Step<'a> {
+    relaxation: &'a Relaxation<'a>,
+    memories: &'a Memories,
+    before: &'a [Ends],
+    to: usize,
+}
+
+impl Kernel for Step<'_> {
+    type Output = Ends;
+
+    #[inline(always)]
+    fn run(self) -> Ends {
+        let Self { relaxation, memories, before, to } = self;
+        let width = relaxation.width;
+        let sets = 1 << memories.lists[to].len();
+        let mut secs = vec![f32::INFINITY; sets * width];
+        let mut met = vec![false; sets];
+        for (from, ends) in before.iter().enumerate().filter(|(from, _)| *from != to) {
+            let passed_on = memories.passed_on(from, to);
+            for (set, row) in ends.sets.iter().zip(ends.secs.chunks_exact(width)) {
+                let set = passed_on[usize::from(*set)];
+                if set != FORBIDDEN {
+                    met[usize::from(set)] = true;
+                    let so_far = &row[..relaxation.groups[from].len()];
+                    let (best, _) = secs[usize::from(set) * width..][..width].as_chunks_mut();
+                    for (chunk, best) in best.iter_mut().enumerate() {
+                        go_on(so_far, relaxation.steps(from, to, chunk), best);
+                    }
+                }
+            }
+        }
+        let sets: Vec<u16> = (0..sets).filter(|set| met[*set]).map(|set| set as u16).collect();
+        let secs = sets.iter().flat_map(|set| &secs[usize::from(*set) * width..][..width]).copied().collect();
+        Ends { sets, secs }
+    }
+}
+
+/// Improves the times to some nodes by steps from nodes at `so_far`.
+#[inline(always)]
+fn go_on(so_far: &[f32], steps: &[[f32; LANES]], best: &mut [f32; LANES]) {
+    let mut now = *best;
+    for (so_far, row) in so_far.iter().zip(steps) {
+        for lane in 0..LANES {
+            now[lane] = least(so_far + row[lane], now[lane]);
         }
     }
-    (closed(&end) - tolls.iter().sum::<f64>(), stops)
+    *best = now;
 }
