@@ -114,8 +114,9 @@ macro_rules! presets {
 
 const SCANNERS: &[(&str, &str)] = presets!("scanners": "transcan-c", "transcan-c-nominal");
 const ROBOTS: &[(&str, &str)] = presets!(
-    "robots": "hans-e05", "hans-e05-thesis", "hans-elfin10", "abb-irb2400-10", "abb-irb2600-12-165", "fanuc-m20ia",
-    "kuka-kr6-r700", "kuka-kr6-r900-2", "kuka-kr10-r1420", "staubli-tx2-60", "staubli-tx2-60l", "ur3e", "ur5e", "ur10e"
+    "robots": "hans-e05", "hans-e05-thesis", "hans-elfin10", "abb-irb1600-6-12", "abb-irb1600-8-145", "abb-irb2400-10",
+    "abb-irb2600-12-165", "fanuc-m20ia", "kuka-kr6-r700", "kuka-kr6-r900-2", "kuka-kr10-r1420", "staubli-tx2-60",
+    "staubli-tx2-60l", "staubli-tx2-160l", "ur3e", "ur5e", "ur10e"
 );
 const TURNTABLES: &[(&str, &str)] = presets!("turntables": "minas-a6-500");
 const CELLS: &[(&str, &str)] = presets!("cells": "e05-transcan");
