@@ -25,6 +25,8 @@ const RUNS: u64 = 4;
 const TRIALS: usize = 100;
 /// … and so many from a tour that is known.
 const TRIALS_AGAIN: usize = 25;
+/// Nodes looked at in all trials of a run from nothing, at most: a run's worth on long tours of many nodes.
+const LOOKS: usize = 12_000_000;
 /// Groups taken out at most.
 const TAKEN_OUT: f64 = 20.0;
 /// How much longer a tour may get in a trial at first, about, in mean steps.
@@ -175,7 +177,7 @@ impl<'a> Search<'a> {
             [] => (self.put_in(Vec::new(), (0..self.groups.len()).collect()), TRIALS),
             known => (known.to_vec(), TRIALS_AGAIN),
         };
-        let trials = trials * self.groups.len();
+        let trials = trials * self.groups.len().min(LOOKS / (TRIALS * self.costs.nodes));
         let mut secs = self.choose_nodes(&mut here);
         let mut best = (secs, here.clone());
         let hottest_secs = WARMTH * secs / (self.groups.len() + 1) as f64;
