@@ -20,6 +20,7 @@ mod random;
 pub mod recheck;
 pub mod report;
 mod robust;
+mod rolls;
 mod rounds;
 pub mod selection;
 pub mod sequence;

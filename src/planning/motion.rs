@@ -7,7 +7,7 @@ use super::input::PlanInput;
 use super::obstructions::LOOKED_AT_MM;
 use super::params::PlanParams;
 use super::selection::ViewId;
-use super::sequence::{self, Ordered};
+use super::sequence::{self, Ordered, Permits};
 use super::stations::{self, Station};
 use super::study::Reach;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Gap};
@@ -68,6 +68,11 @@ impl<'a> Motion<'a> {
     /// Order and paths through `views`; see [`sequence::order`].
     pub(super) fn order(&self, views: &[(ViewId, &[Station])], insist: bool, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
         sequence::order(views, self.cell, &self.scene, self.params, insist, ctx)
+    }
+
+    /// The same with views rolled; see [`sequence::roll`].
+    pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut Permits<'_>) -> Result<Ordered, Cancelled> {
+        sequence::roll(ordered, self.cell, &self.scene, self.params, permits, ctx)
     }
 
     /// The two bodies that keep the cell from a view, and the segment on which they do: the straight way to the first of its

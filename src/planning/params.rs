@@ -132,6 +132,9 @@ pub struct MotionParams {
     /// `round`, for executors that stream set points: corners are cut where that is free, and the move is run without
     /// stopping, as quickly as the axes allow. Dialects take moves with stops alone.
     pub corners: Corners,
+    /// Whether a chosen view may be taken rolled about the optical axis where that makes the moves shorter: `free`, the
+    /// default, where no less is measured then, or `fixed`.
+    pub roll: Roll,
     /// Largest deviation of an emitted polyline from the planned path, degrees of any joint, 0.001 to 2. Default 0.1.
     pub path_tolerance_deg: f64,
 }
@@ -143,6 +146,7 @@ impl Default for MotionParams {
             clearance_mm: 5.0,
             table: TableMotion::WithArm,
             corners: Corners::Stop,
+            roll: Roll::Free,
             path_tolerance_deg: 0.1,
         }
     }
@@ -168,6 +172,17 @@ pub enum Corners {
     Stop,
     /// Corners are cut and passed without stopping.
     Round,
+}
+
+/// Roll of chosen views about the optical axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Roll {
+    /// Any with which the views measure no less.
+    #[default]
+    Free,
+    /// That of the candidates.
+    Fixed,
 }
 
 /// Incidence limits of this job.

@@ -16,6 +16,7 @@ use super::params::{Hemisphere, PlanParams, SelectionGoal};
 use super::placement;
 use super::plan::{Certificate, Outcome, SetupPlan};
 use super::robust::{self, Setting};
+use super::rolls;
 use super::rounds::{Considered, Rounds};
 use super::sequence::Ordered;
 use super::setups::{self, Setup};
@@ -40,8 +41,9 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let poses = setups.iter().map(|setup| setup.table_from_part).collect();
     let Prepared { params, surface, asked_area_mm2, .. } = &prepared;
     let (surface, asked_area_mm2) = (surface.clone(), asked_area_mm2.clone());
-    let study = Study { input, params, surface, setups: poses, generated, table, robust_rows, reach, asked_area_mm2 };
+    let mut study = Study { input, params, surface, setups: poses, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, &setups, ctx)?;
+    let ordered = rolls::improve(&mut study, &setups, &chosen, ordered, ctx)?;
     ctx.begin(Stage::Missed)?;
     let takes = |view: &Pose<Part, ScannerFrame>| takes(&setups, view, ctx);
     let takes = input.cell.is_some().then_some(&takes as &missed::Takes<'_>);

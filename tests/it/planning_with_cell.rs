@@ -7,8 +7,8 @@ use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec
 use vantage::geometry::demo_parts::DemoPart;
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region, SelectionGoal};
-use vantage::planning::plan::{Cause, Outcome, Plan, StopReason};
+use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region, Roll, SelectionGoal};
+use vantage::planning::plan::{Cause, Outcome, Plan, PlannedView, StopReason};
 use vantage::planning::sequence::Sequence;
 use vantage::planning::{PlanError, PlanInput, plan, recheck};
 use vantage::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError};
@@ -203,6 +203,31 @@ fn the_shortest_cycle_has_as_many_views_meets_the_target_and_moves_less() {
     assert_eq!(quickest.stopped_because, StopReason::Target);
     assert!(quickest.coverage.of_coverable() >= params.selection.target - 1e-9);
     assert!(secs(&quickest) < 0.97 * secs(&fewest), "{} and {}", secs(&quickest), secs(&fewest));
+}
+
+#[test]
+fn views_are_rolled_where_moves_are_shorter_then_and_no_less_is_measured() {
+    let (cell, mesh) = (default_cell(), DemoPart::Figurine.mesh(20_000).expect("a part"));
+    let mut params = PlanParams::default();
+    params.part.samples_per_mm2 = Some(0.3);
+    params.candidates.even_directions = Some(60);
+    params.motion.roll = Roll::Fixed;
+    let fixed = planned(&mesh, None, &cell, &params).expect("a plan").plan;
+    params.motion.roll = Roll::Free;
+    let free = planned(&mesh, None, &cell, &params).expect("a plan").plan;
+    let secs = |plan: &Plan| plan.sequences().map(Sequence::motion_secs).sum::<f64>();
+    let about_axis = |(a, b): (&PlannedView, &PlannedView)| {
+        let turn = a.part_from_scanner.inverse() * b.part_from_scanner;
+        assert!(turn.origin_mm().coords.norm() < 1e-6 && (turn.direction(&Vector3::z()).z - 1.0).abs() < 1e-12);
+        turn.direction(&Vector3::x()).y.atan2(turn.direction(&Vector3::x()).x).to_degrees()
+    };
+    let rolls_deg: Vec<_> = fixed.views.iter().zip(&free.views).map(about_axis).collect();
+    println!("{:.2} s moving, rolled {:.2} s, by {rolls_deg:.1?} degrees", secs(&fixed), secs(&free));
+    assert!(secs(&free) < secs(&fixed) - 0.1 && rolls_deg.iter().any(|roll| roll.abs() > 1.0));
+    assert!(free.coverage.measured_area_mm2 >= fixed.coverage.measured_area_mm2 - 1e-6);
+    let program = compile(free.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &free.params);
+    let scene = CollisionScene::new(&cell, &mesh, None, &free.table_from_part.expect("a cell"), 5.0 - 0.01);
+    assert_eq!(check(&program, &cell, &scene, None), []);
 }
 
 /// Posts beside the table, where the arm swings from one side to the other.

@@ -26,6 +26,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub use self::moves::straight_secs;
+pub use self::refine::Permits;
 use self::refine::Tour;
 use self::rounded::Rounded;
 use self::routes::{Node, Route, Routes};
@@ -66,8 +67,8 @@ pub struct Sequence {
     pub visits: Vec<(ViewId, Leg)>,
     /// The move home.
     pub return_home: Leg,
-    /// Time of the moves as the tour was found, before its stations were moved along the table's angle and with a stop at
-    /// every point.
+    /// Time of the moves as the tour was found, before its stations were moved along the table's angle and rolled, and with a
+    /// stop at every point.
     pub ordered_secs: f64,
     /// No such tour over the stations and moves that were considered takes less.
     pub at_least_secs: f64,
@@ -88,6 +89,8 @@ pub struct Ordered {
     pub sequence: Sequence,
     /// Views to none of whose stations a free path was found, in the order given.
     pub no_path: Vec<ViewId>,
+    /// What the sequence was made of.
+    tour: Tour,
 }
 
 impl Sequence {
@@ -125,7 +128,7 @@ pub fn order(
     let joined = join_to_home(stations, &routes, ctx)?;
     if insist && !joined.no_path.is_empty() {
         let nowhere = Tour { stops: Vec::new(), ways: vec![Route::default()] };
-        return Ok(Ordered { sequence: sequence(&nowhere, &routes, [0.0, 0.0]), no_path: joined.no_path });
+        return Ok(Ordered { sequence: sequence(&nowhere, &routes, [0.0, 0.0]), no_path: joined.no_path, tour: nowhere });
     }
     let (steps, at_least_secs) = shortest_tour(&joined, &routes, ctx)?;
     let home = steps.last().map(|(node, _)| joined.nodes[*node].from_home.reversed()).unwrap_or_default();
@@ -137,7 +140,26 @@ pub fn order(
     tour.ways.push(home);
     let ordered_secs = tour.secs();
     tour.refine(&routes, ctx)?;
-    Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, at_least_secs]), no_path: joined.no_path })
+    Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, at_least_secs]), no_path: joined.no_path, tour })
+}
+
+/// The same sequence with the scanner rolled about its optical axis wherever that makes the moves shorter and `permits` lets a
+/// view be taken from such a pose on the plate. It is asked a few times a view, for each roll that is quicker.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn roll(
+    ordered: Ordered,
+    cell: &Cell,
+    scene: &CollisionScene,
+    params: &PlanParams,
+    permits: &mut Permits<'_>,
+    ctx: &Context<'_>,
+) -> Result<Ordered, Cancelled> {
+    let routes = Routes::new(cell, scene, &params.motion);
+    let Ordered { sequence: before, no_path, mut tour } = ordered;
+    tour.roll(&routes, permits, ctx)?;
+    Ok(Ordered { sequence: sequence(&tour, &routes, [before.ordered_secs, before.at_least_secs]), no_path, tour })
 }
 
 fn sequence(tour: &Tour, routes: &Routes<'_>, [ordered_secs, at_least_secs]: [f64; 2]) -> Sequence {

@@ -1,20 +1,30 @@
 //! Stations between those that were sampled: the table's angle is free, so each stop of a tour is moved along it, the scanner
-//! staying where it is on the part and the arm on its branch, as long as the moves before and after take less and are free.
+//! staying where it is on the part and the arm on its branch, as long as the moves before and after take less and are free; and
+//! the scanner is rolled about its optical axis where whoever knows what it measures permits that.
 //! Coordinate descent, stop by stop; the order stays.
+
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::ViewId;
 use super::routes::{Route, Routes};
 use crate::cell::{Configuration, joints_of};
+use crate::geometry::{Plate, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 
 /// By how much the table is turned either way, degrees: beyond, within and below the step of sampling.
 const STEPS_DEG: [f64; 8] = [40.0, 20.0, 10.0, 5.0, 2.5, 1.2, 0.6, 0.3];
+/// By how much the scanner is rolled either way, degrees, a look at every stop each.
+const ROLLS_DEG: [f64; 3] = [15.0, 7.5, 3.75];
 /// Times that every stop is looked at.
 const SWEEPS: usize = 6;
 /// What a move of a stop has to save, seconds.
 const WORTH_SECS: f64 = 1e-3;
 
+/// Whether a view may be taken with the scanner at this pose on the plate instead, at this stop.
+pub type Permits<'a> = dyn FnMut(ViewId, &Pose<Plate, ScannerFrame>) -> Result<bool, Cancelled> + 'a;
+
 /// A tour: its stops, and the ways to each and home at last.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tour {
     pub(super) stops: Vec<(ViewId, Configuration)>,
     pub(super) ways: Vec<Route>,
@@ -45,36 +55,81 @@ impl Tour {
         Ok(())
     }
 
+    /// Rolls the scanner about its optical axis at stops where that is quicker and `permits` lets it.
+    pub(super) fn roll(&mut self, routes: &Routes<'_>, permits: &mut Permits<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+        for roll_deg in ROLLS_DEG {
+            for stop in 0..self.stops.len() {
+                ctx.check()?;
+                let (view, here) = self.stops[stop];
+                let rolled = [roll_deg, -roll_deg].into_iter().filter_map(|roll| routes.rolled(&here, roll.to_radians()));
+                if let Some(there) = self.quicker(stop, rolled, routes)
+                    && permits(view, &routes.plate_from_scanner(&there))?
+                {
+                    self.put(stop, there, routes);
+                }
+            }
+            self.refine(routes, ctx)?;
+        }
+        Ok(())
+    }
+
     fn move_stop(&mut self, stop: usize, routes: &Routes<'_>) -> bool {
-        let home = routes.home();
-        let (before, here) = (self.before(stop, home), self.stops[stop].1);
-        let after = self.stops.get(stop + 1).map_or(*home, |(_, next)| *next);
+        let here = self.stops[stop].1;
+        let steps = STEPS_DEG.iter().flat_map(|step| [*step, -step]);
+        let turned = steps.filter_map(|step| routes.turned(&here, step.to_radians()));
+        let quicker = self.quicker(stop, turned, routes);
+        if let Some(there) = quicker {
+            self.put(stop, there, routes);
+        }
+        quicker.is_some()
+    }
+
+    /// The quickest of `places` in place of a stop, if it saves something and the moves before and after are free.
+    fn quicker(&self, stop: usize, places: impl Iterator<Item = Configuration>, routes: &Routes<'_>) -> Option<Configuration> {
+        let [before, after] = self.beside(stop, routes);
         let taken_secs = self.ways[stop].secs + self.ways[stop + 1].secs;
         let moves = &routes.moves;
-        let mut quicker: Vec<(f64, Configuration)> = STEPS_DEG
-            .iter()
-            .flat_map(|step| [*step, -step])
-            .filter_map(|step| routes.turned(&here, step.to_radians()))
+        let mut quicker: Vec<(f64, Configuration)> = places
             .map(|there| (moves.straight_secs(&before, &there) + moves.straight_secs(&there, &after), there))
             .filter(|(secs, _)| *secs < taken_secs - WORTH_SECS)
             .collect();
         quicker.sort_by(|a, b| a.0.total_cmp(&b.0));
         let free = quicker.into_iter().find(|(_, there)| moves.is_free(&before, there) && moves.is_free(there, &after));
-        let Some((_, there)) = free else { return false };
+        free.map(|(_, there)| there)
+    }
+
+    /// Puts a stop elsewhere, with straight ways to it and on.
+    fn put(&mut self, stop: usize, there: Configuration, routes: &Routes<'_>) {
+        let [before, after] = self.beside(stop, routes);
         self.stops[stop].1 = there;
-        self.ways[stop] = Route { via_rad: Vec::new(), secs: moves.straight_secs(&before, &there) };
-        self.ways[stop + 1] = Route { via_rad: Vec::new(), secs: moves.straight_secs(&there, &after) };
-        true
+        self.ways[stop] = Route { via_rad: Vec::new(), secs: routes.moves.straight_secs(&before, &there) };
+        self.ways[stop + 1] = Route { via_rad: Vec::new(), secs: routes.moves.straight_secs(&there, &after) };
+    }
+
+    /// Where the way to a stop begins, and the way from it ends.
+    fn beside(&self, stop: usize, routes: &Routes<'_>) -> [Configuration; 2] {
+        let home = routes.home();
+        [self.before(stop, home), self.stops.get(stop + 1).map_or(*home, |(_, next)| *next)]
     }
 }
 
 impl Routes<'_> {
+    fn plate_from_scanner(&self, station: &Configuration) -> Pose<Plate, ScannerFrame> {
+        let cell = self.cell();
+        cell.base_from_plate(station[6]).inverse() * cell.base_from_scanner(&joints_of(station))
+    }
+
     /// The same view with the table turned further, on the branch of `station`; `None` out of reach.
     fn turned(&self, station: &Configuration, turn_rad: f64) -> Option<Configuration> {
-        let cell = self.cell();
-        let plate_from_scanner = cell.base_from_plate(station[6]).inverse() * cell.base_from_scanner(&joints_of(station));
         let mut turned = *station;
         turned[6] += turn_rad;
-        self.nearest(&(cell.base_from_plate(turned[6]) * plate_from_scanner), &turned)
+        self.nearest(&(self.cell().base_from_plate(turned[6]) * self.plate_from_scanner(station)), &turned)
+    }
+
+    /// The same table angle with the scanner rolled about its optical axis, on the branch of `station`; `None` out of reach.
+    fn rolled(&self, station: &Configuration, roll_rad: f64) -> Option<Configuration> {
+        let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
+        let scanner_from_rolled = Pose::<ScannerFrame, ScannerFrame>::from_parts(Vector3::zeros(), about_axis);
+        self.nearest(&(self.cell().base_from_scanner(&joints_of(station)) * scanner_from_rolled), station)
     }
 }

@@ -25,7 +25,7 @@ pub struct MotionDocument {
     /// Captures, s.
     #[serde(default)]
     pub scanning_secs: f64,
-    /// Moves as the order was found, before its stations were moved along the table's angle, every corner a stop, s.
+    /// Moves as the order was found, before its stations were moved along the table's angle and rolled, every corner a stop, s.
     #[serde(default)]
     pub ordered_secs: f64,
     /// No order, over the stations and moves that were considered, takes less than this, s: `ordered_secs` where the order is

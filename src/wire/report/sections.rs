@@ -270,7 +270,7 @@ pub(super) fn order(input: &ReportInput<'_>) -> String {
         return String::new();
     }
     format!(
-        "<section>\n<h2>Visiting order</h2>\n<p>From home through every view and back; {} of motion in all, in {} of which the table turns; ordered in {}, over the stations and moves considered at least {}, and then moved along the table's angle.</p>\n\
+        "<section>\n<h2>Visiting order</h2>\n<p>From home through every view and back; {} of motion in all, in {} of which the table turns; ordered in {}, over the stations and moves considered at least {}, and then stations were moved along the table's angle and rolled.</p>\n\
          <div class=\"card scroll\"><table>\n<thead><tr><th class=\"n\">Stop</th><th>At</th><th class=\"n\">Turntable</th>\
          <th class=\"n\">Joints 1 to 6</th><th class=\"n\">Move</th><th class=\"n\">Points between</th></tr></thead>\n<tbody>\n{}</tbody>\
          </table></div>\n</section>\n",
