@@ -11,7 +11,7 @@
 //! Ways around: by raised or retreated points beside either end, by turning the table with the arm at home, or by home
 //! itself. A station that cannot be joined to home this way is joined through one that is, or dropped; where that leaves a view
 //! without any, two trees are grown towards each other, and only where they do not meet the view has no path. The stations of
-//! the tour are then moved along the table's angle (`refine.rs`).
+//! the tour are then moved along the table's angle, and rolled where that is permitted (`refine.rs`).
 
 mod connect;
 mod moves;

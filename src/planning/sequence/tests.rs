@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::{Configuration, Leg, Ordered, order};
 use crate::cell::time_law::SmoothPath;
-use crate::cell::{BodySpec, Cell, CollisionScene, Presets, ShapeSpec, SpecLibrary};
+use crate::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
 use crate::planning::params::{Corners, PlanParams, TableMotion};
@@ -49,6 +49,14 @@ fn room(count: u32, obstacles: Vec<BodySpec>) -> Room {
     let solved = solve(&views(count), &cell, &scene, &placed(), &Context::new(&flag, &Silent)).expect("not cancelled");
     let stations = solved.into_iter().map(|found| found.unwrap_or_default()).collect();
     Room { cell, scene, stations }
+}
+
+fn post([x, y]: [f64; 2]) -> BodySpec {
+    BodySpec {
+        name: "post".into(),
+        owner_from_body: PoseSpec { translation_mm: [x, y, 210.0], ..Default::default() },
+        shape: ShapeSpec::Cylinder { radius_mm: 30.0, height_mm: 900.0 },
+    }
 }
 
 impl Room {
@@ -162,12 +170,7 @@ fn the_tour_is_no_longer_than_any_fixed_order_of_first_stations() {
 #[test]
 fn an_obstacle_in_the_straight_way_is_gone_around() {
     // Posts beside the table, where the arm swings from one side to the other.
-    let post = |x: f64, y: f64| BodySpec {
-        name: "post".into(),
-        owner_from_body: crate::cell::PoseSpec { translation_mm: [x, y, 210.0], ..Default::default() },
-        shape: ShapeSpec::Cylinder { radius_mm: 30.0, height_mm: 900.0 },
-    };
-    let mut room = room(14, vec![post(300.0, 420.0), post(300.0, -420.0)]);
+    let mut room = room(14, vec![post([300.0, 420.0]), post([300.0, -420.0])]);
     let routes = super::routes::Routes::new(&room.cell, &room.scene, &PlanParams::default().motion);
     let flag = AtomicBool::new(false);
     let ctx = Context::new(&flag, &Silent);
@@ -218,10 +221,40 @@ fn threads_do_not_change_the_sequence_and_a_cancel_is_heard() {
 
 #[test]
 fn long_tours_come_with_a_bound_near_them() {
-    for (count, within) in [(20, 1.01), (30, 1.06)] {
+    let long = std::env::var_os("VANTAGE_TESTS").map(|_| (60, 1.3));
+    for (count, within) in [(20, 1.01), (30, 1.06)].into_iter().chain(long) {
         let sequence = room(count, Vec::new()).order_on(2, false).expect("not cancelled").sequence;
         let (secs, least_secs) = (sequence.ordered_secs, sequence.at_least_secs);
         println!("{count} views: {secs:.2} s, at least {least_secs:.2} s");
         assert!(least_secs <= secs && secs <= within * least_secs, "{count} views: {secs} s, at least {least_secs} s");
+    }
+}
+
+#[test]
+fn a_station_that_no_simple_way_from_home_leads_to_is_joined_by_another() {
+    // Posts on all sides of the table: the arm gets in between them only at some table angles.
+    let posts = (0..5).map(|number| {
+        let azimuth = 0.6 + 1.256 * f64::from(number);
+        post([400.0 + 520.0 * azimuth.cos(), 520.0 * azimuth.sin()])
+    });
+    let room = room(24, posts.collect());
+    let flag = AtomicBool::new(false);
+    let ctx = Context::new(&flag, &Silent);
+    let params = PlanParams::default();
+    let routes = super::Routes::new(&room.cell, &room.scene, &params.motion);
+    let all: Vec<_> = room.stations.iter().flatten().map(Station::configuration).collect();
+    let by_simple_ways = |station: &Configuration| routes.home_route(station, &ctx).expect("not cancelled");
+    let mut found = vec![all.iter().map(by_simple_ways).collect::<Vec<_>>()];
+    let simple = found[0].iter().flatten().count();
+    let stations: Vec<Station> = room.stations.iter().flatten().copied().collect();
+    super::join_by_others(&[(ViewId(0), &stations)], &mut found, &routes, &ctx).expect("not cancelled");
+    let joined = found[0].iter().flatten().count();
+    println!("{} stations, {simple} joined by simple ways, {joined} in all", all.len());
+    assert!(joined > simple);
+    for (station, route) in all.iter().zip(&found[0]) {
+        let Some(route) = route else { continue };
+        let way: Vec<_> = std::iter::once(room.cell.home_rad).chain(route.via_rad.iter().copied()).chain([*station]).collect();
+        assert!((room.cell.axes().path_secs(&way, params.motion.speed_fraction) - route.secs).abs() < 1e-9);
+        assert!(way.windows(2).all(|ends| room.scene.check_segment(&ends[0], &ends[1]).is_none()));
     }
 }
