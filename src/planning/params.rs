@@ -85,9 +85,9 @@ impl Default for PlanParams {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct PartParams {
-    /// Longest patch edge, mm, 0.05 to 1000. Default: 1/60 of the bounding box's diagonal.
+    /// Longest patch edge, mm, 0.001 to 1000. Default: 1/60 of the bounding box's diagonal.
     pub patch_edge_mm: Option<f64>,
-    /// Samples per mm², 0.0001 to 1000; every patch has at least one. Default: 50 000 on the part.
+    /// Samples per mm², 0.0001 to 1000000; every patch has at least one. Default: 50 000 on the part.
     pub samples_per_mm2: Option<f64>,
     /// How the part lies on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
     pub table_from_part: Option<PoseSpec>,
@@ -382,10 +382,10 @@ impl PlanParams {
 
     fn check_part(&self, findings: &mut Findings) {
         if let Some(edge_mm) = self.part.patch_edge_mm {
-            findings.range("/part/patch_edge_mm", edge_mm, 0.05, 1000.0, "mm");
+            findings.range("/part/patch_edge_mm", edge_mm, 0.001, 1000.0, "mm");
         }
         if let Some(density) = self.part.samples_per_mm2 {
-            findings.range("/part/samples_per_mm2", density, 0.0001, 1000.0, "per mm²");
+            findings.range("/part/samples_per_mm2", density, 0.0001, 1e6, "per mm²");
         }
         if let Some(pose) = &self.part.table_from_part {
             pose.check("/part/table_from_part", findings);

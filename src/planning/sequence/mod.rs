@@ -42,8 +42,9 @@ use crate::cell::{Cell, CollisionScene};
 const SEARCHED: usize = 12;
 /// Stations that another is tried from which no simple way from home leads to.
 const NEIGHBOURS: usize = 8;
-/// A sequence is as short as can be if it is this close to what none can be shorter than, seconds.
-const PROVED_SECS: f64 = 1e-6;
+/// A sequence is as short as can be if it is this close to what none can be shorter than, seconds: bounds of long tours are
+/// sums in single precision.
+const PROVED_SECS: f64 = 1e-3;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]
