@@ -70,6 +70,11 @@ impl<'a> Motion<'a> {
         sequence::order(views, self.cell, &self.scene, self.params, insist, ctx)
     }
 
+    /// The same with its bound; see [`sequence::bounded`].
+    pub(super) fn bounded(&self, ordered: Ordered, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
+        sequence::bounded(ordered, self.cell, self.params, ctx)
+    }
+
     /// The same with views rolled; see [`sequence::roll`].
     pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut Permits<'_>) -> Result<Ordered, Cancelled> {
         sequence::roll(ordered, self.cell, &self.scene, self.params, permits, ctx)

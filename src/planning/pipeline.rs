@@ -43,6 +43,8 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let (surface, asked_area_mm2) = (surface.clone(), asked_area_mm2.clone());
     let mut study = Study { input, params, surface, setups: poses, generated, table, robust_rows, reach, asked_area_mm2 };
     let (chosen, ordered, barred) = choose(&study, &setups, ctx)?;
+    let motions = setups.iter().filter_map(|setup| setup.motion.as_ref());
+    let ordered = motions.zip(ordered).map(|(motion, ordered)| motion.bounded(ordered, ctx)).collect::<Result<_, _>>()?;
     let ordered = rolls::improve(&mut study, &setups, &chosen, ordered, ctx)?;
     ctx.begin(Stage::Missed)?;
     let takes = |view: &Pose<Part, ScannerFrame>| takes(&setups, view, ctx);

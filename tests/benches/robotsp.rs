@@ -29,7 +29,7 @@ use vantage::geometry::{Base, LengthUnit, Mesh, Pose, Scanner as Tool};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::selection::ViewId;
-use vantage::planning::sequence::{Sequence, order};
+use vantage::planning::sequence::{Sequence, bounded, order};
 use vantage::planning::stations::Station;
 
 /// Threads that plan.
@@ -143,7 +143,9 @@ fn column(task: &Task, subset: &[usize], cell: &Cell) -> Column {
     let stations: Vec<(ViewId, Vec<Station>)> = subset.par_iter().enumerate().map(stations_of).collect();
     let stations_secs = began.elapsed().as_secs_f64();
     let reached: Vec<_> = stations.iter().filter(|(_, of)| !of.is_empty()).map(|(view, of)| (*view, &of[..])).collect();
-    let ordered = order(&reached, cell, &scene, &params, false, &Context::new(&never, &Silent)).expect("not cancelled");
+    let ctx = Context::new(&never, &Silent);
+    let ordered = order(&reached, cell, &scene, &params, false, &ctx).expect("not cancelled");
+    let ordered = bounded(ordered, cell, &params, &ctx).expect("not cancelled");
     let column = Column {
         targets: subset.len(),
         left_out: subset.len() - ordered.sequence.visits.len(),

@@ -2,7 +2,7 @@
 //! S. LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", ICRA 2000), then made short. Every edge is
 //! proved free as a segment. Samples come from a stream that the two ends name, so the same question has the same answer.
 
-use super::moves::Moves;
+use super::moves::{Looks, Moves};
 use crate::cell::{Axes, Configuration};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
@@ -50,6 +50,7 @@ pub(super) fn connect(
 
 struct Search<'a> {
     moves: &'a Moves<'a>,
+    looks: Looks<'a>,
     stream: Stream,
     ends: [Configuration; 2],
 }
@@ -78,7 +79,7 @@ impl Tree {
 impl<'a> Search<'a> {
     fn new(ends: [Configuration; 2], moves: &'a Moves<'a>) -> Self {
         let names: Vec<u64> = std::iter::once(STREAM).chain(ends.iter().flatten().map(|angle| angle.to_bits())).collect();
-        Self { moves, stream: Stream::new(0, &names), ends }
+        Self { moves, looks: Looks::new(moves), stream: Stream::new(0, &names), ends }
     }
 
     fn trees(&mut self, ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
@@ -155,8 +156,9 @@ impl<'a> Search<'a> {
             let cut = [&way[..=first], &[from, to], &way[last + 1..]].concat();
             let is_quicker = self.moves.secs(&cut) < self.moves.secs(way);
             // Pieces of a proved segment too: between its samples it may come a little nearer than the clearance.
-            let changed = &cut[first..first + 4];
-            if first < last && is_quicker && changed.windows(2).all(|ends| self.moves.is_free(&ends[0], &ends[1])) {
+            let [before, from, to, after] = [0, 1, 2, 3].map(|at| cut[first + at]);
+            let pieces = [(from, to), (before, from), (to, after)];
+            if first < last && is_quicker && pieces.iter().all(|(from, to)| self.looks.is_free(from, to)) {
                 *way = cut;
                 self.leave_out(way, ctx)?;
             }
@@ -164,12 +166,12 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    fn leave_out(&self, way: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    fn leave_out(&mut self, way: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
         let mut at = 0;
         while at + 2 < way.len() {
             ctx.check()?;
             // The farthest point that can be gone to straight.
-            let onward = (at + 2..way.len()).rev().find(|next| self.moves.is_free(&way[at], &way[*next]));
+            let onward = (at + 2..way.len()).rev().find(|next| self.looks.is_free(&way[at], &way[*next]));
             if let Some(next) = onward {
                 way.drain(at + 1..next);
             }

@@ -2,6 +2,8 @@
 //! more. Every point is a stop, so a move's time is that of its segments, each the controller's own trapezoid; unless corners
 //! are to be passed without stopping (`rounded.rs`).
 
+use std::collections::HashMap;
+
 use super::rounded::{Rounded, rounded};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
 use crate::planning::params::{Corners, MotionParams, TableMotion};
@@ -78,5 +80,24 @@ impl<'a> Moves<'a> {
             all.push(ends[1]);
         }
         all
+    }
+}
+
+/// Straight moves that were looked at, each once: ways that are compared share most of theirs.
+pub(super) struct Looks<'a> {
+    moves: &'a Moves<'a>,
+    /// By the bits of both ends.
+    is_free: HashMap<[[u64; 7]; 2], bool>,
+}
+
+impl<'a> Looks<'a> {
+    pub(super) fn new(moves: &'a Moves<'a>) -> Self {
+        Self { moves, is_free: HashMap::new() }
+    }
+
+    /// Whether the straight move meets nothing.
+    pub(super) fn is_free(&mut self, from: &Configuration, to: &Configuration) -> bool {
+        let ends = [from.map(f64::to_bits), to.map(f64::to_bits)];
+        *self.is_free.entry(ends).or_insert_with(|| self.moves.is_free(from, to))
     }
 }

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use nalgebra::{Isometry3, Vector3};
 
 use super::connect::{connect, shortened};
-use super::moves::Moves;
+use super::moves::{Looks, Moves};
 use crate::cell::{Cell, CollisionScene, Configuration, joints_of};
 use crate::geometry::{Base, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
@@ -33,7 +33,7 @@ impl Route {
 }
 
 /// A station that can be reached from home.
-#[derive(Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Node {
     /// Which view it takes.
     pub(super) view: usize,
@@ -148,9 +148,10 @@ impl<'a> Routes<'a> {
         let mut routes: Vec<_> = vias.into_iter().map(|via_rad| self.route(from, via_rad, to)).collect();
         routes.retain(|route| route.secs < limit_secs);
         routes.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        let mut looks = Looks::new(&self.moves);
         routes.into_iter().find(|route| {
             let points: Vec<_> = std::iter::once(from).chain(&route.via_rad).chain(std::iter::once(to)).collect();
-            points.windows(2).all(|ends| self.moves.is_free(ends[0], ends[1]))
+            points.windows(2).all(|ends| looks.is_free(ends[0], ends[1]))
         })
     }
 

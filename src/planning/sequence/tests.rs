@@ -2,7 +2,8 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::{Configuration, Leg, Ordered, order};
+use super::joined::join_by_others;
+use super::{Configuration, Leg, Ordered, bounded, order};
 use crate::cell::time_law::SmoothPath;
 use crate::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
@@ -73,7 +74,8 @@ impl Room {
             self.stations.iter().enumerate().map(|(i, stations)| (ViewId(i as u32), stations.as_slice())).collect();
         let flag = AtomicBool::new(cancelled);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
-        pool.install(|| order(&listed, &self.cell, &self.scene, params, false, &Context::new(&flag, &Silent)))
+        let ctx = Context::new(&flag, &Silent);
+        pool.install(|| bounded(order(&listed, &self.cell, &self.scene, params, false, &ctx)?, &self.cell, params, &ctx))
     }
 
     /// Re-checks every segment at half a degree, its times and its limits, from the sequence alone.
@@ -247,7 +249,7 @@ fn a_station_that_no_simple_way_from_home_leads_to_is_joined_by_another() {
     let mut found = vec![all.iter().map(by_simple_ways).collect::<Vec<_>>()];
     let simple = found[0].iter().flatten().count();
     let stations: Vec<Station> = room.stations.iter().flatten().copied().collect();
-    super::join_by_others(&[(ViewId(0), &stations)], &mut found, &routes, &ctx).expect("not cancelled");
+    join_by_others(&[(ViewId(0), &stations)], &mut found, &routes, &ctx).expect("not cancelled");
     let joined = found[0].iter().flatten().count();
     println!("{} stations, {simple} joined by simple ways, {joined} in all", all.len());
     assert!(joined > simple);

@@ -21,11 +21,13 @@ use crate::planning::random::Stream;
 pub(super) const EXACT_GROUPS: usize = 12;
 /// Runs side by side, …
 const RUNS: u64 = 4;
-/// … each of so many trials a group from nothing, …
+/// … each of so many trials a group when thorough, …
 const TRIALS: usize = 100;
-/// … and so many from a tour that is known.
+/// … so many when a tour is known, …
 const TRIALS_AGAIN: usize = 25;
-/// Nodes looked at in all trials of a run from nothing, at most: a run's worth on long tours of many nodes.
+/// … and so many where its moves are yet to be looked at.
+const TRIALS_BRIEF: usize = 6;
+/// Nodes looked at in all trials of a thorough run, at most: a run's worth on long tours of many nodes.
 const LOOKS: usize = 12_000_000;
 /// Groups taken out at most.
 const TAKEN_OUT: f64 = 20.0;
@@ -76,18 +78,30 @@ impl Costs {
     }
 }
 
-/// One node of each group in the order visited. `known` is a tour to start from (empty: none), which matters to the search
-/// only. Ties go to the lower number.
+/// How long is searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Effort {
+    /// From nothing.
+    Thorough,
+    /// From a tour that may be the result.
+    Again,
+    /// From one that hardly is.
+    Brief,
+}
+
+/// Tours of one node of each group in the order visited, the shortest first; its ties go to the lower number. `known` is a
+/// tour to start from (empty: none), which matters to the search only.
 pub(super) fn shortest(
     groups: &[Range<usize>],
     costs: &Costs,
     known: &[usize],
+    effort: Effort,
     ctx: &Context<'_>,
-) -> Result<Vec<usize>, Cancelled> {
+) -> Result<Vec<Vec<usize>>, Cancelled> {
     match groups.len() {
-        0 => Ok(Vec::new()),
-        1..=EXACT_GROUPS => exact(groups, costs, ctx),
-        _ => searched(groups, costs, known, ctx),
+        0 => Ok(vec![Vec::new()]),
+        1..=EXACT_GROUPS => Ok(vec![exact(groups, costs, ctx)?]),
+        _ => searched(groups, costs, known, effort, ctx),
     }
 }
 
@@ -146,12 +160,18 @@ fn trace_back(groups: &[Range<usize>], costs: &Costs, best: &[f64], before: &[u3
     tour
 }
 
-/// The shortest tour of all runs; of several the first run's.
-fn searched(groups: &[Range<usize>], costs: &Costs, known: &[usize], ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
-    let run = |run: u64| Search::new(groups, costs, Stream::new(0, &[STREAM, run])).run(known, ctx);
-    let found: Vec<(f64, Vec<usize>)> = (0..RUNS).into_par_iter().map(run).collect::<Result<_, _>>()?;
-    let shortest = found.into_iter().reduce(|best, next| if next.0 < best.0 - LEAST_GAIN_SECS { next } else { best });
-    Ok(shortest.map(|(_, tour)| tour).unwrap_or_default())
+/// The tours of all runs, the shortest first.
+fn searched(
+    groups: &[Range<usize>],
+    costs: &Costs,
+    known: &[usize],
+    effort: Effort,
+    ctx: &Context<'_>,
+) -> Result<Vec<Vec<usize>>, Cancelled> {
+    let run = |run: u64| Search::new(groups, costs, Stream::new(0, &[STREAM, run])).run(known, effort, ctx);
+    let mut found: Vec<(f64, Vec<usize>)> = (0..RUNS).into_par_iter().map(run).collect::<Result<_, _>>()?;
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(found.into_iter().map(|(_, tour)| tour).collect())
 }
 
 /// Large neighbourhood search.
@@ -172,10 +192,15 @@ impl<'a> Search<'a> {
     }
 
     /// The shortest tour met, and its time.
-    fn run(mut self, known: &[usize], ctx: &Context<'_>) -> Result<(f64, Vec<usize>), Cancelled> {
-        let (mut here, trials) = match known {
-            [] => (self.put_in(Vec::new(), (0..self.groups.len()).collect()), TRIALS),
-            known => (known.to_vec(), TRIALS_AGAIN),
+    fn run(mut self, known: &[usize], effort: Effort, ctx: &Context<'_>) -> Result<(f64, Vec<usize>), Cancelled> {
+        let mut here = match known {
+            [] => self.put_in(Vec::new(), (0..self.groups.len()).collect()),
+            known => known.to_vec(),
+        };
+        let trials = match effort {
+            Effort::Thorough => TRIALS,
+            Effort::Again => TRIALS_AGAIN,
+            Effort::Brief => TRIALS_BRIEF,
         };
         let trials = trials * self.groups.len().min(LOOKS / (TRIALS * self.costs.nodes));
         let mut secs = self.choose_nodes(&mut here);

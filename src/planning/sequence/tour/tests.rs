@@ -3,7 +3,7 @@ use std::sync::atomic::AtomicBool;
 
 use proptest::prelude::*;
 
-use super::{Costs, Search, at_least, bound, exact, shortest};
+use super::{Costs, Effort, Search, at_least, bound, exact, shortest};
 use crate::planning::context::{Context, Silent};
 use crate::planning::random::Stream;
 
@@ -64,10 +64,11 @@ proptest! {
     ) {
         let (groups, costs) = instance(&sizes, &secs);
         let flag = AtomicBool::new(false);
-        let tour = shortest(&groups, &costs, &[], &Context::new(&flag, &Silent)).expect("not cancelled");
-        assert_visits_each_group_once(&tour, &groups);
+        let tours = shortest(&groups, &costs, &[], Effort::Thorough, &Context::new(&flag, &Silent)).expect("not cancelled");
+        let tour = &tours[0];
+        assert_visits_each_group_once(tour, &groups);
         let best = brute_force(&groups, &costs, &mut Vec::new(), &mut vec![false; groups.len()]);
-        prop_assert!((length(&tour, &costs) - best).abs() < 1e-9);
+        prop_assert!((length(tour, &costs) - best).abs() < 1e-9);
     }
 
     #[test]
@@ -92,13 +93,16 @@ proptest! {
         let (groups, costs) = instance(&sizes, &secs);
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
-        let (found, tour) = Search::new(&groups, &costs, Stream::new(1, &[])).run(&[], &ctx).expect("not cancelled");
+        let (found, tour) = Search::new(&groups, &costs, Stream::new(1, &[])).run(&[], Effort::Thorough, &ctx).expect("not cancelled");
         assert_visits_each_group_once(&tour, &groups);
         prop_assert!((length(&tour, &costs) - found).abs() < 1e-9);
         // From its own result it comes to nothing longer.
-        let again = shortest(&groups, &costs, &tour, &ctx).expect("not cancelled");
-        assert_visits_each_group_once(&again, &groups);
-        prop_assert!(length(&again, &costs) <= found + 1e-9);
+        for effort in [Effort::Again, Effort::Brief] {
+            let again = shortest(&groups, &costs, &tour, effort, &ctx).expect("not cancelled");
+            again.iter().for_each(|again| assert_visits_each_group_once(again, &groups));
+            prop_assert!(length(&again[0], &costs) <= found + 1e-9);
+            prop_assert!(again.windows(2).all(|pair| length(&pair[0], &costs) <= length(&pair[1], &costs) + 1e-9));
+        }
     }
 }
 
@@ -124,7 +128,8 @@ fn the_local_search_comes_close_to_the_optimum_on_points_in_the_plane() {
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
         let best = length(&exact(&groups, &costs, &ctx).expect("not cancelled"), &costs);
-        let (found, _) = Search::new(&groups, &costs, Stream::new(0, &[])).run(&[], &ctx).expect("not cancelled");
+        let (found, _) =
+            Search::new(&groups, &costs, Stream::new(0, &[])).run(&[], Effort::Thorough, &ctx).expect("not cancelled");
         assert!(found >= best - 1e-9);
         worst = worst.max(found / best);
         exact_hits += u32::from(found < best + 1e-9);
@@ -138,8 +143,8 @@ fn long_tours_are_proved_to_be_within_one_percent() {
         let (groups, costs) = in_the_plane(seed, 30, 4);
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
-        let tour = shortest(&groups, &costs, &[], &ctx).expect("not cancelled");
-        let (secs, bound) = (length(&tour, &costs), at_least(&groups, &costs, &tour, &ctx).expect("not cancelled"));
+        let tour = &shortest(&groups, &costs, &[], Effort::Thorough, &ctx).expect("not cancelled")[0];
+        let (secs, bound) = (length(tour, &costs), at_least(&groups, &costs, tour, &ctx).expect("not cancelled"));
         println!("30 groups of 4, seed {seed}: {secs:.4}, at least {bound:.4}, gap {:.2} %", 100.0 * (secs / bound - 1.0));
         assert!(bound <= secs && secs < 1.01 * bound, "{secs} and {bound}");
     }

@@ -1,0 +1,119 @@
+//! Which stations can be reached from home, and how.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::ViewId;
+use super::routes::{Node, Route, Routes};
+use crate::cell::Configuration;
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::stations::Station;
+
+/// Stations of a view to which a way is searched where no simple one is free.
+const SEARCHED: usize = 12;
+/// Stations that another is tried from which no simple way from home leads to.
+const NEIGHBOURS: usize = 8;
+
+/// Stations that can be reached from home, grouped by view.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Joined {
+    pub(super) nodes: Vec<Node>,
+    /// Nodes of each view in `views`.
+    pub(super) groups: Vec<Range<usize>>,
+    pub(super) views: Vec<ViewId>,
+    pub(super) no_path: Vec<ViewId>,
+}
+
+impl Joined {
+    pub(super) fn to_home(stations: &[(ViewId, &[Station])], routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let total = stations.iter().map(|(_, of_view)| of_view.len()).sum();
+        let done = AtomicUsize::new(0);
+        let join = |station: &Station| {
+            ctx.check()?;
+            let route = routes.home_route(&station.configuration(), ctx)?;
+            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            Ok(route)
+        };
+        let mut found: Vec<Vec<Option<Route>>> =
+            stations.par_iter().map(|(_, of_view)| of_view.par_iter().map(join).collect()).collect::<Result<_, Cancelled>>()?;
+        join_by_others(stations, &mut found, routes, ctx)?;
+        let reached: Vec<Vec<(Configuration, Route)>> = stations
+            .par_iter()
+            .zip(found)
+            .map(|((_, of_view), found)| {
+                let joined = of_view.iter().zip(found).filter_map(|(station, route)| Some((station.configuration(), route?)));
+                let joined: Vec<_> = joined.collect();
+                if joined.is_empty() { searched(of_view, routes, ctx) } else { Ok(joined) }
+            })
+            .collect::<Result<_, _>>()?;
+        let mut joined = Self::default();
+        for ((view, _), reached) in stations.iter().zip(reached) {
+            if reached.is_empty() {
+                joined.no_path.push(*view);
+                continue;
+            }
+            let (first, index) = (joined.nodes.len(), joined.views.len());
+            joined.nodes.extend(reached.into_iter().map(|(configuration, from_home)| Node::new(index, configuration, from_home)));
+            joined.groups.push(first..joined.nodes.len());
+            joined.views.push(*view);
+        }
+        Ok(joined)
+    }
+}
+
+/// Joins stations to home by way of others that are: in a narrow place many a station is reached from its neighbour that is
+/// not from home.
+pub(super) fn join_by_others(
+    stations: &[(ViewId, &[Station])],
+    found: &mut [Vec<Option<Route>>],
+    routes: &Routes<'_>,
+    ctx: &Context<'_>,
+) -> Result<(), Cancelled> {
+    let places: Vec<(usize, usize)> =
+        found.iter().enumerate().flat_map(|(view, of_view)| (0..of_view.len()).map(move |index| (view, index))).collect();
+    let at = |(view, index): (usize, usize)| stations[view].1[index].configuration();
+    let mut fresh: Vec<(Configuration, Route)> =
+        places.iter().filter_map(|place| Some((at(*place), found[place.0][place.1].clone()?))).collect();
+    while !fresh.is_empty() {
+        let open: Vec<_> = places.iter().copied().filter(|(view, index)| found[*view][*index].is_none()).collect();
+        let ways: Vec<_> =
+            open.par_iter().map(|place| by_another(&at(*place), &fresh, routes, ctx)).collect::<Result<_, Cancelled>>()?;
+        fresh.clear();
+        for ((view, index), way) in open.into_iter().zip(ways) {
+            fresh.extend(way.clone().map(|route| (at((view, index)), route)));
+            found[view][index] = way;
+        }
+    }
+    Ok(())
+}
+
+/// From home by way of the nearest of these stations from which the straight move is free.
+fn by_another(
+    station: &Configuration,
+    others: &[(Configuration, Route)],
+    routes: &Routes<'_>,
+    ctx: &Context<'_>,
+) -> Result<Option<Route>, Cancelled> {
+    ctx.check()?;
+    let move_from = |(other, _): &(Configuration, Route)| routes.moves.straight_secs(other, station);
+    let mut near: Vec<_> = others.iter().map(|other| (move_from(other), other)).collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let free = near.into_iter().take(NEIGHBOURS).find(|(_, (other, _))| routes.moves.is_free(other, station));
+    Ok(free.map(|(secs, (other, from_home))| Route {
+        via_rad: from_home.via_rad.iter().copied().chain([*other]).collect(),
+        secs: from_home.secs + secs,
+    }))
+}
+
+/// The first of a view's stations to which a search finds a way, where no simple way leads to any.
+fn searched(of_view: &[Station], routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Vec<(Configuration, Route)>, Cancelled> {
+    for station in of_view.iter().take(SEARCHED) {
+        let configuration = station.configuration();
+        if let Some(route) = routes.searched_home_route(&configuration, ctx)? {
+            return Ok(vec![(configuration, route)]);
+        }
+    }
+    Ok(Vec::new())
+}
