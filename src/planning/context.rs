@@ -3,6 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::sequence::Roadmaps;
 use crate::geometry::SimdLevel;
 
 /// The stages of a plan, in order.
@@ -81,24 +82,36 @@ impl Observer for Silent {
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Cancel flag, observer and vector instructions of one plan.
+/// Cancel flag, observer, vector instructions and what was kept of earlier plans, for one plan.
 pub struct Context<'a> {
     cancel: &'a AtomicBool,
     observer: &'a dyn Observer,
     simd_level: SimdLevel,
+    roadmaps: Option<&'a Roadmaps>,
 }
 
 impl<'a> Context<'a> {
     /// A context that stops once `cancel` is true.
     #[must_use]
     pub fn new(cancel: &'a AtomicBool, observer: &'a dyn Observer) -> Self {
-        Self { cancel, observer, simd_level: SimdLevel::widest() }
+        Self { cancel, observer, simd_level: SimdLevel::widest(), roadmaps: None }
     }
 
     /// The same with given vector instructions, which change how fast a plan is made and nothing else.
     #[must_use]
     pub fn with_simd_level(self, simd_level: SimdLevel) -> Self {
         Self { simd_level, ..self }
+    }
+
+    /// The same with roadmaps of cells that were planned for before, which change how fast a plan is made and nothing else.
+    #[must_use]
+    pub fn with_roadmaps(self, roadmaps: &'a Roadmaps) -> Self {
+        Self { roadmaps: Some(roadmaps), ..self }
+    }
+
+    /// Roadmaps of cells that were planned for before.
+    pub(super) fn roadmaps(&self) -> Option<&Roadmaps> {
+        self.roadmaps
     }
 
     /// The same for work whose progress is a detail of the running stage's: it stops as this one does and tells nobody.

@@ -18,6 +18,7 @@ use super::run::{Artifact, Planner, RunError, RunInput};
 use super::store::{Attempt, Outcome};
 use super::submit::run_input;
 use crate::planning::context::{Context, Observer, Stage};
+use crate::planning::sequence::Roadmaps;
 use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
 
 /// Progress is told at most this often, the beginning of a stage always.
@@ -41,6 +42,8 @@ pub(super) struct Runner {
     planner: Planner,
     running: Mutex<HashMap<JobId, Arc<AtomicBool>>>,
     queue_grew: Notify,
+    /// For the next job in the same cell.
+    roadmaps: Arc<Roadmaps>,
 }
 
 impl Runner {
@@ -49,7 +52,7 @@ impl Runner {
             .num_threads(options.planning_threads)
             .thread_name(|index| format!("planning-{index}"))
             .build()?;
-        Ok(Self { pool, planner, running: Mutex::default(), queue_grew: Notify::new() })
+        Ok(Self { pool, planner, running: Mutex::default(), queue_grew: Notify::new(), roadmaps: Arc::default() })
     }
 
     /// Says that there is a job in the queue.
@@ -82,9 +85,9 @@ impl Runner {
     /// Plans on the pool.
     async fn plan(&self, input: RunInput, cancel: Arc<AtomicBool>, observer: Arc<Tracker>) -> Result<Vec<Artifact>, Ended> {
         let (sender, receiver) = oneshot::channel();
-        let planner = self.planner.clone();
+        let (planner, roadmaps) = (self.planner.clone(), Arc::clone(&self.roadmaps));
         self.pool.spawn(move || {
-            let context = Context::new(&cancel, &*observer);
+            let context = Context::new(&cancel, &*observer).with_roadmaps(&roadmaps);
             // Nothing that the closure touches is used again after a panic.
             let ended = catch_unwind(AssertUnwindSafe(|| planner(&input, &context)));
             drop(observer);

@@ -131,6 +131,28 @@ impl CollisionScene {
         scene
     }
 
+    /// The same with part and fixture as wide as they are when the table turns: what is free here is free at every table
+    /// angle, save that what the table turns may meet what stands around it.
+    #[must_use]
+    pub fn at_every_table_angle(&self) -> Self {
+        let mut scene = self.clone();
+        for rider in (0..self.bodies.len()).filter(|body| self.bodies[*body].is_rider()) {
+            let of_rider = |pair: &Pair| pair.a == rider || pair.b == rider;
+            let moving = |pair: &&Pair| !self.bodies[pair.a].carrier.is_still() && !self.bodies[pair.b].carrier.is_still();
+            let own: Vec<Pair> = scene.pairs.extract_if(.., |pair| of_rider(pair)).collect();
+            for ring in self.bodies[rider].turned_all_around() {
+                let place = |body: usize| if body == rider { scene.bodies.len() } else { body };
+                scene.pairs.extend(own.iter().filter(moving).map(|pair| {
+                    let mut reach_mm = pair.reach_mm;
+                    reach_mm[6] = 0.0;
+                    Pair { a: place(pair.a), b: place(pair.b), reach_mm, ..*pair }
+                }));
+                scene.bodies.push(ring);
+            }
+        }
+        scene
+    }
+
     /// The clearance that is kept.
     #[must_use]
     pub fn clearance_mm(&self) -> f64 {

@@ -13,6 +13,9 @@ use crate::geometry::{Mesh, Part, Pose, Table, plate_from_placed};
 /// Half edge and depth of the block that stands for the floor, mm.
 const FLOOR_MM: [f64; 2] = [5000.0, 500.0];
 
+/// Rings that a rider is held in when the table may turn it as it likes.
+const RINGS: usize = 8;
+
 /// What a body moves with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Carrier {
@@ -76,6 +79,18 @@ impl SceneBody {
             (Carrier::Still, Carrier::Plate) => !self.holds_part,
             (a, b) => !(a.is_still() && b.is_still()),
         }
+    }
+
+    /// What holds a rider at every angle of the table.
+    pub(super) fn turned_all_around(&self) -> Vec<Self> {
+        let rings = self.solid.rings_mm(&self.carrier_from_body, RINGS);
+        let ring = |([low, high], radius): &([f32; 2], f32)| {
+            let [low_mm, high_mm, radius_mm] = [*low, *high, *radius].map(f64::from);
+            let shape = Shape::Cylinder { radius_mm, height_mm: high_mm - low_mm };
+            let middle = Isometry3::translation(0.0, 0.0, 0.5 * (low_mm + high_mm));
+            Self { reach_mm: 0.0, ..Self::new(&self.name, Carrier::Plate, middle, Solid::from_shape(&shape)) }
+        };
+        rings.iter().map(ring).collect()
     }
 
     /// Part or fixture.

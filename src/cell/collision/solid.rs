@@ -73,6 +73,29 @@ impl Solid {
         }
     }
 
+    /// Rings about the z axis of the carrier's frame that hold a surface however it is turned about that axis: for each the
+    /// lowest and highest z, and the radius. None for other shapes.
+    pub(super) fn rings_mm(&self, carrier_from_body: &Isometry3<f64>, count: usize) -> Vec<([f32; 2], f32)> {
+        let Self::Mesh(surface) = self else { return Vec::new() };
+        let pose = parry_pose(carrier_from_body);
+        let aabb = self.aabb(&pose);
+        let (low, height) = (aabb.mins.z, (aabb.maxs.z - aabb.mins.z) / count as f32);
+        let ring_at = |z: f32| if height > 0.0 { (((z - low) / height) as usize).min(count - 1) } else { 0 };
+        let mut radii = vec![None; count];
+        for triangle in surface.triangles() {
+            let corners = [triangle.a, triangle.b, triangle.c].map(|corner| pose * corner);
+            let rings = corners.map(|corner| ring_at(corner.z));
+            let radius = corners.iter().map(|corner| corner.x.hypot(corner.y)).fold(0.0, f32::max);
+            let (first, last) = (rings[0].min(rings[1]).min(rings[2]), rings[0].max(rings[1]).max(rings[2]));
+            radii[first..=last].iter_mut().for_each(|ring: &mut Option<f32>| *ring = Some(ring.unwrap_or(0.0).max(radius)));
+        }
+        let ring = |(ring, radius): (usize, Option<f32>)| {
+            let bottom = low + ring as f32 * height;
+            radius.map(|radius| ([bottom, bottom + height], radius))
+        };
+        radii.into_iter().enumerate().filter_map(ring).collect()
+    }
+
     /// The ends of a capsule's axis.
     pub(super) fn ends_mm(&self) -> Option<[Point3<f64>; 2]> {
         let Self::Segment { core, .. } = self else { return None };

@@ -142,6 +142,32 @@ fn a_part_collides_where_it_is_and_turns_with_the_table() {
 }
 
 #[test]
+fn what_is_free_at_every_table_angle_is_free_at_each() {
+    let cell = cell();
+    let (part, fixture) =
+        (box_mesh([60.0, -40.0, 0.0], [220.0, 60.0, 260.0]), box_mesh([-200.0, 150.0, 0.0], [-150.0, 180.0, 40.0]));
+    let scene = CollisionScene::new(&cell, &part, Some(&fixture), &Pose::identity(), 5.0);
+    let (every, alone) = (scene.at_every_table_angle(), CollisionScene::without_part(&cell, 5.0));
+    let axes = cell.axes();
+    let (mut free, mut only_at_some) = (0, 0);
+    for seed in 1..4000 {
+        let mut configuration: Configuration = std::array::from_fn(|i| {
+            let axis = axes.0[i];
+            axis.min_rad + (axis.max_rad - axis.min_rad) * super::halton(seed, super::PRIMES[i])
+        });
+        let is_free = every.check(&configuration).is_none();
+        let at_each = (0..72).all(|step| {
+            configuration[6] = f64::from(step) * std::f64::consts::TAU / 72.0;
+            scene.check(&configuration).is_none()
+        });
+        assert!(at_each || !is_free, "seed {seed}");
+        free += u32::from(is_free);
+        only_at_some += u32::from(!at_each && alone.check(&configuration).is_none());
+    }
+    assert!(free > 100 && only_at_some > 20, "{free} free at every angle, {only_at_some} not");
+}
+
+#[test]
 fn a_segment_is_refused_exactly_when_a_fine_sampling_finds_a_contact() {
     let cell = cell();
     let part = box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 200.0]);

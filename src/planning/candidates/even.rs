@@ -43,7 +43,7 @@ pub(super) fn lowest(block: &Block, scope: &Scope<'_>, params: &CandidateParams)
 }
 
 /// `count` unit vectors, evenly over the cap of the sphere where z ≥ `lowest`; from the top down.
-pub(super) fn spiral(count: usize, lowest: f64) -> impl Iterator<Item = Vector3<f64>> {
+pub(in crate::planning) fn spiral(count: usize, lowest: f64) -> impl Iterator<Item = Vector3<f64>> {
     let golden_rad = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     (0..count).map(move |i| {
         let z = 1.0 - (1.0 - lowest) * (i as f64 + 0.5) / count as f64;

@@ -11,7 +11,7 @@ use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::Station;
 
-/// Stations of a view to which a way is searched where no simple one is free.
+/// Stations of a view to which a way is searched where no other was found.
 const SEARCHED: usize = 12;
 /// Stations that another is tried from which no simple way from home leads to.
 const NEIGHBOURS: usize = 8;
@@ -39,6 +39,10 @@ impl Joined {
         let mut found: Vec<Vec<Option<Route>>> =
             stations.par_iter().map(|(_, of_view)| of_view.par_iter().map(join).collect()).collect::<Result<_, Cancelled>>()?;
         join_by_others(stations, &mut found, routes, ctx)?;
+        if found.iter().any(|of_view| is_lost(of_view)) {
+            routes.survey(ctx)?;
+            join_by_roadmap(stations, &mut found, routes, ctx)?;
+        }
         let reached: Vec<Vec<(Configuration, Route)>> = stations
             .par_iter()
             .zip(found)
@@ -61,6 +65,27 @@ impl Joined {
         }
         Ok(joined)
     }
+}
+
+/// Whether none of a view's stations is joined.
+fn is_lost(found: &[Option<Route>]) -> bool {
+    !found.is_empty() && found.iter().all(Option::is_none)
+}
+
+/// Joins stations of views that have none yet to home by the cell's roadmap.
+fn join_by_roadmap(
+    stations: &[(ViewId, &[Station])],
+    found: &mut [Vec<Option<Route>>],
+    routes: &Routes<'_>,
+    ctx: &Context<'_>,
+) -> Result<(), Cancelled> {
+    let lost = stations.iter().zip(found).filter(|(_, found)| is_lost(found));
+    let open: Vec<_> = lost.flat_map(|((_, of_view), found)| of_view.iter().zip(found)).collect();
+    open.into_par_iter().try_for_each(|(station, route)| {
+        ctx.check()?;
+        *route = routes.home_route_by_roadmap(&station.configuration(), ctx)?;
+        Ok(())
+    })
 }
 
 /// Joins stations to home by way of others that are: in a narrow place many a station is reached from its neighbour that is

@@ -9,15 +9,18 @@
 //! with expensive edge evaluations via lazy best-first search", ICAPS 2016).
 //!
 //! Ways around: by raised or retreated points beside either end, by turning the table with the arm at home, or by home
-//! itself. A station that cannot be joined to home this way is joined through one that is, or dropped; where that leaves a view
-//! without any, two trees are grown towards each other, and only where they do not meet the view has no path. The stations of
+//! itself. A station that cannot be joined to home this way is joined through one that is, or dropped. Where that leaves a view
+//! without any, the cell's roadmap is asked for ways, from then on between stations too (`roadmap.rs`, `network.rs`); then two
+//! trees are grown towards each other, and only where they do not meet the view has no path. The stations of
 //! the tour are then moved along the table's angle, and rolled where that is permitted (`refine.rs`).
 
 mod connect;
 mod joined;
 mod known;
 mod moves;
+mod network;
 mod refine;
+mod roadmap;
 mod rounded;
 mod routes;
 mod tour;
@@ -27,6 +30,7 @@ use self::known::Known;
 pub use self::moves::straight_secs;
 pub use self::refine::Permits;
 use self::refine::Tour;
+pub use self::roadmap::Roadmaps;
 use self::rounded::Rounded;
 use self::routes::{Route, Routes};
 use super::context::{Cancelled, Context};

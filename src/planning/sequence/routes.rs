@@ -8,6 +8,8 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::connect::{connect, shortened};
 use super::moves::{Looks, Moves};
+use super::network::{Network, Ramp};
+use super::roadmap::Roadmaps;
 use crate::cell::{Cell, CollisionScene, Configuration, joints_of};
 use crate::geometry::{Base, Pose, Scanner as ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
@@ -41,11 +43,13 @@ pub(super) struct Node {
     pub(super) from_home: Route,
     /// Points beside it with a free straight way to it; found when first asked for.
     retreats: OnceLock<Vec<Configuration>>,
+    /// Ways on to the roadmap; likewise.
+    ramps: OnceLock<Vec<Ramp>>,
 }
 
 impl Node {
     pub(super) fn new(view: usize, configuration: Configuration, from_home: Route) -> Self {
-        Self { view, configuration, from_home, retreats: OnceLock::new() }
+        Self { view, configuration, from_home, retreats: OnceLock::new(), ramps: OnceLock::new() }
     }
 }
 
@@ -53,11 +57,13 @@ impl Node {
 pub(super) struct Routes<'a> {
     cell: &'a Cell,
     pub(super) moves: Moves<'a>,
+    /// Made by [`Routes::survey`].
+    network: OnceLock<Network>,
 }
 
 impl<'a> Routes<'a> {
     pub(super) fn new(cell: &'a Cell, scene: &'a CollisionScene, motion: &MotionParams) -> Self {
-        Self { cell, moves: Moves::new(cell, scene, motion) }
+        Self { cell, moves: Moves::new(cell, scene, motion), network: OnceLock::new() }
     }
 
     pub(super) fn cell(&self) -> &Cell {
@@ -83,6 +89,25 @@ impl<'a> Routes<'a> {
         quickest.map(|route| self.shorter(home, route, station, ctx)).transpose()
     }
 
+    /// Has the cell's roadmap used from now on. Makes it on the caller's rayon pool, so it is not to be called by its threads.
+    pub(super) fn survey(&self, ctx: &Context<'_>) -> Result<(), Cancelled> {
+        if self.network.get().is_none() {
+            let own = Roadmaps::default();
+            let roadmap = ctx.roadmaps().unwrap_or(&own).of(self.cell, ctx)?;
+            self.network.get_or_init(|| Network::new(roadmap, self.moves.scene));
+        }
+        Ok(())
+    }
+
+    /// A free way from home by the roadmap, if that is made and leads there.
+    pub(super) fn home_route_by_roadmap(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
+        let (Some(network), home) = (self.network.get(), self.home()) else { return Ok(None) };
+        let ramps = network.ramps(station, &self.retreats(station), &self.moves);
+        let way = network.way((home, &Network::home()), (station, &ramps), &self.moves);
+        let route = way.and_then(|way| self.quickest_free(home, vec![way], station, f64::INFINITY));
+        route.map(|route| self.shorter(home, route, station, ctx)).transpose()
+    }
+
     /// A free way from home by search, to the first point that the station can be drawn back to, else to itself.
     pub(super) fn searched_home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let home = &self.cell.home_rad;
@@ -103,7 +128,9 @@ impl<'a> Routes<'a> {
             return Ok(self.route(from, Vec::new(), to));
         }
         let by_home = self.by_home(a, b);
-        let quickest = self.quickest_free(from, self.detours(a, b), to, by_home.secs).unwrap_or(by_home);
+        let mut detours = self.detours(a, b);
+        detours.extend(self.by_roadmap(a, b));
+        let quickest = self.quickest_free(from, detours, to, by_home.secs).unwrap_or(by_home);
         self.shorter(from, quickest, to, ctx)
     }
 
@@ -120,10 +147,21 @@ impl<'a> Routes<'a> {
         self.route(&a.configuration, via_rad, &b.configuration)
     }
 
+    fn by_roadmap(&self, a: &Node, b: &Node) -> Option<Vec<Configuration>> {
+        let network = self.network.get()?;
+        let [first, last] = [a, b].map(|node| {
+            node.ramps.get_or_init(|| network.ramps(&node.configuration, self.retreats_of(node), &self.moves)).as_slice()
+        });
+        network.way((&a.configuration, first), (&b.configuration, last), &self.moves)
+    }
+
+    fn retreats_of<'n>(&self, node: &'n Node) -> &'n [Configuration] {
+        node.retreats.get_or_init(|| self.retreats(&node.configuration))
+    }
+
     fn detours(&self, a: &Node, b: &Node) -> Vec<Vec<Configuration>> {
         let ends = |node: &Node| -> Vec<Vec<Configuration>> {
-            let retreats = node.retreats.get_or_init(|| self.retreats(&node.configuration));
-            std::iter::once(Vec::new()).chain(retreats.iter().map(|point| vec![*point])).collect()
+            std::iter::once(Vec::new()).chain(self.retreats_of(node).iter().map(|point| vec![*point])).collect()
         };
         let over_home = vec![self.arm_at_home(a.configuration[6]), self.arm_at_home(b.configuration[6])];
         let mut detours = Vec::new();

@@ -35,13 +35,13 @@ fn views(count: u32) -> Vec<Pose<Part, ScannerFrame>> {
         .collect()
 }
 
-struct Room {
-    cell: Cell,
-    scene: CollisionScene,
-    stations: Vec<Vec<Station>>,
+pub(super) struct Room {
+    pub(super) cell: Cell,
+    pub(super) scene: CollisionScene,
+    pub(super) stations: Vec<Vec<Station>>,
 }
 
-fn room(count: u32, obstacles: Vec<BodySpec>) -> Room {
+pub(super) fn room(count: u32, obstacles: Vec<BodySpec>) -> Room {
     let mut spec = Presets.cell("e05-transcan").expect("preset");
     spec.obstacles.extend(obstacles);
     let cell = spec.build(&Presets).unwrap_or_else(|errors| panic!("{errors:#?}"));
@@ -52,7 +52,7 @@ fn room(count: u32, obstacles: Vec<BodySpec>) -> Room {
     Room { cell, scene, stations }
 }
 
-fn post([x, y]: [f64; 2]) -> BodySpec {
+pub(super) fn post([x, y]: [f64; 2]) -> BodySpec {
     BodySpec {
         name: "post".into(),
         owner_from_body: PoseSpec { translation_mm: [x, y, 210.0], ..Default::default() },
@@ -69,9 +69,13 @@ impl Room {
         self.order_with(&PlanParams::default(), threads, cancelled)
     }
 
-    fn order_with(&self, params: &PlanParams, threads: usize, cancelled: bool) -> Result<Ordered, Cancelled> {
-        let listed: Vec<_> =
-            self.stations.iter().enumerate().map(|(i, stations)| (ViewId(i as u32), stations.as_slice())).collect();
+    /// Views with their stations.
+    pub(super) fn listed(&self) -> Vec<(ViewId, &[Station])> {
+        self.stations.iter().enumerate().map(|(i, stations)| (ViewId(i as u32), stations.as_slice())).collect()
+    }
+
+    pub(super) fn order_with(&self, params: &PlanParams, threads: usize, cancelled: bool) -> Result<Ordered, Cancelled> {
+        let listed = self.listed();
         let flag = AtomicBool::new(cancelled);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
         let ctx = Context::new(&flag, &Silent);
