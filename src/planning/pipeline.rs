@@ -161,7 +161,7 @@ impl Prepared {
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);
-        let alone = (params.setups > 1).then(|| visibility::Occluders::new([input.mesh]));
+        let alone = (params.setups > 1).then(|| visibility::Occluders::interruptible([input.mesh], ctx)).transpose()?;
         Ok(Self { params, surface, asked_area_mm2, alone })
     }
 
@@ -169,7 +169,8 @@ impl Prepared {
         let poses = setups::poses(input, &self.params, ctx)?.into_iter();
         let setup = |table_from_part| {
             let plate = input.cell.map(|cell| placement::plate(cell, &table_from_part));
-            let occluders = visibility::Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
+            let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
+            let occluders = visibility::Occluders::interruptible(occluders, ctx)?;
             input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
             let motion = input.cell.map(|cell| Motion::new(cell, input, &self.params, table_from_part)).transpose()?;
             Ok(Setup { table_from_part, occluders, motion })

@@ -1,10 +1,14 @@
 mod packets;
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 
 use super::RayScene;
+use super::split::PART;
 use crate::geometry::Mesh;
+use crate::geometry::demo_parts::figurine;
 
 fn mesh(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
     Mesh {
@@ -55,6 +59,50 @@ fn inside_is_told_from_outside() {
     }
     for outside in [[1.0, 1.0, 1.0], [0.0, 0.0, 1.01], [-0.5, -0.6, 0.0]] {
         assert!(!scene.encloses(&Point3::from(outside)), "{outside:?}");
+    }
+}
+
+/// Many triangles: a part with small details, and one of which all lie in one place.
+fn large() -> [Mesh; 2] {
+    let triangle = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
+    [figurine(3 * PART).expect("a demo part"), mesh(&triangle, &vec![[0, 1, 2]; 2 * PART + 1])]
+}
+
+#[test]
+fn a_tree_of_parts_answers_as_the_plain_loop() {
+    for part in large() {
+        let scene = RayScene::new([&part]);
+        assert_eq!(scene.faces.len(), part.faces.len());
+        let (middle, size) = (part.aabb().centre(), (part.aabb().max - part.aabb().min).norm());
+        let mut blocked = 0;
+        for ray in 0..200 {
+            let turn = f64::from(ray);
+            let from = middle + size * Vector3::new((2.4 * turn).cos(), (2.4 * turn).sin(), 1.0 - 0.01 * turn);
+            let to = middle - 0.1 * (from - middle) + 0.002 * size * Vector3::new((0.7 * turn).sin(), (1.3 * turn).cos(), 0.0);
+            let plain = scene.blocked_brute_force(&from, &to, 1.0);
+            assert_eq!(scene.blocked(&from, &to, 1.0), plain, "ray {ray}");
+            blocked += u32::from(plain);
+        }
+        assert!(blocked > 50, "{blocked} of 200");
+    }
+}
+
+#[test]
+fn who_gives_up_is_heard_while_a_tree_is_built() {
+    for part in large() {
+        let asked = AtomicUsize::new(0);
+        let count = || {
+            asked.fetch_add(1, Ordering::Relaxed);
+            Ok::<(), usize>(())
+        };
+        assert!(RayScene::interruptible([&part], count).is_ok());
+        let asked = asked.into_inner();
+        assert!(asked >= 2 * part.faces.len() / PART, "asked {asked} times");
+        for last in 0..asked {
+            let left = AtomicUsize::new(last);
+            let check = || left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).map(|_| ());
+            assert!(RayScene::interruptible([&part], check).is_err(), "given up after {last} of {asked}");
+        }
     }
 }
 

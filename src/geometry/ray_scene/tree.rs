@@ -1,12 +1,15 @@
 //! The tree over the triangles of a [`super::RayScene`]: nodes of up to [`WIDTH`] children, blocks of up to [`BLOCK`]
 //! triangles. Grown by parry as a binary tree; small subtrees become blocks, and nodes are merged from the root down,
-//! largest surface first.
+//! largest surface first. Parry cannot be interrupted, so many triangles are split into compact parts (`split.rs`), of which
+//! each becomes a tree of its own, side by side, and the parts' boxes become the tree above them.
 
 use nalgebra::Point3;
-use parry3d::bounding_volume::Aabb as ParryAabb;
+use parry3d::bounding_volume::{Aabb as ParryAabb, BoundingVolume};
 use parry3d::math::Vector as ParryVector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode, BvhNodeIndex, TraversalAction};
+use rayon::prelude::*;
 
+use super::split::{self, PART};
 use crate::geometry::mesh::Aabb;
 
 /// Children of a node.
@@ -44,6 +47,7 @@ impl Child {
 }
 
 /// Triangles side by side; what lies beyond `count` is all zeros, which nothing meets.
+#[derive(Default)]
 #[repr(C, align(16))]
 pub(super) struct Block {
     /// `corners[corner][axis][slot]`.
@@ -54,6 +58,7 @@ pub(super) struct Block {
 }
 
 /// See the module.
+#[derive(Default)]
 pub(super) struct Tree {
     /// The root first; none without triangles.
     pub(super) nodes: Vec<Node>,
@@ -68,36 +73,93 @@ pub(super) struct Tree {
 struct Subtree {
     index: BvhNodeIndex,
     node: BvhNode,
-    /// Its triangles, if they fit a block.
-    block: Option<Vec<u32>>,
+    /// Its leaves, if they are few enough to be none of our nodes.
+    leaves: Option<Vec<u32>>,
 }
 
 impl Tree {
-    pub(super) fn build(triangles: usize, corners: impl Fn(u32) -> [Point3<f64>; 3]) -> Self {
-        let boxes: Vec<_> = (0..triangles as u32).map(|triangle| outward_box(&corners(triangle))).collect();
-        let binary = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+    /// A tree over the triangles with these corners. `check` is asked every few milliseconds.
+    ///
+    /// # Errors
+    /// What `check` fails with.
+    pub(super) fn build<E: Send>(
+        triangles: usize,
+        corners: impl Fn(u32) -> [Point3<f64>; 3] + Sync,
+        check: impl Fn() -> Result<(), E> + Sync,
+    ) -> Result<Self, E> {
+        let numbers: Vec<u32> = (0..triangles as u32).collect();
+        let boxes_of = |numbers: &[u32]| {
+            check()?;
+            Ok(numbers.iter().map(|triangle| outward_box(&corners(*triangle))).collect::<Vec<_>>())
+        };
+        let boxes = numbers.par_chunks(PART).map(boxes_of).collect::<Result<Vec<_>, E>>()?.concat();
         let reach = boxes.iter().map(|aabb| aabb.mins.abs().max(aabb.maxs.abs()).max_element()).fold(0.0, f32::max);
-        drop(boxes);
-        let mut tree = Self { nodes: Vec::new(), blocks: Vec::new(), order: Vec::with_capacity(triangles), reach };
-        if triangles > 0 {
-            tree.push_block(&[], &corners);
-            tree.grow(&binary, &corners);
+        let parts = split::into_parts(numbers, &boxes, &check)?;
+        let grown = |part: &Vec<u32>| {
+            check()?;
+            let own: Vec<_> = part.iter().map(|triangle| boxes[*triangle as usize]).collect();
+            let corners = |leaf: u32| corners(part[leaf as usize]);
+            let mut tree = Self::of(&own, reach, BLOCK, |tree, leaves| tree.push_block(leaves, &corners));
+            tree.order.iter_mut().for_each(|leaf| *leaf = part[*leaf as usize]);
+            Ok(tree)
+        };
+        let mut trees = parts.par_iter().map(grown).collect::<Result<Vec<_>, E>>()?;
+        check()?;
+        if trees.len() == 1 {
+            return Ok(trees.remove(0));
+        }
+        let around = |part: &Vec<u32>| {
+            let own = part.iter().map(|triangle| boxes[*triangle as usize]);
+            own.reduce(|all, aabb| all.merged(&aabb)).unwrap_or_else(ParryAabb::new_invalid)
+        };
+        let around: Vec<_> = parts.par_iter().map(around).collect();
+        Ok(Self::of(&around, reach, 1, |tree, parts| {
+            parts.first().map_or(Child::NONE, |part| tree.append(std::mem::take(&mut trees[*part as usize])))
+        }))
+    }
+
+    /// A tree over boxes, up to `leaf` of which are put in by `push`.
+    fn of(boxes: &[ParryAabb], reach: f32, leaf: usize, mut push: impl FnMut(&mut Self, &[u32]) -> Child) -> Self {
+        let mut tree = Self { reach, ..Self::default() };
+        tree.blocks.push(Block::default());
+        if !boxes.is_empty() {
+            let binary = Bvh::from_leaves(BvhBuildStrategy::Binned, boxes);
+            tree.grow(&binary, leaf, &mut push);
         }
         tree
+    }
+
+    /// Takes over all of another tree; its root.
+    fn append(&mut self, other: Self) -> Child {
+        let [nodes, blocks, triangles] = [self.nodes.len(), self.blocks.len() - 1, self.order.len()].map(|count| count as u32);
+        self.nodes.extend(other.nodes.into_iter().map(|mut node| {
+            for child in &mut node.children {
+                *child = match child.target() {
+                    Target::Node(index) => Child(nodes + index as u32),
+                    Target::Block(0) => Child::NONE,
+                    Target::Block(index) => Child(Child::BLOCK | (blocks + index as u32)),
+                };
+            }
+            node
+        }));
+        // Each begins with the block without triangles.
+        self.blocks.extend(other.blocks.into_iter().skip(1).map(|block| Block { first: triangles + block.first, ..block }));
+        self.order.extend(other.order);
+        Child(nodes)
     }
 
     pub(super) fn size_bytes(&self) -> usize {
         size_of_val(&*self.nodes) + size_of_val(&*self.blocks) + size_of_val(&*self.order)
     }
 
-    /// Appends nodes and blocks depth first, so that neighbours in space are neighbours in memory.
-    fn grow(&mut self, binary: &Bvh, corners: &impl Fn(u32) -> [Point3<f64>; 3]) {
+    /// Appends nodes and leaves depth first, so that neighbours in space are neighbours in memory.
+    fn grow(&mut self, binary: &Bvh, leaf: usize, push: &mut impl FnMut(&mut Self, &[u32]) -> Child) {
         let mut waiting = Vec::new();
-        self.push_node(members(binary, None), &mut waiting);
+        self.push_node(members(binary, None, leaf), &mut waiting);
         while let Some((parent, slot, subtree)) = waiting.pop() {
-            self.nodes[parent].children[slot] = match subtree.block {
-                Some(triangles) => self.push_block(&triangles, corners),
-                None => self.push_node(members(binary, Some(subtree.index)), &mut waiting),
+            self.nodes[parent].children[slot] = match subtree.leaves {
+                Some(leaves) => push(self, &leaves),
+                None => self.push_node(members(binary, Some(subtree.index), leaf), &mut waiting),
             };
         }
     }
@@ -136,36 +198,37 @@ impl Tree {
 
 /// Descendants of `parent`, or of all, that make one node: the one with the largest surface gives way to its children
 /// while there is room.
-fn members(binary: &Bvh, parent: Option<BvhNodeIndex>) -> Vec<Subtree> {
-    let mut members = children(binary, parent);
+fn members(binary: &Bvh, parent: Option<BvhNodeIndex>, leaf: usize) -> Vec<Subtree> {
+    let mut members = children(binary, parent, leaf);
     while members.len() < WIDTH {
-        let large = members.iter().enumerate().filter(|(_, member)| member.block.is_none());
+        let large = members.iter().enumerate().filter(|(_, member)| member.leaves.is_none());
         let Some((slot, widest)) = large.max_by(|a, b| surface(&a.1.node).total_cmp(&surface(&b.1.node))) else { break };
-        let halves = children(binary, Some(widest.index));
+        let halves = children(binary, Some(widest.index), leaf);
         members.splice(slot..=slot, halves);
     }
     members
 }
 
-fn children(binary: &Bvh, parent: Option<BvhNodeIndex>) -> Vec<Subtree> {
+fn children(binary: &Bvh, parent: Option<BvhNodeIndex>, leaf: usize) -> Vec<Subtree> {
     let mut found = Vec::with_capacity(WIDTH);
     binary.traverse_indexed(parent, |node, index| {
         if parent == Some(index) {
             return TraversalAction::Continue;
         }
-        found.push(Subtree { index, node: *node, block: block(binary, index) });
+        found.push(Subtree { index, node: *node, leaves: leaves(binary, index, leaf) });
         TraversalAction::Prune
     });
     found
 }
 
-fn block(binary: &Bvh, root: BvhNodeIndex) -> Option<Vec<u32>> {
-    let mut triangles = Vec::with_capacity(BLOCK + 1);
+/// The leaves below a node, if they are not more than `most`.
+fn leaves(binary: &Bvh, root: BvhNodeIndex, most: usize) -> Option<Vec<u32>> {
+    let mut leaves = Vec::with_capacity(most + 1);
     binary.traverse_indexed(Some(root), |node, _| {
-        triangles.extend(node.leaf_data());
-        if triangles.len() > BLOCK { TraversalAction::EarlyExit } else { TraversalAction::Continue }
+        leaves.extend(node.leaf_data());
+        if leaves.len() > most { TraversalAction::EarlyExit } else { TraversalAction::Continue }
     });
-    (triangles.len() <= BLOCK).then_some(triangles)
+    (leaves.len() <= most).then_some(leaves)
 }
 
 /// Half the surface of the box.

@@ -1,7 +1,6 @@
 //! Which generated viewpoints no cell could use, and which are there twice. Nothing here looks at what they measure.
 
 use std::collections::HashSet;
-use std::sync::OnceLock;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -20,8 +19,11 @@ pub(super) fn judge(
     ctx: &Context<'_>,
 ) -> Result<Generated, Cancelled> {
     let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
-    let filter = Filter { scope, above_only, aabb: scope.part.aabb(), scene: OnceLock::new() };
     let part_from_table = scope.table_from_part.inverse();
+    let aabb = scope.part.aabb();
+    let in_box = placed.iter().any(|(table_from_scanner, _)| aabb.holds(&(part_from_table * *table_from_scanner).origin_mm()));
+    let scene = in_box.then(|| RayScene::interruptible([scope.part], || ctx.check())).transpose()?;
+    let filter = Filter { scope, above_only, aabb, scene };
     let judged: Vec<_> = placed
         .into_par_iter()
         .enumerate()
@@ -57,8 +59,8 @@ struct Filter<'a> {
     scope: &'a Scope<'a>,
     above_only: bool,
     aabb: Aabb,
-    /// The part alone, made when the first viewpoint lies in its box: rare for parts smaller than the stand-off.
-    scene: OnceLock<RayScene>,
+    /// The part alone, if a viewpoint lies in its box: rare for parts smaller than the stand-off.
+    scene: Option<RayScene>,
 }
 
 impl Filter<'_> {
@@ -69,7 +71,7 @@ impl Filter<'_> {
             return Some(Rejection::BelowTable);
         }
         let viewpoint = candidate.part_from_scanner.origin_mm();
-        let encloses = || self.scene.get_or_init(|| RayScene::new([self.scope.part])).encloses(&viewpoint);
-        (self.aabb.holds(&viewpoint) && encloses()).then_some(Rejection::InsidePart)
+        let encloses = |scene: &RayScene| self.aabb.holds(&viewpoint) && scene.encloses(&viewpoint);
+        self.scene.as_ref().is_some_and(encloses).then_some(Rejection::InsidePart)
     }
 }

@@ -81,7 +81,10 @@ fn remedies(case: &Case<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Op
     let mut largest: Vec<usize> = (0..spots.len()).collect();
     largest.sort_by(|a, b| spots[*b].area_mm2.total_cmp(&spots[*a].area_mm2));
     largest.truncate(case.params.missed.remedies as usize);
-    let bench = Bench::new(case);
+    if largest.is_empty() {
+        return Ok(vec![None; spots.len()]);
+    }
+    let bench = Bench::new(case, ctx)?;
     let done = AtomicUsize::new(0);
     let found = largest.par_iter().map(|spot| {
         let remedy = Search::new(&bench, &spots[*spot], ctx).remedy()?;
@@ -104,27 +107,23 @@ struct Bench<'a> {
     above_only: bool,
     /// Of the part.
     aabb: Aabb,
-    /// The part without table and fixture; made when the first spot asks for it.
-    part_alone: OnceLock<RayScene>,
+    /// The part without table and fixture.
+    part_alone: RayScene,
     other_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
 
 impl<'a> Bench<'a> {
-    fn new(case: &'a Case<'a>) -> Self {
-        Self {
+    fn new(case: &'a Case<'a>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        Ok(Self {
             case,
             poses: case.candidates.iter().map(|candidate| candidate.part_from_scanner).collect(),
             optics: Optics::new(case.scanner, case.params, &case.surface.demands),
             widest: limit::widest(case),
             above_only: case.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
             aabb: case.mesh.aabb(),
-            part_alone: OnceLock::new(),
+            part_alone: RayScene::interruptible([case.mesh], || ctx.check())?,
             other_poses: OnceLock::new(),
-        }
-    }
-
-    fn part_alone(&self) -> &RayScene {
-        self.part_alone.get_or_init(|| RayScene::new([self.case.mesh]))
+        })
     }
 
     /// Ways in which the part rests and that are not planned in, the likeliest first.
@@ -150,7 +149,7 @@ impl<'a> Bench<'a> {
 
     fn is_outside(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
         let viewpoint = pose.origin_mm();
-        !(self.aabb.holds(&viewpoint) && self.part_alone().encloses(&viewpoint))
+        !(self.aabb.holds(&viewpoint) && self.part_alone.encloses(&viewpoint))
     }
 }
 
@@ -196,10 +195,10 @@ impl<'a> Search<'a> {
             tried.extend(these);
         }
         if bench.above_only {
-            let openings = opening::directions_of(&self.look, bench.part_alone(), reach_mm);
+            let openings = opening::directions_of(&self.look, &bench.part_alone, reach_mm);
             let mut proposals = moves.setups(&openings);
             proposals.retain(|proposal| bench.is_outside(&proposal.pose));
-            let these = self.try_all(proposals, bench.part_alone())?;
+            let these = self.try_all(proposals, &bench.part_alone)?;
             if let Some(remedy) = self.turned_over(&these, &moves)? {
                 return Ok(remedy);
             }
@@ -257,7 +256,7 @@ impl<'a> Search<'a> {
             // Its stations are for a plan of that setup to find.
             let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
             let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
-            let remedy = self.confirmed(RemedyKind::Setup, &views, &bench.optics, bench.part_alone(), moves);
+            let remedy = self.confirmed(RemedyKind::Setup, &views, &bench.optics, &bench.part_alone, moves);
             if let Some(remedy) = remedy {
                 return Ok(Some(Remedy { table_from_part: Some(*table_from_part), ..remedy }));
             }

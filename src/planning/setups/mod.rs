@@ -118,7 +118,7 @@ fn measured_from(
         Scope { part: input.mesh, surface: &surface, scanner: input.scanner, cell: None, table_from_part: pool[0], seed: 0 };
     let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
     let views: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
-    let occluders = Occluders::new([input.mesh]);
+    let occluders = Occluders::interruptible([input.mesh], ctx)?;
     let usable = vec![true; views.len()];
     let table = visibility::cast(&surface, &views, &usable, input.scanner, &occluders, &coarse, &ctx.silent())?;
     let seen_in = |table_from_part: &Pose<Table, Part>| {

@@ -12,6 +12,8 @@ mod sample_set;
 mod tests;
 mod view;
 
+use std::convert::Infallible;
+
 use rayon::prelude::*;
 
 use super::cause::Cause;
@@ -46,9 +48,26 @@ impl Occluders {
     /// Of the part, and whatever stands around it, in one frame; the part comes first.
     #[must_use]
     pub fn new<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
+        let Ok(occluders) = Self::checked(meshes, || Ok::<(), Infallible>(()));
+        occluders
+    }
+
+    /// The same, given up when the job is cancelled.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn interruptible<'a>(meshes: impl IntoIterator<Item = &'a Mesh>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        Self::checked(meshes, || ctx.check())
+    }
+
+    fn checked<'a, E: Send>(
+        meshes: impl IntoIterator<Item = &'a Mesh>,
+        check: impl Fn() -> Result<(), E> + Sync,
+    ) -> Result<Self, E> {
         let meshes: Vec<_> = meshes.into_iter().collect();
-        let (rays, clusters) = rayon::join(|| RayScene::new(meshes.iter().copied()), || raster::Clusters::new(&meshes));
-        Self { rays, clusters }
+        let rays = || RayScene::interruptible(meshes.iter().copied(), &check);
+        let (rays, clusters) = rayon::join(rays, || raster::Clusters::new(&meshes, &check));
+        Ok(Self { rays: rays?, clusters: clusters? })
     }
 
     /// The same for single rays.

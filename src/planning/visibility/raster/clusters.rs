@@ -89,37 +89,42 @@ impl Clusters {
     }
 
     /// Clusters of all triangles of `meshes`, which share one frame.
-    pub(crate) fn new(meshes: &[&Mesh]) -> Self {
-        let order = &compact_order(meshes);
+    pub(crate) fn new<E: Send>(meshes: &[&Mesh], check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Self, E> {
+        let order = &compact_order(meshes, check)?;
         let aabb = meshes.iter().fold(Aabb::empty(), |aabb, mesh| {
             let own = mesh.aabb();
             Aabb { min: aabb.min.inf(&own.min), max: aabb.max.sup(&own.max) }
         });
         let centre_mm = if order.is_empty() { Point3::origin() } else { aabb.centre() };
         let soup = Soup::new(meshes, centre_mm);
-        let clusters: Vec<_> = order.par_chunks(TRIANGLES).map(|triangles| soup.cluster(triangles)).collect();
+        let cluster = |triangles: &[u32]| {
+            check()?;
+            Ok(soup.cluster(triangles))
+        };
+        let clusters = order.par_chunks(TRIANGLES).map(cluster).collect::<Result<Vec<_>, E>>()?;
         let corner = |mm: &[f32; 3]| Point3::from(mm.map(f64::from));
         let outward = clusters.iter().filter(|cluster| cluster.outward);
         let outward =
             outward.fold(Aabb::empty(), |aabb, cluster| aabb.with(&corner(&cluster.low_mm)).with(&corner(&cluster.high_mm)));
-        Self { centre_mm, clusters, outward, triangles: order.len() }
+        Ok(Self { centre_mm, clusters, outward, triangles: order.len() })
     }
 }
 
 /// Numbers of all triangles such that each 64 in a row lie close together: halved across the longest extent of their
 /// middles, at a multiple of 64, until no more than 64 are left.
-fn compact_order(meshes: &[&Mesh]) -> Vec<u32> {
+fn compact_order<E: Send>(meshes: &[&Mesh], check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<Vec<u32>, E> {
     let middle = |mesh: &Mesh, face: usize| mesh.corners(face).iter().map(|p| p.coords).sum::<Vector3<f64>>().cast::<f32>();
     let middles = meshes.iter().flat_map(|mesh| (0..mesh.faces.len()).map(|face| middle(mesh, face)));
     let mut numbered: Vec<_> = (0..).zip(middles).collect();
-    halve(&mut numbered);
-    numbered.into_iter().map(|(triangle, _)| triangle).collect()
+    halve(&mut numbered, check)?;
+    Ok(numbered.into_iter().map(|(triangle, _)| triangle).collect())
 }
 
-fn halve(triangles: &mut [(u32, Vector3<f32>)]) {
+fn halve<E: Send>(triangles: &mut [(u32, Vector3<f32>)], check: &(impl Fn() -> Result<(), E> + Sync)) -> Result<(), E> {
     if triangles.len() <= TRIANGLES {
-        return;
+        return Ok(());
     }
+    check()?;
     let start = (triangles[0].1, triangles[0].1);
     let (low, high) = triangles.iter().fold(start, |(low, high), (_, middle)| (low.inf(middle), high.sup(middle)));
     let axis = (high - low).imax();
@@ -128,10 +133,11 @@ fn halve(triangles: &mut [(u32, Vector3<f32>)]) {
     triangles.select_nth_unstable_by(half, |a, b| a.1[axis].total_cmp(&b.1[axis]).then(a.0.cmp(&b.0)));
     let (first, second) = triangles.split_at_mut(half);
     if first.len() > PARALLEL_HALVES {
-        rayon::join(|| halve(first), || halve(second));
+        let (first, second) = rayon::join(|| halve(first, check), || halve(second, check));
+        first.and(second)
     } else {
-        halve(first);
-        halve(second);
+        halve(first, check)?;
+        halve(second, check)
     }
 }
 

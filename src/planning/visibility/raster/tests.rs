@@ -1,3 +1,4 @@
+use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -14,7 +15,8 @@ use crate::testing::{box_mesh, nominal_scanner};
 /// The nearness, 1/mm, at a pixel of the map that the left camera of the nominal rig would have at the origin.
 fn map(meshes: &[&Mesh]) -> impl Fn(u32, u32) -> f32 + use<> {
     let lens: Lens = nominal_scanner().devices[0].lens;
-    let scene = Clusters::new(meshes);
+    let scene = Clusters::new(meshes, &|| Ok::<(), Infallible>(()));
+    let Ok(scene) = scene;
     let pinhole = Pinhole::new(&lens, &Isometry3::identity(), &scene.centre_mm);
     let grid = Grid::of(&lens);
     let drawing = Drawing { scene: &scene, pinhole: &pinhole, grid, level: SimdLevel::widest(), grain: 1 };
