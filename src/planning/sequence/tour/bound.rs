@@ -4,63 +4,107 @@
 //! The shortest is found by dynamic programming over the number of stops (N. Christofides, A. Mingozzi and P. Toth,
 //! "State-space relaxation procedures for the computation of bounds to routing problems", Networks 11, 1981), each group
 //! remembering some of those that the walk came by, to which it may not go on (R. Baldacci, A. Mingozzi and R. Roberti, "New
-//! route relaxation and pricing strategies for the vehicle routing problem", Operations Research 59(5), 2011). A toll on groups
-//! that it stops at too often, and a reward for those that it passes over, raise it towards the tour (M. Held and R. Karp's
-//! multipliers, by subgradient); where tolls raise it no more, what groups remember grows by what the walk came back to
-//! (R. Roberti and A. Mingozzi, "Dynamic ng-path relaxation for the delivery man problem", Transportation Science 48(3),
-//! 2014). Any tolls and memories give a valid bound. A walk without a group twice is the shortest tour.
+//! route relaxation and pricing strategies for the vehicle routing problem", Operations Research 59(5), 2011). Some groups far
+//! from each other, [`landmarks`], are remembered everywhere, and walks stop at each: without them a walk stays among a few
+//! groups near each other, and many such walks together look like a tour. A toll on groups that it stops at too often, and a
+//! reward for those that it passes over, raise it towards the tour (M. Held and R. Karp's multipliers, by subgradient); where
+//! tolls raise it no more, what groups remember grows by what the walk came back to (R. Roberti and A. Mingozzi, "Dynamic
+//! ng-path relaxation for the delivery man problem", Transportation Science 48(3), 2014).
+//!
+//! Walks are looked for below a target between the bound and the known tour. Steps that no walk below it takes are left out
+//! for good, nine of ten soon, which makes room for more memory. Where no walk is left, no tour is shorter than the target, and
+//! the target rises. Any tolls, memories and targets give a valid bound. A walk without a group twice is the shortest tour.
 
+mod lanes;
+mod landmarks;
+mod memories;
 mod walks;
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
-use self::walks::{LANES, Memories, Relaxation, Walk};
+use self::lanes::LANES;
+use self::memories::Memories;
+use self::walks::{Relaxation, Terms, Walk};
 use super::Costs;
 use crate::planning::context::{Cancelled, Context};
 
 /// Groups that each remembers at first, the nearest, …
 const REMEMBERED: usize = 3;
 /// … and at most.
-const MOST_REMEMBERED: usize = 13;
-/// Additions in all rounds together, about a second's worth on two cores.
-const ADDITIONS: usize = 32_000_000_000;
-/// Rounds without gain after which steps become shorter, …
-const PATIENCE: u32 = 3;
+const MOST_REMEMBERED: usize = 12;
+/// Ends of half walks beyond which memories grow no more: a hundred megabytes' worth.
+const MOST_LABELS: usize = 1 << 20;
+/// Groups that all remember, at most; of so many one.
+const LANDMARKS: usize = 4;
+const GROUPS_PER_LANDMARK: usize = 3;
+/// Found at a time, …
+const LANDMARKS_AT_ONCE: usize = 2;
+/// … from so many walks.
+const WALKS_KEPT: usize = 12;
+/// Steps from a walk's end to a node, each of up to [`LANES`] nodes, in all rounds together: about a second's worth on two
+/// cores.
+const WORK: usize = 2_000_000_000;
+/// Rounds without gain after which steps become shorter before all landmarks are found, …
+const PATIENCE_AT_FIRST: u32 = 3;
+/// … and then, …
+const PATIENCE: u32 = 2;
 /// … and by how much.
 const SHORTER: f64 = 0.7;
-/// Share of the full step below which memories grow, …
-const GROW: f64 = 0.3;
-/// … and with which it goes on then.
+/// Share of the full step below which memories grow before all landmarks are found, …
+const GROW_AT_FIRST: f64 = 0.6;
+/// … and then, …
+const GROW: f64 = 0.2;
+/// … and with which it goes on.
 const AGAIN: f64 = 0.4;
 /// Steps this short change nothing.
 const STILL: f64 = 1e-3;
-/// A gap smaller than this share of the tour is closed.
+/// Share of the last direction that a step keeps.
+const KEPT: f64 = 0.3;
+/// How far above the bound a step aims.
+const AIM: f64 = 1.05;
+/// Where between the bound and the tour the target is.
+const TARGET: f64 = 0.5;
+/// A gap smaller than this share of the tour is worth no target of its own, …
+const NEAR: f64 = 0.01;
+/// … and one smaller than this is closed.
 const CLOSED: f64 = 1e-6;
 
 /// A lower bound of the shortest tour; `tour_secs` is the time of one that is known.
 pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, ctx: &Context<'_>) -> Result<f64, Cancelled> {
-    let width = width(groups);
-    if (groups.len() * width).pow(2).saturating_mul(groups.len() << REMEMBERED) > ADDITIONS {
+    let chunks = chunks(groups);
+    if chunks > lanes::MOST_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > WORK {
         return Ok(entered_secs(groups, costs).min(tour_secs));
     }
-    let relaxation = Relaxation::new(groups, costs, ctx.simd_level());
+    let whole = Relaxation::new(groups, costs, chunks, ctx.simd_level());
+    let mut relaxation = whole.clone();
     let mut ascent = Ascent::new(&relaxation, tour_secs);
-    let mut additions = 0;
+    let mut work = 0;
     loop {
         ctx.check()?;
-        let walk = relaxation.shortest_walk(&ascent.first, &ascent.memories, &ascent.tolls, tour_secs);
-        additions += walk.additions;
-        if ascent.is_done(&walk) || additions + walk.additions > ADDITIONS {
+        let walk = relaxation.shortest_walk(&ascent.terms(&ascent.tolls));
+        work += walk.work;
+        let next = ascent.next(&walk);
+        if next == Next::Done || work + walk.work > WORK {
             return Ok(ascent.best_secs.clamp(0.0, tour_secs));
+        }
+        if next == Next::Raise {
+            relaxation.clone_from(&whole);
+            ascent.raise();
+        }
+        if next != Next::Step {
+            work += relaxation.thin_out(&ascent.terms(&ascent.highest.1));
+        }
+        if next == Next::Grow {
+            ascent.grow(groups, costs, &walk.groups);
         }
     }
 }
 
-/// Nodes of the largest group, rounded up to whole [`LANES`].
-fn width(groups: &[Range<usize>]) -> usize {
-    groups.iter().map(Range::len).max().unwrap_or(0).next_multiple_of(LANES)
+/// Nodes of the largest group in [`LANES`].
+fn chunks(groups: &[Range<usize>]) -> usize {
+    groups.iter().map(Range::len).max().unwrap_or(0).div_ceil(LANES).next_power_of_two()
 }
 
 /// What every tour takes: the least step into each group and home. For tours too long for anything better.
@@ -76,77 +120,169 @@ pub(super) fn entered_secs(groups: &[Range<usize>], costs: &Costs) -> f64 {
     groups.par_iter().chain([&home]).map(least_into).collect::<Vec<_>>().into_iter().sum()
 }
 
-/// Tolls and memories on their way to the best bound.
+/// What a walk calls for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Next {
+    /// Other tolls, which it has.
+    Step,
+    /// More memory.
+    Grow,
+    /// A target further up.
+    Raise,
+    Done,
+}
+
+/// Tolls, memories and target on their way to the best bound.
 struct Ascent {
     tour_secs: f64,
+    target_secs: f64,
+    best_secs: f64,
     tolls: Vec<f64>,
+    direction: Vec<f64>,
+    /// Memories before they grew by what walks came back to, and as they are.
     first: Memories,
     memories: Memories,
     most: usize,
-    best_secs: f64,
     /// Of the memories as they are: the highest bound, and the tolls and the stops of its walk.
     highest: (f64, Vec<f64>, Vec<usize>),
     share: f64,
     waited: u32,
+    /// The nodes of the last walks, for landmarks yet to be found.
+    walks: Vec<Vec<usize>>,
 }
 
 impl Ascent {
     fn new(relaxation: &Relaxation<'_>, tour_secs: f64) -> Self {
-        let count = relaxation.groups.len();
-        let first = Memories::new(relaxation.nearest(REMEMBERED));
-        let (memories, tolls) = (first.clone(), vec![0.0; count]);
-        let highest = (0.0, tolls.clone(), Vec::new());
-        let (share, waited) = (1.0, 0);
-        Self { tour_secs, tolls, first, memories, most: REMEMBERED, best_secs: 0.0, highest, share, waited }
+        let tolls = vec![0.0; relaxation.groups.len()];
+        let first = Memories::new(Vec::new(), relaxation.nearest(REMEMBERED));
+        Self {
+            tour_secs,
+            target_secs: tour_secs,
+            best_secs: 0.0,
+            direction: tolls.clone(),
+            memories: first.clone(),
+            first,
+            most: REMEMBERED,
+            highest: (0.0, tolls.clone(), Vec::new()),
+            tolls,
+            share: 1.0,
+            waited: 0,
+            walks: Vec::new(),
+        }
     }
 
-    /// Takes a walk into account; whether nothing more is to be had.
-    fn is_done(&mut self, walk: &Walk) -> bool {
-        self.best_secs = self.best_secs.max(walk.secs);
+    fn terms<'a>(&'a self, tolls: &'a [f64]) -> Terms<'a> {
+        Terms { first: &self.first, memories: &self.memories, tolls, limit_secs: self.target_secs }
+    }
+
+    fn lacks_landmarks(&self) -> bool {
+        self.first.landmarks.len() < LANDMARKS.min(self.tolls.len() / GROUPS_PER_LANDMARK)
+    }
+
+    /// Takes a walk into account.
+    fn next(&mut self, walk: &Walk) -> Next {
+        self.best_secs = self.best_secs.max(walk.secs.min(self.target_secs));
+        if self.best_secs >= (1.0 - CLOSED) * self.tour_secs {
+            return Next::Done;
+        }
+        if walk.secs >= self.target_secs {
+            return Next::Raise;
+        }
+        let mut too_often = vec![-1.0; self.tolls.len()];
+        walk.groups.iter().for_each(|group| too_often[*group] += 1.0);
+        if too_often.iter().all(|stops| *stops == 0.0) {
+            return Next::Done;
+        }
+        if self.lacks_landmarks() {
+            self.walks.push(walk.nodes.clone());
+        }
         if walk.secs > self.highest.0 || self.highest.2.is_empty() {
             (self.highest, self.waited) = ((walk.secs, self.tolls.clone(), walk.groups.clone()), 0);
         } else {
             self.waited += 1;
         }
-        let mut too_often = vec![-1.0; self.tolls.len()];
-        walk.groups.iter().for_each(|group| too_often[*group] += 1.0);
-        let off: f64 = too_often.iter().map(|stops: &f64| stops * stops).sum();
-        if off == 0.0 || walk.groups.is_empty() || self.tour_secs - self.best_secs <= CLOSED * self.tour_secs {
-            return true;
-        }
-        if self.waited == PATIENCE {
+        let (patience, grow) = if self.lacks_landmarks() { (PATIENCE_AT_FIRST, GROW_AT_FIRST) } else { (PATIENCE, GROW) };
+        if self.waited == patience {
             (self.share, self.waited) = (SHORTER * self.share, 0);
             self.tolls.clone_from(&self.highest.1);
-            let grows = self.share < GROW && self.grow(&walk.groups);
-            if !grows && self.share < STILL {
-                return true;
+            self.direction.fill(0.0);
+            if self.share < grow && (self.lacks_landmarks() || walk.labels < MOST_LABELS && self.grown(&walk.groups).is_some()) {
+                if !self.lacks_landmarks() && self.target_secs == self.tour_secs && self.memories.lists == self.first.lists {
+                    self.aim();
+                }
+                return Next::Grow;
+            }
+            if self.share < STILL {
+                return Next::Done;
             }
         }
-        let step = self.share * (self.tour_secs - walk.secs) / off;
-        self.tolls.iter_mut().zip(&too_often).for_each(|(toll, stops)| *toll += step * stops);
-        false
+        self.step(&too_often, walk.secs);
+        Next::Step
     }
 
-    /// Has groups remember what the best walk and the last came back to by way of them; whether any does now.
-    fn grow(&mut self, last: &[usize]) -> bool {
-        self.most = (self.most + 1).min(MOST_REMEMBERED);
+    fn step(&mut self, too_often: &[f64], walk_secs: f64) {
+        self.direction.iter_mut().zip(too_often).for_each(|(along, stops)| *along = KEPT * *along + (1.0 - KEPT) * stops);
+        let length: f64 = self.direction.iter().map(|along| along * along).sum();
+        let aim_secs = self.tour_secs.min(AIM * self.best_secs).max(walk_secs);
+        if length > 0.0 {
+            let step = self.share * (aim_secs - walk_secs) / length;
+            self.tolls.iter_mut().zip(&self.direction).for_each(|(toll, along)| *toll += step * along);
+        }
+    }
+
+    /// Sets the target anew.
+    fn aim(&mut self) {
+        let target_secs = self.best_secs + TARGET * (self.tour_secs - self.best_secs);
+        self.target_secs = if target_secs < (1.0 - NEAR) * self.tour_secs { target_secs } else { self.tour_secs };
+    }
+
+    /// To a target further up.
+    fn raise(&mut self) {
+        self.aim();
+        self.highest.1.clone_from(&self.tolls);
+        self.begin();
+    }
+
+    /// Begins anew from the tolls that it has.
+    fn begin(&mut self) {
+        (self.share, self.waited, self.highest.0) = (AGAIN, 0, 0.0);
+        self.highest.2.clear();
+        self.direction.fill(0.0);
+    }
+
+    /// Has all groups remember some more landmarks, or some what the last walks came back to.
+    fn grow(&mut self, groups: &[Range<usize>], costs: &Costs, last: &[usize]) {
+        if self.lacks_landmarks() {
+            let walks = self.walks.split_off(self.walks.len().saturating_sub(WALKS_KEPT));
+            let more = landmarks::far_from(walks, &self.first.landmarks, LANDMARKS_AT_ONCE, groups, costs);
+            self.first = self.first.with_landmarks(&more);
+            self.memories = self.first.clone();
+            self.most = REMEMBERED + self.first.landmarks.len();
+            self.walks.clear();
+        } else if let Some(lists) = self.grown(last) {
+            self.most = (self.most + 1).min(MOST_REMEMBERED);
+            self.memories = Memories::new(self.first.landmarks.clone(), lists);
+        }
+        self.begin();
+    }
+
+    /// What groups remember if they remember, too, what the best walk and the last came back to by way of them; none if they
+    /// do.
+    fn grown(&self, last: &[usize]) -> Option<Vec<Vec<usize>>> {
+        let most = (self.most + 1).min(MOST_REMEMBERED);
         let mut lists = self.memories.lists.clone();
         let mut grew = false;
         for walk in [&self.highest.2[..], last] {
             for (at, group) in walk.iter().enumerate() {
                 let Some(back) = walk[at + 1..].iter().position(|other| other == group) else { continue };
                 for between in &walk[at + 1..at + 1 + back] {
-                    if lists[*between].len() < self.most && !lists[*between].contains(group) {
+                    if lists[*between].len() < most && !lists[*between].contains(group) {
                         lists[*between].push(*group);
                         grew = true;
                     }
                 }
             }
         }
-        if grew {
-            self.memories = Memories::new(lists);
-            (self.share, self.highest.0) = (AGAIN, 0.0);
-        }
-        grew
+        grew.then_some(lists)
     }
 }

@@ -2,122 +2,104 @@
 //! may not come back to is what each group remembers. See [`super`] for where the method is from.
 //!
 //! Times are the same both ways, so a walk is two halves that meet, and only halves are grown. A half is dropped where no
-//! second half, with the smallest memories, makes a walk shorter than the known tour.
+//! second half, with the memories that were first, makes a walk within the limit; and a step where no walk by way of it is.
 //!
-//! Cost: labels · nodes · (nodes of a group) additions a round, in single precision.
+//! Cost: see [`super::lanes`], for each number of stops up to half of all for each group.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::super::Costs;
-use super::width;
-use crate::geometry::{Kernel, SimdLevel, least};
+use super::lanes::{Ends, LANES, Lanes, NEVER, Open, Step, Steps, at};
+use super::memories::Memories;
+use crate::geometry::{SimdLevel, least};
 
-/// Nodes side by side.
-pub(super) const LANES: usize = 16;
-
-/// Which groups each group remembers, and what becomes of what is remembered on the way from one to another.
-#[derive(Clone)]
-pub(super) struct Memories {
-    pub(super) lists: Vec<Vec<usize>>,
-    /// For each two groups, for each set of what the first remembers as bits: what the second remembers then.
-    passed_on: Vec<Vec<u16>>,
-}
-
-/// The second group is remembered by the first: no walk goes there.
-const FORBIDDEN: u16 = u16::MAX;
-
-impl Memories {
-    pub(super) fn new(lists: Vec<Vec<usize>>) -> Self {
-        let count = lists.len();
-        let passed_on = |pair: usize| {
-            let (from, to) = (pair / count, pair % count);
-            let place = |group: &usize| lists[to].iter().position(|other| other == group);
-            let itself = place(&from).map_or(0, |bit| 1 << bit);
-            let places: Vec<_> = lists[from].iter().map(place).collect();
-            let barred = lists[from].iter().position(|group| *group == to).map_or(0, |bit| 1 << bit);
-            let passed = |set: u16| {
-                let kept = places.iter().enumerate().filter(|(bit, _)| set >> bit & 1 == 1).filter_map(|(_, place)| *place);
-                if set & barred == 0 { kept.fold(itself, |all, bit| all | 1 << bit) } else { FORBIDDEN }
-            };
-            (0..1 << lists[from].len()).map(passed).collect()
-        };
-        let passed_on = (0..count * count).into_par_iter().map(passed_on).collect();
-        Self { lists, passed_on }
-    }
-
-    fn passed_on(&self, from: usize, to: usize) -> &[u16] {
-        &self.passed_on[from * self.lists.len() + to]
-    }
-}
-
-/// Walks that end in a group: what the group remembers of each, ascending, and for each the time to each of its nodes.
-#[derive(Clone, Default)]
-struct Ends {
-    sets: Vec<u16>,
-    /// A row of [`Relaxation::width`] for each set; infinite where there is no such node or walk.
-    secs: Vec<f32>,
+/// Which walks are looked for.
+#[derive(Clone, Copy)]
+pub(super) struct Terms<'a> {
+    /// What each group remembers, …
+    pub(super) memories: &'a Memories,
+    /// … and what it did first: the first of its list.
+    pub(super) first: &'a Memories,
+    /// What is added for each stop at a group, seconds, and taken off the sum once.
+    pub(super) tolls: &'a [f64],
+    /// Walks that take longer matter not.
+    pub(super) limit_secs: f64,
 }
 
 /// A shortest walk.
 pub(super) struct Walk {
-    /// Its time less all tolls, rounded down; infinite where every walk is longer than the known tour.
+    /// Its time with all tolls, rounded down; infinite where every walk is longer than the limit.
     pub(super) secs: f64,
-    /// The groups it stops at, in order.
+    /// The groups it stops at, in order, …
     pub(super) groups: Vec<usize>,
-    /// Additions that it took.
-    pub(super) additions: usize,
+    /// … and the nodes.
+    pub(super) nodes: Vec<usize>,
+    /// Ends of all halves.
+    pub(super) labels: usize,
+    /// Additions that it took, in rows of lanes.
+    pub(super) work: usize,
 }
 
 /// The times as the walks need them.
+#[derive(Clone)]
 pub(super) struct Relaxation<'a> {
     pub(super) groups: &'a [Range<usize>],
     level: SimdLevel,
-    /// See [`width`].
-    width: usize,
-    /// For each two groups, for each [`LANES`] nodes of the second, for each node of the first the times to them, infinite where
-    /// there is none.
-    steps: Vec<[f32; LANES]>,
+    chunks: usize,
+    steps: Steps,
     /// For each group the times from home to its nodes.
-    home: Vec<f32>,
+    home: Vec<Lanes>,
+}
+
+/// For each group, for each set: what a walk takes on home of which nothing is remembered that is not in the set.
+type Onward = Vec<Vec<Lanes>>;
+
+/// Halves of walks.
+struct Halves {
+    tolls: Vec<f32>,
+    /// In times with tolls.
+    limit: f32,
+    /// To be taken off them.
+    off_secs: f64,
+    /// For each number of stops, what it takes on home from there; none where nothing was left out.
+    onward: Vec<Onward>,
+    /// For each number of stops the ends in each group.
+    layers: Vec<Vec<Ends>>,
+    work: usize,
 }
 
 impl<'a> Relaxation<'a> {
-    pub(super) fn new(groups: &'a [Range<usize>], costs: &Costs, level: SimdLevel) -> Self {
-        let width = width(groups);
-        let padded = |row: &[f64], group: &Range<usize>| -> Vec<f32> {
-            let secs = row[group.clone()].iter().map(|secs| *secs as f32);
-            secs.chain(std::iter::repeat(f32::INFINITY)).take(width).collect()
+    pub(super) fn new(groups: &'a [Range<usize>], costs: &Costs, chunks: usize, level: SimdLevel) -> Self {
+        let lanes = |row: &[f64], group: &Range<usize>, chunk: usize| {
+            let row = &row[group.clone()];
+            Lanes(std::array::from_fn(|lane| row.get(chunk * LANES + lane).map_or(f32::INFINITY, |secs| *secs as f32)))
         };
-        let block = |from: &Range<usize>, to: &Range<usize>| -> Vec<[f32; LANES]> {
-            let rows: Vec<_> = from.clone().map(|node| padded(costs.row(node), to)).collect();
-            let lanes = |chunk: usize, node: usize| rows.get(node).and_then(|row| row.as_chunks().0.get(chunk).copied());
-            let each = (0..width / LANES).flat_map(|chunk| (0..width).map(move |node| (chunk, node)));
-            each.map(|(chunk, node)| lanes(chunk, node).unwrap_or([f32::INFINITY; LANES])).collect()
-        };
-        let steps = groups.iter().flat_map(|from| groups.iter().flat_map(move |to| block(from, to))).collect();
-        let home = groups.iter().flat_map(|group| padded(costs.row(costs.nodes), group)).collect();
-        Self { groups, level, width, steps, home }
-    }
-
-    /// A row of lanes for each node of `from`: the times to those of a chunk of `to`'s.
-    #[inline(always)]
-    fn steps(&self, from: usize, to: usize, chunk: usize) -> &[[f32; LANES]] {
-        let chunks = self.width / LANES;
-        &self.steps[((from * self.groups.len() + to) * chunks + chunk) * self.width..][..self.width]
-    }
-
-    fn home(&self, group: usize) -> &[f32] {
-        &self.home[group * self.width..][..self.width]
+        let mut steps = Steps { groups: groups.len(), chunks, first: vec![0], from: Vec::new(), secs: Vec::new() };
+        for (to, into) in groups.iter().enumerate() {
+            for (from, nodes) in groups.iter().enumerate() {
+                for chunk in 0..chunks {
+                    for (number, node) in nodes.clone().enumerate().filter(|_| from != to) {
+                        steps.from.push(number as u16);
+                        steps.secs.push(lanes(costs.row(node), into, chunk));
+                    }
+                    steps.first.push(steps.from.len() as u32);
+                }
+            }
+        }
+        let home = costs.row(costs.nodes);
+        let home = groups.iter().flat_map(|group| (0..chunks).map(move |chunk| lanes(home, group, chunk))).collect();
+        Self { groups, level, chunks, steps, home }
     }
 
     /// For each group the `count` nearest others.
     pub(super) fn nearest(&self, count: usize) -> Vec<Vec<usize>> {
         let groups = self.groups.len();
-        let chunks = 0..self.width / LANES;
-        let steps = |from: usize, to: usize| chunks.clone().flat_map(move |chunk| self.steps(from, to, chunk).as_flattened());
-        let apart = |from: usize, to: usize| steps(from, to).copied().fold(f32::INFINITY, least);
+        let apart = |from: usize, to: usize| {
+            let steps = &self.steps.secs[self.steps.between(from, to)];
+            steps.iter().flat_map(|secs| secs.0).fold(f32::INFINITY, least)
+        };
         let nearest = |from: usize| {
             let mut others: Vec<_> = (0..groups).filter(|to| *to != from).map(|to| (apart(from, to), to)).collect();
             others.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -126,134 +108,215 @@ impl<'a> Relaxation<'a> {
         (0..groups).map(nearest).collect()
     }
 
-    pub(super) fn shortest_walk(&self, first: &Memories, memories: &Memories, tolls: &[f64], tour_secs: f64) -> Walk {
-        let stops = self.groups.len();
-        let all_tolls: f64 = tolls.iter().sum();
-        let tolls: Vec<f32> = tolls.iter().map(|toll| *toll as f32).collect();
-        // Sums of single precision: each addition is off by half a unit in the last place of the sum at most.
-        let largest = tour_secs + tolls.iter().map(|toll| f64::from(toll.abs())).sum::<f64>();
-        let slack_secs = 2.0 * stops as f64 * f64::from(f32::EPSILON) * largest;
-        let (whole, mut additions) = self.layers(first, &tolls, stops, |_, _, _| true);
-        let grown = memories.lists != first.lists;
-        let layers = if grown {
-            let on = self.onward(&whole, &tolls);
-            let limit = (tour_secs + all_tolls + slack_secs) as f32;
-            let is_open = |stop: usize, group: usize, secs: &[f32]| {
-                let on = &on[stop][group * self.width..][..self.width];
-                secs.iter().zip(on).any(|(so_far, on)| so_far + on <= limit)
-            };
-            let (halves, more) = self.layers(memories, &tolls, stops / 2 + 1, is_open);
-            additions += more;
-            halves
-        } else {
-            whole
-        };
-        let (secs, groups) = self.meet(&layers, memories, &tolls);
-        Walk { secs: f64::from(secs) - all_tolls - slack_secs, groups, additions }
-    }
-
-    /// Walks from home of one stop, two stops and so on, those left out that are not open.
-    fn layers(
-        &self,
-        memories: &Memories,
-        tolls: &[f32],
-        stops: usize,
-        is_open: impl Fn(usize, usize, &[f32]) -> bool + Sync,
-    ) -> (Vec<Vec<Ends>>, usize) {
-        let begun =
-            |group: usize| Ends { sets: vec![0], secs: self.home(group).iter().map(|secs| secs + tolls[group]).collect() };
-        let mut layers: Vec<Vec<Ends>> = vec![(0..self.groups.len()).map(begun).collect()];
-        let mut labels = 0;
-        for stop in 1..stops {
-            let before = &layers[stop - 1];
-            let next: Vec<Ends> = (0..self.groups.len())
-                .into_par_iter()
-                .map(|to| {
-                    let step = Step { relaxation: self, memories, before, to };
-                    let mut ends = self.level.run(step);
-                    ends.secs.iter_mut().for_each(|secs| *secs += tolls[to]);
-                    ends.keep(self.width, |secs| is_open(stop, to, secs));
-                    ends
-                })
-                .collect();
-            labels += before.iter().map(|ends| ends.sets.len()).sum::<usize>();
-            layers.push(next);
+    pub(super) fn shortest_walk(&self, terms: &Terms<'_>) -> Walk {
+        let halves = self.halves(terms, terms.memories.lists != terms.first.lists);
+        let labels = halves.layers.iter().flatten().map(|ends| ends.sets.len()).sum();
+        let (secs, stops) = self.meet(&halves, terms.memories);
+        Walk {
+            secs: f64::from(secs) - halves.off_secs,
+            groups: stops.iter().map(|end| end.group).collect(),
+            nodes: stops.iter().map(|end| self.groups[end.group].start + end.node).collect(),
+            labels,
+            work: halves.work,
         }
-        (layers, labels * self.groups.len() * self.width * self.width)
     }
 
-    /// For each number of stops before, for each node: the least time that a walk takes from there on home.
-    fn onward(&self, whole: &[Vec<Ends>], tolls: &[f32]) -> Vec<Vec<f32>> {
-        let least_of = |ends: &Ends, toll: f32| {
-            let mut on = vec![f32::INFINITY; self.width];
-            for row in ends.secs.chunks_exact(self.width) {
-                on.iter_mut().zip(row).for_each(|(on, secs)| *on = least(*secs - toll, *on));
+    /// Leaves out steps that no walk within the limit takes, neither way; what that cost.
+    pub(super) fn thin_out(&mut self, terms: &Terms<'_>) -> usize {
+        let halves = self.halves(terms, true);
+        let joined: Vec<_> =
+            halves.layers[..self.groups.len() / 2].iter().map(|layer| self.joined(layer, terms.memories)).collect();
+        let by_way_of = |to: usize| {
+            let mut known = vec![NEVER; self.steps.to(to).len()];
+            for (joined, onward) in joined.iter().zip(&halves.onward[1..]) {
+                known = self.step(to, joined, &halves, terms, Some(onward)).by_way_of(known, self.level);
             }
-            on
+            known
         };
-        whole.iter().rev().map(|layer| layer.iter().zip(tolls).flat_map(|(ends, toll)| least_of(ends, *toll)).collect()).collect()
+        let by_way_of: Vec<Lanes> = (0..self.groups.len()).into_par_iter().flat_map_iter(by_way_of).collect();
+        self.keep(&by_way_of, halves.limit);
+        2 * halves.work
     }
 
-    /// The shortest walk of two halves that end at the same node and of which neither remembers what the other does.
-    fn meet(&self, layers: &[Vec<Ends>], memories: &Memories, tolls: &[f32]) -> (f32, Vec<usize>) {
+    /// Keeps the steps that take at most the limit one way or the other.
+    fn keep(&mut self, secs: &[Lanes], limit: f32) {
+        let old = &self.steps;
+        let mut kept = Steps { first: vec![0], from: Vec::new(), secs: Vec::new(), ..*old };
+        let back = |from: usize, node: usize, to: usize, into: usize| {
+            let range = old.to_chunk(to, from, node / LANES);
+            let found = old.from[range.clone()].binary_search(&(into as u16));
+            found.map_or(f32::INFINITY, |at| secs[range.start + at].0[node % LANES])
+        };
+        for pair in 0..self.groups.len().pow(2) {
+            let (from, to) = (pair % self.groups.len(), pair / self.groups.len());
+            for chunk in 0..self.chunks {
+                for at in old.to_chunk(from, to, chunk) {
+                    let node = usize::from(old.from[at]);
+                    let is_open = |lane: usize| {
+                        least(secs[at].0[lane], back(from, node, to, chunk * LANES + lane)) <= limit
+                    };
+                    let row = Lanes(std::array::from_fn(|lane| if is_open(lane) { old.secs[at].0[lane] } else { f32::INFINITY }));
+                    if row.0.iter().any(|secs| secs.is_finite()) {
+                        kept.from.push(node as u16);
+                        kept.secs.push(row);
+                    }
+                }
+                kept.first.push(kept.from.len() as u32);
+            }
+        }
+        self.steps = kept;
+    }
+
+    /// Half walks; `looks_on`: those that no second half completes within the limit are left out.
+    fn halves(&self, terms: &Terms<'_>, looks_on: bool) -> Halves {
+        let stops = self.groups.len();
+        let all_tolls: f64 = terms.tolls.iter().sum();
+        // Sums of single precision: each addition is off by half a unit in the last place of the sum at most.
+        let largest = terms.limit_secs + terms.tolls.iter().map(|toll| toll.abs()).sum::<f64>();
+        let slack_secs = 2.0 * stops as f64 * f64::from(f32::EPSILON) * largest;
+        let off_secs = all_tolls + slack_secs;
+        let tolls: Vec<_> = terms.tolls.iter().map(|toll| *toll as f32).collect();
+        let limit = (terms.limit_secs + off_secs) as f32;
+        let mut halves = Halves { tolls, limit, off_secs, onward: Vec::new(), layers: Vec::new(), work: 0 };
+        if looks_on {
+            self.look_on(&mut halves, terms);
+        }
+        halves.layers.push(self.begun(&halves.tolls));
+        for stop in 1..=stops / 2 {
+            let next = self.next(&halves.layers[stop - 1], &halves, terms, halves.onward.get(stop));
+            halves.work += next.1;
+            halves.layers.push(next.0);
+        }
+        halves
+    }
+
+    /// Walks of one stop.
+    fn begun(&self, tolls: &[f32]) -> Vec<Ends> {
+        let begun = |(home, toll): (&[Lanes], &f32)| {
+            let secs = home.iter().map(|secs| Lanes(secs.0.map(|secs| secs + toll))).collect();
+            Ends { sets: vec![0], secs, work: 0 }
+        };
+        self.home.chunks_exact(self.chunks).zip(tolls).map(begun).collect()
+    }
+
+    /// For each group its ends, joined by each of its masks.
+    fn joined(&self, layer: &[Ends], memories: &Memories) -> Vec<Vec<Ends>> {
+        let joined = |(group, ends): (usize, &Ends)| {
+            let masks = memories.masks[group].iter();
+            masks.map(|mask| ends.joined(*mask, memories.bits(group), self.chunks, self.level)).collect()
+        };
+        layer.par_iter().enumerate().map(joined).collect()
+    }
+
+    fn step<'b>(
+        &'b self,
+        to: usize,
+        joined: &'b [Vec<Ends>],
+        halves: &Halves,
+        terms: &Terms<'b>,
+        onward: Option<&'b Onward>,
+    ) -> Step<'b> {
+        let onward = onward.map(|onward| (&onward[to][..], terms.first.all(to)));
+        Step { steps: &self.steps, memories: terms.memories, joined, to, toll: halves.tolls[to], onward, limit: halves.limit }
+    }
+
+    /// Walks one stop longer, and what they cost.
+    fn next(&self, layer: &[Ends], halves: &Halves, terms: &Terms<'_>, onward: Option<&Onward>) -> (Vec<Ends>, usize) {
+        let joined = self.joined(layer, terms.memories);
+        let ends = |to: usize| self.step(to, &joined, halves, terms, onward).ends(self.level);
+        let next: Vec<_> = (0..self.groups.len()).into_par_iter().map(ends).collect();
+        let work = joined.iter().flatten().chain(&next).map(|ends| ends.work).sum();
+        (next, work)
+    }
+
+    /// What walks take on home with the memories that were first: walks of as many stops as those have left, turned round.
+    fn look_on(&self, halves: &mut Halves, terms: &Terms<'_>) {
+        let stops = self.groups.len();
+        let first = Terms { memories: terms.first, ..*terms };
+        let mut layer = self.begun(&halves.tolls);
+        for stop in 0..stops {
+            if stop > 0 {
+                // Beyond half of all stops, what is known of the others tells which are left out.
+                let next = self.next(&layer, halves, &first, halves.onward.get(stops - 1 - stop));
+                layer = next.0;
+                halves.work += next.1;
+            }
+            let open = layer.par_iter().enumerate().map(|(group, ends)| self.open(group, ends, first.memories, halves.tolls[group]));
+            let open: Onward = open.collect();
+            halves.work += open.iter().map(Vec::len).sum::<usize>();
+            halves.onward.push(open);
+        }
+        halves.onward.reverse();
+    }
+
+    fn open(&self, group: usize, ends: &Ends, memories: &Memories, toll: f32) -> Vec<Lanes> {
+        let (bits, landmark_bits) = (memories.bits(group), memories.landmark_bits(group));
+        self.level.run(Open { ends, bits, landmark_bits, chunks: self.chunks, toll })
+    }
+
+    /// The shortest walk of two halves that end at the same node, of which neither remembers what the other does, and both
+    /// together all landmarks.
+    fn meet(&self, halves: &Halves, memories: &Memories) -> (f32, Vec<End>) {
         let stops = self.groups.len();
         let there = (stops - 1) / 2;
         let back = stops - 1 - there;
-        let met = (0..stops).into_par_iter().map(|group| self.meet_in(group, &layers[there], &layers[back], tolls[group]));
-        let nearest = met.collect::<Vec<_>>().into_iter().reduce(|best, next| if next.secs < best.secs { next } else { best });
+        let meet_in = |group: usize| {
+            let ends = [there, back].map(|stop| &halves.layers[stop][group]);
+            self.meet_in(group, ends, memories, halves.tolls[group])
+        };
+        let met = (0..stops).into_par_iter().map(meet_in).collect::<Vec<_>>();
+        let nearest = met.into_iter().reduce(|best, next| if next.secs < best.secs { next } else { best });
         let Some(meeting) = nearest.filter(|meeting| meeting.secs < f32::INFINITY) else { return (f32::INFINITY, Vec::new()) };
-        let half = |stop: usize, set: u16| self.trace(layers, memories, stop, End { set, ..meeting.end });
-        let mut groups = half(there, meeting.sets[0]);
-        groups.reverse();
-        groups.extend(half(back, meeting.sets[1]).into_iter().skip(1));
-        (meeting.secs, groups)
+        let half = |stop: usize, set: u16| self.trace(&halves.layers[..stop], memories, End { set, ..meeting.end });
+        let mut walk = half(there, meeting.sets[0]);
+        walk.reverse();
+        walk.extend(half(back, meeting.sets[1]).into_iter().skip(1));
+        (meeting.secs, walk)
     }
 
-    fn meet_in(&self, group: usize, there: &[Ends], back: &[Ends], toll: f32) -> Meeting {
-        let end = End { group, node: 0, set: 0 };
-        let mut best = Meeting { secs: f32::INFINITY, end, sets: [0; 2] };
-        let (first, second) = (there[group].by_least(self.width), back[group].by_least(self.width));
-        for (least_there, set, secs) in &first {
-            for (least_back, other, on) in &second {
-                if least_there + least_back - toll >= best.secs {
-                    break;
-                }
-                if set & other == 0 {
-                    for (node, (so_far, on)) in secs.iter().zip(*on).enumerate() {
-                        let secs = so_far + on - toll;
-                        if secs < best.secs {
-                            best = Meeting { secs, end: End { group, node, set: 0 }, sets: [*set, *other] };
-                        }
-                    }
+    fn meet_in(&self, group: usize, [there, back]: [&Ends; 2], memories: &Memories, toll: f32) -> Meeting {
+        let open = self.open(group, back, memories, toll);
+        let mut best = Meeting { secs: f32::INFINITY, end: End { group, node: 0, set: 0 }, sets: [0; 2] };
+        for (set, row) in there.rows(self.chunks) {
+            let on = &open[usize::from(memories.all(group) & !set) * self.chunks..][..self.chunks];
+            for node in 0..self.groups[group].len() {
+                let secs = at(row, node) + at(on, node);
+                if secs < best.secs {
+                    best = Meeting { secs, end: End { group, node, set: 0 }, sets: [set, 0] };
                 }
             }
         }
+        let landmarks = (1 << memories.landmark_bits(group)) - 1;
+        let fits = |set: u16| set & best.sets[0] == 0 && (set | best.sets[0]) & landmarks == landmarks;
+        let fitting = back.rows(self.chunks).filter(|(set, _)| fits(*set));
+        let nearest = fitting.min_by(|a, b| at(a.1, best.end.node).total_cmp(&at(b.1, best.end.node)));
+        best.sets[1] = nearest.map_or(0, |(set, _)| set);
         best
     }
 
-    /// The groups of a half, from its end back to its first stop.
-    fn trace(&self, layers: &[Vec<Ends>], memories: &Memories, stop: usize, end: End) -> Vec<usize> {
+    /// The stops of a half, from its end back to the first; `layers` are those before its end.
+    fn trace(&self, layers: &[Vec<Ends>], memories: &Memories, end: End) -> Vec<End> {
         let mut here = end;
-        let mut groups = vec![here.group];
-        for layer in layers[..stop].iter().rev() {
+        let mut stops = vec![here];
+        for layer in layers.iter().rev() {
             let mut best = (f32::INFINITY, here);
             for (group, ends) in layer.iter().enumerate().filter(|(group, _)| *group != here.group) {
-                let passed_on = memories.passed_on(group, here.group);
-                let steps = self.steps(group, here.group, here.node / LANES);
-                let rows = ends.sets.iter().zip(ends.secs.chunks_exact(self.width));
-                for (set, row) in rows.filter(|(set, _)| passed_on[usize::from(**set)] == here.set) {
-                    for (node, so_far) in row.iter().enumerate() {
-                        let secs = so_far + steps[node][here.node % LANES];
+                let pair = memories.pair(group, here.group);
+                let steps = self.steps.to_chunk(group, here.group, here.node / LANES);
+                for (set, row) in ends.rows(self.chunks).filter(|(set, _)| pair.passed_on(*set) == here.set) {
+                    for (node, step) in self.steps.from[steps.clone()].iter().zip(&self.steps.secs[steps.clone()]) {
+                        let node = usize::from(*node);
+                        let secs = at(row, node) + step.0[here.node % LANES];
                         if secs < best.0 {
-                            best = (secs, End { group, node, set: *set });
+                            best = (secs, End { group, node, set });
                         }
                     }
                 }
             }
             here = best.1;
-            groups.push(here.group);
+            stops.push(here);
         }
-        groups
+        stops
     }
 }
 
@@ -270,74 +333,4 @@ struct Meeting {
     secs: f32,
     end: End,
     sets: [u16; 2],
-}
-
-impl Ends {
-    /// Leaves out walks that are not open.
-    fn keep(&mut self, width: usize, is_open: impl Fn(&[f32]) -> bool) {
-        let mut kept = Self::default();
-        for (set, row) in self.sets.iter().zip(self.secs.chunks_exact(width)).filter(|(_, row)| is_open(row)) {
-            kept.sets.push(*set);
-            kept.secs.extend(row);
-        }
-        *self = kept;
-    }
-
-    /// Every set with its least time and its times, the least first.
-    fn by_least(&self, width: usize) -> Vec<(f32, u16, &[f32])> {
-        let rows = self.sets.iter().zip(self.secs.chunks_exact(width));
-        let mut rows: Vec<_> = rows.map(|(set, row)| (row.iter().copied().fold(f32::INFINITY, least), *set, row)).collect();
-        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-        rows
-    }
-}
-
-/// From all groups to one.
-struct Step<'a> {
-    relaxation: &'a Relaxation<'a>,
-    memories: &'a Memories,
-    before: &'a [Ends],
-    to: usize,
-}
-
-impl Kernel for Step<'_> {
-    type Output = Ends;
-
-    #[inline(always)]
-    fn run(self) -> Ends {
-        let Self { relaxation, memories, before, to } = self;
-        let width = relaxation.width;
-        let sets = 1 << memories.lists[to].len();
-        let mut secs = vec![f32::INFINITY; sets * width];
-        let mut met = vec![false; sets];
-        for (from, ends) in before.iter().enumerate().filter(|(from, _)| *from != to) {
-            let passed_on = memories.passed_on(from, to);
-            for (set, row) in ends.sets.iter().zip(ends.secs.chunks_exact(width)) {
-                let set = passed_on[usize::from(*set)];
-                if set != FORBIDDEN {
-                    met[usize::from(set)] = true;
-                    let so_far = &row[..relaxation.groups[from].len()];
-                    let (best, _) = secs[usize::from(set) * width..][..width].as_chunks_mut();
-                    for (chunk, best) in best.iter_mut().enumerate() {
-                        go_on(so_far, relaxation.steps(from, to, chunk), best);
-                    }
-                }
-            }
-        }
-        let sets: Vec<u16> = (0..sets).filter(|set| met[*set]).map(|set| set as u16).collect();
-        let secs = sets.iter().flat_map(|set| &secs[usize::from(*set) * width..][..width]).copied().collect();
-        Ends { sets, secs }
-    }
-}
-
-/// Improves the times to some nodes by steps from nodes at `so_far`.
-#[inline(always)]
-fn go_on(so_far: &[f32], steps: &[[f32; LANES]], best: &mut [f32; LANES]) {
-    let mut now = *best;
-    for (so_far, row) in so_far.iter().zip(steps) {
-        for lane in 0..LANES {
-            now[lane] = least(so_far + row[lane], now[lane]);
-        }
-    }
-    *best = now;
 }
