@@ -15,8 +15,8 @@
 //! for good, nine of ten soon, which makes room for more memory. Where no walk is left, no tour is shorter than the target, and
 //! the target rises. Any tolls, memories and targets give a valid bound. A walk without a group twice is the shortest tour.
 
-mod lanes;
 mod landmarks;
+mod lanes;
 mod memories;
 mod walks;
 
@@ -45,7 +45,7 @@ const LANDMARKS_AT_ONCE: usize = 2;
 const WALKS_KEPT: usize = 12;
 /// Steps from a walk's end to a node, each of up to [`LANES`] nodes, in all rounds together: about a second's worth on two
 /// cores.
-const WORK: usize = 2_000_000_000;
+const WORK: usize = 1_000_000_000;
 /// Rounds without gain after which steps become shorter before all landmarks are found, …
 const PATIENCE_AT_FIRST: u32 = 3;
 /// … and then, …
@@ -55,7 +55,7 @@ const SHORTER: f64 = 0.7;
 /// Share of the full step below which memories grow before all landmarks are found, …
 const GROW_AT_FIRST: f64 = 0.6;
 /// … and then, …
-const GROW: f64 = 0.2;
+const GROW: f64 = 0.25;
 /// … and with which it goes on.
 const AGAIN: f64 = 0.4;
 /// Steps this short change nothing.
@@ -64,20 +64,23 @@ const STILL: f64 = 1e-3;
 const KEPT: f64 = 0.3;
 /// How far above the bound a step aims.
 const AIM: f64 = 1.05;
+/// How much nearer the bound has to come to the target until it is looked for steps to leave out again.
+const NEARER: f64 = 0.8;
 /// Where between the bound and the tour the target is.
-const TARGET: f64 = 0.5;
+const TARGET: f64 = 0.55;
 /// A gap smaller than this share of the tour is worth no target of its own, …
-const NEAR: f64 = 0.01;
+const NEAR: f64 = 0.003;
 /// … and one smaller than this is closed.
 const CLOSED: f64 = 1e-6;
 
 /// A lower bound of the shortest tour; `tour_secs` is the time of one that is known.
 pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, ctx: &Context<'_>) -> Result<f64, Cancelled> {
+    let entered_secs = entered_secs(groups, costs).min(tour_secs);
     let chunks = chunks(groups);
     if chunks > lanes::MOST_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > WORK {
-        return Ok(entered_secs(groups, costs).min(tour_secs));
+        return Ok(entered_secs);
     }
-    let whole = Relaxation::new(groups, costs, chunks, ctx.simd_level());
+    let mut whole = Relaxation::new(groups, costs, chunks, ctx.simd_level());
     let mut relaxation = whole.clone();
     let mut ascent = Ascent::new(&relaxation, tour_secs);
     let mut work = 0;
@@ -87,13 +90,17 @@ pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, c
         work += walk.work;
         let next = ascent.next(&walk);
         if next == Next::Done || work + walk.work > WORK {
-            return Ok(ascent.best_secs.clamp(0.0, tour_secs));
+            return Ok(ascent.best_secs.clamp(entered_secs, tour_secs));
         }
-        if next == Next::Raise {
+        let is_whole = next == Next::Grow && !ascent.has_grown();
+        if is_whole {
+            work += whole.thin_out(&Terms { limit_secs: tour_secs, ..ascent.terms(&ascent.highest.1) });
+        }
+        let is_anew = is_whole || next == Next::Raise;
+        if is_anew {
             relaxation.clone_from(&whole);
-            ascent.raise();
         }
-        if next != Next::Step {
+        if next != Next::Step && ascent.is_worth_thinning(is_anew) {
             work += relaxation.thin_out(&ascent.terms(&ascent.highest.1));
         }
         if next == Next::Grow {
@@ -139,6 +146,8 @@ struct Ascent {
     best_secs: f64,
     tolls: Vec<f64>,
     direction: Vec<f64>,
+    /// Those that were best while no steps were left out for a target.
+    anchor: Vec<f64>,
     /// Memories before they grew by what walks came back to, and as they are.
     first: Memories,
     memories: Memories,
@@ -147,6 +156,8 @@ struct Ascent {
     highest: (f64, Vec<f64>, Vec<usize>),
     share: f64,
     waited: u32,
+    /// How far below the target the bound was when steps were left out.
+    thinned_secs: f64,
     /// The nodes of the last walks, for landmarks yet to be found.
     walks: Vec<Vec<usize>>,
 }
@@ -160,6 +171,7 @@ impl Ascent {
             target_secs: tour_secs,
             best_secs: 0.0,
             direction: tolls.clone(),
+            anchor: tolls.clone(),
             memories: first.clone(),
             first,
             most: REMEMBERED,
@@ -167,6 +179,7 @@ impl Ascent {
             tolls,
             share: 1.0,
             waited: 0,
+            thinned_secs: f64::INFINITY,
             walks: Vec::new(),
         }
     }
@@ -179,6 +192,10 @@ impl Ascent {
         self.first.landmarks.len() < LANDMARKS.min(self.tolls.len() / GROUPS_PER_LANDMARK)
     }
 
+    fn has_grown(&self) -> bool {
+        self.memories.lists != self.first.lists
+    }
+
     /// Takes a walk into account.
     fn next(&mut self, walk: &Walk) -> Next {
         self.best_secs = self.best_secs.max(walk.secs.min(self.target_secs));
@@ -186,6 +203,7 @@ impl Ascent {
             return Next::Done;
         }
         if walk.secs >= self.target_secs {
+            self.raise();
             return Next::Raise;
         }
         let mut too_often = vec![-1.0; self.tolls.len()];
@@ -207,7 +225,8 @@ impl Ascent {
             self.tolls.clone_from(&self.highest.1);
             self.direction.fill(0.0);
             if self.share < grow && (self.lacks_landmarks() || walk.labels < MOST_LABELS && self.grown(&walk.groups).is_some()) {
-                if !self.lacks_landmarks() && self.target_secs == self.tour_secs && self.memories.lists == self.first.lists {
+                if !self.lacks_landmarks() && !self.has_grown() {
+                    self.anchor.clone_from(&self.tolls);
                     self.aim();
                 }
                 return Next::Grow;
@@ -230,6 +249,17 @@ impl Ascent {
         }
     }
 
+    /// Whether the bound has come so much nearer to the target that more steps may be left out; `is_anew`: than are left out
+    /// for any target.
+    fn is_worth_thinning(&mut self, is_anew: bool) -> bool {
+        let below_secs = self.target_secs - self.highest.0;
+        let is_worth = if is_anew { self.target_secs < self.tour_secs } else { below_secs < NEARER * self.thinned_secs };
+        if is_anew || is_worth {
+            self.thinned_secs = below_secs;
+        }
+        is_worth
+    }
+
     /// Sets the target anew.
     fn aim(&mut self) {
         let target_secs = self.best_secs + TARGET * (self.tour_secs - self.best_secs);
@@ -239,8 +269,10 @@ impl Ascent {
     /// To a target further up.
     fn raise(&mut self) {
         self.aim();
-        self.highest.1.clone_from(&self.tolls);
+        self.tolls.clone_from(&self.anchor);
+        self.highest.1.clone_from(&self.anchor);
         self.begin();
+        self.highest.0 = self.best_secs;
     }
 
     /// Begins anew from the tolls that it has.

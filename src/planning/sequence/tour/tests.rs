@@ -138,7 +138,7 @@ fn the_local_search_comes_close_to_the_optimum_on_points_in_the_plane() {
 }
 
 #[test]
-fn long_tours_are_proved_to_be_within_one_percent() {
+fn long_tours_are_proved_shortest_or_nearly() {
     for seed in 0..3 {
         let (groups, costs) = in_the_plane(seed, 30, 4);
         let flag = AtomicBool::new(false);
@@ -146,7 +146,7 @@ fn long_tours_are_proved_to_be_within_one_percent() {
         let tour = &shortest(&groups, &costs, &[], Effort::Thorough, &ctx).expect("not cancelled")[0];
         let (secs, bound) = (length(tour, &costs), at_least(&groups, &costs, tour, &ctx).expect("not cancelled"));
         println!("30 groups of 4, seed {seed}: {secs:.4}, at least {bound:.4}, gap {:.2} %", 100.0 * (secs / bound - 1.0));
-        assert!(bound <= secs && secs < 1.01 * bound, "{secs} and {bound}");
+        assert!(bound <= secs && secs < 1.001 * bound, "{secs} and {bound}");
     }
 }
 

@@ -11,6 +11,8 @@ use crate::geometry::{Kernel, SimdLevel, least};
 pub(super) const LANES: usize = 16;
 /// Rows of lanes that a group's nodes take: 1, 2 or 4.
 pub(super) const MOST_CHUNKS: usize = 4;
+/// Sets for which there is room at once.
+const FEW: usize = 128;
 /// What it costs to look at a row, in additions to it.
 const LOOK: usize = 3;
 
@@ -210,7 +212,7 @@ impl<const CHUNKS: usize> Kernel for Advance<'_, CHUNKS> {
     #[inline(always)]
     fn run(self) -> Ends {
         let Self(step) = self;
-        let mut advanced = Advanced { sets: Vec::new(), best: Vec::new(), work: 0 };
+        let mut advanced = Advanced { sets: Vec::with_capacity(FEW), best: Vec::with_capacity(FEW), work: 0 };
         step.each::<CHUNKS>(&mut advanced);
         let count = advanced.sets.len();
         let mut kept = Ends { sets: Vec::with_capacity(count), secs: Vec::with_capacity(count * CHUNKS), work: advanced.work };

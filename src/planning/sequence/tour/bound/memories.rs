@@ -33,7 +33,8 @@ impl Memories {
         let mut masks = vec![Vec::new(); count];
         let mut mask_of = |from: usize, to: usize| {
             let matters = |group: &usize| *group == to || lists[to].contains(group);
-            let mask = lists[from].iter().enumerate().filter(|(_, group)| matters(group)).fold(0, |mask, (bit, _)| mask | 1 << bit);
+            let mask =
+                lists[from].iter().enumerate().filter(|(_, group)| matters(group)).fold(0, |mask, (bit, _)| mask | 1 << bit);
             masks[from].iter().position(|other| *other == mask).unwrap_or_else(|| {
                 masks[from].push(mask);
                 masks[from].len() - 1

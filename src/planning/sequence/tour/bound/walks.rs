@@ -152,9 +152,7 @@ impl<'a> Relaxation<'a> {
             for chunk in 0..self.chunks {
                 for at in old.to_chunk(from, to, chunk) {
                     let node = usize::from(old.from[at]);
-                    let is_open = |lane: usize| {
-                        least(secs[at].0[lane], back(from, node, to, chunk * LANES + lane)) <= limit
-                    };
+                    let is_open = |lane: usize| least(secs[at].0[lane], back(from, node, to, chunk * LANES + lane)) <= limit;
                     let row = Lanes(std::array::from_fn(|lane| if is_open(lane) { old.secs[at].0[lane] } else { f32::INFINITY }));
                     if row.0.iter().any(|secs| secs.is_finite()) {
                         kept.from.push(node as u16);
@@ -241,7 +239,8 @@ impl<'a> Relaxation<'a> {
                 layer = next.0;
                 halves.work += next.1;
             }
-            let open = layer.par_iter().enumerate().map(|(group, ends)| self.open(group, ends, first.memories, halves.tolls[group]));
+            let open =
+                layer.par_iter().enumerate().map(|(group, ends)| self.open(group, ends, first.memories, halves.tolls[group]));
             let open: Onward = open.collect();
             halves.work += open.iter().map(Vec::len).sum::<usize>();
             halves.onward.push(open);
