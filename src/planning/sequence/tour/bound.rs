@@ -36,12 +36,15 @@ const REMEMBERED: usize = 3;
 const MOST_REMEMBERED: usize = 12;
 /// Ends of half walks beyond which memories grow no more: a hundred megabytes' worth.
 const MOST_LABELS: usize = 1 << 20;
-/// Groups that all remember, at most; of so many one.
+/// Groups that all remember before there is a target, …
 const LANDMARKS: usize = 4;
-const GROUPS_PER_LANDMARK: usize = 3;
-/// Found at a time, …
+/// … found so many at a time, …
 const LANDMARKS_AT_ONCE: usize = 2;
-/// … from so many walks.
+/// … at most, one at a time, …
+const MOST_LANDMARKS: usize = 6;
+/// … of so many one, …
+const GROUPS_PER_LANDMARK: usize = 3;
+/// … from so many of the last walks.
 const WALKS_KEPT: usize = 12;
 /// Steps from a walk's end to a node, each of up to [`LANES`] nodes, in all rounds together: about a second's worth on two
 /// cores.
@@ -55,7 +58,7 @@ const SHORTER: f64 = 0.7;
 /// Share of the full step below which memories grow before all landmarks are found, …
 const GROW_AT_FIRST: f64 = 0.6;
 /// … and then, …
-const GROW: f64 = 0.25;
+const GROW: f64 = 0.3;
 /// … and with which it goes on.
 const AGAIN: f64 = 0.4;
 /// Steps this short change nothing.
@@ -92,18 +95,17 @@ pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, c
         if next == Next::Done || work + walk.work > WORK {
             return Ok(ascent.best_secs.clamp(entered_secs, tour_secs));
         }
-        let is_whole = next == Next::Grow && !ascent.has_grown();
+        let is_whole = matches!(next, Next::Landmarks | Next::Aim);
         if is_whole {
             work += whole.thin_out(&Terms { limit_secs: tour_secs, ..ascent.terms(&ascent.highest.1) });
         }
-        let is_anew = is_whole || next == Next::Raise;
-        if is_anew {
+        if is_whole || next == Next::Raise {
             relaxation.clone_from(&whole);
         }
-        if next != Next::Step && ascent.is_worth_thinning(is_anew) {
+        if ascent.is_worth_thinning(next) {
             work += relaxation.thin_out(&ascent.terms(&ascent.highest.1));
         }
-        if next == Next::Grow {
+        if !matches!(next, Next::Step | Next::Raise) {
             ascent.grow(groups, costs, &walk.groups);
         }
     }
@@ -130,11 +132,15 @@ pub(super) fn entered_secs(groups: &[Range<usize>], costs: &Costs) -> f64 {
 /// What a walk calls for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Next {
-    /// Other tolls, which it has.
+    /// Other tolls, which are there.
     Step,
-    /// More memory.
+    /// Landmarks before there is a target, …
+    Landmarks,
+    /// … memory now that there is one, …
+    Aim,
+    /// … and more.
     Grow,
-    /// A target further up.
+    /// Steps that were left out, for the target is further up.
     Raise,
     Done,
 }
@@ -156,9 +162,10 @@ struct Ascent {
     highest: (f64, Vec<f64>, Vec<usize>),
     share: f64,
     waited: u32,
+    has_aimed: bool,
     /// How far below the target the bound was when steps were left out.
     thinned_secs: f64,
-    /// The nodes of the last walks, for landmarks yet to be found.
+    /// The nodes of the last walks, the last first.
     walks: Vec<Vec<usize>>,
 }
 
@@ -179,21 +186,19 @@ impl Ascent {
             tolls,
             share: 1.0,
             waited: 0,
+            has_aimed: false,
             thinned_secs: f64::INFINITY,
             walks: Vec::new(),
         }
     }
 
     fn terms<'a>(&'a self, tolls: &'a [f64]) -> Terms<'a> {
-        Terms { first: &self.first, memories: &self.memories, tolls, limit_secs: self.target_secs }
+        Terms { first: &self.first, memories: &self.memories, tolls, limit_secs: self.target_secs, looks_on: self.has_aimed }
     }
 
     fn lacks_landmarks(&self) -> bool {
-        self.first.landmarks.len() < LANDMARKS.min(self.tolls.len() / GROUPS_PER_LANDMARK)
-    }
-
-    fn has_grown(&self) -> bool {
-        self.memories.lists != self.first.lists
+        let most = if self.has_aimed { MOST_LANDMARKS } else { LANDMARKS };
+        self.first.landmarks.len() < most.min(self.tolls.len() / GROUPS_PER_LANDMARK)
     }
 
     /// Takes a walk into account.
@@ -211,25 +216,21 @@ impl Ascent {
         if too_often.iter().all(|stops| *stops == 0.0) {
             return Next::Done;
         }
-        if self.lacks_landmarks() {
-            self.walks.push(walk.nodes.clone());
-        }
+        self.walks.truncate(WALKS_KEPT - 1);
+        self.walks.insert(0, walk.nodes.clone());
         if walk.secs > self.highest.0 || self.highest.2.is_empty() {
             (self.highest, self.waited) = ((walk.secs, self.tolls.clone(), walk.groups.clone()), 0);
         } else {
             self.waited += 1;
         }
-        let (patience, grow) = if self.lacks_landmarks() { (PATIENCE_AT_FIRST, GROW_AT_FIRST) } else { (PATIENCE, GROW) };
+        let is_early = !self.has_aimed && self.lacks_landmarks();
+        let (patience, grow) = if is_early { (PATIENCE_AT_FIRST, GROW_AT_FIRST) } else { (PATIENCE, GROW) };
         if self.waited == patience {
             (self.share, self.waited) = (SHORTER * self.share, 0);
             self.tolls.clone_from(&self.highest.1);
             self.direction.fill(0.0);
-            if self.share < grow && (self.lacks_landmarks() || walk.labels < MOST_LABELS && self.grown(&walk.groups).is_some()) {
-                if !self.lacks_landmarks() && !self.has_grown() {
-                    self.anchor.clone_from(&self.tolls);
-                    self.aim();
-                }
-                return Next::Grow;
+            if self.share < grow && walk.labels < MOST_LABELS && (self.lacks_landmarks() || self.grown(&walk.groups).is_some()) {
+                return self.more(is_early);
             }
             if self.share < STILL {
                 return Next::Done;
@@ -237,6 +238,18 @@ impl Ascent {
         }
         self.step(&too_often, walk.secs);
         Next::Step
+    }
+
+    fn more(&mut self, is_early: bool) -> Next {
+        match (is_early, self.has_aimed) {
+            (true, _) => Next::Landmarks,
+            (_, true) => Next::Grow,
+            _ => {
+                self.anchor.clone_from(&self.tolls);
+                self.aim();
+                Next::Aim
+            }
+        }
     }
 
     fn step(&mut self, too_often: &[f64], walk_secs: f64) {
@@ -249,12 +262,15 @@ impl Ascent {
         }
     }
 
-    /// Whether the bound has come so much nearer to the target that more steps may be left out; `is_anew`: than are left out
-    /// for any target.
-    fn is_worth_thinning(&mut self, is_anew: bool) -> bool {
+    /// Whether steps may be left out for the target that are not for the tour, more than before.
+    fn is_worth_thinning(&mut self, next: Next) -> bool {
         let below_secs = self.target_secs - self.highest.0;
-        let is_worth = if is_anew { self.target_secs < self.tour_secs } else { below_secs < NEARER * self.thinned_secs };
-        if is_anew || is_worth {
+        let is_worth = match next {
+            Next::Step | Next::Landmarks | Next::Done => false,
+            Next::Aim | Next::Raise => self.target_secs < self.tour_secs,
+            Next::Grow => below_secs < NEARER * self.thinned_secs,
+        };
+        if is_worth {
             self.thinned_secs = below_secs;
         }
         is_worth
@@ -262,6 +278,7 @@ impl Ascent {
 
     /// Sets the target anew.
     fn aim(&mut self) {
+        self.has_aimed = true;
         let target_secs = self.best_secs + TARGET * (self.tour_secs - self.best_secs);
         self.target_secs = if target_secs < (1.0 - NEAR) * self.tour_secs { target_secs } else { self.tour_secs };
     }
@@ -285,12 +302,11 @@ impl Ascent {
     /// Has all groups remember some more landmarks, or some what the last walks came back to.
     fn grow(&mut self, groups: &[Range<usize>], costs: &Costs, last: &[usize]) {
         if self.lacks_landmarks() {
-            let walks = self.walks.split_off(self.walks.len().saturating_sub(WALKS_KEPT));
-            let more = landmarks::far_from(walks, &self.first.landmarks, LANDMARKS_AT_ONCE, groups, costs);
+            let count = if self.has_aimed { 1 } else { LANDMARKS_AT_ONCE };
+            let more = landmarks::far_from(std::mem::take(&mut self.walks), &self.first.landmarks, count, groups, costs);
             self.first = self.first.with_landmarks(&more);
-            self.memories = self.first.clone();
-            self.most = REMEMBERED + self.first.landmarks.len();
-            self.walks.clear();
+            self.memories = self.memories.with_landmarks(&more);
+            self.most += more.len();
         } else if let Some(lists) = self.grown(last) {
             self.most = (self.most + 1).min(MOST_REMEMBERED);
             self.memories = Memories::new(self.first.landmarks.clone(), lists);

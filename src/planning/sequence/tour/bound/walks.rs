@@ -26,6 +26,7 @@ pub(super) struct Terms<'a> {
     pub(super) tolls: &'a [f64],
     /// Walks that take longer matter not.
     pub(super) limit_secs: f64,
+    pub(super) looks_on: bool,
 }
 
 /// A shortest walk.
@@ -109,7 +110,7 @@ impl<'a> Relaxation<'a> {
     }
 
     pub(super) fn shortest_walk(&self, terms: &Terms<'_>) -> Walk {
-        let halves = self.halves(terms, terms.memories.lists != terms.first.lists);
+        let halves = self.halves(terms, terms.looks_on);
         let labels = halves.layers.iter().flatten().map(|ends| ends.sets.len()).sum();
         let (secs, stops) = self.meet(&halves, terms.memories);
         Walk {
