@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 use proptest::prelude::*;
 
 use super::{Costs, Effort, Search, at_least, bound, exact, shortest};
+use crate::geometry::SimdLevel;
 use crate::planning::context::{Context, Silent};
 use crate::planning::random::Stream;
 
@@ -86,6 +87,20 @@ proptest! {
     }
 
     #[test]
+    fn no_tour_is_shorter_than_a_bound_by_landmarks_and_targets(
+        sizes in prop::collection::vec(1usize..4, 9..11),
+        secs in prop::collection::vec(0.1..10.0f64, 1000),
+        said in 1.0..2.0f64,
+    ) {
+        let (groups, costs) = instance(&sizes, &secs);
+        let flag = AtomicBool::new(false);
+        let ctx = Context::new(&flag, &Silent);
+        let best = length(&exact(&groups, &costs, &ctx).expect("not cancelled"), &costs);
+        let bound = bound::at_least(&groups, &costs, said * best, &ctx).expect("not cancelled");
+        prop_assert!(bound <= best + 1e-9, "{bound} above {best}");
+    }
+
+    #[test]
     fn a_search_reports_the_length_it_has(
         sizes in prop::collection::vec(1usize..4, 13..16),
         secs in prop::collection::vec(0.1..10.0f64, 2300),
@@ -148,6 +163,19 @@ fn long_tours_are_proved_shortest_or_nearly() {
         println!("30 groups of 4, seed {seed}: {secs:.4}, at least {bound:.4}, gap {:.2} %", 100.0 * (secs / bound - 1.0));
         assert!(bound <= secs && secs < 1.001 * bound, "{secs} and {bound}");
     }
+}
+
+#[test]
+fn the_bound_is_the_same_on_any_threads_and_vector_instructions() {
+    let (groups, costs) = in_the_plane(1, 14, 5);
+    let flag = AtomicBool::new(false);
+    let bound = |threads: usize, level: SimdLevel| {
+        let ctx = Context::new(&flag, &Silent).with_simd_level(level);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
+        pool.install(|| bound::at_least(&groups, &costs, 100.0, &ctx)).expect("not cancelled").to_bits()
+    };
+    let one = bound(1, SimdLevel::PORTABLE);
+    assert!(SimdLevel::available().into_iter().all(|level| bound(2, level) == one));
 }
 
 #[test]
