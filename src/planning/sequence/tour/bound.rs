@@ -32,7 +32,7 @@ use crate::planning::context::{Cancelled, Context};
 
 /// Groups that each remembers at first, the nearest, …
 const REMEMBERED: usize = 3;
-/// … and at most.
+/// … and at most, landmarks among them.
 const MOST_REMEMBERED: usize = 12;
 /// Ends of half walks beyond which memories grow no more: a hundred megabytes' worth.
 const MOST_LABELS: usize = 1 << 20;
@@ -46,8 +46,8 @@ const MOST_LANDMARKS: usize = 6;
 const GROUPS_PER_LANDMARK: usize = 3;
 /// … from so many of the last walks.
 const WALKS_KEPT: usize = 12;
-/// Steps from a walk's end to a node, each of up to [`LANES`] nodes, in all rounds together: about a second's worth on two
-/// cores.
+/// Additions of [`LANES`] times each in all rounds together: about a second's worth on two cores with 512-bit vectors. A count,
+/// not a time, for the bound has to be the same on every machine.
 const WORK: usize = 1_000_000_000;
 /// Rounds without gain after which steps become shorter before all landmarks are found, …
 const PATIENCE_AT_FIRST: u32 = 3;
@@ -162,6 +162,7 @@ struct Ascent {
     highest: (f64, Vec<f64>, Vec<usize>),
     share: f64,
     waited: u32,
+    /// Whether there is a target below the tour, or was.
     has_aimed: bool,
     /// How far below the target the bound was when steps were left out.
     thinned_secs: f64,
@@ -196,6 +197,7 @@ impl Ascent {
         Terms { first: &self.first, memories: &self.memories, tolls, limit_secs: self.target_secs, looks_on: self.has_aimed }
     }
 
+    /// Whether landmarks are yet to be found, before there is a target or now.
     fn lacks_landmarks(&self) -> bool {
         let most = if self.has_aimed { MOST_LANDMARKS } else { LANDMARKS };
         self.first.landmarks.len() < most.min(self.tolls.len() / GROUPS_PER_LANDMARK)
@@ -240,6 +242,7 @@ impl Ascent {
         Next::Step
     }
 
+    /// What comes where tolls raise the bound no more.
     fn more(&mut self, is_early: bool) -> Next {
         match (is_early, self.has_aimed) {
             (true, _) => Next::Landmarks,
@@ -252,6 +255,7 @@ impl Ascent {
         }
     }
 
+    /// Raises tolls on groups that a walk stopped at too often.
     fn step(&mut self, too_often: &[f64], walk_secs: f64) {
         self.direction.iter_mut().zip(too_often).for_each(|(along, stops)| *along = KEPT * *along + (1.0 - KEPT) * stops);
         let length: f64 = self.direction.iter().map(|along| along * along).sum();
@@ -283,7 +287,7 @@ impl Ascent {
         self.target_secs = if target_secs < (1.0 - NEAR) * self.tour_secs { target_secs } else { self.tour_secs };
     }
 
-    /// To a target further up.
+    /// To a target further up, from the tolls before steps were left out for one: those since may suit those steps alone.
     fn raise(&mut self) {
         self.aim();
         self.tolls.clone_from(&self.anchor);

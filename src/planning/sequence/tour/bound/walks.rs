@@ -26,6 +26,7 @@ pub(super) struct Terms<'a> {
     pub(super) tolls: &'a [f64],
     /// Walks that take longer matter not.
     pub(super) limit_secs: f64,
+    /// Whether halves that no second half completes within the limit are dropped; worth it where the limit is near.
     pub(super) looks_on: bool,
 }
 
@@ -166,7 +167,7 @@ impl<'a> Relaxation<'a> {
         self.steps = kept;
     }
 
-    /// Half walks; `looks_on`: those that no second half completes within the limit are left out.
+    /// Half walks; `looks_on` as in [`Terms`].
     fn halves(&self, terms: &Terms<'_>, looks_on: bool) -> Halves {
         let stops = self.groups.len();
         let all_tolls: f64 = terms.tolls.iter().sum();
