@@ -46,9 +46,11 @@ const MOST_LANDMARKS: usize = 6;
 const GROUPS_PER_LANDMARK: usize = 3;
 /// … from so many of the last walks.
 const WALKS_KEPT: usize = 12;
-/// Additions of [`LANES`] times each in all rounds together: about a second's worth on two cores with 512-bit vectors. A count,
-/// not a time, for the bound has to be the same on every machine.
-const WORK: usize = 1_000_000_000;
+/// Additions of [`LANES`] times each in all rounds together: so many a group, …
+const WORK_A_GROUP: usize = 17_000_000;
+/// … and at most, about a second's worth on two cores with 512-bit vectors. A count, not a time, for the bound has to be the
+/// same on every machine.
+const MOST_WORK: usize = 1_000_000_000;
 /// Rounds without gain after which steps become shorter before all landmarks are found, …
 const PATIENCE_AT_FIRST: u32 = 3;
 /// … and then, …
@@ -80,7 +82,8 @@ const CLOSED: f64 = 1e-6;
 pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, ctx: &Context<'_>) -> Result<f64, Cancelled> {
     let entered_secs = entered_secs(groups, costs).min(tour_secs);
     let chunks = chunks(groups);
-    if chunks > lanes::MOST_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > WORK {
+    let most_work = MOST_WORK.min(WORK_A_GROUP * groups.len());
+    if chunks > lanes::MOST_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > most_work {
         return Ok(entered_secs);
     }
     let mut whole = Relaxation::new(groups, costs, chunks, ctx.simd_level());
@@ -92,7 +95,7 @@ pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, c
         let walk = relaxation.shortest_walk(&ascent.terms(&ascent.tolls));
         work += walk.work;
         let next = ascent.next(&walk);
-        if next == Next::Done || work + walk.work > WORK {
+        if next == Next::Done || work + walk.work > most_work {
             return Ok(ascent.best_secs.clamp(entered_secs, tour_secs));
         }
         let is_whole = matches!(next, Next::Landmarks | Next::Aim);
