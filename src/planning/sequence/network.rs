@@ -26,6 +26,23 @@ pub(super) struct Ramp {
     secs: f64,
 }
 
+/// A place that is yet to be gone on from, by the time of a way by it. Times are not negative, and such floats order as their
+/// bits do.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Waiting {
+    whole: u64,
+    so_far: u64,
+    place: usize,
+    /// The road to it; none from a ramp.
+    road: Option<usize>,
+}
+
+impl Waiting {
+    fn new(so_far_secs: f64, ahead_secs: f64, place: usize, road: Option<usize>) -> Self {
+        Self { whole: (so_far_secs + ahead_secs).to_bits(), so_far: so_far_secs.to_bits(), place, road }
+    }
+}
+
 /// A roadmap beside a part.
 pub(super) struct Network {
     roadmap: Arc<Roadmap>,
@@ -95,12 +112,11 @@ impl Network {
         let ahead =
             |place: usize| last.iter().map(|ramp| secs_between(place, ramp.place) + ramp.secs).fold(f64::INFINITY, f64::min);
         let mut before: Vec<Option<Option<usize>>> = vec![None; self.roadmap.places.len()];
-        // Times are not negative, and such floats order as their bits do.
-        let mut open: BinaryHeap<Reverse<(u64, u64, usize, Option<usize>)>> = BinaryHeap::new();
+        let mut waiting = BinaryHeap::new();
         for ramp in first {
-            open.push(Reverse(((ramp.secs + ahead(ramp.place)).to_bits(), ramp.secs.to_bits(), ramp.place, None)));
+            waiting.push(Reverse(Waiting::new(ramp.secs, ahead(ramp.place), ramp.place, None)));
         }
-        while let Some(Reverse((_, so_far, place, road))) = open.pop() {
+        while let Some(Reverse(Waiting { so_far, place, road, .. })) = waiting.pop() {
             if before[place].is_some() || road.is_some_and(|road| !self.is_free(road)) {
                 continue;
             }
@@ -114,7 +130,7 @@ impl Network {
                 let next = self.other_end(*road, place);
                 if self.is_open[next] && before[next].is_none() {
                     let secs = f64::from_bits(so_far) + secs_between(place, next);
-                    open.push(Reverse(((secs + ahead(next)).to_bits(), secs.to_bits(), next, Some(*road))));
+                    waiting.push(Reverse(Waiting::new(secs, ahead(next), next, Some(*road))));
                 }
             }
         }

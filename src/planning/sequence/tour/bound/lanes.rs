@@ -141,7 +141,7 @@ pub(super) struct Step<'a> {
     pub(super) joined: &'a [Vec<Ends>],
     pub(super) to: usize,
     pub(super) toll: f32,
-    /// What it takes on home from there, see [`open`], and the bits of its sets.
+    /// What it takes on home from there, see [`Open`], and the bits of its sets.
     pub(super) onward: Option<(&'a [Lanes], u16)>,
     /// Ends from where no walk home is within it are left out.
     pub(super) limit: f32,
