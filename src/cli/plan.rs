@@ -16,6 +16,7 @@ use crate::geometry::mesh_io::ReadMesh;
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
+use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::json_file_bytes;
@@ -99,7 +100,9 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let pool = pool(args.threads)?;
     let progress = Progress::start();
     let result = pool.install(|| {
-        let ctx = Context::new(cancel, &progress);
+        // One plan orders views, and tries remedies, many times in its cell.
+        let roadmaps = Roadmaps::default();
+        let ctx = Context::new(cancel, &progress).with_roadmaps(&roadmaps);
         let outcome = job.plan(&ctx)?;
         let artifacts = job.render(&outcome, &ctx)?;
         Ok((outcome, artifacts))
