@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::field_error::Findings;
 use super::library::{NotFound, SpecKind, SpecLibrary};
-use super::shape_spec::{BodySpec, ShapeSpec};
+use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 use crate::geometry::{Aabb, Mesh};
 
 /// A rigid body and where it is in its owner's frame.
@@ -18,6 +18,15 @@ pub struct Body {
     pub owner_from_body: Isometry3<f64>,
     /// Its shape.
     pub shape: Shape,
+}
+
+/// A body that a link of the arm carries; the link's frame is the owner's.
+#[derive(Clone, Debug)]
+pub struct LinkBody {
+    /// Frame that it moves with, 0 to 6.
+    pub link: usize,
+    /// The body.
+    pub body: Body,
 }
 
 /// A shape centred on its own origin, mm.
@@ -64,16 +73,30 @@ impl Body {
 
     /// Bodies of checked specifications; a mesh that `library` cannot give is a finding below `pointer`.
     pub(super) fn resolve(specs: &[BodySpec], pointer: &str, library: &dyn SpecLibrary, findings: &mut Findings) -> Vec<Self> {
+        let found =
+            specs.iter().enumerate().map(|(index, spec)| Self::find(spec, &format!("{pointer}/{index}"), library, findings));
+        found.flatten().collect()
+    }
+
+    fn find(spec: &BodySpec, pointer: &str, library: &dyn SpecLibrary, findings: &mut Findings) -> Option<Self> {
+        let shape = Shape::resolve(&spec.shape, library).map_err(|detail| findings.push(format!("{pointer}/shape/mesh"), detail));
+        let owner_from_body = *spec.owner_from_body.pose::<(), ()>().isometry();
+        Some(Self { name: spec.name.clone(), owner_from_body, shape: shape.ok()? })
+    }
+}
+
+impl LinkBody {
+    /// As [`Body::resolve`].
+    pub(super) fn resolve(
+        specs: &[LinkBodySpec],
+        pointer: &str,
+        library: &dyn SpecLibrary,
+        findings: &mut Findings,
+    ) -> Vec<Self> {
         let mut bodies = Vec::with_capacity(specs.len());
         for (index, spec) in specs.iter().enumerate() {
-            match Shape::resolve(&spec.shape, library) {
-                Ok(shape) => bodies.push(Self {
-                    name: spec.name.clone(),
-                    owner_from_body: *spec.owner_from_body.pose::<(), ()>().isometry(),
-                    shape,
-                }),
-                Err(detail) => findings.push(format!("{pointer}/{index}/shape/mesh"), detail),
-            }
+            let body = Body::find(&spec.body(), &format!("{pointer}/{index}"), library, findings);
+            bodies.extend(body.map(|body| Self { link: usize::from(spec.link), body }));
         }
         bodies
     }

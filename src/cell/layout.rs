@@ -6,19 +6,21 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::axis::{Axes, Configuration};
-use super::body::{Body, not_found};
+use super::body::{Body, LinkBody, Shape, not_found};
 use super::collision::{CollisionScene, LEAST_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::PoseSpec;
-use super::robot::{Robot, RobotSpec};
+use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
-use super::shape_spec::BodySpec;
+use super::shape_spec::{BodySpec, LinkBodySpec};
 use super::turntable::{Turntable, TurntableSpec};
-use crate::geometry::{Base, Flange, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
+use crate::geometry::{Base, Flange, Mesh, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
 
 /// Standard gravity (CGPM 1901).
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
+/// What a link's surface may stand out of its capsules, mm: no more than half of the least clearance.
+const OUT_OF_CAPSULES_MM: f64 = 0.5 * LEAST_CLEARANCE_MM;
 
 /// A cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -42,6 +44,10 @@ pub struct CellSpec {
     /// Mass of what holds the scanner, kg, 0 to 1000; the arm carries it too. Default 0.
     #[serde(default)]
     pub mount_mass_kg: f64,
+    /// Room that cables, hoses and what leads them take along the arm, each piece with the link that it moves with. It may
+    /// touch that link and those beside it, nothing else. Default: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cable: Vec<LinkBodySpec>,
     /// Joints 1 to 6 and the table angle where a program begins and ends, degrees.
     #[schema(min_items = 7, max_items = 7)]
     pub home_deg: [f64; 7],
@@ -76,6 +82,10 @@ pub struct Cell {
     pub mount: Vec<Body>,
     /// Mass of that, kg.
     pub mount_mass_kg: f64,
+    /// What the links are within their capsules, where that is known.
+    pub link_surfaces: Vec<LinkBody>,
+    /// Envelope of cables and hoses along the arm.
+    pub cable: Vec<LinkBody>,
     /// What stands below the plate, in the table frame.
     pub table_bodies: Vec<Body>,
     /// What stands around, in the base frame.
@@ -100,6 +110,9 @@ impl CellSpec {
         let turntable = turntable_spec.as_ref().and_then(|spec| below(spec.build(), "/turntable", &mut findings));
         let mount = Body::resolve(&self.mount, "/mount", library, &mut findings);
         let obstacles = Body::resolve(&self.obstacles, "/obstacles", library, &mut findings);
+        let surfaces = robot_spec.as_ref().map_or(&[][..], |spec| &spec.surfaces);
+        let link_surfaces = LinkBody::resolve(surfaces, "/robot/surfaces", library, &mut findings);
+        let cable = LinkBody::resolve(&self.cable, "/cable", library, &mut findings);
         let table_specs = turntable_spec.as_ref().map_or(&[][..], |spec| &spec.body);
         let table_bodies = Body::resolve(table_specs, "/turntable/body", library, &mut findings);
         let scanner_specs = scanner.as_ref().map_or(&[][..], |scanner| &scanner.body);
@@ -118,6 +131,8 @@ impl CellSpec {
             scanner_bodies,
             mount,
             mount_mass_kg: self.mount_mass_kg,
+            link_surfaces,
+            cable,
             table_bodies,
             obstacles,
             floor_mm: self.floor_mm,
@@ -138,6 +153,9 @@ impl CellSpec {
             for (index, body) in bodies.iter().enumerate() {
                 body.check(&format!("/{field}/{index}"), findings);
             }
+        }
+        for (index, body) in self.cable.iter().enumerate() {
+            body.check(&format!("/cable/{index}"), findings);
         }
         if let Some(height_mm) = self.floor_mm {
             findings.range("/floor_mm", height_mm, -10_000.0, 10_000.0, "mm");
@@ -209,7 +227,8 @@ impl Cell {
         GRAVITY_M_PER_S2 * (scanner + mount).norm() / 1000.0
     }
 
-    /// What only the parts together show: payload, home within the limits and clear of everything.
+    /// What only the parts together show: payload, surfaces within their capsules, home within the limits and clear of
+    /// everything.
     fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         let (scanner_kg, mount_kg, payload_kg) = (self.scanner.mass_kg, self.mount_mass_kg, self.robot.payload_kg);
@@ -221,6 +240,17 @@ impl Cell {
         findings.require(moment <= most, "/flange_from_scanner", || {
             format!("puts a moment of {moment:.2} N·m on the flange, more than the {most} N·m that the robot bears")
         });
+        for (index, surface) in self.link_surfaces.iter().enumerate() {
+            let (out_mm, at) = out_of_capsules(surface, &self.robot.links);
+            findings.require(out_mm <= OUT_OF_CAPSULES_MM, format!("/robot/surfaces/{index}"), || {
+                let (name, link, [x, y, z]) = (&surface.body.name, surface.link, <[f64; 3]>::from(at));
+                format!(
+                    "has a triangle of {name:?} that no capsule of link {link} holds: it stands {out_mm:.2} mm out at \
+                     [{x:.1}, {y:.1}, {z:.1}]; allowed are {OUT_OF_CAPSULES_MM} mm: widen the capsules, or import both \
+                     from the URDF"
+                )
+            });
+        }
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad).enumerate() {
             findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {
                 let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
@@ -231,6 +261,31 @@ impl Cell {
             findings.push("/home_deg", format!("collides: {contact} (closer than {LEAST_CLEARANCE_MM} mm)"));
         }
         findings.into_result()
+    }
+}
+
+/// How far the triangle of a surface that its link's capsules hold worst stands out of the one that holds it best, mm, and
+/// where, in the link's frame. What is no mesh counts by the box around it.
+fn out_of_capsules(surface: &LinkBody, capsules: &[LinkCapsule]) -> (f64, Point3<f64>) {
+    let body = &surface.body;
+    let own: Vec<&LinkCapsule> = capsules.iter().filter(|capsule| capsule.link == surface.link).collect();
+    let worst = |corners: &[Point3<f64>]| {
+        let farthest = |capsule: &LinkCapsule| {
+            let out = corners.iter().map(|corner| (capsule.outside_mm(corner), *corner));
+            out.max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        own.iter()
+            .filter_map(|capsule| farthest(capsule))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f64::INFINITY, corners[0]))
+    };
+    let of_mesh = |mesh: &Mesh| {
+        let triangle = |face: &[u32; 3]| worst(&face.map(|vertex| body.owner_from_body * mesh.vertices_mm[vertex as usize]));
+        mesh.faces.iter().map(triangle).max_by(|a, b| a.0.total_cmp(&b.0))
+    };
+    match &body.shape {
+        Shape::Mesh(mesh) => of_mesh(mesh).unwrap_or((0.0, Point3::origin())),
+        _ => worst(&body.corners_mm()),
     }
 }
 

@@ -18,7 +18,7 @@ mod turntable;
 pub mod urdf;
 
 pub use axis::{Axes, Axis, AxisSpec, Configuration, way_rad};
-pub use body::{Body, Shape};
+pub use body::{Body, LinkBody, Shape};
 pub use collision::{CollisionScene, Contact, Gap};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
@@ -30,7 +30,7 @@ pub use scanner::{
     BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
     OpticalDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
-pub use shape_spec::{BodySpec, ShapeSpec};
+pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};
 
 #[cfg(test)]

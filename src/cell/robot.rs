@@ -1,4 +1,5 @@
-//! The arm: kinematics, joint limits, and capsules around its links for collision tests.
+//! The arm: kinematics, joint limits, and for collision tests capsules around its links and, where they are known, the
+//! surfaces inside.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -7,6 +8,7 @@ use utoipa::ToSchema;
 use super::axis::{Axis, AxisSpec};
 use super::field_error::{FieldError, Findings};
 use super::kinematics::{Kinematics, KinematicsSpec, LinkFrames};
+use super::shape_spec::LinkBodySpec;
 use crate::geometry::{Base, Flange, Pose};
 
 /// A six-joint arm. Unknown fields are refused.
@@ -26,6 +28,10 @@ pub struct RobotSpec {
     pub joints: [AxisSpec; 6],
     /// Envelope for collision tests; a link may have several.
     pub links: Vec<LinkSpec>,
+    /// What the links are within their capsules: where a capsule comes too close, these decide. Each of their triangles lies
+    /// within one capsule of its link. Default: none; the capsules decide.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub surfaces: Vec<LinkBodySpec>,
 }
 
 /// A capsule around a part of one link.
@@ -79,6 +85,9 @@ impl RobotSpec {
         for (index, link) in self.links.iter().enumerate() {
             link.check(&format!("/links/{index}"), findings);
         }
+        for (index, surface) in self.surfaces.iter().enumerate() {
+            surface.check(&format!("/surfaces/{index}"), findings);
+        }
     }
 }
 
@@ -105,7 +114,7 @@ impl LinkSpec {
     }
 }
 
-/// An arm, checked and in radians. Made from a [`RobotSpec`].
+/// An arm, checked and in radians. Made from a [`RobotSpec`], whose surfaces are with its cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
     /// Name of the specification.
@@ -135,6 +144,16 @@ pub struct LinkCapsule {
     pub to_mm: Point3<f64>,
     /// Radius.
     pub radius_mm: f64,
+}
+
+impl LinkCapsule {
+    /// How far a point of the link's frame is outside, mm; below zero inside.
+    #[must_use]
+    pub fn outside_mm(&self, point_mm: &Point3<f64>) -> f64 {
+        let (along, out) = (self.to_mm - self.from_mm, point_mm - self.from_mm);
+        let share = (out.dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        (out - along * share).norm() - self.radius_mm
+    }
 }
 
 impl Robot {

@@ -1,4 +1,5 @@
-//! Rigid bodies as they are written in specifications: obstacles of a cell, the envelope of a scanner.
+//! Rigid bodies as they are written in specifications: obstacles of a cell, the envelopes of a scanner and a cable, the
+//! surfaces of an arm.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -48,6 +49,35 @@ pub enum ShapeSpec {
         /// Mesh id or file.
         mesh: String,
     },
+}
+
+/// A rigid body that a link of the arm carries.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct LinkBodySpec {
+    /// Frame that it moves with: 0 the foot, 1 to 6 the joints, 6 the flange.
+    pub link: u8,
+    /// Name used in reports of collisions.
+    pub name: String,
+    /// Pose of the body in the link's frame.
+    #[serde(default)]
+    pub owner_from_body: PoseSpec,
+    /// Its shape.
+    pub shape: ShapeSpec,
+}
+
+impl LinkBodySpec {
+    /// The body without its link.
+    #[must_use]
+    pub fn body(&self) -> BodySpec {
+        BodySpec { name: self.name.clone(), owner_from_body: self.owner_from_body, shape: self.shape.clone() }
+    }
+
+    /// Records what is wrong with this body, below `pointer`.
+    pub fn check(&self, pointer: &str, findings: &mut Findings) {
+        findings.range(format!("{pointer}/link"), f64::from(self.link), 0.0, 6.0, "");
+        self.body().check(pointer, findings);
+    }
 }
 
 impl BodySpec {

@@ -67,6 +67,30 @@ fn unknown_names_list_the_known_ones() {
 }
 
 #[test]
+fn what_links_carry_is_checked_with_its_field() {
+    let body = |link: u8, shape: &str| toml::from_str(&format!("link = {link}\nname = \"it\"\nshape = {shape}")).expect("parses");
+    let with = |surface: &str, cable: &str| {
+        let mut robot = Presets.robot("hans-e05").expect("preset");
+        robot.surfaces = vec![body(6, surface)];
+        CellSpec { robot: Named::Inline(Box::new(robot)), cable: vec![body(3, cable)], ..cell_spec() }
+    };
+    let (small, ball) =
+        ("{ kind = \"box\", size_mm = [20.0, 20.0, 20.0] }", "{ kind = \"capsule\", radius_mm = 9.0, length_mm = 1.0 }");
+    let cell = with(small, ball).build(&Presets).unwrap_or_else(|errors| panic!("{errors:#?}"));
+    assert_eq!((cell.link_surfaces[0].link, cell.cable[0].link), (6, 3));
+    // The flange's capsule ends 29 mm ahead of it.
+    let errors = findings(&with("{ kind = \"box\", size_mm = [20.0, 20.0, 80.0] }", ball));
+    assert_finding(&errors, "/robot/surfaces/0", "no capsule of link 6 holds: it stands 12.");
+    let missing = "{ kind = \"mesh\", mesh = \"hose.stl\" }";
+    let errors = findings(&with(missing, missing));
+    assert_finding(&errors, "/robot/surfaces/0/shape/mesh", "\"hose.stl\"");
+    assert_finding(&errors, "/cable/0/shape/mesh", "\"hose.stl\"");
+    let mut nowhere = with(small, ball);
+    nowhere.cable[0].link = 7;
+    assert_finding(&findings(&nowhere), "/cable/0/link", "7");
+}
+
+#[test]
 fn an_inline_spec_keeps_its_own_error() {
     let mut json = serde_json::to_value(cell_spec()).expect("writes");
     json["turntable"] = serde_json::json!({"name": "t", "plate_diameter": 500.0});

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::CliError;
-use crate::cell::urdf::{UrdfOptions, import};
-use crate::cell::{KinematicsSpec, RobotSpec};
+use crate::cell::urdf::{LinkSurface, UrdfOptions, import};
+use crate::cell::{KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 
@@ -13,16 +13,22 @@ use crate::geometry::{LengthUnit, Mesh};
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage robot elfin5.urdf --payload 5 --out elfin5.toml
-  vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src --out arm.toml
+  vantage robot elfin5.urdf --payload 5 --out elfin5.toml --surfaces elfin5
+  vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src --payload 10 --out arm.toml
 
 A URDF has neither payload nor accelerations: give --payload, and --ramp if half a second to full speed is wrong.
-Name the file in a cell's TOML as its robot, or upload it: PUT /api/v1/robots/{name}.")]
+Name the file in a cell's TOML as its robot, or upload it: PUT /api/v1/robots/{name}. With --surfaces the collision
+shapes confirm what capsules alone would call too close: the arm gets into narrower places, and checks there take longer.
+A server takes surfaces as meshes: upload each, and put its id in place of the file's name.")]
 pub struct RobotArgs {
     /// The URDF file; xacro must be expanded first.
     pub urdf: PathBuf,
     /// The TOML file to write.
     #[arg(long)]
     pub out: PathBuf,
+    /// Also write the links' surfaces into this folder, STL in millimetres, and name them in the specification.
+    #[arg(long, value_name = "DIR")]
+    pub surfaces: Option<PathBuf>,
     /// Name of the robot [default: the file's].
     #[arg(long)]
     pub name: Option<String>,
@@ -63,7 +69,13 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         ramp_secs: args.ramp,
     };
     let mut load = |name: &str| read_mesh(&find_mesh(name, args)?);
-    let spec = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
+    let imported = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
+    let mut spec = imported.robot;
+    if let Some(folder) = &args.surfaces {
+        fs::create_dir_all(folder).map_err(|error| at(folder, &error))?;
+        let written = imported.surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, folder));
+        spec.surfaces = written.collect::<Result<_, _>>().map_err(|(path, error)| at(&path, &error))?;
+    }
     if let Err(errors) = spec.build() {
         let all: Vec<String> = errors.iter().map(ToString::to_string).collect();
         return Err(at(&args.urdf, &all.join("; ")));
@@ -76,6 +88,17 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     Ok(())
 }
 
+/// Writes a link's surface, and gives what names it.
+fn write_surface(surface: &LinkSurface, index: usize, folder: &Path) -> Result<LinkBodySpec, (PathBuf, std::io::Error)> {
+    // A URDF may name its links as it likes; the number keeps names apart.
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    let name: String = surface.name.chars().map(plain).collect();
+    let path = folder.join(format!("{index:02}-{name}.stl"));
+    fs::write(&path, mesh_io::write_stl(&surface.mesh)).map_err(|error| (path.clone(), error))?;
+    let shape = ShapeSpec::Mesh { mesh: path.to_string_lossy().into_owned() };
+    Ok(LinkBodySpec { link: surface.link, name: surface.name.clone(), owner_from_body: PoseSpec::default(), shape })
+}
+
 fn summary(spec: &RobotSpec) -> String {
     let KinematicsSpec::Chain(chain) = &spec.kinematics else { return spec.name.clone() };
     let form = match chain.build().closed_form() {
@@ -83,7 +106,8 @@ fn summary(spec: &RobotSpec) -> String {
         Some(_) => "three parallel axes, solved in closed form",
         None => "of no known form, solved by steps",
     };
-    format!("{}, {form}; {} capsules", spec.name, spec.links.len())
+    let surfaces = if spec.surfaces.is_empty() { String::new() } else { format!(", {} surfaces", spec.surfaces.len()) };
+    format!("{}, {form}; {} capsules{surfaces}", spec.name, spec.links.len())
 }
 
 fn name_of(path: &Path) -> String {

@@ -10,7 +10,7 @@ use super::error::Error;
 use super::library::Library;
 use super::run::{MeshSource, RunInput};
 use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking};
-use crate::cell::{BodySpec, CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary};
+use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary};
 use crate::wire::{Job, JobPage, JobRequest, JobState, MeshId};
 
 /// Which jobs are listed.
@@ -91,9 +91,9 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
         Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name).ok()),
         None => lookup.scanner(&request.scanner),
     };
-    let bodies = scanner.iter().flat_map(|s| &s.body).chain(cell.iter().flat_map(bodies_of));
+    let shapes = scanner.iter().flat_map(|s| &s.body).map(|body| &body.shape).chain(cell.iter().flat_map(shapes_of));
     let body_meshes: BTreeMap<_, _> =
-        bodies.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
+        shapes.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
     let used = std::mem::take(&mut lookup.used);
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
@@ -188,17 +188,22 @@ fn write_out<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
     }
 }
 
-/// Bodies of a cell whose names are written out, its scanner's left out.
-fn bodies_of(cell: &CellSpec) -> impl Iterator<Item = &BodySpec> {
+/// Shapes of a cell whose names are written out, its scanner's left out.
+fn shapes_of(cell: &CellSpec) -> impl Iterator<Item = &ShapeSpec> {
     let turntable = match &cell.turntable {
         Named::Inline(turntable) => &turntable.body[..],
         Named::Name(_) => &[],
     };
-    cell.mount.iter().chain(&cell.obstacles).chain(turntable)
+    let surfaces = match &cell.robot {
+        Named::Inline(robot) => &robot.surfaces[..],
+        Named::Name(_) => &[],
+    };
+    let bodies = cell.mount.iter().chain(&cell.obstacles).chain(turntable).map(|body| &body.shape);
+    bodies.chain(surfaces.iter().chain(&cell.cable).map(|body| &body.shape))
 }
 
-fn mesh_of(body: &BodySpec) -> Option<&String> {
-    match &body.shape {
+fn mesh_of(shape: &ShapeSpec) -> Option<&String> {
+    match shape {
         ShapeSpec::Mesh { mesh } => Some(mesh),
         _ => None,
     }

@@ -120,7 +120,7 @@ fn robot(task: &Task, folder: &Path) -> RobotSpec {
     let text = fs::read_to_string(folder.join("arm.urdf")).expect("readable");
     // A payload is not among the peer's files, and nothing here depends on it.
     let options = UrdfOptions { name: None, base_link: None, tip_link: None, payload_kg: 10.0, ramp_secs: 1.0 };
-    let mut spec = import(&text, &options, &mut |name: &str| mesh(&folder.join(name))).expect("a robot");
+    let mut spec = import(&text, &options, &mut |name: &str| mesh(&folder.join(name))).expect("a robot").robot;
     for (joint, acceleration) in spec.joints.iter_mut().zip(task.accelerations_rad_per_s2) {
         joint.max_acceleration_deg_per_s2 = acceleration.to_degrees();
     }

@@ -1,8 +1,10 @@
 //! Every arm that ships and every public URDF: what the inverse gives leads back to the pose, and is all there is.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Vector3};
-use vantage::cell::urdf::{UrdfOptions, import};
-use vantage::cell::{Kinematics, KinematicsSpec, Presets, Robot, RobotSpec, SpecKind, SpecLibrary};
+use vantage::cell::urdf::{Imported, LinkSurface, UrdfOptions, import};
+use vantage::cell::{Body, Kinematics, KinematicsSpec, LinkBody, Presets, Robot, RobotSpec, Shape, SpecKind, SpecLibrary};
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh, Pose};
 
@@ -16,7 +18,7 @@ fn presets() -> Vec<RobotSpec> {
 }
 
 /// A robot of the public data, its meshes read from beside it; `None` where there are no data.
-pub(crate) fn imported(name: &str) -> Option<RobotSpec> {
+pub(crate) fn imported(name: &str) -> Option<Imported> {
     let file = shared(&format!("robots/{name}.urdf"))?;
     let text = std::fs::read_to_string(&file).expect("readable");
     let folder = file.parent().expect("a folder").to_owned();
@@ -27,6 +29,17 @@ pub(crate) fn imported(name: &str) -> Option<RobotSpec> {
     };
     let options = UrdfOptions { name: None, base_link: None, tip_link: None, payload_kg: 5.0, ramp_secs: 0.5 };
     Some(import(&text, &options, &mut load).expect("a robot"))
+}
+
+/// What a robot's specification that names the surfaces becomes in a cell.
+pub(crate) fn link_surfaces(imported: &Imported) -> Vec<LinkBody> {
+    let body = |surface: &LinkSurface| Body {
+        name: surface.name.clone(),
+        owner_from_body: Isometry3::identity(),
+        shape: Shape::Mesh(Arc::new(surface.mesh.clone())),
+    };
+    let on_link = |surface: &LinkSurface| LinkBody { link: usize::from(surface.link), body: body(surface) };
+    imported.surfaces.iter().map(on_link).collect()
 }
 
 /// Evenly spread joint vectors within the limits.
@@ -67,7 +80,7 @@ fn assert_solved(spec: &RobotSpec, count: u32) {
 fn every_solution_leads_back_to_its_pose() {
     let count = if all_asked() { 10_000 } else { 300 };
     presets().iter().for_each(|spec| assert_solved(spec, count));
-    URDFS.iter().filter_map(|name| imported(name)).for_each(|spec| assert_solved(&spec, count));
+    URDFS.iter().filter_map(|name| imported(name)).for_each(|urdf| assert_solved(&urdf.robot, count));
 }
 
 #[test]
@@ -75,7 +88,8 @@ fn presets_stand_where_the_makers_urdf_stands() {
     // The base that a maker of presets means may be turned against the URDF's about the vertical.
     for (preset, urdf) in [("abb-irb2600-12-165", "irb2600_12_165"), ("ur5e", "ur5e"), ("ur10e", "ur10e")] {
         let Some(urdf) = imported(urdf) else { return };
-        let (preset, urdf) = (Presets.robot(preset).expect("a preset").build().expect("sound"), urdf.build().expect("sound"));
+        let (preset, urdf) =
+            (Presets.robot(preset).expect("a preset").build().expect("sound"), urdf.robot.build().expect("sound"));
         let flange = |robot: &Robot, joints: &[f64; 6]| *robot.base_from_flange(joints).isometry();
         let turned = flange(&urdf, &[0.0; 6]) * flange(&preset, &[0.0; 6]).inverse();
         assert!(turned.translation.vector.norm() < 1e-3 && turned.rotation.scaled_axis().xy().norm() < 1e-6, "{turned}");

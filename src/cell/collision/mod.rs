@@ -4,7 +4,8 @@
 //! Every body is a convex core (segment, box, cylinder) grown by a radius, or a triangle mesh, so that "closer than" is
 //! one test of core distance against radii + margin: bounding boxes first, then GJK (parry3d, single precision,
 //! millimetres around the robot's foot; its distances are good to 1e-3 of themselves). Meshes are descended by their box
-//! tree with the same test. A check costs a few microseconds while nothing is near.
+//! tree with the same test. A check costs a few microseconds while nothing is near. Where the surface of a link is known, its
+//! capsules are asked first and the surface confirms.
 //!
 //! A segment in joint space is proved free, not only sampled: no point of a body moves further than Σ |Δq_i| R_i between
 //! two samples, R_i being the reach of the body from axis i, so a sample whose clearance exceeds that vouches for its
@@ -282,6 +283,16 @@ impl CollisionScene {
                 (&self.bodies[pair.b].solid, &placement.poses[pair.b]),
                 margin,
             )
+            && self.is_confirmed(pair, placement, margin)
+    }
+
+    /// The same of what is in the two bodies, where they only envelop it.
+    fn is_confirmed(&self, pair: &Pair, placement: &Placement, margin: f32) -> bool {
+        let (a, b) = (&self.bodies[pair.a], &self.bodies[pair.b]);
+        !(a.is_envelope() || b.is_envelope())
+            || a.placed(&placement.poses[pair.a]).any(|(in_a, pose_a)| {
+                b.placed(&placement.poses[pair.b]).any(|(in_b, pose_b)| near((in_a, &pose_a), (in_b, &pose_b), margin))
+            })
     }
 
     /// Pairs on the arm that touch at every sampled configuration touch by construction (the wrist inside the flange's

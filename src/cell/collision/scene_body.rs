@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use parry3d::math::Pose as ParryPose;
 
-use super::solid::Solid;
-use crate::cell::body::{Body, Shape};
+use super::solid::{Solid, parry_pose};
+use crate::cell::body::{Body, LinkBody, Shape};
 use crate::cell::layout::Cell;
 use crate::cell::robot::LinkCapsule;
 use crate::geometry::{Mesh, Part, Pose, Table, plate_from_placed};
@@ -47,6 +48,9 @@ pub(super) struct SceneBody {
     /// Pose in the carrier's frame (base for what is still), mm.
     pub(super) carrier_from_body: Isometry3<f64>,
     pub(super) solid: Solid,
+    /// What is inside, and its pose in the body's frame: where the body is too close, this decides. Empty where nothing but
+    /// the body is known.
+    inside: Vec<(ParryPose, Solid)>,
     /// Farthest of its points from the carrier's origin; for riders of the plate from the table's axis.
     pub(super) reach_mm: f64,
     /// Is below the part: the part may touch it.
@@ -58,7 +62,8 @@ pub(super) struct SceneBody {
 impl SceneBody {
     fn new(name: &str, carrier: Carrier, carrier_from_body: Isometry3<f64>, solid: Solid) -> Self {
         let reach_mm = solid.reach_mm(&carrier_from_body, carrier == Carrier::Plate);
-        Self { name: name.into(), carrier, carrier_from_body, solid, reach_mm, holds_part: false, is_load: false }
+        let (name, inside) = (name.into(), Vec::new());
+        Self { name, carrier, carrier_from_body, solid, inside, reach_mm, holds_part: false, is_load: false }
     }
 
     fn from_body(body: &Body, carrier: Carrier, carrier_from_owner: &Isometry3<f64>) -> Self {
@@ -67,6 +72,17 @@ impl SceneBody {
 
     fn load(body: &Body, flange_from_owner: &Isometry3<f64>) -> Self {
         Self { is_load: true, ..Self::from_body(body, Carrier::Link(6), flange_from_owner) }
+    }
+
+    /// Whether something else than itself decides.
+    pub(super) fn is_envelope(&self) -> bool {
+        !self.inside.is_empty()
+    }
+
+    /// What decides, placed, the body being at `pose`.
+    pub(super) fn placed(&self, pose: &ParryPose) -> impl Iterator<Item = (&Solid, ParryPose)> {
+        let own = self.inside.is_empty().then_some((&self.solid, *pose));
+        own.into_iter().chain(self.inside.iter().map(move |(body_from_solid, solid)| (solid, *pose * *body_from_solid)))
     }
 
     /// Whether the two can move against each other, without being neighbours in the chain or the part on its table. What
@@ -115,9 +131,12 @@ impl SceneBody {
     }
 }
 
-/// Everything in the cell, in a fixed order: arm, mount, scanner, table, floor, obstacles, part, fixture.
+/// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles, part, fixture.
 pub(super) fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
-    let mut bodies: Vec<_> = cell.robot.links.iter().map(link_body).collect();
+    let surfaces: Vec<_> = cell.link_surfaces.iter().map(|surface| (surface, Solid::from_shape(&surface.body.shape))).collect();
+    let mut bodies: Vec<_> = cell.robot.links.iter().map(|capsule| link_body(capsule, &surfaces)).collect();
+    let cable = |piece: &LinkBody| SceneBody::from_body(&piece.body, Carrier::Link(piece.link), &Isometry3::identity());
+    bodies.extend(cell.cable.iter().map(cable));
     bodies.extend(cell.mount.iter().map(|body| SceneBody::load(body, &Isometry3::identity())));
     let flange_from_scanner = cell.flange_from_scanner.isometry();
     bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::load(body, flange_from_scanner)));
@@ -132,13 +151,20 @@ pub(super) fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &
     bodies
 }
 
-fn link_body(link: &LinkCapsule) -> SceneBody {
+fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {
     let axis = link.to_mm - link.from_mm;
     // No rotation is found for −z and for no length at all; a capsule is the same either way round.
     let along = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap_or_default();
     let middle = Translation3::from(nalgebra::center(&link.from_mm, &link.to_mm).coords);
     let shape = Shape::Capsule { radius_mm: link.radius_mm, length_mm: axis.norm() };
-    SceneBody::new(&link.name, Carrier::Link(link.link), Isometry3::from_parts(middle, along), Solid::from_shape(&shape))
+    let link_from_capsule = Isometry3::from_parts(middle, along);
+    let capsule_from_link = link_from_capsule.inverse();
+    let own = surfaces.iter().filter(|(surface, _)| surface.link == link.link);
+    let inside = own.map(|(surface, solid)| (parry_pose(&(capsule_from_link * surface.body.owner_from_body)), solid.clone()));
+    SceneBody {
+        inside: inside.collect(),
+        ..SceneBody::new(&link.name, Carrier::Link(link.link), link_from_capsule, Solid::from_shape(&shape))
+    }
 }
 
 /// The plate, and what is below it.

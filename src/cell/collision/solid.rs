@@ -172,8 +172,7 @@ fn surface_near(surface: &TriMesh, convex: &Convex<'_>, margin: f32) -> bool {
     surface.bvh().leaves(node_near).any(|leaf| cores_near(&surface.triangle(leaf), convex.core, &convex.pose, limit))
 }
 
-/// Two surfaces: each triangle of one that is near the other's box, against the other; or one within the other, which a
-/// single vertex shows where the surfaces do not meet.
+/// Two surfaces: their triangles, or one within the other, which a single vertex shows where the surfaces do not meet.
 fn meshes_near((a, pose_a): (&TriMesh, &Pose), (b, pose_b): (&TriMesh, &Pose), margin: f32) -> bool {
     let b_from_a = pose_b.inv_mul(pose_a);
     surfaces_near(a, b, &b_from_a, margin)
@@ -182,13 +181,10 @@ fn meshes_near((a, pose_a): (&TriMesh, &Pose), (b, pose_b): (&TriMesh, &Pose), m
 }
 
 fn surfaces_near(a: &TriMesh, b: &TriMesh, b_from_a: &Pose, margin: f32) -> bool {
-    let reach = b.local_aabb().transform_by(&b_from_a.inverse()).loosened(margin);
-    a.bvh().leaves(|node| node.aabb().intersects(&reach)).any(|leaf| {
-        let Triangle { a, b: second, c } = a.triangle(leaf);
-        let triangle = Triangle::new(b_from_a * a, b_from_a * second, b_from_a * c);
-        let convex = Convex { core: &triangle, pose: Pose::IDENTITY, radius_mm: 0.0, aabb: triangle.local_aabb() };
-        surface_near(b, &convex, margin)
-    })
+    let boxes_near =
+        |in_a: &BvhNode, in_b: &BvhNode| in_a.aabb().transform_by(b_from_a).loosened(margin).intersects(&in_b.aabb());
+    let mut pairs = a.bvh().leaf_pairs(b.bvh(), boxes_near);
+    pairs.any(|(in_a, in_b)| cores_near(&b.triangle(in_b), &a.triangle(in_a), b_from_a, margin))
 }
 
 /// Whether two convex cores are closer than `limit`; `second` is placed in the frame of the first.

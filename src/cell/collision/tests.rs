@@ -1,9 +1,11 @@
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3, Rotation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
 use super::solid::{Solid, near, parry_pose};
 use super::{CollisionScene, Contact};
-use crate::cell::body::{Body, Shape};
+use crate::cell::body::{Body, LinkBody, Shape};
 use crate::cell::{Cell, Configuration, Presets, SpecLibrary};
 use crate::geometry::{Mesh, Pose};
 use crate::testing::box_mesh;
@@ -311,4 +313,107 @@ fn what_the_flange_carries_may_reach_back_to_the_link_before_it() {
     };
     let found: Vec<_> = (-17..18).map(|step| turned(10.0 * f64::from(step))).collect();
     assert!(found.iter().any(Option::is_none) && found.contains(&Some("wrist and bar".into())), "{found:?}");
+}
+
+/// A ball beside the axis of the upper arm at home, so far from it.
+fn ball_beside_upper_arm(cell: &Cell, off_axis_mm: f64) -> Body {
+    let upper_arm = cell.robot.link_frames(&crate::cell::joints_of(&cell.home_rad))[2];
+    let place = upper_arm * Point3::new(off_axis_mm, -127.0, 190.0);
+    Body {
+        name: "ball".into(),
+        owner_from_body: at(place.x, place.y, place.z),
+        shape: Shape::Capsule { radius_mm: 5.0, length_mm: 0.01 },
+    }
+}
+
+#[test]
+fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
+    let bar = || LinkBody {
+        link: 2,
+        body: Body {
+            name: "bar".into(),
+            owner_from_body: Isometry3::identity(),
+            shape: Shape::Mesh(Arc::new(box_mesh([-10.0, -137.0, 0.0], [10.0, -117.0, 380.0]))),
+        },
+    };
+    let (capsules, mut cell) = (cell(), cell());
+    cell.link_surfaces = vec![bar()];
+    let mut swung = cell.home_rad;
+    swung[0] += 0.01;
+    let swung_back = std::array::from_fn(|axis| 2.0 * cell.home_rad[axis] - swung[axis]);
+    let pair = Contact { a: "upper arm".into(), b: "ball".into() };
+    // The bar's side is 10 mm from its axis, the ball is 5 mm wide.
+    for (off_axis_mm, in_capsule, at_bar) in [(60.0, true, false), (22.0, true, false), (18.0, true, true), (90.0, false, false)]
+    {
+        let found = |cell: &Cell| {
+            let cell = Cell { obstacles: vec![ball_beside_upper_arm(cell, off_axis_mm)], ..cell.clone() };
+            let scene = CollisionScene::without_part(&cell, 5.0);
+            let along = scene.check_segment(&swung_back, &swung).map(|contact| contact.to_string());
+            (
+                scene.check(&cell.home_rad).map(|contact| contact.to_string()),
+                along,
+                scene.nearest_on(&pair, &[cell.home_rad; 2], 100.0),
+            )
+        };
+        let contact = |is_near: bool| is_near.then(|| "upper arm and ball".to_owned());
+        assert_eq!(found(&capsules).0, contact(in_capsule), "{off_axis_mm}");
+        let (here, along, gap) = found(&cell);
+        assert_eq!((here, along), (contact(at_bar), contact(at_bar)), "{off_axis_mm}");
+        let (_, gap) = gap.expect("near");
+        assert!((gap.apart_mm - (off_axis_mm - 15.0)).abs() < 0.1, "{gap:?}");
+    }
+}
+
+#[test]
+fn a_surface_beside_a_surface_is_told_by_both() {
+    let (mut cell, wall) = (cell(), box_mesh([-5.0, -300.0, -300.0], [5.0, 300.0, 300.0]));
+    cell.link_surfaces = vec![LinkBody {
+        link: 2,
+        body: Body {
+            name: "bar".into(),
+            owner_from_body: Isometry3::identity(),
+            shape: Shape::Mesh(Arc::new(box_mesh([-10.0, -137.0, 0.0], [10.0, -117.0, 380.0]))),
+        },
+    }];
+    let upper_arm = cell.robot.link_frames(&crate::cell::joints_of(&cell.home_rad))[2];
+    for (off_axis_mm, is_near) in [(40.0, false), (17.0, true), (0.0, true)] {
+        let wall = Body {
+            name: "wall".into(),
+            owner_from_body: upper_arm * at(off_axis_mm, -127.0, -150.0),
+            shape: Shape::Mesh(Arc::new(wall.clone())),
+        };
+        let walled = Cell { obstacles: vec![wall], ..cell.clone() };
+        let scene = CollisionScene::without_part(&walled, 5.0);
+        let near: Vec<String> = scene
+            .pairs
+            .iter()
+            .filter(|pair| scene.is_near(pair, &scene.place(&walled.home_rad), &[0.0; 7]))
+            .map(|pair| scene.contact_of(pair).to_string())
+            .collect();
+        assert_eq!(near.contains(&"upper arm and wall".to_owned()), is_near, "{off_axis_mm}: {near:?}");
+    }
+}
+
+#[test]
+fn a_cable_is_kept_clear_of_what_is_around() {
+    let mut cell = cell();
+    let free = CollisionScene::without_part(&cell, 5.0);
+    // A loop of hose that stands out behind the elbow.
+    let hose = Shape::Capsule { radius_mm: 15.0, length_mm: 120.0 };
+    cell.cable =
+        vec![LinkBody { link: 3, body: Body { name: "hose".into(), owner_from_body: at(0.0, 62.0, 90.0), shape: hose } }];
+    let elbow = cell.robot.link_frames(&crate::cell::joints_of(&cell.home_rad))[3];
+    let place = elbow * Point3::new(0.0, 92.0, 140.0);
+    let shelf = Body {
+        name: "shelf".into(),
+        owner_from_body: at(place.x, place.y, place.z),
+        shape: Shape::Capsule { radius_mm: 12.0, length_mm: 0.01 },
+    };
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    assert_eq!((free.check(&cell.home_rad), scene.check(&cell.home_rad)), (None, None));
+    let shelved = Cell { obstacles: vec![shelf], ..cell.clone() };
+    let contact = CollisionScene::without_part(&shelved, 5.0).check(&cell.home_rad).map(|contact| contact.to_string());
+    assert_eq!(contact.as_deref(), Some("hose and shelf"));
+    let bare = Cell { cable: Vec::new(), ..shelved };
+    assert_eq!(CollisionScene::without_part(&bare, 5.0).check(&cell.home_rad), None);
 }

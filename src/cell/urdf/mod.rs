@@ -1,6 +1,6 @@
 //! A robot's specification from its URDF file (Unified Robot Description Format; lengths in metres, angles in radians): the
-//! six joints between two links as a chain, their limits and speeds, and capsules around the collision shapes of whatever
-//! moves with each joint.
+//! six joints between two links as a chain, their limits and speeds, and the collision shapes of whatever moves with each
+//! joint, as they are and in capsules.
 //!
 //! A URDF has no accelerations and no payload: the caller gives them.
 
@@ -39,6 +39,26 @@ pub struct UrdfOptions {
     pub payload_kg: f64,
     /// Time in which a joint comes to its rated speed, s.
     pub ramp_secs: f64,
+}
+
+/// What a URDF gives.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// The robot; its links are capsules.
+    pub robot: RobotSpec,
+    /// What is in the capsules.
+    pub surfaces: Vec<LinkSurface>,
+}
+
+/// The collision shapes of one link.
+#[derive(Clone, Debug)]
+pub struct LinkSurface {
+    /// Frame that it moves with: 0 the foot, 1 to 6 the joints, 6 the flange.
+    pub link: u8,
+    /// The link's name in the file.
+    pub name: String,
+    /// In that frame.
+    pub mesh: Mesh,
 }
 
 /// Why a URDF gives no robot.
@@ -100,7 +120,7 @@ pub fn import(
     text: &str,
     options: &UrdfOptions,
     load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
-) -> Result<RobotSpec, UrdfError> {
+) -> Result<Imported, UrdfError> {
     let robot = urdf_rs::read_from_string(text).map_err(|error| UrdfError::Unreadable(error.to_string()))?;
     let tree = Tree::new(&robot);
     let base = tree.base(options)?;
@@ -112,14 +132,17 @@ pub fn import(
         joints.push(axis(joint, options.ramp_secs)?);
     }
     let joints = joints.try_into().map_err(|_| UrdfError::NoArm { base: base.clone(), ends: tree.ends() })?;
-    Ok(RobotSpec {
+    let surfaces = tree.surfaces(&base, &tip, &path, load)?;
+    let robot = RobotSpec {
         name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
         payload_kg: options.payload_kg,
         max_flange_moment_nm: None,
         kinematics: KinematicsSpec::Chain(Box::new(kinematics)),
         joints,
-        links: tree.links(&base, &tip, &path, load)?,
-    })
+        links: surfaces.iter().flat_map(capsules_of).collect(),
+        surfaces: Vec::new(),
+    };
+    Ok(Imported { robot, surfaces })
 }
 
 /// The file's links and joints, found by name.
@@ -183,30 +206,31 @@ impl<'a> Tree<'a> {
         Some(path)
     }
 
-    /// Capsules around everything that hangs on the base, on the frame that carries it.
-    fn links(
+    /// Everything that hangs on the base, on the frame that carries it.
+    fn surfaces(
         &self,
         base: &str,
         tip: &str,
         path: &[&Joint],
         load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
-    ) -> Result<Vec<LinkSpec>, UrdfError> {
+    ) -> Result<Vec<LinkSurface>, UrdfError> {
         let frames = zero_frames(path);
-        let mut specs = Vec::new();
+        let mut surfaces = Vec::new();
         for link in &self.robot.links {
             let Some((frame, frame_from_link)) = self.carried(&link.name, base, tip, path, &frames) else { continue };
-            let mut triangles = Vec::new();
+            let (mut vertices_mm, mut faces) = (Vec::new(), Vec::new());
             for collision in &link.collision {
                 let pose = frame_from_link * metres(&collision.origin);
-                let corners = shape(&collision.geometry, &link.name, load)?;
-                triangles.extend(corners.into_iter().map(|corners| corners.map(|p| pose * p)));
+                let shape = shape(&collision.geometry, &link.name, load)?;
+                let first = vertices_mm.len() as u32;
+                vertices_mm.extend(shape.vertices_mm.iter().map(|vertex| pose * vertex));
+                faces.extend(shape.faces.iter().map(|face| face.map(|vertex| first + vertex)));
             }
-            let capsules = around(&triangles);
-            let count = capsules.len();
-            specs
-                .extend(capsules.into_iter().enumerate().map(|(index, capsule)| spec(&link.name, frame, index, count, &capsule)));
+            if !faces.is_empty() {
+                surfaces.push(LinkSurface { link: frame as u8, name: link.name.clone(), mesh: mesh_of(vertices_mm, faces) });
+            }
         }
-        Ok(specs)
+        Ok(surfaces)
     }
 
     /// The frame, 0 to 6, that a link moves with, and where it is in it; `None` for what does not hang on the base, or moves
@@ -294,66 +318,82 @@ fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
     })
 }
 
-/// The triangles of a collision shape, in its own frame, mm.
-fn shape(
-    geometry: &Geometry,
-    link: &str,
-    load: &mut dyn FnMut(&str) -> Result<Mesh, String>,
-) -> Result<Vec<[Point3<f64>; 3]>, UrdfError> {
-    let ring = |radius: f64, z: f64| {
-        let corner = move |i: usize| {
-            let angle = std::f64::consts::TAU * i as f64 / CORNERS as f64;
-            // Corners of a polygon around the circle, not in it.
-            let out = radius * MM_OF_METRE / (std::f64::consts::PI / CORNERS as f64).cos();
-            Point3::new(out * angle.cos(), out * angle.sin(), z * MM_OF_METRE)
-        };
-        (0..CORNERS).map(corner).collect::<Vec<_>>()
-    };
-    let corners: Vec<Point3<f64>> = match geometry {
+/// The surface of a collision shape, in its own frame, mm.
+fn shape(geometry: &Geometry, link: &str, load: &mut dyn FnMut(&str) -> Result<Mesh, String>) -> Result<Mesh, UrdfError> {
+    Ok(match geometry {
         Geometry::Mesh { filename, scale } => {
             let scale = scale.map_or([1.0; 3], |scale| scale.0);
             let bad = |detail| UrdfError::Mesh { file: filename.clone(), link: link.to_owned(), detail };
-            let mesh = load(filename).map_err(bad)?;
-            let at = |vertex: u32| {
-                let p = mesh.vertices_mm[vertex as usize];
-                Point3::from([0, 1, 2].map(|axis| p[axis] * scale[axis] * MM_OF_METRE))
-            };
-            return Ok(mesh.faces.iter().map(|face| face.map(at)).collect());
+            let mut mesh = load(filename).map_err(bad)?;
+            for vertex in &mut mesh.vertices_mm {
+                *vertex = Point3::from([0, 1, 2].map(|axis| vertex[axis] * scale[axis] * MM_OF_METRE));
+            }
+            mesh
         }
         Geometry::Box { size } => {
-            let half = size.0.map(|edge| 0.5 * edge * MM_OF_METRE);
-            (0..8)
-                .map(|i| Point3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { half[axis] } else { -half[axis] })))
-                .collect()
+            let [x, y] = [0, 1].map(|axis| 0.5 * size[axis] * MM_OF_METRE);
+            let ends = [-0.5, 0.5].map(|end| end * size[2] * MM_OF_METRE);
+            rings(&ends.map(|z| vec![[x, y, z], [-x, y, z], [-x, -y, z], [x, -y, z]]))
         }
-        Geometry::Cylinder { radius, length } => [ring(*radius, -0.5 * length), ring(*radius, 0.5 * length)].concat(),
-        Geometry::Capsule { radius, length } => {
-            [-1.0, 1.0].iter().flat_map(|end| ball(&ring, *radius, end * 0.5 * length)).collect()
-        }
-        Geometry::Sphere { radius } => ball(&ring, *radius, 0.0),
+        Geometry::Cylinder { radius, length } => rings(&[-0.5, 0.5].map(|end| ring(*radius, end * length))),
+        Geometry::Capsule { radius, length } => rings(&ball_rings(*radius, *length)),
+        Geometry::Sphere { radius } => rings(&ball_rings(*radius, 0.0)),
+    })
+}
+
+/// A surface through rings of as many corners each, one above the other, closed at both ends.
+fn rings(rings: &[Vec<[f64; 3]>]) -> Mesh {
+    let vertices_mm: Vec<Point3<f64>> = rings.iter().flatten().map(|corner| Point3::from(*corner)).collect();
+    let (count, top) = (rings[0].len() as u32, (vertices_mm.len() - rings[0].len()) as u32);
+    let between = |low: u32| {
+        let quad = move |i: u32| [low + i, low + (i + 1) % count, low + count + i, low + count + (i + 1) % count];
+        (0..count).map(quad).flat_map(|[a, b, above_a, above_b]| [[a, b, above_b], [a, above_b, above_a]])
     };
-    // Only the corners count, and they are few: every one with the first two.
-    Ok(corners.iter().map(|corner| [corners[0], corners[corners.len() / 2], *corner]).collect())
+    let sides = (0..rings.len() as u32 - 1).flat_map(|ring| between(ring * count));
+    let caps = (1..count - 1).flat_map(|i| [[0, i + 1, i], [top, top + i, top + i + 1]]);
+    mesh_of(vertices_mm, sides.chain(caps).collect())
 }
 
-/// Rings around a ball, m.
-fn ball(ring: &impl Fn(f64, f64) -> Vec<Point3<f64>>, radius: f64, z: f64) -> Vec<Point3<f64>> {
-    let at = |step: i32| std::f64::consts::FRAC_PI_8 * f64::from(step);
-    (-3..=3)
-        .flat_map(|step| ring(radius * at(step).cos(), z + radius * at(step).sin()))
-        .chain(ring(0.0, z - radius))
-        .chain(ring(0.0, z + radius))
-        .collect()
+fn mesh_of(vertices_mm: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
+    Mesh { vertices_mm, source_face: (0..faces.len() as u32).collect(), groups: Vec::new(), faces }
 }
 
-fn spec(link: &str, frame: usize, index: usize, count: usize, capsule: &Capsule) -> LinkSpec {
-    LinkSpec {
-        link: frame as u8,
-        name: if count == 1 { link.to_owned() } else { format!("{link} {}", index + 1) },
+/// A regular polygon around a circle at a height, both in metres, mm.
+fn ring(radius: f64, z: f64) -> Vec<[f64; 3]> {
+    let corner = |i: usize| {
+        let angle = std::f64::consts::TAU * i as f64 / CORNERS as f64;
+        // Corners of a polygon around the circle, not in it.
+        let out = radius * MM_OF_METRE / (std::f64::consts::PI / CORNERS as f64).cos();
+        [out * angle.cos(), out * angle.sin(), z * MM_OF_METRE]
+    };
+    (0..CORNERS).map(corner).collect()
+}
+
+/// Rings around two half balls, a length apart, such that each band between two rings touches its ball, as do the ends.
+fn ball_rings(radius: f64, length: f64) -> Vec<Vec<[f64; 3]>> {
+    let bands = CORNERS / 4;
+    let half_band = std::f64::consts::FRAC_PI_4 / bands as f64;
+    let out = radius / half_band.cos();
+    let latitude = |band: usize| half_band * (2 * band + 1) as f64;
+    let up: Vec<(f64, f64)> =
+        (0..bands).map(|band| (out * latitude(band).cos(), 0.5 * length + out * latitude(band).sin())).collect();
+    let down = up.iter().rev().map(|(across, z)| ring(*across, -z));
+    down.chain(up.iter().map(|(across, z)| ring(*across, *z))).collect()
+}
+
+fn capsules_of(surface: &LinkSurface) -> Vec<LinkSpec> {
+    let corner = |vertex: u32| surface.mesh.vertices_mm[vertex as usize];
+    let triangles: Vec<_> = surface.mesh.faces.iter().map(|face| face.map(corner)).collect();
+    let capsules = around(&triangles);
+    let name = |index: usize| if capsules.len() == 1 { surface.name.clone() } else { format!("{} {}", surface.name, index + 1) };
+    let spec = |(index, capsule): (usize, &Capsule)| LinkSpec {
+        link: surface.link,
+        name: name(index),
         from_mm: capsule.from_mm.into(),
         to_mm: capsule.to_mm.into(),
         radius_mm: capsule.radius_mm,
-    }
+    };
+    capsules.iter().enumerate().map(spec).collect()
 }
 
 fn metres(pose: &urdf_rs::Pose) -> Isometry3<f64> {

@@ -40,7 +40,7 @@ fn arm(last_kind: &str) -> String {
 
 #[test]
 fn a_urdf_gives_joints_limits_and_capsules_in_millimetres() {
-    let spec = import(&arm("continuous"), &options(), &mut no_mesh).expect("a robot");
+    let spec = import(&arm("continuous"), &options(), &mut no_mesh).expect("a robot").robot;
     let robot = spec.build().expect("a sound one");
     assert_eq!((spec.name.as_str(), spec.links.len(), robot.joints[5].max_rad), ("six", 6, std::f64::consts::TAU));
     assert!((robot.joints[0].max_speed_rad_per_s - 1.5).abs() < 1e-12);
@@ -78,6 +78,45 @@ fn what_is_no_arm_is_refused_by_name() {
         <joint name=\"1\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
         <joint name=\"2\" type=\"fixed\"><parent link=\"b\"/><child link=\"a\"/></joint></robot>";
     refused(circle, &options());
+}
+
+#[test]
+fn surfaces_of_simple_shapes_are_closed_around_them_and_lie_in_their_capsules() {
+    let shapes = [
+        // Volumes by hand; those of what is round are of the polyhedra around them, at most a few percent more.
+        ("<box size=\"0.1 0.2 0.3\"/>", 6.0e6, 1.0),
+        ("<cylinder radius=\"0.04\" length=\"0.1\"/>", 502_654.8, 1.02),
+        ("<sphere radius=\"0.05\"/>", 523_598.8, 1.04),
+        ("<capsule radius=\"0.05\" length=\"0.2\"/>", 2_094_395.1, 1.04),
+    ];
+    for (shape, volume_mm3, most) in shapes {
+        let text = arm("revolute").replace("<cylinder radius=\"0.04\" length=\"0.1\"/>", shape);
+        let imported = import(&text, &options(), &mut no_mesh).expect("a robot");
+        assert_eq!(imported.surfaces.len(), 6, "{shape}");
+        for surface in &imported.surfaces {
+            let mesh = &surface.mesh;
+            let edges = |flip: bool| {
+                let corners = |face: &[u32; 3]| [0, 1, 2].map(|i| (face[i], face[(i + 1) % 3]));
+                let mut edges: Vec<_> = mesh.faces.iter().flat_map(corners).collect();
+                edges.iter_mut().filter(|_| flip).for_each(|(a, b)| std::mem::swap(a, b));
+                edges.sort_unstable();
+                edges
+            };
+            assert_eq!(edges(false), edges(true), "{shape} is closed, and all of one side is out");
+            let volume = |face: usize| {
+                let [a, b, c] = mesh.corners(face).map(|corner| corner.coords);
+                a.dot(&b.cross(&c)) / 6.0
+            };
+            let found = (0..mesh.faces.len()).map(volume).sum::<f64>() / volume_mm3;
+            assert!((1.0 - 1e-9..most + 1e-9).contains(&found), "{shape}: {found} of its volume");
+            let robot = imported.robot.build().expect("a sound one");
+            let held = |face: usize| {
+                let own = robot.links.iter().filter(|capsule| capsule.link == usize::from(surface.link));
+                own.filter(|capsule| mesh.corners(face).iter().all(|corner| capsule.outside_mm(corner) <= 0.0)).count() > 0
+            };
+            assert!((0..mesh.faces.len()).all(held), "{shape}");
+        }
+    }
 }
 
 #[test]

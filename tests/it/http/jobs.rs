@@ -3,8 +3,9 @@
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
+use vantage::cell::{Presets, SpecLibrary};
 
-use super::api::{Api, FILES, http_options, service_options};
+use super::api::{Api, FILES, cube, http_options, service_options};
 
 #[tokio::test]
 async fn a_job_is_accepted_planned_and_told_about() {
@@ -54,6 +55,32 @@ async fn a_cell_is_looked_up_and_kept_with_the_job() {
     let job = api.post_json("/api/v1/jobs", &json!({"mesh_id": mesh, "cell": cell})).await.ok(202);
     assert_eq!(job["cell"]["name"], "ours");
     assert_eq!(api.ended(job["id"].as_str().expect("an id")).await["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn meshes_of_links_and_cable_are_found_and_kept_with_the_job() {
+    let api = Api::start().await;
+    let (part, surface) = (api.mesh().await, cube(12.0));
+    let surface = api.send("POST", "/api/v1/meshes?unit=mm&name=link", &[], surface).await.ok(201)["id"].clone();
+    let on_link = |link: u8, mesh: &Value| json!([{"link": link, "name": "it", "shape": {"kind": "mesh", "mesh": mesh}}]);
+    let request = |surface: &Value, cable: &Value, labels: Value| {
+        let mut cell: Value = serde_json::to_value(Presets.cell("e05-transcan").expect("a preset")).expect("JSON");
+        cell["robot"] = serde_json::to_value(Presets.robot("hans-e05").expect("a preset")).expect("JSON");
+        cell["robot"]["surfaces"] = on_link(6, surface);
+        cell["cable"] = on_link(3, cable);
+        json!({"mesh_id": part, "cell": cell, "labels": labels})
+    };
+    let nobody = json!("01a1f77c-78a1-7554-855a-a9513c22aa2b");
+    api.post_json("/api/v1/jobs", &request(&nobody, &nobody, json!({})))
+        .await
+        .problem_at("invalid_fields", &["/cell/robot/surfaces/0/shape/mesh", "/cell/cable/0/shape/mesh"]);
+    let wait = json!({"do": "wait"});
+    let job = api.post_json("/api/v1/jobs", &request(&surface, &json!(part), wait)).await.ok(202)["id"].clone();
+    let (job, surface) = (job.as_str().expect("an id"), surface.as_str().expect("an id"));
+    api.send("DELETE", &format!("/api/v1/meshes/{surface}"), &[], "").await.problem("mesh_in_use");
+    api.post_json(&format!("/api/v1/jobs/{job}/cancel"), &json!(null)).await.ok(202);
+    api.ended(job).await;
+    assert_eq!(api.send("DELETE", &format!("/api/v1/meshes/{surface}"), &[], "").await.status, 204);
 }
 
 #[tokio::test]

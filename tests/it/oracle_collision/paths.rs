@@ -2,6 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use vantage::cell::urdf::Imported;
 use vantage::cell::{BodySpec, Cell, CellSpec, Configuration, Named, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use vantage::geometry::{Mesh, Pose};
 use vantage::planning::context::{Context, Silent};
@@ -12,6 +13,7 @@ use vantage::program::{Program, Step, compile};
 
 use super::states::OUT_MM;
 use super::{ELFIN5, Nearest, Vendor, Verdict, asked, described};
+use crate::arms::{imported, link_surfaces};
 use crate::support::{PARTS, all_asked, long_asked, oracle_python, shared_mesh_scaled};
 
 /// Samples of a way, degrees of any axis; a plain run takes fewer.
@@ -53,7 +55,18 @@ fn with_obstacles() -> CellSpec {
 fn cells() -> Vec<(&'static str, Cell, Vendor)> {
     let ur5e = Vendor { urdf: "ur5e", base: "base", tip: "tool0" };
     let specs = [("default", default_spec(), ELFIN5), ("ur5e", with_ur5e(), ur5e), ("obstacles", with_obstacles(), ELFIN5)];
-    specs.into_iter().map(|(name, spec, vendor)| (name, spec.build(&Presets).expect("a valid cell"), vendor)).collect()
+    let built = specs.into_iter().map(|(name, spec, vendor)| (name, spec.build(&Presets).expect("a valid cell"), vendor));
+    let from_urdf = Vendor { base: "world", ..ELFIN5 };
+    built.chain(imported("elfin5").map(|urdf| ("surfaces", with_surfaces(&urdf), from_urdf))).collect()
+}
+
+/// The arm of the default cell among obstacles, from its URDF, its surfaces deciding.
+fn with_surfaces(urdf: &Imported) -> Cell {
+    let mut spec = with_obstacles();
+    spec.robot = Named::Inline(Box::new(urdf.robot.clone()));
+    let mut cell = spec.build(&Presets).expect("a valid cell");
+    cell.link_surfaces = link_surfaces(urdf);
+    cell
 }
 
 fn planned(mesh: &Mesh, cell: &Cell) -> Plan {
