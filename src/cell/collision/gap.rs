@@ -2,7 +2,7 @@
 //! microseconds, a few milliseconds where meshes overlap.
 
 use nalgebra::Point3;
-use parry3d::math::{Pose as ParryPose, Vector};
+use parry3d::math::Pose as ParryPose;
 use parry3d::query::{self, ClosestPoints};
 use parry3d::shape::{Capsule, Shape};
 
@@ -10,6 +10,8 @@ use super::solid::Solid;
 use super::{CollisionScene, Contact, Pair, Placement, Segment};
 use crate::cell::axis::Configuration;
 
+/// Distances between surfaces are found this exactly.
+const PRECISION_MM: f64 = 0.05;
 /// Places looked at along a segment.
 const LOOKS: u32 = 60;
 
@@ -49,37 +51,47 @@ impl CollisionScene {
     }
 
     fn gap(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Gap> {
-        let (a, b) = (&self.bodies[pair.a], &self.bodies[pair.b]);
-        let (pose_a, pose_b) = (&placement.poses[pair.a], &placement.poses[pair.b]);
-        let between = |(in_a, pose_a): (&Solid, ParryPose)| {
-            let gaps = b.placed(pose_b).filter_map(move |(in_b, pose_b)| solids_apart((in_a, pose_a), (in_b, pose_b), within_mm));
-            gaps.min_by(|one, other| one.0.total_cmp(&other.0))
+        let ((a, pose_a), (b, pose_b)) = (self.placed(pair.a, placement), self.placed(pair.b, placement));
+        let (a, b) = (a.shape(), b.shape());
+        let (apart_mm, place) = match query::closest_points(&pose_a, a, &pose_b, b, within_mm as f32).ok()? {
+            ClosestPoints::WithinMargin(p, q) => (f64::from((p - q).length()), (p + q) * 0.5),
+            ClosestPoints::Disjoint => return None,
+            ClosestPoints::Intersecting => match query::contact(&pose_a, a, &pose_b, b, 0.0) {
+                Ok(Some(contact)) => (f64::from(contact.dist.min(0.0)), (contact.point1 + contact.point2) * 0.5),
+                _ => (0.0, placement.boxes[pair.a].center()),
+            },
         };
-        let (apart_mm, place) = a.placed(pose_a).filter_map(between).min_by(|one, other| one.0.total_cmp(&other.0))?;
+        let apart_mm = self.surfaces_apart_mm(pair, placement, within_mm)?.unwrap_or(apart_mm);
         Some(Gap { bodies: self.contact_of(pair), apart_mm, place_mm: Point3::new(place.x, place.y, place.z).cast() })
     }
-}
 
-/// How far two solids are apart, mm, and a place between them; below zero how deep one is in the other, as far as known.
-fn solids_apart(a: (&Solid, ParryPose), b: (&Solid, ParryPose), within_mm: f64) -> Option<(f64, Vector)> {
-    let ((a, pose_a), (b, pose_b)) = (placed(a.0, a.1), placed(b.0, b.1));
-    let (a, b) = (a.shape(), b.shape());
-    Some(match query::closest_points(&pose_a, a, &pose_b, b, within_mm as f32).ok()? {
-        ClosestPoints::WithinMargin(p, q) => (f64::from((p - q).length()), (p + q) * 0.5),
-        ClosestPoints::Disjoint => return None,
-        ClosestPoints::Intersecting => match query::contact(&pose_a, a, &pose_b, b, 0.0) {
-            Ok(Some(contact)) => (f64::from(contact.dist.min(0.0)), (contact.point1 + contact.point2) * 0.5),
-            _ => (0.0, a.compute_aabb(&pose_a).center()),
-        },
-    })
-}
+    /// The distance of what is in the two bodies where they only envelop it, by halving; `None` where they are farther apart
+    /// than `within_mm`, and within that where only the envelopes can tell how deep they are in each other.
+    #[expect(clippy::option_option, reason = "too far apart, and told by the envelopes, are not the same")]
+    fn surfaces_apart_mm(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Option<f64>> {
+        let is_within = |mm: f64| self.is_confirmed(pair, placement, mm as f32);
+        if !is_within(within_mm) {
+            return None;
+        }
+        if is_within(0.0) {
+            return Some(None);
+        }
+        let (mut low, mut high) = (0.0, within_mm);
+        while high - low > PRECISION_MM {
+            let middle = 0.5 * (low + high);
+            if is_within(middle) { high = middle } else { low = middle }
+        }
+        Some(Some(high))
+    }
 
-fn placed(solid: &Solid, pose: ParryPose) -> (Placed<'_>, ParryPose) {
-    match solid {
-        Solid::Segment { core, radius_mm } => (Placed::Own(Box::new(Capsule::new(core.a, core.b, *radius_mm))), pose),
-        Solid::Box(core) => (Placed::Scene(core), pose),
-        Solid::Cylinder { core, body_from_core } => (Placed::Scene(core), pose * *body_from_core),
-        Solid::Mesh(surface) => (Placed::Scene(surface.as_ref()), pose),
+    fn placed(&self, body: usize, placement: &Placement) -> (Placed<'_>, ParryPose) {
+        let pose = placement.poses[body];
+        match &self.bodies[body].solid {
+            Solid::Segment { core, radius_mm } => (Placed::Own(Box::new(Capsule::new(core.a, core.b, *radius_mm))), pose),
+            Solid::Box(core) => (Placed::Scene(core), pose),
+            Solid::Cylinder { core, body_from_core } => (Placed::Scene(core), pose * *body_from_core),
+            Solid::Mesh(surface) => (Placed::Scene(surface.as_ref()), pose),
+        }
     }
 }
 

@@ -181,8 +181,11 @@ fn meshes_near((a, pose_a): (&TriMesh, &Pose), (b, pose_b): (&TriMesh, &Pose), m
 }
 
 fn surfaces_near(a: &TriMesh, b: &TriMesh, b_from_a: &Pose, margin: f32) -> bool {
-    let boxes_near =
-        |in_a: &BvhNode, in_b: &BvhNode| in_a.aabb().transform_by(b_from_a).loosened(margin).intersects(&in_b.aabb());
+    let boxes_near = |in_a: &BvhNode, in_b: &BvhNode| {
+        let (a, b) = (in_a.aabb().transform_by(b_from_a), in_b.aabb());
+        let between = (b.mins - a.maxs).max(a.mins - b.maxs).max(Vector::ZERO);
+        between.length_squared() <= margin * margin
+    };
     let mut pairs = a.bvh().leaf_pairs(b.bvh(), boxes_near);
     pairs.any(|(in_a, in_b)| cores_near(&b.triangle(in_b), &a.triangle(in_a), b_from_a, margin))
 }
