@@ -34,3 +34,29 @@ pub(crate) fn trough() -> Mesh {
 pub(crate) fn nominal_scanner() -> Scanner {
     Presets.scanner("transcan-c-nominal").ok().and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))
 }
+
+/// A URDF of an arm of six joints like an Elfin, 1 m of it, with cylinders for links and a fixed flange.
+pub(crate) fn arm_urdf(last_kind: &str) -> String {
+    let mut text = String::from("<robot name=\"six\"><link name=\"world\"/><link name=\"base_link\"/>");
+    text +=
+        "<joint name=\"stand\" type=\"fixed\"><parent link=\"world\"/><child link=\"base_link\"/><origin xyz=\"0 0 1\"/></joint>";
+    let rows = [
+        ("0 0 0.1", "0 0 1"),
+        ("0 0 0.12", "0 1 0"),
+        ("0 0 0.38", "0 1 0"),
+        ("0 0 0.2", "0 0 1"),
+        ("0 0 0.22", "0 1 0"),
+        ("0 0 0.05", "0 0 1"),
+    ];
+    for (number, (origin, axis)) in rows.iter().enumerate() {
+        let parent = if number == 0 { "base_link".to_owned() } else { format!("link_{number}") };
+        let (name, kind) = (format!("link_{}", number + 1), if number == 5 { last_kind } else { "revolute" });
+        text += &format!(
+            "<link name=\"{name}\"><collision><origin xyz=\"0 0 0.05\"/><geometry><cylinder radius=\"0.04\" length=\"0.1\"/></geometry></collision></link>\
+             <joint name=\"joint_{0}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{name}\"/><origin xyz=\"{origin}\"/>\
+             <axis xyz=\"{axis}\"/><limit lower=\"-2\" upper=\"2.5\" velocity=\"1.5\" effort=\"0\"/></joint>",
+            number + 1
+        );
+    }
+    text + "<link name=\"tool0\"/><joint name=\"end\" type=\"fixed\"><parent link=\"link_6\"/><child link=\"tool0\"/><origin xyz=\"0 0 0.03\"/></joint></robot>"
+}

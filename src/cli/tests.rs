@@ -2,8 +2,10 @@ use std::path::PathBuf;
 
 use super::inspect::{InspectArgs, report};
 use super::*;
+use crate::cell::{CellSpec, Named, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
+use crate::testing::arm_urdf;
 
 fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String, CliError> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -54,6 +56,28 @@ fn part_writes_what_inspect_reads() {
     assert!(text.contains("121.000 × 73.000 × 37.000 mm") && text.contains("no problems found"), "{text}");
     let few = part::PartArgs { triangles: 10, ..args };
     assert_eq!(part::run(&few).expect_err("too few").exit_code(), 2);
+}
+
+#[test]
+fn robot_writes_a_specification_and_surfaces_that_a_cell_takes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    std::fs::write(path("arm.urdf"), arm_urdf("revolute")).expect("a file");
+    let (urdf, out, surfaces) = (path("arm.urdf"), path("arm.toml"), path("surfaces"));
+    let line = ["vantage", "robot", &urdf, "--payload", "5", "--out", &out, "--surfaces", &surfaces];
+    let Command::Robot(args) = Cli::try_parse_from(line).expect("a command").command else {
+        unreachable!("the command asked for")
+    };
+    robot::run(&args).expect("files");
+    let mut spec: CellSpec = Presets.cell("e05-transcan").expect("a preset");
+    (spec.robot, spec.home_deg, spec.floor_mm) = (Named::Name(out), [0.0, 0.0, 60.0, 0.0, 60.0, 0.0, 0.0], None);
+    spec.obstacles.clear();
+    let cell = spec.build(&files::FileLibrary).unwrap_or_else(|errors| panic!("{errors:#?}"));
+    assert_eq!((cell.link_surfaces.len(), cell.robot.links.len()), (6, 6));
+    assert!(cell.link_surfaces.iter().enumerate().all(|(index, surface)| surface.link == index + 1));
+    std::fs::remove_dir_all(&surfaces).expect("there");
+    let errors = spec.build(&files::FileLibrary).map(|cell| cell.name).expect_err("the files are gone");
+    assert!(errors.iter().any(|error| error.pointer == "/robot/surfaces/5/shape/mesh"), "{errors:#?}");
 }
 
 /// A plan that stops before it begins, since it is cancelled.

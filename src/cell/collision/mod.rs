@@ -167,6 +167,16 @@ impl CollisionScene {
         self.pairs.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
     }
 
+    /// The same of what the flange and what the table carry alone: as close wherever the two go together to take one view.
+    #[must_use]
+    pub fn check_view(&self, configuration: &Configuration) -> Option<Contact> {
+        let placement = self.place(configuration);
+        let is_held = |body: usize| self.bodies[body].carrier == Carrier::Link(6);
+        let turns = |body: usize| self.bodies[body].carrier == Carrier::Plate;
+        let mut pairs = self.pairs.iter().filter(|pair| is_held(pair.a) && turns(pair.b) || is_held(pair.b) && turns(pair.a));
+        pairs.find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
+    }
+
     /// The first pair found closer than the clearance on the straight segment in joint space, both ends included.
     ///
     /// Samples are at most 2° of any axis apart, and closer where bodies are near each other, until between two of them

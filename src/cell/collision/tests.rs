@@ -136,9 +136,10 @@ fn a_part_collides_where_it_is_and_turns_with_the_table() {
     let free = CollisionScene::without_part(&cell, 1.0);
     assert_eq!(free.check(&pose), None);
     assert!(names(&scene.check(&pose).expect("must collide")).contains(&"part"));
+    assert_eq!(scene.check_view(&pose).map(|contact| contact.to_string()).as_deref(), Some("flange and part"));
     let mut turned = pose;
     turned[6] = std::f64::consts::PI;
-    assert_eq!(scene.check(&turned), None);
+    assert_eq!((scene.check(&turned), scene.check_view(&turned)), (None, None));
     let fixture = CollisionScene::new(&cell, &box_mesh([0.0; 3], [1.0; 3]), Some(&post), &on_plate, 1.0);
     assert!(names(&fixture.check(&pose).expect("must collide")).contains(&"fixture"));
 }

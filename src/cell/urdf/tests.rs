@@ -3,6 +3,7 @@ use nalgebra::Point3;
 use super::capsules::around;
 use super::{UrdfError, UrdfOptions, import};
 use crate::geometry::Mesh;
+use crate::testing::arm_urdf;
 
 fn options() -> UrdfOptions {
     UrdfOptions { name: None, base_link: None, tip_link: None, payload_kg: 5.0, ramp_secs: 0.5 }
@@ -12,35 +13,9 @@ fn no_mesh(name: &str) -> Result<Mesh, String> {
     Err(format!("no mesh {name}"))
 }
 
-/// An arm of six joints like an Elfin, 1 m of it, with cylinders for links and a fixed flange.
-fn arm(last_kind: &str) -> String {
-    let mut text = String::from("<robot name=\"six\"><link name=\"world\"/><link name=\"base_link\"/>");
-    text +=
-        "<joint name=\"stand\" type=\"fixed\"><parent link=\"world\"/><child link=\"base_link\"/><origin xyz=\"0 0 1\"/></joint>";
-    let rows = [
-        ("0 0 0.1", "0 0 1"),
-        ("0 0 0.12", "0 1 0"),
-        ("0 0 0.38", "0 1 0"),
-        ("0 0 0.2", "0 0 1"),
-        ("0 0 0.22", "0 1 0"),
-        ("0 0 0.05", "0 0 1"),
-    ];
-    for (number, (origin, axis)) in rows.iter().enumerate() {
-        let parent = if number == 0 { "base_link".to_owned() } else { format!("link_{number}") };
-        let (name, kind) = (format!("link_{}", number + 1), if number == 5 { last_kind } else { "revolute" });
-        text += &format!(
-            "<link name=\"{name}\"><collision><origin xyz=\"0 0 0.05\"/><geometry><cylinder radius=\"0.04\" length=\"0.1\"/></geometry></collision></link>\
-             <joint name=\"joint_{0}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{name}\"/><origin xyz=\"{origin}\"/>\
-             <axis xyz=\"{axis}\"/><limit lower=\"-2\" upper=\"2.5\" velocity=\"1.5\" effort=\"0\"/></joint>",
-            number + 1
-        );
-    }
-    text + "<link name=\"tool0\"/><joint name=\"end\" type=\"fixed\"><parent link=\"link_6\"/><child link=\"tool0\"/><origin xyz=\"0 0 0.03\"/></joint></robot>"
-}
-
 #[test]
 fn a_urdf_gives_joints_limits_and_capsules_in_millimetres() {
-    let spec = import(&arm("continuous"), &options(), &mut no_mesh).expect("a robot").robot;
+    let spec = import(&arm_urdf("continuous"), &options(), &mut no_mesh).expect("a robot").robot;
     let robot = spec.build().expect("a sound one");
     assert_eq!((spec.name.as_str(), spec.links.len(), robot.joints[5].max_rad), ("six", 6, std::f64::consts::TAU));
     assert!((robot.joints[0].max_speed_rad_per_s - 1.5).abs() < 1e-12);
@@ -64,15 +39,16 @@ fn what_is_no_arm_is_refused_by_name() {
     let refused = |text: &str, options: &UrdfOptions| import(text, options, &mut no_mesh).expect_err("refused").to_string();
     let told = refused("<robot", &options());
     assert!(told.contains("is no URDF"), "{told}");
-    let told = refused(&arm("fixed"), &options());
+    let told = refused(&arm_urdf("fixed"), &options());
     assert!(told.contains("six turning joints from \"base_link\"") && told.contains("tool0"), "{told}");
-    let told = refused(&arm("prismatic"), &UrdfOptions { tip_link: Some("tool0".into()), ..options() });
+    let told = refused(&arm_urdf("prismatic"), &UrdfOptions { tip_link: Some("tool0".into()), ..options() });
     assert!(told.contains("joint_6") && told.contains("prismatic"), "{told}");
-    let told = refused(&arm("revolute"), &UrdfOptions { tip_link: Some("hand".into()), ..options() });
+    let told = refused(&arm_urdf("revolute"), &UrdfOptions { tip_link: Some("hand".into()), ..options() });
     assert!(told.contains("has no link \"hand\""), "{told}");
-    let told = refused(&arm("revolute").replace("velocity=\"1.5\"", "velocity=\"0\""), &options());
+    let told = refused(&arm_urdf("revolute").replace("velocity=\"1.5\"", "velocity=\"0\""), &options());
     assert!(told.contains("the speed 0"), "{told}");
-    let meshed = arm("revolute").replace("<cylinder radius=\"0.04\" length=\"0.1\"/>", "<mesh filename=\"package://x/a.stl\"/>");
+    let meshed =
+        arm_urdf("revolute").replace("<cylinder radius=\"0.04\" length=\"0.1\"/>", "<mesh filename=\"package://x/a.stl\"/>");
     assert!(matches!(import(&meshed, &options(), &mut no_mesh), Err(UrdfError::Mesh { .. })));
     let circle = "<robot name=\"o\"><link name=\"a\"/><link name=\"b\"/>\
         <joint name=\"1\" type=\"fixed\"><parent link=\"a\"/><child link=\"b\"/></joint>\
@@ -90,7 +66,7 @@ fn surfaces_of_simple_shapes_are_closed_around_them_and_lie_in_their_capsules() 
         ("<capsule radius=\"0.05\" length=\"0.2\"/>", 2_094_395.1, 1.04),
     ];
     for (shape, volume_mm3, most) in shapes {
-        let text = arm("revolute").replace("<cylinder radius=\"0.04\" length=\"0.1\"/>", shape);
+        let text = arm_urdf("revolute").replace("<cylinder radius=\"0.04\" length=\"0.1\"/>", shape);
         let imported = import(&text, &options(), &mut no_mesh).expect("a robot");
         assert_eq!(imported.surfaces.len(), 6, "{shape}");
         for surface in &imported.surfaces {

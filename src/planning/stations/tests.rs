@@ -83,6 +83,16 @@ fn out_of_reach_and_in_the_way_are_told_apart() {
 }
 
 #[test]
+fn a_table_that_turns_less_than_a_step_is_used() {
+    let (mut cell, placed, part) = (cell(), centred(120.0), cube(120.0));
+    let axis = &mut cell.turntable.axis;
+    (axis.min_rad, axis.max_rad) = (3.1_f64.to_radians(), 3.9_f64.to_radians());
+    let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
+    let stations = solve_one(&cell, &scene, &placed, view(120.0, 30.0, 0.0, 540.0)).expect("reachable");
+    assert!(stations.iter().all(|station| cell.turntable.axis.allows(station.table_angle_rad)), "{stations:?}");
+}
+
+#[test]
 fn threads_do_not_change_the_stations_and_a_cancel_is_heard() {
     let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
     let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
