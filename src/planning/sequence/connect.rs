@@ -1,6 +1,7 @@
-//! A free way between two configurations where no simple one is, by growing two trees towards each other (J. Kuffner and
-//! S. LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", ICRA 2000), then made short. Every edge is
-//! proved free as a segment. Samples come from a stream that the two ends name, so the same question has the same answer.
+//! A free way from one configuration to any of some others where no simple one is, by growing two trees towards each other, the
+//! second from all of them (J. Kuffner and S. LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", ICRA
+//! 2000), then made short. Every edge is proved free as a segment. Samples come from a stream that the ends name, so the same
+//! question has the same answer.
 
 use super::moves::{Looks, Moves};
 use crate::cell::{Axes, Configuration};
@@ -9,14 +10,13 @@ use crate::planning::random::Stream;
 
 /// Longest edge of a tree, radians of any axis (25°).
 const EDGE_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
-/// Samples after which the search gives up: in a hundred cluttered cells, 200 found no way to 35 views of which another
-/// planner, given a minute each, found one to 15 of 23; 3000 left none of those.
-const SAMPLES: usize = 3000;
-/// Samples after which it gives up where one end cannot be left.
+/// Samples after which the search gives up.
+const SAMPLES: usize = 10_000;
+/// Samples after which it gives up where the one end or all others cannot be left. Even: each tree has its first place then.
 const STUCK_SAMPLES: usize = 300;
 /// Share of the samples that are spread over all that the axes allow; the others lie around the two ends.
 const FAR_SHARE: f64 = 0.3;
-/// How far around the ends, radians (70°).
+/// How far around the one and one of the others, radians (70°).
 const AROUND_RAD: f64 = 70.0 * std::f64::consts::PI / 180.0;
 /// Tries to cut a corner of the way found.
 const SHORTCUTS: usize = 24;
@@ -30,32 +30,35 @@ pub(super) fn shortened(
     ctx: &Context<'_>,
 ) -> Result<Vec<Configuration>, Cancelled> {
     if let ([from, .., to], true) = (way.as_slice(), way.len() > 2) {
-        Search::new([*from, *to], moves).shorten(&mut way, ctx)?;
+        Search::new(*from, vec![*to], moves).shorten(&mut way, ctx)?;
     }
     way.pop();
     way.drain(..way.len().min(1));
     Ok(way)
 }
 
-/// The points between `from` and `to`, both left out; `None` where none were found. Not cheap: up to some seconds.
+/// The points between `from` and one of `goals`, both left out, and which goal that is; `None` where none were found. Not
+/// cheap: up to some seconds.
 pub(super) fn connect(
     from: &Configuration,
-    to: &Configuration,
+    goals: &[Configuration],
     moves: &Moves<'_>,
     ctx: &Context<'_>,
-) -> Result<Option<Vec<Configuration>>, Cancelled> {
-    let found = Search::new([*from, *to], moves).trees(ctx)?;
-    found.map(|way| shortened(way, moves, ctx)).transpose()
+) -> Result<Option<(usize, Vec<Configuration>)>, Cancelled> {
+    let Some(way) = Search::new(*from, goals.to_vec(), moves).trees(ctx)? else { return Ok(None) };
+    let goal = goals.iter().position(|goal| way.last() == Some(goal)).unwrap_or(0);
+    Ok(Some((goal, shortened(way, moves, ctx)?)))
 }
 
 struct Search<'a> {
     moves: &'a Moves<'a>,
     looks: Looks<'a>,
     stream: Stream,
-    ends: [Configuration; 2],
+    from: Configuration,
+    goals: Vec<Configuration>,
 }
 
-/// Free configurations, each with a free segment to the one it grew from; the root comes first.
+/// Free configurations, each with a free segment to the one it grew from; roots grew from themselves and come first.
 struct Tree(Vec<(Configuration, usize)>);
 
 impl Tree {
@@ -64,10 +67,14 @@ impl Tree {
         (0..self.0.len()).min_by(|a, b| secs(a).total_cmp(&secs(b))).unwrap_or(0)
     }
 
-    /// From the root to a node.
+    fn rooted(roots: &[Configuration]) -> Self {
+        Self(roots.iter().copied().zip(0..).collect())
+    }
+
+    /// From its root to a node.
     fn branch(&self, mut node: usize) -> Vec<Configuration> {
         let mut branch = vec![self.0[node].0];
-        while node != 0 {
+        while node != self.0[node].1 {
             node = self.0[node].1;
             branch.push(self.0[node].0);
         }
@@ -77,15 +84,20 @@ impl Tree {
 }
 
 impl<'a> Search<'a> {
-    fn new(ends: [Configuration; 2], moves: &'a Moves<'a>) -> Self {
-        let names: Vec<u64> = std::iter::once(STREAM).chain(ends.iter().flatten().map(|angle| angle.to_bits())).collect();
-        Self { moves, looks: Looks::new(moves), stream: Stream::new(0, &names), ends }
+    fn new(from: Configuration, goals: Vec<Configuration>, moves: &'a Moves<'a>) -> Self {
+        let ends = from.iter().chain(goals.iter().flatten());
+        let names: Vec<u64> = std::iter::once(STREAM).chain(ends.map(|angle| angle.to_bits())).collect();
+        Self { moves, looks: Looks::new(moves), stream: Stream::new(0, &names), from, goals }
     }
 
     fn trees(&mut self, ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
-        let mut trees = self.ends.map(|end| Tree(vec![(end, 0)]));
+        let mut trees = [Tree::rooted(&[self.from]), Tree::rooted(&self.goals)];
+        let roots = [1, self.goals.len()];
         for round in 0..SAMPLES {
             ctx.check()?;
+            if round == STUCK_SAMPLES && trees.iter().zip(roots).any(|(tree, roots)| tree.0.len() == roots) {
+                break;
+            }
             let sample = self.sample();
             let [growing, other] = &mut trees;
             if let Some(reached) = self.grow(growing, &sample, 1, ctx)? {
@@ -100,9 +112,6 @@ impl<'a> Search<'a> {
                     }
                     return Ok(Some(way));
                 }
-            }
-            if round == STUCK_SAMPLES && trees.iter().any(|tree| tree.0.len() == 1) {
-                break;
             }
             trees.reverse();
         }
@@ -135,8 +144,9 @@ impl<'a> Search<'a> {
 
     fn sample(&mut self) -> Configuration {
         let far = self.stream.unit() < FAR_SHARE;
+        let goal = self.goals[(self.stream.unit() * self.goals.len() as f64) as usize];
         std::array::from_fn(|axis| {
-            let (limits, [a, b]) = (&self.moves.axes.0[axis], self.ends.map(|end| end[axis]));
+            let (limits, a, b) = (&self.moves.axes.0[axis], self.from[axis], goal[axis]);
             let (low, high) = if far {
                 (limits.min_rad, limits.max_rad)
             } else {

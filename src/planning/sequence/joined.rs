@@ -11,8 +11,6 @@ use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::Station;
 
-/// Stations of a view to which a way is searched where no other was found.
-const SEARCHED: usize = 12;
 /// Stations that another is tried from which no simple way from home leads to.
 const NEIGHBOURS: usize = 8;
 
@@ -132,13 +130,8 @@ fn by_another(
     }))
 }
 
-/// The first of a view's stations to which a search finds a way, where no simple way leads to any.
+/// The one of a view's stations to which a search finds a way, where no simple way leads to any.
 fn searched(of_view: &[Station], routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Vec<(Configuration, Route)>, Cancelled> {
-    for station in of_view.iter().take(SEARCHED) {
-        let configuration = station.configuration();
-        if let Some(route) = routes.searched_home_route(&configuration, ctx)? {
-            return Ok(vec![(configuration, route)]);
-        }
-    }
-    Ok(Vec::new())
+    let configurations: Vec<_> = of_view.iter().map(Station::configuration).collect();
+    Ok(routes.searched_home_route(&configurations, ctx)?.into_iter().collect())
 }

@@ -108,17 +108,24 @@ impl<'a> Routes<'a> {
         route.map(|route| self.shorter(home, route, station, ctx)).transpose()
     }
 
-    /// A free way from home by search, to the first point that the station can be drawn back to, else to itself.
-    pub(super) fn searched_home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
+    /// A free way from home to one of these stations by search, over the first point that it can be drawn back to, if any.
+    pub(super) fn searched_home_route(
+        &self,
+        stations: &[Configuration],
+        ctx: &Context<'_>,
+    ) -> Result<Option<(Configuration, Route)>, Cancelled> {
         let home = &self.cell.home_rad;
         // No motion of the arm helps where the part itself cannot be turned there.
-        if self.moves.scene.check_turn(home[6], station[6]).is_some() {
+        let turns_there = |station: &&Configuration| self.moves.scene.check_turn(home[6], station[6]).is_none();
+        let stations: Vec<_> = stations.iter().filter(turns_there).collect();
+        let lasts: Vec<_> = stations.iter().map(|station| self.retreats(station).first().copied()).collect();
+        let goals: Vec<_> = stations.iter().zip(&lasts).map(|(station, last)| last.unwrap_or(**station)).collect();
+        if goals.is_empty() {
             return Ok(None);
         }
-        let (goal, last) = self.retreats(station).first().map_or((*station, Vec::new()), |retreat| (*retreat, vec![*retreat]));
-        let Some(found) = connect(home, &goal, &self.moves, ctx)? else { return Ok(None) };
-        let route = self.route(home, [found, last].concat(), station);
-        self.shorter(home, route, station, ctx).map(Some)
+        let Some((goal, found)) = connect(home, &goals, &self.moves, ctx)? else { return Ok(None) };
+        let route = self.route(home, found.into_iter().chain(lasts[goal]).collect(), stations[goal]);
+        Ok(Some((*stations[goal], self.shorter(home, route, stations[goal], ctx)?)))
     }
 
     /// The quickest free way between two stations that is known; by home, if nothing else.
