@@ -14,7 +14,7 @@ use vantage::program::{Program, Step, compile};
 use super::states::OUT_MM;
 use super::{ELFIN5, Nearest, Vendor, Verdict, asked, described};
 use crate::arms::{imported, link_surfaces};
-use crate::support::{PARTS, all_asked, long_asked, oracle_python, shared_mesh_scaled};
+use crate::support::{PARTS, all_asked, long_asked, oracle_python, shared, shared_mesh_scaled};
 
 /// Samples of a way, degrees of any axis; a plain run takes fewer.
 const STEP_DEG: [&str; 2] = ["0.25", "2"];
@@ -69,6 +69,20 @@ fn with_surfaces(urdf: &Imported) -> Cell {
     cell
 }
 
+/// Name, mesh and longest extent in mm: the parts of the tables and, in the longest run, every other public mesh that is read.
+fn parts() -> Vec<(String, String, f64)> {
+    let mut parts = PARTS.map(|(name, path, extent_mm)| (name.to_owned(), path.to_owned(), extent_mm)).to_vec();
+    if let (true, Some(folder)) = (long_asked(), shared("meshes")) {
+        let files = std::fs::read_dir(folder).expect("a folder").map(|file| file.expect("a file").file_name());
+        let mut names: Vec<String> = files.map(|name| name.to_string_lossy().into_owned()).collect();
+        names.sort();
+        names.retain(|name| [".stl", ".obj", ".ply", ".gz"].iter().any(|end| name.ends_with(end)));
+        names.retain(|name| PARTS.iter().all(|(_, path, _)| !path.ends_with(name)));
+        parts.extend(names.into_iter().map(|name| (name.clone(), format!("meshes/{name}"), 120.0)));
+    }
+    parts
+}
+
 fn planned(mesh: &Mesh, cell: &Cell) -> Plan {
     let mut params = PlanParams::default();
     params.candidates = CandidateParams { strategies: vec![Strategy::Even], even_directions: Some(40), ..params.candidates };
@@ -99,15 +113,15 @@ pub(super) fn lines(ways: &[Vec<Configuration>]) -> String {
 fn nothing_touches_on_any_emitted_way() {
     let Some(python) = oracle_python() else { return };
     let is_asked = |part: &str, cell: &str| {
-        long_asked()
+        (long_asked() && (cell != "surfaces" || PARTS.iter().any(|(of_tables, ..)| *of_tables == part)))
             || (all_asked() && ["rocker", "gearbox"].contains(&part))
             || [("rocker", "ur5e"), ("fandisk", "obstacles")].contains(&(part, cell))
     };
     let step_deg = STEP_DEG[usize::from(!all_asked())];
     let (mut moves, mut samples, mut nearest_mm) = (0, 0, f64::INFINITY);
-    for (part, path, extent_mm) in PARTS {
-        for (name, cell, vendor) in cells().into_iter().filter(|(name, ..)| is_asked(part, name)) {
-            let Some(mesh) = shared_mesh_scaled(path, extent_mm) else { return };
+    for (part, path, extent_mm) in parts() {
+        for (name, cell, vendor) in cells().into_iter().filter(|(name, ..)| is_asked(&part, name)) {
+            let Some(mesh) = shared_mesh_scaled(&path, extent_mm) else { return };
             let plan = planned(&mesh, &cell);
             let table_from_part = &plan.setups[0].table_from_part;
             let Some(description) = described(&cell, &vendor, Some((&mesh, table_from_part)), false) else { return };

@@ -6,6 +6,7 @@ mod needs;
 pub(crate) mod selection_table;
 pub(crate) mod shapes;
 
+use std::io::Read as _;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::Point3;
@@ -45,7 +46,11 @@ pub(crate) fn preset_scanner(name: &str) -> Scanner {
 
 /// A mesh of the shared data, its file axes kept, scaled about its box's centre to `extent_mm` along the longest axis.
 pub(crate) fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
-    let bytes = std::fs::read(shared(path)?).expect("readable");
+    let mut bytes = std::fs::read(shared(path)?).expect("readable");
+    if path.ends_with(".gz") {
+        let packed = std::mem::take(&mut bytes);
+        flate2::read::GzDecoder::new(&packed[..]).read_to_end(&mut bytes).expect("gzip");
+    }
     let mut mesh = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default()).expect("a mesh").mesh;
     let (centre, scale) = (mesh.aabb().centre(), extent_mm / mesh.aabb().extent_mm().max());
     mesh.vertices_mm.iter_mut().for_each(|p| *p = Point3::from((*p - centre) * scale));
