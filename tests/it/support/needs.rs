@@ -14,7 +14,7 @@ pub(crate) fn shared(name: &str) -> Option<PathBuf> {
         return None;
     }
     let file = folder.join(name);
-    assert!(file.is_file(), "{} is missing in the data set", file.display());
+    assert!(file.exists(), "{} is missing in the data set", file.display());
     Some(file)
 }
 
