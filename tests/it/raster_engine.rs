@@ -53,9 +53,13 @@ impl Case {
         visibility::cast(surface, &self.views, usable, &self.scanner, &occluders, &params, &ctx).expect("not cancelled")
     }
 
-    /// Both engines' tables differ in few samples and in less area.
     fn engines_agree(&self, what: &str) {
-        let surface = self.surface(30_000.0);
+        self.engines_agree_on(30_000.0, what);
+    }
+
+    /// Both engines' tables differ in few of so many samples and in less area.
+    fn engines_agree_on(&self, samples: f64, what: &str) {
+        let surface = self.surface(samples);
         let usable = vec![true; self.views.len()];
         let raster = self.table(&surface, Engine::Raster, &usable, SimdLevel::widest());
         let rays = self.table(&surface, Engine::Rays, &usable, SimdLevel::widest());
@@ -134,6 +138,14 @@ fn engines_agree_through_a_lens_that_distorts() {
         assert!(assess(&part).watertight);
         Case::of(part, 120.0, preset_scanner("transcan-c"), 6).engines_agree(name);
     }
+}
+
+/// Where facets are no larger than a few pixels, a map may be nearer than a sample's facet by more than elsewhere. Samples are
+/// so many that maps are drawn.
+#[test]
+fn engines_agree_on_facets_of_a_few_pixels() {
+    let part = demo_parts::figurine(60_000).expect("a part");
+    Case::of(part, 40.0, nominal_scanner(), 2).engines_agree_on(150_000.0, "figurine of fine facets");
 }
 
 #[test]
