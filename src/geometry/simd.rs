@@ -114,9 +114,32 @@ pub fn greatest(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// The whole part of 0 ≤ x < 2²³, for kernels: what `as i32` gives, which the compiler turns into one conversion a lane.
+/// Beyond those bounds any number.
+#[inline(always)]
+#[must_use]
+pub fn whole(x: f32) -> i32 {
+    // At this size the step from one f32 to the next is 1: the sum is rounded to the nearest whole number, and its last
+    // bits are that number.
+    const STEPS_OF_ONE: f32 = 8_388_608.0;
+    let sum = x + STEPS_OF_ONE;
+    let nearest = sum.to_bits().wrapping_sub(STEPS_OF_ONE.to_bits()) as i32;
+    nearest.wrapping_sub(i32::from(sum - STEPS_OF_ONE > x))
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{Kernel, SimdLevel};
+    use super::{Kernel, SimdLevel, whole};
+
+    #[test]
+    fn whole_parts_are_those_of_a_conversion() {
+        for number in (0..4096).chain([65_535, 1 << 20, (1 << 23) - 1]) {
+            let least = number as f32;
+            for x in [least, least.next_up(), least + 0.25, least + 0.5, least + 0.75, (least + 1.0).next_down()] {
+                assert_eq!(whole(x), x as i32, "{x}");
+            }
+        }
+    }
 
     struct Polynomial<'a>(&'a mut [f32; 64]);
 

@@ -8,7 +8,7 @@ use super::canvas::Grid;
 use super::pinhole::{LANES, Pinhole};
 use super::samples::{BATCHES, SAMPLES, SampleCluster};
 use super::tile::{Nearness, TILE, place, step_down, step_right};
-use crate::geometry::{Kernel, greatest, least};
+use crate::geometry::{Kernel, greatest, least, whole};
 use crate::planning::visibility::QualityScale;
 use crate::planning::visibility::view::{IncidenceMin, PASSES, View};
 
@@ -190,27 +190,26 @@ impl Kernel for Compare<'_> {
                 continue;
             }
             let [u, v, nearness] = project(cluster, batch, look.pinhole, look.offset_mm);
-            let offsets = cluster.batch(batch);
+            let (offsets, normals) = (cluster.batch(batch), cluster.batch_of_normals(batch));
             let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
             let (mut tiles, mut places, mut rights, mut downs) = ([0; LANES], [0; LANES], [0; LANES], [0; LANES]);
             let (mut along_x, mut along_y, mut ahead) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
             let mut hidden_mm = [0.0; LANES];
             for lane in 0..LANES {
-                let place = batch * LANES + lane;
                 let (mut along, mut length) = (0.0, 0.0);
                 for axis in 0..3 {
                     let towards = centre[axis] - offsets[axis][lane];
-                    along += towards * cluster.normal[axis][place];
+                    along += towards * normals[axis][lane];
                     length += towards * towards;
                 }
                 let depth_mm = 1.0 / nearness[lane];
                 let tan = greatest(length - along * along, 0.0).sqrt() / along;
-                let normal = [0, 1, 2].map(|axis| cluster.normal[axis][place]);
+                let normal = [normals[0][lane], normals[1][lane], normals[2][lane]];
                 [along_x[lane], along_y[lane]] = look.pinhole.slope(normal, along);
                 hidden_mm[lane] = depth_mm - (BAND_PX / look.pinhole.focal_px * depth_mm * tan + HIDDEN_MM);
                 let (x, y) = (greatest(u[lane] - look.grid.left_px, 0.0), greatest(v[lane] - look.grid.top_px, 0.0));
-                columns[lane] = x as i32 as u32;
-                rows[lane] = y as i32 as u32;
+                columns[lane] = whole(x) as u32;
+                rows[lane] = whole(y) as u32;
                 // What the nearness of the facet's plane at the first of the four pixels may be at most.
                 let back = along_x[lane] * (columns[lane] as i32 as f32 - x) + along_y[lane] * (rows[lane] as i32 as f32 - y);
                 let band_mm = if nearness[lane] < large { BAND_OF_SMALL_MM } else { BAND_MM };

@@ -103,4 +103,10 @@ impl SampleCluster {
     pub(super) fn batch(&self, batch: usize) -> [&[f32; LANES]; 3] {
         [0, 1, 2].map(|axis| &self.offset_mm[axis].as_chunks::<LANES>().0[batch])
     }
+
+    /// One batch of normals.
+    #[inline(always)]
+    pub(super) fn batch_of_normals(&self, batch: usize) -> [&[f32; LANES]; 3] {
+        [0, 1, 2].map(|axis| &self.normal[axis].as_chunks::<LANES>().0[batch])
+    }
 }

@@ -8,7 +8,7 @@
 
 use super::clusters::{Cluster, TRIANGLES, VERTICES};
 use super::pinhole::{LANES, Lanes, Pinhole};
-use crate::geometry::{Kernel, SimdLevel, greatest, least};
+use crate::geometry::{Kernel, SimdLevel, greatest, least, whole};
 
 /// Pixels along a tile's edge.
 pub(super) const TILE: usize = 64;
@@ -138,11 +138,11 @@ impl<T: Target> Kernel for Draw<'_, T> {
     #[inline(always)]
     fn run(self) {
         let Self { job, nearness, numbers } = self;
-        let mut image = [[0.0; VERTICES]; 3];
+        let (mut image, mut setup) = ([[0.0; VERTICES]; 3], Setup::default());
         for &cluster in job.listed {
             let cluster = &job.clusters[cluster as usize];
             project(job, cluster, &mut image);
-            draw_cluster(job, cluster, &image, nearness, numbers);
+            draw_cluster(job, cluster, &image, &mut setup, nearness, numbers);
         }
         if !job.listed_back.is_empty() {
             let hiding = Hiding::of(nearness);
@@ -150,12 +150,12 @@ impl<T: Target> Kernel for Draw<'_, T> {
                 let cluster = &job.clusters[cluster as usize];
                 project(job, cluster, &mut image);
                 if !hiding.hides(cluster, &image) {
-                    draw_cluster(job, cluster, &image, nearness, numbers);
+                    draw_cluster(job, cluster, &image, &mut setup, nearness, numbers);
                 }
             }
         }
         for listed in job.listed_cut.chunks(LANES) {
-            let setup = Setup::new(&gather_cut(job, listed), false);
+            setup.prepare(&gather_cut(job, listed), false);
             setup.draw(nearness, numbers, |lane| job.cut[listed[lane] as usize].number);
         }
     }
@@ -166,6 +166,7 @@ fn draw_cluster<T: Target>(
     job: &TileJob<'_>,
     cluster: &Cluster,
     image: &[[f32; VERTICES]; 3],
+    setup: &mut Setup,
     nearness: &mut Nearness,
     numbers: &mut T,
 ) {
@@ -174,7 +175,7 @@ fn draw_cluster<T: Target>(
         if cluster.numbers[first] == NOTHING {
             break;
         }
-        let setup = Setup::new(&gather(cluster, first, image), cull);
+        setup.prepare(&gather(cluster, first, image), cull);
         setup.draw(nearness, numbers, |lane| cluster.numbers[first + lane]);
     }
 }
@@ -284,6 +285,7 @@ fn gather_cut(job: &TileJob<'_>, listed: &[u32]) -> Corners {
 }
 
 /// Sixteen triangles ready to be drawn.
+#[derive(Default)]
 struct Setup {
     /// Edge functions: a, b, c of each edge.
     edges: [[Lanes; 3]; 3],
@@ -293,22 +295,13 @@ struct Setup {
     furthest: Lanes,
     /// First and last column, first and last row, of the pixels that the bounding box holds.
     bounds: [[i32; LANES]; 4],
-    /// Whether there is anything to draw.
-    live: u32,
+    /// 1 where there is anything to draw, else 0.
+    live: [u8; LANES],
 }
 
 impl Setup {
     #[inline(always)]
-    fn new([p, q, r]: &Corners, cull: bool) -> Self {
-        let mut setup = Self {
-            edges: [[[0.0; LANES]; 3]; 3],
-            plane: [[0.0; LANES]; 3],
-            nearest: [0.0; LANES],
-            furthest: [0.0; LANES],
-            bounds: [[0; LANES]; 4],
-            live: 0,
-        };
-        let mut live = [0_u32; LANES];
+    fn prepare(&mut self, [p, q, r]: &Corners, cull: bool) {
         let both = !cull;
         for lane in 0..LANES {
             let (x0, y0, w0) = (p[0][lane], p[1][lane], p[2][lane]);
@@ -324,34 +317,30 @@ impl Setup {
             ];
             for edge in 0..3 {
                 for part in 0..3 {
-                    setup.edges[edge][part][lane] = edges[edge][part] * sign;
+                    self.edges[edge][part][lane] = edges[edge][part] * sign;
                 }
             }
             let along_x = ((w1 - w0) * (y2 - y0) - (w2 - w0) * (y1 - y0)) / area;
             let along_y = ((w2 - w0) * (x1 - x0) - (w1 - w0) * (x2 - x0)) / area;
-            setup.plane[0][lane] = along_x;
-            setup.plane[1][lane] = along_y;
-            setup.plane[2][lane] = w0 - along_x * x0 - along_y * y0;
-            setup.nearest[lane] = greatest(greatest(w0, w1), w2);
-            setup.furthest[lane] = least(least(w0, w1), w2);
+            self.plane[0][lane] = along_x;
+            self.plane[1][lane] = along_y;
+            self.plane[2][lane] = w0 - along_x * x0 - along_y * y0;
+            self.nearest[lane] = greatest(greatest(w0, w1), w2);
+            self.furthest[lane] = least(least(w0, w1), w2);
             let (left, right) = columns(least(least(x0, x1), x2), greatest(greatest(x0, x1), x2));
             let (top, bottom) = columns(least(least(y0, y1), y2), greatest(greatest(y0, y1), y2));
-            setup.bounds[0][lane] = left;
-            setup.bounds[1][lane] = right;
-            setup.bounds[2][lane] = top;
-            setup.bounds[3][lane] = bottom;
+            self.bounds[0][lane] = left;
+            self.bounds[1][lane] = right;
+            self.bounds[2][lane] = top;
+            self.bounds[3][lane] = bottom;
             let faces = (area < 0.0) | (both & (area > 0.0));
-            live[lane] = u32::from(faces & (left <= right) & (top <= bottom));
+            self.live[lane] = u8::from(faces & (left <= right) & (top <= bottom));
         }
-        for lane in 0..LANES {
-            setup.live |= live[lane] << lane;
-        }
-        setup
     }
 
     #[inline(always)]
     fn draw<T: Target>(&self, nearness: &mut Nearness, numbers: &mut T, number: impl Fn(usize) -> u32) {
-        let mut live = self.live;
+        let mut live = bits(&self.live);
         while live != 0 {
             let lane = live.trailing_zeros() as usize & (LANES - 1);
             live &= live - 1;
@@ -361,11 +350,56 @@ impl Setup {
 
     #[inline(always)]
     fn draw_one<T: Target>(&self, triangle: usize, nearness: &mut Nearness, numbers: &mut T, number: u32) {
-        let edges: [[f32; 3]; 3] = std::array::from_fn(|e| std::array::from_fn(|part| self.edges[e][part][triangle]));
-        let plane: [f32; 3] = std::array::from_fn(|part| self.plane[part][triangle]);
-        let (nearest, furthest) = (self.nearest[triangle], self.furthest[triangle]);
         let [left, right, top, bottom] = std::array::from_fn(|side| self.bounds[side][triangle] as usize >> 2);
         let (right, bottom) = (right.min(BLOCKS - 1), bottom.min(BLOCKS - 1));
+        let brush = Brush::new(self, triangle, number);
+        // Apart, because the compiler makes ready what a loop may need even where it does not.
+        if right - left < WIDE {
+            for row in top..bottom + 1 {
+                let line = brush.line(row);
+                for column in left..right + 1 {
+                    brush.draw(&line, column, nearness, numbers);
+                }
+            }
+        } else {
+            for row in top..bottom + 1 {
+                let line = brush.line(row);
+                let mut met = blocks_met(&brush.edges, line.y) & (u32::MAX << left) & ((2 << right) - 1);
+                while met != 0 {
+                    brush.draw(&line, met.trailing_zeros() as usize, nearness, numbers);
+                    met &= met - 1;
+                }
+            }
+        }
+    }
+}
+
+/// One triangle.
+struct Brush {
+    edges: [[f32; 3]; 3],
+    plane: [f32; 3],
+    nearest: f32,
+    furthest: f32,
+    /// By how much edge functions and nearness differ at a block's pixels from its first.
+    within: [Lanes; 3],
+    slope: Lanes,
+    number: u32,
+}
+
+/// A row of blocks.
+struct Line {
+    row: usize,
+    y: f32,
+    /// Edge functions and nearness at the row's first pixel.
+    edges: [f32; 3],
+    nearness: f32,
+}
+
+impl Brush {
+    #[inline(always)]
+    fn new(setup: &Setup, triangle: usize, number: u32) -> Self {
+        let edges: [[f32; 3]; 3] = std::array::from_fn(|e| std::array::from_fn(|part| setup.edges[e][part][triangle]));
+        let plane: [f32; 3] = std::array::from_fn(|part| setup.plane[part][triangle]);
         let mut within = [[0.0; LANES]; 3];
         let mut slope = [0.0; LANES];
         for lane in 0..LANES {
@@ -374,36 +408,51 @@ impl Setup {
             }
             slope[lane] = plane[0] * PIXEL_X[lane] + plane[1] * PIXEL_Y[lane];
         }
-        for row in top..=bottom {
-            let y = (row * BLOCK) as f32;
-            let row_edges: [[f32; 2]; 3] = std::array::from_fn(|e| [edges[e][0], edges[e][1] * y + edges[e][2]]);
-            let row_base = plane[1] * y + plane[2];
-            let met = if right - left < WIDE { u32::MAX } else { blocks_met(&edges, y) };
-            for column in left..=right {
-                if met >> column & 1 == 0 {
-                    continue;
-                }
-                let x = (column * BLOCK) as f32;
-                let at = row_edges.map(|[a, rest]| a * x + rest);
-                let base = plane[0] * x + row_base;
-                let place = (row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
-                // Both blocks are read before either is written: else the compiler writes only the pixels that change,
-                // and masked stores are slow to be read again.
-                let (mut values, mut shown) = (nearness[place], numbers.block(place));
-                for lane in 0..LANES {
-                    let inside =
-                        (within[0][lane] + at[0] >= 0.0) & (within[1][lane] + at[1] >= 0.0) & (within[2][lane] + at[2] >= 0.0);
-                    let value = least(greatest(slope[lane] + base, furthest), nearest);
-                    let value = if inside { value } else { 0.0 };
-                    shown[lane] = if value > values[lane] { number } else { shown[lane] };
-                    // The greater of two numbers that are not negative has the greater bits.
-                    values[lane] = f32::from_bits(value.to_bits().max(values[lane].to_bits()));
-                }
-                nearness[place] = values;
-                numbers.put(place, shown);
-            }
-        }
+        let (nearest, furthest) = (setup.nearest[triangle], setup.furthest[triangle]);
+        Self { edges, plane, nearest, furthest, within, slope, number }
     }
+
+    #[inline(always)]
+    fn line(&self, row: usize) -> Line {
+        let y = (row * BLOCK) as f32;
+        let edges = std::array::from_fn(|e| self.edges[e][1] * y + self.edges[e][2]);
+        Line { row, y, edges, nearness: self.plane[1] * y + self.plane[2] }
+    }
+
+    #[inline(always)]
+    fn draw<T: Target>(&self, line: &Line, column: usize, nearness: &mut Nearness, numbers: &mut T) {
+        let x = (column * BLOCK) as f32;
+        let at: [f32; 3] = std::array::from_fn(|e| self.edges[e][0] * x + line.edges[e]);
+        let base = self.plane[0] * x + line.nearness;
+        let place = (line.row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
+        // Both blocks are read before either is written: else the compiler writes only the pixels that change,
+        // and masked stores are slow to be read again.
+        let (mut values, mut shown) = (nearness[place], numbers.block(place));
+        // A choice between two values becomes an instruction, one between two places a jump.
+        let (number, nearest, furthest) = (self.number, self.nearest, self.furthest);
+        for lane in 0..LANES {
+            let (before, number_before) = (values[lane], shown[lane]);
+            let edges: [f32; 3] = [self.within[0][lane] + at[0], self.within[1][lane] + at[1], self.within[2][lane] + at[2]];
+            let inside = least(least(edges[0], edges[1]), edges[2]) >= 0.0;
+            let value = least(greatest(self.slope[lane] + base, furthest), nearest);
+            let value = if inside { value } else { 0.0 };
+            shown[lane] = if value > before { number } else { number_before };
+            // The greater of two numbers that are not negative has the greater bits.
+            values[lane] = f32::from_bits(value.to_bits().max(before.to_bits()));
+        }
+        nearness[place] = values;
+        numbers.put(place, shown);
+    }
+}
+
+/// Bit i is byte i, of bytes that are 0 or 1.
+#[inline(always)]
+fn bits(bytes: &[u8; LANES]) -> u32 {
+    // Byte i comes to lie at bit 56 + i, and no two sums meet.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    let [low, high] = bytes.as_chunks::<8>().0 else { return 0 };
+    let eight = |bytes: &[u8; 8]| (u64::from_le_bytes(*bytes).wrapping_mul(GATHER) >> 56) as u32;
+    eight(low) | eight(high) << 8
 }
 
 /// First and last whole pixel between two coordinates, within the tile.
@@ -411,8 +460,8 @@ impl Setup {
 fn columns(from: f32, to: f32) -> (i32, i32) {
     // Both are made positive, where rounding towards zero rounds down.
     let (from, to) = (greatest(least(from, TILE as f32), -1.0), greatest(least(to, TILE as f32), -1.0));
-    let first = TILE as i32 - (TILE as f32 - from) as i32;
-    let last = (to + 1.0) as i32 - 1;
+    let first = TILE as i32 - whole(TILE as f32 - from);
+    let last = whole(to + 1.0) - 1;
     let (first, last) = (if first < 0 { 0 } else { first }, if last > TILE as i32 - 1 { TILE as i32 - 1 } else { last });
     (first, last)
 }
