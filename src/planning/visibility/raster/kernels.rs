@@ -183,7 +183,7 @@ impl Kernel for Compare<'_> {
         let Self { look, cluster, states } = self;
         let mut doubts = 0;
         // Nearer than this the cluster's facets are large.
-        let large = SMALL_PX / (look.pinhole.focal_px * cluster.facet_mm);
+        let large_nearness = SMALL_PX / (look.pinhole.focal_px * cluster.facet_mm);
         let centre: [f32; 3] = (look.pinhole.centre_mm - Vector3::from(look.offset_mm).cast::<f64>()).map(|mm| mm as f32).into();
         for (batch, states) in states.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
             if !states.contains(&PASSES) {
@@ -212,7 +212,7 @@ impl Kernel for Compare<'_> {
                 rows[lane] = whole(y) as u32;
                 // What the nearness of the facet's plane at the first of the four pixels may be at most.
                 let back = along_x[lane] * (columns[lane] as i32 as f32 - x) + along_y[lane] * (rows[lane] as i32 as f32 - y);
-                let band_mm = if nearness[lane] < large { BAND_OF_SMALL_MM } else { BAND_MM };
+                let band_mm = if nearness[lane] < large_nearness { BAND_OF_SMALL_MM } else { BAND_MM };
                 ahead[lane] = nearness[lane] * (1.0 + band_mm * nearness[lane]) + back;
             }
             for lane in 0..LANES {
