@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::CliError;
 use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
-use crate::geometry::mesh_io::{self, Limits, ReadMesh};
+use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh};
 use crate::service::hex;
 
@@ -131,6 +131,16 @@ pub fn findings(what: &str, errors: &[FieldError]) -> CliError {
 pub fn mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), CliError> {
     let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
     let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-    let read = mesh_io::read(&bytes, unit, &Limits::default()).map_err(|error| refuse(error.to_string()))?;
-    Ok((read, hex(&Sha256::digest(&bytes))))
+    Ok((mesh_of(path, &bytes, unit)?, hex(&Sha256::digest(&bytes))))
+}
+
+/// The mesh that a file's bytes are.
+///
+/// # Errors
+/// No usable mesh; where its unit is missing, with the option that gives it.
+pub fn mesh_of(path: &Path, bytes: &[u8], unit: Option<LengthUnit>) -> Result<ReadMesh, CliError> {
+    mesh_io::read(bytes, unit, &Limits::default()).map_err(|error| {
+        let option = if error == MeshError::UnitMissing { " with --unit" } else { "" };
+        CliError::BadInput(format!("{}: {error}{option}", path.display()))
+    })
 }

@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 
-use super::{CliError, inspect_scanner};
+use super::{CliError, files, inspect_scanner};
 use crate::geometry::LengthUnit;
-use crate::geometry::mesh_io::{Limits, MeshError, ReadMesh, read, recognise};
+use crate::geometry::mesh_io::{MeshError, ReadMesh, recognise};
 use crate::wire::MeshHealth;
 
 /// Look at a mesh or a scanner: what it is, and what is wrong with it.
@@ -52,10 +52,7 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     {
         return inspect_scanner::render(text, args.json).map_err(|error| bad_input(&error));
     }
-    let mesh = read(&bytes, args.unit, &Limits::default()).map_err(|error| match error {
-        MeshError::UnitMissing => bad_input(&format!("{error} with --unit")),
-        error => bad_input(&error),
-    })?;
+    let mesh = files::mesh_of(&args.file, &bytes, args.unit)?;
     let report = MeshHealth::new(&mesh);
     if args.json {
         let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report })

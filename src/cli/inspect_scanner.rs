@@ -1,28 +1,18 @@
 //! `vantage inspect SCANNER.toml`: what a scanner sees and where it measures, beside what its specification states.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 
 use super::CliError;
 use crate::cell::ScannerSpec;
 use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, ScannerFacts, StatedBox, VolumeFacts};
 
-/// Prints the facts of the scanner that `text` specifies: as lines to read, or as JSON.
+/// The facts of the scanner that `text` specifies: as lines to read, or as JSON.
 ///
 /// # Errors
-/// [`CliError::BadInput`] when `text` is not TOML of a scanner, names every field that is out of range, or cannot be
-/// printed.
-pub fn run(text: &str, json: bool) -> Result<(), CliError> {
-    let answer = render(text, json)?;
-    std::io::stdout().write_all(answer.as_bytes()).map_err(|error| CliError::BadInput(format!("cannot write: {error}")))
-}
-
-/// What [`run`] prints.
-///
-/// # Errors
-/// As [`run`].
+/// [`CliError::BadInput`] when `text` is not TOML of a scanner, or names every field that is out of range.
 pub fn render(text: &str, json: bool) -> Result<String, CliError> {
-    let spec: ScannerSpec = toml::from_str(text).map_err(|error| CliError::BadInput(format!("not a scanner: {error}")))?;
+    let neither = |error| CliError::BadInput(format!("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): {error}"));
+    let spec: ScannerSpec = toml::from_str(text).map_err(neither)?;
     let scanner = spec
         .build()
         .map_err(|errors| CliError::BadInput(errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")))?;

@@ -42,6 +42,8 @@ fn bad_input_exits_2_with_the_place() {
     assert!(error.exit_code() == 2 && error.to_string().contains("line 1"), "{error}");
     let error = inspect(TRIANGLE, None, false).expect_err("no unit");
     assert!(error.to_string().ends_with("give one of mm, cm, m, inch with --unit"), "{error}");
+    let error = inspect(b"# A title\n\nText that is neither.\n", None, false).expect_err("no mesh");
+    assert!(error.to_string().contains("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML)"), "{error}");
     let missing = InspectArgs { file: PathBuf::from("/nowhere/part.stl"), unit: None, json: false };
     assert_eq!(report(&missing).expect_err("no file").exit_code(), 2);
 }
