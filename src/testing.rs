@@ -30,7 +30,7 @@ pub(crate) fn trough() -> Mesh {
     all
 }
 
-/// The nominal rig of method §2.
+/// The nominal rig of [`crate::planning::method::scanner`].
 pub(crate) fn nominal_scanner() -> Scanner {
     Presets.scanner("transcan-c-nominal").ok().and_then(|spec| spec.build().ok()).unwrap_or_else(|| unreachable!("a preset"))
 }

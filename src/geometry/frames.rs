@@ -1,7 +1,7 @@
 //! Typed frames and the poses between them. `Pose<To, From>` maps coordinates given in `From` to coordinates in `To`,
 //! so a chain reads by adjacent words: `base_from_flange * flange_from_scanner` is a `Pose<Base, Scanner>`.
 //!
-//! Lengths are millimetres. Frames are those of the planning method, section 1.
+//! Lengths are millimetres. The frames are those of [`crate::planning::method::frames`].
 
 use std::fmt;
 use std::marker::PhantomData;

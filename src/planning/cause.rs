@@ -1,7 +1,8 @@
 //! The closed list of causes for which a sample is not measured, in the order in which a candidate can fail. Visibility
 //! names those that a view's optics decide, the cell's stages the others.
 
-/// Why a sample is not measured, in the order in which a candidate can fail (contract: the closed list).
+/// The cause for which a sample is not measured, in the order in which a candidate can fail
+/// ([`crate::planning::method::causes`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cause {
     /// The part stands on it.

@@ -1,9 +1,10 @@
-//! Grades of measured area (method §5).
+//! Grades of measured area ([`crate::planning::method::quality`]).
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Grade of a sample from its best chosen view's quality: A > 0.5, B > 0, C > −0.5, D the rest (method §5).
+/// Grade of a sample from its best chosen view's quality: A > 0.5, B > 0, C > −0.5, D the rest
+/// ([`crate::planning::method::quality`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
 pub enum Grade {
     /// Above 0.5.

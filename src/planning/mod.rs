@@ -1,5 +1,4 @@
-//! Floor 3, the pipeline: mesh → surface → candidates → stations → visibility → selection → sequence → missed.
-//! A stage imports only earlier stages; [`plan()`] sees all of them.
+#![doc = include_str!("../METHOD.md")]
 
 pub mod candidates;
 mod cause;
@@ -8,6 +7,7 @@ pub mod demands;
 mod error;
 pub mod grade;
 mod input;
+pub mod method;
 mod min_time;
 mod missed;
 mod motion;

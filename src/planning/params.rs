@@ -45,7 +45,7 @@ pub struct PlanParams {
     pub candidates: CandidateParams,
     /// How visibility is computed.
     pub visibility: VisibilityParams,
-    /// Weights of the score (method §5).
+    /// Weights of the score ([`crate::planning::method::quality`]).
     pub score: ScoreParams,
     /// How views are chosen and when to stop.
     pub selection: SelectionParams,
@@ -207,7 +207,7 @@ impl LimitParams {
     }
 }
 
-/// A way to compute visibility. All agree on method §4.
+/// A way to compute visibility. All agree on [`crate::planning::method::visibility`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Engine {
@@ -239,7 +239,7 @@ pub enum ScoreAngle {
     OpticalAxis,
 }
 
-/// Weights of the score (method §5), each 0 to 10.
+/// Weights of the score ([`crate::planning::method::quality`]), each 0 to 10.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct ScoreParams {
@@ -300,7 +300,7 @@ pub enum TargetOf {
     Total,
 }
 
-/// How views are chosen and when to stop (method §5).
+/// How views are chosen and when to stop ([`crate::planning::method::selection`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct SelectionParams {
@@ -316,7 +316,8 @@ pub struct SelectionParams {
     pub min_growth: f64,
     /// At most this many views, 1 to 1000. Default: no limit.
     pub max_views: Option<u32>,
-    /// Count only area that is measured at this grade or better (method §5): `A`, `B`, `C` or `D`. Default: all of it.
+    /// Count only area that is measured at this grade or better ([`crate::planning::method::quality`]): `A`, `B`, `C` or `D`.
+    /// Default: all of it.
     pub min_grade: Option<Grade>,
     /// Default `fewest_views`.
     pub goal: SelectionGoal,

@@ -254,7 +254,8 @@ fn choose(
     }
 }
 
-/// Part axes parallel to the table's, bottom of the bounding box on the plate, its centre on the axis (method §1).
+/// Part axes parallel to the table's, bottom of the bounding box on the plate, its centre on the axis
+/// ([`crate::planning::method::frames`]).
 #[must_use]
 pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
     let aabb = mesh.aabb();

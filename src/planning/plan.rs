@@ -93,7 +93,7 @@ pub struct CandidateCounts {
     pub rejected: std::collections::BTreeMap<Rejection, usize>,
 }
 
-/// Areas and shares of what is measured. Sums run over samples (method §4).
+/// Areas and shares of what is measured. Sums run over samples ([`crate::planning::method::coverage`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Coverage {
     /// Whole surface.

@@ -1,4 +1,4 @@
-//! The structured-light scanner: two cameras and a projector, a working depth, a body (method §2).
+//! The structured-light scanner: two cameras and a projector, a working depth, a body ([`crate::planning::method::scanner`]).
 
 mod depth_of_field;
 mod device;
@@ -39,7 +39,7 @@ pub struct Scanner {
     pub stated_volume_mm: Option<[f64; 3]>,
     /// Practical measurement volume, mm along x, y, z of the scanner.
     pub practical_volume_mm: [f64; 3],
-    /// Edge of the cube that blocks of a large part must fit in (method §3), mm.
+    /// Edge of the cube that blocks of a large part must fit in ([`crate::planning::method::candidates`]), mm.
     pub block_cube_mm: f64,
 }
 

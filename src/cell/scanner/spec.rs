@@ -316,7 +316,7 @@ impl BoardPosesSpec {
     }
 
     /// Camera poses in the scanner frame: origin = middle of the baseline, x along it, z = mean optical axis made
-    /// perpendicular to x (method §2).
+    /// perpendicular to x ([`crate::planning::method::scanner`]).
     fn rig(&self) -> (Pose<ScannerFrame, Device>, Pose<ScannerFrame, Device>) {
         let left_from_right = self.left.camera_from_board() * self.right.camera_from_board().inverse();
         let baseline = left_from_right.translation.vector;

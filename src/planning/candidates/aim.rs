@@ -118,7 +118,7 @@ pub(super) fn place(
 }
 
 /// Orientation of a scanner that looks along `axis` (unit): roll 0 has its baseline level, x = normalize(axis × up);
-/// straight up or down x is the table's +x (method §3).
+/// straight up or down x is the table's +x ([`crate::planning::method::candidates`]).
 pub(in crate::planning) fn looking_along(axis: &Vector3<f64>, roll_rad: f64) -> UnitQuaternion<f64> {
     /// Sine of the angle to the vertical below which an axis counts as vertical.
     const VERTICAL: f64 = 1e-9;

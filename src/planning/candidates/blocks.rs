@@ -1,4 +1,5 @@
-//! Division of a part into blocks that the scanner's field can hold (method §3, thesis §3.1.2–3.1.3): one box when the
+//! Division of a part into blocks that the scanner's field can hold ([`crate::planning::method::candidates`], thesis
+//! §3.1.2–3.1.3): one box when the
 //! bounding box fits the block cube, else the fewest equal boxes that do. A box that holds no sample gives none.
 
 use std::collections::BTreeSet;

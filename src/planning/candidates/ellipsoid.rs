@@ -1,6 +1,6 @@
-//! Directions of the thesis's Algorithm 1 (method §3): zenith and nadir once each, first; then the polar angle in
-//! `small` steps, the azimuth in `large` steps near the poles (θ ≤ 45° or > 135°) and in `small` steps between.
-//! With 30° and 45° that is 54 directions a block.
+//! Directions of the thesis's Algorithm 1 ([`crate::planning::method::candidates`]): zenith and nadir once each, first; then
+//! the polar angle in `small` steps, the azimuth in `large` steps near the poles (θ ≤ 45° or > 135°) and in `small` steps
+//! between. With 30° and 45° that is 54 directions a block.
 
 use nalgebra::Vector3;
 

@@ -1,8 +1,9 @@
-//! Names of the sides of a part (method §3): by polar angle at top and bottom, by azimuth in 90° sectors between.
+//! Names of the sides of a part ([`crate::planning::method::candidates`]): by polar angle at top and bottom, by azimuth in 90°
+//! sectors between.
 
 use nalgebra::Vector3;
 
-/// Which side of the part a viewpoint looks at (method §3).
+/// Which side of the part a viewpoint looks at ([`crate::planning::method::candidates`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Label {
     /// Polar angle up to 60°.

@@ -1,6 +1,7 @@
-//! Patches to viewpoints (method §3): which directions are considered, how far the scanner stands, how it tilts and rolls,
-//! and which viewpoints are dropped before anything is computed for them. [`generate`] answers for the strategies that
-//! know the part alone; [`around_best`] and [`aimed_at_open`] for those that build on what others measure.
+//! Patches to viewpoints ([`crate::planning::method::candidates`]): which directions are considered, how far the scanner
+//! stands, how it tilts and rolls, and which viewpoints are dropped before anything is computed for them. [`generate`] answers
+//! for the strategies that know the part alone; [`around_best`] and [`aimed_at_open`] for those that build on what others
+//! measure.
 //!
 //! A strategy gives aims (`aim.rs`): a place, a viewing axis, and how it may be varied. `DEFAULT.md` beside this file holds
 //! the table that decided which strategies are the default.

@@ -1,5 +1,6 @@
-//! The slide rule of method §3: a viewpoint moves along its axis until the middle of the depth range of the
-//! front-facing samples inside all three frusta is F. Moving changes what the frusta hold, so the step is repeated.
+//! The slide rule ([`crate::planning::method::candidates`]): a viewpoint moves along its axis until the middle of the depth
+//! range of the front-facing samples inside all three frusta is F. Moving changes what the frusta hold, so the step is
+//! repeated.
 //!
 //! Cost: a few passes over at most [`SAMPLES`] samples a viewpoint.
 

@@ -1,5 +1,5 @@
 //! What is not measured, why, and what would cure it. For each missed sample there is the first failing cause for the
-//! candidate that gets furthest (contract: the closed list); samples of one cause form connected spots; for each of the
+//! candidate that gets furthest ([`crate::planning::method::causes`]); samples of one cause form connected spots; for each of the
 //! largest spots remedies are tried on the part itself, cheapest first, and the first that works is named.
 //!
 //! Part frame, millimetres, radians. Cost: a bounded number of views on at most 64 samples a spot, some 10⁵ rays; what

@@ -1,4 +1,5 @@
-//! Which viewpoints are considered (method §3). Every count is a ceiling: a strategy that finds fewer gives fewer.
+//! Viewpoints to consider ([`crate::planning::method::candidates`]). Every count is a ceiling: a strategy that finds fewer
+//! gives fewer.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,7 +11,7 @@ use crate::cell::{Findings, PoseSpec};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Strategy {
-    /// Block ellipsoid, Algorithm 1 (thesis §3.1.3, method §3).
+    /// Block ellipsoid, Algorithm 1 (thesis §3.1.3).
     Ellipsoid,
     /// Fibonacci directions on the same ellipsoid (Swinbank and Purser 2006).
     Even,
@@ -77,7 +78,7 @@ pub enum Standoff {
     Centre,
 }
 
-/// Which viewpoints are considered (method §3).
+/// Viewpoints to consider ([`crate::planning::method::candidates`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct CandidateParams {

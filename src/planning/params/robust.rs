@@ -10,7 +10,7 @@ use crate::cell::Findings;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct PoseErrorParams {
-    /// Turn, degrees, 0 to 20. The thesis accepts 1 (method §7).
+    /// Turn, degrees, 0 to 20. The thesis accepts 1 (§4.1.2).
     pub angle_deg: f64,
     /// Shift, mm, 0 to 100.
     pub translation_mm: f64,

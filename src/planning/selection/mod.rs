@@ -1,5 +1,5 @@
-//! Table to chosen views (thesis §3.3, method §5): the greedy rule and every rule that ends it, solvers that need fewer
-//! views, and the bound that tells how many fewer there could be.
+//! Table to chosen views (thesis §3.3, [`crate::planning::method::selection`]): the greedy rule and every rule that ends it,
+//! solvers that need fewer views, and the bound that tells how many fewer there could be.
 //!
 //! `greedy` and `lazy` make the same choices; `local` exchanges views; `certified` adds branch and bound. Every one of
 //! them comes with a [`Bound`]. All are limited by work, never by a clock, and give the same on any number of threads.

@@ -1,6 +1,6 @@
 //! Among choices of the same number of views that meet the same goals, one with a higher score: exchanges of one view for
-//! another as long as G_v of the union (method §5, each sample by the best of its views), less what travel costs, rises.
-//! Cost: a step passes over every pair of a row and a sample that it measures.
+//! another as long as G_v of the union ([`crate::planning::method::quality`], each sample by the best of its views), less what
+//! travel costs, rises. Cost: a step passes over every pair of a row and a sample that it measures.
 
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
-//! What a candidate adds at a point of a selection: G_v = a·G_c + b·G_q over the open samples (method §5), or plain area,
-//! less what its time costs. Sums run in an order that the samples' numbers alone decide, so that they do not depend on
-//! threads. Cost: a pass over the row's words and the open samples in them.
+//! What a candidate adds at a point of a selection: G_v = a·G_c + b·G_q over the open samples
+//! ([`crate::planning::method::quality`]), or plain area, less what its time costs. Sums run in an order that the samples'
+//! numbers alone decide, so that they do not depend on threads. Cost: a pass over the row's words and the open samples in them.
 
 use super::Problem;
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};

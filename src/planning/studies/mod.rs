@@ -1,8 +1,8 @@
 //! One knob varied and the rest left alone, each time with the thesis's greedy from the first view on: what coverage and
 //! grades come out after 1, 2, … views (thesis §3.3, there for the weights a and b on a part that is not public).
 //!
-//! [`Study::Weights`]: a falling from 1 to 0, b = 1 − a; c and d as they are. Visibility is computed once.
-//! [`Study::Limits`]: the cameras' limit of incidence from 85° to 45°, the projector's 7.5° below it (method §2).
+//! [`Study::Weights`]: a falling from 1 to 0, b = 1 − a; c and d as they are. Visibility is computed once. [`Study::Limits`]:
+//! the cameras' limit of incidence from 85° to 45°, the projector's 7.5° below it ([`crate::planning::method::scanner`]).
 //! [`Study::Candidates`]: each strategy alone, then the mix that the parameters name.
 //!
 //! Shares are of the samples that views are chosen on. Cost: that of the tables; choosing is the least of it.

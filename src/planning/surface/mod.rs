@@ -1,6 +1,6 @@
-//! Mesh to patches and samples (method §4). A patch is a facet after refinement: facets are bisected across their
-//! longest edge until no edge exceeds `patch_edge_mm`. A sample is one of k area-stratified points of a patch, fixed by
-//! patch and seed and the same for every view; each stands for the k-th part of its patch.
+//! Mesh to patches and samples ([`crate::planning::method::sampling`]). A patch is a facet after refinement: facets are
+//! bisected across their longest edge until no edge exceeds `patch_edge_mm`. A sample is one of k area-stratified points of a
+//! patch, fixed by patch and seed and the same for every view; each stands for the k-th part of its patch.
 //!
 //! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 29 a sample.
 

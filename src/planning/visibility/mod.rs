@@ -1,6 +1,6 @@
-//! Viewpoints to the table of what each measures (method §4). A sample is measured from a viewpoint iff for each device:
-//! it projects inside the image, nothing lies between it and the optical centre, the incidence is within the limit; and
-//! its depth is within the working depth. All at the same point.
+//! Viewpoints to the table of what each measures ([`crate::planning::method::visibility`]). A sample is measured from a
+//! viewpoint iff for each device: it projects inside the image, nothing lies between it and the optical centre, the incidence
+//! is within the limit; and its depth is within the working depth. All at the same point.
 //!
 //! Every engine answers by this one definition; [`cast`] is the seam at which they are chosen.
 
@@ -10,7 +10,7 @@ mod row;
 mod sample_set;
 #[cfg(test)]
 mod tests;
-mod view;
+pub(super) mod view;
 
 use std::convert::Infallible;
 

@@ -79,7 +79,8 @@ impl Row {
         Self { measured: SampleSet::from_words(words), quality: None }
     }
 
-    /// The same with c·Q_δ + d·Q_dis (method §5) at each measured sample, ascending by sample, in steps of `scale`.
+    /// The same with c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]) at each measured sample, ascending by sample, in
+    /// steps of `scale`.
     ///
     /// # Panics
     /// When there is not one step for each measured sample.

@@ -1,5 +1,6 @@
-//! The definition of method §4 for one sample and one viewpoint, step by step in the order in which causes are named,
-//! and the quality of method §5. What an engine adds is only how it decides that nothing lies between.
+//! The definition of [`crate::planning::method::visibility`] for one sample and one viewpoint, step by step in the order in
+//! which causes are named, and the quality of [`crate::planning::method::quality`]. What an engine adds is only how it decides
+//! that nothing lies between.
 //!
 //! Written without a branch, in f64, so that an engine may run it on many samples at a time and get the same bits.
 
@@ -30,7 +31,7 @@ pub struct Optics {
     angle_weight: f64,
     distance_weight: f64,
     angle: ScoreAngle,
-    /// δ_max of method §5: the projector's limit.
+    /// δ_max of [`crate::planning::method::quality`]: the projector's limit.
     incidence_reference_rad: f64,
     demands: Vec<Demand>,
     /// Limits of each kind of demand.
@@ -82,7 +83,7 @@ impl Optics {
         }
     }
 
-    /// D of method §5: the half range of the working depth on that side of F.
+    /// D of [`crate::planning::method::quality`]: the half range of the working depth on that side of F.
     #[inline(always)]
     fn half_range_mm(&self, depth_mm: f64) -> f64 {
         if depth_mm < self.best_mm { self.best_mm - self.near_mm } else { self.far_mm - self.best_mm }
@@ -229,7 +230,8 @@ impl View<'_> {
             && demand.spacing_max_mm.is_none_or(|most_mm| spacing_mm <= most_mm)
     }
 
-    /// c·Q_δ + d·Q_dis (method §5), each clamped to [−1, 1]. D is the half range on the sample's side of F.
+    /// c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]), each clamped to [−1, 1]. D is the half range on the sample's
+    /// side of F.
     #[inline(always)]
     fn quality(&self, in_scanner: [f64; 3], normal: [f64; 3]) -> f64 {
         let optics = self.optics;

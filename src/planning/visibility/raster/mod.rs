@@ -1,14 +1,13 @@
 //! The default engine: what hides a sample is read from a depth map of each device, and from a ray where the map leaves
 //! doubt, or where rays for all samples cost less than the map.
 //!
-//! For each view: the steps of method §4 before any shadow, for all samples at once; then, device by device, few samples
-//! are joined with the optical centre by packets of rays. Of many, the tiles of the undistorted image that they fall on
-//! are drawn with all triangles that meet them, and each sample is compared with the four pixels around it (Williams 1978,
-//! *Casting Curved Shadows on Curved Surfaces*). It is seen where none of the four is nearer than the plane of its own
-//! facet there by more than 0.01 mm, 0.06 mm among facets of a few pixels. With z its depth and i its incidence, it is
-//! hidden where all four are nearer than z − 0.06 mm − 1.5 pixels · tan i. Otherwise a ray to the optical centre decides.
-//! The lens's distortion enters with the frame alone, which is tested before: rays are straight lines in the undistorted
-//! image.
+//! For each view: the steps of [`crate::planning::method::visibility`] before any shadow, for all samples at once; then, device
+//! by device, few samples are joined with the optical centre by packets of rays. Of many, the tiles of the undistorted image
+//! that they fall on are drawn with all triangles that meet them, and each sample is compared with the four pixels around it
+//! (Williams 1978, *Casting Curved Shadows on Curved Surfaces*). It is seen where none of the four is nearer than the plane of
+//! its own facet there by more than 0.01 mm, 0.06 mm among facets of a few pixels. With z its depth and i its incidence, it is
+//! hidden where all four are nearer than z − 0.06 mm − 1.5 pixels · tan i. Otherwise a ray to the optical centre decides. The
+//! lens's distortion enters with the frame alone, which is tested before: rays are straight lines in the undistorted image.
 //!
 //! Cost a view: O(samples + triangles that face a device + pixels of the part). Memory: 18 bytes a triangle for the
 //! clusters (45 at most), 29 bytes a sample, and for each thread 16 KiB a tile of one device (48 MB at 12 megapixels) and
