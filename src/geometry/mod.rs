@@ -22,6 +22,6 @@ pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, outward_faces};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};
-pub use simd::{Kernel, SimdLevel, greatest, least, whole};
+pub use simd::{Kernel, SimdLevel, floor_to_i32, simd_max, simd_min};
 pub use stable_poses::{StablePose, stable_poses};
 pub use unit::{LengthUnit, UnknownUnit};

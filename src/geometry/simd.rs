@@ -103,14 +103,14 @@ fn with_avx512<K: Kernel>(kernel: K) -> K::Output {
 /// cost.
 #[inline(always)]
 #[must_use]
-pub fn least(a: f32, b: f32) -> f32 {
+pub fn simd_min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// The machine's maximum, for kernels: `b` where `a` is NaN.
 #[inline(always)]
 #[must_use]
-pub fn greatest(a: f32, b: f32) -> f32 {
+pub fn simd_max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
@@ -118,7 +118,7 @@ pub fn greatest(a: f32, b: f32) -> f32 {
 /// Beyond those bounds any number.
 #[inline(always)]
 #[must_use]
-pub fn whole(x: f32) -> i32 {
+pub fn floor_to_i32(x: f32) -> i32 {
     // At this size the step from one f32 to the next is 1: the sum is rounded to the nearest whole number, and its last
     // bits are that number.
     const STEPS_OF_ONE: f32 = 8_388_608.0;
@@ -129,14 +129,14 @@ pub fn whole(x: f32) -> i32 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Kernel, SimdLevel, whole};
+    use super::{Kernel, SimdLevel, floor_to_i32};
 
     #[test]
     fn whole_parts_are_those_of_a_conversion() {
         for number in (0..4096).chain([65_535, 1 << 20, (1 << 23) - 1]) {
             let least = number as f32;
             for x in [least, least.next_up(), least + 0.25, least + 0.5, least + 0.75, (least + 1.0).next_down()] {
-                assert_eq!(whole(x), x as i32, "{x}");
+                assert_eq!(floor_to_i32(x), x as i32, "{x}");
             }
         }
     }

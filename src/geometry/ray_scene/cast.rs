@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::gather::{Packets, Rays};
-use super::lanes::{LANES, greatest, least};
+use super::lanes::{LANES, simd_max, simd_min};
 use super::origin::Origin;
 use super::packet::{NONE, Packet, RETIRED};
 use super::tree::{Child, Node, Target, Tree, WIDTH};
@@ -113,8 +113,8 @@ impl View<'_> {
                 let (n, f) = (near_planes[child] - first - near_origin, far_planes[child] - first - far_origin);
                 near[axis][child] = n;
                 far[axis][child] = f;
-                enter[child] = greatest(least(n * low, n * high), enter[child]);
-                leave[child] = least(greatest(f * low, f * high), leave[child]);
+                enter[child] = simd_max(simd_min(n * low, n * high), enter[child]);
+                leave[child] = simd_min(simd_max(f * low, f * high), leave[child]);
             }
         }
         let mut met = 0_u32;

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::lanes::{greatest, least};
+use super::lanes::{simd_max, simd_min};
 use super::origin::{Origin, inverse};
 use super::tree::{BLOCK, Block, Node};
 
@@ -56,8 +56,8 @@ impl Segment {
             for axis in 0..3 {
                 for slot in 0..BLOCK {
                     let x = block.corners[corner][axis][slot];
-                    lower[axis][slot] = least(x, lower[axis][slot]);
-                    upper[axis][slot] = greatest(x, upper[axis][slot]);
+                    lower[axis][slot] = simd_min(x, lower[axis][slot]);
+                    upper[axis][slot] = simd_max(x, upper[axis][slot]);
                 }
             }
         }
@@ -98,8 +98,8 @@ impl Boxes {
             let (first, inverse) = (self.origin.parts[axis][0], self.inverse[axis]);
             for i in 0..N {
                 // What overflows f32 becomes NaN, which is neither greater nor less: it hides nothing.
-                enter[i] = greatest((near.0[i] - first - near.1) * inverse, enter[i]);
-                leave[i] = least((far.0[i] - first - far.1) * inverse, leave[i]);
+                enter[i] = simd_max((near.0[i] - first - near.1) * inverse, enter[i]);
+                leave[i] = simd_min((far.0[i] - first - far.1) * inverse, leave[i]);
             }
         }
         let mut met = 0;

@@ -3,7 +3,7 @@
 
 use nalgebra::Point3;
 
-use super::lanes::greatest;
+use super::lanes::simd_max;
 
 /// Boxes grow by this share of the largest coordinate: 16 roundings, more than the tests of a triangle and of a box err
 /// by together (3 each along an axis, √3 times that in space).
@@ -27,7 +27,7 @@ impl Origin {
             let first = origin[axis] as f32;
             [first, (origin[axis] - f64::from(first)) as f32]
         });
-        let padding = PADDING * (0..3).fold(0.0, |most, axis| greatest(most, reach + parts[axis][0].abs()));
+        let padding = PADDING * (0..3).fold(0.0, |most, axis| simd_max(most, reach + parts[axis][0].abs()));
         Self { parts, padded: parts.map(|[_, second]| [second + padding, second - padding]) }
     }
 }

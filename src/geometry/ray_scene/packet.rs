@@ -8,7 +8,7 @@
 #![expect(clippy::needless_range_loop, reason = "a lane or a slot runs through several arrays at once")]
 
 use super::gather::Rays;
-use super::lanes::{LANES, Lanes, cross, dot, each, greatest, least, minus};
+use super::lanes::{LANES, Lanes, cross, dot, each, minus, simd_max, simd_min};
 use super::origin::inverse;
 use super::tree::{BLOCK, Block};
 
@@ -69,7 +69,7 @@ impl Packet {
             for lane in 0..LANES {
                 packet.inverse[axis].0[lane] = inverse(directions[axis].0[lane], packet.descend[axis]);
             }
-            packet.inverse_range[axis] = [packet.inverse[axis].over_all(least), packet.inverse[axis].over_all(greatest)];
+            packet.inverse_range[axis] = [packet.inverse[axis].over_all(simd_min), packet.inverse[axis].over_all(simd_max)];
         }
         for (place, axis) in axes.into_iter().enumerate() {
             packet.direction[place] = directions[axis];
@@ -92,7 +92,7 @@ impl Packet {
         for lane in each(lanes) {
             for axis in 0..3 {
                 let inverse = self.inverse[axis].0[lane];
-                range[axis] = [least(inverse, range[axis][0]), greatest(inverse, range[axis][1])];
+                range[axis] = [simd_min(inverse, range[axis][0]), simd_max(inverse, range[axis][1])];
             }
         }
         range
@@ -104,8 +104,8 @@ impl Packet {
         let mut lanes = 0;
         for lane in 0..LANES {
             let [x, y, z] = [self.inverse[0].0[lane], self.inverse[1].0[lane], self.inverse[2].0[lane]];
-            let enter = greatest(greatest(near[0] * x, near[1] * y), greatest(near[2] * z, 0.0));
-            let leave = least(least(far[0] * x, far[1] * y), least(far[2] * z, self.end.0[lane]));
+            let enter = simd_max(simd_max(near[0] * x, near[1] * y), simd_max(near[2] * z, 0.0));
+            let leave = simd_min(simd_min(far[0] * x, far[1] * y), simd_min(far[2] * z, self.end.0[lane]));
             lanes |= u32::from(enter <= leave) << lane;
         }
         lanes
@@ -149,7 +149,7 @@ impl Packet {
         }
         if any != 0 {
             (self.end, self.triangle) = (end, triangle);
-            self.furthest = end.over_all(greatest);
+            self.furthest = end.over_all(simd_max);
         }
     }
 
@@ -173,7 +173,7 @@ impl Packet {
                 self.triangle[lane] = number;
             }
         }
-        self.furthest = self.end.over_all(greatest);
+        self.furthest = self.end.over_all(simd_max);
     }
 }
 
@@ -244,7 +244,7 @@ impl Ray {
     fn crossing(&self, triangle: &SeenTriangle) -> Crossing {
         let [a, b, c] = triangle.corners.map(|[x, y, z]| [x - self.shear[0] * z, y - self.shear[1] * z]);
         let (u, v, w) = (c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]);
-        let inside = (least(least(u, v), w) >= 0.0) | (greatest(greatest(u, v), w) <= 0.0);
+        let inside = (simd_min(simd_min(u, v), w) >= 0.0) | (simd_max(simd_max(u, v), w) <= 0.0);
         let descent = dot(self.direction, triangle.normal);
         let height = f32::from_bits(triangle.height.to_bits() ^ (descent.to_bits() & SIGN));
         Crossing { height: if inside { height } else { -1.0 }, descent: descent.abs() }

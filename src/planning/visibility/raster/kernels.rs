@@ -8,7 +8,7 @@ use super::canvas::Grid;
 use super::pinhole::{LANES, Pinhole};
 use super::samples::{BATCHES, SAMPLES, SampleCluster};
 use super::tile::{Nearness, TILE, place, step_down, step_right};
-use crate::geometry::{Kernel, greatest, least, whole};
+use crate::geometry::{Kernel, floor_to_i32, simd_max, simd_min};
 use crate::planning::visibility::QualityScale;
 use crate::planning::visibility::view::{IncidenceMin, PASSES, View};
 
@@ -85,14 +85,14 @@ impl Kernel for Touch<'_> {
             for lane in 0..LANES {
                 let passes = states[lane] == PASSES;
                 let kept = |value: f32, other: f32| if passes { value } else { other };
-                bounds[0][lane] = least(kept(u[lane], f32::INFINITY), bounds[0][lane]);
-                bounds[1][lane] = greatest(kept(u[lane], f32::NEG_INFINITY), bounds[1][lane]);
-                bounds[2][lane] = least(kept(v[lane], f32::INFINITY), bounds[2][lane]);
-                bounds[3][lane] = greatest(kept(v[lane], f32::NEG_INFINITY), bounds[3][lane]);
+                bounds[0][lane] = simd_min(kept(u[lane], f32::INFINITY), bounds[0][lane]);
+                bounds[1][lane] = simd_max(kept(u[lane], f32::NEG_INFINITY), bounds[1][lane]);
+                bounds[2][lane] = simd_min(kept(v[lane], f32::INFINITY), bounds[2][lane]);
+                bounds[3][lane] = simd_max(kept(v[lane], f32::NEG_INFINITY), bounds[3][lane]);
             }
         }
-        let lowest = |values: &[f32; LANES]| values.iter().fold(f32::INFINITY, |a, b| least(a, *b));
-        let highest = |values: &[f32; LANES]| values.iter().fold(f32::NEG_INFINITY, |a, b| greatest(a, *b));
+        let lowest = |values: &[f32; LANES]| values.iter().fold(f32::INFINITY, |a, b| simd_min(a, *b));
+        let highest = |values: &[f32; LANES]| values.iter().fold(f32::NEG_INFINITY, |a, b| simd_max(a, *b));
         [lowest(&bounds[0]), highest(&bounds[1]), lowest(&bounds[2]), highest(&bounds[3])]
     }
 }
@@ -203,13 +203,13 @@ impl Kernel for Compare<'_> {
                     length += towards * towards;
                 }
                 let depth_mm = 1.0 / nearness[lane];
-                let tan = greatest(length - along * along, 0.0).sqrt() / along;
+                let tan = simd_max(length - along * along, 0.0).sqrt() / along;
                 let normal = [normals[0][lane], normals[1][lane], normals[2][lane]];
                 [along_x[lane], along_y[lane]] = look.pinhole.slope(normal, along);
                 hidden_mm[lane] = depth_mm - (BAND_PX / look.pinhole.focal_px * depth_mm * tan + HIDDEN_MM);
-                let (x, y) = (greatest(u[lane] - look.grid.left_px, 0.0), greatest(v[lane] - look.grid.top_px, 0.0));
-                columns[lane] = whole(x) as u32;
-                rows[lane] = whole(y) as u32;
+                let (x, y) = (simd_max(u[lane] - look.grid.left_px, 0.0), simd_max(v[lane] - look.grid.top_px, 0.0));
+                columns[lane] = floor_to_i32(x) as u32;
+                rows[lane] = floor_to_i32(y) as u32;
                 // What the nearness of the facet's plane at the first of the four pixels may be at most.
                 let back = along_x[lane] * (columns[lane] as i32 as f32 - x) + along_y[lane] * (rows[lane] as i32 as f32 - y);
                 let band_mm = if nearness[lane] < large_nearness { BAND_OF_SMALL_MM } else { BAND_MM };
@@ -229,9 +229,9 @@ impl Kernel for Compare<'_> {
                 let spot = Spot { tile: tiles[lane], place: places[lane], right: rights[lane], down: downs[lane] };
                 let [a, b, c, d] = look.around(columns[lane], rows[lane], spot);
                 let (right, down) = (along_x[lane], along_y[lane]);
-                let beyond = greatest(greatest(a, b - right), greatest(c - down, d - right - down));
+                let beyond = simd_max(simd_max(a, b - right), simd_max(c - down, d - right - down));
                 let seen = beyond <= ahead[lane];
-                let hidden = least(least(a, b), least(c, d)) * hidden_mm[lane] > 1.0;
+                let hidden = simd_min(simd_min(a, b), simd_min(c, d)) * hidden_mm[lane] > 1.0;
                 doubts |= u64::from(!seen & !hidden) << (batch * LANES + lane);
                 states[lane] = if hidden & !seen { look.hidden } else { PASSES };
             }

@@ -8,7 +8,7 @@
 
 use super::clusters::{Cluster, TRIANGLES, VERTICES};
 use super::pinhole::{LANES, Lanes, Pinhole};
-use crate::geometry::{Kernel, SimdLevel, greatest, least, whole};
+use crate::geometry::{Kernel, SimdLevel, floor_to_i32, simd_max, simd_min};
 
 /// Pixels along a tile's edge.
 pub(super) const TILE: usize = 64;
@@ -192,13 +192,13 @@ impl Hiding {
             for (column, block) in blocks.iter().enumerate() {
                 let mut eight = [0.0; LANES / 2];
                 for lane in 0..LANES / 2 {
-                    eight[lane] = least(block[lane], block[lane + LANES / 2]);
+                    eight[lane] = simd_min(block[lane], block[lane + LANES / 2]);
                 }
                 let mut four = [0.0; LANES / 4];
                 for lane in 0..LANES / 4 {
-                    four[lane] = least(eight[lane], eight[lane + LANES / 4]);
+                    four[lane] = simd_min(eight[lane], eight[lane + LANES / 4]);
                 }
-                furthest[row][column] = least(least(four[0], four[1]), least(four[2], four[3]));
+                furthest[row][column] = simd_min(simd_min(four[0], four[1]), simd_min(four[2], four[3]));
             }
         }
         Self(furthest)
@@ -212,15 +212,15 @@ impl Hiding {
         for first in (0..cluster.vertices.len() * LANES).step_by(LANES) {
             for lane in 0..LANES {
                 let (x, y) = (image[0][first + lane], image[1][first + lane]);
-                bounds[0][lane] = least(x, bounds[0][lane]);
-                bounds[1][lane] = greatest(x, bounds[1][lane]);
-                bounds[2][lane] = least(y, bounds[2][lane]);
-                bounds[3][lane] = greatest(y, bounds[3][lane]);
-                nearest[lane] = greatest(image[2][first + lane], nearest[lane]);
+                bounds[0][lane] = simd_min(x, bounds[0][lane]);
+                bounds[1][lane] = simd_max(x, bounds[1][lane]);
+                bounds[2][lane] = simd_min(y, bounds[2][lane]);
+                bounds[3][lane] = simd_max(y, bounds[3][lane]);
+                nearest[lane] = simd_max(image[2][first + lane], nearest[lane]);
             }
         }
-        let lowest = |values: &Lanes| values.iter().fold(f32::INFINITY, |a, b| least(a, *b));
-        let highest = |values: &Lanes| values.iter().fold(f32::NEG_INFINITY, |a, b| greatest(a, *b));
+        let lowest = |values: &Lanes| values.iter().fold(f32::INFINITY, |a, b| simd_min(a, *b));
+        let highest = |values: &Lanes| values.iter().fold(f32::NEG_INFINITY, |a, b| simd_max(a, *b));
         let (left, right) = columns(lowest(&bounds[0]), highest(&bounds[1]));
         let (top, bottom) = columns(lowest(&bounds[2]), highest(&bounds[3]));
         let (nearest, blocks) = (highest(&nearest), (left >> 2)..=(right >> 2));
@@ -325,10 +325,10 @@ impl Setup {
             self.plane[0][lane] = along_x;
             self.plane[1][lane] = along_y;
             self.plane[2][lane] = w0 - along_x * x0 - along_y * y0;
-            self.nearest[lane] = greatest(greatest(w0, w1), w2);
-            self.furthest[lane] = least(least(w0, w1), w2);
-            let (left, right) = columns(least(least(x0, x1), x2), greatest(greatest(x0, x1), x2));
-            let (top, bottom) = columns(least(least(y0, y1), y2), greatest(greatest(y0, y1), y2));
+            self.nearest[lane] = simd_max(simd_max(w0, w1), w2);
+            self.furthest[lane] = simd_min(simd_min(w0, w1), w2);
+            let (left, right) = columns(simd_min(simd_min(x0, x1), x2), simd_max(simd_max(x0, x1), x2));
+            let (top, bottom) = columns(simd_min(simd_min(y0, y1), y2), simd_max(simd_max(y0, y1), y2));
             self.bounds[0][lane] = left;
             self.bounds[1][lane] = right;
             self.bounds[2][lane] = top;
@@ -433,8 +433,8 @@ impl Brush {
         for lane in 0..LANES {
             let (before, number_before) = (values[lane], shown[lane]);
             let edges: [f32; 3] = [self.within[0][lane] + at[0], self.within[1][lane] + at[1], self.within[2][lane] + at[2]];
-            let inside = least(least(edges[0], edges[1]), edges[2]) >= 0.0;
-            let value = least(greatest(self.slope[lane] + base, furthest), nearest);
+            let inside = simd_min(simd_min(edges[0], edges[1]), edges[2]) >= 0.0;
+            let value = simd_min(simd_max(self.slope[lane] + base, furthest), nearest);
             let value = if inside { value } else { 0.0 };
             shown[lane] = if value > before { number } else { number_before };
             // The greater of two numbers that are not negative has the greater bits.
@@ -459,9 +459,9 @@ fn bits(bytes: &[u8; LANES]) -> u32 {
 #[inline(always)]
 fn columns(from: f32, to: f32) -> (i32, i32) {
     // Both are made positive, where rounding towards zero rounds down.
-    let (from, to) = (greatest(least(from, TILE as f32), -1.0), greatest(least(to, TILE as f32), -1.0));
-    let first = TILE as i32 - whole(TILE as f32 - from);
-    let last = whole(to + 1.0) - 1;
+    let (from, to) = (simd_max(simd_min(from, TILE as f32), -1.0), simd_max(simd_min(to, TILE as f32), -1.0));
+    let first = TILE as i32 - floor_to_i32(TILE as f32 - from);
+    let last = floor_to_i32(to + 1.0) - 1;
     let (first, last) = (if first < 0 { 0 } else { first }, if last > TILE as i32 - 1 { TILE as i32 - 1 } else { last });
     (first, last)
 }
@@ -473,7 +473,7 @@ fn blocks_met(edges: &[[f32; 3]; 3], y: f32) -> u32 {
     let mut reach = [0.0; 3];
     for edge in 0..3 {
         let [a, b, c] = edges[edge];
-        reach[edge] = b * y + c + greatest(a, 0.0) * BLOCK_REACH + greatest(b, 0.0) * BLOCK_REACH;
+        reach[edge] = b * y + c + simd_max(a, 0.0) * BLOCK_REACH + simd_max(b, 0.0) * BLOCK_REACH;
         // A little more, for edges whose functions are small beside their rounding.
         reach[edge] += (a.abs() + b.abs()) * 0.01;
     }
