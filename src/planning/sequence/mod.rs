@@ -154,7 +154,7 @@ pub fn order(
 /// [`Cancelled`].
 pub fn bounded(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
     let costs = ordered.known.least(&ordered.joined, &cell.axes(), &params.motion);
-    ordered.sequence.at_least_secs = tour::at_least(&ordered.joined.groups, &costs, &ordered.nodes, ctx)?;
+    ordered.sequence.at_least_secs = tour::lower_bound_secs(&ordered.joined.groups, &costs, &ordered.nodes, ctx)?;
     Ok(ordered)
 }
 

@@ -106,11 +106,16 @@ pub(super) fn shortest(
 }
 
 /// What no tour takes less than; `known` is one.
-pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, known: &[usize], ctx: &Context<'_>) -> Result<f64, Cancelled> {
+pub(super) fn lower_bound_secs(
+    groups: &[Range<usize>],
+    costs: &Costs,
+    known: &[usize],
+    ctx: &Context<'_>,
+) -> Result<f64, Cancelled> {
     let Some((first, last)) = known.first().zip(known.last()) else { return Ok(0.0) };
     let between: f64 = known.windows(2).map(|step| costs.get(step[0], step[1])).sum();
     let secs = costs.home(*first) + between + costs.home(*last);
-    if groups.len() <= EXACT_GROUPS { Ok(secs) } else { bound::at_least(groups, costs, secs, ctx) }
+    if groups.len() <= EXACT_GROUPS { Ok(secs) } else { bound::lower_bound_secs(groups, costs, secs, ctx) }
 }
 
 /// `best[set · nodes + node]`: shortest way from home through one node of each group in `set`, ending at `node`.

@@ -1,115 +1,127 @@
-//! A time that no tour can be shorter than, for tours too long to be proved shortest.
+//! A lower bound of the shortest tour, for tours too long to be proved shortest: the ng-route relaxation.
 //!
-//! Walks from home with one stop for each group are cheaper than tours: they may stop at a group twice and pass over another.
-//! The shortest is found by dynamic programming over the number of stops (N. Christofides, A. Mingozzi and P. Toth,
-//! "State-space relaxation procedures for the computation of bounds to routing problems", Networks 11, 1981), each group
-//! remembering some of those that the walk came by, to which it may not go on (R. Baldacci, A. Mingozzi and R. Roberti, "New
-//! route relaxation and pricing strategies for the vehicle routing problem", Operations Research 59(5), 2011). Some groups far
-//! from each other, [`landmarks`], are remembered everywhere, and walks stop at each: without them a walk stays among a few
-//! groups near each other, and many such walks together look like a tour. A toll on groups that it stops at too often, and a
-//! reward for those that it passes over, raise it towards the tour (M. Held and R. Karp's multipliers, by subgradient); where
-//! tolls raise it no more, what groups remember grows by what the walk came back to (R. Roberti and A. Mingozzi, "Dynamic
-//! ng-path relaxation for the delivery man problem", Transportation Science 48(3), 2014).
+//! A route from home with one stop for each group is cheaper than a tour: it may stop at a group twice and pass over another.
+//! The shortest route is found by dynamic programming over the number of stops (state-space relaxation: N. Christofides,
+//! A. Mingozzi and P. Toth, Networks 11, 1981). Each group has an ng-set, the groups that it remembers; a route may not return
+//! to a group that is still remembered (R. Baldacci, A. Mingozzi and R. Roberti, "New route relaxation and pricing strategies
+//! for the vehicle routing problem", Operations Research 59(5), 2011):
 //!
-//! Walks are looked for below a target between the bound and the known tour. Steps that no walk below it takes are left out
-//! for good, nine of ten soon, which makes room for more memory. Where no walk is left, no tour is shorter than the target, and
-//! the target rises. Any tolls, memories and targets give a valid bound. A walk without a group twice is the shortest tour.
+//! ```text
+//! label (k, v, Π)   least time of a route from home with k stops that ends at node v with memory Π
+//! extension         v in group i → u in group j, allowed where j ∉ Π:  Π' = (Π ∪ {i}) ∩ N_j
+//! bound             LB(λ) = min over routes of n stops of (Σ times + Σ λ at each stop) − Σ λ_i
+//! ```
+//!
+//! N_j: ng-set of group j; λ_i: multiplier of group i, s, any real number; n: number of groups. Multipliers are improved by
+//! subgradient steps with Polyak's length (M. Held and R. Karp, Mathematical Programming 1, 1971). Where they raise the bound
+//! no more, ng-sets grow by the cycles of the best routes (dynamic ng-route: R. Roberti and A. Mingozzi, Transportation
+//! Science 48(3), 2014). Some groups far from each other are critical (G. Righini and M. Salani, Networks 51(3), 2008):
+//! all groups remember them, and every route stops at each; without them a route stays among a few groups near each other.
+//!
+//! Routes are looked for below a target between the bound and the known tour. Arcs that no route below it uses are eliminated,
+//! nine of ten soon, which makes room for larger ng-sets. Where no route is left, no tour is shorter than the target, and the
+//! target rises. Any multipliers, ng-sets and targets give a valid bound. A route without a cycle is the shortest tour.
 
-mod landmarks;
+mod critical;
 mod lanes;
-mod memories;
-mod walks;
+mod ng_routes;
+mod ng_sets;
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
 use self::lanes::LANES;
-use self::memories::Memories;
-use self::walks::{Relaxation, Terms, Walk};
+use self::ng_routes::{NgRoute, Relaxation, Terms};
+use self::ng_sets::NgSets;
 use super::Costs;
 use crate::planning::context::{Cancelled, Context};
 
-/// Groups that each remembers at first, the nearest, …
-const REMEMBERED: usize = 3;
-/// … and at most, landmarks among them.
-const MOST_REMEMBERED: usize = 12;
-/// Ends of half walks beyond which memories grow no more: a hundred megabytes' worth.
-const MOST_LABELS: usize = 1 << 20;
-/// Groups that all remember before there is a target, …
-const LANDMARKS: usize = 4;
-/// … found so many at a time, …
-const LANDMARKS_AT_ONCE: usize = 2;
-/// … at most, one at a time, …
-const MOST_LANDMARKS: usize = 6;
-/// … of so many one, …
-const GROUPS_PER_LANDMARK: usize = 3;
-/// … from so many of the last walks.
-const WALKS_KEPT: usize = 12;
-/// Additions of [`LANES`] times each in all rounds together: so many a group, …
-const WORK_A_GROUP: usize = 17_000_000;
-/// … and at most, about a second's worth on two cores with 512-bit vectors. A count, not a time, for the bound has to be the
-/// same on every machine.
-const MOST_WORK: usize = 1_000_000_000;
-/// Rounds without gain after which steps become shorter before all landmarks are found, …
-const PATIENCE_AT_FIRST: u32 = 3;
-/// … and then, …
+/// Size of each ng-set at first: the nearest groups.
+const INITIAL_NG_SIZE: usize = 3;
+/// Largest size of an ng-set, critical groups among them.
+const MAX_NG_SIZE: usize = 12;
+/// Labels of half routes beyond which ng-sets grow no more: a hundred megabytes' worth.
+const MAX_LABELS: usize = 1 << 20;
+/// Critical groups before there is a target.
+const INITIAL_CRITICAL: usize = 4;
+/// Critical groups found at a time before there is a target; one at a time then.
+const CRITICAL_PER_ROUND: usize = 2;
+/// Largest number of critical groups.
+const MAX_CRITICAL: usize = 6;
+/// Groups for each that may be critical.
+const GROUPS_PER_CRITICAL: usize = 3;
+/// Recent routes from which critical groups are found.
+const RECENT_ROUTES: usize = 12;
+/// Additions of [`LANES`] times each in all rounds together, for each group.
+const WORK_PER_GROUP: usize = 17_000_000;
+/// Largest number of additions: about a second's worth on two cores with 512-bit vectors. A count, not a time, for the bound
+/// has to be the same on every machine.
+const MAX_WORK: usize = 1_000_000_000;
+/// Rounds without gain after which steps become shorter, before all critical groups are found.
+const EARLY_PATIENCE: u32 = 3;
+/// Rounds without gain after which steps become shorter.
 const PATIENCE: u32 = 2;
-/// … and by how much.
-const SHORTER: f64 = 0.7;
-/// Share of the full step below which memories grow before all landmarks are found, …
-const GROW_AT_FIRST: f64 = 0.6;
-/// … and then, …
-const GROW: f64 = 0.3;
-/// … and with which it goes on.
-const AGAIN: f64 = 0.4;
-/// Steps this short change nothing.
-const STILL: f64 = 1e-3;
+/// Factor by which steps become shorter.
+const STEP_DECAY: f64 = 0.7;
+/// Share of the full step below which ng-sets grow, before all critical groups are found.
+const EARLY_GROWTH_THRESHOLD: f64 = 0.6;
+/// Share of the full step below which ng-sets grow.
+const GROWTH_THRESHOLD: f64 = 0.3;
+/// Share of the full step after ng-sets have grown.
+const RESTART_STEP: f64 = 0.4;
+/// Share of the full step below which steps change nothing.
+const MIN_STEP: f64 = 1e-3;
 /// Share of the last direction that a step keeps.
-const KEPT: f64 = 0.3;
-/// How far above the bound a step aims.
-const AIM: f64 = 1.05;
-/// How much nearer the bound has to come to the target until it is looked for steps to leave out again.
-const NEARER: f64 = 0.8;
-/// Where between the bound and the tour the target is.
-const TARGET: f64 = 0.55;
-/// A gap smaller than this share of the tour is worth no target of its own, …
-const NEAR: f64 = 0.003;
-/// … and one smaller than this is closed.
-const CLOSED: f64 = 1e-6;
+const MOMENTUM: f64 = 0.3;
+/// Value that Polyak's step aims at, as a multiple of the bound.
+const POLYAK_AIM: f64 = 1.05;
+/// Share to which the gap to the target has to shrink until arcs are eliminated again.
+const RETRY_GAP: f64 = 0.8;
+/// Place of the target between the bound and the tour.
+const TARGET_SHARE: f64 = 0.55;
+/// Smallest gap, as a share of the tour, that is worth a target of its own.
+const MIN_TARGET_GAP: f64 = 0.003;
+/// Gap, as a share of the tour, that counts as closed.
+const CLOSED_GAP: f64 = 1e-6;
 
 /// A lower bound of the shortest tour; `tour_secs` is the time of one that is known.
-pub(super) fn at_least(groups: &[Range<usize>], costs: &Costs, tour_secs: f64, ctx: &Context<'_>) -> Result<f64, Cancelled> {
+pub(super) fn lower_bound_secs(
+    groups: &[Range<usize>],
+    costs: &Costs,
+    tour_secs: f64,
+    ctx: &Context<'_>,
+) -> Result<f64, Cancelled> {
     let entered_secs = entered_secs(groups, costs).min(tour_secs);
     let chunks = chunks(groups);
-    let most_work = MOST_WORK.min(WORK_A_GROUP * groups.len());
-    if chunks > lanes::MOST_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > most_work {
+    let max_work = MAX_WORK.min(WORK_PER_GROUP * groups.len());
+    if chunks > lanes::MAX_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > max_work {
         return Ok(entered_secs);
     }
-    let mut whole = Relaxation::new(groups, costs, chunks, ctx.simd_level());
-    let mut relaxation = whole.clone();
-    let mut ascent = Ascent::new(&relaxation, tour_secs);
+    let mut below_tour = Relaxation::new(groups, costs, chunks, ctx.simd_level());
+    let mut below_target = below_tour.clone();
+    let mut ascent = Ascent::new(&below_target, tour_secs);
     let mut work = 0;
     loop {
         ctx.check()?;
-        let walk = relaxation.shortest_walk(&ascent.terms(&ascent.tolls));
-        work += walk.work;
-        let next = ascent.next(&walk);
-        if next == Next::Done || work + walk.work > most_work {
-            return Ok(ascent.best_secs.clamp(entered_secs, tour_secs));
+        let route = below_target.shortest_route(&ascent.terms(&ascent.multipliers));
+        work += route.work;
+        let next = ascent.next(&route);
+        if next == Next::Done || work + route.work > max_work {
+            return Ok(ascent.bound_secs.clamp(entered_secs, tour_secs));
         }
-        let is_whole = matches!(next, Next::Landmarks | Next::Aim);
-        if is_whole {
-            work += whole.thin_out(&Terms { limit_secs: tour_secs, ..ascent.terms(&ascent.highest.1) });
+        let starts_over = matches!(next, Next::FindCritical | Next::SetTarget);
+        if starts_over {
+            work += below_tour.eliminate_arcs(&Terms { limit_secs: tour_secs, ..ascent.terms(&ascent.best.multipliers) });
         }
-        if is_whole || next == Next::Raise {
-            relaxation.clone_from(&whole);
+        if starts_over || next == Next::RaiseTarget {
+            below_target.clone_from(&below_tour);
         }
-        if ascent.is_worth_thinning(next) {
-            work += relaxation.thin_out(&ascent.terms(&ascent.highest.1));
+        if ascent.is_worth_eliminating(next) {
+            work += below_target.eliminate_arcs(&ascent.terms(&ascent.best.multipliers));
         }
-        if !matches!(next, Next::Step | Next::Raise) {
-            ascent.grow(groups, costs, &walk.groups);
+        if !matches!(next, Next::Step | Next::RaiseTarget) {
+            ascent.grow_ng_sets(groups, costs, &route.groups);
         }
     }
 }
@@ -119,7 +131,7 @@ fn chunks(groups: &[Range<usize>]) -> usize {
     groups.iter().map(Range::len).max().unwrap_or(0).div_ceil(LANES).next_power_of_two()
 }
 
-/// What every tour takes: the least step into each group and home. For tours too long for anything better.
+/// A simple lower bound: the least arc into each group and home. For tours too long for anything better.
 pub(super) fn entered_secs(groups: &[Range<usize>], costs: &Costs) -> f64 {
     let home = costs.nodes..costs.nodes + 1;
     let least_into = |group: &Range<usize>| {
@@ -132,206 +144,227 @@ pub(super) fn entered_secs(groups: &[Range<usize>], costs: &Costs) -> f64 {
     groups.par_iter().chain([&home]).map(least_into).collect::<Vec<_>>().into_iter().sum()
 }
 
-/// What a walk calls for.
+/// The next action of the ascent after a route.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Next {
-    /// Other tolls, which are there.
+    /// Evaluate the new multipliers.
     Step,
-    /// Landmarks before there is a target, …
-    Landmarks,
-    /// … memory now that there is one, …
-    Aim,
-    /// … and more.
+    /// Find critical groups, before there is a target.
+    FindCritical,
+    /// Eliminate arcs for the first target, and grow ng-sets.
+    SetTarget,
+    /// Grow ng-sets.
     Grow,
-    /// Steps that were left out, for the target is further up.
-    Raise,
+    /// Restore the arcs that were eliminated for the last target, which was too low.
+    RaiseTarget,
+    /// End.
     Done,
 }
 
-/// Tolls, memories and target on their way to the best bound.
+/// The best bound with the ng-sets as they are.
+struct BestDual {
+    secs: f64,
+    multipliers: Vec<f64>,
+    /// Groups of its route in order; empty before the first.
+    route: Vec<usize>,
+}
+
+/// Subgradient ascent over multipliers, with ng-sets and target.
 struct Ascent {
     tour_secs: f64,
     target_secs: f64,
-    best_secs: f64,
-    tolls: Vec<f64>,
+    /// The best bound of all.
+    bound_secs: f64,
+    multipliers: Vec<f64>,
     direction: Vec<f64>,
-    /// Those that were best while no steps were left out for a target.
-    anchor: Vec<f64>,
-    /// Memories before they grew by what walks came back to, and as they are.
-    first: Memories,
-    memories: Memories,
-    most: usize,
-    /// Of the memories as they are: the highest bound, and the tolls and the stops of its walk.
-    highest: (f64, Vec<f64>, Vec<usize>),
-    share: f64,
-    waited: u32,
-    /// Whether there is a target below the tour, or was.
-    has_aimed: bool,
-    /// How far below the target the bound was when steps were left out.
-    thinned_secs: f64,
-    /// The nodes of the last walks, the last first.
-    walks: Vec<Vec<usize>>,
+    /// Best multipliers before arc elimination for a target.
+    multipliers_before_elimination: Vec<f64>,
+    /// ng-sets before they grew by cycles: completion bounds are computed with them.
+    initial_sets: NgSets,
+    ng_sets: NgSets,
+    ng_size: usize,
+    best: BestDual,
+    /// Share of the full step.
+    step_share: f64,
+    rounds_without_gain: u32,
+    /// Is true once a target below the tour was set.
+    has_target: bool,
+    /// Gap between bound and target when arcs were eliminated last.
+    gap_at_elimination_secs: f64,
+    /// Nodes of the recent routes, the last first.
+    recent_routes: Vec<Vec<usize>>,
 }
 
 impl Ascent {
     fn new(relaxation: &Relaxation<'_>, tour_secs: f64) -> Self {
-        let tolls = vec![0.0; relaxation.groups.len()];
-        let first = Memories::new(Vec::new(), relaxation.nearest(REMEMBERED));
+        let multipliers = vec![0.0; relaxation.groups.len()];
+        let initial_sets = NgSets::new(Vec::new(), relaxation.nearest(INITIAL_NG_SIZE));
         Self {
             tour_secs,
             target_secs: tour_secs,
-            best_secs: 0.0,
-            direction: tolls.clone(),
-            anchor: tolls.clone(),
-            memories: first.clone(),
-            first,
-            most: REMEMBERED,
-            highest: (0.0, tolls.clone(), Vec::new()),
-            tolls,
-            share: 1.0,
-            waited: 0,
-            has_aimed: false,
-            thinned_secs: f64::INFINITY,
-            walks: Vec::new(),
+            bound_secs: 0.0,
+            direction: multipliers.clone(),
+            multipliers_before_elimination: multipliers.clone(),
+            ng_sets: initial_sets.clone(),
+            initial_sets,
+            ng_size: INITIAL_NG_SIZE,
+            best: BestDual { secs: 0.0, multipliers: multipliers.clone(), route: Vec::new() },
+            multipliers,
+            step_share: 1.0,
+            rounds_without_gain: 0,
+            has_target: false,
+            gap_at_elimination_secs: f64::INFINITY,
+            recent_routes: Vec::new(),
         }
     }
 
-    fn terms<'a>(&'a self, tolls: &'a [f64]) -> Terms<'a> {
-        Terms { first: &self.first, memories: &self.memories, tolls, limit_secs: self.target_secs, looks_on: self.has_aimed }
+    fn terms<'a>(&'a self, multipliers: &'a [f64]) -> Terms<'a> {
+        Terms {
+            initial_sets: &self.initial_sets,
+            ng_sets: &self.ng_sets,
+            multipliers,
+            limit_secs: self.target_secs,
+            uses_completion_bounds: self.has_target,
+        }
     }
 
-    /// Whether landmarks are yet to be found, before there is a target or now.
-    fn lacks_landmarks(&self) -> bool {
-        let most = if self.has_aimed { MOST_LANDMARKS } else { LANDMARKS };
-        self.first.landmarks.len() < most.min(self.tolls.len() / GROUPS_PER_LANDMARK)
+    /// Is true while critical groups are yet to be found, before there is a target or now.
+    fn lacks_critical(&self) -> bool {
+        let max = if self.has_target { MAX_CRITICAL } else { INITIAL_CRITICAL };
+        self.initial_sets.critical.len() < max.min(self.multipliers.len() / GROUPS_PER_CRITICAL)
     }
 
-    /// Takes a walk into account.
-    fn next(&mut self, walk: &Walk) -> Next {
-        self.best_secs = self.best_secs.max(walk.secs.min(self.target_secs));
-        if self.best_secs >= (1.0 - CLOSED) * self.tour_secs {
+    /// Takes a route into account.
+    fn next(&mut self, route: &NgRoute) -> Next {
+        self.bound_secs = self.bound_secs.max(route.secs.min(self.target_secs));
+        if self.bound_secs >= (1.0 - CLOSED_GAP) * self.tour_secs {
             return Next::Done;
         }
-        if walk.secs >= self.target_secs {
-            self.raise();
-            return Next::Raise;
+        if route.secs >= self.target_secs {
+            self.raise_target();
+            return Next::RaiseTarget;
         }
-        let mut too_often = vec![-1.0; self.tolls.len()];
-        walk.groups.iter().for_each(|group| too_often[*group] += 1.0);
-        if too_often.iter().all(|stops| *stops == 0.0) {
+        let mut subgradient = vec![-1.0; self.multipliers.len()];
+        route.groups.iter().for_each(|group| subgradient[*group] += 1.0);
+        if subgradient.iter().all(|stops| *stops == 0.0) {
             return Next::Done;
         }
-        self.walks.truncate(WALKS_KEPT - 1);
-        self.walks.insert(0, walk.nodes.clone());
-        if walk.secs > self.highest.0 || self.highest.2.is_empty() {
-            (self.highest, self.waited) = ((walk.secs, self.tolls.clone(), walk.groups.clone()), 0);
+        self.recent_routes.truncate(RECENT_ROUTES - 1);
+        self.recent_routes.insert(0, route.nodes.clone());
+        if route.secs > self.best.secs || self.best.route.is_empty() {
+            self.best = BestDual { secs: route.secs, multipliers: self.multipliers.clone(), route: route.groups.clone() };
+            self.rounds_without_gain = 0;
         } else {
-            self.waited += 1;
+            self.rounds_without_gain += 1;
         }
-        let is_early = !self.has_aimed && self.lacks_landmarks();
-        let (patience, grow) = if is_early { (PATIENCE_AT_FIRST, GROW_AT_FIRST) } else { (PATIENCE, GROW) };
-        if self.waited == patience {
-            (self.share, self.waited) = (SHORTER * self.share, 0);
-            self.tolls.clone_from(&self.highest.1);
+        let is_early = !self.has_target && self.lacks_critical();
+        let (patience, threshold) =
+            if is_early { (EARLY_PATIENCE, EARLY_GROWTH_THRESHOLD) } else { (PATIENCE, GROWTH_THRESHOLD) };
+        if self.rounds_without_gain == patience {
+            (self.step_share, self.rounds_without_gain) = (STEP_DECAY * self.step_share, 0);
+            self.multipliers.clone_from(&self.best.multipliers);
             self.direction.fill(0.0);
-            if self.share < grow && walk.labels < MOST_LABELS && (self.lacks_landmarks() || self.grown(&walk.groups).is_some()) {
-                return self.more(is_early);
+            let can_grow = || self.lacks_critical() || self.grown_ng_sets(&route.groups).is_some();
+            if self.step_share < threshold && route.labels < MAX_LABELS && can_grow() {
+                return self.after_ascent(is_early);
             }
-            if self.share < STILL {
+            if self.step_share < MIN_STEP {
                 return Next::Done;
             }
         }
-        self.step(&too_often, walk.secs);
+        self.step(&subgradient, route.secs);
         Next::Step
     }
 
-    /// What comes where tolls raise the bound no more.
-    fn more(&mut self, is_early: bool) -> Next {
-        match (is_early, self.has_aimed) {
-            (true, _) => Next::Landmarks,
+    /// The next action where multipliers raise the bound no more.
+    fn after_ascent(&mut self, is_early: bool) -> Next {
+        match (is_early, self.has_target) {
+            (true, _) => Next::FindCritical,
             (_, true) => Next::Grow,
             _ => {
-                self.anchor.clone_from(&self.tolls);
-                self.aim();
-                Next::Aim
+                self.multipliers_before_elimination.clone_from(&self.multipliers);
+                self.set_target();
+                Next::SetTarget
             }
         }
     }
 
-    /// Raises tolls on groups that a walk stopped at too often.
-    fn step(&mut self, too_often: &[f64], walk_secs: f64) {
-        self.direction.iter_mut().zip(too_often).for_each(|(along, stops)| *along = KEPT * *along + (1.0 - KEPT) * stops);
+    /// Moves multipliers along the subgradient: up on groups with more than one stop, down on those with none.
+    fn step(&mut self, subgradient: &[f64], route_secs: f64) {
+        let averaged = |(along, stops): (&mut f64, &f64)| *along = MOMENTUM * *along + (1.0 - MOMENTUM) * stops;
+        self.direction.iter_mut().zip(subgradient).for_each(averaged);
         let length: f64 = self.direction.iter().map(|along| along * along).sum();
-        let aim_secs = self.tour_secs.min(AIM * self.best_secs).max(walk_secs);
+        let aim_secs = self.tour_secs.min(POLYAK_AIM * self.bound_secs).max(route_secs);
         if length > 0.0 {
-            let step = self.share * (aim_secs - walk_secs) / length;
-            self.tolls.iter_mut().zip(&self.direction).for_each(|(toll, along)| *toll += step * along);
+            let step = self.step_share * (aim_secs - route_secs) / length;
+            self.multipliers.iter_mut().zip(&self.direction).for_each(|(multiplier, along)| *multiplier += step * along);
         }
     }
 
-    /// Whether steps may be left out for the target that are not for the tour, more than before.
-    fn is_worth_thinning(&mut self, next: Next) -> bool {
-        let below_secs = self.target_secs - self.highest.0;
+    /// Decides on arc elimination for the target: worth it where more arcs may go than before.
+    fn is_worth_eliminating(&mut self, next: Next) -> bool {
+        let gap_secs = self.target_secs - self.best.secs;
         let is_worth = match next {
-            Next::Step | Next::Landmarks | Next::Done => false,
-            Next::Aim | Next::Raise => self.target_secs < self.tour_secs,
-            Next::Grow => below_secs < NEARER * self.thinned_secs,
+            Next::Step | Next::FindCritical | Next::Done => false,
+            Next::SetTarget | Next::RaiseTarget => self.target_secs < self.tour_secs,
+            Next::Grow => gap_secs < RETRY_GAP * self.gap_at_elimination_secs,
         };
         if is_worth {
-            self.thinned_secs = below_secs;
+            self.gap_at_elimination_secs = gap_secs;
         }
         is_worth
     }
 
     /// Sets the target anew.
-    fn aim(&mut self) {
-        self.has_aimed = true;
-        let target_secs = self.best_secs + TARGET * (self.tour_secs - self.best_secs);
-        self.target_secs = if target_secs < (1.0 - NEAR) * self.tour_secs { target_secs } else { self.tour_secs };
+    fn set_target(&mut self) {
+        self.has_target = true;
+        let target_secs = self.bound_secs + TARGET_SHARE * (self.tour_secs - self.bound_secs);
+        self.target_secs = if target_secs < (1.0 - MIN_TARGET_GAP) * self.tour_secs { target_secs } else { self.tour_secs };
     }
 
-    /// To a target further up, from the tolls before steps were left out for one: those since may suit those steps alone.
-    fn raise(&mut self) {
-        self.aim();
-        self.tolls.clone_from(&self.anchor);
-        self.highest.1.clone_from(&self.anchor);
-        self.begin();
-        self.highest.0 = self.best_secs;
+    /// Sets a higher target, and the multipliers from before arcs were eliminated: those since may suit the remaining arcs
+    /// alone.
+    fn raise_target(&mut self) {
+        self.set_target();
+        self.multipliers.clone_from(&self.multipliers_before_elimination);
+        self.best.multipliers.clone_from(&self.multipliers_before_elimination);
+        self.restart();
+        self.best.secs = self.bound_secs;
     }
 
-    /// Begins anew from the tolls that it has.
-    fn begin(&mut self) {
-        (self.share, self.waited, self.highest.0) = (AGAIN, 0, 0.0);
-        self.highest.2.clear();
+    /// Restarts the ascent from the multipliers that it has.
+    fn restart(&mut self) {
+        (self.step_share, self.rounds_without_gain, self.best.secs) = (RESTART_STEP, 0, 0.0);
+        self.best.route.clear();
         self.direction.fill(0.0);
     }
 
-    /// Has all groups remember some more landmarks, or some what the last walks came back to.
-    fn grow(&mut self, groups: &[Range<usize>], costs: &Costs, last: &[usize]) {
-        if self.lacks_landmarks() {
-            let count = if self.has_aimed { 1 } else { LANDMARKS_AT_ONCE };
-            let more = landmarks::far_from(std::mem::take(&mut self.walks), &self.first.landmarks, count, groups, costs);
-            self.first = self.first.with_landmarks(&more);
-            self.memories = self.memories.with_landmarks(&more);
-            self.most += more.len();
-        } else if let Some(lists) = self.grown(last) {
-            self.most = (self.most + 1).min(MOST_REMEMBERED);
-            self.memories = Memories::new(self.first.landmarks.clone(), lists);
+    /// Makes more groups critical, or grows ng-sets by the cycles of the best route and the last.
+    fn grow_ng_sets(&mut self, groups: &[Range<usize>], costs: &Costs, last: &[usize]) {
+        if self.lacks_critical() {
+            let count = if self.has_target { 1 } else { CRITICAL_PER_ROUND };
+            let routes = std::mem::take(&mut self.recent_routes);
+            let more = critical::far_from(routes, &self.initial_sets.critical, count, groups, costs);
+            self.initial_sets = self.initial_sets.with_critical(&more);
+            self.ng_sets = self.ng_sets.with_critical(&more);
+            self.ng_size += more.len();
+        } else if let Some(lists) = self.grown_ng_sets(last) {
+            self.ng_size = (self.ng_size + 1).min(MAX_NG_SIZE);
+            self.ng_sets = NgSets::new(self.initial_sets.critical.clone(), lists);
         }
-        self.begin();
+        self.restart();
     }
 
-    /// What groups remember if they remember, too, what the best walk and the last came back to by way of them; none if they
-    /// do.
-    fn grown(&self, last: &[usize]) -> Option<Vec<Vec<usize>>> {
-        let most = (self.most + 1).min(MOST_REMEMBERED);
-        let mut lists = self.memories.lists.clone();
+    /// The ng-sets with the cycles of the best route and the last forbidden; `None` where they forbid them already.
+    fn grown_ng_sets(&self, last: &[usize]) -> Option<Vec<Vec<usize>>> {
+        let max = (self.ng_size + 1).min(MAX_NG_SIZE);
+        let mut lists = self.ng_sets.lists.clone();
         let mut grew = false;
-        for walk in [&self.highest.2[..], last] {
-            for (at, group) in walk.iter().enumerate() {
-                let Some(back) = walk[at + 1..].iter().position(|other| other == group) else { continue };
-                for between in &walk[at + 1..at + 1 + back] {
-                    if lists[*between].len() < most && !lists[*between].contains(group) {
+        for route in [&self.best.route[..], last] {
+            for (at, group) in route.iter().enumerate() {
+                let Some(back) = route[at + 1..].iter().position(|other| other == group) else { continue };
+                for between in &route[at + 1..at + 1 + back] {
+                    if lists[*between].len() < max && !lists[*between].contains(group) {
                         lists[*between].push(*group);
                         grew = true;
                     }

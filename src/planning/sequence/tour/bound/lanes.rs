@@ -1,35 +1,36 @@
-//! The arithmetic of [`super::walks`]: times to the nodes of a group side by side, in single precision.
+//! The arithmetic of [`super::ng_routes`]: times to the nodes of a group side by side, in single precision.
 //!
-//! Cost of a step from all groups to one: for each group and each set that matters of those that it remembers, its nodes from
-//! which steps are left, an addition and a comparison of [`LANES`] each. Rows that differ in what does not matter are joined
+//! Cost of an extension from all groups to one: for each group and each memory that matters there, an addition and a
+//! comparison of [`LANES`] for each of its nodes from which arcs are left. Labels that differ in what does not matter are merged
 //! first.
 
-use super::memories::{FORBIDDEN, Memories};
-use crate::geometry::{Kernel, SimdLevel, least};
+use super::ng_sets::{CYCLE, NgSets};
+use crate::geometry::{Kernel, SimdLevel, simd_min};
 
 /// Nodes side by side.
 pub(super) const LANES: usize = 16;
 /// Rows of lanes that a group's nodes take: 1, 2 or 4.
-pub(super) const MOST_CHUNKS: usize = 4;
-/// Sets for which there is room at once.
-const FEW: usize = 128;
-/// What it costs to look at a row, in additions to it.
-const LOOK: usize = 3;
+pub(super) const MAX_CHUNKS: usize = 4;
+/// Labels for which there is room from the start.
+const INITIAL_CAPACITY: usize = 128;
+/// Cost of visiting a row, in additions to it.
+const VISIT_WORK: usize = 3;
 
-/// A row of times, where a load of all crosses no line of the cache.
+/// A row of times, aligned so that a load of all of it crosses no line of the cache.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Lanes(pub(super) [f32; LANES]);
 
-pub(super) const NEVER: Lanes = Lanes([f32::INFINITY; LANES]);
+/// Times to nodes that no route reaches.
+pub(super) const INFINITE: Lanes = Lanes([f32::INFINITY; LANES]);
 
 impl Lanes {
     #[inline(always)]
-    fn least(&self, other: &Self) -> Self {
+    fn min(&self, other: &Self) -> Self {
         let mut now = *other;
         for lane in 0..LANES {
             // Adding nothing keeps the compiler from a store of some lanes alone, which the next load would have to wait for.
-            now.0[lane] = least(self.0[lane], now.0[lane] + 0.0);
+            now.0[lane] = simd_min(self.0[lane], now.0[lane] + 0.0);
         }
         now
     }
@@ -41,20 +42,20 @@ pub(super) fn at(rows: &[Lanes], node: usize) -> f32 {
     rows[node / LANES].0[node % LANES]
 }
 
-/// Steps between the nodes of each two groups.
+/// Arcs between the nodes of each two groups.
 #[derive(Clone)]
-pub(super) struct Steps {
+pub(super) struct Arcs {
     pub(super) groups: usize,
     pub(super) chunks: usize,
-    /// Where those from a group to a chunk of another begin; those to a group side by side, and those from a group to it.
+    /// Index of the first arc from a group to a chunk of another. Arcs to one group stand side by side, in them those from one.
     pub(super) first: Vec<u32>,
-    /// The nodes that they are from, by their number in the group, ascending, …
+    /// Tail of each arc: the number of its node in the group, ascending.
     pub(super) from: Vec<u16>,
-    /// … and the times to those of the chunk, infinite where there is none.
+    /// Times of each arc to the nodes of its chunk, infinite where the arc was eliminated.
     pub(super) secs: Vec<Lanes>,
 }
 
-impl Steps {
+impl Arcs {
     #[inline(always)]
     pub(super) fn to_chunk(&self, from: usize, to: usize, chunk: usize) -> std::ops::Range<usize> {
         let at = (to * self.groups + from) * self.chunks + chunk;
@@ -66,33 +67,34 @@ impl Steps {
         self.to_chunk(from, to, 0).start..self.to_chunk(from, to, self.chunks - 1).end
     }
 
-    /// All to a group.
+    /// Arcs to a group.
     pub(super) fn to(&self, to: usize) -> std::ops::Range<usize> {
         self.between(0, to).start..self.between(self.groups - 1, to).end
     }
 }
 
-/// Walks that end in a group: what it remembers of each, and the least times of those of whom it remembers the same.
+/// Labels of the partial routes that end in a group: one a memory, with the least times to all nodes.
 #[derive(Clone, Default)]
-pub(super) struct Ends {
+pub(super) struct NgLabels {
+    /// Memory of each label, a bit for each group of the ng-set.
     pub(super) sets: Vec<u16>,
-    /// For each set the times to all nodes, infinite where there is no such node or walk.
+    /// Times to all nodes for each memory, infinite where there is no such node or route.
     pub(super) secs: Vec<Lanes>,
-    /// What they cost to find.
+    /// Cost of finding them.
     pub(super) work: usize,
 }
 
-impl Ends {
+impl NgLabels {
     pub(super) fn rows(&self, chunks: usize) -> impl Iterator<Item = (u16, &[Lanes])> {
         self.sets.iter().copied().zip(self.secs.chunks_exact(chunks))
     }
 
-    /// Joins those that differ in bits outside a mask; `bits` are those of a set.
-    pub(super) fn joined(&self, mask: u16, bits: usize, chunks: usize, level: SimdLevel) -> Self {
+    /// Merges labels whose memories differ outside a mask only; `bits` is the size of the ng-set.
+    pub(super) fn merged(&self, mask: u16, bits: usize, chunks: usize, level: SimdLevel) -> Self {
         match chunks {
-            1 => level.run(Join::<1> { ends: self, mask, bits }),
-            2 => level.run(Join::<2> { ends: self, mask, bits }),
-            _ => level.run(Join::<MOST_CHUNKS> { ends: self, mask, bits }),
+            1 => level.run(Merge::<1> { labels: self, mask, bits }),
+            2 => level.run(Merge::<2> { labels: self, mask, bits }),
+            _ => level.run(Merge::<MAX_CHUNKS> { labels: self, mask, bits }),
         }
     }
 }
@@ -100,92 +102,92 @@ impl Ends {
 /// No row yet.
 const NONE: u16 = u16::MAX;
 
-struct Join<'a, const CHUNKS: usize> {
-    ends: &'a Ends,
+struct Merge<'a, const CHUNKS: usize> {
+    labels: &'a NgLabels,
     mask: u16,
     bits: usize,
 }
 
-impl<const CHUNKS: usize> Kernel for Join<'_, CHUNKS> {
-    type Output = Ends;
+impl<const CHUNKS: usize> Kernel for Merge<'_, CHUNKS> {
+    type Output = NgLabels;
 
     #[inline(always)]
-    fn run(self) -> Ends {
-        let most = self.ends.sets.len().min(1 << self.mask.count_ones());
-        let mut joined = Ends { sets: Vec::with_capacity(most), secs: Vec::with_capacity(most * CHUNKS), work: 0 };
+    fn run(self) -> NgLabels {
+        let capacity = self.labels.sets.len().min(1 << self.mask.count_ones());
+        let mut merged = NgLabels { sets: Vec::with_capacity(capacity), secs: Vec::with_capacity(capacity * CHUNKS), work: 0 };
         let mut places = vec![NONE; 1 << self.bits];
-        let (rows, _) = self.ends.secs.as_chunks::<CHUNKS>();
-        for (set, row) in self.ends.sets.iter().zip(rows) {
+        let (rows, _) = self.labels.secs.as_chunks::<CHUNKS>();
+        for (set, row) in self.labels.sets.iter().zip(rows) {
             let set = set & self.mask;
             let place = &mut places[usize::from(set)];
             if *place == NONE {
-                *place = joined.sets.len() as u16;
-                joined.sets.push(set);
-                joined.secs.extend_from_slice(row);
+                *place = merged.sets.len() as u16;
+                merged.sets.push(set);
+                merged.secs.extend_from_slice(row);
             } else {
-                for (into, row) in joined.secs[usize::from(*place) * CHUNKS..][..CHUNKS].iter_mut().zip(row) {
-                    *into = row.least(into);
+                for (into, row) in merged.secs[usize::from(*place) * CHUNKS..][..CHUNKS].iter_mut().zip(row) {
+                    *into = row.min(into);
                 }
             }
         }
-        joined.work = LOOK * CHUNKS * self.ends.sets.len();
-        joined
+        merged.work = VISIT_WORK * CHUNKS * self.labels.sets.len();
+        merged
     }
 }
 
-/// From all groups to one.
-pub(super) struct Step<'a> {
-    pub(super) steps: &'a Steps,
-    pub(super) memories: &'a Memories,
-    /// For each group its ends, joined by each of its masks.
-    pub(super) joined: &'a [Vec<Ends>],
+/// Extension of labels from all groups to one.
+pub(super) struct Extension<'a> {
+    pub(super) arcs: &'a Arcs,
+    pub(super) ng_sets: &'a NgSets,
+    /// Labels of each group, merged by each of its masks.
+    pub(super) merged: &'a [Vec<NgLabels>],
     pub(super) to: usize,
-    pub(super) toll: f32,
-    /// What it takes on home from there, see [`Open`], and the bits of its sets.
-    pub(super) onward: Option<(&'a [Lanes], u16)>,
-    /// Ends from where no walk home is within it are left out.
+    pub(super) multiplier: f32,
+    /// Completion bounds from there ([`SubsetMinimum`]), and the bits of their sets.
+    pub(super) completion: Option<(&'a [Lanes], u16)>,
+    /// Labels that cannot be completed within this are pruned.
     pub(super) limit: f32,
 }
 
-/// What is done with walks to a group's nodes that go on to another group.
+/// Action on each label that is extended to another group.
 trait Visit<const CHUNKS: usize> {
-    /// `place` numbers the sets that are remembered there, in the order that they come up.
-    fn visit(&mut self, step: &Step<'_>, from: usize, place: usize, set: u16, so_far: &[Lanes; CHUNKS]);
+    /// Visits one label; `place` numbers the memories there in the order in which they come up.
+    fn visit(&mut self, extension: &Extension<'_>, from: usize, place: usize, set: u16, so_far: &[Lanes; CHUNKS]);
 }
 
-impl Step<'_> {
-    /// The walks one stop longer.
-    pub(super) fn ends(&self, level: SimdLevel) -> Ends {
-        match self.steps.chunks {
-            1 => level.run(Advance::<1>(self)),
-            2 => level.run(Advance::<2>(self)),
-            _ => level.run(Advance::<MOST_CHUNKS>(self)),
+impl Extension<'_> {
+    /// Labels of the routes one stop longer.
+    pub(super) fn labels(&self, level: SimdLevel) -> NgLabels {
+        match self.arcs.chunks {
+            1 => level.run(Extend::<1>(self)),
+            2 => level.run(Extend::<2>(self)),
+            _ => level.run(Extend::<MAX_CHUNKS>(self)),
         }
     }
 
-    /// The least times of walks home by way of each step to the group, or those known if they are less.
-    pub(super) fn by_way_of(&self, known: Vec<Lanes>, level: SimdLevel) -> Vec<Lanes> {
-        match self.steps.chunks {
-            1 => level.run(Mark::<1>(self, known)),
-            2 => level.run(Mark::<2>(self, known)),
-            _ => level.run(Mark::<MOST_CHUNKS>(self, known)),
+    /// Least times of routes through each arc to the group, or those known where they are less.
+    pub(super) fn through_arcs(&self, known: Vec<Lanes>, level: SimdLevel) -> Vec<Lanes> {
+        match self.arcs.chunks {
+            1 => level.run(ThroughArcs::<1>(self, known)),
+            2 => level.run(ThroughArcs::<2>(self, known)),
+            _ => level.run(ThroughArcs::<MAX_CHUNKS>(self, known)),
         }
     }
 
     #[inline(always)]
     fn each<const CHUNKS: usize>(&self, visitor: &mut impl Visit<CHUNKS>) {
-        let mut places = vec![NONE; 1 << self.memories.bits(self.to)];
+        let mut places = vec![NONE; 1 << self.ng_sets.bits(self.to)];
         let mut count = 0;
-        for (from, joined) in self.joined.iter().enumerate() {
-            if self.steps.between(from, self.to).is_empty() {
+        for (from, merged) in self.merged.iter().enumerate() {
+            if self.arcs.between(from, self.to).is_empty() {
                 continue;
             }
-            let pair = self.memories.pair(from, self.to);
-            let ends = &joined[pair.mask];
-            let (rows, _) = ends.secs.as_chunks();
-            for (set, so_far) in ends.sets.iter().zip(rows) {
-                let set = pair.passed_on(*set);
-                if set < FORBIDDEN {
+            let pair = self.ng_sets.pair(from, self.to);
+            let labels = &merged[pair.mask];
+            let (rows, _) = labels.secs.as_chunks();
+            for (set, so_far) in labels.sets.iter().zip(rows) {
+                let set = pair.extended(*set);
+                if set < CYCLE {
                     let place = &mut places[usize::from(set)];
                     if *place == NONE {
                         *place = count;
@@ -198,41 +200,43 @@ impl Step<'_> {
     }
 }
 
-struct Advance<'a, const CHUNKS: usize>(&'a Step<'a>);
+struct Extend<'a, const CHUNKS: usize>(&'a Extension<'a>);
 
-struct Advanced<const CHUNKS: usize> {
+struct Extended<const CHUNKS: usize> {
     sets: Vec<u16>,
     best: Vec<[Lanes; CHUNKS]>,
     work: usize,
 }
 
-impl<const CHUNKS: usize> Kernel for Advance<'_, CHUNKS> {
-    type Output = Ends;
+impl<const CHUNKS: usize> Kernel for Extend<'_, CHUNKS> {
+    type Output = NgLabels;
 
     #[inline(always)]
-    fn run(self) -> Ends {
-        let Self(step) = self;
-        let mut advanced = Advanced { sets: Vec::with_capacity(FEW), best: Vec::with_capacity(FEW), work: 0 };
-        step.each::<CHUNKS>(&mut advanced);
-        let count = advanced.sets.len();
-        let mut kept = Ends { sets: Vec::with_capacity(count), secs: Vec::with_capacity(count * CHUNKS), work: advanced.work };
-        for (set, row) in advanced.sets.into_iter().zip(&mut advanced.best) {
-            let mut nearest = NEVER;
+    fn run(self) -> NgLabels {
+        let Self(extension) = self;
+        let mut extended =
+            Extended { sets: Vec::with_capacity(INITIAL_CAPACITY), best: Vec::with_capacity(INITIAL_CAPACITY), work: 0 };
+        extension.each::<CHUNKS>(&mut extended);
+        let count = extended.sets.len();
+        let mut kept =
+            NgLabels { sets: Vec::with_capacity(count), secs: Vec::with_capacity(count * CHUNKS), work: extended.work };
+        for (set, row) in extended.sets.into_iter().zip(&mut extended.best) {
+            let mut least = INFINITE;
             for (chunk, secs) in row.iter_mut().enumerate() {
                 let mut whole = *secs;
                 for lane in 0..LANES {
-                    whole.0[lane] += step.toll;
+                    whole.0[lane] += extension.multiplier;
                 }
                 *secs = whole;
-                if let Some((onward, all)) = step.onward {
-                    let on = &onward[usize::from(all & !set) * CHUNKS + chunk];
+                if let Some((completion, all)) = extension.completion {
+                    let on = &completion[usize::from(all & !set) * CHUNKS + chunk];
                     for lane in 0..LANES {
                         whole.0[lane] += on.0[lane];
                     }
                 }
-                nearest = whole.least(&nearest);
+                least = whole.min(&least);
             }
-            if step.onward.is_none() || nearest.0.into_iter().fold(f32::INFINITY, least) <= step.limit {
+            if extension.completion.is_none() || least.0.into_iter().fold(f32::INFINITY, simd_min) <= extension.limit {
                 kept.sets.push(set);
                 kept.secs.extend_from_slice(row);
             }
@@ -241,22 +245,22 @@ impl<const CHUNKS: usize> Kernel for Advance<'_, CHUNKS> {
     }
 }
 
-impl<const CHUNKS: usize> Visit<CHUNKS> for Advanced<CHUNKS> {
+impl<const CHUNKS: usize> Visit<CHUNKS> for Extended<CHUNKS> {
     #[inline(always)]
-    fn visit(&mut self, step: &Step<'_>, from: usize, place: usize, set: u16, so_far: &[Lanes; CHUNKS]) {
+    fn visit(&mut self, extension: &Extension<'_>, from: usize, place: usize, set: u16, so_far: &[Lanes; CHUNKS]) {
         if place == self.sets.len() {
             self.sets.push(set);
-            self.best.push([NEVER; CHUNKS]);
+            self.best.push([INFINITE; CHUNKS]);
         }
-        self.work += LOOK + step.steps.between(from, step.to).len();
+        self.work += VISIT_WORK + extension.arcs.between(from, extension.to).len();
         for (chunk, best) in self.best[place].iter_mut().enumerate() {
-            let range = step.steps.to_chunk(from, step.to, chunk);
+            let range = extension.arcs.to_chunk(from, extension.to, chunk);
             let mut now = *best;
-            for (node, secs) in step.steps.from[range.clone()].iter().zip(&step.steps.secs[range]) {
+            for (node, secs) in extension.arcs.from[range.clone()].iter().zip(&extension.arcs.secs[range]) {
                 // The remainder tells the compiler that there is such a node.
                 let so_far = at(so_far, usize::from(*node) % (LANES * CHUNKS));
                 for lane in 0..LANES {
-                    now.0[lane] = least(so_far + secs.0[lane], now.0[lane]);
+                    now.0[lane] = simd_min(so_far + secs.0[lane], now.0[lane]);
                 }
             }
             *best = now;
@@ -264,39 +268,39 @@ impl<const CHUNKS: usize> Visit<CHUNKS> for Advanced<CHUNKS> {
     }
 }
 
-struct Mark<'a, const CHUNKS: usize>(&'a Step<'a>, Vec<Lanes>);
+struct ThroughArcs<'a, const CHUNKS: usize>(&'a Extension<'a>, Vec<Lanes>);
 
-impl<const CHUNKS: usize> Kernel for Mark<'_, CHUNKS> {
+impl<const CHUNKS: usize> Kernel for ThroughArcs<'_, CHUNKS> {
     type Output = Vec<Lanes>;
 
     #[inline(always)]
     fn run(self) -> Vec<Lanes> {
-        let Self(step, known) = self;
-        let mut marked = Marked { first: step.steps.to(step.to).start, least: known };
-        step.each::<CHUNKS>(&mut marked);
-        marked.least
+        let Self(extension, known) = self;
+        let mut through = ThroughTimes { first: extension.arcs.to(extension.to).start, known };
+        extension.each::<CHUNKS>(&mut through);
+        through.known
     }
 }
 
-struct Marked {
+struct ThroughTimes {
     first: usize,
-    least: Vec<Lanes>,
+    known: Vec<Lanes>,
 }
 
-impl<const CHUNKS: usize> Visit<CHUNKS> for Marked {
+impl<const CHUNKS: usize> Visit<CHUNKS> for ThroughTimes {
     #[inline(always)]
-    fn visit(&mut self, step: &Step<'_>, from: usize, _: usize, set: u16, so_far: &[Lanes; CHUNKS]) {
-        let Some((onward, all)) = step.onward else { return };
-        let on = &onward[usize::from(all & !set) * CHUNKS..][..CHUNKS];
+    fn visit(&mut self, extension: &Extension<'_>, from: usize, _: usize, set: u16, so_far: &[Lanes; CHUNKS]) {
+        let Some((completion, all)) = extension.completion else { return };
+        let on = &completion[usize::from(all & !set) * CHUNKS..][..CHUNKS];
         for (chunk, on) in on.iter().enumerate() {
-            let range = step.steps.to_chunk(from, step.to, chunk);
-            let known = &mut self.least[range.start - self.first..range.end - self.first];
-            let steps = step.steps.from[range.clone()].iter().zip(&step.steps.secs[range]);
-            for ((node, secs), known) in steps.zip(known) {
-                let so_far = at(so_far, usize::from(*node) % (LANES * CHUNKS)) + step.toll;
+            let range = extension.arcs.to_chunk(from, extension.to, chunk);
+            let known = &mut self.known[range.start - self.first..range.end - self.first];
+            let arcs = extension.arcs.from[range.clone()].iter().zip(&extension.arcs.secs[range]);
+            for ((node, secs), known) in arcs.zip(known) {
+                let so_far = at(so_far, usize::from(*node) % (LANES * CHUNKS)) + extension.multiplier;
                 let mut now = *known;
                 for lane in 0..LANES {
-                    now.0[lane] = least(so_far + secs.0[lane] + on.0[lane], now.0[lane]);
+                    now.0[lane] = simd_min(so_far + secs.0[lane] + on.0[lane], now.0[lane]);
                 }
                 *known = now;
             }
@@ -304,40 +308,40 @@ impl<const CHUNKS: usize> Visit<CHUNKS> for Marked {
     }
 }
 
-/// Of ends in a group, for each set: the least times less the toll of those of which nothing outside it is remembered, and all
-/// its landmarks.
-pub(super) struct Open<'a> {
-    pub(super) ends: &'a Ends,
+/// Minimum over subsets: for each set of groups the least time, less the multiplier, of the labels whose memory lies within it
+/// and holds all its critical groups.
+pub(super) struct SubsetMinimum<'a> {
+    pub(super) labels: &'a NgLabels,
     pub(super) bits: usize,
-    pub(super) landmark_bits: usize,
+    pub(super) critical_bits: usize,
     pub(super) chunks: usize,
-    pub(super) toll: f32,
+    pub(super) multiplier: f32,
 }
 
-impl Kernel for Open<'_> {
+impl Kernel for SubsetMinimum<'_> {
     type Output = Vec<Lanes>;
 
     #[inline(always)]
     fn run(self) -> Vec<Lanes> {
-        let mut open = vec![NEVER; self.chunks << self.bits];
-        for (set, row) in self.ends.rows(self.chunks) {
-            for (open, row) in open[usize::from(set) * self.chunks..].iter_mut().zip(row) {
+        let mut minimum = vec![INFINITE; self.chunks << self.bits];
+        for (set, row) in self.labels.rows(self.chunks) {
+            for (minimum, row) in minimum[usize::from(set) * self.chunks..].iter_mut().zip(row) {
                 let mut secs = *row;
                 for lane in 0..LANES {
-                    secs.0[lane] -= self.toll;
+                    secs.0[lane] -= self.multiplier;
                 }
-                *open = secs;
+                *minimum = secs;
             }
         }
-        for bit in self.landmark_bits..self.bits {
+        for bit in self.critical_bits..self.bits {
             let half = self.chunks << bit;
-            for both in open.chunks_exact_mut(2 * half) {
+            for both in minimum.chunks_exact_mut(2 * half) {
                 let (without, with) = both.split_at_mut(half);
                 for (without, with) in without.iter().zip(with) {
-                    *with = without.least(with);
+                    *with = without.min(with);
                 }
             }
         }
-        open
+        minimum
     }
 }

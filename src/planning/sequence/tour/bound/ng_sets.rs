@@ -1,34 +1,36 @@
-//! Which groups each group remembers, and what becomes of what is remembered on the way from one to another.
+//! The ng-sets: the groups that each group remembers, and the memory of a route as it goes from one group to another.
 
 use rayon::prelude::*;
 
-/// What is remembered of a walk at a group is a set of bits, one for each of the group's list.
+/// The ng-sets of all groups. The memory of a route at a group is a set of bits, one for each group of its ng-set.
 #[derive(Clone)]
-pub(super) struct Memories {
+pub(super) struct NgSets {
+    /// ng-set of each group, critical groups first.
     pub(super) lists: Vec<Vec<usize>>,
-    /// Groups that all others remember, first in each list.
-    pub(super) landmarks: Vec<usize>,
-    /// For each two groups, the second's row by row.
+    /// Groups that all others remember.
+    pub(super) critical: Vec<usize>,
+    /// Extension of memories between each two groups, row by row of the second.
     pairs: Vec<Pair>,
-    /// For each group the sets of bits that matter to some other, each once.
+    /// Masks of each group: the sets of bits that matter to some other group, each once.
     pub(super) masks: Vec<Vec<u16>>,
 }
 
-/// What becomes of what one group remembers at another.
+/// Extension of memories from one group to another.
 #[derive(Clone)]
 pub(super) struct Pair {
-    /// Which of the group's masks has the bits that matter.
+    /// Index of the mask that holds the bits that matter.
     pub(super) mask: usize,
-    /// For the lower and the upper bits of a set: what is remembered then.
+    /// Extended memory for the lower and the upper bits of a memory.
     halves: [[u16; 1 << HALF_BITS]; 2],
 }
 
+/// Bits of a memory that are looked up at once.
 const HALF_BITS: usize = 7;
-/// The second group is remembered by the first: no walk goes there.
-pub(super) const FORBIDDEN: u16 = 1 << 15;
+/// Marks a cycle: the second group is in the memory at the first.
+pub(super) const CYCLE: u16 = 1 << 15;
 
-impl Memories {
-    pub(super) fn new(landmarks: Vec<usize>, lists: Vec<Vec<usize>>) -> Self {
+impl NgSets {
+    pub(super) fn new(critical: Vec<usize>, lists: Vec<Vec<usize>>) -> Self {
         let count = lists.len();
         let mut masks = vec![Vec::new(); count];
         let mut mask_of = |from: usize, to: usize| {
@@ -43,18 +45,18 @@ impl Memories {
         let mask_of: Vec<_> = (0..count * count).map(|pair| mask_of(pair % count, pair / count)).collect();
         let pair = |(pair, mask): (usize, usize)| Pair::new(&lists, pair % count, pair / count, mask);
         let pairs = mask_of.into_par_iter().enumerate().map(pair).collect();
-        Self { lists, landmarks, pairs, masks }
+        Self { lists, critical, pairs, masks }
     }
 
-    /// All remember some more groups.
-    pub(super) fn with_landmarks(&self, more: &[usize]) -> Self {
-        let landmarks: Vec<_> = self.landmarks.iter().chain(more).copied().collect();
+    /// Makes more groups critical.
+    pub(super) fn with_critical(&self, more: &[usize]) -> Self {
+        let critical: Vec<_> = self.critical.iter().chain(more).copied().collect();
         let with = |(group, list): (usize, &Vec<usize>)| {
-            let others = list.iter().filter(|other| !landmarks.contains(other));
-            landmarks.iter().filter(|landmark| **landmark != group).chain(others).copied().collect()
+            let others = list.iter().filter(|other| !critical.contains(other));
+            critical.iter().filter(|other| **other != group).chain(others).copied().collect()
         };
         let lists = self.lists.iter().enumerate().map(with).collect();
-        Self::new(landmarks, lists)
+        Self::new(critical, lists)
     }
 
     #[inline(always)]
@@ -66,14 +68,14 @@ impl Memories {
         self.lists[group].len()
     }
 
-    /// All that a group remembers.
+    /// The full memory at a group.
     pub(super) fn all(&self, group: usize) -> u16 {
         (1 << self.bits(group)) - 1
     }
 
-    /// How many of its bits, the first, are landmarks.
-    pub(super) fn landmark_bits(&self, group: usize) -> usize {
-        self.landmarks.iter().filter(|landmark| **landmark != group).count()
+    /// Number of the first bits that stand for critical groups.
+    pub(super) fn critical_bits(&self, group: usize) -> usize {
+        self.critical.iter().filter(|other| **other != group).count()
     }
 }
 
@@ -81,7 +83,7 @@ impl Pair {
     fn new(lists: &[Vec<usize>], from: usize, to: usize, mask: usize) -> Self {
         let place = |group: &usize| lists[to].iter().position(|other| other == group);
         let itself = place(&from).map_or(0, |bit| 1 << bit);
-        let bit = |group: &usize| if *group == to { FORBIDDEN } else { place(group).map_or(0, |bit| 1 << bit) };
+        let bit = |group: &usize| if *group == to { CYCLE } else { place(group).map_or(0, |bit| 1 << bit) };
         let bits: Vec<u16> = lists[from].iter().map(bit).collect();
         let half = |upper: usize| {
             let bits = bits.iter().skip(upper * HALF_BITS).take(HALF_BITS);
@@ -94,9 +96,9 @@ impl Pair {
         Self { mask, halves: std::array::from_fn(half) }
     }
 
-    /// What is remembered then, at least [`FORBIDDEN`] where no walk goes.
+    /// The memory after the extension; at least [`CYCLE`] where that would close a cycle.
     #[inline(always)]
-    pub(super) fn passed_on(&self, set: u16) -> u16 {
+    pub(super) fn extended(&self, set: u16) -> u16 {
         let [lower, upper] = &self.halves;
         lower[usize::from(set) % (1 << HALF_BITS)] | upper[usize::from(set) >> HALF_BITS & ((1 << HALF_BITS) - 1)]
     }
