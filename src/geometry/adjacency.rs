@@ -1,4 +1,4 @@
-//! What hangs together: items that share a corner, an edge or any other key.
+//! Connected components of items that share a corner, an edge or any other key.
 
 /// For each item the number of its component, where items that have a key in common belong together; components are
 /// numbered by their first item. Cost: O(n log n).

@@ -29,7 +29,7 @@ impl HalfSpace {
         Self { normal, offset_mm: normal.dot(&point.coords) }
     }
 
-    /// How deep `point` lies inside; negative outside.
+    /// Depth of `point` inside; negative outside.
     #[must_use]
     pub fn depth_mm(&self, point: &Point3<f64>) -> f64 {
         self.offset_mm - self.normal.dot(&point.coords)
@@ -43,7 +43,7 @@ impl HalfSpace {
 /// A bounded convex polytope with an inside.
 #[derive(Clone, Debug)]
 pub struct ConvexPolytope {
-    /// What it is the intersection of, without repetitions; some may not touch it.
+    /// Half-spaces whose intersection it is, without repetitions; some may not touch it.
     pub half_spaces: Vec<HalfSpace>,
     /// Its corners, in no particular order.
     pub vertices_mm: Vec<Point3<f64>>,
@@ -72,7 +72,7 @@ impl ConvexPolytope {
         Self::intersection(self.half_spaces.iter().copied().chain(half_spaces))
     }
 
-    /// Whether `point` lies inside or on it.
+    /// Returns true if `point` lies inside or on it.
     #[must_use]
     pub fn holds(&self, point: &Point3<f64>) -> bool {
         self.half_spaces.iter().all(|h| h.depth_mm(point) >= -TOLERANCE_MM)
@@ -170,7 +170,7 @@ pub fn largest_centred_box(half_spaces: &[HalfSpace], centre: &Point3<f64>) -> O
         .map(|half| half * 2.0)
 }
 
-/// Where h₀h₁h₂ is stationary on the line on which two constraints hold as equations: with h = p + t d, the derivative
+/// Stationary points of h₀h₁h₂ on the line on which two constraints hold as equations: with h = p + t d, the derivative
 /// of the product is a quadratic in t.
 fn best_on_line(a: &(Vector3<f64>, f64), b: &(Vector3<f64>, f64)) -> Vec<Vector3<f64>> {
     let d = a.0.cross(&b.0);

@@ -3,7 +3,7 @@
 /// Lists of faces, kept one after the other.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FaceLists {
-    /// Where each list begins in `faces`, and at last where the last one ends.
+    /// Start of each list in `faces`, and at last the end of the last one.
     pub offsets: Vec<u32>,
     /// The lists, one after the other.
     pub faces: Vec<u32>,

@@ -56,7 +56,7 @@ impl<To, From> Pose<To, From> {
         Self::claim(Isometry3::identity())
     }
 
-    /// The same relation read the other way.
+    /// The inverse: the same relation read the other way.
     #[must_use]
     pub fn inverse(&self) -> Pose<From, To> {
         Pose::claim(self.isometry.inverse())

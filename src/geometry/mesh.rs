@@ -30,7 +30,7 @@ impl Aabb {
         Self { min: self.min.inf(point), max: self.max.sup(point) }
     }
 
-    /// Whether `point` lies in the box, its faces included.
+    /// Returns true if `point` lies in the box, its faces included.
     #[must_use]
     pub fn holds(&self, point: &Point3<f64>) -> bool {
         (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])

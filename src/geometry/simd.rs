@@ -9,7 +9,7 @@
 
 /// A computation that is compiled once a level.
 pub trait Kernel {
-    /// What it gives.
+    /// Result of the computation.
     type Output;
 
     /// The computation. Mark it, and what it calls in its loops, `#[inline(always)]`: only what is inlined here is
@@ -31,7 +31,7 @@ enum Instructions {
 }
 
 impl SimdLevel {
-    /// What every CPU of the target has: SSE2 on x86-64.
+    /// The level of every CPU of the target: SSE2 on x86-64.
     pub const PORTABLE: Self = Self(Instructions::Portable);
 
     /// All levels of this CPU, narrowest first.

@@ -1,6 +1,6 @@
 //! The ways in which a body can stand on a plane: the facets of its convex hull above which the centre of mass lies.
 //!
-//! How likely a body comes to rest on a facet grows with the solid angle under which its centre of mass sees that facet
+//! The likelihood that a body comes to rest on a facet grows with the solid angle under which its centre of mass sees that facet
 //! (K. Goldberg, B. Mirtich, Y. Zhuang, J. Craig, B. Carlisle, J. Canny 1999, *Part pose statistics: estimators and
 //! experiments*, IEEE Transactions on Robotics and Automation 15(5)); facets from which it tips over are left out here,
 //! not counted for the facet it ends on. Part frame, millimetres. Cost: O(n log n) for n vertices, the hull's.
@@ -43,7 +43,7 @@ pub fn stable_poses(mesh: &Mesh) -> Vec<StablePose> {
     poses
 }
 
-/// Of the enclosed volume, by tetrahedra from the origin; `None` for a surface that encloses none.
+/// Centre of mass of the enclosed volume, by tetrahedra from the origin; `None` for a surface that encloses none.
 fn centre_of_mass(mesh: &Mesh) -> Option<Point3<f64>> {
     let middle = mesh.aabb().centre();
     let (mut volume, mut moment) = (0.0, Vector3::zeros());
@@ -137,7 +137,7 @@ impl Hull {
         faces
     }
 
-    /// Whether the body stands on a face: its centre of mass lies above it, far enough from every edge.
+    /// The pose of a body on a face, if it stands there: its centre of mass lies above it, far enough from every edge.
     fn standing_on(&self, face: &[usize], centre: &Point3<f64>) -> Option<StablePose> {
         let normal_of = |triangle: &usize| {
             let [a, b, c] = self.corners(*triangle);
@@ -151,8 +151,8 @@ impl Hull {
             let along = (b - a).try_normalize(0.0)?;
             Some((foot - a).dot(&down.cross(&along)))
         };
-        let least_mm = rim.iter().filter_map(margin_mm).fold(f64::INFINITY, f64::min);
-        let stands = height_mm > SAME_CORNER * self.size_mm && least_mm >= height_mm * TIPPING_RAD.tan();
+        let min_mm = rim.iter().filter_map(margin_mm).fold(f64::INFINITY, f64::min);
+        let stands = height_mm > SAME_CORNER * self.size_mm && min_mm >= height_mm * TIPPING_RAD.tan();
         let share =
             face.iter().map(|triangle| solid_angle(&self.corners(*triangle), centre)).sum::<f64>() / (4.0 * std::f64::consts::PI);
         stands.then_some(StablePose { down, share })
@@ -170,7 +170,7 @@ impl Hull {
     }
 }
 
-/// Of a triangle seen from a point, steradians (A. van Oosterom and J. Strackee 1983, *The Solid Angle of a Plane
+/// Solid angle of a triangle seen from a point, steradians (A. van Oosterom and J. Strackee 1983, *The Solid Angle of a Plane
 /// Triangle*).
 fn solid_angle(corners: &[Point3<f64>; 3], from: &Point3<f64>) -> f64 {
     let [a, b, c] = corners.map(|corner| corner - from);

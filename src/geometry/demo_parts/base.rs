@@ -9,7 +9,7 @@ pub(super) const BOUNDS_MM: [[f64; 3]; 2] = [[-60.5, -36.5, 0.0], [60.5, 36.5, 3
 
 /// Height of the plinth's deck.
 const DECK: f64 = 15.0;
-/// Where the cradle's side walls stand.
+/// Positions of the cradle's side walls.
 const CRADLE_HALF_Y: f64 = 23.0;
 
 /// Signed distance to the base.

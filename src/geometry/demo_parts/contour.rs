@@ -12,7 +12,7 @@ use super::field::Field;
 use crate::geometry::{Aabb, Mesh, assess};
 
 /// Eigenvalues below this share of the largest say nothing about where the vertex is: the surface is flat or an edge.
-const LEAST_EIGENVALUE_SHARE: f64 = 0.05;
+const MIN_EIGENVALUE_SHARE: f64 = 0.05;
 /// Vertices keep this share of a cell's width from its walls, so that no two of them coincide.
 const MARGIN: f64 = 1e-3;
 
@@ -62,11 +62,11 @@ type Index = [usize; 3];
 struct Crossing {
     from: Index,
     axis: usize,
-    /// Whether the surface faces along the axis.
+    /// Is true if the surface faces along the axis.
     outwards: bool,
 }
 
-/// Where the surface crosses an edge, and its normal there.
+/// A point where the surface crosses an edge, and its normal there.
 #[derive(Clone, Copy)]
 struct Hermite {
     point: Point3<f64>,
@@ -173,7 +173,7 @@ impl Lattice {
         Mesh { vertices_mm, faces, source_face, groups: Vec::new() }
     }
 
-    /// Where the field is zero on the edge (false position, Illinois variant), with its normal.
+    /// Point of the edge where the field is zero (false position, Illinois variant), with its normal.
     fn hermite(&self, field: &impl Field, crossing: Crossing) -> Hermite {
         let mut ends = [self.position(crossing.from); 2];
         ends[1][crossing.axis] += self.cell_mm;
@@ -246,7 +246,7 @@ fn best_points(data: &[Hermite]) -> [Point3<f64>; 3] {
     strongest.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let step = |k: usize| {
         let (direction, value) = (eigen.eigenvectors.column(k), eigen.eigenvalues[k]);
-        let tells = value > LEAST_EIGENVALUE_SHARE * eigen.eigenvalues[strongest[0]];
+        let tells = value > MIN_EIGENVALUE_SHARE * eigen.eigenvalues[strongest[0]];
         if tells { direction * (direction.dot(&right) / value) } else { Vector3::zeros() }
     };
     [3, 2, 1].map(|rank| middle + strongest[..rank].iter().map(|&k| step(k)).sum::<Vector3<f64>>())

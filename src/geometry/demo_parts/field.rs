@@ -70,17 +70,17 @@ pub(super) fn limb(p: &Point3<f64>, a: [f64; 3], b: [f64; 3], radius: [f64; 2]) 
     distance / (1.0 + slope * slope).sqrt()
 }
 
-/// What is in both, with a sharp edge; exact outside for fields that meet at right angles.
+/// Intersection of two fields, with a sharp edge; exact outside for fields that meet at right angles.
 pub(super) fn sharp_common(a: f64, b: f64) -> f64 {
     a.max(b).min(0.0) + a.max(0.0).hypot(b.max(0.0))
 }
 
-/// What is in both, with the edge rounded to `radius`.
+/// Intersection of two fields, with the edge rounded to `radius`.
 pub(super) fn round_common(a: f64, b: f64, radius: f64) -> f64 {
     sharp_common(a + radius, b + radius) - radius
 }
 
-/// What is in either, with the joint filled to a soft valley over `reach`.
+/// Union of two fields, with the joint filled to a soft valley over `reach`.
 pub(super) fn blend(a: f64, b: f64, reach: f64) -> f64 {
     let share = (reach - (a - b).abs()).max(0.0) / reach;
     a.min(b) - share * share * reach / 4.0

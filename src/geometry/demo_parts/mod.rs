@@ -31,7 +31,7 @@ pub enum DemoPart {
     Figurine,
 }
 
-/// Why there is no such part.
+/// Reason why there is no such part.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DemoPartError {
     /// The count is not in [`TRIANGLES`].
@@ -88,7 +88,7 @@ impl FromStr for DemoPart {
 /// inner edges, blind holes and a trough that hides its own floor. Flat underside.
 ///
 /// # Errors
-/// As [`DemoPart::mesh`].
+/// See [`DemoPart::mesh`].
 pub fn base(target_triangles: usize) -> Result<Mesh, DemoPartError> {
     make(&base::distance_mm, &base::BOUNDS_MM, target_triangles)
 }
@@ -97,7 +97,7 @@ pub fn base(target_triangles: usize) -> Result<Mesh, DemoPartError> {
 /// that occlude each other. Flat soles.
 ///
 /// # Errors
-/// As [`DemoPart::mesh`].
+/// See [`DemoPart::mesh`].
 pub fn figurine(target_triangles: usize) -> Result<Mesh, DemoPartError> {
     make(&figurine::distance_mm, &figurine::BOUNDS_MM, target_triangles)
 }

@@ -19,7 +19,7 @@ const NESTING_BUDGET: usize = 20_000_000;
 /// Vertices tried where the winding number is undecided because bodies touch.
 const VERTICES_TRIED: usize = 8;
 
-/// Which body each triangle belongs to, and facts of each body.
+/// Body of each triangle, and facts of each body.
 pub(super) struct Bodies {
     of_face: Vec<u32>,
     /// Faces, ordered by body, and where each body begins in them.
@@ -28,7 +28,7 @@ pub(super) struct Bodies {
     closed: Vec<bool>,
 }
 
-/// What turning has done.
+/// Result of turning bodies that were inside out.
 pub(super) struct Turned {
     /// Bodies turned.
     pub(super) bodies: usize,
@@ -174,7 +174,7 @@ impl Solid {
     }
 }
 
-/// Who lies in whom, as far as the budget goes.
+/// Nesting of bodies, as far as the budget goes.
 struct Nesting<'a> {
     mesh: &'a Mesh,
     bodies: &'a Bodies,
@@ -220,7 +220,7 @@ impl Nesting<'_> {
         Some(around)
     }
 
-    /// Whether body `inner` lies in body `outer`, by the first of its vertices that tells.
+    /// Returns true if body `inner` lies in body `outer`, by the first of its vertices that tells.
     fn is_inside(&mut self, inner: usize, outer: usize) -> Option<bool> {
         for &face in self.bodies.faces(inner).iter().take(VERTICES_TRIED) {
             let outer_faces = self.bodies.faces(outer);
@@ -238,7 +238,7 @@ fn encloses(outer: &Aabb, inner: &Aabb) -> bool {
     (0..3).all(|axis| outer.min[axis] <= inner.min[axis] && inner.max[axis] <= outer.max[axis]) && outer != inner
 }
 
-/// How often the surface of `faces` winds about `point`: 0 outside, ±1 inside.
+/// Winding number of the surface of `faces` about `point`: 0 outside, ±1 inside.
 fn winding_number(mesh: &Mesh, faces: &[u32], point: &Point3<f64>) -> f64 {
     let half_angles = faces.iter().map(|&face| half_solid_angle(mesh.corners(face as usize).map(|corner| corner - point)));
     half_angles.sum::<f64>() / TAU

@@ -17,7 +17,7 @@ pub(super) struct Side {
     /// Both vertices, the lower one in the high half.
     edge: u64,
     face: u32,
-    /// Whether the triangle runs from the lower vertex to the higher.
+    /// Is true if the triangle runs from the lower vertex to the higher.
     pub(super) ascending: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What is good and bad about a mesh, and the repairs that need no judgement: degenerate triangles go, and a closed body
+//! Health of a mesh, and the repairs that need no judgement: degenerate triangles go, and a closed body
 //! that is inside out is turned.
 //!
 //! *Degenerate*: a repeated vertex, or an area below 1e-12 of the squared diagonal of the bounding box.
@@ -18,7 +18,7 @@ use edges::Edges;
 pub use warning::MeshWarning;
 
 /// Least area of a triangle, as a share of the squared diagonal of the bounding box.
-const LEAST_AREA_SHARE: f64 = 1e-12;
+const MIN_AREA_SHARE: f64 = 1e-12;
 
 /// For each face whether it belongs to a closed, consistently wound body of positive volume. Seen from outside such a
 /// body its back faces hide nothing that its front faces do not hide.
@@ -86,7 +86,7 @@ pub(super) fn clean(mut mesh: Mesh) -> (Mesh, MeshHealth) {
     let turned = bodies.turn_inverted(&mut mesh);
 
     let used = Aabb::around(mesh.faces.iter().flatten().map(|&v| &mesh.vertices_mm[v as usize]));
-    let least_area_mm2 = LEAST_AREA_SHARE * used.extent_mm().norm_squared();
+    let least_area_mm2 = MIN_AREA_SHARE * used.extent_mm().norm_squared();
     let mut body_has_area = vec![false; bodies.count()];
     mesh.keep_faces(|mesh, face| {
         let keep = mesh.face_area_mm2(face) >= least_area_mm2;

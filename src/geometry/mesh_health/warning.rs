@@ -1,4 +1,4 @@
-//! What a user should know about a mesh before planning on it, and what to do about it.
+//! Warnings about a mesh that a user should know of before planning on it, and what to do about each.
 
 use std::fmt;
 
@@ -22,7 +22,7 @@ pub enum MeshWarning {
     },
     /// Edges of more than two triangles.
     NonManifold {
-        /// How many.
+        /// Their number.
         edges: usize,
     },
     /// Neighbours wound against each other.
@@ -32,22 +32,22 @@ pub enum MeshWarning {
     },
     /// Triangles dropped.
     Degenerate {
-        /// How many.
+        /// Their number.
         triangles: usize,
     },
     /// Triangles there twice.
     Duplicate {
-        /// How many too many.
+        /// Number beyond the first.
         triangles: usize,
     },
     /// Bodies turned.
     Flipped {
-        /// How many.
+        /// Their number.
         bodies: usize,
     },
     /// Negative bodies left alone.
     Unresolved {
-        /// How many.
+        /// Their number.
         bodies: usize,
     },
 }
@@ -94,7 +94,7 @@ impl MeshWarning {
         }
     }
 
-    /// What to do about it.
+    /// Advice on what to do about it.
     #[must_use]
     pub fn remedy(self) -> &'static str {
         match self {

@@ -108,7 +108,7 @@ impl Clusters {
         face.map(|v| self.of_vertex[v as usize])
     }
 
-    /// Where each cluster is drawn: the point nearest to the planes of its triangles, within its cell.
+    /// Vertex of each cluster: the point nearest to the planes of its triangles, within its cell.
     fn positions(&self, mesh: &Mesh, grid: &Grid) -> Vec<[f32; 3]> {
         let mut quadrics = vec![Quadric::default(); self.count];
         let origins: Vec<Point3<f64>> = self.first_vertex.iter().map(|v| mesh.vertices_mm[*v as usize]).collect();
@@ -185,7 +185,7 @@ fn surviving_faces(mesh: &Mesh, clusters: &Clusters) -> (Vec<[u32; 3]>, Vec<u32>
     (faces, face_of_triangle)
 }
 
-/// The same triangle, winding kept, beginning at its lowest index.
+/// The triangle beginning at its lowest index, winding kept.
 fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
     match a.min(b).min(c) {
         low if low == a => [a, b, c],

@@ -10,9 +10,9 @@ use super::packet::{NONE, Packet, RETIRED};
 use super::tree::{Child, Node, Target, Tree, WIDTH};
 use crate::geometry::simd::Kernel;
 
-/// What is asked of the rays.
+/// A query of the rays.
 pub(super) trait Query {
-    /// Whether a ray is done with its first hit, wherever that is.
+    /// Is true if a ray is done with its first hit, wherever that is.
     const ANY_HIT: bool;
 
     /// Ray `ray` meets `triangle` in leaf order at `share` of its direction; without [`Query::ANY_HIT`] the first it meets.

@@ -16,7 +16,7 @@ pub(super) struct Segment {
     boxes: Boxes,
 }
 
-/// What the tests of boxes need.
+/// Values that the tests of boxes need.
 struct Boxes {
     origin: Origin,
     /// Axis by axis whether the direction is negative, and its inverse.
@@ -44,12 +44,12 @@ impl Segment {
         Self { origin, end, axes: [kx, ky, kz], shear, boxes }
     }
 
-    /// Which children's boxes it meets, as bits.
+    /// Children whose boxes it meets, as bits.
     pub(super) fn meets_children(&self, node: &Node) -> u32 {
         self.boxes.met(|axis| (&node.planes[axis], &node.planes[axis + 3]))
     }
 
-    /// Of which triangles it meets the box around the corners, as bits.
+    /// Triangles whose boxes around the corners it meets, as bits.
     pub(super) fn meets_slots(&self, block: &Block) -> u32 {
         let (mut lower, mut upper) = (block.corners[0], block.corners[0]);
         for corner in [1, 2] {
@@ -87,7 +87,7 @@ impl Segment {
 }
 
 impl Boxes {
-    /// Which of `N` boxes are met, given the lower and the upper planes along an axis.
+    /// Boxes of `N` that are met, as bits, given the lower and the upper planes along an axis.
     #[inline(always)]
     fn met<'a, const N: usize>(&self, planes: impl Fn(usize) -> (&'a [f32; N], &'a [f32; N])) -> u32 {
         let (mut enter, mut leave) = ([0.0_f32; N], [self.end; N]);

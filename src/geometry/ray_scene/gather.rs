@@ -85,7 +85,7 @@ pub(super) struct Rays {
 impl Rays {
     const EMPTY: Self = Self { count: 0, number: [0; LANES], direction: [Lanes([0.0; LANES]); 3], kind: [0; LANES] };
 
-    /// Whether the rays descend along `axis`.
+    /// Returns true if the rays descend along `axis`.
     #[inline(always)]
     pub(super) fn descend(&self, axis: usize) -> bool {
         self.kind[0] >> axis & 1 == 1
@@ -117,7 +117,7 @@ impl Rays {
         gathered
     }
 
-    /// Whether the packet is full and of one kind.
+    /// Returns true if the packet is full and of one kind.
     #[inline(always)]
     fn agree(&self) -> bool {
         let first = self.kind[0];
@@ -125,7 +125,7 @@ impl Rays {
         self.count == LANES && differences == 0 && first != KINDS as u32
     }
 
-    /// What waits here, which then is empty.
+    /// Takes the rays that wait here, which then are none.
     #[inline(always)]
     fn take(&mut self) -> Self {
         let rays = *self;

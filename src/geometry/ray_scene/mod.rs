@@ -49,7 +49,7 @@ pub struct RayScene {
     faces: Vec<[u32; 3]>,
 }
 
-/// Where a ray first meets the surface.
+/// First intersection of a ray with the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Triangle, counted over all meshes of the scene.
@@ -66,10 +66,10 @@ impl RayScene {
         scene
     }
 
-    /// The same, given up when `check` fails; it is asked at least every 10 ms.
+    /// [`RayScene::new`], given up when `check` fails; it is asked at least every 10 ms.
     ///
     /// # Errors
-    /// What `check` fails with.
+    /// The error of `check`.
     pub fn interruptible<'a, E: Send>(
         meshes: impl IntoIterator<Item = &'a Mesh>,
         check: impl Fn() -> Result<(), E> + Sync,
@@ -88,7 +88,7 @@ impl RayScene {
         Ok(Self { centre_mm, tree, vertices_mm, faces })
     }
 
-    /// Whether a surface lies strictly between `from` and the point at `share` of the way to `to`.
+    /// Returns true if a surface lies strictly between `from` and the point at `share` of the way to `to`.
     #[must_use]
     pub fn blocked(&self, from: &Point3<f64>, to: &Point3<f64>, share: f64) -> bool {
         let segment = Segment::new(from - self.centre_mm.coords, to - from, share, self.tree.reach);
@@ -102,7 +102,7 @@ impl RayScene {
         (0..self.faces.len()).any(|face| segment.meets_triangle(&self.corners(face)))
     }
 
-    /// Whether `point` lies inside the surface: most of three rays in unrelated directions cross it an odd number of
+    /// Returns true if `point` lies inside the surface: most of three rays in unrelated directions cross it an odd number of
     /// times. Exact for closed surfaces; where a surface is open the majority decides.
     #[must_use]
     pub fn encloses(&self, point: &Point3<f64>) -> bool {
@@ -135,7 +135,7 @@ impl RayScene {
         });
     }
 
-    /// What a ray in each of `directions` from one point meets first, sixteen at a time in f32. `hits` is overwritten.
+    /// First hits of the rays in each of `directions` from one point, sixteen at a time in f32. `hits` is overwritten.
     pub fn first_hits_from(
         &self,
         level: SimdLevel,

@@ -10,7 +10,7 @@ use super::lanes::simd_max;
 const PADDING: f32 = 16.0 * f32::EPSILON / 2.0;
 /// Directions count as this long at least along every axis, so that they have a finite inverse; over 10⁵ mm that moves a
 /// ray by 10⁻¹³ mm.
-const LEAST_COMPONENT: f32 = 1e-18;
+const MIN_COMPONENT: f32 = 1e-18;
 
 pub(super) struct Origin {
     /// In two parts, axis by axis: x relative to the origin is `x - first - second`.
@@ -36,6 +36,6 @@ impl Origin {
 #[inline(always)]
 pub(super) fn inverse(component: f32, descends: bool) -> f32 {
     let length = component.abs();
-    let length = if length > LEAST_COMPONENT { length } else { LEAST_COMPONENT };
+    let length = if length > MIN_COMPONENT { length } else { MIN_COMPONENT };
     if descends { -1.0 / length } else { 1.0 / length }
 }

@@ -24,20 +24,20 @@ pub(super) const NONE: u32 = u32::MAX;
 pub(super) struct Packet {
     /// In the order of `axes`.
     direction: [Lanes; 3],
-    /// How far the rays go along the first two of `axes` for one along the third.
+    /// Shear: travel of the rays along the first two of `axes` for one along the third.
     shear: [Lanes; 2],
     /// The axis along which every ray is longest comes last.
     axes: [usize; 3],
     inverse: [Lanes; 3],
     /// The least and the greatest of `inverse`.
     inverse_range: [[f32; 2]; 3],
-    /// Where the ray ends: its first hit so far; [`RETIRED`] when it needs no more.
+    /// End of each ray: its first hit so far; [`RETIRED`] when it needs no more.
     pub(super) end: Lanes,
     /// The greatest of `end`.
     pub(super) furthest: f32,
     /// Axis by axis whether the rays descend, and so meet the upper plane of a box first.
     pub(super) descend: [bool; 3],
-    /// What each ray meets at `end`, or [`NONE`].
+    /// Triangle that each ray meets at `end`, or [`NONE`].
     pub(super) triangle: [u32; LANES],
 }
 
@@ -183,7 +183,7 @@ struct Seen {
     corners: [[[f32; BLOCK]; 3]; 3],
     /// `normals[axis][slot]`.
     normals: [[f32; BLOCK]; 3],
-    /// How high the origin stands over the triangle's plane, times the length of its normal.
+    /// Height of the origin over the triangle's plane, times the length of its normal.
     height: [f32; BLOCK],
 }
 
@@ -251,7 +251,7 @@ impl Ray {
     }
 }
 
-/// How high the origin stands over a triangle, and how far the direction descends to it: the ray hits at their ratio.
+/// Height of the origin over a triangle, and descent of the direction to it: the ray hits at their ratio.
 /// The height is negative when it misses.
 #[derive(Clone, Copy)]
 struct Crossing {
@@ -260,7 +260,7 @@ struct Crossing {
 }
 
 impl Crossing {
-    /// Whether this is a hit of triangle `number` before the one at `end`. Of two at the same place the lower number
+    /// Returns true if this is a hit of triangle `number` before the one at `end`. Of two at the same place the lower number
     /// counts, so that the answer does not depend on who was asked first.
     #[inline(always)]
     fn hits<const ANY_HIT: bool>(self, number: u32, end: f32, triangle: u32) -> bool {

@@ -23,7 +23,7 @@ const EMPTY: Bin = Bin { around: Aabb { mins: parry3d::math::Vector::MAX, maxs: 
 /// Numbers of boxes, those of a part together; one part, maybe empty, where they are few.
 ///
 /// # Errors
-/// What `check` fails with.
+/// The error of `check`.
 pub(super) fn into_parts<E: Send>(
     numbers: Vec<u32>,
     boxes: &[Aabb],

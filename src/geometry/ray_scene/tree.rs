@@ -57,7 +57,7 @@ pub(super) struct Block {
     pub(super) count: u32,
 }
 
-/// See the module.
+/// The bounding volume hierarchy over the triangles of a scene.
 #[derive(Default)]
 pub(super) struct Tree {
     /// The root first; none without triangles.
@@ -81,7 +81,7 @@ impl Tree {
     /// A tree over the triangles with these corners. `check` is asked every few milliseconds.
     ///
     /// # Errors
-    /// What `check` fails with.
+    /// The error of `check`.
     pub(super) fn build<E: Send>(
         triangles: usize,
         corners: impl Fn(u32) -> [Point3<f64>; 3] + Sync,
