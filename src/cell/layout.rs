@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::axis::{Axes, Configuration};
 use super::body::{Body, LinkBody, Shape, not_found};
-use super::collision::{CollisionScene, LEAST_CLEARANCE_MM};
+use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::PoseSpec;
@@ -20,7 +20,7 @@ use crate::geometry::{Base, Flange, Mesh, Plate, Pose, Scanner as ScannerFrame, 
 /// Standard gravity (CGPM 1901).
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
 /// What a link's surface may stand out of its capsules, mm: no more than half of the least clearance.
-const OUT_OF_CAPSULES_MM: f64 = 0.5 * LEAST_CLEARANCE_MM;
+const OUT_OF_CAPSULES_MM: f64 = 0.5 * MIN_CLEARANCE_MM;
 
 /// A cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -257,8 +257,8 @@ impl Cell {
                 format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°", angle.to_degrees())
             });
         }
-        if let Some(contact) = CollisionScene::without_part(self, LEAST_CLEARANCE_MM).check(&self.home_rad) {
-            findings.push("/home_deg", format!("collides: {contact} (closer than {LEAST_CLEARANCE_MM} mm)"));
+        if let Some(contact) = CollisionScene::without_part(self, MIN_CLEARANCE_MM).check(&self.home_rad) {
+            findings.push("/home_deg", format!("collides: {contact} (closer than {MIN_CLEARANCE_MM} mm)"));
         }
         findings.into_result()
     }

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::CliError;
 use super::files::{self, FileLibrary};
-use crate::cell::collision::LEAST_CLEARANCE_MM;
+use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
     Cell, CellSpec, CollisionScene, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
 };
@@ -233,7 +233,7 @@ impl Against {
     pub(super) fn ground(&self, cell: &Cell, setup: usize) -> Result<Ground, CliError> {
         let (plan, expected) = self.plan.as_deref().map(|path| read_plan(path, setup)).transpose()?.unzip();
         let expected = expected.flatten();
-        let clearance_mm = plan.as_ref().map_or(LEAST_CLEARANCE_MM, |plan| plan.params.motion.clearance_mm) - ROUNDING_MM;
+        let clearance_mm = plan.as_ref().map_or(MIN_CLEARANCE_MM, |plan| plan.params.motion.clearance_mm) - ROUNDING_MM;
         let table_from_part = expected.as_ref().map(|expected| expected.table_from_part);
         let read = |path: &PathBuf| files::mesh(path, self.unit).map(|(read, _)| read.mesh);
         let part = self.mesh.as_ref().map(read).transpose()?;

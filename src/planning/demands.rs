@@ -29,7 +29,7 @@ use crate::geometry::Mesh;
 mod tests;
 
 /// Most a finer tolerance can count beside the coarsest.
-const MOST_WEIGHT: f64 = 100.0;
+const MAX_WEIGHT: f64 = 100.0;
 /// Standard deviations that an expanded uncertainty of k = 2 spans to both sides.
 const SIGMAS: f64 = 4.0;
 
@@ -179,7 +179,7 @@ impl Demand {
                 Some(feature) => {
                     let feature = &features[feature];
                     let noise_max_mm = params.regions.noise.budget * feature.tolerance_mm / SIGMAS;
-                    demand.weight = demand.weight.max((coarsest_mm / feature.tolerance_mm).min(MOST_WEIGHT));
+                    demand.weight = demand.weight.max((coarsest_mm / feature.tolerance_mm).min(MAX_WEIGHT));
                     demand.noise_max_mm = least(demand.noise_max_mm, Some(noise_max_mm));
                     demand.spacing_max_mm = least(demand.spacing_max_mm, feature.point_spacing_mm);
                 }

@@ -10,7 +10,7 @@ use super::candidates::Candidate;
 use super::context::{Cancelled, Context};
 use super::motion::Motion;
 use super::stations::Station;
-use crate::cell::collision::LEAST_CLEARANCE_MM;
+use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Cell, Configuration, Contact, Gap};
 
 /// How near bodies are looked at, mm: as far as a clearance may be asked for.
@@ -74,7 +74,7 @@ impl Obstruction {
 }
 
 fn help(bodies: &Contact, gap: Option<&Gap>, cell: &Cell) -> String {
-    if let Some(gap) = gap.filter(|gap| gap.apart_mm >= LEAST_CLEARANCE_MM) {
+    if let Some(gap) = gap.filter(|gap| gap.apart_mm >= MIN_CLEARANCE_MM) {
         return format!("free there with motion.clearance_mm = {:.1}", (gap.apart_mm * 10.0).floor() / 10.0);
     }
     let among = |name: &str| *bodies.a == *name || *bodies.b == *name;

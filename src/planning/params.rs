@@ -20,10 +20,10 @@ pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
 
 /// Most viewpoints that a job may give.
-const MOST_POSES: usize = 10_000;
+const MAX_POSES: usize = 10_000;
 
 /// Most resting poses to choose from.
-const MOST_RESTING: usize = 12;
+const MAX_RESTING: usize = 12;
 
 /// All parameters of a plan. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -392,8 +392,8 @@ impl PlanParams {
             pose.check("/part/table_from_part", findings);
         }
         let poses = &self.part.resting_poses;
-        findings.require(poses.len() <= MOST_RESTING, "/part/resting_poses", || {
-            format!("has {} entries; allowed is {MOST_RESTING}", poses.len())
+        findings.require(poses.len() <= MAX_RESTING, "/part/resting_poses", || {
+            format!("has {} entries; allowed is {MAX_RESTING}", poses.len())
         });
         poses.iter().enumerate().for_each(|(index, pose)| pose.check(&format!("/part/resting_poses/{index}"), findings));
         findings.range("/setups", f64::from(self.setups), 1.0, 4.0, "");
@@ -421,8 +421,8 @@ impl PlanParams {
 
     fn check_given(&self, findings: &mut Findings) {
         let poses = &self.candidates.poses;
-        findings.require(poses.len() <= MOST_POSES, "/candidates/poses", || {
-            format!("has {} entries; allowed is {MOST_POSES}", poses.len())
+        findings.require(poses.len() <= MAX_POSES, "/candidates/poses", || {
+            format!("has {} entries; allowed is {MAX_POSES}", poses.len())
         });
         poses.iter().enumerate().for_each(|(index, pose)| pose.check(&format!("/candidates/poses/{index}"), findings));
         findings.range("/missed/remedies", f64::from(self.missed.remedies), 0.0, 1000.0, "spots");

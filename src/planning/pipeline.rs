@@ -27,7 +27,7 @@ use crate::cell::{DeviceName, PoseSpec};
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
-const MOST_RESELECTIONS: usize = 4;
+const MAX_RESELECTIONS: usize = 4;
 
 /// Plans.
 ///
@@ -238,7 +238,7 @@ fn choose(
         }
         ctx.begin(Stage::Sequence)?;
         let order = |(setup, motion): (usize, &&Motion<'_>)| {
-            motion.order(&study.stations_of(&chosen, setup), reselections < MOST_RESELECTIONS, ctx)
+            motion.order(&study.stations_of(&chosen, setup), reselections < MAX_RESELECTIONS, ctx)
         };
         let ordered: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
@@ -246,7 +246,7 @@ fn choose(
             let (chosen, ordered) = min_time::improve(study, &motions, (chosen, ordered), &barred, ctx)?;
             return Ok((chosen, ordered, barred));
         }
-        if no_path.is_empty() || reselections == MOST_RESELECTIONS {
+        if no_path.is_empty() || reselections == MAX_RESELECTIONS {
             return Ok((chosen, ordered, barred));
         }
         barred.extend(study.candidates_behind(&chosen, &no_path));

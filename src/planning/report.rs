@@ -17,7 +17,7 @@ use crate::geometry::Pose;
 mod tests;
 
 /// Characters of a parameter's value that are shown.
-const LONGEST_VALUE: usize = 160;
+const MAX_VALUE_CHARS: usize = 160;
 
 /// The text. Same plan, same text; every line ends with a newline.
 #[must_use]
@@ -67,7 +67,7 @@ fn rounded(value: &Value) -> Value {
 
 /// A list of a thousand faces says no more than its beginning.
 fn abridged(text: String) -> String {
-    match text.char_indices().nth(LONGEST_VALUE) {
+    match text.char_indices().nth(MAX_VALUE_CHARS) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text,
     }

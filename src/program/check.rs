@@ -19,7 +19,7 @@ const PLACE_DEG: f64 = 0.01;
 /// How far the measured share may be from the plan's: views may be off by [`PLACE_MM`] and [`PLACE_DEG`].
 const COVERAGE_OFF: f64 = 5e-4;
 /// Highest brightness level.
-const BRIGHTEST: u8 = 9;
+const MAX_BRIGHTNESS: u8 = 9;
 
 /// What the plan asks of its program.
 #[derive(Clone, Debug)]
@@ -141,7 +141,7 @@ pub enum Fault {
         planned: f64,
     },
     /// No such level.
-    #[error("brightness is {0}; allowed is 0 to {BRIGHTEST}")]
+    #[error("brightness is {0}; allowed is 0 to {MAX_BRIGHTNESS}")]
     Brightness(u8),
     /// A time that is none.
     #[error("lasts {0} s; a time is finite and not negative")]
@@ -301,7 +301,7 @@ impl Linter<'_> {
     }
 
     fn capture(&mut self, index: usize, view: ViewId, brightness: u8, here: &Configuration) {
-        if brightness > BRIGHTEST {
+        if brightness > MAX_BRIGHTNESS {
             self.find(Some(index), Fault::Brightness(brightness));
         }
         if !self.scanned.insert(view) {

@@ -36,7 +36,7 @@ use crate::geometry::{Base, Mesh, Part, Pose, Table};
 /// Coarsest step along a segment, radians of any axis.
 const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// The least clearance that a job may ask for, mm.
-pub const LEAST_CLEARANCE_MM: f64 = 1.0;
+pub const MIN_CLEARANCE_MM: f64 = 1.0;
 /// Configurations at which a pair must touch to be taken as touching by construction.
 const ALLOWED_PAIR_SAMPLES: u32 = 200;
 /// A point that is moved less by a turn is on its axis, mm.
@@ -327,7 +327,7 @@ impl CollisionScene {
             }
         }
         for index in crowded {
-            self.pairs[index].clearance_mm = self.clearance_mm.min(LEAST_CLEARANCE_MM);
+            self.pairs[index].clearance_mm = self.clearance_mm.min(MIN_CLEARANCE_MM);
         }
         let mut index = 0;
         self.pairs.retain(|_| {
@@ -349,10 +349,10 @@ impl CollisionScene {
                 a.iter().zip(&b).all(|(a, b)| (a - b).norm() < ON_AXIS_MM)
             })
         };
-        let (bodies, least_mm) = (&self.bodies, self.clearance_mm.min(LEAST_CLEARANCE_MM));
+        let (bodies, min_mm) = (&self.bodies, self.clearance_mm.min(MIN_CLEARANCE_MM));
         let keeps_apart = |a: usize, b: usize| bodies[a].carrier.is_still() && on_axis(&bodies[b]);
         for pair in self.pairs.iter_mut().filter(|pair| keeps_apart(pair.a, pair.b) || keeps_apart(pair.b, pair.a)) {
-            pair.clearance_mm = least_mm;
+            pair.clearance_mm = min_mm;
         }
     }
 

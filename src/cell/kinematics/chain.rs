@@ -30,7 +30,7 @@ const STEPS: [usize; 2] = [25, 60];
 /// Damping as a share of the remaining error; Sugihara's bias, small enough to keep Newton's last steps quadratic.
 const DAMPING: f64 = 1e-4;
 /// And at least this, where joints have become one, mm² a rad².
-const LEAST_DAMPING: f64 = 1e-4;
+const MIN_DAMPING: f64 = 1e-4;
 /// Beginnings where no closed form is known.
 const SEEDS: u32 = 32;
 /// Solutions that differ less than this in every joint are one, radians.
@@ -157,7 +157,7 @@ impl Chain {
             }
             let jacobian = self.jacobian(&frames);
             let transposed = jacobian.transpose();
-            let damping = DAMPING * error.norm_squared().min(MM_OF_RAD * MM_OF_RAD) + LEAST_DAMPING;
+            let damping = DAMPING * error.norm_squared().min(MM_OF_RAD * MM_OF_RAD) + MIN_DAMPING;
             let step = (transposed * jacobian + Matrix6::identity() * damping).cholesky()?.solve(&(transposed * error));
             (0..6).for_each(|joint| joints_rad[joint] += step[joint]);
         }

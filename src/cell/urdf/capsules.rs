@@ -17,7 +17,7 @@ const WIDER: [f64; 5] = [1.0, 1.05, 1.1, 1.2, 1.35];
 /// What rounding may take, mm.
 const MARGIN_MM: f64 = 0.1;
 /// Smallest radius of a capsule, mm.
-const LEAST_RADIUS_MM: f64 = 1.0;
+const MIN_RADIUS_MM: f64 = 1.0;
 
 /// All points within a radius of a segment.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +90,7 @@ fn along(corners: &[Point3<f64>], axis: Vector3<f64>) -> Capsule {
     }
     let farthest = seen.iter().map(|(p, _)| (p - centre).norm()).fold(0.0, f64::max);
     let around = |wider: f64| {
-        let radius = wider * farthest.max(LEAST_RADIUS_MM);
+        let radius = wider * farthest.max(MIN_RADIUS_MM);
         let (low, high) = ends(&seen, &centre, radius);
         let at = |t: f64| Point3::from(u * centre.x + v * centre.y + axis * t);
         Capsule { from_mm: at(low), to_mm: at(high), radius_mm: radius + MARGIN_MM }

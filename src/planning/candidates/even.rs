@@ -11,7 +11,7 @@ use crate::planning::error::PlanError;
 use crate::planning::params::{CandidateParams, Hemisphere};
 
 /// Directions of a block at least: with two rolls as many views as the thesis's 54.
-const FEWEST: f64 = 27.0;
+const MIN_DIRECTIONS: f64 = 27.0;
 
 pub(super) fn aims(
     scope: &Scope<'_>,
@@ -31,7 +31,7 @@ pub(super) fn aims(
 /// Blocks see each other's surface, so that each needs fewer directions the more there are.
 pub(super) fn directions_a_block(directions: u32, blocks: usize) -> usize {
     let all = f64::from(directions);
-    (all / (blocks as f64).sqrt()).round().max(FEWEST.min(all)) as usize
+    (all / (blocks as f64).sqrt()).round().max(MIN_DIRECTIONS.min(all)) as usize
 }
 
 /// The least z of directions from which a block is seen with the viewpoint above the plate, where that is asked for.

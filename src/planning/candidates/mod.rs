@@ -138,9 +138,9 @@ impl Generated {
 }
 
 /// Most candidates of one job.
-const MOST_CANDIDATES: usize = 50_000;
+const MAX_CANDIDATES: usize = 50_000;
 /// Most pairs of candidate and sample: bounds the table of what each measures to 2.2 GB.
-const MOST_PAIRS: usize = 1_000_000_000;
+const MAX_PAIRS: usize = 1_000_000_000;
 /// Even directions by default around a part of one block (`DEFAULT.md`).
 const EVEN_DIRECTIONS: usize = 150;
 /// Views that are proposed for one that `targeted` may keep.
@@ -150,13 +150,13 @@ const PROPOSED: usize = 3;
 #[must_use]
 pub fn resolve(scope: &Scope<'_>, params: &CandidateParams) -> CandidateParams {
     let views = views_of_an_aim(params) * blocks::split(scope).len();
-    let directions = (most_candidates(scope.surface) / 2 / views).clamp(4, EVEN_DIRECTIONS) as u32;
+    let directions = (max_candidates(scope.surface) / 2 / views).clamp(4, EVEN_DIRECTIONS) as u32;
     CandidateParams { even_directions: params.even_directions.or(Some(directions)), ..params.clone() }
 }
 
 /// Candidates that a job may have.
-fn most_candidates(surface: &Surface) -> usize {
-    MOST_CANDIDATES.min(MOST_PAIRS / surface.sample_mm.len().max(1))
+fn max_candidates(surface: &Surface) -> usize {
+    MAX_CANDIDATES.min(MAX_PAIRS / surface.sample_mm.len().max(1))
 }
 
 /// Generates the candidates of every strategy in `params` that knows the part alone, and drops those that no cell could
@@ -212,7 +212,7 @@ pub fn aimed_at_open(
     already: usize,
     ctx: &Context<'_>,
 ) -> Result<Generated, Cancelled> {
-    let room = most_candidates(scope.surface).saturating_sub(already) / views_of_an_aim(params);
+    let room = max_candidates(scope.surface).saturating_sub(already) / views_of_an_aim(params);
     let aims = targeted::aims(scope, open, room.min(PROPOSED * params.targeted_max as usize), ctx)?;
     judged(scope, params, &aims, ctx)
 }
@@ -230,13 +230,13 @@ fn given_pose(scope: &Scope<'_>, part_from_scanner: &Pose<Part, ScannerFrame>) -
 }
 
 fn refuse_too_many(candidates: usize, scope: &Scope<'_>) -> Result<(), PlanError> {
-    if candidates <= most_candidates(scope.surface) {
+    if candidates <= max_candidates(scope.surface) {
         return Ok(());
     }
     let samples = scope.surface.sample_mm.len();
     let detail = format!(
-        "and its steps, counts and rolls give {candidates} candidates for {samples} samples; allowed are {MOST_CANDIDATES} \
-         candidates and {MOST_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"
+        "and its steps, counts and rolls give {candidates} candidates for {samples} samples; allowed are {MAX_CANDIDATES} \
+         candidates and {MAX_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"
     );
     Err(PlanError::param("/candidates/strategies", detail))
 }

@@ -140,9 +140,9 @@ impl<'a> Solver<'a> {
     /// Those of `views` whose three lines are clear and within the limits.
     fn clear(&self, from_mm: &Point3<f64>, normal: &Vector3<f64>, views: &[View]) -> Vec<View> {
         let within = |view: &&View| {
-            self.centres_mm(view).iter().zip(&self.devices).all(|(centre, (_, least_cos))| {
+            self.centres_mm(view).iter().zip(&self.devices).all(|(centre, (_, min_cos))| {
                 let towards = centre - view.target_mm;
-                normal.dot(&towards) >= least_cos * towards.norm()
+                normal.dot(&towards) >= min_cos * towards.norm()
             })
         };
         let views: Vec<&View> = views.iter().filter(within).collect();

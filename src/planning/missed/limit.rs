@@ -8,7 +8,7 @@ use crate::planning::params::PlanParams;
 use crate::planning::visibility::{Optics, Probe};
 
 /// Beyond this a surface is seen edge on.
-const MOST_DEG: f64 = 89.0;
+const MAX_DEG: f64 = 89.0;
 
 /// Limits of a job, degrees: left, right, projector.
 pub(super) fn limits_deg(case: &Case<'_>) -> [f64; 3] {
@@ -32,7 +32,7 @@ pub(super) fn raised(case: &Case<'_>, camera_deg: f64, projector_deg: f64) -> Pl
 /// Optics that accept whatever the largest limit would.
 pub(super) fn widest(case: &Case<'_>) -> Optics {
     let [left, _, projector] = limits_deg(case);
-    Optics::new(case.scanner, &raised(case, left.max(MOST_DEG), projector.max(MOST_DEG)), &case.surface.demands)
+    Optics::new(case.scanner, &raised(case, left.max(MAX_DEG), projector.max(MAX_DEG)), &case.surface.demands)
 }
 
 /// What a view would need at each sample of a look: `None` where no limit helps.
@@ -59,8 +59,8 @@ impl Needs {
 
 /// Every whole number of degrees that raises some limit.
 pub(super) fn steps_deg(limits_deg: &[f64; 3]) -> impl Iterator<Item = f64> {
-    let lowest = limits_deg.iter().copied().fold(MOST_DEG, f64::min).floor() as u32;
-    (lowest + 1..=MOST_DEG as u32).map(f64::from)
+    let lowest = limits_deg.iter().copied().fold(MAX_DEG, f64::min).floor() as u32;
+    (lowest + 1..=MAX_DEG as u32).map(f64::from)
 }
 
 /// What may be raised to `deg`: the projector alone, the cameras alone, both.

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use crate::cell::Findings;
 
 /// Longest name of a program, characters; each language shortens it to what it allows.
-const LONGEST_NAME: usize = 64;
+const MAX_NAME_CHARS: usize = 64;
 
 /// Names and signals in the programs for robot controllers. Which numbers a controller has, its dialect checks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -47,9 +47,9 @@ impl DialectParams {
     /// Records what is out of range.
     pub(super) fn check(&self, findings: &mut Findings) {
         let chars = self.program_name.chars().count();
-        let is_name = (1..=LONGEST_NAME).contains(&chars) && !self.program_name.chars().any(char::is_control);
+        let is_name = (1..=MAX_NAME_CHARS).contains(&chars) && !self.program_name.chars().any(char::is_control);
         findings.require(is_name, "/dialects/program_name", || {
-            format!("has {chars} characters; allowed is 1 to {LONGEST_NAME}, none of them control")
+            format!("has {chars} characters; allowed is 1 to {MAX_NAME_CHARS}, none of them control")
         });
         findings.range("/dialects/scan_output", f64::from(self.scan_output), 0.0, 4096.0, "");
         findings.range("/dialects/scan_input", f64::from(self.scan_input), 0.0, 4096.0, "");

@@ -8,7 +8,7 @@ use crate::cell::Findings;
 use crate::planning::grade::Grade;
 
 /// Most regions of interest and features of one job.
-const MOST_REGIONS: usize = 10_000;
+const MAX_REGIONS: usize = 10_000;
 
 /// What is asked of which part of the surface.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -155,8 +155,8 @@ impl RegionParams {
             region.check(&format!("/regions/exclude/{index}"), findings);
         }
         let count = self.interest.len() + self.features.len();
-        findings.require(count <= MOST_REGIONS, "/regions/interest", || {
-            format!("and /regions/features have {count} entries; allowed are {MOST_REGIONS}")
+        findings.require(count <= MAX_REGIONS, "/regions/interest", || {
+            format!("and /regions/features have {count} entries; allowed are {MAX_REGIONS}")
         });
         for (index, interest) in self.interest.iter().enumerate() {
             interest.check(&format!("/regions/interest/{index}"), findings);

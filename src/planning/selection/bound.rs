@@ -7,7 +7,7 @@
 
 use super::multipliers::{Aim, Multipliers, Size};
 use super::units::Units;
-use super::{Chosen, Problem, is_for_coverage, most_views};
+use super::{Chosen, Problem, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
@@ -54,7 +54,7 @@ pub(super) fn quick(
     if !is_for_coverage(params) {
         return Ok(bound);
     }
-    let views = most_views(params);
+    let views = max_views(params);
     let most = Multipliers::relaxed(problem, &goals, Aim::MostArea(views), &QUICK, ctx)?.most_units(problem, views);
     Ok(bound.with_most(problem, &goals[0], most))
 }

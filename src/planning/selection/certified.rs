@@ -14,7 +14,7 @@ use super::multipliers::{Aim, Multipliers, Size};
 use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Problem, Selection, StopReason, greedy, is_for_coverage, local, most_views, polish};
+use super::{Problem, Selection, StopReason, greedy, is_for_coverage, local, max_views, polish};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::visibility::Row;
@@ -22,7 +22,7 @@ use crate::planning::visibility::Row;
 /// The relaxation at the root.
 const THOROUGH: Size = Size { step: 2e8, rows: 600 };
 /// Pairs of row and class with which branch and bound is begun at most: its memory.
-const MOST_PAIRS: usize = 30_000_000;
+const MAX_PAIRS: usize = 30_000_000;
 
 pub(super) fn select(
     problem: &Problem<'_>,
@@ -35,7 +35,7 @@ pub(super) fn select(
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
-        proof.most_area(&mut found.rows, most_views(params))?
+        proof.most_area(&mut found.rows, max_views(params))?
     } else {
         proof.fewest_views(&mut found.rows)?
     };
@@ -44,7 +44,7 @@ pub(super) fn select(
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
     let rows = polish::run(&scorer, &exchange, found.rows, &mut Budget { left: u64::MAX }, ctx)?;
     let stopped_because = match found.stopped_because {
-        StopReason::MaxViews if rows.len() < most_views(params) && !is_for_coverage(params) => StopReason::Target,
+        StopReason::MaxViews if rows.len() < max_views(params) && !is_for_coverage(params) => StopReason::Target,
         reason => reason,
     };
     Ok(Selection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
@@ -123,7 +123,7 @@ impl Proof<'_> {
     /// The table for branch and bound; none where it is not wanted or would be too large.
     fn question(&self, goals: &[Units], multipliers: &Multipliers, wanted: bool) -> Option<Question> {
         let pairs: usize = self.problem.rows.iter().map(|row| row.count()).sum();
-        if !wanted || pairs > MOST_PAIRS {
+        if !wanted || pairs > MAX_PAIRS {
             return None;
         }
         let all: Vec<u32> = (0..multipliers.units.len() as u32).collect();

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::overlap::Overlap;
 use super::score::{Open, Scorer};
-use super::{Choice, Chosen, Goal, Problem, StopReason, is_for_coverage, most_views};
+use super::{Choice, Chosen, Goal, Problem, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
@@ -59,7 +59,7 @@ pub(super) fn run(
     let overlap = Overlap::new(problem, &params.overlap);
     let mut goals: Vec<Progress<'_>> = problem.goals.iter().map(Progress::new).collect();
     let mut round = Round::first(scorer);
-    let least_gain_mm2 = params.min_growth * problem.asked_mm2();
+    let min_gain_mm2 = params.min_growth * problem.asked_mm2();
     let stopped_because = loop {
         ctx.check()?;
         let unmet = goals.iter().filter(|goal| !goal.is_met()).count();
@@ -67,11 +67,11 @@ pub(super) fn run(
         if unmet == 0 && !wants_none && !is_for_coverage(params) {
             break StopReason::Target;
         }
-        if round.choices.len() >= most_views(params) {
+        if round.choices.len() >= max_views(params) {
             break StopReason::MaxViews;
         }
         let Some((row, score)) = race.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
-        if round.asked.area_mm2(problem.rows[row]) < least_gain_mm2 {
+        if round.asked.area_mm2(problem.rows[row]) < min_gain_mm2 {
             break StopReason::Growth;
         }
         round.take(row, score);

@@ -12,7 +12,7 @@ use super::overlap::Overlap;
 use super::polish;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Chosen, Problem, StopReason, is_for_coverage, most_views};
+use super::{Chosen, Problem, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::visibility::{Row, SampleSet, ones};
@@ -20,8 +20,8 @@ use crate::planning::visibility::{Row, SampleSet, ones};
 /// Work of an attempt with one view less: pairs of sample and row looked at.
 const ATTEMPT: u64 = 400_000_000;
 /// Steps of an attempt at least, however large the table, and at most, with so many more a row.
-const LEAST_STEPS: u64 = 8;
-const MOST_STEPS: u64 = 100;
+const MIN_STEPS: u64 = 8;
+const MAX_STEPS: u64 = 100;
 const STEPS_A_ROW: u64 = 8;
 /// Rows of a table that one thread takes at once.
 const ROWS_A_TASK: usize = 16;
@@ -53,7 +53,7 @@ pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Contex
     let mut stopped_because = start.stopped_because;
     let mut goals = Units::of_goals(problem);
     let mut budget = Budget { left: u64::from(params.work_limit) * 1_000_000 };
-    let limited = stopped_because == StopReason::MaxViews && rows.len() == most_views(params);
+    let limited = stopped_because == StopReason::MaxViews && rows.len() == max_views(params);
     if is_for_coverage(params) {
         goals.truncate(1);
         goals.iter_mut().for_each(|goal| goal.needed = goal.total);
@@ -135,8 +135,8 @@ impl Exchange<'_> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
         let mut best = (Standing::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
-        for step in 1..=MOST_STEPS + STEPS_A_ROW * tabu.len() as u64 {
-            if best.0 == 0 || (spent > ATTEMPT || budget.left == 0) && step > LEAST_STEPS {
+        for step in 1..=MAX_STEPS + STEPS_A_ROW * tabu.len() as u64 {
+            if best.0 == 0 || (spent > ATTEMPT || budget.left == 0) && step > MIN_STEPS {
                 break;
             }
             let swaps = Swaps::new(self, &rows, ctx)?;

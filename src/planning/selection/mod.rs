@@ -226,7 +226,7 @@ pub fn coverable_mm2(rows: &[&Row], asked_area_mm2: &[f64]) -> f64 {
 }
 
 /// Views that may be chosen.
-fn most_views(params: &SelectionParams) -> usize {
+fn max_views(params: &SelectionParams) -> usize {
     params.max_views.map_or(usize::MAX, |views| views as usize)
 }
 

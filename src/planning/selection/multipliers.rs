@@ -15,13 +15,13 @@ use crate::planning::context::{Cancelled, Context};
 /// Weights of the goals add up to about this.
 const GOAL_WEIGHTS: f64 = 256.0;
 /// Most often that the relaxation is solved again with rows that were too dear.
-const MOST_ROUNDS: usize = 4;
+const MAX_ROUNDS: usize = 4;
 /// Relative gap to which the relaxation is solved, and that on a share of the samples, which is to hold for the others.
 const GAP: f64 = 1e-7;
 const GAP_OF_SHARE: f64 = 4e-3;
 
 /// Samples of a table that is merged to see whether all of it is small enough.
-const MOST_MERGED: usize = 60_000;
+const MAX_MERGED: usize = 60_000;
 
 /// How large a relaxation may be.
 pub(super) struct Size {
@@ -70,7 +70,7 @@ impl Multipliers {
             let sums = row_sums(&problem.rows, &multipliers.prices);
             let dearest = classes.rows.iter().map(|row| sums[*row]).max().unwrap_or(0);
             let mut dearer: Vec<usize> = (0..sums.len()).filter(|row| sums[*row] > dearest && !rows.contains(row)).collect();
-            if dearer.is_empty() || round == MOST_ROUNDS || is_share {
+            if dearer.is_empty() || round == MAX_ROUNDS || is_share {
                 return Ok(multipliers);
             }
             dearer.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
@@ -128,7 +128,7 @@ impl Multipliers {
 fn sampled(problem: &Problem<'_>, goals: &[Units], rows: &[usize], size: &Size) -> (Vec<u32>, bool) {
     let counts = |sample: &u32| goals.iter().any(|goal| goal.of_sample[*sample as usize] > 0);
     let all: Vec<u32> = (0..problem.asked_area_mm2.len() as u32).filter(counts).collect();
-    if all.len() <= MOST_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
+    if all.len() <= MAX_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
         return (all, false);
     }
     let pairs: f64 = rows.iter().map(|row| problem.rows[*row].count() as f64).sum();

@@ -9,11 +9,11 @@ use super::score::Scorer;
 use crate::planning::context::{Cancelled, Context};
 
 /// Exchanges at most.
-const MOST_STEPS: usize = 40;
+const MAX_STEPS: usize = 40;
 /// Work at most: pairs of sample and row looked at.
-const MOST_WORK: u64 = 600_000_000;
+const MAX_WORK: u64 = 600_000_000;
 /// Rise that counts, as a share of the score.
-const LEAST_RISE: f64 = 1e-9;
+const MIN_RISE: f64 = 1e-9;
 /// No view.
 const NONE: u16 = u16::MAX;
 
@@ -25,7 +25,7 @@ pub(super) fn run(
     ctx: &Context<'_>,
 ) -> Result<Vec<usize>, Cancelled> {
     let table: u64 = scorer.problem.rows.iter().map(|row| row.count() as u64).sum();
-    let steps = usize::try_from(MOST_WORK / table.max(1)).unwrap_or(MOST_STEPS).clamp(1, MOST_STEPS);
+    let steps = usize::try_from(MAX_WORK / table.max(1)).unwrap_or(MAX_STEPS).clamp(1, MAX_STEPS);
     for _ in 0..steps {
         if budget.left == 0 || rows.is_empty() {
             break;
@@ -35,7 +35,7 @@ pub(super) fn run(
         let rises = union.rises(scorer, ctx)?;
         budget.spend(table + swaps.work);
         let travel = scorer.tree_cost_mm2(&rows);
-        let mut best = (LEAST_RISE * union.total.abs(), None);
+        let mut best = (MIN_RISE * union.total.abs(), None);
         for (at, row, _) in swaps.all().filter(|(.., deficit)| *deficit == 0) {
             if rises[row][at] + travel <= best.0 {
                 continue;

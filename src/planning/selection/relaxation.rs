@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::planning::context::{Cancelled, Context};
 
 /// Steps after which the best so far is taken.
-const MOST_STEPS: usize = 60;
+const MAX_STEPS: usize = 60;
 /// How near the boundary a step may go.
 const TO_BOUNDARY: f64 = 0.995;
 
@@ -52,7 +52,7 @@ pub(super) fn solve(
     let incidence = Incidence::new(of_row, classes);
     let model = Model::new(&incidence, form);
     let mut point = Point::start(&model);
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         ctx.check()?;
         if point.complementarity() <= gap * point.scale(&model) || !point.advance(&model) {
             break;
@@ -139,12 +139,12 @@ struct Limit {
 impl<'a> Model<'a> {
     fn new(incidence: &'a Incidence<'a>, form: &Form) -> Self {
         /// A limit of nothing at all has no interior.
-        const LEAST_OPEN: f64 = 1e-7;
+        const MIN_OPEN: f64 = 1e-7;
         let classes = incidence.starts.len() - 1;
         let (price_of_row, price_of_class, limits) = match form {
             Form::FewestViews(goals) => {
                 let limit =
-                    |(weights, open): &(Vec<f64>, f64)| Limit { beta: 0.0, weights: weights.clone(), most: open.max(LEAST_OPEN) };
+                    |(weights, open): &(Vec<f64>, f64)| Limit { beta: 0.0, weights: weights.clone(), most: open.max(MIN_OPEN) };
                 (1.0, vec![0.0; classes], goals.iter().map(limit).collect())
             }
             Form::MostArea(weights, views) => {

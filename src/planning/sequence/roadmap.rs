@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-use crate::cell::collision::LEAST_CLEARANCE_MM;
+use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
 use crate::geometry::{Base, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::candidates::{looking_along, spiral};
@@ -51,7 +51,7 @@ pub(super) struct Roadmap {
 
 impl Roadmap {
     fn of(cell: &Cell, ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        let scene = CollisionScene::without_part(cell, LEAST_CLEARANCE_MM);
+        let scene = CollisionScene::without_part(cell, MIN_CLEARANCE_MM);
         let axes = cell.axes();
         let mut places: Vec<_> = looking(cell, &axes).into_iter().chain(anywhere(&axes)).collect();
         places.iter_mut().for_each(|place| place[6] = cell.home_rad[6]);

@@ -6,7 +6,7 @@ use crate::cell::time_law::SmoothPath;
 use crate::cell::{Configuration, way_rad};
 
 /// A corner is cut no further from its point than this, radians along the way (30°).
-const WIDEST_RAD: f64 = std::f64::consts::FRAC_PI_6;
+const MAX_CUT_RAD: f64 = std::f64::consts::FRAC_PI_6;
 /// How often the cut is halved where it is not free.
 const HALVINGS: u32 = 4;
 
@@ -35,7 +35,7 @@ pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad
 /// What stands for a corner: points along its parabola, or the corner itself where no parabola is free.
 fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, tolerance_rad: f64) -> Vec<Configuration> {
     let half = |end: &Configuration| 0.5 * way_rad(corner, end);
-    let mut reach_rad = WIDEST_RAD.min(half(before)).min(half(after));
+    let mut reach_rad = MAX_CUT_RAD.min(half(before)).min(half(after));
     for _ in 0..HALVINGS {
         let arc = arc(&[toward(corner, before, reach_rad), *corner, toward(corner, after, reach_rad)], tolerance_rad);
         if arc.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {

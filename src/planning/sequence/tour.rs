@@ -38,7 +38,7 @@ const STREAM: u64 = 0x7475_7273;
 /// Trials between two looks at the cancel flag.
 const TRIALS_PER_LOOK: usize = 32;
 /// An improvement smaller than this is rounding, seconds.
-const LEAST_GAIN_SECS: f64 = 1e-9;
+const MIN_GAIN_SECS: f64 = 1e-9;
 
 /// Times between nodes, and from each to home; the same both ways.
 pub(super) struct Costs {
@@ -222,7 +222,7 @@ impl<'a> Search<'a> {
             if other_secs < secs || self.stream.unit() < ((secs - other_secs) / heat_secs).exp() {
                 (here, secs) = (other, other_secs);
             }
-            if secs < best.0 - LEAST_GAIN_SECS {
+            if secs < best.0 - MIN_GAIN_SECS {
                 best = (secs, here.clone());
             }
         }

@@ -25,7 +25,7 @@ use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table, stable_poses};
 
 /// Poses that are compared.
-const MOST_POSES: usize = 12;
+const MAX_POSES: usize = 12;
 /// Samples on which they are.
 const SAMPLES: f64 = 8_000.0;
 /// Share of the asked area for which the part is turned over once more.
@@ -73,7 +73,7 @@ pub(super) fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) 
     for stable in stable_poses(mesh) {
         let pose = standing_on(mesh, &stable.down);
         let is_new = |other: &Pose<Table, Part>| other.inverse().direction(&-Vector3::z()).angle(&stable.down) > SAME_POSE_RAD;
-        if pool.iter().all(is_new) && pool.len() < MOST_POSES {
+        if pool.iter().all(is_new) && pool.len() < MAX_POSES {
             pool.push(pose);
         }
     }

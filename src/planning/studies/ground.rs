@@ -26,7 +26,7 @@ impl Ground {
         Ok(Self { table: tabulate(input, &params, ctx)? })
     }
 
-    /// Greedy for everything that can be had, at most `most_views` views, by the score or by area as the case says.
+    /// Greedy for everything that can be had, at most `max_views` views, by the score or by area as the case says.
     ///
     /// # Errors
     /// [`PlanError::Cancelled`].
@@ -34,7 +34,7 @@ impl Ground {
         &self,
         case: &Case,
         input: &PlanInput<'_>,
-        most_views: u32,
+        max_views: u32,
         ctx: &Context<'_>,
     ) -> Result<Series, PlanError> {
         ctx.begin(Stage::Selection)?;
@@ -43,7 +43,7 @@ impl Ground {
             solver: Solver::Greedy,
             target: 1.0,
             target_of: TargetOf::Coverable,
-            max_views: Some(most_views),
+            max_views: Some(max_views),
             ..case.params.selection.clone()
         };
         let problem = Problem::new(table.rows.iter().collect(), &table.asked_area_mm2, total_mm2, &params);

@@ -127,7 +127,7 @@ impl Series {
     }
 }
 
-/// Runs a study: at most `most_views` views a value.
+/// Runs a study: at most `max_views` views a value.
 ///
 /// # Errors
 /// [`PlanError`], where no value can be used at all or none measures anything.
@@ -135,7 +135,7 @@ pub fn run(
     study: Study,
     input: &PlanInput<'_>,
     params: &PlanParams,
-    most_views: u32,
+    max_views: u32,
     ctx: &Context<'_>,
 ) -> Result<Findings, PlanError> {
     params.check().map_err(PlanError::BadParams)?;
@@ -149,7 +149,7 @@ pub fn run(
         };
         match ground {
             Ok(ground) => {
-                findings.series.push(ground.series(&case, input, most_views, ctx)?);
+                findings.series.push(ground.series(&case, input, max_views, ctx)?);
                 shared = Some(ground).filter(|_| study == Study::Weights);
             }
             Err(PlanError::BadParams(errors)) => {

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use crate::cell::collision::LEAST_CLEARANCE_MM;
+use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Body, Cell, CollisionScene};
 use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, Scanner as ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
@@ -153,7 +153,7 @@ fn laid_out(cell: &Cell, flange_from_scanner: &Pose<Flange, ScannerFrame>, foot_
 
 fn reached(cell: &Cell, layouts: &Layouts, ctx: &Context<'_>) -> Result<Option<Reached>, Cancelled> {
     ctx.check()?;
-    if CollisionScene::without_part(cell, LEAST_CLEARANCE_MM).check(&cell.home_rad).is_some() {
+    if CollisionScene::without_part(cell, MIN_CLEARANCE_MM).check(&cell.home_rad).is_some() {
         return Ok(None);
     }
     let half = 0.5 * layouts.part_mm;

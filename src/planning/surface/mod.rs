@@ -23,7 +23,7 @@ const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
 /// Default number of samples that a part gets at least: a share of the area is then known to about 0.1 points.
 const SAMPLES_BY_DEFAULT: f64 = 50_000.0;
 /// Most patches or samples of one part: bounds memory to about 8 GiB.
-const MOST_SAMPLES: f64 = 40e6;
+const MAX_SAMPLES: f64 = 40e6;
 
 /// Dense number of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -141,7 +141,7 @@ fn refuse_too_many(mesh: &Mesh, edge_mm: f64, density: f64) -> Result<(), Vec<Fi
     let refuse = |pointer: &str, value: f64, count: f64| {
         Err(vec![FieldError {
             pointer: pointer.into(),
-            detail: format!("is {value}, which gives about {count:.0} samples on this part; allowed are {MOST_SAMPLES:.0}"),
+            detail: format!("is {value}, which gives about {count:.0} samples on this part; allowed are {MAX_SAMPLES:.0}"),
         }])
     };
     // Bisection leaves patches of at least about e²/8, except along slivers, where it halves the length.
@@ -152,11 +152,11 @@ fn refuse_too_many(mesh: &Mesh, edge_mm: f64, density: f64) -> Result<(), Vec<Fi
             1.0 + cuts + 8.0 * mesh.face_area_mm2(face) / (edge_mm * edge_mm)
         })
         .sum();
-    if patches > MOST_SAMPLES {
+    if patches > MAX_SAMPLES {
         return refuse("/part/patch_edge_mm", edge_mm, patches);
     }
     let samples = patches + density * area_mm2;
-    if samples > MOST_SAMPLES { refuse("/part/samples_per_mm2", density, samples) } else { Ok(()) }
+    if samples > MAX_SAMPLES { refuse("/part/samples_per_mm2", density, samples) } else { Ok(()) }
 }
 
 fn longest_edge_mm(corners: &[Point3<f64>; 3]) -> f64 {

@@ -226,8 +226,8 @@ impl View<'_> {
         let spacing_mm = in_scanner[2] / (optics.focal_px * cos);
         (cos > 0.0)
             && demand.min_grade.is_none_or(|grade| f64::from(quality) > grade.above())
-            && demand.noise_max_mm.is_none_or(|most_mm| noise_mm <= most_mm)
-            && demand.spacing_max_mm.is_none_or(|most_mm| spacing_mm <= most_mm)
+            && demand.noise_max_mm.is_none_or(|max_mm| noise_mm <= max_mm)
+            && demand.spacing_max_mm.is_none_or(|max_mm| spacing_mm <= max_mm)
     }
 
     /// c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]), each clamped to [−1, 1]. D is the half range on the sample's

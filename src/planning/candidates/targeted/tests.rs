@@ -77,8 +77,8 @@ fn every_line_of_a_view_is_clear_and_within_the_limits() {
     let (sample, normal) = (Point3::new(0.0, -8.0, 15.0), Vector3::y());
     let view = solver.view(&sample, &normal).expect("seen from above");
     assert!((view.baseline.dot(&view.outward)).abs() < 1e-12);
-    for (centre, (_, least_cos)) in solver.centres_mm(&view).iter().zip(&solver.devices) {
+    for (centre, (_, min_cos)) in solver.centres_mm(&view).iter().zip(&solver.devices) {
         assert!(!walls.blocked(centre, &(sample + normal * ABOVE_MM), 1.0));
-        assert!(normal.dot(&(centre - sample).normalize()) >= least_cos - 1e-12);
+        assert!(normal.dot(&(centre - sample).normalize()) >= min_cos - 1e-12);
     }
 }

@@ -35,7 +35,7 @@ fn a_cell_has_one_roadmap_and_its_roads_are_free_at_any_table_angle() {
     let made = roadmap(&room.cell, 1);
     assert_eq!(made, roadmap(&room.cell, 2));
     assert!(made.places.len() > 50 && made.roads.len() > made.places.len(), "{} and {}", made.places.len(), made.roads.len());
-    let scene = CollisionScene::without_part(&room.cell, LEAST_CLEARANCE_MM);
+    let scene = CollisionScene::without_part(&room.cell, MIN_CLEARANCE_MM);
     for (number, [a, b]) in made.roads.iter().enumerate() {
         let (mut from, mut to) = (made.places[*a], made.places[*b]);
         (from[6], to[6]) = (0.1 * number as f64, -0.2 * number as f64);
