@@ -12,23 +12,23 @@ use crate::planning::plan::ViewId;
 const ROUNDING_RAD: f64 = 1e-9;
 /// Times that went through a file are off by this at most, seconds.
 const ROUNDING_SECS: f64 = 1e-6;
-/// How far the scanner may be from its viewpoint, mm.
-const PLACE_MM: f64 = 0.1;
-/// And how far turned, degrees.
-const PLACE_DEG: f64 = 0.01;
-/// How far the measured share may be from the plan's: views may be off by [`PLACE_MM`] and [`PLACE_DEG`].
-const COVERAGE_OFF: f64 = 5e-4;
+/// Largest distance of the scanner from its viewpoint, mm.
+const MAX_OFFSET_MM: f64 = 0.1;
+/// Largest angle between the scanner and its viewpoint, degrees.
+const MAX_OFFSET_DEG: f64 = 0.01;
+/// Largest difference of the measured share from the plan's: views may be off by [`MAX_OFFSET_MM`] and [`MAX_OFFSET_DEG`].
+const MAX_COVERAGE_DIFFERENCE: f64 = 5e-4;
 /// Highest brightness level.
 const MAX_BRIGHTNESS: u8 = 9;
 
-/// What the plan asks of its program.
+/// The plan's side of the check.
 #[derive(Clone, Debug)]
 pub struct Expected {
     /// SHA-256 of the plan's file, lower-case hexadecimal.
     pub plan_sha256: String,
-    /// How the part lies.
+    /// Pose of the part on the table.
     pub table_from_part: Pose<Table, Part>,
-    /// Whether arm and table move one after the other.
+    /// Is true if arm and table move one after the other.
     pub table_alone: bool,
     /// Views that are to be scanned.
     pub views: Vec<(ViewId, Pose<Part, ScannerFrame>)>,
@@ -39,7 +39,7 @@ pub struct Expected {
 pub struct Finding {
     /// Step it is in, counted from 0; `None` when it is about the whole.
     pub step: Option<usize>,
-    /// What it is.
+    /// The fault.
     pub fault: Fault,
 }
 
@@ -114,7 +114,7 @@ pub enum Fault {
         contact: Contact,
     },
     /// A capture somewhere else than planned.
-    #[error("viewpoint {view} is scanned {mm:.4} mm and {deg:.5}° off its pose; allowed is {PLACE_MM} mm and {PLACE_DEG}°")]
+    #[error("viewpoint {view} is scanned {mm:.4} mm and {deg:.5}° off its pose; allowed is {MAX_OFFSET_MM} mm and {MAX_OFFSET_DEG}°")]
     OffPose {
         /// The view.
         view: u32,
@@ -173,7 +173,7 @@ pub fn check(program: &Program, cell: &Cell, scene: &CollisionScene, expected: O
     linter.findings
 }
 
-/// Where the scanner is at each scan, as it is seen from the part.
+/// Poses of the scanner at each scan, as seen from the part.
 #[must_use]
 pub fn scan_poses(program: &Program, cell: &Cell, table_from_part: &Pose<Table, Part>) -> Vec<Pose<Part, ScannerFrame>> {
     let mut here = program.home_rad;
@@ -191,7 +191,7 @@ pub fn scan_poses(program: &Program, cell: &Cell, table_from_part: &Pose<Table, 
 /// [`Fault::Coverage`] where the shares of the asked area differ by more than the poses' tolerance explains.
 #[must_use]
 pub fn off_coverage(measured: f64, planned: f64) -> Option<Fault> {
-    let differs = (measured - planned).abs() > COVERAGE_OFF;
+    let differs = (measured - planned).abs() > MAX_COVERAGE_DIFFERENCE;
     differs.then_some(Fault::Coverage { measured, planned })
 }
 
@@ -216,7 +216,7 @@ pub fn off_pose(
     let found = part_from_scanner(cell, table_from_part, configuration);
     let mm = (found.origin_mm() - wanted.origin_mm()).norm();
     let deg = found.isometry().rotation.angle_to(&wanted.isometry().rotation).to_degrees();
-    (mm > PLACE_MM || deg > PLACE_DEG).then_some(Fault::OffPose { view: view.0, mm, deg })
+    (mm > MAX_OFFSET_MM || deg > MAX_OFFSET_DEG).then_some(Fault::OffPose { view: view.0, mm, deg })
 }
 
 struct Linter<'a> {

@@ -5,8 +5,8 @@ use crate::cell::Cell;
 use crate::planning::params::PlanParams;
 use crate::planning::sequence::{Leg, Sequence};
 
-/// The program of a setup's sequence: for each view move, settle and scan; then home. `params` must be those that the sequence was
-/// ordered with, `plan_sha256` the hash of the plan's file.
+/// The program of a setup's sequence: for each view move, settle and scan; then home. `params` must be those that the sequence
+/// was ordered with, `plan_sha256` the hash of the plan's file.
 #[must_use]
 pub fn compile(sequence: &Sequence, setup: usize, cell: &Cell, plan_sha256: &str, params: &PlanParams) -> Program {
     let speed_fraction = params.motion.speed_fraction;

@@ -6,7 +6,7 @@
 use super::{Move, Program, Step};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact};
 
-/// How often a segment is halved before it is given up.
+/// Largest number of times that a segment is halved before it is given up.
 const HALVINGS: u32 = 4;
 
 /// Arm and table have to move together.
@@ -17,7 +17,7 @@ const HALVINGS: u32 = 4;
 pub struct Together {
     /// Step of the program, from 0.
     pub step: usize,
-    /// What comes too close.
+    /// The bodies that come too close.
     pub contact: Contact,
 }
 

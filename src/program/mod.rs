@@ -25,9 +25,9 @@ pub struct Program {
     pub robot: String,
     /// Name of the turntable's specification.
     pub turntable: String,
-    /// Where the arm and table stand before the first step and after the last.
+    /// Configuration before the first step and after the last.
     pub home_rad: Configuration,
-    /// What is done, one after another.
+    /// Steps, one after another.
     pub steps: Vec<Step>,
     /// Predicted time of all steps.
     pub cycle_secs: f64,
@@ -40,16 +40,16 @@ pub enum Step {
     Move(Move),
     /// Everything stands still.
     Settle {
-        /// How long.
+        /// Duration.
         secs: f64,
     },
     /// The scanner captures.
     Scan {
-        /// Which view.
+        /// The view.
         view: ViewId,
         /// Projector brightness level.
         brightness: u8,
-        /// How long it takes.
+        /// Duration of the capture.
         capture_secs: f64,
     },
 }
@@ -71,13 +71,13 @@ impl Step {
 pub struct Move {
     /// Points between start and target, both left out.
     pub via_rad: Vec<Configuration>,
-    /// Where it ends.
+    /// Configuration where it ends.
     pub target_rad: Configuration,
     /// Share of the axes' rated speed and acceleration.
     pub speed_fraction: f64,
     /// Predicted time.
     pub duration_secs: f64,
-    /// How far any axis may be from a point between start and end, which is then passed without stopping, radians; `None`:
+    /// Largest distance of any axis from a point between start and end, which is then passed without stopping, radians; `None`:
     /// every point is a stop.
     pub passed_within_rad: Option<f64>,
 }
@@ -95,7 +95,7 @@ impl Move {
 }
 
 impl Program {
-    /// Whether any move passes points without stopping.
+    /// Returns true if any move passes points without stopping.
     #[must_use]
     pub fn passes_points(&self) -> bool {
         self.steps.iter().any(|step| matches!(step, Step::Move(step) if step.passed_within_rad.is_some()))

@@ -1,4 +1,4 @@
-//! What every program says of itself before it does anything.
+//! The header that every program begins with.
 
 use super::names::comment;
 use super::walk::Action;

@@ -155,7 +155,7 @@ fn set_speed(percent: u32, axis: u32) -> [String; 6] {
     ]
 }
 
-/// Whether arm or table is not at home.
+/// Returns true if arm or table is not at home.
 fn is_away(job: &Job<'_>) -> Vec<String> {
     let axes = (1..=6).map(|joint| format!("A{joint}")).chain([format!("E{}", job.params.table_axis)]);
     let tests = axes.flat_map(|axis| {

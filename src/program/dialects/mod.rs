@@ -58,7 +58,7 @@ impl Dialect {
         }
     }
 
-    /// What its files' names end with, in the order rendered.
+    /// Extensions of its files' names, in the order rendered.
     #[must_use]
     pub fn extensions(self) -> &'static [&'static str] {
         match self {
@@ -72,7 +72,7 @@ impl Dialect {
         }
     }
 
-    /// Whether its controllers move the table with the arm.
+    /// Returns true if its controllers move the table with the arm.
     fn has_table_axis(self) -> bool {
         !matches!(self, Self::Hans | Self::UrScript)
     }
@@ -94,11 +94,11 @@ impl std::str::FromStr for Dialect {
 pub struct DialectFile {
     /// The name that the controller asks for.
     pub name: String,
-    /// What is in it; ASCII.
+    /// Its content; ASCII.
     pub text: String,
 }
 
-/// Why a program cannot be said in a dialect.
+/// Reason why a program cannot be rendered in a dialect.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DialectError {
     /// No such signal.
@@ -106,7 +106,7 @@ pub enum DialectError {
     Signal {
         /// Name of the parameter.
         parameter: &'static str,
-        /// What it is.
+        /// Number found.
         number: u32,
         /// Name of the dialect.
         dialect: &'static str,
@@ -131,7 +131,7 @@ pub enum DialectError {
     Interlocked(Finding),
 }
 
-/// What a program was checked against, which its header says.
+/// The model that a program was checked against, which its header says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckedWith {
     /// The cell with the part in it.
@@ -153,7 +153,7 @@ impl<'a> CheckedProgram<'a> {
     /// Checks the program, and its interlocked form, in `scene`.
     ///
     /// # Errors
-    /// What the linter finds in the program; what it finds in the interlocked form is told when that is rendered.
+    /// Findings in the program; those in the interlocked form are told when that is rendered.
     pub fn new(
         program: &'a Program,
         cell: &'a Cell,
@@ -203,7 +203,7 @@ impl<'a> CheckedProgram<'a> {
     }
 }
 
-/// What every dialect is rendered from.
+/// Everything that a dialect is rendered from.
 struct Job<'a> {
     program: &'a Program,
     actions: Vec<walk::Action>,

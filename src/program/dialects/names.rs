@@ -1,7 +1,7 @@
 //! Names and comments as each language allows them. What users wrote never becomes code: identifiers keep letters, digits
 //! and underscores only, comments lose line ends and everything that is not printable ASCII.
 
-/// What a language asks of the name of a program.
+/// Rules of a language for the name of a program.
 pub(super) struct NameRule {
     /// Most characters.
     pub longest: usize,

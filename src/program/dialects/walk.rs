@@ -27,9 +27,9 @@ pub(super) enum Action {
 pub(super) struct Stretch {
     /// Number of the point it leads to, from 1; home, where the program begins, is 0.
     pub point: usize,
-    /// Where it begins.
+    /// Configuration where it begins.
     pub from_rad: Configuration,
-    /// Where it ends.
+    /// Configuration where it ends.
     pub to_rad: Configuration,
     /// Share of rated speeds and accelerations.
     pub speed_fraction: f64,
@@ -42,7 +42,7 @@ pub(super) struct Lead {
 }
 
 impl Stretch {
-    /// Whether the table turns.
+    /// Returns true if the table turns.
     pub(super) fn moves_table(&self) -> bool {
         self.from_rad[6] != self.to_rad[6]
     }
@@ -52,7 +52,7 @@ impl Stretch {
         axes.move_secs(&self.from_rad, &self.to_rad, self.speed_fraction)
     }
 
-    /// What a controller that is given speed and acceleration of one axis has to be given: no axis then exceeds its share.
+    /// Speed and acceleration for a controller that is given those of one axis: no axis then exceeds its share.
     pub(super) fn lead(&self, axes: &Axes) -> Lead {
         let travels = || self.from_rad.iter().zip(&self.to_rad).map(|(from, to)| (to - from).abs());
         let longest = travels().fold(0.0, f64::max);
@@ -102,12 +102,12 @@ pub(super) fn points(program: &Program, actions: &[Action]) -> Vec<Configuration
     std::iter::once(program.home_rad).chain(gone).collect()
 }
 
-/// What a comment says of a move.
+/// Comment on a move.
 pub(super) fn toward(view: Option<ViewId>) -> String {
     view.map_or_else(|| "home".to_owned(), |view| format!("to viewpoint {}", view.0))
 }
 
-/// What a comment says of a scan.
+/// Comment on a scan.
 pub(super) fn scanning(view: ViewId, brightness: u8) -> String {
     format!("scan viewpoint {}, brightness {brightness}", view.0)
 }

@@ -33,7 +33,7 @@ fn pairs(cell: &Cell) -> Vec<[Configuration; 2]> {
     pairs.filter(|pair| pair.iter().all(|end| cell.axes().allow(end))).collect()
 }
 
-/// Those with a free straight way.
+/// Configurations with a free straight move.
 fn free_pairs(cell: &Cell, scene: &CollisionScene) -> Vec<[Configuration; 2]> {
     pairs(cell).into_iter().filter(|[from, to]| scene.check_segment(from, to).is_none()).collect()
 }
