@@ -16,7 +16,7 @@ pub type Configuration = [f64; 7];
 
 /// Length of the straight way between two configurations, radians: the root of the sum over all axes.
 #[must_use]
-pub fn way_rad(from: &Configuration, to: &Configuration) -> f64 {
+pub fn joint_distance_rad(from: &Configuration, to: &Configuration) -> f64 {
     from.iter().zip(to).map(|(from, to)| (to - from).powi(2)).sum::<f64>().sqrt()
 }
 

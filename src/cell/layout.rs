@@ -15,7 +15,7 @@ use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
 use super::shape_spec::{BodySpec, LinkBodySpec};
 use super::turntable::{Turntable, TurntableSpec};
-use crate::geometry::{Base, Flange, Mesh, Plate, Pose, Scanner as ScannerFrame, Table, table_from_plate};
+use crate::geometry::{Base, Flange, Mesh, Plate, Pose, ScannerFrame, Table, table_from_plate};
 
 /// Standard gravity (CGPM 1901).
 const GRAVITY_M_PER_S2: f64 = 9.806_65;

@@ -13,13 +13,13 @@ mod pose_spec;
 mod robot;
 mod scanner;
 mod shape_spec;
-pub mod time_law;
+pub mod time_parameterisation;
 mod turntable;
 pub mod urdf;
 
-pub use axis::{Axes, Axis, AxisSpec, Configuration, way_rad};
+pub use axis::{Axes, Axis, AxisSpec, Configuration, joint_distance_rad};
 pub use body::{Body, LinkBody, Shape};
-pub use collision::{CollisionScene, Contact, Gap};
+pub use collision::{CollisionScene, Contact, Separation};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec, joints_of};

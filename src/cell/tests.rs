@@ -123,7 +123,7 @@ fn inconsistent_cells_are_refused_with_the_field() {
     // 2.7 kg, 120 mm from the flange's axis in its frame: 3.18 N·m in the worst posture.
     let mut long = cell_spec();
     let mut scanner = Presets.scanner("transcan-c").expect("preset");
-    let flange_from_scanner = long.flange_from_scanner.pose::<crate::geometry::Flange, crate::geometry::Scanner>();
+    let flange_from_scanner = long.flange_from_scanner.pose::<crate::geometry::Flange, crate::geometry::ScannerFrame>();
     let centre = flange_from_scanner.inverse().point(&nalgebra::Point3::new(120.0, 0.0, 0.0));
     scanner.centre_of_mass_mm = Some(centre.into());
     long.scanner = Named::Inline(Box::new(scanner));

@@ -1,5 +1,5 @@
 //! Typed frames and the poses between them. `Pose<To, From>` maps coordinates given in `From` to coordinates in `To`,
-//! so a chain reads by adjacent words: `base_from_flange * flange_from_scanner` is a `Pose<Base, Scanner>`.
+//! so a chain reads by adjacent words: `base_from_flange * flange_from_scanner` is a `Pose<Base, ScannerFrame>`.
 //!
 //! Lengths are millimetres. The frames are those of [`crate::planning::method::frames`].
 
@@ -26,7 +26,7 @@ pub enum Base {}
 pub enum Flange {}
 /// The scanner: origin = the viewpoint, +z = viewing axis, +x along the baseline from the left to the right camera.
 #[derive(Clone, Copy, Debug)]
-pub enum Scanner {}
+pub enum ScannerFrame {}
 /// One optical device of the scanner: origin = optical centre, +z = its optical axis, +x right and +y down in the image.
 #[derive(Clone, Copy, Debug)]
 pub enum Device {}

@@ -10,8 +10,8 @@ use super::selection::ViewId;
 use super::sequence::{self, Ordered, Permits};
 use super::stations::{self, Station};
 use super::study::Reach;
-use crate::cell::{Cell, CollisionScene, Configuration, Contact, Gap};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
+use crate::cell::{Cell, CollisionScene, Configuration, Contact, Separation};
+use crate::geometry::{Part, Pose, ScannerFrame, Table};
 
 /// A cell with the part on its plate.
 pub(super) struct Motion<'a> {
@@ -96,13 +96,13 @@ impl<'a> Motion<'a> {
     }
 
     /// Where on a segment two bodies are nearest to or deepest in each other.
-    pub(super) fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2]) -> Option<(Configuration, Gap)> {
+    pub(super) fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2]) -> Option<(Configuration, Separation)> {
         self.scene.nearest_on(bodies, ends, LOOKED_AT_MM)
     }
 
     /// Distance of what is nearest to each other at a station; `None` beyond [`LOOKED_AT_MM`].
     pub(super) fn clearance_mm(&self, station: &Station) -> Option<f64> {
-        self.scene.nearest(&station.configuration(), LOOKED_AT_MM).map(|gap| gap.apart_mm)
+        self.scene.nearest(&station.configuration(), LOOKED_AT_MM).map(|separation| separation.distance_mm)
     }
 
     pub(super) fn cell(&self) -> &Cell {

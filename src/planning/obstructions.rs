@@ -11,7 +11,7 @@ use super::context::{Cancelled, Context};
 use super::motion::Motion;
 use super::stations::Station;
 use crate::cell::collision::MIN_CLEARANCE_MM;
-use crate::cell::{Cell, Configuration, Contact, Gap};
+use crate::cell::{Cell, Configuration, Contact, Separation};
 
 /// How near bodies are looked at, mm: as far as a clearance may be asked for.
 pub(super) const LOOKED_AT_MM: f64 = 200.0;
@@ -28,7 +28,7 @@ pub struct Obstruction {
     /// Where they meet, for one of the candidates: joints and table, radians.
     pub configuration: Configuration,
     /// How far apart they are there; of overlapping meshes it is not known.
-    pub gap: Option<Gap>,
+    pub separation: Option<Separation>,
     /// What would help, in words.
     pub help: String,
 }
@@ -67,15 +67,16 @@ pub(super) fn explain(blocked: &[Blocked<'_>], ctx: &Context<'_>) -> Result<Vec<
 
 impl Obstruction {
     fn new(bodies: Contact, ends: &[Configuration; 2], motion: &Motion<'_>) -> Self {
-        let (configuration, gap) = motion.nearest_on(&bodies, ends).map_or((ends[1], None), |(at, gap)| (at, Some(gap)));
-        let help = help(&bodies, gap.as_ref(), motion.cell());
-        Self { bodies, without_station: 0, without_path: 0, configuration, gap, help }
+        let (configuration, separation) =
+            motion.nearest_on(&bodies, ends).map_or((ends[1], None), |(at, separation)| (at, Some(separation)));
+        let help = help(&bodies, separation.as_ref(), motion.cell());
+        Self { bodies, without_station: 0, without_path: 0, configuration, separation, help }
     }
 }
 
-fn help(bodies: &Contact, gap: Option<&Gap>, cell: &Cell) -> String {
-    if let Some(gap) = gap.filter(|gap| gap.apart_mm >= MIN_CLEARANCE_MM) {
-        return format!("free there with motion.clearance_mm = {:.1}", (gap.apart_mm * 10.0).floor() / 10.0);
+fn help(bodies: &Contact, separation: Option<&Separation>, cell: &Cell) -> String {
+    if let Some(separation) = separation.filter(|separation| separation.distance_mm >= MIN_CLEARANCE_MM) {
+        return format!("free there with motion.clearance_mm = {:.1}", (separation.distance_mm * 10.0).floor() / 10.0);
     }
     let among = |name: &str| *bodies.a == *name || *bodies.b == *name;
     if let Some(obstacle) = cell.obstacles.iter().find(|body| among(&body.name)) {

@@ -24,7 +24,7 @@ use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface::{self, Surface};
 use super::visibility::{self, Row};
 use crate::cell::{DeviceName, PoseSpec};
-use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 
 /// How often views without a path are given up for others; what then remains without one carries it as a rejection.
 const MAX_RESELECTIONS: usize = 4;

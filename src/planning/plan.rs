@@ -13,7 +13,7 @@ pub use super::selection::{Bound, StopReason, ViewId};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use crate::cell::{Posture, Robot};
-use crate::geometry::{Aabb, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
 
 /// A plan. Everything needed to write `plan.json`; no clock, no thread count.
 #[derive(Clone, Debug)]

@@ -12,7 +12,7 @@ use super::placement;
 use super::selection::coverable_mm2;
 use super::study::asked_area_mm2;
 use super::visibility::{self, Occluders};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Part, Pose, ScannerFrame, Table};
 
 /// Areas that views measure.
 #[derive(Clone, Copy, Debug, PartialEq)]

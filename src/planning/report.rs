@@ -215,13 +215,15 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
     if !obstructions.is_empty() {
         writeln!(out, "\nin the way of candidates")?;
     }
-    for Obstruction { bodies, without_station, without_path, gap, help, .. } in obstructions.iter().take(SHOWN) {
+    for Obstruction { bodies, without_station, without_path, separation, help, .. } in obstructions.iter().take(SHOWN) {
         write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
-        match gap {
-            Some(gap) if gap.apart_mm < 0.0 => {
-                write!(out, "; {} mm deep at {} in the base", fixed(-gap.apart_mm, 1), point(&gap.place_mm))?
+        match separation {
+            Some(separation) if separation.distance_mm < 0.0 => {
+                write!(out, "; {} mm deep at {} in the base", fixed(-separation.distance_mm, 1), point(&separation.place_mm))?
             }
-            Some(gap) => write!(out, "; {} mm apart at {} in the base", fixed(gap.apart_mm, 1), point(&gap.place_mm))?,
+            Some(separation) => {
+                write!(out, "; {} mm apart at {} in the base", fixed(separation.distance_mm, 1), point(&separation.place_mm))?
+            }
             None => {}
         }
         writeln!(out, "\n       {help}")?;

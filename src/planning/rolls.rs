@@ -9,7 +9,7 @@ use super::sequence::Ordered;
 use super::setups::Setup;
 use super::study::{Chosen, Study};
 use super::visibility::{self, Row};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, plate_from_placed};
 
 /// Areas are sums in another order.
 const SUM_SLACK_MM2: f64 = 1e-6;

@@ -12,7 +12,7 @@ use super::selection::{self, Problem};
 use super::study::Reach;
 use super::surface::Surface;
 use super::visibility::{self, Occluders, SampleSet, Table as VisibilityTable};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 
 /// A targeted view is worth keeping for this share of the open area.
 const WORTH_OF_OPEN: f64 = 0.001;

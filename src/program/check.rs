@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::{Move, Program, Step};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact, joints_of};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 use crate::planning::plan::ViewId;
 
 /// Angles that went through degrees and back are off by this at most, radians.
@@ -114,7 +114,9 @@ pub enum Fault {
         contact: Contact,
     },
     /// A capture somewhere else than planned.
-    #[error("viewpoint {view} is scanned {mm:.4} mm and {deg:.5}° off its pose; allowed is {MAX_OFFSET_MM} mm and {MAX_OFFSET_DEG}°")]
+    #[error(
+        "viewpoint {view} is scanned {mm:.4} mm and {deg:.5}° off its pose; allowed is {MAX_OFFSET_MM} mm and {MAX_OFFSET_DEG}°"
+    )]
     OffPose {
         /// The view.
         view: u32,

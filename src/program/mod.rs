@@ -10,7 +10,7 @@ pub use check::{Expected, Fault, Finding, check, off_coverage, off_pose, scan_po
 pub use compile::compile;
 pub use interlock::{Together, interlock};
 
-use crate::cell::time_law::SmoothPath;
+use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{Axes, Configuration};
 use crate::planning::plan::ViewId;
 

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
 use super::{Expected, Fault, Program, Step, check, compile};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;

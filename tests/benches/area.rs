@@ -11,7 +11,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use vantage::cell::Scanner;
 use vantage::geometry::mesh_io::{self, Limits};
-use vantage::geometry::{LengthUnit, Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame, SimdLevel};
+use vantage::geometry::{LengthUnit, Mesh, Part as PartFrame, Pose, ScannerFrame, SimdLevel};
 
 use crate::Bench;
 use crate::embree::EmbreeScene;

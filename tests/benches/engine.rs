@@ -4,7 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use vantage::cell::Scanner;
-use vantage::geometry::{Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame, SimdLevel};
+use vantage::geometry::{Mesh, Part as PartFrame, Pose, ScannerFrame, SimdLevel};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::surface::{self, Surface};

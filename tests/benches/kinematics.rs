@@ -32,7 +32,7 @@ fn inverse(criterion: &mut Criterion) {
         let robot = preset(name);
         let poses: Vec<_> = spread(&robot).iter().map(|joints| robot.base_from_flange(joints)).collect();
         group.bench_function(name, |bencher| {
-            bencher.iter(|| poses.iter().map(|pose| black_box(robot.kinematics.branches(pose)).len()).sum::<usize>());
+            bencher.iter(|| poses.iter().map(|pose| black_box(robot.kinematics.ik_solutions(pose)).len()).sum::<usize>());
         });
     }
     let peer = OPWKinematics::new(Parameters::irb2400_10());

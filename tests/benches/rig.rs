@@ -6,7 +6,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use vantage::cell::{Lens, Presets, Scanner, SpecLibrary};
-use vantage::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
 
 /// The rig.
 pub(crate) fn scanner() -> Scanner {

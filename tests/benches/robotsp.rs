@@ -25,7 +25,7 @@ use vantage::cell::{
     TurntableSpec,
 };
 use vantage::geometry::mesh_io::{self, Limits};
-use vantage::geometry::{Base, LengthUnit, Mesh, Pose, Scanner as Tool};
+use vantage::geometry::{Base, LengthUnit, Mesh, Pose, ScannerFrame as Tool};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::selection::ViewId;
@@ -191,7 +191,7 @@ fn stations(task: &Task, target: &Target, cell: &Cell, scene: &CollisionScene) -
     for step in 0..(360.0 / task.step_deg).round() as u32 {
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), (f64::from(step) * task.step_deg).to_radians());
         let base_from_tool: Pose<Base, Tool> = Pose::claim(Isometry3::from_parts(Translation3::from(at), towards * turned));
-        for joints_rad in cell.robot.kinematics.branches(&(base_from_tool * cell.flange_from_scanner.inverse())) {
+        for joints_rad in cell.robot.kinematics.ik_solutions(&(base_from_tool * cell.flange_from_scanner.inverse())) {
             let wound = axes.windings(&Station { table_angle_rad: 0.0, joints_rad }.configuration());
             if wound.first().is_some_and(|configuration| scene.check(configuration).is_none()) {
                 stations.extend(wound.into_iter().map(Station::from));

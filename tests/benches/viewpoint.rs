@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use vantage::geometry::{Mesh, Part as PartFrame, Pose, Scanner as ScannerFrame, SimdLevel};
+use vantage::geometry::{Mesh, Part as PartFrame, Pose, ScannerFrame, SimdLevel};
 
 use crate::Bench;
 use crate::embree::{EmbreeScene, NO_FACE};

@@ -62,7 +62,7 @@ fn assert_solved(spec: &RobotSpec, count: u32) {
     let (mut worst_mm, mut worst_rad, mut solutions) = (0.0_f64, 0.0_f64, 0);
     for joints in spread(&robot, count) {
         let pose = robot.base_from_flange(&joints);
-        let branches = robot.kinematics.branches(&pose);
+        let branches = robot.kinematics.ik_solutions(&pose);
         solutions += branches.len();
         for branch in &branches {
             let found = robot.base_from_flange(branch);
@@ -149,7 +149,7 @@ fn no_solution_is_missing_and_none_is_too_many() {
         let Some(found) = by_oracle(&robot.kinematics, &poses) else { return };
         let (mut ours_only, mut theirs_only) = (0, 0);
         for (pose, theirs) in poses.iter().zip(&found) {
-            let ours = robot.kinematics.branches(&Pose::claim(*pose));
+            let ours = robot.kinematics.ik_solutions(&Pose::claim(*pose));
             // Beside a singularity of another branch either may leave it out.
             let is_clear = |joints: &&[f64; 6]| robot.kinematics.singularity_margin(joints) > 1e-3;
             let lacks = |list: &[[f64; 6]], joints: &[f64; 6]| list.iter().all(|other| apart(other, joints) > 1e-4);

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use vantage::cell::Scanner;
-use vantage::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{Objective, PlanParams};
 use vantage::planning::surface::{self, Surface};

@@ -65,8 +65,11 @@ fn forward_and_inverse_agree_with_the_vendors_urdf() {
     let asked = spread_joints(&robot, 1000);
     let poses: Vec<_> = asked.iter().map(|q| robot.base_from_flange(q)).collect();
     // Every branch of every pose, sent through the vendor's chain, must come back to the pose.
-    let solved: Vec<(usize, [f64; 6])> =
-        poses.iter().enumerate().flat_map(|(i, pose)| robot.kinematics.branches(pose).into_iter().map(move |q| (i, q))).collect();
+    let solved: Vec<(usize, [f64; 6])> = poses
+        .iter()
+        .enumerate()
+        .flat_map(|(i, pose)| robot.kinematics.ik_solutions(pose).into_iter().map(move |q| (i, q)))
+        .collect();
     assert_eq!(solved.len(), 8 * asked.len());
     let joints: Vec<_> = asked.iter().copied().chain(solved.iter().map(|(_, q)| *q)).collect();
     let found = urdf_poses(&python, &joints, &["elfin_end_link"]);
@@ -86,7 +89,7 @@ fn the_vendors_flange_is_reached_by_the_closed_form() {
     let robot = e05();
     let asked = spread_joints(&robot, 1000);
     for (q, pose) in asked.iter().zip(urdf_poses(&python, &asked, &["elfin_end_link"])) {
-        let branches = robot.kinematics.branches(&Pose::claim(pose[0]));
+        let branches = robot.kinematics.ik_solutions(&Pose::claim(pose[0]));
         let error = |branch: &[f64; 6]| branch.iter().zip(q).map(|(a, b)| (0.5 * (a - b)).sin().abs()).fold(0.0, f64::max);
         let nearest = branches.iter().map(error).fold(f64::INFINITY, f64::min);
         // The URDF's rounding (1.5708) turns into joint error near singularities: an elbow or wrist in line, the wrist over axis 1.

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use vantage::cell::PoseSpec;
-use vantage::geometry::{Part, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{Part, Pose, ScannerFrame};
 use vantage::planning::params::{CandidateParams, Objective, PlanParams, Region, TargetOf};
 use vantage::planning::plan::{Cause, Outcome, Verdict};
 

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use serde_json::json;
-use vantage::cell::time_law::SmoothPath;
+use vantage::cell::time_parameterisation::SmoothPath;
 use vantage::cell::{Configuration, Presets, SpecLibrary};
 
 use crate::support::{lines_of, oracle_python};

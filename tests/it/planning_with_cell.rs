@@ -175,8 +175,8 @@ fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() 
         plan.obstructions.iter().find(|found| [&found.bodies.a, &found.bodies.b].into_iter().any(|name| **name == *"beam"));
     let beam = beam.expect("the beam is in the way");
     assert!(beam.without_station > 0 && beam.help.contains("beam"), "{beam:?}");
-    let gap = beam.gap.as_ref().expect("of a box it is known");
-    assert!(gap.apart_mm < plan.params.motion.clearance_mm && gap.place_mm.z > 400.0, "{gap:?}");
+    let separation = beam.separation.as_ref().expect("of a box it is known");
+    assert!(separation.distance_mm < plan.params.motion.clearance_mm && separation.place_mm.z > 400.0, "{separation:?}");
     let scene = CollisionScene::new(&cell, &mesh, None, &plan.table_from_part.expect("a cell"), 5.0);
     assert_eq!(scene.check(&beam.configuration), Some(beam.bodies.clone()));
     let counted: usize = plan.obstructions.iter().map(|found| found.without_station).sum();

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use vantage::cell::{DeviceSpec, Presets, Scanner, SpecLibrary};
 use vantage::geometry::demo_parts;
 use vantage::geometry::mesh_io::{self, Limits};
-use vantage::geometry::{LengthUnit, Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, SimdLevel, assess};
+use vantage::geometry::{LengthUnit, Mesh, Part, Pose, RayScene, ScannerFrame, SimdLevel, assess};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Engine, PlanParams};
 use vantage::planning::surface::{self, Surface};

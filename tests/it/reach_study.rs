@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use vantage::cell::{BodySpec, CellSpec, PoseSpec, Presets, ShapeSpec, SpecLibrary};
-use vantage::geometry::{Flange, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{Flange, Pose, ScannerFrame};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::studies::reach::{Layouts, Reached, mountings, reach};
 

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use vantage::cell::{Contact, Gap, Posture};
-use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, Scanner as ScannerFrame, preview};
+use vantage::cell::{Contact, Posture, Separation};
+use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, ScannerFrame, preview};
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
@@ -169,13 +169,13 @@ fn sequence(views: usize) -> Sequence {
 
 fn obstruction() -> Obstruction {
     let bodies = Contact { a: "camera <left>".into(), b: "post".into() };
-    let gap = Gap { bodies: bodies.clone(), apart_mm: -2.5, place_mm: Point3::new(300.0, -40.0, 210.0) };
+    let separation = Separation { bodies: bodies.clone(), distance_mm: -2.5, place_mm: Point3::new(300.0, -40.0, 210.0) };
     Obstruction {
         bodies,
         without_station: 3,
         without_path: 1,
         configuration: [0.1; 7],
-        gap: Some(gap),
+        separation: Some(separation),
         help: "move post, or the table away from it".into(),
     }
 }

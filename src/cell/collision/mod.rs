@@ -12,8 +12,8 @@
 //! neighbourhood (conservative advancement; F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking
 //! for single and multiple articulated robots in complex environments", IEEE Trans. Robotics 21(3), 2005).
 
-mod gap;
 mod scene_body;
+mod separation;
 mod solid;
 
 use std::f64::consts::TAU;
@@ -24,8 +24,8 @@ use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::Pose as ParryPose;
 
-pub use self::gap::Gap;
-use self::scene_body::{Carrier, SceneBody, assemble};
+use self::scene_body::{ParentLink, SceneBody, assemble};
+pub use self::separation::Separation;
 use self::solid::{near, parry_pose};
 use super::axis::{Axis, Configuration};
 use super::halton::{PRIMES, halton};
@@ -76,7 +76,7 @@ struct Pair {
     a: usize,
     b: usize,
     /// Upper bound on how far they move against each other for each radian of each axis, mm.
-    reach_mm: Configuration,
+    motion_bound_mm: Configuration,
     /// How far apart they stay.
     clearance_mm: f64,
 }
@@ -106,8 +106,8 @@ impl CollisionScene {
     /// triangles.
     #[must_use]
     pub fn new(cell: &Cell, part: &Mesh, fixture: Option<&Mesh>, table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
-        let riders = std::iter::once(("part", part)).chain(fixture.map(|mesh| ("fixture", mesh)));
-        Self::assemble(cell, &riders.collect::<Vec<_>>(), table_from_part, clearance_mm)
+        let attached = std::iter::once(("part", part)).chain(fixture.map(|mesh| ("fixture", mesh)));
+        Self::assemble(cell, &attached.collect::<Vec<_>>(), table_from_part, clearance_mm)
     }
 
     /// The cell with nothing on its plate.
@@ -116,8 +116,8 @@ impl CollisionScene {
         Self::assemble(cell, &[], &Pose::identity(), clearance_mm)
     }
 
-    fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
-        let bodies = assemble(cell, riders, table_from_part);
+    fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
+        let bodies = assemble(cell, attached, table_from_part);
         let pairs = pairs(&bodies, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
         let mut scene = Self {
             kinematics: cell.robot.kinematics.clone(),
@@ -127,8 +127,8 @@ impl CollisionScene {
             pairs,
             clearance_mm,
         };
-        scene.excuse_pairs_of_the_arm(cell);
-        scene.ease_what_turns_on_itself();
+        scene.apply_allowed_collision_matrix(cell);
+        scene.relax_rotation_symmetric_links();
         scene
     }
 
@@ -137,16 +137,16 @@ impl CollisionScene {
     #[must_use]
     pub fn at_every_table_angle(&self) -> Self {
         let mut scene = self.clone();
-        for rider in (0..self.bodies.len()).filter(|body| self.bodies[*body].is_rider()) {
-            let of_rider = |pair: &Pair| pair.a == rider || pair.b == rider;
-            let moving = |pair: &&Pair| !self.bodies[pair.a].carrier.is_still() && !self.bodies[pair.b].carrier.is_still();
-            let own: Vec<Pair> = scene.pairs.extract_if(.., |pair| of_rider(pair)).collect();
-            for ring in self.bodies[rider].turned_all_around() {
-                let place = |body: usize| if body == rider { scene.bodies.len() } else { body };
+        for attached in (0..self.bodies.len()).filter(|body| self.bodies[*body].is_attached()) {
+            let of_attached = |pair: &Pair| pair.a == attached || pair.b == attached;
+            let moving = |pair: &&Pair| !self.bodies[pair.a].parent.is_still() && !self.bodies[pair.b].parent.is_still();
+            let own: Vec<Pair> = scene.pairs.extract_if(.., |pair| of_attached(pair)).collect();
+            for ring in self.bodies[attached].turned_all_around() {
+                let place = |body: usize| if body == attached { scene.bodies.len() } else { body };
                 scene.pairs.extend(own.iter().filter(moving).map(|pair| {
-                    let mut reach_mm = pair.reach_mm;
-                    reach_mm[6] = 0.0;
-                    Pair { a: place(pair.a), b: place(pair.b), reach_mm, ..*pair }
+                    let mut motion_bound_mm = pair.motion_bound_mm;
+                    motion_bound_mm[6] = 0.0;
+                    Pair { a: place(pair.a), b: place(pair.b), motion_bound_mm, ..*pair }
                 }));
                 scene.bodies.push(ring);
             }
@@ -171,8 +171,8 @@ impl CollisionScene {
     #[must_use]
     pub fn check_view(&self, configuration: &Configuration) -> Option<Contact> {
         let placement = self.place(configuration);
-        let is_held = |body: usize| self.bodies[body].carrier == Carrier::Link(6);
-        let turns = |body: usize| self.bodies[body].carrier == Carrier::Plate;
+        let is_held = |body: usize| self.bodies[body].parent == ParentLink::Link(6);
+        let turns = |body: usize| self.bodies[body].parent == ParentLink::Plate;
         let mut pairs = self.pairs.iter().filter(|pair| is_held(pair.a) && turns(pair.b) || is_held(pair.b) && turns(pair.a));
         pairs.find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
     }
@@ -211,12 +211,12 @@ impl CollisionScene {
 
     /// What part or fixture runs into, wherever the arm is, as the table turns from one angle to another.
     #[must_use]
-    pub fn check_turn(&self, from_rad: f64, to_rad: f64) -> Option<Contact> {
+    pub fn check_table_rotation(&self, from_rad: f64, to_rad: f64) -> Option<Contact> {
         let [from, to] = [from_rad, to_rad].map(|angle| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, angle]);
         let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
         let steps = (travel[6].abs() / STEP_RAD).ceil().max(1.0);
-        let turns = |body: usize| self.bodies[body].is_rider();
-        let still = |body: usize| self.bodies[body].carrier.is_still();
+        let turns = |body: usize| self.bodies[body].is_attached();
+        let still = |body: usize| self.bodies[body].parent.is_still();
         let pairs = self.pairs.iter().filter(|pair| (turns(pair.a) && still(pair.b)) || (turns(pair.b) && still(pair.a)));
         self.check_inside(&Segment { from: &from, travel: &travel }, steps, pairs.collect()).err()
     }
@@ -231,7 +231,7 @@ impl CollisionScene {
         while !pieces.is_empty() {
             let mut finer = Vec::new();
             for (middle, pairs) in pieces {
-                let open = self.look(segment, middle, half, &pairs)?;
+                let open = self.check_piece(segment, middle, half, &pairs)?;
                 if !open.is_empty() {
                     finer.extend([(middle - 0.5 * half, open.clone()), (middle + 0.5 * half, open)]);
                 }
@@ -243,7 +243,13 @@ impl CollisionScene {
 
     /// The pairs of which the piece `middle ± half` of a segment is not yet proved free, or one that is in contact in
     /// its middle.
-    fn look<'a>(&'a self, segment: &Segment<'_>, middle: f64, half: f64, pairs: &[&'a Pair]) -> Result<Vec<&'a Pair>, Contact> {
+    fn check_piece<'a>(
+        &'a self,
+        segment: &Segment<'_>,
+        middle: f64,
+        half: f64,
+        pairs: &[&'a Pair],
+    ) -> Result<Vec<&'a Pair>, Contact> {
         let sweep = segment.travel.map(|angle| half * angle.abs());
         let placement = self.place(&segment.at(middle));
         let mut open: Vec<&Pair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep)).copied().collect();
@@ -257,7 +263,7 @@ impl CollisionScene {
     /// Whether a point lies in a body that does not move (obstacle, table, floor, the robot's foot).
     #[must_use]
     pub fn is_blocked(&self, point_in_base_mm: &Point3<f64>) -> bool {
-        self.bodies.iter().any(|body| body.carrier.is_still() && body.holds(point_in_base_mm))
+        self.bodies.iter().any(|body| body.parent.is_still() && body.holds(point_in_base_mm))
     }
 
     fn place(&self, configuration: &Configuration) -> Placement {
@@ -266,10 +272,10 @@ impl CollisionScene {
         let poses: Vec<_> = self
             .bodies
             .iter()
-            .map(|body| match body.carrier {
-                Carrier::Still => parry_pose(&body.carrier_from_body),
-                Carrier::Plate => parry_pose(&(plate.isometry() * body.carrier_from_body)),
-                Carrier::Link(link) => parry_pose(&(frames[link] * body.carrier_from_body)),
+            .map(|body| match body.parent {
+                ParentLink::Still => parry_pose(&body.parent_from_body),
+                ParentLink::Plate => parry_pose(&(plate.isometry() * body.parent_from_body)),
+                ParentLink::Link(link) => parry_pose(&(frames[link] * body.parent_from_body)),
             })
             .collect();
         let boxes = self.bodies.iter().zip(&poses).map(|(body, pose)| body.solid.aabb(pose)).collect();
@@ -308,9 +314,9 @@ impl CollisionScene {
     /// Pairs on the arm that touch at every sampled configuration touch by construction (the wrist inside the flange's
     /// capsule), and say nothing. Those that are merely never as far apart as the clearance must not touch. What stands
     /// around the arm is never excused.
-    fn excuse_pairs_of_the_arm(&mut self, cell: &Cell) {
+    fn apply_allowed_collision_matrix(&mut self, cell: &Cell) {
         let axes = cell.axes();
-        let on_arm = |body: usize| matches!(self.bodies[body].carrier, Carrier::Link(_));
+        let on_arm = |body: usize| matches!(self.bodies[body].parent, ParentLink::Link(_));
         let mut crowded: Vec<usize> =
             (0..self.pairs.len()).filter(|index| on_arm(self.pairs[*index].a) && on_arm(self.pairs[*index].b)).collect();
         let mut touching = crowded.clone();
@@ -338,19 +344,19 @@ impl CollisionScene {
 
     /// A capsule around the arm's first axis is as far from what stands still at any configuration: the column above its
     /// pedestal. It must not touch, whatever clearance is asked for.
-    fn ease_what_turns_on_itself(&mut self) {
+    fn relax_rotation_symmetric_links(&mut self) {
         let mut quarter = [0.0; 6];
         quarter[0] = std::f64::consts::FRAC_PI_2;
         let frames = [[0.0; 6], quarter].map(|joints| self.kinematics.link_frames(&joints)[1]);
         let on_axis = |body: &SceneBody| {
-            let ends = body.solid.ends_mm().filter(|_| body.carrier == Carrier::Link(1));
+            let ends = body.solid.ends_mm().filter(|_| body.parent == ParentLink::Link(1));
             ends.is_some_and(|ends| {
-                let [a, b] = frames.map(|frame| ends.map(|end| frame * body.carrier_from_body * end));
+                let [a, b] = frames.map(|frame| ends.map(|end| frame * body.parent_from_body * end));
                 a.iter().zip(&b).all(|(a, b)| (a - b).norm() < ON_AXIS_MM)
             })
         };
         let (bodies, min_mm) = (&self.bodies, self.clearance_mm.min(MIN_CLEARANCE_MM));
-        let keeps_apart = |a: usize, b: usize| bodies[a].carrier.is_still() && on_axis(&bodies[b]);
+        let keeps_apart = |a: usize, b: usize| bodies[a].parent.is_still() && on_axis(&bodies[b]);
         for pair in self.pairs.iter_mut().filter(|pair| keeps_apart(pair.a, pair.b) || keeps_apart(pair.b, pair.a)) {
             pair.clearance_mm = min_mm;
         }
@@ -363,11 +369,11 @@ impl CollisionScene {
     #[must_use]
     pub fn placement_contact(&self) -> Option<Contact> {
         let mut lifted = self.clone();
-        for body in lifted.bodies.iter_mut().filter(|body| body.is_rider()) {
-            body.carrier_from_body = Isometry3::translation(0.0, 0.0, LYING_MM) * body.carrier_from_body;
+        for body in lifted.bodies.iter_mut().filter(|body| body.is_attached()) {
+            body.parent_from_body = Isometry3::translation(0.0, 0.0, LYING_MM) * body.parent_from_body;
         }
         let with = |stands: fn(&SceneBody) -> bool| {
-            let meet = move |a: &SceneBody, b: &SceneBody| (a.is_rider() && stands(b)) || (b.is_rider() && stands(a));
+            let meet = move |a: &SceneBody, b: &SceneBody| (a.is_attached() && stands(b)) || (b.is_attached() && stands(a));
             let pairs = pairs(&lifted.bodies, &lifted.kinematics, 0.5 * LYING_MM, meet);
             Self { pairs, ..lifted.clone() }
         };
@@ -380,7 +386,7 @@ impl CollisionScene {
 
 impl Pair {
     fn motion_mm(&self, sweep: &Configuration) -> f64 {
-        self.reach_mm.iter().zip(sweep).map(|(reach, angle)| reach * angle).sum()
+        self.motion_bound_mm.iter().zip(sweep).map(|(bound, angle)| bound * angle).sum()
     }
 }
 
@@ -401,7 +407,7 @@ fn pairs(
                 pairs.push(Pair {
                     a,
                     b,
-                    reach_mm: relative_reach_mm(&bodies[a], &bodies[b], &between, kinematics),
+                    motion_bound_mm: relative_motion_bound_mm(&bodies[a], &bodies[b], &between, kinematics),
                     clearance_mm,
                 });
             }
@@ -411,17 +417,18 @@ fn pairs(
 }
 
 /// For each axis the farthest that a point of the outer body is from it, 0 for axes that move both or neither.
-fn relative_reach_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> Configuration {
-    let (inner, outer) = if a.carrier.link() <= b.carrier.link() { (a, b) } else { (b, a) };
+fn relative_motion_bound_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> Configuration {
+    let (inner, outer) = if a.parent.link() <= b.parent.link() { (a, b) } else { (b, a) };
     // A flange beside axis 6 is nearer to axis 5 in some postures than it is at zero.
-    let off_axis_mm = if outer.carrier.link() == 6 { 2.0 * kinematics.flange_off_axis_mm() } else { 0.0 };
-    let mut reach_mm = [0.0; 7];
-    for joint in inner.carrier.link()..outer.carrier.link() {
+    let off_axis_mm = if outer.parent.link() == 6 { 2.0 * kinematics.flange_off_axis_mm() } else { 0.0 };
+    let mut motion_bound_mm = [0.0; 7];
+    for joint in inner.parent.link()..outer.parent.link() {
         // Joint `joint + 1` turns frame `joint + 1`, from whose origin the chain leads out to the body.
-        reach_mm[joint] = between_mm[joint + 1..outer.carrier.link()].iter().sum::<f64>() + outer.reach_mm + off_axis_mm;
+        motion_bound_mm[joint] =
+            between_mm[joint + 1..outer.parent.link()].iter().sum::<f64>() + outer.motion_bound_mm + off_axis_mm;
     }
-    reach_mm[6] = [a, b].iter().filter(|body| body.carrier == Carrier::Plate).map(|body| body.reach_mm).sum();
-    kinematics.of_vendor_joints(reach_mm)
+    motion_bound_mm[6] = [a, b].iter().filter(|body| body.parent == ParentLink::Plate).map(|body| body.motion_bound_mm).sum();
+    kinematics.of_vendor_joints(motion_bound_mm)
 }
 
 #[cfg(test)]

@@ -14,12 +14,12 @@ use crate::geometry::{Mesh, Part, Pose, Table, plate_from_placed};
 /// Half edge and depth of the block that stands for the floor, mm.
 const FLOOR_MM: [f64; 2] = [5000.0, 500.0];
 
-/// Rings that a rider is held in when the table may turn it as it likes.
+/// Rings that a attached is held in when the table may turn it as it likes.
 const RINGS: usize = 8;
 
 /// What a body moves with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Carrier {
+pub(super) enum ParentLink {
     /// Nothing.
     Still,
     /// The turning plate.
@@ -28,7 +28,7 @@ pub(super) enum Carrier {
     Link(usize),
 }
 
-impl Carrier {
+impl ParentLink {
     /// Number of joints between the foot and this.
     pub(super) fn link(self) -> usize {
         if let Self::Link(link) = self { link } else { 0 }
@@ -44,15 +44,15 @@ impl Carrier {
 #[derive(Clone, Debug)]
 pub(super) struct SceneBody {
     pub(super) name: Arc<str>,
-    pub(super) carrier: Carrier,
-    /// Pose in the carrier's frame (base for what is still), mm.
-    pub(super) carrier_from_body: Isometry3<f64>,
+    pub(super) parent: ParentLink,
+    /// Pose in the parent's frame (base for what is still), mm.
+    pub(super) parent_from_body: Isometry3<f64>,
     pub(super) solid: Solid,
     /// What is inside, and its pose in the body's frame: where the body is too close, this decides. Empty where nothing but
     /// the body is known.
     inside: Vec<(ParryPose, Solid)>,
-    /// Farthest of its points from the carrier's origin; for riders of the plate from the table's axis.
-    pub(super) reach_mm: f64,
+    /// Farthest of its points from the parent's origin; for attached of the plate from the table's axis.
+    pub(super) motion_bound_mm: f64,
     /// Is below the part: the part may touch it.
     holds_part: bool,
     /// Is bolted to the flange, not a link of the arm.
@@ -60,18 +60,18 @@ pub(super) struct SceneBody {
 }
 
 impl SceneBody {
-    fn new(name: &str, carrier: Carrier, carrier_from_body: Isometry3<f64>, solid: Solid) -> Self {
-        let reach_mm = solid.reach_mm(&carrier_from_body, carrier == Carrier::Plate);
+    fn new(name: &str, parent: ParentLink, parent_from_body: Isometry3<f64>, solid: Solid) -> Self {
+        let motion_bound_mm = solid.motion_bound_mm(&parent_from_body, parent == ParentLink::Plate);
         let (name, inside) = (name.into(), Vec::new());
-        Self { name, carrier, carrier_from_body, solid, inside, reach_mm, holds_part: false, is_load: false }
+        Self { name, parent, parent_from_body, solid, inside, motion_bound_mm, holds_part: false, is_load: false }
     }
 
-    fn from_body(body: &Body, carrier: Carrier, carrier_from_owner: &Isometry3<f64>) -> Self {
-        Self::new(&body.name, carrier, carrier_from_owner * body.owner_from_body, Solid::from_shape(&body.shape))
+    fn from_body(body: &Body, parent: ParentLink, parent_from_owner: &Isometry3<f64>) -> Self {
+        Self::new(&body.name, parent, parent_from_owner * body.owner_from_body, Solid::from_shape(&body.shape))
     }
 
     fn load(body: &Body, flange_from_owner: &Isometry3<f64>) -> Self {
-        Self { is_load: true, ..Self::from_body(body, Carrier::Link(6), flange_from_owner) }
+        Self { is_load: true, ..Self::from_body(body, ParentLink::Link(6), flange_from_owner) }
     }
 
     /// Whether something else than itself decides.
@@ -88,65 +88,65 @@ impl SceneBody {
     /// Whether the two can move against each other, without being neighbours in the chain or the part on its table. What
     /// the flange carries may reach back to the link before it.
     pub(super) fn may_meet(&self, other: &Self) -> bool {
-        match (self.carrier, other.carrier) {
-            (Carrier::Link(a), Carrier::Link(b)) => a.abs_diff(b) > usize::from(self.is_load == other.is_load),
-            (Carrier::Plate, Carrier::Plate) => false,
-            (Carrier::Plate, Carrier::Still) => !other.holds_part,
-            (Carrier::Still, Carrier::Plate) => !self.holds_part,
+        match (self.parent, other.parent) {
+            (ParentLink::Link(a), ParentLink::Link(b)) => a.abs_diff(b) > usize::from(self.is_load == other.is_load),
+            (ParentLink::Plate, ParentLink::Plate) => false,
+            (ParentLink::Plate, ParentLink::Still) => !other.holds_part,
+            (ParentLink::Still, ParentLink::Plate) => !self.holds_part,
             (a, b) => !(a.is_still() && b.is_still()),
         }
     }
 
-    /// What holds a rider at every angle of the table.
+    /// What holds a attached at every angle of the table.
     pub(super) fn turned_all_around(&self) -> Vec<Self> {
-        let rings = self.solid.rings_mm(&self.carrier_from_body, RINGS);
+        let rings = self.solid.rings_mm(&self.parent_from_body, RINGS);
         let ring = |([low, high], radius): &([f32; 2], f32)| {
             let [low_mm, high_mm, radius_mm] = [*low, *high, *radius].map(f64::from);
             let shape = Shape::Cylinder { radius_mm, height_mm: high_mm - low_mm };
             let middle = Isometry3::translation(0.0, 0.0, 0.5 * (low_mm + high_mm));
-            Self { reach_mm: 0.0, ..Self::new(&self.name, Carrier::Plate, middle, Solid::from_shape(&shape)) }
+            Self { motion_bound_mm: 0.0, ..Self::new(&self.name, ParentLink::Plate, middle, Solid::from_shape(&shape)) }
         };
         rings.iter().map(ring).collect()
     }
 
     /// Part or fixture.
-    pub(super) fn is_rider(&self) -> bool {
-        self.carrier == Carrier::Plate && !self.holds_part
+    pub(super) fn is_attached(&self) -> bool {
+        self.parent == ParentLink::Plate && !self.holds_part
     }
 
     /// Stands still below the part.
     pub(super) fn is_below_part(&self) -> bool {
-        self.carrier.is_still() && self.holds_part
+        self.parent.is_still() && self.holds_part
     }
 
     /// Stands still, and not below the part.
     pub(super) fn is_around_part(&self) -> bool {
-        self.carrier.is_still() && !self.holds_part
+        self.parent.is_still() && !self.holds_part
     }
 
     /// Whether a point of the base frame lies in it; for bodies that do not move.
     pub(super) fn holds(&self, point_mm: &Point3<f64>) -> bool {
-        let local = self.carrier_from_body.inverse() * point_mm;
+        let local = self.parent_from_body.inverse() * point_mm;
         self.solid.holds(&local)
     }
 }
 
 /// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles, part, fixture.
-pub(super) fn assemble(cell: &Cell, riders: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
+pub(super) fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
     let surfaces: Vec<_> = cell.link_surfaces.iter().map(|surface| (surface, Solid::from_shape(&surface.body.shape))).collect();
     let mut bodies: Vec<_> = cell.robot.links.iter().map(|capsule| link_body(capsule, &surfaces)).collect();
-    let cable = |piece: &LinkBody| SceneBody::from_body(&piece.body, Carrier::Link(piece.link), &Isometry3::identity());
+    let cable = |piece: &LinkBody| SceneBody::from_body(&piece.body, ParentLink::Link(piece.link), &Isometry3::identity());
     bodies.extend(cell.cable.iter().map(cable));
     bodies.extend(cell.mount.iter().map(|body| SceneBody::load(body, &Isometry3::identity())));
     let flange_from_scanner = cell.flange_from_scanner.isometry();
     bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::load(body, flange_from_scanner)));
     bodies.extend(table_bodies(cell));
     bodies.extend(cell.floor_mm.map(floor));
-    bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, Carrier::Still, &Isometry3::identity())));
+    bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, &Isometry3::identity())));
     // In plate coordinates before rounding to single precision: files may lie far from their own origin.
     let plate_from_part = plate_from_placed(table_from_part);
-    bodies.extend(riders.iter().filter(|(_, mesh)| !mesh.faces.is_empty()).map(|(name, mesh)| {
-        SceneBody::new(name, Carrier::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
+    bodies.extend(attached.iter().filter(|(_, mesh)| !mesh.faces.is_empty()).map(|(name, mesh)| {
+        SceneBody::new(name, ParentLink::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
     }));
     bodies
 }
@@ -163,14 +163,14 @@ fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {
     let inside = own.map(|(surface, solid)| (parry_pose(&(capsule_from_link * surface.body.owner_from_body)), solid.clone()));
     SceneBody {
         inside: inside.collect(),
-        ..SceneBody::new(&link.name, Carrier::Link(link.link), link_from_capsule, Solid::from_shape(&shape))
+        ..SceneBody::new(&link.name, ParentLink::Link(link.link), link_from_capsule, Solid::from_shape(&shape))
     }
 }
 
 /// The plate, and what is below it.
 fn table_bodies(cell: &Cell) -> Vec<SceneBody> {
     let base_from_table = cell.base_from_table.isometry();
-    let below = cell.table_bodies.iter().map(|body| SceneBody::from_body(body, Carrier::Still, base_from_table));
+    let below = cell.table_bodies.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, base_from_table));
     std::iter::once(plate(cell)).chain(below.map(|body| SceneBody { holds_part: true, ..body })).collect()
 }
 
@@ -180,12 +180,16 @@ fn plate(cell: &Cell) -> SceneBody {
     let shape = Shape::Cylinder { radius_mm: cell.turntable.plate_radius_mm, height_mm };
     let plate_from_body = Isometry3::translation(0.0, 0.0, -0.5 * height_mm);
     let solid = Solid::from_shape(&shape);
-    SceneBody { reach_mm: 0.0, holds_part: true, ..SceneBody::new("turntable plate", Carrier::Plate, plate_from_body, solid) }
+    SceneBody {
+        motion_bound_mm: 0.0,
+        holds_part: true,
+        ..SceneBody::new("turntable plate", ParentLink::Plate, plate_from_body, solid)
+    }
 }
 
 fn floor(height_mm: f64) -> SceneBody {
     let [half_mm, depth_mm] = FLOOR_MM;
     let shape = Shape::Box { size_mm: [2.0 * half_mm, 2.0 * half_mm, depth_mm] };
     let below = Isometry3::translation(0.0, 0.0, height_mm - 0.5 * depth_mm);
-    SceneBody { holds_part: true, ..SceneBody::new("floor", Carrier::Still, below, Solid::from_shape(&shape)) }
+    SceneBody { holds_part: true, ..SceneBody::new("floor", ParentLink::Still, below, Solid::from_shape(&shape)) }
 }

@@ -73,11 +73,11 @@ impl Solid {
         }
     }
 
-    /// Rings about the z axis of the carrier's frame that hold a surface however it is turned about that axis: for each the
+    /// Rings about the z axis of the parent's frame that hold a surface however it is turned about that axis: for each the
     /// lowest and highest z, and the radius. None for other shapes.
-    pub(super) fn rings_mm(&self, carrier_from_body: &Isometry3<f64>, count: usize) -> Vec<([f32; 2], f32)> {
+    pub(super) fn rings_mm(&self, parent_from_body: &Isometry3<f64>, count: usize) -> Vec<([f32; 2], f32)> {
         let Self::Mesh(surface) = self else { return Vec::new() };
-        let pose = parry_pose(carrier_from_body);
+        let pose = parry_pose(parent_from_body);
         let aabb = self.aabb(&pose);
         let (low, height) = (aabb.mins.z, (aabb.maxs.z - aabb.mins.z) / count as f32);
         let ring_at = |z: f32| if height > 0.0 { (((z - low) / height) as usize).min(count - 1) } else { 0 };
@@ -102,9 +102,9 @@ impl Solid {
         Some([core.a, core.b].map(|end| Point3::new(end.x, end.y, end.z).cast()))
     }
 
-    /// Farthest point from the carrier's origin, or from its z axis.
-    pub(super) fn reach_mm(&self, carrier_from_body: &Isometry3<f64>, from_axis: bool) -> f64 {
-        let pose = parry_pose(carrier_from_body);
+    /// Farthest point from the parent's origin, or from its z axis.
+    pub(super) fn motion_bound_mm(&self, parent_from_body: &Isometry3<f64>, from_axis: bool) -> f64 {
+        let pose = parry_pose(parent_from_body);
         let distance = |point: Vector| if from_axis { point.x.hypot(point.y) } else { point.length() };
         let corners = match self {
             Self::Mesh(surface) => surface.vertices().iter().map(|vertex| pose * *vertex).collect(),

@@ -214,10 +214,9 @@ fn reach_bounds_every_motion() {
             // The plate is round: its bounding box turns, it does not move.
             for body in [pair.a, pair.b].into_iter().filter(|body| &*scene.bodies[*body].name != "turntable plate") {
                 // Two bodies of the arm are watched from the inner one, all others from the foot.
-                let inner =
-                    if scene.bodies[pair.a].carrier.link() < scene.bodies[pair.b].carrier.link() { pair.a } else { pair.b };
+                let inner = if scene.bodies[pair.a].parent.link() < scene.bodies[pair.b].parent.link() { pair.a } else { pair.b };
                 let seen = |placement: &super::Placement, point| {
-                    let both_on_arm = [pair.a, pair.b].iter().all(|b| scene.bodies[*b].carrier.link() > 0);
+                    let both_on_arm = [pair.a, pair.b].iter().all(|b| scene.bodies[*b].parent.link() > 0);
                     let eye = if both_on_arm { placement.poses[inner] } else { parry3d::math::Pose::IDENTITY };
                     eye.inverse() * placement.poses[body] * point
                 };
@@ -232,7 +231,7 @@ fn reach_bounds_every_motion() {
 }
 
 fn on_arm(scene: &CollisionScene) -> Vec<(usize, usize)> {
-    let is_link = |body: usize| matches!(scene.bodies[body].carrier, super::Carrier::Link(_));
+    let is_link = |body: usize| matches!(scene.bodies[body].parent, super::ParentLink::Link(_));
     scene.pairs.iter().map(|pair| (pair.a, pair.b)).filter(|(a, b)| is_link(*a) && is_link(*b)).collect()
 }
 
@@ -358,10 +357,10 @@ fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
         };
         let contact = |is_near: bool| is_near.then(|| "upper arm and ball".to_owned());
         assert_eq!(found(&capsules).0, contact(in_capsule), "{off_axis_mm}");
-        let (here, along, gap) = found(&cell);
+        let (here, along, separation) = found(&cell);
         assert_eq!((here, along), (contact(at_bar), contact(at_bar)), "{off_axis_mm}");
-        let (_, gap) = gap.expect("near");
-        assert!((gap.apart_mm - (off_axis_mm - 15.0)).abs() < 0.1, "{gap:?}");
+        let (_, separation) = separation.expect("near");
+        assert!((separation.distance_mm - (off_axis_mm - 15.0)).abs() < 0.1, "{separation:?}");
     }
 }
 

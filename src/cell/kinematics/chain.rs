@@ -1,7 +1,7 @@
 //! Any arm of six turning joints, given as a chain of joint origins and axes, as a URDF has it.
 //!
 //! Its inverse begins at the closed form of the ortho-parallel or three-parallel arm that the chain is, or nearly is
-//! ([`super::recognise`]), and where it is neither, at postures spread over all joints. Each beginning is led to the
+//! ([`super::classify`]), and where it is neither, at postures spread over all joints. Each beginning is led to the
 //! chain's own solution by the damped Gauss–Newton steps of T. Sugihara, "Solvability-unconcerned inverse kinematics by the
 //! Levenberg–Marquardt method", IEEE Trans. Robotics 27(5), 2011: damping in proportion to the remaining error. From a
 //! closed form one or two steps do, 2 to 5 µs a branch; without one an inverse takes about half a millisecond and may miss a
@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Matrix6, UnitQuaternion, UnitVector3, Vector3, Vector6
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::recognise::{ClosedForm, recognise};
+use super::classify::{ClosedForm, classify};
 use super::{JointAxes, LinkFrames, principal};
 use crate::cell::field_error::Findings;
 use crate::cell::halton::{PRIMES, halton};
@@ -79,7 +79,7 @@ impl ChainSpec {
             .each_ref()
             .map(|joint| Joint { origin: isometry(&joint.origin), axis: UnitVector3::new_normalize(Vector3::from(joint.axis)) });
         let mut chain = Chain { joints, flange: isometry(&self.flange), closed_form: None };
-        chain.closed_form = recognise(&chain).map(Box::new);
+        chain.closed_form = classify(&chain).map(Box::new);
         chain
     }
 }

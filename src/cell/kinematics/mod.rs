@@ -4,8 +4,8 @@
 //! flange. Collision bodies of a link are given in these frames.
 
 mod chain;
+mod classify;
 mod opw;
-mod recognise;
 mod ur;
 
 use std::f64::consts::{PI, TAU};
@@ -91,7 +91,7 @@ impl Kinematics {
     /// Every joint vector that puts the flange there, one a branch, each angle in (−π, π]; limits are not looked at.
     /// At a singularity, where infinitely many would do, each branch gives one of them.
     #[must_use]
-    pub fn branches(&self, base_from_flange: &Pose<Base, Flange>) -> Vec<[f64; 6]> {
+    pub fn ik_solutions(&self, base_from_flange: &Pose<Base, Flange>) -> Vec<[f64; 6]> {
         match self {
             Self::Opw(arm) => arm.inverse(base_from_flange, opw::COSINE_SLACK),
             Self::Ur(arm) => ur::inverse(arm, base_from_flange.isometry(), ur::SLACK),
@@ -139,13 +139,13 @@ impl Kinematics {
         std::array::from_fn(|joint| frames[joint + 1].rotation * Vector3::from(axes[joint]))
     }
 
-    /// What a radian of each of the vendor's joints may move, where `reach_mm` is that of the joints of the chain.
+    /// What a radian of each of the vendor's joints may move, where `motion_bound_mm` is that of the joints of the chain.
     #[must_use]
-    pub(super) fn of_vendor_joints(&self, mut reach_mm: [f64; 7]) -> [f64; 7] {
+    pub(super) fn of_vendor_joints(&self, mut motion_bound_mm: [f64; 7]) -> [f64; 7] {
         if matches!(self, Self::Opw(arm) if arm.joint_3_from_ground) {
-            reach_mm[1] += reach_mm[2];
+            motion_bound_mm[1] += motion_bound_mm[2];
         }
-        reach_mm
+        motion_bound_mm
     }
 
     /// How far the flange's origin is from axis 6, mm.
@@ -159,7 +159,7 @@ impl Kinematics {
 }
 
 /// Which way shoulder, elbow and wrist are bent, as makers tell branches apart. Told by the axes of the closed form; where a
-/// chain's axis 2 looks the other way, front and back, up and down change places.
+/// chain's axis 2 probes the other way, front and back, up and down change places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Posture {
     /// The wrist is behind axis 1.

@@ -49,7 +49,7 @@ fn error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
 /// Largest error of any branch, and the distance in joint space of the nearest one to `joints`.
 fn round_trip(arm: &Kinematics, joints: &[f64; 6]) -> (f64, f64, usize) {
     let pose = arm.base_from_flange(joints);
-    let branches = arm.branches(&pose);
+    let branches = arm.ik_solutions(&pose);
     let worst = branches.iter().map(|branch| error(arm.base_from_flange(branch).isometry(), pose.isometry())).fold(0.0, f64::max);
     let apart = |branch: &[f64; 6]| branch.iter().zip(joints).map(|(a, b)| 2.0 * (0.5 * (a - b)).sin().abs()).fold(0.0, f64::max);
     (worst, branches.iter().map(apart).fold(f64::INFINITY, f64::min), branches.len())
@@ -66,14 +66,14 @@ fn e05_stands_straight_up_at_zero() {
 #[test]
 fn e05_reaches_800_mm_from_shoulder_to_wrist_and_no_further() {
     let arm = arm(e05());
-    // Joint 2 has a negative sign: +90° lays the arm along −x. The flange looks the same way.
+    // Joint 2 has a negative sign: +90° lays the arm along −x. The flange probes the same way.
     let frames = arm.link_frames(&[0.0, FRAC_PI_2, 0.0, 0.0, 0.0, 0.0]);
     assert!((frames[4].translation.vector - Vector3::new(-800.0, 0.0, 220.0)).norm() < 1e-9);
     assert!((frames[6].translation.vector - Vector3::new(-955.0, 0.0, 220.0)).norm() < 1e-9);
     let looking_along_x = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2);
     let at = |x: f64| Pose::from_parts(Vector3::new(x, 0.0, 220.0), looking_along_x);
-    assert!(!arm.branches(&at(954.999)).is_empty());
-    assert!(arm.branches(&at(955.001)).is_empty());
+    assert!(!arm.ik_solutions(&at(954.999)).is_empty());
+    assert!(arm.ik_solutions(&at(955.001)).is_empty());
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn singular_poses_give_finite_exact_solutions() {
     }
     // The wrist's centre on axis 1: whichever way the first joint is turned, the pose must hold.
     let above = Pose::from_parts(Vector3::new(0.0, 0.0, 220.0 + 700.0 + 155.0), UnitQuaternion::identity());
-    let branches = arm.branches(&above);
+    let branches = arm.ik_solutions(&above);
     assert!(!branches.is_empty());
     for branch in branches {
         assert!(branch.iter().all(|angle| angle.is_finite()));
@@ -286,7 +286,7 @@ fn a_joint_3_from_the_ground_keeps_its_slope_when_joint_2_turns() {
 fn postures_tell_branches_apart_and_margins_fall_to_nothing_at_singularities() {
     for arm in [arm(e05()), arm(general()), ur5e()] {
         let pose = arm.base_from_flange(&[0.3, 0.6, 0.8, 0.4, 0.9, 0.2]);
-        let branches = arm.branches(&pose);
+        let branches = arm.ik_solutions(&pose);
         let postures: std::collections::BTreeSet<_> = branches.iter().map(|joints| arm.posture(joints)).collect();
         assert_eq!((branches.len(), postures.len()), (8, 8));
         for joints in &branches {

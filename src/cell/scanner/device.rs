@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
-use crate::geometry::{Device, Pose, Scanner};
+use crate::geometry::{Device, Pose, ScannerFrame};
 
 /// Which of the three devices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -32,7 +32,7 @@ impl DeviceName {
     }
 }
 
-/// Intrinsic parameters, checked: the distortion model is one-to-one wherever the image looks. Made by
+/// Intrinsic parameters, checked: the distortion model is one-to-one wherever the image probes. Made by
 /// [`super::ScannerSpec::build`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
@@ -63,7 +63,7 @@ pub struct OpticalDevice {
     /// Which one.
     pub name: DeviceName,
     /// Where it is.
-    pub scanner_from_device: Pose<Scanner, Device>,
+    pub scanner_from_device: Pose<ScannerFrame, Device>,
     /// Intrinsics.
     pub lens: Lens,
     /// Largest incidence at which it works, radians.

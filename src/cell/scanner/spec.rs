@@ -8,7 +8,7 @@ use super::device::{DeviceName, Lens, OpticalDevice};
 use crate::cell::field_error::{FieldError, Findings};
 use crate::cell::pose_spec::PoseSpec;
 use crate::cell::shape_spec::BodySpec;
-use crate::geometry::{Device, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Device, Pose, ScannerFrame};
 
 /// How far the rows of a printed rotation may be from orthonormal before it is refused.
 const ROTATION_TOLERANCE: f64 = 1e-3;

@@ -149,12 +149,12 @@ pub fn import(
 struct Tree<'a> {
     robot: &'a urdf_rs::Robot,
     /// The joint that carries each link.
-    carrier: BTreeMap<&'a str, &'a Joint>,
+    parent: BTreeMap<&'a str, &'a Joint>,
 }
 
 impl<'a> Tree<'a> {
     fn new(robot: &'a urdf_rs::Robot) -> Self {
-        Self { robot, carrier: robot.joints.iter().map(|joint| (joint.child.link.as_str(), joint)).collect() }
+        Self { robot, parent: robot.joints.iter().map(|joint| (joint.child.link.as_str(), joint)).collect() }
     }
 
     fn named(&self, name: &str) -> Result<String, UrdfError> {
@@ -166,7 +166,7 @@ impl<'a> Tree<'a> {
         match &options.base_link {
             Some(name) => self.named(name),
             None => {
-                let root = self.robot.links.iter().find(|link| !self.carrier.contains_key(link.name.as_str()));
+                let root = self.robot.links.iter().find(|link| !self.parent.contains_key(link.name.as_str()));
                 // "base_link" is what ROS calls the foot; a root above it, often "world", is a place and no part of the arm.
                 let foot = self.robot.links.iter().find(|link| link.name == "base_link");
                 foot.or(root).map(|link| link.name.clone()).ok_or_else(|| UrdfError::NoLink("base_link".into()))
@@ -194,7 +194,7 @@ impl<'a> Tree<'a> {
     fn path(&self, base: &str, tip: &str) -> Option<Vec<&'a Joint>> {
         let (mut path, mut at) = (Vec::new(), tip);
         while at != base {
-            let joint = *self.carrier.get(at)?;
+            let joint = *self.parent.get(at)?;
             // A file may be wound into a circle.
             if path.len() > self.robot.joints.len() {
                 return None;

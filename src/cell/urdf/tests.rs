@@ -31,7 +31,7 @@ fn a_urdf_gives_joints_limits_and_capsules_in_millimetres() {
         assert!(link.radius_mm > 40.0 && link.radius_mm < 75.0 && deepest <= 0.0 && deepest > -42.0, "{link:?}");
     }
     // Axes 4 and 6 are in line and 5 crosses them: an ortho-parallel arm.
-    assert_eq!(robot.kinematics.branches(&robot.base_from_flange(&[0.1, 0.3, 0.5, 0.2, 0.7, -0.4])).len(), 8);
+    assert_eq!(robot.kinematics.ik_solutions(&robot.base_from_flange(&[0.1, 0.3, 0.5, 0.2, 0.7, -0.4])).len(), 8);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::blocks::Block;
 use super::slide::Slide;
 use super::{Label, Scope};
-use crate::geometry::{Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{CandidateParams, Standoff};
 

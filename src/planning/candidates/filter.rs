@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::aim::Placed;
 use super::{Candidate, CandidateId, Generated, Rejection, Scope};
-use crate::geometry::{Aabb, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
+use crate::geometry::{Aabb, Part, Pose, RayScene, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{CandidateParams, Hemisphere};
 

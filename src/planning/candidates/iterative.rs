@@ -7,7 +7,7 @@ use std::f64::consts::{FRAC_PI_6, PI};
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
 use super::{Aim, Label, Scope, blocks};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::params::{CandidateParams, Standoff, Strategy};
 use crate::planning::random::Stream;
 

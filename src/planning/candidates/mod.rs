@@ -35,7 +35,7 @@ use super::error::PlanError;
 use super::params::{CandidateParams, Strategy};
 use super::surface::Surface;
 use crate::cell::{Cell, Scanner};
-use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 pub(in crate::planning) use aim::looking_along;
 use aim::{Aim, Placed, views_of_an_aim};
 pub(in crate::planning) use even::spiral;

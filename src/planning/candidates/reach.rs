@@ -11,7 +11,7 @@ use super::aim::place;
 use super::spread::widest;
 use super::{Aim, Scope, blocks, even};
 use crate::cell::{Axes, Cell};
-use crate::geometry::{Pose, Scanner as ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Pose, ScannerFrame, Table, plate_from_placed};
 use crate::planning::context::Context;
 use crate::planning::error::PlanError;
 use crate::planning::params::{CandidateParams, Hemisphere};
@@ -58,7 +58,7 @@ impl Arm<'_> {
             let turns = self.axes.0[6].windings(table_angle_rad).next().is_some();
             let bends =
                 |joints: &[f64; 6]| self.axes.0.iter().zip(joints).all(|(axis, angle)| axis.windings(*angle).next().is_some());
-            turns && self.cell.robot.kinematics.branches(&base_from_flange).iter().any(bends)
+            turns && self.cell.robot.kinematics.ik_solutions(&base_from_flange).iter().any(bends)
         })
     }
 }

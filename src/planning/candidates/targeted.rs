@@ -56,8 +56,8 @@ pub(super) fn aims(scope: &Scope<'_>, open: &Open<'_>, most: usize, ctx: &Contex
         Ok(solver.view(&scope.surface.sample_mm[*sample as usize], &normal))
     };
     let views: Vec<Option<View>> = looked_at.par_iter().map(view).collect::<Result<_, Cancelled>>()?;
-    let apart_mm = |a: &View, b: &View| (a.target_mm - b.target_mm).norm() + RADIAN_MM * (a.outward - b.outward).norm();
-    let chosen = widest(views.into_iter().flatten().collect(), most, apart_mm);
+    let distance_mm = |a: &View, b: &View| (a.target_mm - b.target_mm).norm() + RADIAN_MM * (a.outward - b.outward).norm();
+    let chosen = widest(views.into_iter().flatten().collect(), most, distance_mm);
     Ok(chosen.iter().map(|view| view.aim(scope)).collect())
 }
 

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::look::{Look, Progress};
-use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::visibility::{Optics, Probe};
 

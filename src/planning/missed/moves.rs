@@ -8,7 +8,7 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
 use super::look::Progress;
 use crate::cell::Scanner;
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 
 /// Rolls about the axis: every 30°.
 const ROLLS: u32 = 12;

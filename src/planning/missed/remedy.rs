@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Part, Pose, ScannerFrame, Table};
 use crate::planning::candidates::CandidateId;
 use crate::planning::report::fixed;
 

@@ -14,7 +14,7 @@ use super::remedy::{Remedy, RemedyKind, RemedyView};
 use super::spots::{self, Spot};
 use super::{bases, limit, opening};
 use crate::cell::Scanner;
-use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, Scanner as ScannerFrame, Table};
+use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table};
 use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{Hemisphere, PlanParams};

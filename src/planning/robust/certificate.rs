@@ -8,7 +8,7 @@
 
 use nalgebra::{Point3, UnitQuaternion};
 
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::demands;
 use crate::planning::error::PlanError;

@@ -18,7 +18,7 @@ use super::rounds::{Considered, is_usable};
 use super::surface::Surface;
 use super::visibility::{self, Occluders, Row};
 use crate::cell::Scanner;
-use crate::geometry::{Pose, Scanner as ScannerFrame};
+use crate::geometry::{Pose, ScannerFrame};
 
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub(super) use certificate::{Setting, certify};

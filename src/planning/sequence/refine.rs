@@ -8,7 +8,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::ViewId;
 use super::routes::{Route, Routes};
 use crate::cell::{Configuration, joints_of};
-use crate::geometry::{Plate, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Plate, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 
 /// By how much the table is turned either way, degrees: beyond, within and below the step of sampling.

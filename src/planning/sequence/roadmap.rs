@@ -16,7 +16,7 @@ use sha2::{Digest, Sha256};
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
-use crate::geometry::{Base, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Base, Pose, ScannerFrame, Table};
 use crate::planning::candidates::{looking_along, spiral};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
@@ -85,7 +85,7 @@ fn looking(cell: &Cell, axes: &Axes) -> Vec<Configuration> {
         let table_from_scanner: Pose<Table, ScannerFrame> =
             Pose::from_parts(at + out * distance_mm, looking_along(&-out, roll_rad));
         let base_from_scanner: Pose<Base, ScannerFrame> = cell.base_from_table * table_from_scanner;
-        cell.robot.kinematics.branches(&(base_from_scanner * cell.flange_from_scanner.inverse()))
+        cell.robot.kinematics.ik_solutions(&(base_from_scanner * cell.flange_from_scanner.inverse()))
     });
     places.filter_map(|joints| as_near_home(&joints, cell, axes)).collect()
 }

@@ -2,8 +2,8 @@
 //! polyline beside it, every segment of which was checked. The curve itself is nowhere further from it than the tolerance.
 
 use super::moves::Moves;
-use crate::cell::time_law::SmoothPath;
-use crate::cell::{Configuration, way_rad};
+use crate::cell::time_parameterisation::SmoothPath;
+use crate::cell::{Configuration, joint_distance_rad};
 
 /// A corner is cut no further from its point than this, radians along the way (30°).
 const MAX_CUT_RAD: f64 = std::f64::consts::FRAC_PI_6;
@@ -34,7 +34,7 @@ pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad
 
 /// What stands for a corner: points along its parabola, or the corner itself where no parabola is free.
 fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, tolerance_rad: f64) -> Vec<Configuration> {
-    let half = |end: &Configuration| 0.5 * way_rad(corner, end);
+    let half = |end: &Configuration| 0.5 * joint_distance_rad(corner, end);
     let mut reach_rad = MAX_CUT_RAD.min(half(before)).min(half(after));
     for _ in 0..HALVINGS {
         let arc = arc(&[toward(corner, before, reach_rad), *corner, toward(corner, after, reach_rad)], tolerance_rad);
@@ -61,6 +61,6 @@ fn arc([from, pull, to]: &[Configuration; 3], tolerance_rad: f64) -> Vec<Configu
 }
 
 fn toward(from: &Configuration, to: &Configuration, reach_rad: f64) -> Configuration {
-    let share = reach_rad / way_rad(from, to).max(f64::MIN_POSITIVE);
+    let share = reach_rad / joint_distance_rad(from, to).max(f64::MIN_POSITIVE);
     std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
 }

@@ -11,7 +11,7 @@ use super::moves::{Looks, Moves};
 use super::network::{Network, Ramp};
 use super::roadmap::Roadmaps;
 use crate::cell::{Cell, CollisionScene, Configuration, joints_of};
-use crate::geometry::{Base, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Base, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::MotionParams;
 
@@ -116,7 +116,7 @@ impl<'a> Routes<'a> {
     ) -> Result<Option<(Configuration, Route)>, Cancelled> {
         let home = &self.cell.home_rad;
         // No motion of the arm helps where the part itself cannot be turned there.
-        let turns_there = |station: &&Configuration| self.moves.scene.check_turn(home[6], station[6]).is_none();
+        let turns_there = |station: &&Configuration| self.moves.scene.check_table_rotation(home[6], station[6]).is_none();
         let stations: Vec<_> = stations.iter().filter(turns_there).collect();
         let lasts: Vec<_> = stations.iter().map(|station| self.retreats(station).first().copied()).collect();
         let goals: Vec<_> = stations.iter().zip(&lasts).map(|(station, last)| last.unwrap_or(**station)).collect();
@@ -217,7 +217,7 @@ impl<'a> Routes<'a> {
     /// The joint vector for `base_from_scanner` that is nearest to `station`, if no axis turns far.
     pub(super) fn nearest(&self, base_from_scanner: &Pose<Base, ScannerFrame>, station: &Configuration) -> Option<Configuration> {
         let base_from_flange = *base_from_scanner * self.cell.flange_from_scanner.inverse();
-        let branches = self.cell.robot.kinematics.branches(&base_from_flange);
+        let branches = self.cell.robot.kinematics.ik_solutions(&base_from_flange);
         let widest = |point: &Configuration| point.iter().zip(station).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         branches
             .into_iter()

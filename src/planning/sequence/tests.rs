@@ -4,9 +4,9 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::joined::join_by_others;
 use super::{Configuration, Leg, Ordered, bounded, order};
-use crate::cell::time_law::SmoothPath;
+use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
-use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
 use crate::planning::params::{Corners, PlanParams, TableMotion};
 use crate::planning::plan::ViewId;

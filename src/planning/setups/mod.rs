@@ -22,7 +22,7 @@ use super::params::{CandidateParams, Hemisphere, PlanParams};
 use super::surface;
 use super::visibility::{self, Occluders, SampleSet};
 use crate::cell::Scanner;
-use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table, stable_poses};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, stable_poses};
 
 /// Poses that are compared.
 const MAX_POSES: usize = 12;

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::context::{Cancelled, Context};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration, joints_of};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 
 /// Step of the table, in whole parts of a turn: 5°.
 const TABLE_STEPS: u32 = 72;
@@ -207,7 +207,7 @@ impl Search<'_> {
                 continue;
             }
             let base_from_flange = base_from_scanner(view, self.cell, self.table_from_part, table_angle) * scanner_from_flange;
-            for joints in self.cell.robot.kinematics.branches(&base_from_flange) {
+            for joints in self.cell.robot.kinematics.ik_solutions(&base_from_flange) {
                 let wound = self.axes.windings(&Station { table_angle_rad: table_angle, joints_rad: joints }.configuration());
                 ways.extend(wound.into_iter().map(|configuration| Way {
                     secs_from_home: self.axes.move_secs(&self.cell.home_rad, &configuration, 1.0),

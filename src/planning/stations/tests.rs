@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use super::{Blocked, SPREAD_RAD, Station, inside_obstacle, solve};
 use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
 use crate::geometry::demo_parts::DemoPart;
-use crate::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
 use crate::testing::box_mesh;
 

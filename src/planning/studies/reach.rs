@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Body, Cell, CollisionScene};
-use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, Scanner as ScannerFrame, Table};
+use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::solve_some;
 

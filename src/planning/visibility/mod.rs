@@ -21,7 +21,7 @@ use super::context::{Cancelled, Context};
 use super::params::{Engine, Objective, PlanParams};
 use super::surface::Surface;
 use crate::cell::Scanner;
-use crate::geometry::{Mesh, Part, Pose, RayScene, Scanner as ScannerFrame};
+use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame};
 
 pub(super) use rays::Probe;
 pub use row::{QualityScale, Row};

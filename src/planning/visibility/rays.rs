@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::Table;
 use super::row::{QualityScale, Row};
 use super::view::{Optics, SHADOWS, View};
-use crate::geometry::{Part, Pose, RayScene, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;

@@ -7,7 +7,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::cell::{Lens, Scanner};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::cause::Cause;
 use crate::planning::demands::{Demand, Demands};
 use crate::planning::params::{PlanParams, ScoreAngle};

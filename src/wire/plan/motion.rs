@@ -74,14 +74,14 @@ pub struct ObstructionDocument {
 
 impl From<&Obstruction> for ObstructionDocument {
     fn from(obstruction: &Obstruction) -> Self {
-        let Obstruction { bodies, without_station, without_path, configuration, gap, help } = obstruction;
+        let Obstruction { bodies, without_station, without_path, configuration, separation, help } = obstruction;
         Self {
             bodies: [bodies.a.to_string(), bodies.b.to_string()],
             without_station: *without_station,
             without_path: *without_path,
             configuration_deg: configuration.map(degrees),
-            apart_mm: gap.as_ref().map(|gap| gap.apart_mm),
-            place_in_base_mm: gap.as_ref().map(|gap| gap.place_mm.into()),
+            apart_mm: separation.as_ref().map(|found| found.distance_mm),
+            place_in_base_mm: separation.as_ref().map(|found| found.place_mm.into()),
             help: help.clone(),
         }
     }

@@ -12,7 +12,7 @@ use super::markup::{escape, number};
 use super::palette::Ink;
 use super::renderer::Scene;
 use crate::cell::Scanner;
-use crate::geometry::{Device, Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Device, Part, Pose, ScannerFrame};
 use crate::planning::plan::{Grade, Outcome, PlannedView, Verdict};
 use crate::planning::visibility::Row;
 

@@ -35,9 +35,9 @@ pub(super) fn obstructions(input: &ReportInput<'_>) -> String {
 }
 
 fn obstruction_row(obstruction: &Obstruction) -> String {
-    let Obstruction { bodies, without_station, without_path, gap, help, .. } = obstruction;
-    let apart = gap.as_ref().map_or_else(|| "—".into(), |gap| format!("{} mm", number(gap.apart_mm, 1)));
-    let place = gap.as_ref().map_or_else(|| "—".into(), |gap| triple(gap.place_mm.into(), 0));
+    let Obstruction { bodies, without_station, without_path, separation, help, .. } = obstruction;
+    let apart = separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", number(found.distance_mm, 1)));
+    let place = separation.as_ref().map_or_else(|| "—".into(), |found| triple(found.place_mm.into(), 0));
     format!(
         "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
          <td class=\"n\">{place}</td><td>{}</td></tr>\n",

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 use vantage::cell::Scanner;
-use vantage::geometry::{Mesh, Part, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
 use vantage::planning::params::PlanParams;
 
 use super::{limits, looking_at_origin, rows, sampled};

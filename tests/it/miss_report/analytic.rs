@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 use vantage::cell::Scanner;
-use vantage::geometry::{Part, Pose, Scanner as ScannerFrame};
+use vantage::geometry::{Part, Pose, ScannerFrame};
 use vantage::planning::plan::Cause;
 
 /// Points along each side of a face.

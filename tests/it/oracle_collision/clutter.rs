@@ -8,7 +8,7 @@ use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use serde_json::json;
 use vantage::cell::{BodySpec, Cell, CellSpec, CollisionScene, Configuration, Presets, ShapeSpec};
-use vantage::geometry::{Mesh, Part, Pose, Scanner, Table, demo_parts};
+use vantage::geometry::{Mesh, Part, Pose, ScannerFrame, Table, demo_parts};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::plan::ViewId;
@@ -69,7 +69,7 @@ impl Draw {
     }
 
     /// From above the plate, looking at `centre_mm`, at any roll.
-    fn view(&mut self, centre_mm: &Point3<f64>) -> Pose<Part, Scanner> {
+    fn view(&mut self, centre_mm: &Point3<f64>) -> Pose<Part, ScannerFrame> {
         let (elevation, azimuth) = (self.within(5.0, 85.0).to_radians(), self.within(0.0, std::f64::consts::TAU));
         let out = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
         let facing = Rotation3::face_towards(&-out, &Vector3::z());
@@ -109,7 +109,7 @@ struct Outcome {
     no_path: Vec<Vec<Station>>,
 }
 
-fn outcome(cell: &Cell, part: &Mesh, table_from_part: &Pose<Table, Part>, views: &[Pose<Part, Scanner>]) -> Outcome {
+fn outcome(cell: &Cell, part: &Mesh, table_from_part: &Pose<Table, Part>, views: &[Pose<Part, ScannerFrame>]) -> Outcome {
     let mut params = PlanParams::default();
     params.motion.clearance_mm = CLEARANCE_MM;
     let scene = CollisionScene::new(cell, part, None, table_from_part, CLEARANCE_MM);

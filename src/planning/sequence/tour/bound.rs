@@ -82,7 +82,7 @@ const RETRY_GAP: f64 = 0.8;
 const TARGET_SHARE: f64 = 0.55;
 /// Smallest gap, as a share of the tour, that is worth a target of its own.
 const MIN_TARGET_GAP: f64 = 0.003;
-/// Gap, as a share of the tour, that counts as closed.
+/// Separation, as a share of the tour, that counts as closed.
 const CLOSED_GAP: f64 = 1e-6;
 
 /// A lower bound of the shortest tour; `tour_secs` is the time of one that is known.
@@ -189,7 +189,7 @@ struct Ascent {
     rounds_without_gain: u32,
     /// Is true once a target below the tour was set.
     has_target: bool,
-    /// Gap between bound and target when arcs were eliminated last.
+    /// Separation between bound and target when arcs were eliminated last.
     gap_at_elimination_secs: f64,
     /// Nodes of the recent routes, the last first.
     recent_routes: Vec<Vec<usize>>,

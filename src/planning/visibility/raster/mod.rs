@@ -30,7 +30,7 @@ use std::sync::{Mutex, PoisonError};
 use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
 use super::{Occluders, QualityScale, Row, SampleSet, Table, ones};
-use crate::geometry::{Part, Pose, Scanner as ScannerFrame, SimdLevel};
+use crate::geometry::{Part, Pose, ScannerFrame, SimdLevel};
 use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;

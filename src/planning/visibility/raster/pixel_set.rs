@@ -11,7 +11,7 @@ use super::canvas::{Canvas, Drawing, Grid};
 use super::pinhole::{LANES, Pinhole};
 use super::tile::{NOTHING, Numbers, TILE, place};
 use crate::cell::{Lens, Scanner};
-use crate::geometry::{Kernel, Part, Pose, Scanner as ScannerFrame};
+use crate::geometry::{Kernel, Part, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 
 /// Triangles whose marks one task collects.

@@ -34,11 +34,11 @@ fn the_curve_passes_its_corners_within_the_tolerance_and_has_no_kink() {
         };
         for pair in path.pieces().windows(2) {
             let (place, slope) = end(&pair[0]);
-            let off = |a: &Configuration, b: &Configuration| super::way_rad(a, b);
+            let off = |a: &Configuration, b: &Configuration| super::joint_distance_rad(a, b);
             assert!(off(&place, &pair[1].start_rad) < 1e-12 && off(&slope, &pair[1].slope) < 1e-9);
         }
         assert_eq!(path.pieces()[0].start_rad, points[0]);
-        assert!(super::way_rad(&end(path.pieces().last().expect("pieces")).0, &points[11]) < 1e-12);
+        assert!(super::joint_distance_rad(&end(path.pieces().last().expect("pieces")).0, &points[11]) < 1e-12);
         for (corner, piece) in points[1..11].iter().zip(path.pieces().iter().filter(|piece| piece.bend_per_rad != [0.0; 7])) {
             let t = 0.5 * piece.length_rad;
             let middle = super::map(|a| piece.start_rad[a] + t * piece.slope[a] + 0.5 * t * t * piece.bend_per_rad[a]);

@@ -60,7 +60,7 @@ impl ClosedForm {
         self.base_from_model * self.model.frames(joints_rad)[6] * self.model_flange_from_flange
     }
 
-    /// Sets the model so that its flange stands where the chain's does at zero, and looks whether it stays with it.
+    /// Sets the model so that its flange stands where the chain's does at zero, and probes whether it stays with it.
     fn fitted(base_from_model: Isometry3<f64>, model: Model, chain: &Chain) -> Option<Self> {
         let model_flange = base_from_model * model.frames(&[0.0; 6])[6];
         let model_flange_from_flange = model_flange.inverse() * chain.link_frames(&[0.0; 6])[6];
@@ -96,7 +96,7 @@ impl Model {
 }
 
 /// The closed form of a chain, if it has one.
-pub(super) fn recognise(chain: &Chain) -> Option<ClosedForm> {
+pub(super) fn classify(chain: &Chain) -> Option<ClosedForm> {
     ortho_parallel(chain).or_else(|| three_parallel(chain))
 }
 
@@ -193,7 +193,7 @@ fn ortho_parallel(chain: &Chain) -> Option<ClosedForm> {
 }
 
 fn three_parallel(chain: &Chain) -> Option<ClosedForm> {
-    // At zero the model's axis 2 looks along −y.
+    // At zero the model's axis 2 probes along −y.
     let (base_from_model, [_, two, three, four, five, six], flange) = axes(chain, -1.0)?;
     if !(three.is_parallel(&two) && four.is_parallel(&two) && five.is_across(&four) && six.is_across(&five)) {
         return None;

@@ -13,15 +13,15 @@ use crate::cell::axis::Configuration;
 /// Distances between surfaces are found this exactly.
 const PRECISION_MM: f64 = 0.05;
 /// Places looked at along a segment.
-const LOOKS: u32 = 60;
+const PROBES: u32 = 60;
 
 /// Two bodies near each other.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Gap {
+pub struct Separation {
     /// Which.
     pub bodies: Contact,
     /// Their distance; below zero how deep one is in the other, as far as that is known.
-    pub apart_mm: f64,
+    pub distance_mm: f64,
     /// Between them, base frame, mm.
     pub place_mm: Point3<f64>,
 }
@@ -30,30 +30,30 @@ impl CollisionScene {
     /// The two bodies that are nearest to each other, of those closer than `within_mm`. Links of the arm that are closer
     /// than the clearance by construction are left out.
     #[must_use]
-    pub fn nearest(&self, configuration: &Configuration, within_mm: f64) -> Option<Gap> {
+    pub fn nearest(&self, configuration: &Configuration, within_mm: f64) -> Option<Separation> {
         let placement = self.place(configuration);
         let may_be_near = |pair: &&Pair| pair.clearance_mm >= self.clearance_mm && self.is_closer(pair, &placement, within_mm);
-        let gaps = self.pairs.iter().filter(may_be_near).filter_map(|pair| self.gap(pair, &placement, within_mm));
-        gaps.min_by(|a, b| a.apart_mm.total_cmp(&b.apart_mm))
+        let separations = self.pairs.iter().filter(may_be_near).filter_map(|pair| self.separation(pair, &placement, within_mm));
+        separations.min_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm))
     }
 
     /// Where two bodies are nearest to each other, or deepest in each other, on a straight segment in joint space, of a few
     /// dozen places looked at, and how near.
     #[must_use]
-    pub fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2], within_mm: f64) -> Option<(Configuration, Gap)> {
+    pub fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2], within_mm: f64) -> Option<(Configuration, Separation)> {
         let pair = self.pairs.iter().find(|pair| self.contact_of(pair) == *bodies)?;
         let travel = std::array::from_fn(|axis| ends[1][axis] - ends[0][axis]);
         let segment = Segment { from: &ends[0], travel: &travel };
-        let looks = if ends[0] == ends[1] { 0 } else { LOOKS };
-        let places = (0..=looks).map(|look| segment.at(f64::from(look) / f64::from(LOOKS)));
-        let gaps = places.filter_map(|place| Some((place, self.gap(pair, &self.place(&place), within_mm)?)));
-        gaps.min_by(|a, b| a.1.apart_mm.total_cmp(&b.1.apart_mm))
+        let probes = if ends[0] == ends[1] { 0 } else { PROBES };
+        let places = (0..=probes).map(|probe| segment.at(f64::from(probe) / f64::from(PROBES)));
+        let separations = places.filter_map(|place| Some((place, self.separation(pair, &self.place(&place), within_mm)?)));
+        separations.min_by(|a, b| a.1.distance_mm.total_cmp(&b.1.distance_mm))
     }
 
-    fn gap(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Gap> {
+    fn separation(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Separation> {
         let ((a, pose_a), (b, pose_b)) = (self.placed(pair.a, placement), self.placed(pair.b, placement));
         let (a, b) = (a.shape(), b.shape());
-        let (apart_mm, place) = match query::closest_points(&pose_a, a, &pose_b, b, within_mm as f32).ok()? {
+        let (distance_mm, place) = match query::closest_points(&pose_a, a, &pose_b, b, within_mm as f32).ok()? {
             ClosestPoints::WithinMargin(p, q) => (f64::from((p - q).length()), (p + q) * 0.5),
             ClosestPoints::Disjoint => return None,
             ClosestPoints::Intersecting => match query::contact(&pose_a, a, &pose_b, b, 0.0) {
@@ -61,14 +61,14 @@ impl CollisionScene {
                 _ => (0.0, placement.boxes[pair.a].center()),
             },
         };
-        let apart_mm = self.surfaces_apart_mm(pair, placement, within_mm)?.unwrap_or(apart_mm);
-        Some(Gap { bodies: self.contact_of(pair), apart_mm, place_mm: Point3::new(place.x, place.y, place.z).cast() })
+        let distance_mm = self.surface_distance_mm(pair, placement, within_mm)?.unwrap_or(distance_mm);
+        Some(Separation { bodies: self.contact_of(pair), distance_mm, place_mm: Point3::new(place.x, place.y, place.z).cast() })
     }
 
     /// The distance of what is in the two bodies where they only envelop it, by halving; `None` where they are farther apart
     /// than `within_mm`, and within that where only the envelopes can tell how deep they are in each other.
     #[expect(clippy::option_option, reason = "too far apart, and told by the envelopes, are not the same")]
-    fn surfaces_apart_mm(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Option<f64>> {
+    fn surface_distance_mm(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Option<f64>> {
         let is_within = |mm: f64| self.is_confirmed(pair, placement, mm as f32);
         if !is_within(within_mm) {
             return None;

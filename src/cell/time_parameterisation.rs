@@ -7,7 +7,7 @@
 //! |q'_k u + q''_k x| ≤ a_k, and x' = x + 2 Δ u from one grid point to the next. Backwards over the grid, the largest x from
 //! which the end can still be reached; forwards, the largest u that stays below it. Cost: microseconds a grid point.
 
-use super::axis::{Axes, Configuration, way_rad};
+use super::axis::{Axes, Configuration, joint_distance_rad};
 
 /// Grid points of a path, of each straight piece and of each bend at least: a limit that is met between two grid points is
 /// met a little late.
@@ -46,8 +46,8 @@ impl SmoothPath {
     #[must_use]
     pub fn through(points: &[Configuration], tolerance_rad: f64) -> Self {
         let mut corners = points.to_vec();
-        corners.dedup_by(|next, last| way_rad(last, next) <= NOTHING_RAD);
-        let lengths: Vec<f64> = corners.windows(2).map(|ends| way_rad(&ends[0], &ends[1])).collect();
+        corners.dedup_by(|next, last| joint_distance_rad(last, next) <= NOTHING_RAD);
+        let lengths: Vec<f64> = corners.windows(2).map(|ends| joint_distance_rad(&ends[0], &ends[1])).collect();
         let directions: Vec<Configuration> =
             corners.windows(2).zip(&lengths).map(|(ends, length)| map(|axis| (ends[1][axis] - ends[0][axis]) / length)).collect();
         // How far before and after each point its parabola begins and ends.
