@@ -76,7 +76,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Whether `angle_rad` is within the limits.
+    /// Returns true if `angle_rad` is within the limits.
     #[must_use]
     pub fn allows(&self, angle_rad: f64) -> bool {
         self.min_rad <= angle_rad && angle_rad <= self.max_rad
@@ -97,7 +97,7 @@ impl Axis {
 pub struct Axes(pub [Axis; 7]);
 
 impl Axes {
-    /// Whether every axis is within its limits.
+    /// Returns true if every axis is within its limits.
     #[must_use]
     pub fn allow(&self, configuration: &Configuration) -> bool {
         self.0.iter().zip(configuration).all(|(axis, angle)| axis.allows(*angle))

@@ -86,7 +86,7 @@ impl Body {
 }
 
 impl LinkBody {
-    /// As [`Body::resolve`].
+    /// Bodies of checked specifications, each with its link; see [`Body::resolve`].
     pub(super) fn resolve(
         specs: &[LinkBodySpec],
         pointer: &str,

@@ -1,4 +1,4 @@
-//! What is wrong with one field of a specification, and how a specification is checked field by field.
+//! Errors in single fields of a specification, and the check of a specification field by field.
 
 use std::fmt;
 

@@ -19,7 +19,7 @@ use crate::geometry::{Base, Flange, Mesh, Plate, Pose, ScannerFrame, Table, tabl
 
 /// Standard gravity (CGPM 1901).
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
-/// What a link's surface may stand out of its capsules, mm: no more than half of the least clearance.
+/// Largest distance that a link's surface may stand out of its capsules, mm: no more than half of the smallest clearance.
 const OUT_OF_CAPSULES_MM: f64 = 0.5 * MIN_CLEARANCE_MM;
 
 /// A cell. Unknown fields are refused.
@@ -34,11 +34,11 @@ pub struct CellSpec {
     pub robot: Named<RobotSpec>,
     /// Turntable: a name or a specification.
     pub turntable: Named<TurntableSpec>,
-    /// Where the plate's centre is, at angle zero, seen from the robot's foot.
+    /// Pose of the plate's centre, at angle zero, seen from the robot's foot.
     pub base_from_table: PoseSpec,
-    /// Where the scanner is on the flange: the hand-eye result.
+    /// Pose of the scanner on the flange: the hand-eye result.
     pub flange_from_scanner: PoseSpec,
-    /// What holds the scanner, in the flange frame.
+    /// Bodies that hold the scanner, in the flange frame.
     #[serde(default)]
     pub mount: Vec<BodySpec>,
     /// Mass of what holds the scanner, kg, 0 to 1000; the arm carries it too. Default 0.
@@ -51,7 +51,7 @@ pub struct CellSpec {
     /// Joints 1 to 6 and the table angle where a program begins and ends, degrees.
     #[schema(min_items = 7, max_items = 7)]
     pub home_deg: [f64; 7],
-    /// What stands around and does not move, in the base frame.
+    /// Bodies that stand around and do not move, in the base frame.
     #[serde(default)]
     pub obstacles: Vec<BodySpec>,
     /// Height of the floor in the base frame, mm, -10000 to 10000; nothing moves below it. Default: no floor.
@@ -74,21 +74,21 @@ pub struct Cell {
     pub base_from_table: Pose<Base, Table>,
     /// Hand-eye.
     pub flange_from_scanner: Pose<Flange, ScannerFrame>,
-    /// Where a program begins and ends.
+    /// Configuration where a program begins and ends.
     pub home_rad: Configuration,
     /// Envelope of the scanner, in the scanner frame.
     pub scanner_bodies: Vec<Body>,
-    /// What holds it, in the flange frame.
+    /// Bodies that hold the scanner, in the flange frame.
     pub mount: Vec<Body>,
     /// Mass of that, kg.
     pub mount_mass_kg: f64,
-    /// What the links are within their capsules, where that is known.
+    /// Surfaces of the links within their capsules, where they are known.
     pub link_surfaces: Vec<LinkBody>,
     /// Envelope of cables and hoses along the arm.
     pub cable: Vec<LinkBody>,
-    /// What stands below the plate, in the table frame.
+    /// Bodies below the plate, in the table frame.
     pub table_bodies: Vec<Body>,
-    /// What stands around, in the base frame.
+    /// Bodies that stand around, in the base frame.
     pub obstacles: Vec<Body>,
     /// Height of the floor in the base frame.
     pub floor_mm: Option<f64>,
@@ -180,7 +180,7 @@ fn find<T: Clone>(
     }
 }
 
-/// What was built, or its findings moved below `pointer`.
+/// The value built, or its findings moved below `pointer`.
 fn below<T>(built: Result<T, Vec<FieldError>>, pointer: &str, findings: &mut Findings) -> Option<T> {
     match built {
         Ok(value) => Some(value),
@@ -227,7 +227,7 @@ impl Cell {
         GRAVITY_M_PER_S2 * (scanner + mount).norm() / 1000.0
     }
 
-    /// What only the parts together show: payload, surfaces within their capsules, home within the limits and clear of
+    /// Checks what only the parts together show: payload, surfaces within their capsules, home within the limits and clear of
     /// everything.
     fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
@@ -264,8 +264,8 @@ impl Cell {
     }
 }
 
-/// How far the triangle of a surface that its link's capsules hold worst stands out of the one that holds it best, mm, and
-/// where, in the link's frame. What is no mesh counts by the box around it.
+/// Distance by which the triangle of a surface that its link's capsules hold worst stands out of the one that holds it best,
+/// mm, and where, in the link's frame. What is no mesh counts by the box around it.
 fn out_of_capsules(surface: &LinkBody, capsules: &[LinkCapsule]) -> (f64, Point3<f64>) {
     let body = &surface.body;
     let own: Vec<&LinkCapsule> = capsules.iter().filter(|capsule| capsule.link == surface.link).collect();

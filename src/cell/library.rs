@@ -1,4 +1,4 @@
-//! Where a cell's specification finds what it names: the presets that ship with the program, or a store that adds its
+//! Lookup of what a cell's specification names: the presets that ship with the program, or a store that adds its
 //! own to them.
 
 use std::fmt;
@@ -43,7 +43,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Named<T> {
     }
 }
 
-/// What a library holds.
+/// Kind of a specification in a library.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpecKind {
     /// Scanners.
@@ -72,13 +72,13 @@ impl SpecKind {
     }
 }
 
-/// Why a library does not give what a name stands for.
+/// Reason why a library does not give what a name stands for.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotFound {
     /// Nothing has this name.
     #[error("is unknown")]
     Unknown,
-    /// What has it cannot be used, and why.
+    /// The entry of this name cannot be used, and why.
     #[error("cannot be used: {0}")]
     Unusable(String),
 }
@@ -102,7 +102,7 @@ pub trait SpecLibrary {
     fn names(&self, kind: SpecKind) -> Vec<String>;
 }
 
-/// What ships with the program, from `config/`.
+/// Specifications that ship with the program, from `config/`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Presets;
 

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::field_error::Findings;
 use crate::geometry::Pose;
 
-/// How far a written quaternion's norm may be from 1.
+/// Largest difference of a written quaternion's norm from 1.
 const UNIT_TOLERANCE: f64 = 1e-6;
 /// Largest distance that a written pose may contain: 100 m.
 const REACH_MM: f64 = 1e5;

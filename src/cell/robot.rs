@@ -22,13 +22,13 @@ pub struct RobotSpec {
     /// Largest moment of what it carries about the flange's centre, N·m, 0.1 to 10000. Default: not checked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_flange_moment_nm: Option<f64>,
-    /// How the arm is built.
+    /// Build of the arm.
     pub kinematics: KinematicsSpec,
     /// Joints 1 to 6.
     pub joints: [AxisSpec; 6],
     /// Envelope for collision tests; a link may have several.
     pub links: Vec<LinkSpec>,
-    /// What the links are within their capsules: where a capsule comes too close, these decide. Each of their triangles lies
+    /// Surfaces of the links within their capsules: where a capsule comes too close, these decide. Each of their triangles lies
     /// within one capsule of its link. Default: none; the capsules decide.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub surfaces: Vec<LinkBodySpec>,
@@ -147,7 +147,7 @@ pub struct LinkCapsule {
 }
 
 impl LinkCapsule {
-    /// How far a point of the link's frame is outside, mm; below zero inside.
+    /// Distance of a point of the link's frame from the capsule, mm; below zero inside.
     #[must_use]
     pub fn outside_mm(&self, point_mm: &Point3<f64>) -> f64 {
         let (along, out) = (self.to_mm - self.from_mm, point_mm - self.from_mm);

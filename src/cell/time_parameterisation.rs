@@ -1,7 +1,7 @@
-//! How long a path takes that is run without stopping at its points: every corner is rounded by a parabola within a stated
-//! tolerance, and the curve is run as quickly as the axes' speeds and accelerations allow, from rest to rest, by reachability
-//! analysis (H. Pham and Q.-C. Pham, "A New Approach to Time-Optimal Path Parameterization Based on Reachability Analysis",
-//! IEEE Trans. Robotics 34(3), 2018, TOPP-RA).
+//! Time-optimal parameterisation of a path that is run without stopping at its points: every corner is rounded by a parabola
+//! within a stated tolerance, and the curve is run as quickly as the axes' speeds and accelerations allow, from rest to rest,
+//! by reachability analysis (H. Pham and Q.-C. Pham, "A New Approach to Time-Optimal Path Parameterization Based on
+//! Reachability Analysis", IEEE Trans. Robotics 34(3), 2018, TOPP-RA).
 //!
 //! The curve q(s) has pieces of constant second derivative. With x = ṡ² and u = s̈ the limits are |q'_k|² x ≤ v_k² and
 //! |q'_k u + q''_k x| ≤ a_k, and x' = x + 2 Δ u from one grid point to the next. Backwards over the grid, the largest x from
@@ -118,7 +118,7 @@ impl SmoothPath {
 /// The limits at a point of the curve: α u + β x ≤ γ for each axis and its opposite.
 struct GridPoint {
     step_rad: f64,
-    /// Of x alone.
+    /// Limit of x alone.
     x_max: f64,
     limits: Vec<[f64; 3]>,
 }

@@ -21,18 +21,18 @@ pub struct TurntableSpec {
     pub plate_diameter_mm: f64,
     /// Thickness of the plate, mm, 0.1 to 1000; its upper face is z = 0 of the table frame.
     pub plate_thickness_mm: f64,
-    /// What it may turn through.
+    /// Range of the rotation.
     pub rotation: RotationSpec,
     /// Rated speed, degrees per second, 0.1 to 3600.
     pub max_speed_deg_per_s: f64,
     /// Rated acceleration, degrees per second squared, 0.1 to 100000.
     pub max_acceleration_deg_per_s2: f64,
-    /// What stands below the plate and does not turn, in the table frame.
+    /// Bodies that stand below the plate and do not turn, in the table frame.
     #[serde(default)]
     pub body: Vec<BodySpec>,
 }
 
-/// What a table may turn through.
+/// Range of a table's rotation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum RotationSpec {

@@ -1,4 +1,4 @@
-//! Whether anything in the cell comes closer than the clearance: the arm's links, the mount and the scanner against the
+//! Collision of anything in the cell, closer than the clearance: the arm's links, the mount and the scanner against the
 //! table, the floor, obstacles, the part and its fixture (which turn with the table), and each other.
 //!
 //! Every body is a convex core (segment, box, cylinder) grown by a radius, or a triangle mesh, so that "closer than" is
@@ -8,7 +8,7 @@
 //! capsules are asked first and the surface confirms.
 //!
 //! A segment in joint space is proved free, not only sampled: no point of a body moves further than Σ |Δq_i| R_i between
-//! two samples, R_i being the reach of the body from axis i, so a sample whose clearance exceeds that vouches for its
+//! two samples, R_i being the farthest distance of the body from axis i, so a sample whose clearance exceeds that vouches for its
 //! neighbourhood (conservative advancement; F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking
 //! for single and multiple articulated robots in complex environments", IEEE Trans. Robotics 21(3), 2005).
 
@@ -41,7 +41,7 @@ pub const MIN_CLEARANCE_MM: f64 = 1.0;
 const ALLOWED_PAIR_SAMPLES: u32 = 200;
 /// A point that is moved less by a turn is on its axis, mm.
 const ON_AXIS_MM: f64 = 1e-3;
-/// How deep what stands on the plate may be in what stands below, mm: it may lie on it, as on a floor level with the plate.
+/// Largest depth of what stands on the plate in what stands below, mm: it may lie on it, as on a floor level with the plate.
 const LYING_MM: f64 = 0.5;
 
 /// Two bodies that are closer than they may be.
@@ -77,7 +77,7 @@ struct Pair {
     b: usize,
     /// Upper bound on how far they move against each other for each radian of each axis, mm.
     motion_bound_mm: Configuration,
-    /// How far apart they stay.
+    /// Distance that they keep.
     clearance_mm: f64,
 }
 
@@ -94,7 +94,7 @@ impl Segment<'_> {
     }
 }
 
-/// Where every body is at one configuration.
+/// Poses of all bodies at one configuration.
 struct Placement {
     poses: Vec<ParryPose>,
     boxes: Vec<Aabb>,
@@ -132,7 +132,7 @@ impl CollisionScene {
         scene
     }
 
-    /// The same with part and fixture as wide as they are when the table turns: what is free here is free at every table
+    /// The scene with part and fixture as wide as they are when the table turns: what is free here is free at every table
     /// angle, save that what the table turns may meet what stands around it.
     #[must_use]
     pub fn at_every_table_angle(&self) -> Self {
@@ -167,7 +167,8 @@ impl CollisionScene {
         self.pairs.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
     }
 
-    /// The same of what the flange and what the table carry alone: as close wherever the two go together to take one view.
+    /// The first contact of what the flange carries with what the table carries: as close wherever the two go together to take
+    /// one view.
     #[must_use]
     pub fn check_view(&self, configuration: &Configuration) -> Option<Contact> {
         let placement = self.place(configuration);
@@ -193,11 +194,11 @@ impl CollisionScene {
         self.check(from).or_else(|| self.check(to)).or_else(inside)
     }
 
-    /// Where arm and table change over on a straight way that they make one after the other, in an order that is free;
+    /// The corner of a straight segment that arm and table move along one after the other, in an order that is free;
     /// `None` where only one of them moves.
     ///
     /// # Errors
-    /// What is in the way where neither order is free.
+    /// The contact where neither order is free.
     pub fn corner_between(&self, from: &Configuration, to: &Configuration) -> Result<Option<Configuration>, Contact> {
         if from[6] == to[6] || from[..6] == to[..6] {
             return self.check_segment(from, to).map_or(Ok(None), Err);
@@ -209,7 +210,7 @@ impl CollisionScene {
         if contact(&moved).is_none() { Ok(Some(moved)) } else { Err(contact_turned) }
     }
 
-    /// What part or fixture runs into, wherever the arm is, as the table turns from one angle to another.
+    /// The first contact of part or fixture, wherever the arm is, as the table turns from one angle to another.
     #[must_use]
     pub fn check_table_rotation(&self, from_rad: f64, to_rad: f64) -> Option<Contact> {
         let [from, to] = [from_rad, to_rad].map(|angle| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, angle]);
@@ -260,7 +261,7 @@ impl CollisionScene {
         Ok(open)
     }
 
-    /// Whether a point lies in a body that does not move (obstacle, table, floor, the robot's foot).
+    /// Returns true if a point lies in a body that does not move (obstacle, table, floor, the robot's foot).
     #[must_use]
     pub fn is_blocked(&self, point_in_base_mm: &Point3<f64>) -> bool {
         self.bodies.iter().any(|body| body.parent.is_still() && body.holds(point_in_base_mm))
@@ -286,7 +287,7 @@ impl CollisionScene {
         Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) }
     }
 
-    /// Whether the two may come closer than their clearance while every axis moves by up to `sweep`.
+    /// Returns true if the two may come closer than their clearance while every axis moves by up to `sweep`.
     fn is_near(&self, pair: &Pair, placement: &Placement, sweep: &Configuration) -> bool {
         self.is_closer(pair, placement, pair.clearance_mm + pair.motion_mm(sweep))
     }
@@ -302,7 +303,7 @@ impl CollisionScene {
             && self.is_confirmed(pair, placement, margin)
     }
 
-    /// The same of what is in the two bodies, where they only envelop it.
+    /// Confirms nearness by the surfaces inside, where the two bodies only envelop them.
     fn is_confirmed(&self, pair: &Pair, placement: &Placement, margin: f32) -> bool {
         let (a, b) = (&self.bodies[pair.a], &self.bodies[pair.b]);
         !(a.is_envelope() || b.is_envelope())
@@ -362,7 +363,7 @@ impl CollisionScene {
         }
     }
 
-    /// What part or fixture stands in, though a configuration is not to blame: at some table angle what stands below
+    /// The contact of part or fixture for which a configuration is not to blame: at some table angle with what stands below
     /// (housing, floor), on which it may lie; and as it is placed, at angle zero, what stands around. Beside the table
     /// other angles are for [`CollisionScene::check`] to judge. The plate is not tested, nor the fixture against the part,
     /// since they hold them.

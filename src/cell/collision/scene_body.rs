@@ -14,10 +14,10 @@ use crate::geometry::{Mesh, Part, Pose, Table, plate_from_placed};
 /// Half edge and depth of the block that stands for the floor, mm.
 const FLOOR_MM: [f64; 2] = [5000.0, 500.0];
 
-/// Rings that a attached is held in when the table may turn it as it likes.
+/// Rings that an attached body is held in when the table may turn it as it likes.
 const RINGS: usize = 8;
 
-/// What a body moves with.
+/// The frame that a body moves with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ParentLink {
     /// Nothing.
@@ -48,10 +48,10 @@ pub(super) struct SceneBody {
     /// Pose in the parent's frame (base for what is still), mm.
     pub(super) parent_from_body: Isometry3<f64>,
     pub(super) solid: Solid,
-    /// What is inside, and its pose in the body's frame: where the body is too close, this decides. Empty where nothing but
+    /// Bodies inside, with their poses in the body's frame: where the body is too close, they decide. Empty where nothing but
     /// the body is known.
     inside: Vec<(ParryPose, Solid)>,
-    /// Farthest of its points from the parent's origin; for attached of the plate from the table's axis.
+    /// Farthest of its points from the parent's origin; for bodies attached to the plate from the table's axis.
     pub(super) motion_bound_mm: f64,
     /// Is below the part: the part may touch it.
     holds_part: bool,
@@ -74,18 +74,18 @@ impl SceneBody {
         Self { is_load: true, ..Self::from_body(body, ParentLink::Link(6), flange_from_owner) }
     }
 
-    /// Whether something else than itself decides.
+    /// Returns true if something else than itself decides.
     pub(super) fn is_envelope(&self) -> bool {
         !self.inside.is_empty()
     }
 
-    /// What decides, placed, the body being at `pose`.
+    /// The solids that decide, placed, the body being at `pose`.
     pub(super) fn placed(&self, pose: &ParryPose) -> impl Iterator<Item = (&Solid, ParryPose)> {
         let own = self.inside.is_empty().then_some((&self.solid, *pose));
         own.into_iter().chain(self.inside.iter().map(move |(body_from_solid, solid)| (solid, *pose * *body_from_solid)))
     }
 
-    /// Whether the two can move against each other, without being neighbours in the chain or the part on its table. What
+    /// Returns true if the two can move against each other, without being neighbours in the chain or the part on its table. What
     /// the flange carries may reach back to the link before it.
     pub(super) fn may_meet(&self, other: &Self) -> bool {
         match (self.parent, other.parent) {
@@ -97,7 +97,7 @@ impl SceneBody {
         }
     }
 
-    /// What holds a attached at every angle of the table.
+    /// Cylinders that hold an attached body at every angle of the table.
     pub(super) fn turned_all_around(&self) -> Vec<Self> {
         let rings = self.solid.rings_mm(&self.parent_from_body, RINGS);
         let ring = |([low, high], radius): &([f32; 2], f32)| {
@@ -124,7 +124,7 @@ impl SceneBody {
         self.parent.is_still() && !self.holds_part
     }
 
-    /// Whether a point of the base frame lies in it; for bodies that do not move.
+    /// Returns true if a point of the base frame lies in it; for bodies that do not move.
     pub(super) fn holds(&self, point_mm: &Point3<f64>) -> bool {
         let local = self.parent_from_body.inverse() * point_mm;
         self.solid.holds(&local)

@@ -1,5 +1,5 @@
-//! How far apart what is nearest is, and where: what a check leaves out to be quick. Not for hot loops: tens of
-//! microseconds, a few milliseconds where meshes overlap.
+//! Distance of the two bodies that are nearest, and the place between them, which a check leaves out to be quick. Not for hot
+//! loops: tens of microseconds, a few milliseconds where meshes overlap.
 
 use nalgebra::Point3;
 use parry3d::math::Pose as ParryPose;
@@ -37,8 +37,8 @@ impl CollisionScene {
         separations.min_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm))
     }
 
-    /// Where two bodies are nearest to each other, or deepest in each other, on a straight segment in joint space, of a few
-    /// dozen places looked at, and how near.
+    /// The configuration on a straight segment in joint space at which two bodies are nearest to each other, or deepest in each
+    /// other, of a few dozen places looked at, and how near.
     #[must_use]
     pub fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2], within_mm: f64) -> Option<(Configuration, Separation)> {
         let pair = self.pairs.iter().find(|pair| self.contact_of(pair) == *bodies)?;

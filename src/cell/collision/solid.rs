@@ -113,7 +113,7 @@ impl Solid {
         f64::from(corners.into_iter().map(distance).fold(0.0, f32::max))
     }
 
-    /// Whether a point of the body's frame lies in it.
+    /// Returns true if a point of the body's frame lies in it.
     pub(super) fn holds(&self, point_mm: &Point3<f64>) -> bool {
         let point = parry_point(point_mm);
         match self {
@@ -135,7 +135,7 @@ impl Solid {
     }
 }
 
-/// Whether two placed solids are closer than `margin`, or one is inside the other.
+/// Returns true if two placed solids are closer than `margin`, or one is inside the other.
 pub(super) fn near((a, pose_a): (&Solid, &Pose), (b, pose_b): (&Solid, &Pose), margin: f32) -> bool {
     match (a, b) {
         (Solid::Mesh(a), Solid::Mesh(b)) => meshes_near((a, pose_a), (b, pose_b), margin),
@@ -158,7 +158,7 @@ fn convex_near_mesh(solid: &Solid, pose: &Pose, surface: &TriMesh, surface_pose:
         .is_some_and(|convex| surface_near(surface, &convex, margin) || surrounds(surface, convex.aabb.center()))
 }
 
-/// Whether a triangle of `surface` is closer to `convex` (given in the mesh's frame) than `margin`.
+/// Returns true if a triangle of `surface` is closer to `convex` (given in the mesh's frame) than `margin`.
 fn surface_near(surface: &TriMesh, convex: &Convex<'_>, margin: f32) -> bool {
     let reach = convex.aabb.loosened(margin);
     let limit = margin + convex.radius_mm;
@@ -190,7 +190,7 @@ fn surfaces_near(a: &TriMesh, b: &TriMesh, b_from_a: &Pose, margin: f32) -> bool
     pairs.any(|(in_a, in_b)| cores_near(&b.triangle(in_b), &a.triangle(in_a), b_from_a, margin))
 }
 
-/// Whether two convex cores are closer than `limit`; `second` is placed in the frame of the first.
+/// Returns true if two convex cores are closer than `limit`; `second` is placed in the frame of the first.
 fn cores_near<A: SupportMap + ?Sized, B: SupportMap + ?Sized>(first: &A, second: &B, pose: &Pose, limit: f32) -> bool {
     let towards = -pose.translation;
     let direction = towards.try_normalize().unwrap_or(Vector::X);
@@ -199,7 +199,7 @@ fn cores_near<A: SupportMap + ?Sized, B: SupportMap + ?Sized>(first: &A, second:
     !matches!(closest_points(pose, first, second, limit, false, &mut simplex), GJKResult::NoIntersection(_))
 }
 
-/// Whether a closed surface surrounds the point: an odd number of crossings along each of three axes. A hole in the
+/// Returns true if a closed surface surrounds the point: an odd number of crossings along each of three axes. A hole in the
 /// surface lets a ray out, so of an open surface nothing is inside that the holes lay bare.
 fn surrounds(surface: &TriMesh, point: Vector) -> bool {
     surface.local_aabb().contains_local_point(point)

@@ -19,9 +19,9 @@ use crate::cell::field_error::Findings;
 use crate::cell::halton::{PRIMES, halton};
 use crate::cell::pose_spec::PoseSpec;
 
-/// A solution is off by less than this, mm …
+/// Largest distance by which a solution is off, mm.
 const PLACE_MM: f64 = 1e-7;
-/// … and radians.
+/// Largest angle by which a solution is off, radians.
 const TURN_RAD: f64 = 1e-10;
 /// Weight of a radian beside a millimetre while both are brought down together.
 const MM_OF_RAD: f64 = 300.0;
@@ -29,7 +29,7 @@ const MM_OF_RAD: f64 = 300.0;
 const STEPS: [usize; 2] = [25, 60];
 /// Damping as a share of the remaining error; Sugihara's bias, small enough to keep Newton's last steps quadratic.
 const DAMPING: f64 = 1e-4;
-/// And at least this, where joints have become one, mm² a rad².
+/// Smallest damping, where joints have become one, mm² a rad².
 const MIN_DAMPING: f64 = 1e-4;
 /// Beginnings where no closed form is known.
 const SEEDS: u32 = 32;
@@ -100,13 +100,13 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// What its inverse begins at: `opw`, `ur`, or `None` for postures spread over all joints.
+    /// Closed form that its inverse begins at: `opw`, `ur`, or `None` for postures spread over all joints.
     #[must_use]
     pub fn closed_form(&self) -> Option<&'static str> {
         self.closed_form.as_deref().map(ClosedForm::name)
     }
 
-    /// How far the flange's origin is from axis 6, mm.
+    /// Distance of the flange's origin from axis 6, mm.
     pub(super) fn flange_off_axis_mm(&self) -> f64 {
         let axis = Vector3::from(self.joint_axes()[5]);
         (self.flange.rotation.inverse() * self.flange.translation.vector).cross(&axis).norm()
@@ -182,7 +182,7 @@ impl Chain {
     }
 }
 
-/// What is missing from `flange` to `goal`, as in the rows of the Jacobian.
+/// Error of `flange` against `goal`, as in the rows of the Jacobian.
 fn residual(flange: &Isometry3<f64>, goal: &Isometry3<f64>) -> Vector6<f64> {
     let place = goal.translation.vector - flange.translation.vector;
     let turn = (goal.rotation * flange.rotation.inverse()).scaled_axis() * MM_OF_RAD;

@@ -1,5 +1,5 @@
-//! Which closed form a chain of joints has, read off its axes as they stand at zero: an ortho-parallel basis with a
-//! spherical wrist (Brandstötter, Angerer and Hofbaur 2014, section 2), or three parallel axes followed by right angles
+//! Classification of a chain of joints by its closed form, read off its axes as they stand at zero: an ortho-parallel basis
+//! with a spherical wrist (Brandstötter, Angerer and Hofbaur 2014, section 2), or three parallel axes followed by right angles
 //! (Hawkins 2013, figure 1). Lengths are mm.
 //!
 //! The chain may be off by what files round and by what a maker's calibration adds ([`APART_MM`], [`TILTED`]): its own steps
@@ -19,7 +19,7 @@ const APART_MM: f64 = 5.0;
 const TILTED: f64 = 0.02;
 /// Shoulder × elbow × wrist.
 const BRANCHES: usize = 8;
-/// How far beyond the model's reach, as a share of it, steps still begin: the chain may reach a little further.
+/// Distance beyond the model's reach, as a share of it, at which steps still begin: the chain may reach a little further.
 const NEAR: f64 = 0.05;
 /// Joint vectors at which form and chain are compared, radians.
 const COMPARED_RAD: [[f64; 6]; 2] = [[0.0; 6], [0.7, -0.5, 0.9, -1.1, 0.6, 1.3]];
@@ -46,7 +46,7 @@ impl ClosedForm {
         }
     }
 
-    /// Where the steps of a chain begin: every branch of the model, and near misses where it lacks some.
+    /// Starts for the steps of a chain: every solution of the model, and near misses where it lacks some.
     pub(super) fn inverse(&self, base_from_flange: &Isometry3<f64>) -> Vec<[f64; 6]> {
         let wanted = self.base_from_model.inverse() * base_from_flange * self.model_flange_from_flange.inverse();
         let mut begin = self.model.inverse(&wanted, 0.0);
@@ -60,7 +60,7 @@ impl ClosedForm {
         self.base_from_model * self.model.frames(joints_rad)[6] * self.model_flange_from_flange
     }
 
-    /// Sets the model so that its flange stands where the chain's does at zero, and probes whether it stays with it.
+    /// Sets the model so that its flange stands where the chain's does at zero, and checks that it stays with it.
     fn fitted(base_from_model: Isometry3<f64>, model: Model, chain: &Chain) -> Option<Self> {
         let model_flange = base_from_model * model.frames(&[0.0; 6])[6];
         let model_flange_from_flange = model_flange.inverse() * chain.link_frames(&[0.0; 6])[6];
@@ -116,12 +116,12 @@ impl Line {
         self.along.cross(&other.along).norm() < TILTED
     }
 
-    /// How far a point is from it.
+    /// Distance of a point from the line.
     fn distance_mm(&self, point: &Point3<f64>) -> f64 {
         (point - self.at).cross(&self.along).norm()
     }
 
-    /// Where two lines that are not parallel meet, or the middle between them if they pass closely.
+    /// The meeting point of two lines that are not parallel, or the middle between them if they pass closely.
     fn meeting(&self, other: &Self) -> Option<Point3<f64>> {
         let normal = self.along.cross(&other.along);
         let between = other.at - self.at;
@@ -193,7 +193,7 @@ fn ortho_parallel(chain: &Chain) -> Option<ClosedForm> {
 }
 
 fn three_parallel(chain: &Chain) -> Option<ClosedForm> {
-    // At zero the model's axis 2 probes along −y.
+    // At zero the model's axis 2 looks along −y.
     let (base_from_model, [_, two, three, four, five, six], flange) = axes(chain, -1.0)?;
     if !(three.is_parallel(&two) && four.is_parallel(&two) && five.is_across(&four) && six.is_across(&five)) {
         return None;

@@ -1,4 +1,4 @@
-//! Where the arm is: joints to frames, and back. Joints are in the vendor's convention, radians; lengths are mm.
+//! Kinematics of the arm: joints to frames, and back. Joints are in the vendor's convention, radians; lengths are mm.
 //!
 //! Frames of an arm: 0 is the foot, 1 to 6 move with joints 1 to 6 and each has its origin on its joint's axis; 6 is the
 //! flange. Collision bodies of a link are given in these frames.
@@ -27,7 +27,7 @@ pub type LinkFrames = [Isometry3<f64>; 7];
 /// The axis of each joint in the frame that it turns.
 type JointAxes = [[f64; 3]; 6];
 
-/// How an arm is built.
+/// Build of an arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum KinematicsSpec {
@@ -99,7 +99,7 @@ impl Kinematics {
         }
     }
 
-    /// Which of its branches a joint vector is on.
+    /// The arm configuration that a joint vector is in.
     #[must_use]
     pub fn posture(&self, joints_rad: &[f64; 6]) -> Posture {
         let (frames, axes) = (self.link_frames(joints_rad), self.axes_in_base(joints_rad));
@@ -111,7 +111,7 @@ impl Kinematics {
         }
     }
 
-    /// How far from a singular posture: the least singular value of the flange's Jacobian, its lengths in parts of
+    /// Distance from a singularity: the smallest singular value of the flange's Jacobian, its lengths in parts of
     /// upper arm and forearm together; 0 at a singularity (T. Yoshikawa, "Manipulability of Robotic Mechanisms", Int. J. Robotics
     /// Research 4(2), 1985, section 3, of whose measure this is the last factor).
     #[must_use]
@@ -139,7 +139,7 @@ impl Kinematics {
         std::array::from_fn(|joint| frames[joint + 1].rotation * Vector3::from(axes[joint]))
     }
 
-    /// What a radian of each of the vendor's joints may move, where `motion_bound_mm` is that of the joints of the chain.
+    /// Motion bounds for a radian of each of the vendor's joints, where `motion_bound_mm` is that of the joints of the chain.
     #[must_use]
     pub(super) fn of_vendor_joints(&self, mut motion_bound_mm: [f64; 7]) -> [f64; 7] {
         if matches!(self, Self::Opw(arm) if arm.joint_3_from_ground) {
@@ -148,7 +148,7 @@ impl Kinematics {
         motion_bound_mm
     }
 
-    /// How far the flange's origin is from axis 6, mm.
+    /// Distance of the flange's origin from axis 6, mm.
     #[must_use]
     pub(super) fn flange_off_axis_mm(&self) -> f64 {
         match self {
@@ -158,8 +158,8 @@ impl Kinematics {
     }
 }
 
-/// Which way shoulder, elbow and wrist are bent, as makers tell branches apart. Told by the axes of the closed form; where a
-/// chain's axis 2 probes the other way, front and back, up and down change places.
+/// Arm configuration: which way shoulder, elbow and wrist are bent, as makers tell solutions apart. Told by the axes of the
+/// closed form; where a chain's axis 2 looks the other way, front and back, up and down change places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Posture {
     /// The wrist is behind axis 1.
@@ -178,7 +178,7 @@ impl std::fmt::Display for Posture {
     }
 }
 
-/// The same direction in (−π, π].
+/// The angle of the same direction in (−π, π].
 fn principal(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(TAU);
     if turned > PI { turned - TAU } else { turned }

@@ -102,7 +102,7 @@ pub struct Opw {
 }
 
 impl Opw {
-    /// What a vendor's radian of joint 2 counts of joint 3.
+    /// Radians of joint 3 for a vendor's radian of joint 2.
     fn joint_3_of_2(&self) -> f64 {
         if self.joint_3_from_ground { self.signs[1] * self.signs[2] } else { 0.0 }
     }

@@ -66,7 +66,7 @@ fn e05_stands_straight_up_at_zero() {
 #[test]
 fn e05_reaches_800_mm_from_shoulder_to_wrist_and_no_further() {
     let arm = arm(e05());
-    // Joint 2 has a negative sign: +90° lays the arm along −x. The flange probes the same way.
+    // Joint 2 has a negative sign: +90° lays the arm along −x. The flange looks the same way.
     let frames = arm.link_frames(&[0.0, FRAC_PI_2, 0.0, 0.0, 0.0, 0.0]);
     assert!((frames[4].translation.vector - Vector3::new(-800.0, 0.0, 220.0)).norm() < 1e-9);
     assert!((frames[6].translation.vector - Vector3::new(-955.0, 0.0, 220.0)).norm() < 1e-9);

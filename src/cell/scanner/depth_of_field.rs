@@ -5,7 +5,7 @@
 //! in mm. With b = δ·Fe: front = b x² / (f² + b x), rear = b x² / (f² − b x), infinite from x = f²/b on. Thin lens,
 //! x much larger than f.
 
-/// How far sharpness reaches on both sides of the distance in focus.
+/// Range of sharpness on both sides of the distance in focus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthOfField {
     /// Towards the camera, mm.

@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 use crate::geometry::{Device, Pose, ScannerFrame};
 
-/// Which of the three devices.
+/// Name of one of the three devices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DeviceName {
     /// Left camera, at −x of the scanner.
@@ -32,7 +32,7 @@ impl DeviceName {
     }
 }
 
-/// Intrinsic parameters, checked: the distortion model is one-to-one wherever the image probes. Made by
+/// Intrinsic parameters, checked: the distortion model is one-to-one wherever the image looks. Made by
 /// [`super::ScannerSpec::build`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
@@ -60,9 +60,9 @@ pub struct Lens {
 /// One optical device of a scanner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OpticalDevice {
-    /// Which one.
+    /// Its name.
     pub name: DeviceName,
-    /// Where it is.
+    /// Its pose.
     pub scanner_from_device: Pose<ScannerFrame, Device>,
     /// Intrinsics.
     pub lens: Lens,
@@ -76,7 +76,7 @@ pub struct OpticalDevice {
 const UNDISTORT_STEPS: usize = 50;
 /// Points looked at on each edge of the image.
 const EDGE_SAMPLES: u32 = 64;
-/// How much the field's radius exceeds the largest one seen on the image's edge, whose samples may miss the maximum.
+/// Factor by which the field's radius exceeds the largest one seen on the image's edge, whose samples may miss the maximum.
 const FIELD_MARGIN: f64 = 1.01;
 
 impl Lens {
@@ -90,7 +90,7 @@ impl Lens {
         self.is_one_to_one().then_some(self)
     }
 
-    /// Whether the distortion is one-to-one on the disk of the field: its Jacobian is symmetric, hence the map is the
+    /// Returns true if the distortion is one-to-one on the disk of the field: its Jacobian is symmetric, hence the map is the
     /// gradient of a potential, which is strictly convex where the Jacobian is positive definite. The Jacobian is
     /// g(r²) across and h(r²) along the radius, g = 1 + k1 s + k2 s² + k3 s³, h = 1 + 3 k1 s + 5 k2 s² + 7 k3 s³, plus
     /// the decentring part, of norm ≤ 6 r |(p1, p2)|. Sufficient, not necessary.
@@ -196,7 +196,7 @@ impl Lens {
         Vector3::new(n.x, n.y, 1.0)
     }
 
-    /// Whether the image shows what the undistorted image has at a pixel.
+    /// Returns true if the image shows what the undistorted image has at a pixel.
     #[inline(always)]
     #[must_use]
     pub fn shows_undistorted(&self, u: f64, v: f64) -> bool {

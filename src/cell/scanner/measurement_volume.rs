@@ -1,4 +1,4 @@
-//! Where a scanner can measure: what both cameras and the projector see within the working depth, as a convex polytope in the
+//! The measurement volume: what both cameras and the projector see within the working depth, as a convex polytope in the
 //! scanner frame, mm ([`crate::planning::method::scanner`]; replaces the planar construction of Wang, section 3.1.1.2–3).
 //!
 //! A device sees a cone over its image. Distortion bends the cone's four sides; each is replaced by the plane through
@@ -27,7 +27,7 @@ pub struct MeasurementVolume {
     pub bow_mm: f64,
 }
 
-/// What is seen at one depth, on the lines y = 0 and x = 0 of the scanner frame.
+/// Field of view at one depth, on the lines y = 0 and x = 0 of the scanner frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
     /// From and to along x at y = 0, mm.
@@ -37,7 +37,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// What both see.
+    /// The field that both see.
     #[must_use]
     pub fn common(&self, other: &Self) -> Self {
         let overlap = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].min(b[1])];
@@ -73,13 +73,13 @@ impl OpticalDevice {
         })
     }
 
-    /// How far a point of the scanner frame lies outside the sides of what this device sees; negative inside.
+    /// Distance of a point of the scanner frame outside the sides of what this device sees; negative inside.
     #[must_use]
     pub fn outside_mm(&self, point: &Point3<f64>) -> f64 {
         self.sides().iter().map(|(side, _)| -side.depth_mm(point)).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// What this device sees at `depth_mm` along z of the scanner.
+    /// Field that this device sees at `depth_mm` along z of the scanner.
     #[must_use]
     pub fn field_at(&self, depth_mm: f64) -> Field {
         let sides = self.sides().map(|(half_space, _)| half_space);
@@ -105,7 +105,7 @@ fn interval(half_spaces: &[HalfSpace], origin: &Point3<f64>, direction: &Vector3
 }
 
 impl Scanner {
-    /// What all three devices see at `depth_mm`.
+    /// Field that all three devices see at `depth_mm`.
     #[must_use]
     pub fn common_field_at(&self, depth_mm: f64) -> Field {
         let [left, right, projector] = self.devices.map(|device| device.field_at(depth_mm));

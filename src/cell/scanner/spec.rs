@@ -10,7 +10,7 @@ use crate::cell::pose_spec::PoseSpec;
 use crate::cell::shape_spec::BodySpec;
 use crate::geometry::{Device, Pose, ScannerFrame};
 
-/// How far the rows of a printed rotation may be from orthonormal before it is refused.
+/// Largest deviation of the rows of a printed rotation from orthonormal.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 /// Cameras closer than this, along x of the scanner, cannot triangulate.
 const BASELINE_MIN_MM: f64 = 1.0;

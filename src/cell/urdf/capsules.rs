@@ -14,7 +14,7 @@ const WORTH: f64 = 0.9;
 const STEPS: u32 = 100;
 /// Radii that are tried, in parts of the least.
 const WIDER: [f64; 5] = [1.0, 1.05, 1.1, 1.2, 1.35];
-/// What rounding may take, mm.
+/// Allowance for rounding, mm.
 const MARGIN_MM: f64 = 0.1;
 /// Smallest radius of a capsule, mm.
 const MIN_RADIUS_MM: f64 = 1.0;
@@ -100,7 +100,7 @@ fn along(corners: &[Point3<f64>], axis: Vector3<f64>) -> Capsule {
     tried.into_iter().min_by(|a, b| a.volume().total_cmp(&b.volume())).unwrap_or_else(|| around(1.0))
 }
 
-/// How far along the axis both ends have to go for a capsule of this radius to hold every point.
+/// Ends along the axis for a capsule of this radius to hold every point.
 fn ends(seen: &[(Vector2<f64>, f64)], centre: &Vector2<f64>, radius: f64) -> (f64, f64) {
     // Each end goes as far as the balls there need to reach every point.
     let reach = |p: &Vector2<f64>| (radius * radius - (p - centre).norm_squared()).max(0.0).sqrt();

@@ -26,7 +26,7 @@ const ENDLESS_RAD: f64 = std::f64::consts::TAU;
 /// Corners of the circles that stand for the rims of cylinders and balls.
 const CORNERS: usize = 24;
 
-/// What a URDF does not say, and which of its links are meant.
+/// Choices that a URDF leaves open, and the links that are meant.
 #[derive(Clone, Debug)]
 pub struct UrdfOptions {
     /// Name of the robot; the file's where empty.
@@ -41,12 +41,12 @@ pub struct UrdfOptions {
     pub ramp_secs: f64,
 }
 
-/// What a URDF gives.
+/// A robot from a URDF.
 #[derive(Clone, Debug)]
 pub struct Imported {
     /// The robot; its links are capsules.
     pub robot: RobotSpec,
-    /// What is in the capsules.
+    /// Surfaces inside the capsules.
     pub surfaces: Vec<LinkSurface>,
 }
 
@@ -61,7 +61,7 @@ pub struct LinkSurface {
     pub mesh: Mesh,
 }
 
-/// Why a URDF gives no robot.
+/// Reason why a URDF gives no robot.
 #[derive(Debug, thiserror::Error)]
 pub enum UrdfError {
     /// Not a URDF.
@@ -73,7 +73,7 @@ pub enum UrdfError {
     /// No end of the tree is six turning joints away.
     #[error("no end of it is six turning joints from {base:?}; its ends are {ends:?}: name the flange with --tip, and --base")]
     NoArm {
-        /// Where the count began.
+        /// Link at which the count began.
         base: String,
         /// Links without children.
         ends: Vec<String>,
@@ -83,7 +83,7 @@ pub enum UrdfError {
     JointKind {
         /// Its name.
         joint: String,
-        /// What it is.
+        /// Kind of the joint.
         kind: String,
         /// From here.
         base: String,
@@ -103,7 +103,7 @@ pub enum UrdfError {
     /// A mesh that cannot be had.
     #[error("the collision mesh {file:?} of link {link:?}: {detail}")]
     Mesh {
-        /// As the URDF names it.
+        /// File as the URDF names it.
         file: String,
         /// Whose it is.
         link: String,
@@ -115,7 +115,7 @@ pub enum UrdfError {
 /// The robot of a URDF. `load` finds a mesh by the name that the URDF gives it; its numbers count as they stand in the file.
 ///
 /// # Errors
-/// See [`UrdfError`].
+/// Every variant of [`UrdfError`].
 pub fn import(
     text: &str,
     options: &UrdfOptions,
