@@ -3,7 +3,6 @@
 pub mod candidates;
 mod cause;
 pub mod context;
-pub mod demands;
 mod error;
 pub mod grade;
 mod input;
@@ -19,6 +18,7 @@ pub mod plan;
 mod random;
 pub mod recheck;
 pub mod report;
+pub mod requirements;
 mod robust;
 mod rolls;
 mod rounds;

@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 
 use super::candidates::{self, Candidate, Scope};
 use super::context::{Cancelled, Context, Stage};
-use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::min_time;
@@ -15,6 +14,7 @@ use super::obstructions::{self, Blocked, Obstruction};
 use super::params::{Hemisphere, PlanParams, SelectionGoal};
 use super::placement;
 use super::plan::{Certificate, Outcome, SetupPlan};
+use super::requirements;
 use super::robust::{self, Setting};
 use super::rolls;
 use super::rounds::{Considered, Rounds};
@@ -157,7 +157,7 @@ impl Prepared {
         params.check().map_err(PlanError::BadParams)?;
         let mut params = resolve(params, input);
         ctx.begin(Stage::Surface)?;
-        let surface = demands::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
+        let surface = requirements::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);

@@ -4,11 +4,11 @@
 use std::sync::atomic::AtomicBool;
 
 use super::context::{Context, Silent};
-use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::params::{Engine, PlanParams};
 use super::placement;
+use super::requirements;
 use super::selection::coverable_mm2;
 use super::study::asked_area_mm2;
 use super::visibility::{self, Occluders};
@@ -37,7 +37,7 @@ pub fn measured(
     params.check().map_err(PlanError::BadParams)?;
     let mut params = params.clone();
     params.visibility.engine = Engine::Rays;
-    let surface = demands::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
+    let surface = requirements::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
     let asked_area_mm2 = asked_area_mm2(&surface)?;
     let plate = input.cell.map(|cell| placement::plate(cell, table_from_part));
     let occluders = Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));

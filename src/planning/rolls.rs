@@ -87,10 +87,10 @@ impl Together {
 
     /// Whether one row in place of another loses no area, in all and in any region.
     fn measure_no_less(&self, study: &Study<'_>, before: &Row, after: &Row) -> bool {
-        let demands = &study.surface.demands;
+        let requirements = &study.surface.requirements;
         let mut gained_mm2: Vec<f64> = Vec::new();
         let mut add = |sample: u32, area_mm2: f64| {
-            let regions = demands.of(sample as usize).regions.iter().map(|region| region + 1);
+            let regions = requirements.of(sample as usize).regions.iter().map(|region| region + 1);
             for place in std::iter::once(0).chain(regions) {
                 gained_mm2.resize(gained_mm2.len().max(place + 1), 0.0);
                 gained_mm2[place] += area_mm2;

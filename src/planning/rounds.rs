@@ -11,7 +11,7 @@ use super::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, Ta
 use super::selection::{self, Problem};
 use super::study::Reach;
 use super::surface::Surface;
-use super::visibility::{self, Occluders, SampleSet, Table as VisibilityTable};
+use super::visibility::{self, Occluders, SampleSet, VisibilityMatrix};
 use crate::geometry::{Part, Pose, ScannerFrame};
 
 /// A targeted view is worth keeping for this share of the open area.
@@ -31,7 +31,7 @@ pub(super) struct Rounds<'a> {
 pub(super) struct Considered {
     pub(super) generated: Generated,
     /// One row a kept candidate.
-    pub(super) table: VisibilityTable,
+    pub(super) table: VisibilityMatrix,
     /// One a kept candidate; `None` without a cell.
     pub(super) reach: Option<Reach>,
 }
@@ -144,15 +144,15 @@ pub(super) fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
 }
 
 /// What a kept candidate measures is no longer open.
-fn close(area_mm2: &mut [f64], table: &VisibilityTable, kept: usize) {
+fn close(area_mm2: &mut [f64], table: &VisibilityMatrix, kept: usize) {
     table.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
 }
 
 impl Considered {
     /// No candidates.
     pub(super) fn none_of(surface: &Surface, with_cell: bool) -> Self {
-        let furthest = vec![Cause::Facing; surface.sample_mm.len()];
-        let table = VisibilityTable { rows: Vec::new(), furthest };
+        let furthest_cause = vec![Cause::Facing; surface.sample_mm.len()];
+        let table = VisibilityMatrix { rows: Vec::new(), furthest_cause };
         Self { generated: Generated::default(), table, reach: with_cell.then(Vec::new) }
     }
 
@@ -169,7 +169,7 @@ impl Considered {
     pub(super) fn append(&mut self, more: Self) {
         self.generated.append(more.generated);
         self.table.rows.extend(more.table.rows);
-        let furthest = self.table.furthest.iter_mut().zip(more.table.furthest);
+        let furthest = self.table.furthest_cause.iter_mut().zip(more.table.furthest_cause);
         furthest.for_each(|(furthest, more)| *furthest = (*furthest).max(more));
         if let (Some(reach), Some(more)) = (&mut self.reach, more.reach) {
             reach.extend(more);

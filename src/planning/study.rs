@@ -8,7 +8,6 @@ use rayon::prelude::*;
 
 use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
-use super::demands;
 use super::error::PlanError;
 use super::input::PlanInput;
 use super::missed;
@@ -17,11 +16,12 @@ use super::plan::{
     CandidateCounts, Cause, Coverage, Grade, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SetupPlan, Stance,
     StopReason, Verdict, ViewId,
 };
+use super::requirements;
 use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::{Ordered, straight_secs};
 use super::stations::{Blocked, Station};
 use super::surface::Surface;
-use super::visibility::{self, Row, SampleSet, Table as VisibilityTable};
+use super::visibility::{self, Row, SampleSet, VisibilityMatrix};
 use crate::geometry::{Part, Pose, Table};
 
 /// Stations of every kept candidate, or why it has none.
@@ -36,7 +36,7 @@ pub(super) struct Study<'a> {
     pub(super) setups: Vec<Pose<Table, Part>>,
     pub(super) generated: Generated,
     /// One row a kept candidate.
-    pub(super) table: VisibilityTable,
+    pub(super) table: VisibilityMatrix,
     /// What views are chosen by, where that is not the table: what each kept candidate measures under every stated error.
     pub(super) robust_rows: Option<Vec<Row>>,
     /// One a kept candidate; `None` without a cell.
@@ -90,9 +90,9 @@ impl Study<'_> {
         let total_mm2 = self.surface.area_where(|_| true);
         let mut problem = Problem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
         problem.view_secs = scan.settle_secs + scan.capture_secs;
-        let demands = &self.surface.demands;
-        if demands.kinds.len() > 1 {
-            let worth = |(sample, area_mm2): (usize, &f64)| area_mm2 * demands.of(sample).weight;
+        let requirements = &self.surface.requirements;
+        if requirements.kinds.len() > 1 {
+            let worth = |(sample, area_mm2): (usize, &f64)| area_mm2 * requirements.of(sample).weight;
             problem.worth_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(worth).collect());
             problem.goals.extend(self.goals_of_regions(kept));
         }
@@ -101,18 +101,18 @@ impl Study<'_> {
 
     /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
     fn goals_of_regions(&self, kept: &[usize]) -> Vec<Goal<'static>> {
-        let demands = &self.surface.demands;
+        let requirements = &self.surface.requirements;
         let coverable = coverable(&self.rows_to_choose_by(kept), self.asked_area_mm2.len());
         let of_coverable = self.params.selection.target_of == TargetOf::Coverable;
         let counts = |sample: usize| !of_coverable || coverable.holds(sample as u32);
-        let goal = |(number, region): (usize, demands::NamedRegion)| {
-            let holds = |sample: usize| demands.of(sample).regions.contains(&number);
+        let goal = |(number, region): (usize, requirements::NamedRegion)| {
+            let holds = |sample: usize| requirements.of(sample).regions.contains(&number);
             let area = |sample: usize| if holds(sample) { self.asked_area_mm2[sample] } else { 0.0 };
             let area_mm2: Vec<f64> = (0..self.asked_area_mm2.len()).map(area).collect();
             let whole_mm2: f64 = (0..area_mm2.len()).filter(|sample| counts(*sample)).map(|sample| area_mm2[sample]).sum();
             Some(Goal { needed_mm2: region.target? * whole_mm2, area_mm2: Cow::Owned(area_mm2) })
         };
-        demands::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
+        requirements::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
     }
 
     /// What views are chosen by: what they measure as planned, or also with poses that are off.
@@ -195,8 +195,8 @@ impl Study<'_> {
         (0..self.generated.kept.len()).filter_map(|kept| Some((&self.generated.kept[kept], stations(kept)?))).collect()
     }
 
-    /// The outcome of a selection, ordered, setup by setup, when there is a cell. `barred` are candidates that were given up for want of
-    /// a path; `occluders` and `takes` are for the remedies of what is missed.
+    /// The outcome of a selection, ordered, setup by setup, when there is a cell. `barred` are candidates that were given up
+    /// for want of a path; `occluders` and `takes` are for the remedies of what is missed.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -307,7 +307,7 @@ impl Study<'_> {
             if rests {
                 return Cause::ExcludedResting;
             }
-            motion_cause[sample].unwrap_or(self.table.furthest[sample])
+            motion_cause[sample].unwrap_or(self.table.furthest_cause[sample])
         };
         (0..samples)
             .map(|sample| match best_quality[sample] {
@@ -364,7 +364,7 @@ impl Study<'_> {
     }
 
     fn regions(&self, verdicts: &[Verdict]) -> Vec<RegionCoverage> {
-        let named = demands::regions(self.params).into_iter();
+        let named = requirements::regions(self.params).into_iter();
         let mut regions: Vec<_> = named
             .map(|region| RegionCoverage { name: region.name, target: region.target, ..RegionCoverage::default() })
             .collect();
@@ -373,7 +373,7 @@ impl Study<'_> {
         }
         let coverable = coverable(&self.rows(&self.usable()), self.asked_area_mm2.len());
         for (sample, verdict) in verdicts.iter().enumerate() {
-            for &region in &self.surface.demands.of(sample).regions {
+            for &region in &self.surface.requirements.of(sample).regions {
                 let (region, area_mm2) = (&mut regions[region], self.asked_area_mm2[sample]);
                 region.asked_area_mm2 += area_mm2;
                 region.coverable_area_mm2 += if coverable.holds(sample as u32) { area_mm2 } else { 0.0 };

@@ -8,7 +8,7 @@ use vantage::geometry::{Mesh, Part as PartFrame, Pose, ScannerFrame, SimdLevel};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::planning::surface::{self, Surface};
-use vantage::planning::visibility::{self, Occluders, Table};
+use vantage::planning::visibility::{self, Occluders, VisibilityMatrix};
 
 use crate::Bench;
 use crate::measure::{Contestant, Cost, cost, race};
@@ -42,7 +42,7 @@ impl Ready {
     }
 
     /// What each of `views` measures, on the pool that this runs in.
-    pub(crate) fn cast(&self, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>], level: SimdLevel) -> Table {
+    pub(crate) fn cast(&self, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>], level: SimdLevel) -> VisibilityMatrix {
         let cancel = AtomicBool::new(false);
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
         let usable = vec![true; views.len()];

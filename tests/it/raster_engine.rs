@@ -14,7 +14,7 @@ use vantage::geometry::{LengthUnit, Mesh, Part, Pose, RayScene, ScannerFrame, Si
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Engine, PlanParams};
 use vantage::planning::surface::{self, Surface};
-use vantage::planning::visibility::{self, Occluders, Table};
+use vantage::planning::visibility::{self, Occluders, VisibilityMatrix};
 use vantage::wire::echo::Echo;
 use vantage::wire::plan::PlanDocument;
 
@@ -45,7 +45,7 @@ impl Case {
         surface::sample(&self.mesh, &params.part, &params.regions, 0).expect("valid parameters")
     }
 
-    fn table(&self, surface: &Surface, engine: Engine, usable: &[bool], level: SimdLevel) -> Table {
+    fn table(&self, surface: &Surface, engine: Engine, usable: &[bool], level: SimdLevel) -> VisibilityMatrix {
         let (occluders, cancel) = (Occluders::new([&self.mesh].into_iter().chain(&self.around)), AtomicBool::new(false));
         let mut params = PlanParams::default();
         params.visibility.engine = engine;
@@ -182,7 +182,11 @@ fn every_vector_width_and_number_of_threads_gives_the_same_table() {
     for (threads, level) in SimdLevel::available().into_iter().flat_map(|level| [(1, level), (2, level), (3, level), (7, level)])
     {
         let other = on(threads, level);
-        assert!(first.rows == other.rows && first.furthest == other.furthest, "{threads} threads, {}", level.as_str());
+        assert!(
+            first.rows == other.rows && first.furthest_cause == other.furthest_cause,
+            "{threads} threads, {}",
+            level.as_str()
+        );
     }
 }
 
@@ -202,7 +206,7 @@ fn views_that_cannot_be_chosen_are_asked_only_what_the_others_leave_open() {
         }
         let measured = all.rows.iter().any(|row| row.holds(sample));
         left_open += usize::from(measured && !by_usable(sample));
-        assert!(measured || some.furthest[sample as usize] == all.furthest[sample as usize], "sample {sample}");
+        assert!(measured || some.furthest_cause[sample as usize] == all.furthest_cause[sample as usize], "sample {sample}");
     }
     assert!(left_open > 100, "the views that cannot be chosen have something of their own: {left_open}");
 }

@@ -32,7 +32,7 @@ pub(super) fn raised(case: &Case<'_>, camera_deg: f64, projector_deg: f64) -> Pl
 /// Optics that accept whatever the largest limit would.
 pub(super) fn widest(case: &Case<'_>) -> Optics {
     let [left, _, projector] = limits_deg(case);
-    Optics::new(case.scanner, &raised(case, left.max(MAX_DEG), projector.max(MAX_DEG)), &case.surface.demands)
+    Optics::new(case.scanner, &raised(case, left.max(MAX_DEG), projector.max(MAX_DEG)), &case.surface.requirements)
 }
 
 /// What a view would need at each sample of a look: `None` where no limit helps.

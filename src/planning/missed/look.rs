@@ -77,7 +77,7 @@ impl Look {
         let area_mm2 = samples.iter().map(|sample| area(sample) * total_mm2 / looked_at_mm2).collect();
         let point = |sample: &u32| {
             let sample = *sample as usize;
-            (surface.sample_mm[sample], surface.patch_of(sample).normal, surface.demands.kind(sample))
+            (surface.sample_mm[sample], surface.patch_of(sample).normal, surface.requirements.kind(sample))
         };
         Self { points: samples.iter().map(point).collect(), samples, area_mm2, total_mm2 }
     }

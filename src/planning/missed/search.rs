@@ -117,7 +117,7 @@ impl<'a> Bench<'a> {
         Ok(Self {
             case,
             poses: case.candidates.iter().map(|candidate| candidate.part_from_scanner).collect(),
-            optics: Optics::new(case.scanner, case.params, &case.surface.demands),
+            optics: Optics::new(case.scanner, case.params, &case.surface.requirements),
             widest: limit::widest(case),
             above_only: case.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
             aabb: case.mesh.aabb(),
@@ -363,7 +363,7 @@ impl<'a> Search<'a> {
                 let optics = Optics::new(
                     bench.case.scanner,
                     &limit::raised(bench.case, camera_deg, projector_deg),
-                    &bench.case.surface.demands,
+                    &bench.case.surface.requirements,
                 );
                 let remedy = self.confirmed(RemedyKind::Limit, &views, &optics, rays, moves);
                 if let Some(remedy) = remedy {

@@ -124,7 +124,7 @@ pub struct FeatureParams {
     pub target: Option<f64>,
 }
 
-/// The expected noise of a measured point: see [`crate::planning::demands`] for the formula.
+/// The expected noise of a measured point: see [`crate::planning::requirements`] for the formula.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct NoiseParams {

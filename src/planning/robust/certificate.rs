@@ -10,12 +10,12 @@ use nalgebra::{Point3, UnitQuaternion};
 
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::demands;
 use crate::planning::error::PlanError;
 use crate::planning::input::PlanInput;
 use crate::planning::params::{Objective, PlanParams, PoseErrorParams};
 use crate::planning::plan::{PlannedView, share};
 use crate::planning::random::{Stream, split_mix};
+use crate::planning::requirements;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{self, Occluders, SampleSet};
 
@@ -161,7 +161,7 @@ impl<'a> Second<'a> {
         let mut params = params.clone();
         params.selection.objective = Objective::Coverage;
         let seed = split_mix(params.seed ^ SECOND_SAMPLES);
-        let surface = demands::sampled(input.mesh, &params, seed).map_err(PlanError::BadParams)?;
+        let surface = requirements::sampled(input.mesh, &params, seed).map_err(PlanError::BadParams)?;
         let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
         let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area_mm2).collect();
         let asked_mm2 = asked_area_mm2.iter().sum();

@@ -97,7 +97,7 @@ fn views_that_shall_bear_an_error_are_chosen_by_less_than_they_measure() {
     let occluders = Occluders::new([&mesh]);
     let scene = Scene { surface: &table.surface, scanner: &scanner, occluders: &occluders, params: &params };
     let generated = crate::planning::candidates::Generated { kept: table.candidates, ..Default::default() };
-    let visible = visibility::Table { rows: table.rows, furthest: Vec::new() };
+    let visible = visibility::VisibilityMatrix { rows: table.rows, furthest_cause: Vec::new() };
     let considered = Considered { generated, table: visible, reach: None };
     let robust = rows(&scene, &considered, &ctx).expect("not cancelled").expect("asked for");
     let mut lost = 0;

@@ -6,9 +6,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::demands::Demands;
 use super::params::{PartParams, RegionParams};
 use super::random::split_mix;
+use super::requirements::Requirements;
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
@@ -69,7 +69,7 @@ pub struct Surface {
     /// Whether each sample is asked for.
     pub asked: Vec<bool>,
     /// What is asked of those that are.
-    pub demands: Demands,
+    pub requirements: Requirements,
 }
 
 impl Surface {

@@ -27,7 +27,7 @@ impl<'a> RegionFinder<'a> {
         Ok(Self { source_faces, region })
     }
 
-    /// Whether it holds a point on a face.
+    /// Returns true if it holds a point on a face.
     pub(in super::super) fn holds(&self, source_face: u32, p: &Point3<f64>) -> bool {
         let height_mm =
             |point_mm: &[f64; 3], normal: &[f64; 3]| (p - Point3::from(*point_mm)).dot(&Vector3::from(*normal).normalize());

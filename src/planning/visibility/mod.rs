@@ -29,13 +29,13 @@ pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
 pub use view::Optics;
 
-/// What every view measures, and how far the others get. Rows are in the order of the views.
+/// The visibility matrix: what every view measures, and how far the others get. Rows are in the order of the views.
 #[derive(Clone, Debug, Default)]
-pub struct Table {
+pub struct VisibilityMatrix {
     /// One a view.
     pub rows: Vec<Row>,
     /// For each sample that no view measures, why the view that gets furthest does not; for others any cause.
-    pub furthest: Vec<Cause>,
+    pub furthest_cause: Vec<Cause>,
 }
 
 /// Everything that may lie between a sample and a device, ready for every engine.
@@ -45,14 +45,14 @@ pub struct Occluders {
 }
 
 impl Occluders {
-    /// Of the part, and whatever stands around it, in one frame; the part comes first.
+    /// Occluders of the part, and whatever stands around it, in one frame; the part comes first.
     #[must_use]
     pub fn new<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
         let Ok(occluders) = Self::checked(meshes, || Ok::<(), Infallible>(()));
         occluders
     }
 
-    /// The same, given up when the job is cancelled.
+    /// [`Occluders::new`], given up when the job is cancelled.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -70,7 +70,7 @@ impl Occluders {
         Ok(Self { rays: rays?, clusters: clusters? })
     }
 
-    /// The same for single rays.
+    /// The scene for single rays.
     #[must_use]
     pub fn rays(&self) -> &RayScene {
         &self.rays
@@ -128,9 +128,9 @@ pub fn cast(
     occluders: &Occluders,
     params: &PlanParams,
     ctx: &Context<'_>,
-) -> Result<Table, Cancelled> {
-    let (optics, kept_quality) = (Optics::new(scanner, params, &surface.demands), kept_quality(params, surface));
-    let hold = surface.demands.any_hold_to_quality();
+) -> Result<VisibilityMatrix, Cancelled> {
+    let (optics, kept_quality) = (Optics::new(scanner, params, &surface.requirements), kept_quality(params, surface));
+    let hold = surface.requirements.any_requires_quality();
     // What some usable view measures is not yet known to be measured well.
     let all = vec![true; views.len()];
     let usable = if hold { &all } else { usable };
@@ -139,14 +139,14 @@ pub fn cast(
         Engine::Rays => rays::cast(surface, views, &optics, kept_quality, &occluders.rays, ctx)?,
     };
     if hold {
-        hold_to_quality(&mut table, surface, views, &optics, ctx)?;
+        apply_requirements(&mut table, surface, views, &optics, ctx)?;
     }
     Ok(table)
 }
 
 /// Takes out of the rows what is not measured as well as is asked.
-fn hold_to_quality(
-    table: &mut Table,
+fn apply_requirements(
+    table: &mut VisibilityMatrix,
     surface: &Surface,
     views: &[Pose<Part, ScannerFrame>],
     optics: &Optics,
@@ -157,7 +157,7 @@ fn hold_to_quality(
         let view = optics.at(pose);
         Ok(row.retained(|sample, quality| {
             let normal = &surface.patch_of(sample).normal;
-            view.suffices(&surface.sample_mm[sample], normal, quality, surface.demands.kind(sample))
+            view.meets_requirement(&surface.sample_mm[sample], normal, quality, surface.requirements.kind(sample))
         }))
     });
     let held = held.collect::<Result<Vec<_>, Cancelled>>()?;
@@ -165,7 +165,7 @@ fn hold_to_quality(
         // The last cause that a view's optics can give: no other view gets further.
         let mut lost = row.measured().clone();
         lost.remove_all(held.measured());
-        lost.iter().for_each(|sample| table.furthest[sample as usize] = Cause::BelowGrade);
+        lost.iter().for_each(|sample| table.furthest_cause[sample as usize] = Cause::BelowGrade);
     }
     table.rows = held;
     Ok(())
@@ -175,7 +175,7 @@ fn hold_to_quality(
 /// then computed by [`grade`].
 fn kept_quality(params: &PlanParams, surface: &Surface) -> Option<QualityScale> {
     let chosen_by = params.selection.objective == Objective::Score && params.score.b > 0.0;
-    let wanted = chosen_by || surface.demands.any_hold_to_quality();
+    let wanted = chosen_by || surface.requirements.any_requires_quality();
     wanted.then(|| QualityScale::of(&params.score))
 }
 
@@ -186,7 +186,7 @@ pub fn grade(surface: &Surface, pose: &Pose<Part, ScannerFrame>, scanner: &Scann
     if row.quality().is_some() {
         return row.clone();
     }
-    let (optics, scale) = (Optics::new(scanner, params, &surface.demands), QualityScale::of(&params.score));
+    let (optics, scale) = (Optics::new(scanner, params, &surface.requirements), QualityScale::of(&params.score));
     let view = optics.at(pose);
     let step = |sample: u32| {
         let sample = sample as usize;

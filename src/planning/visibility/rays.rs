@@ -6,7 +6,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::Table;
+use super::VisibilityMatrix;
 use super::row::{QualityScale, Row};
 use super::view::{Optics, SHADOWS, View};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
@@ -16,7 +16,7 @@ use crate::planning::surface::Surface;
 
 /// Words of samples a block: 1024 samples, about 3 ms of rays, the interval at which cancelling is noticed.
 const BLOCK_WORDS: usize = 16;
-/// Where a ray from the optical centre ends before the sample, as a share of its length: 3 µm at 480 mm, so that a
+/// End of a ray from the optical centre before the sample, as a share of its length: 3 µm at 480 mm, so that a
 /// sample is not hidden by its own facet.
 pub(super) const RAY_END_SHARE: f64 = 1.0 - 3e-3 / 480.0;
 
@@ -27,7 +27,7 @@ pub(super) fn cast(
     kept_quality: Option<QualityScale>,
     scene: &RayScene,
     ctx: &Context<'_>,
-) -> Result<Table, Cancelled> {
+) -> Result<VisibilityMatrix, Cancelled> {
     let mut furthest = vec![Cause::Facing; surface.sample_mm.len()];
     let mut rows = Vec::with_capacity(poses.len());
     for pose in poses {
@@ -35,7 +35,7 @@ pub(super) fn cast(
         rows.push(caster.cast(&mut furthest, ctx)?);
         ctx.progress(rows.len(), poses.len());
     }
-    Ok(Table { rows, furthest })
+    Ok(VisibilityMatrix { rows, furthest_cause: furthest })
 }
 
 /// One view, ready for many samples.
@@ -56,13 +56,13 @@ impl<'a> Probe<'a> {
         Self { view: optics.at(pose), scene }
     }
 
-    /// The first step at which a point fails that has this unit normal and kind of demand; else its quality.
+    /// The first step at which a point fails that has this unit normal and kind of requirement; else its quality.
     pub(in crate::planning) fn measure(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         let quality = self.seen(p, normal, kind)?;
-        if self.view.suffices(p, normal, quality, kind) { Ok(quality) } else { Err(Cause::BelowGrade) }
+        if self.view.meets_requirement(p, normal, quality, kind) { Ok(quality) } else { Err(Cause::BelowGrade) }
     }
 
-    /// The same, however well it is measured.
+    /// The first step at which a point fails, however well it is measured; else its quality.
     fn seen(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         let quality = self.before_shadow(p, normal, kind)?;
         for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
@@ -73,7 +73,7 @@ impl<'a> Probe<'a> {
         Ok(quality)
     }
 
-    /// The same but for the shadows, which cost a ray each.
+    /// The first step before any shadow at which a point fails; else its quality. Shadows cost a ray each.
     pub(in crate::planning) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         self.view.before_shadow(p, normal, kind)
     }
@@ -129,6 +129,6 @@ impl Caster<'_> {
 
     fn measure(&self, sample: usize) -> Result<f32, Cause> {
         let normal = &self.surface.patch_of(sample).normal;
-        self.probe.seen(&self.surface.sample_mm[sample], normal, self.surface.demands.kind(sample))
+        self.probe.seen(&self.surface.sample_mm[sample], normal, self.surface.requirements.kind(sample))
     }
 }

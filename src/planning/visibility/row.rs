@@ -1,4 +1,4 @@
-//! What one view measures: one bit a sample, and where it is wanted the quality of each measured sample in 16 bits.
+//! One row of the visibility matrix: one bit a sample, and where it is wanted the quality of each measured sample in 16 bits.
 //!
 //! A quality is kept as a multiple of the greatest one's 32 767th part. With the weights c + d = 1 it is off by at most
 //! 1.53·10⁻⁵, in general by (c + d) times that. Cost: 1 bit a sample and 2 bytes a measured one; 500 views that measure
@@ -14,7 +14,7 @@ use crate::planning::surface::Surface;
 /// Steps from 0 to the greatest quality.
 const STEPS: f32 = i16::MAX as f32;
 
-/// How quality is told in whole steps.
+/// Scale of quality in whole steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityScale {
     greatest: f32,
@@ -58,7 +58,7 @@ impl QualityScale {
     }
 }
 
-/// What one view measures.
+/// One row of the visibility matrix: the samples that one view measures.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
     measured: SampleSet,
@@ -79,11 +79,11 @@ impl Row {
         Self { measured: SampleSet::from_words(words), quality: None }
     }
 
-    /// The same with c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]) at each measured sample, ascending by sample, in
+    /// The row with c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]) at each measured sample, ascending by sample, in
     /// steps of `scale`.
     ///
     /// # Panics
-    /// When there is not one step for each measured sample.
+    /// Unless there is one step for each measured sample.
     #[must_use]
     pub fn with_quality(self, steps: Vec<i16>, scale: QualityScale) -> Self {
         assert_eq!(steps.len(), self.count(), "one step a measured sample");
@@ -103,7 +103,7 @@ impl Row {
         Self { measured, quality: None }.with_quality(steps, scale)
     }
 
-    /// What it measures among `samples`, a set of the same surface, with its quality there.
+    /// The row within `samples`, a set of the same surface, with its quality there.
     #[must_use]
     pub fn within(&self, samples: &SampleSet) -> Self {
         let mut measured = self.measured.clone();
@@ -132,13 +132,13 @@ impl Row {
         self.measured.iter()
     }
 
-    /// Whether it measures `sample`.
+    /// Returns true if it measures `sample`.
     #[must_use]
     pub fn holds(&self, sample: u32) -> bool {
         self.measured.holds(sample)
     }
 
-    /// How many samples it measures.
+    /// Number of samples that it measures.
     #[must_use]
     pub fn count(&self) -> usize {
         self.measured.count()

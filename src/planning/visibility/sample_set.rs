@@ -1,6 +1,6 @@
 //! A set of samples, one bit each: bit s mod 64 of word s / 64. Cost: 1 bit a sample of the surface, in the set or not.
 
-/// See the module.
+/// A set of samples of one surface.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SampleSet {
     words: Vec<u64>,
@@ -31,7 +31,7 @@ impl SampleSet {
         self.words
     }
 
-    /// Whether it holds `sample`.
+    /// Returns true if it holds `sample`.
     #[must_use]
     pub fn holds(&self, sample: u32) -> bool {
         self.words.get(sample as usize / 64).is_some_and(|word| word >> (sample % 64) & 1 == 1)
@@ -42,13 +42,13 @@ impl SampleSet {
         self.words[sample as usize / 64] |= 1 << (sample % 64);
     }
 
-    /// How many it holds.
+    /// Number of samples that it holds.
     #[must_use]
     pub fn count(&self) -> usize {
         self.words.iter().map(|word| word.count_ones() as usize).sum()
     }
 
-    /// What it holds, ascending.
+    /// Samples that it holds, ascending.
     pub fn iter(&self) -> impl Iterator<Item = u32> {
         (0..).step_by(64).zip(&self.words).flat_map(|(first, word)| ones(*word).map(move |bit| first + bit))
     }

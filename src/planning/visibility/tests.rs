@@ -6,9 +6,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::geometry::Mesh;
 use crate::planning::context::Silent;
-use crate::planning::demands::Demands;
 use crate::planning::grade::Grade;
 use crate::planning::params::{FeatureParams, InterestParams, NoiseParams, PartParams, Region, RegionParams};
+use crate::planning::requirements::Requirements;
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
 
@@ -22,7 +22,7 @@ fn sampled(mesh: &Mesh, density: f64) -> Surface {
     sample(mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"))
 }
 
-fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> Table {
+fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> VisibilityMatrix {
     let (scene, flag) = (Occluders::new([mesh]), AtomicBool::new(false));
     cast(surface, poses, &vec![true; poses.len()], &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent))
         .unwrap_or_else(|_| unreachable!())
@@ -97,7 +97,7 @@ fn the_furthest_view_names_the_cause() {
     let causes = |height_mm: f64, params: &PlanParams| {
         let table = table(&mesh, &surface, &[looking_down(height_mm)], params);
         let top = |sample: &usize| surface.patch_of(*sample).normal.z > 0.9;
-        (0..surface.sample_mm.len()).filter(top).map(|sample| table.furthest[sample]).collect::<BTreeSet<_>>()
+        (0..surface.sample_mm.len()).filter(top).map(|sample| table.furthest_cause[sample]).collect::<BTreeSet<_>>()
     };
     let plain = PlanParams::default();
     assert_eq!(causes(300.0, &plain), BTreeSet::from([Cause::Depth]));
@@ -140,7 +140,7 @@ fn what_the_table_leaves_out_is_computed_for_the_chosen() {
     assert!(full.rows.iter().all(|row| row.quality().is_some() && row.count() > 1000));
     for params in [by_area, without_weight] {
         let bare = table(&mesh, &surface, &poses, &params);
-        assert_eq!(bare.furthest, full.furthest);
+        assert_eq!(bare.furthest_cause, full.furthest_cause);
         for ((pose, bare), full) in poses.iter().zip(&bare.rows).zip(&full.rows) {
             assert_eq!((bare.measured(), bare.quality()), (full.measured(), None));
             assert_eq!(&grade(&surface, pose, &nominal_scanner(), &params, bare), full);
@@ -165,13 +165,13 @@ fn cancelling_ends_it() {
     assert!(result.is_err());
 }
 
-/// Of a plate at best focus, straight below, measured with what `features` and `interest` ask everywhere, by each engine.
+/// Measured area of a plate at best focus, straight below, with what `features` and `interest` ask everywhere, by each engine.
 fn plate_area_held_mm2(change: impl Fn(&mut PlanParams)) -> f64 {
     let mesh = box_mesh([-150.0, -100.0, -5.0], [150.0, 100.0, 0.0]);
     let mut params = PlanParams::default();
     change(&mut params);
     let mut surface = sampled(&mesh, 1.0);
-    surface.demands = Demands::new(&mesh, &surface, &params).unwrap_or_else(|errors| panic!("{errors:?}"));
+    surface.requirements = Requirements::new(&mesh, &surface, &params).unwrap_or_else(|errors| panic!("{errors:?}"));
     let [area_mm2, reference_mm2] = [Engine::Raster, Engine::Rays].map(|engine| {
         params.visibility.engine = engine;
         top_area_mm2(&surface, &table(&mesh, &surface, &[looking_down(480.0)], &params).rows[0])

@@ -9,10 +9,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::cell::{Lens, Scanner};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::cause::Cause;
-use crate::planning::demands::{Demand, Demands};
 use crate::planning::params::{PlanParams, ScoreAngle};
+use crate::planning::requirements::{Requirement, Requirements};
 
-/// What it is called when a device does not see a sample.
+/// Causes by device where it does not see a sample.
 pub(super) const SHADOWS: [Cause; 3] = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector];
 /// Stands where a number of a cause may stand: no step before a shadow fails.
 pub(super) const PASSES: u8 = u8::MAX;
@@ -33,12 +33,12 @@ pub struct Optics {
     angle: ScoreAngle,
     /// δ_max of [`crate::planning::method::quality`]: the projector's limit.
     incidence_reference_rad: f64,
-    demands: Vec<Demand>,
-    /// Limits of each kind of demand.
+    requirements: Vec<Requirement>,
+    /// Limits of each kind of requirement.
     incidence_min: Vec<IncidenceMin>,
     /// Smallest focal length of the cameras, pixels.
     focal_px: f64,
-    /// σ_F and g of [`crate::planning::demands`].
+    /// σ_F and g of [`crate::planning::requirements`].
     noise_best_mm: f64,
     noise_depth_gain: f64,
 }
@@ -55,15 +55,15 @@ pub(super) type IncidenceMin = [f64; 2];
 impl Optics {
     /// Takes the limits from what is asked of the samples, else from `params`, else from the scanner.
     #[must_use]
-    pub fn new(scanner: &Scanner, params: &PlanParams, demands: &Demands) -> Self {
+    pub fn new(scanner: &Scanner, params: &PlanParams, requirements: &Requirements) -> Self {
         let incidence_max_rad = |device: usize| params.limits.incidence_max_rad(&scanner.devices[device]);
         let devices = [0, 1, 2].map(|d| DeviceOptics {
             device_from_scanner: *scanner.devices[d].scanner_from_device.inverse().isometry(),
             centre_mm: scanner.devices[d].scanner_from_device.origin_mm(),
             lens: scanner.devices[d].lens,
         });
-        let limits = |demand: &Demand| {
-            let own = [demand.camera_max_rad, demand.projector_max_rad];
+        let limits = |requirement: &Requirement| {
+            let own = [requirement.camera_max_rad, requirement.projector_max_rad];
             [own[0].unwrap_or(incidence_max_rad(0)).cos(), own[1].unwrap_or(incidence_max_rad(2)).cos()]
         };
         Self {
@@ -75,8 +75,8 @@ impl Optics {
             distance_weight: params.score.d,
             angle: params.score.angle,
             incidence_reference_rad: incidence_max_rad(2),
-            demands: demands.kinds.clone(),
-            incidence_min: demands.kinds.iter().map(limits).collect(),
+            requirements: requirements.kinds.clone(),
+            incidence_min: requirements.kinds.iter().map(limits).collect(),
             focal_px: [0, 1].map(|d| scanner.devices[d].lens.focal_px()).into_iter().fold(f64::INFINITY, f64::min),
             noise_best_mm: params.regions.noise.best_mm,
             noise_depth_gain: params.regions.noise.depth_gain,
@@ -102,7 +102,7 @@ impl Optics {
         }
     }
 
-    /// Limits of each kind of demand.
+    /// Limits of each kind of requirement.
     pub(super) fn incidence_min(&self) -> &[IncidenceMin] {
         &self.incidence_min
     }
@@ -149,7 +149,7 @@ pub struct View<'a> {
     pub(super) centres_mm: [Point3<f64>; 3],
 }
 
-/// What one device makes of a sample.
+/// One device's view of a sample.
 struct Seen {
     faces: bool,
     /// Incidence within the limit.
@@ -166,13 +166,13 @@ impl View<'_> {
     /// The first step before any shadow at which a sample fails; else its quality.
     pub(super) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         let limits = self.optics.incidence_min[usize::from(kind)];
-        let (cause, quality) = self.judge((*p).into(), (*normal).into(), limits);
+        let (cause, quality) = self.evaluate_optics((*p).into(), (*normal).into(), limits);
         if cause == u64::from(PASSES) { Ok(quality as f32) } else { Err(Cause::ALL[cause as usize]) }
     }
 
     /// The number of the first step before any shadow at which a sample fails, [`PASSES`] if none does, and its quality.
     #[inline(always)]
-    pub(super) fn judge(&self, p: [f64; 3], normal: [f64; 3], [camera_min, projector_min]: IncidenceMin) -> (u64, f64) {
+    pub(super) fn evaluate_optics(&self, p: [f64; 3], normal: [f64; 3], [camera_min, projector_min]: IncidenceMin) -> (u64, f64) {
         let optics = self.optics;
         let in_scanner = self.scanner.apply(p);
         // Spelled out: a loop over the devices would keep the caller's loop over samples from being vectorised.
@@ -193,7 +193,7 @@ impl View<'_> {
         (cause, self.quality(in_scanner, normal))
     }
 
-    /// What device `d` makes of a sample.
+    /// Evaluates device `d` at a sample.
     #[inline(always)]
     fn seen_by(&self, d: usize, p: [f64; 3], normal: [f64; 3], in_scanner: [f64; 3], min_cos: f64) -> Seen {
         let (device, centre) = (&self.optics.devices[d], &self.centres_mm[d]);
@@ -212,11 +212,11 @@ impl View<'_> {
         self.quality(self.scanner.apply((*p).into()), (*normal).into()) as f32
     }
 
-    /// Whether a sample that is measured is measured as well as is asked.
-    pub(super) fn suffices(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
+    /// Returns true if a sample that is measured is measured as well as is asked.
+    pub(super) fn meets_requirement(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u8) -> bool {
         let optics = self.optics;
-        let demand = &optics.demands[usize::from(kind)];
-        if !demand.holds_to_quality() {
+        let requirement = &optics.requirements[usize::from(kind)];
+        if !requirement.requires_quality() {
             return true;
         }
         let in_scanner = self.scanner.apply((*p).into());
@@ -225,9 +225,9 @@ impl View<'_> {
         let noise_mm = optics.noise_best_mm * (1.0 + optics.noise_depth_gain * off * off) / cos;
         let spacing_mm = in_scanner[2] / (optics.focal_px * cos);
         (cos > 0.0)
-            && demand.min_grade.is_none_or(|grade| f64::from(quality) > grade.above())
-            && demand.noise_max_mm.is_none_or(|max_mm| noise_mm <= max_mm)
-            && demand.spacing_max_mm.is_none_or(|max_mm| spacing_mm <= max_mm)
+            && requirement.min_grade.is_none_or(|grade| f64::from(quality) > grade.above())
+            && requirement.noise_max_mm.is_none_or(|max_mm| noise_mm <= max_mm)
+            && requirement.spacing_max_mm.is_none_or(|max_mm| spacing_mm <= max_mm)
     }
 
     /// c·Q_δ + d·Q_dis ([`crate::planning::method::quality`]), each clamped to [−1, 1]. D is the half range on the sample's

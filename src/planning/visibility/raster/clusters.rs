@@ -41,7 +41,7 @@ pub(super) struct Cluster {
     pub(super) corners: [[u8; TRIANGLES]; 3],
     /// Numbers of the triangles, counted over all meshes of the scene; `u32::MAX` beyond the last.
     pub(super) numbers: [u32; TRIANGLES],
-    /// Whether back faces may be left out when the device is outside.
+    /// Is true if back faces may be left out when the device is outside.
     pub(super) outward: bool,
     /// Bounding box.
     pub(super) low_mm: [f32; 3],
@@ -68,7 +68,7 @@ impl Cone {
 
     const WHOLE: Self = Self { axis: Vector3::new(0.0, 0.0, 1.0), sin: 0.0, cos: -1.0 };
 
-    /// Whether every facet with a normal of the cone and a point within `radius_mm` of the cone's place faces away from
+    /// Returns true if every facet with a normal of the cone and a point within `radius_mm` of the cone's place faces away from
     /// a point that lies at `to_mm` from that place: with β the angular radius of the ball, the angle between axis and
     /// direction is at least 90° + α + β.
     pub(super) fn faces_away(&self, to_mm: &Vector3<f64>, radius_mm: f64) -> bool {

@@ -1,44 +1,44 @@
-//! What is done with the samples of a cluster, sixteen or more at a time: the definition's steps before any shadow, where
+//! Kernels over the samples of a cluster, sixteen or more at a time: the definition's steps before any shadow, where
 //! the remaining ones fall in a device's image, and the comparison with its map.
 
 use nalgebra::{Point3, Vector3};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::canvas::Grid;
 use super::pinhole::{LANES, Pinhole};
 use super::samples::{BATCHES, SAMPLES, SampleCluster};
-use super::tile::{Nearness, TILE, place, step_down, step_right};
+use super::tile::{InverseDepth, TILE, offset_of, step_down, step_right};
+use super::tiled_depth_buffer::Grid;
 use crate::geometry::{Kernel, floor_to_i32, simd_max, simd_min};
 use crate::planning::visibility::QualityScale;
 use crate::planning::visibility::view::{IncidenceMin, PASSES, View};
 
-/// How much nearer than the plane of a sample's facet a pixel may be and still not hide it: what f32 and the bends
-/// between facets leave, mm, …
+/// Distance by which a pixel may be nearer than the plane of a sample's facet and still not hide it: what f32 and the bends
+/// between facets leave, mm.
 const BAND_MM: f32 = 0.01;
-/// … and where facets are small, so that the pixels around most samples show facets beside their own. On large ones, where
+/// The distance where facets are small, so that the pixels around most samples show facets beside their own. On large ones, where
 /// bends are few, it would only take for seen what lies just behind another sheet: a third of a per cent of the area on the
 /// dragon of 48 000 triangles, which has such sheets.
 const BAND_OF_SMALL_MM: f32 = 0.06;
-/// What is small: pixels across at most, as a square.
+/// Size of facets that count as small: pixels across at most, as a square.
 const SMALL_PX: f32 = 4.0;
-/// What the surface's slope may make of the distance to the neighbouring pixel, pixels, …
+/// Pixels of distance for which the surface's slope is allowed.
 const BAND_PX: f32 = 1.5;
-/// … and how much nearer than that all four pixels must be for the map to hide a sample, mm.
+/// Distance by which all four pixels must be nearer, beyond the slope's share, for the map to hide a sample, mm.
 const HIDDEN_MM: f32 = 0.06;
 
 /// The definition's steps before any shadow, for a cluster of samples.
-pub(super) struct Judge<'a> {
+pub(super) struct EvaluateOptics<'a> {
     pub(super) view: &'a View<'a>,
     pub(super) cluster: &'a SampleCluster,
     pub(super) centre_mm: &'a Point3<f64>,
-    /// Limits of each kind of demand.
+    /// Limits of each kind of requirement.
     pub(super) incidence_min: &'a [IncidenceMin],
     pub(super) scale: QualityScale,
     pub(super) states: &'a mut [u8; SAMPLES],
     pub(super) steps: &'a mut [i16; SAMPLES],
 }
 
-impl Kernel for Judge<'_> {
+impl Kernel for EvaluateOptics<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -56,7 +56,7 @@ impl Kernel for Judge<'_> {
         for i in 0..SAMPLES {
             let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
             let normal = [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])];
-            let (cause, quality) = self.view.judge(p, normal, [cameras[i], projectors[i]]);
+            let (cause, quality) = self.view.evaluate_optics(p, normal, [cameras[i], projectors[i]]);
             causes[i] = cause;
             qualities[i] = quality;
         }
@@ -66,14 +66,14 @@ impl Kernel for Judge<'_> {
 }
 
 /// Bounds of the remaining samples of a cluster in a device's image: left, right, top, bottom.
-pub(super) struct Touch<'a> {
+pub(super) struct ScreenBounds<'a> {
     pub(super) cluster: &'a SampleCluster,
     pub(super) states: &'a [u8; SAMPLES],
     pub(super) pinhole: &'a Pinhole,
     pub(super) offset_mm: [f32; 3],
 }
 
-impl Kernel for Touch<'_> {
+impl Kernel for ScreenBounds<'_> {
     type Output = [f32; 4];
 
     #[inline(always)]
@@ -121,31 +121,36 @@ pub(super) fn mark(touched: &[AtomicBool], grid: &Grid, [left, right, top, botto
 }
 
 /// A device's map, and how to look a sample up in it.
-pub(super) struct Look<'a> {
-    pub(super) maps: &'a [Nearness],
+pub(super) struct DepthLookup<'a> {
+    pub(super) maps: &'a [InverseDepth],
     pub(super) slots: &'a [u32],
     pub(super) grid: &'a Grid,
     pub(super) pinhole: &'a Pinhole,
     pub(super) offset_mm: [f32; 3],
-    /// What a sample that is hidden is marked with.
+    /// Mark of a sample that is hidden.
     pub(super) hidden: u8,
 }
 
-impl Look<'_> {
+impl DepthLookup<'_> {
     #[inline(always)]
-    fn nearness(&self, x: u32, y: u32) -> f32 {
+    fn inverse_depth(&self, x: u32, y: u32) -> f32 {
         let tile = (y / TILE as u32) as usize * self.grid.columns + (x / TILE as u32) as usize;
         let map = self.slots.get(tile).and_then(|slot| self.maps.get(*slot as usize));
-        let place = place(x % TILE as u32, y % TILE as u32) as usize;
+        let place = offset_of(x % TILE as u32, y % TILE as u32) as usize;
         map.map_or(0.0, |map| map.as_flattened()[place])
     }
 
-    /// Nearness at the four pixels around a place.
+    /// Inverse depth at the four pixels around a place.
     #[inline(always)]
     fn around(&self, x: u32, y: u32, spot: Spot) -> [f32; 4] {
         let last = TILE as u32 - 1;
         if x % TILE as u32 == last || y % TILE as u32 == last {
-            return [self.nearness(x, y), self.nearness(x + 1, y), self.nearness(x, y + 1), self.nearness(x + 1, y + 1)];
+            return [
+                self.inverse_depth(x, y),
+                self.inverse_depth(x + 1, y),
+                self.inverse_depth(x, y + 1),
+                self.inverse_depth(x + 1, y + 1),
+            ];
         }
         let Some(map) = self.slots.get(spot.tile as usize).and_then(|slot| self.maps.get(*slot as usize)) else {
             return [0.0; 4];
@@ -157,7 +162,7 @@ impl Look<'_> {
     }
 }
 
-/// Where a pixel lies in the maps.
+/// Position of a pixel in the maps.
 #[derive(Clone, Copy, Default)]
 struct Spot {
     tile: u32,
@@ -169,7 +174,7 @@ struct Spot {
 
 /// Compares the remaining samples of a cluster with a device's map.
 pub(super) struct Compare<'a> {
-    pub(super) look: &'a Look<'a>,
+    pub(super) lookup: &'a DepthLookup<'a>,
     pub(super) cluster: &'a SampleCluster,
     pub(super) states: &'a mut [u8; SAMPLES],
 }
@@ -180,16 +185,17 @@ impl Kernel for Compare<'_> {
 
     #[inline(always)]
     fn run(self) -> u64 {
-        let Self { look, cluster, states } = self;
+        let Self { lookup, cluster, states } = self;
         let mut doubts = 0;
         // Nearer than this the cluster's facets are large.
-        let large_nearness = SMALL_PX / (look.pinhole.focal_px * cluster.facet_mm);
-        let centre: [f32; 3] = (look.pinhole.centre_mm - Vector3::from(look.offset_mm).cast::<f64>()).map(|mm| mm as f32).into();
+        let large_inverse_depth = SMALL_PX / (lookup.pinhole.focal_px * cluster.facet_mm);
+        let centre: [f32; 3] =
+            (lookup.pinhole.centre_mm - Vector3::from(lookup.offset_mm).cast::<f64>()).map(|mm| mm as f32).into();
         for (batch, states) in states.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
             if !states.contains(&PASSES) {
                 continue;
             }
-            let [u, v, nearness] = project(cluster, batch, look.pinhole, look.offset_mm);
+            let [u, v, inverse_depth] = project(cluster, batch, lookup.pinhole, lookup.offset_mm);
             let (offsets, normals) = (cluster.batch(batch), cluster.batch_of_normals(batch));
             let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
             let (mut tiles, mut places, mut rights, mut downs) = ([0; LANES], [0; LANES], [0; LANES], [0; LANES]);
@@ -202,23 +208,23 @@ impl Kernel for Compare<'_> {
                     along += towards * normals[axis][lane];
                     length += towards * towards;
                 }
-                let depth_mm = 1.0 / nearness[lane];
+                let depth_mm = 1.0 / inverse_depth[lane];
                 let tan = simd_max(length - along * along, 0.0).sqrt() / along;
                 let normal = [normals[0][lane], normals[1][lane], normals[2][lane]];
-                [along_x[lane], along_y[lane]] = look.pinhole.slope(normal, along);
-                hidden_mm[lane] = depth_mm - (BAND_PX / look.pinhole.focal_px * depth_mm * tan + HIDDEN_MM);
-                let (x, y) = (simd_max(u[lane] - look.grid.left_px, 0.0), simd_max(v[lane] - look.grid.top_px, 0.0));
+                [along_x[lane], along_y[lane]] = lookup.pinhole.slope(normal, along);
+                hidden_mm[lane] = depth_mm - (BAND_PX / lookup.pinhole.focal_px * depth_mm * tan + HIDDEN_MM);
+                let (x, y) = (simd_max(u[lane] - lookup.grid.left_px, 0.0), simd_max(v[lane] - lookup.grid.top_px, 0.0));
                 columns[lane] = floor_to_i32(x) as u32;
                 rows[lane] = floor_to_i32(y) as u32;
-                // What the nearness of the facet's plane at the first of the four pixels may be at most.
+                // What the inverse depth of the facet's plane at the first of the four pixels may be at most.
                 let back = along_x[lane] * (columns[lane] as i32 as f32 - x) + along_y[lane] * (rows[lane] as i32 as f32 - y);
-                let band_mm = if nearness[lane] < large_nearness { BAND_OF_SMALL_MM } else { BAND_MM };
-                ahead[lane] = nearness[lane] * (1.0 + band_mm * nearness[lane]) + back;
+                let band_mm = if inverse_depth[lane] < large_inverse_depth { BAND_OF_SMALL_MM } else { BAND_MM };
+                ahead[lane] = inverse_depth[lane] * (1.0 + band_mm * inverse_depth[lane]) + back;
             }
             for lane in 0..LANES {
                 let (x, y) = (columns[lane], rows[lane]);
-                tiles[lane] = y / TILE as u32 * look.grid.columns as u32 + x / TILE as u32;
-                places[lane] = place(x % TILE as u32, y % TILE as u32);
+                tiles[lane] = y / TILE as u32 * lookup.grid.columns as u32 + x / TILE as u32;
+                places[lane] = offset_of(x % TILE as u32, y % TILE as u32);
                 rights[lane] = step_right(x);
                 downs[lane] = step_down(y);
             }
@@ -227,13 +233,13 @@ impl Kernel for Compare<'_> {
                     continue;
                 }
                 let spot = Spot { tile: tiles[lane], place: places[lane], right: rights[lane], down: downs[lane] };
-                let [a, b, c, d] = look.around(columns[lane], rows[lane], spot);
+                let [a, b, c, d] = lookup.around(columns[lane], rows[lane], spot);
                 let (right, down) = (along_x[lane], along_y[lane]);
                 let beyond = simd_max(simd_max(a, b - right), simd_max(c - down, d - right - down));
                 let seen = beyond <= ahead[lane];
                 let hidden = simd_min(simd_min(a, b), simd_min(c, d)) * hidden_mm[lane] > 1.0;
                 doubts |= u64::from(!seen & !hidden) << (batch * LANES + lane);
-                states[lane] = if hidden & !seen { look.hidden } else { PASSES };
+                states[lane] = if hidden & !seen { lookup.hidden } else { PASSES };
             }
         }
         doubts

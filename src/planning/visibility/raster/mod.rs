@@ -13,7 +13,6 @@
 //! clusters (45 at most), 29 bytes a sample, and for each thread 16 KiB a tile of one device (48 MB at 12 megapixels) and
 //! 6 bytes a sample.
 
-mod canvas;
 mod clusters;
 mod kernels;
 mod pinhole;
@@ -22,6 +21,7 @@ mod samples;
 #[cfg(test)]
 mod tests;
 mod tile;
+mod tiled_depth_buffer;
 
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -29,31 +29,31 @@ use std::sync::{Mutex, PoisonError};
 
 use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
-use super::{Occluders, QualityScale, Row, SampleSet, Table, ones};
+use super::{Occluders, QualityScale, Row, SampleSet, VisibilityMatrix, ones};
 use crate::geometry::{Part, Pose, ScannerFrame, SimdLevel};
 use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;
-use canvas::{Canvas, Drawing, Grid};
 pub(crate) use clusters::Clusters;
-use kernels::{Compare, Judge, Look, Touch, mark};
+use kernels::{Compare, DepthLookup, EvaluateOptics, ScreenBounds, mark};
 use pinhole::Pinhole;
 pub(super) use pixel_set::pixel_set;
 use samples::{NO_SAMPLE, SAMPLES, SampleCluster, Samples};
+use tiled_depth_buffer::{Grid, RenderPass, TiledDepthBuffer};
 
 /// Clusters of samples that one task takes: about a millisecond.
 const TASK: usize = 32;
 /// Doubtful samples that one task takes.
 const RAYS: usize = 512;
 
-/// What is to be evaluated.
+/// Views to be evaluated.
 pub(super) struct Views<'a> {
     pub(super) poses: &'a [Pose<Part, ScannerFrame>],
-    /// Which of them may be chosen.
+    /// Marks those that may be chosen.
     pub(super) usable: &'a [bool],
 }
 
-/// What a map costs in rays: drawing a tile about 160 of them, a triangle that is no larger than a pixel a quarter of one.
+/// Cost of a map in rays: drawing a tile takes about 160 of them, a triangle that is no larger than a pixel a quarter of one.
 /// Measured with one thread, AVX-512, on parts of 8 000 to 1 000 000 triangles: 26 to 90 ns a ray, 8 µs a tile and 12 ns a
 /// triangle.
 const RAYS_OF_A_TILE: usize = 160;
@@ -69,8 +69,8 @@ pub(super) fn cast(
     kept_quality: Option<QualityScale>,
     occluders: &Occluders,
     ctx: &Context<'_>,
-) -> Result<Table, Cancelled> {
-    let engine = Engine::new(surface, optics, kept_quality, occluders, ctx);
+) -> Result<VisibilityMatrix, Cancelled> {
+    let engine = RasterEngine::new(surface, optics, kept_quality, occluders, ctx);
     let pool = ScratchPool { engine: &engine, free: Mutex::default(), done: AtomicUsize::new(0), views: views.poses.len() };
     let (usable, others): (Vec<_>, Vec<_>) = (0..views.poses.len()).partition(|view| views.usable[*view]);
     let mut rows = vec![Row::default(); views.poses.len()];
@@ -82,12 +82,12 @@ pub(super) fn cast(
         usable.iter().for_each(|view| measured.insert_all(rows[*view].measured()));
         pool.rows(views.poses, &others, &engine.samples.outside(&measured), &mut rows)?;
     }
-    Ok(Table { rows, furthest: engine.furthest(&pool.into_scratches()) })
+    Ok(VisibilityMatrix { rows, furthest_cause: engine.furthest(&pool.into_scratches()) })
 }
 
 /// Buffers that threads borrow while they work on a view.
 struct ScratchPool<'a> {
-    engine: &'a Engine<'a>,
+    engine: &'a RasterEngine<'a>,
     free: Mutex<Vec<Scratch>>,
     done: AtomicUsize,
     views: usize,
@@ -124,7 +124,7 @@ impl ScratchPool<'_> {
     }
 }
 
-struct Engine<'a> {
+struct RasterEngine<'a> {
     surface: &'a Surface,
     optics: &'a Optics,
     kept_quality: Option<QualityScale>,
@@ -141,16 +141,16 @@ struct Scratch {
     states: Vec<[u8; SAMPLES]>,
     /// Step of quality of each sample that passes the steps before any shadow; by clusters.
     steps: Vec<[i16; SAMPLES]>,
-    /// The same of the measured samples, in their places in the surface.
+    /// Step of quality of each measured sample, in its place in the surface.
     steps_by_sample: Vec<i16>,
     /// Highest number of a cause so far, of each sample.
     furthest: Vec<[u8; SAMPLES]>,
     /// Tiles that samples fall on, by device.
     touched: [Vec<AtomicBool>; 3],
-    canvas: Canvas,
+    depth_buffer: TiledDepthBuffer,
 }
 
-impl<'a> Engine<'a> {
+impl<'a> RasterEngine<'a> {
     fn new(
         surface: &'a Surface,
         optics: &'a Optics,
@@ -178,7 +178,7 @@ impl<'a> Engine<'a> {
             steps_by_sample: vec![0; self.surface.sample_mm.len()],
             furthest: vec![[Cause::Facing as u8; SAMPLES]; clusters],
             touched: self.grids.map(|grid| std::iter::repeat_with(AtomicBool::default).take(grid.tiles()).collect()),
-            canvas: Canvas::default(),
+            depth_buffer: TiledDepthBuffer::default(),
         }
     }
 
@@ -186,15 +186,15 @@ impl<'a> Engine<'a> {
         let view = self.optics.at(pose);
         let pinholes =
             [0, 1, 2].map(|d| Pinhole::new(self.optics.lens(d), &view.device_from_part[d], &self.occluders.clusters.centre_mm));
-        self.judge(&view, &pinholes, open, scratch, grain)?;
+        self.evaluate_optics(&view, &pinholes, open, scratch, grain)?;
         for d in 0..3 {
-            self.shade(d, &view, &pinholes[d], scratch, grain)?;
+            self.test_occlusion(d, &view, &pinholes[d], scratch, grain)?;
         }
         Ok(self.finish(scratch))
     }
 
     /// The steps before any shadow.
-    fn judge(
+    fn evaluate_optics(
         &self,
         view: &View<'_>,
         pinholes: &[Pinhole; 3],
@@ -215,14 +215,15 @@ impl<'a> Engine<'a> {
                     continue;
                 }
                 let (centre_mm, incidence_min) = (&self.surface.centre_mm, self.optics.incidence_min());
-                self.level.run(Judge { view, cluster, centre_mm, incidence_min, scale, states, steps });
+                self.level.run(EvaluateOptics { view, cluster, centre_mm, incidence_min, scale, states, steps });
                 if *open != u64::MAX {
                     let closed = (0..SAMPLES).filter(|place| open >> place & 1 == 0);
                     closed.for_each(|place| states[place] = Cause::Facing as u8);
                 }
                 if states.contains(&PASSES) {
                     for d in 0..3 {
-                        let job = Touch { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };
+                        let job =
+                            ScreenBounds { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };
                         mark(&touched[d], &self.grids[d], self.level.run(job));
                     }
                 }
@@ -231,24 +232,31 @@ impl<'a> Engine<'a> {
         })
     }
 
-    /// What the samples' offsets lack to be relative to the scene's centre.
+    /// Offset from the part's centre to the scene's.
     fn scene_from_part_centre(&self) -> [f32; 3] {
         (self.surface.centre_mm - self.occluders.clusters.centre_mm).map(|mm| mm as f32).into()
     }
 
-    /// Which of the remaining samples device `d` sees.
-    fn shade(&self, d: usize, view: &View<'_>, pinhole: &Pinhole, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
+    /// Tests which of the remaining samples device `d` sees.
+    fn test_occlusion(
+        &self,
+        d: usize,
+        view: &View<'_>,
+        pinhole: &Pinhole,
+        scratch: &mut Scratch,
+        grain: usize,
+    ) -> Result<(), Cancelled> {
         let touched = &scratch.touched[d];
         let passing = scratch.states.iter().flatten().filter(|state| **state == PASSES).count();
         let tiles = touched.iter().filter(|tile| tile.load(Ordering::Relaxed)).count();
         if passing < RAYS_OF_A_TILE * tiles + self.occluders.clusters.triangles / TRIANGLES_OF_A_RAY {
             return self.cast_rays(d, view, scratch, grain);
         }
-        let drawing = Drawing { scene: &self.occluders.clusters, pinhole, grid: self.grids[d], level: self.level, grain };
-        scratch.canvas.prepare(&drawing, |tile| touched[tile].load(Ordering::Relaxed), self.ctx)?;
-        scratch.canvas.draw(&drawing, self.ctx)?;
-        let (maps, slots) = scratch.canvas.maps();
-        let look = Look {
+        let pass = RenderPass { scene: &self.occluders.clusters, pinhole, grid: self.grids[d], level: self.level, grain };
+        scratch.depth_buffer.prepare(&pass, |tile| touched[tile].load(Ordering::Relaxed), self.ctx)?;
+        scratch.depth_buffer.draw(&pass, self.ctx)?;
+        let (maps, slots) = scratch.depth_buffer.maps();
+        let lookup = DepthLookup {
             maps,
             slots,
             grid: &self.grids[d],
@@ -257,11 +265,11 @@ impl<'a> Engine<'a> {
             hidden: SHADOWS[d] as u8,
         };
         self.decide(d, view, &mut scratch.states, grain, |cluster, states| {
-            self.level.run(Compare { look: &look, cluster, states })
+            self.level.run(Compare { lookup: &lookup, cluster, states })
         })
     }
 
-    /// The same where the map would cost more than a ray for every sample.
+    /// Tests occlusion by rays alone, where the map would cost more than a ray for every sample.
     fn cast_rays(&self, d: usize, view: &View<'_>, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
         self.decide(d, view, &mut scratch.states, grain, |_, states| {
             (0..SAMPLES).filter(|place| states[*place] == PASSES).fold(0, |doubts, place| doubts | 1 << place)

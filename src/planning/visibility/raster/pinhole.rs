@@ -1,5 +1,5 @@
 //! The undistorted image of one device: the pinhole model without the lens's distortion, with which straight edges stay
-//! straight. Coordinates are pixels, shifted so that pixel centres are integers: x = u − ½, y = v − ½. Nearness is the
+//! straight. Coordinates are pixels, shifted so that pixel centres are integers: x = u − ½, y = v − ½. Inverse depth is the
 //! reciprocal of the depth along the device's axis, 1/mm, which is linear over the image of a plane.
 
 use nalgebra::{Isometry3, Matrix3x4, Point3, Vector3};
@@ -21,7 +21,7 @@ pub(super) struct Pinhole {
     pub(super) centre_mm: Vector3<f64>,
     /// Pixels a radian at the optical axis; the larger of both directions.
     pub(super) focal_px: f32,
-    /// What a unit normal n of the part frame is multiplied with to give by how much nearness changes along x and y over
+    /// Factors of a unit normal n of the part frame that give the change of inverse depth along x and y over
     /// the image of a plane, times the distance of the optical centre from the plane: with w = 1/z and the pinhole's
     /// x_n = (u − cx)/fx − α y_n, y_n = (v − cy)/fy, w = n·(x_n, y_n, 1) / (n·q) for any point q of the plane.
     slopes: [[f32; 3]; 2],
@@ -51,7 +51,7 @@ impl Pinhole {
         Self { exact, rounded, centre_mm, focal_px: lens.fx.max(lens.fy) as f32, slopes }
     }
 
-    /// By how much nearness changes a pixel along x and along y over the image of a plane with unit normal `n`, which
+    /// By how much inverse depth changes a pixel along x and along y over the image of a plane with unit normal `n`, which
     /// the optical centre is `above_mm` in front of.
     #[inline(always)]
     pub(super) fn slope(&self, n: [f32; 3], above_mm: f32) -> [f32; 2] {
@@ -72,16 +72,16 @@ impl Pinhole {
         self.exact * p.push(1.0)
     }
 
-    /// Image coordinates and nearness of a lane of points in front of the device.
+    /// Image coordinates and inverse depth of a lane of points in front of the device.
     #[inline(always)]
     pub(super) fn project(&self, points: [&Lanes; 3]) -> [Lanes; 3] {
         let mut image = [[0.0; LANES]; 3];
         for lane in 0..LANES {
             let [x, y, depth] = self.homogeneous(points[0][lane], points[1][lane], points[2][lane]);
-            let nearness = 1.0 / depth;
-            image[0][lane] = x * nearness;
-            image[1][lane] = y * nearness;
-            image[2][lane] = nearness;
+            let inverse_depth = 1.0 / depth;
+            image[0][lane] = x * inverse_depth;
+            image[1][lane] = y * inverse_depth;
+            image[2][lane] = inverse_depth;
         }
         image
     }

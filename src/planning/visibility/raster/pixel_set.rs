@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::Clusters;
 use rayon::prelude::*;
 
-use super::canvas::{Canvas, Drawing, Grid};
 use super::pinhole::{LANES, Pinhole};
-use super::tile::{NOTHING, Numbers, TILE, place};
+use super::tile::{NOTHING, TILE, TriangleIds, offset_of};
+use super::tiled_depth_buffer::{Grid, RenderPass, TiledDepthBuffer};
 use crate::cell::{Lens, Scanner};
 use crate::geometry::{Kernel, Part, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
@@ -28,15 +28,15 @@ pub(in super::super) fn pixel_set(
     let triangles = scene.triangles;
     let mut devices = vec![0_u8; triangles];
     let hit: Vec<AtomicBool> = std::iter::repeat_with(AtomicBool::default).take(triangles).collect();
-    let mut canvas = Canvas::default();
+    let mut depth_buffer = TiledDepthBuffer::default();
     for (d, device) in scanner.devices.iter().enumerate() {
         let device_from_part = device.scanner_from_device.inverse().isometry() * pose.inverse().isometry();
         let pinhole = Pinhole::new(&device.lens, &device_from_part, &scene.centre_mm);
         let grid = Grid::of(&device.lens);
-        let drawing = Drawing { scene, pinhole: &pinhole, grid, level: ctx.simd_level(), grain: 1 };
-        canvas.prepare(&drawing, |_| true, ctx)?;
-        canvas.draw_numbered(&drawing, ctx, |corner_px, numbers| {
-            drawing.level.run(Mark { hit: &hit, lens: &device.lens, corner_px, numbers });
+        let pass = RenderPass { scene, pinhole: &pinhole, grid, level: ctx.simd_level(), grain: 1 };
+        depth_buffer.prepare(&pass, |_| true, ctx)?;
+        depth_buffer.draw_with_ids(&pass, ctx, |corner_px, numbers| {
+            pass.level.run(Mark { hit: &hit, lens: &device.lens, corner_px, numbers });
         })?;
         devices.par_iter_mut().zip(&hit).with_min_len(MERGED).for_each(|(devices, hit)| {
             *devices |= u8::from(hit.load(Ordering::Relaxed)) << d;
@@ -52,7 +52,7 @@ struct Mark<'a> {
     lens: &'a Lens,
     /// Image coordinates of the tile's first pixel.
     corner_px: [f32; 2],
-    numbers: &'a Numbers,
+    numbers: &'a TriangleIds,
 }
 
 impl Kernel for Mark<'_> {
@@ -68,7 +68,7 @@ impl Kernel for Mark<'_> {
         }
         let pixels = self.numbers.as_flattened();
         for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
-            let number = pixels[place(x as u32, y as u32) as usize];
+            let number = pixels[offset_of(x as u32, y as u32) as usize];
             if number != NOTHING && self.shown(x, y) {
                 self.mark(number);
             }
@@ -77,7 +77,7 @@ impl Kernel for Mark<'_> {
 }
 
 impl Mark<'_> {
-    /// Whether the frame shows a pixel's centre: image coordinates here are half a pixel less.
+    /// Returns true if the frame shows a pixel's centre: image coordinates here are half a pixel less.
     #[inline(always)]
     fn shown(&self, x: usize, y: usize) -> bool {
         let [left, top] = self.corner_px.map(f64::from);

@@ -30,7 +30,7 @@ pub(super) struct SampleCluster {
     pub(super) normal: [[f32; SAMPLES]; 3],
     /// Number of each sample in the surface.
     pub(super) number: [u32; SAMPLES],
-    /// Kind of demand of each sample.
+    /// Kind of requirement of each sample.
     pub(super) kind: [u8; SAMPLES],
     /// Edge of a square as large as the largest patch that has a sample here.
     pub(super) facet_mm: f32,
@@ -84,7 +84,7 @@ impl SampleCluster {
         };
         for (place, (number, normal)) in numbers.iter().zip(&normals).enumerate() {
             cluster.number[place] = *number;
-            cluster.kind[place] = surface.demands.kind(*number as usize);
+            cluster.kind[place] = surface.requirements.kind(*number as usize);
             for axis in 0..3 {
                 cluster.offset_mm[axis][place] = offset(number)[axis] as f32;
                 cluster.normal[axis][place] = normal[axis] as f32;
@@ -93,7 +93,7 @@ impl SampleCluster {
         cluster
     }
 
-    /// Whether every sample faces away from a point, relative to the part's centre.
+    /// Returns true if every sample faces away from a point, relative to the part's centre.
     pub(super) fn faces_away(&self, centre_mm: &Vector3<f64>) -> bool {
         self.cone.faces_away(&(centre_mm - self.centre_mm), self.radius_mm)
     }

@@ -3,33 +3,33 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::canvas::{Canvas, Drawing, Grid};
 use super::clusters::Clusters;
 use super::pinhole::Pinhole;
-use super::tile::{TILE, place};
+use super::tile::{TILE, offset_of};
+use super::tiled_depth_buffer::{Grid, RenderPass, TiledDepthBuffer};
 use crate::cell::Lens;
 use crate::geometry::{Mesh, SimdLevel};
 use crate::planning::context::{Context, Silent};
 use crate::testing::{box_mesh, nominal_scanner};
 
-/// The nearness, 1/mm, at a pixel of the map that the left camera of the nominal rig would have at the origin.
+/// The inverse depth, 1/mm, at a pixel of the map that the left camera of the nominal rig would have at the origin.
 fn map(meshes: &[&Mesh]) -> impl Fn(u32, u32) -> f32 + use<> {
     let lens: Lens = nominal_scanner().devices[0].lens;
     let scene = Clusters::new(meshes, &|| Ok::<(), Infallible>(()));
     let Ok(scene) = scene;
     let pinhole = Pinhole::new(&lens, &Isometry3::identity(), &scene.centre_mm);
     let grid = Grid::of(&lens);
-    let drawing = Drawing { scene: &scene, pinhole: &pinhole, grid, level: SimdLevel::widest(), grain: 1 };
-    let (mut canvas, flag) = (Canvas::default(), AtomicBool::new(false));
+    let pass = RenderPass { scene: &scene, pinhole: &pinhole, grid, level: SimdLevel::widest(), grain: 1 };
+    let (mut depth_buffer, flag) = (TiledDepthBuffer::default(), AtomicBool::new(false));
     let ctx = Context::new(&flag, &Silent);
-    canvas.prepare(&drawing, |_| true, &ctx).unwrap_or_else(|_| unreachable!("nobody cancels"));
-    canvas.draw(&drawing, &ctx).unwrap_or_else(|_| unreachable!("nobody cancels"));
+    depth_buffer.prepare(&pass, |_| true, &ctx).unwrap_or_else(|_| unreachable!("nobody cancels"));
+    depth_buffer.draw(&pass, &ctx).unwrap_or_else(|_| unreachable!("nobody cancels"));
     move |x, y| {
         let (column, row) = (x as i32 - grid.left_px as i32, y as i32 - grid.top_px as i32);
         let (column, row) = (column as usize, row as usize);
-        let (maps, slots) = canvas.maps();
+        let (maps, slots) = depth_buffer.maps();
         let map = &maps[slots[row / TILE * grid.columns + column / TILE] as usize];
-        map.as_flattened()[place((column % TILE) as u32, (row % TILE) as u32) as usize]
+        map.as_flattened()[offset_of((column % TILE) as u32, (row % TILE) as u32) as usize]
     }
 }
 
@@ -66,7 +66,7 @@ fn sheet(half_mm: f64, cells: u32) -> Mesh {
     }
 }
 
-/// Nearness of the sheet's plane at a pixel: with x = X/Z, z = 480 + ½ x z.
+/// Inverse depth of the sheet's plane at a pixel: with x = X/Z, z = 480 + ½ x z.
 fn nearness_of_sheet(lens: &Lens, x: u32) -> f64 {
     (1.0 - 0.5 * (f64::from(x) + 0.5 - lens.cx) / lens.fx) / 480.0
 }
@@ -76,12 +76,12 @@ fn neighbours_leave_no_crack_and_lie_at_their_depth() {
     let lens = nominal_scanner().devices[0].lens;
     // From triangles of half a pixel to such that fill tiles.
     for (half_mm, cells) in [(4.0, 220), (20.0, 130), (60.0, 40), (130.0, 3)] {
-        let nearness = map(&[&sheet(half_mm, cells)]);
+        let inverse_depth = map(&[&sheet(half_mm, cells)]);
         let reach = (half_mm / 480.0 * 6668.0 * 0.8) as u32;
         for (x, y) in
             (1518 - reach.min(1400)..1518 + reach.min(1400)).flat_map(|y| (2000 - reach..2000 + reach).map(move |x| (x, y)))
         {
-            let (drawn, wanted) = (f64::from(nearness(x, y)), nearness_of_sheet(&lens, x));
+            let (drawn, wanted) = (f64::from(inverse_depth(x, y)), nearness_of_sheet(&lens, x));
             assert!((drawn / wanted - 1.0).abs() < 2e-6, "{cells} cells: {drawn} instead of {wanted} at {x}, {y}");
         }
     }
@@ -96,19 +96,19 @@ fn what_is_nearer_hides_what_is_further_whichever_way_it_faces() {
     open.faces.retain(|face| face.iter().any(|vertex| near.vertices_mm[*vertex as usize].z > 405.0));
     open.source_face.truncate(open.faces.len());
     for (near, depth_mm) in [(near, 400.0), (open, 410.0)] {
-        let nearness = map(&[&far, &near]);
-        assert!((f64::from(nearness(2000, 1518)) * depth_mm - 1.0).abs() < 1e-5, "{}", nearness(2000, 1518));
+        let inverse_depth = map(&[&far, &near]);
+        assert!((f64::from(inverse_depth(2000, 1518)) * depth_mm - 1.0).abs() < 1e-5, "{}", inverse_depth(2000, 1518));
         // 40 mm off the axis at 500 mm.
-        assert!((f64::from(nearness(2533, 1518)) * 500.0 - 1.0).abs() < 1e-5);
-        assert_eq!(nearness(3900, 100), 0.0, "beside both boxes there is nothing");
+        assert!((f64::from(inverse_depth(2533, 1518)) * 500.0 - 1.0).abs() < 1e-5);
+        assert_eq!(inverse_depth(3900, 100), 0.0, "beside both boxes there is nothing");
     }
 }
 
 #[test]
 fn from_inside_a_closed_body_its_walls_are_seen() {
-    let nearness = map(&[&box_mesh([-300.0; 3], [300.0; 3])]);
+    let inverse_depth = map(&[&box_mesh([-300.0; 3], [300.0; 3])]);
     for (x, y) in [(10, 10), (2000, 1518), (3990, 3020)] {
-        assert!((f64::from(nearness(x, y)) * 300.0 - 1.0).abs() < 1e-5, "{} at {x}, {y}", nearness(x, y));
+        assert!((f64::from(inverse_depth(x, y)) * 300.0 - 1.0).abs() < 1e-5, "{} at {x}, {y}", inverse_depth(x, y));
     }
 }
 
@@ -116,13 +116,13 @@ fn from_inside_a_closed_body_its_walls_are_seen() {
 fn a_plane_that_passes_the_camera_is_cut_before_it() {
     // From far behind the camera to far before it, 50 mm below: depth 50 · f / (v − cy).
     let floor = box_mesh([-5000.0, 50.0, -3000.0], [5000.0, 60.0, 3000.0]);
-    let nearness = map(&[&floor]);
+    let inverse_depth = map(&[&floor]);
     let lens = nominal_scanner().devices[0].lens;
     for (x, y) in [(5, 1700), (2000, 1800), (3995, 3000)] {
         let wanted = (f64::from(y) + 0.5 - lens.cy) / lens.fy / 50.0;
-        assert!((f64::from(nearness(x, y)) / wanted - 1.0).abs() < 1e-4, "{} instead of {wanted}", nearness(x, y));
+        assert!((f64::from(inverse_depth(x, y)) / wanted - 1.0).abs() < 1e-4, "{} instead of {wanted}", inverse_depth(x, y));
     }
-    assert_eq!(nearness(2000, 1000), 0.0, "nothing above the horizon");
+    assert_eq!(inverse_depth(2000, 1000), 0.0, "nothing above the horizon");
 }
 
 #[test]

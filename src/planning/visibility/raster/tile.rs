@@ -3,7 +3,7 @@
 //! A tile is 64 × 64 pixels, kept in blocks of 4 × 4 so that a block is one vector. Edge functions are a·x + b·y + c
 //! relative to the tile's corner with a = y₁ − y₂, b = x₂ − x₁, c = x₁y₂ − x₂y₁ (Pineda 1988, *A Parallel Algorithm for
 //! Polygon Rasterization*): swapping the two vertices negates each of the three exactly, also in rounded arithmetic, so
-//! two triangles that share an edge see exactly opposite values and, both including zero, leave no crack. Nearness is
+//! two triangles that share an edge see exactly opposite values and, both including zero, leave no crack. Inverse depth is
 //! the triangle's plane of 1/depth, held within the values at its corners. Triangles are prepared 16 at a time.
 
 use super::clusters::{Cluster, TRIANGLES, VERTICES};
@@ -23,11 +23,12 @@ const PIXEL_Y: Lanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2
 const BLOCK_X: Lanes = [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 32.0, 36.0, 40.0, 44.0, 48.0, 52.0, 56.0, 60.0];
 /// Blocks in a row from which it pays to ask first which of them the triangle meets.
 const WIDE: usize = 3;
-/// What an edge function is looked at beyond a block's pixels before the block is passed over: far more than rounding.
+/// Distance beyond a block's pixels at which an edge function is evaluated before the block is passed over: far more than
+/// rounding.
 const BLOCK_REACH: f32 = 3.01;
 
-/// Nearness at a tile's pixels, 1/mm, 0 where there is nothing; by blocks, row by row.
-pub(super) type Nearness = [Lanes; BLOCKS * BLOCKS];
+/// Inverse depth at a tile's pixels, 1/mm, 0 where there is nothing; by blocks, row by row.
+pub(super) type InverseDepth = [Lanes; BLOCKS * BLOCKS];
 /// From a pixel's place to that of the pixel on its right, within the tile.
 #[inline(always)]
 pub(super) fn step_right(x: u32) -> u32 {
@@ -41,64 +42,64 @@ pub(super) fn step_down(y: u32) -> u32 {
     if y % BLOCK as u32 == BLOCK as u32 - 1 { blocks - (BLOCK * (BLOCK - 1)) as u32 } else { BLOCK as u32 }
 }
 
-/// What was drawn at a tile's pixels: [`NOTHING`] or a number that the drawing gave.
-pub(super) type Numbers = [[u32; LANES]; BLOCKS * BLOCKS];
+/// Numbers of the triangles at a tile's pixels: [`NOTHING`] or a number that the pass gave.
+pub(super) type TriangleIds = [[u32; LANES]; BLOCKS * BLOCKS];
 /// No triangle.
 pub(super) const NOTHING: u32 = u32::MAX;
 
-/// Place of a pixel of a tile in [`Nearness`].
+/// Place of a pixel of a tile in [`InverseDepth`].
 #[inline(always)]
-pub(super) fn place(x: u32, y: u32) -> u32 {
+pub(super) fn offset_of(x: u32, y: u32) -> u32 {
     ((y >> 2) * BLOCKS as u32 + (x >> 2)) * LANES as u32 + (y & 3) * BLOCK as u32 + (x & 3)
 }
 
-/// A triangle in the image that was cut to what lies in front of the device: image coordinates and nearness.
+/// A triangle in the image that was cut to what lies in front of the device: image coordinates and inverse depth.
 #[derive(Clone, Copy)]
-pub(super) struct Cut {
+pub(super) struct Clipped {
     /// By coordinate, then corner.
     pub(super) corners: [[f32; 3]; 3],
     /// Number of the triangle it was cut from.
     pub(super) number: u32,
 }
 
-/// What lies in a tile, and where the tile is.
-pub(super) struct TileJob<'a> {
+/// Clusters and clipped triangles of one tile, and its position.
+pub(super) struct TilePass<'a> {
     pub(super) pinhole: &'a Pinhole,
     /// Image coordinates of the tile's first pixel.
     pub(super) corner_px: [f32; 2],
     pub(super) clusters: &'a [Cluster],
     /// Clusters that meet the tile and may show a front face.
-    pub(super) listed: &'a [u32],
+    pub(super) front_clusters: &'a [u32],
     /// Clusters that meet the tile and show only back faces, which mostly lie behind front faces.
-    pub(super) listed_back: &'a [u32],
-    pub(super) cut: &'a [Cut],
+    pub(super) back_clusters: &'a [u32],
+    pub(super) clipped: &'a [Clipped],
     /// Triangles of `cut` that meet the tile.
-    pub(super) listed_cut: &'a [u32],
-    /// Whether back faces of outward clusters are left out.
+    pub(super) clipped_ids: &'a [u32],
+    /// Is true if back faces of outward clusters are left out.
     pub(super) cull: bool,
 }
 
-impl TileJob<'_> {
-    /// Whether nothing meets the tile.
+impl TilePass<'_> {
+    /// Returns true if nothing meets the tile.
     pub(super) fn is_empty(&self) -> bool {
-        self.listed.is_empty() && self.listed_back.is_empty() && self.listed_cut.is_empty()
+        self.front_clusters.is_empty() && self.back_clusters.is_empty() && self.clipped_ids.is_empty()
     }
 
-    /// Draws nearness alone.
-    pub(super) fn draw(&self, level: SimdLevel, nearness: &mut Nearness) {
-        *nearness = [[0.0; LANES]; BLOCKS * BLOCKS];
-        level.run(Draw { job: self, nearness, numbers: &mut () });
+    /// Draws inverse depth alone.
+    pub(super) fn draw(&self, level: SimdLevel, inverse_depth: &mut InverseDepth) {
+        *inverse_depth = [[0.0; LANES]; BLOCKS * BLOCKS];
+        level.run(Draw { job: self, inverse_depth, numbers: &mut () });
     }
 
-    /// Draws nearness and the numbers of the nearest triangles.
-    pub(super) fn draw_numbered(&self, level: SimdLevel, nearness: &mut Nearness, numbers: &mut Numbers) {
-        *nearness = [[0.0; LANES]; BLOCKS * BLOCKS];
+    /// Draws inverse depth and the numbers of the nearest triangles.
+    pub(super) fn draw_with_ids(&self, level: SimdLevel, inverse_depth: &mut InverseDepth, numbers: &mut TriangleIds) {
+        *inverse_depth = [[0.0; LANES]; BLOCKS * BLOCKS];
         *numbers = [[NOTHING; LANES]; BLOCKS * BLOCKS];
-        level.run(Draw { job: self, nearness, numbers });
+        level.run(Draw { job: self, inverse_depth, numbers });
     }
 }
 
-/// Where the number of the nearest triangle goes, if anywhere.
+/// Sink for the number of the nearest triangle, if it is wanted.
 trait Target {
     fn block(&self, place: usize) -> [u32; LANES];
     fn put(&mut self, place: usize, block: [u32; LANES]);
@@ -114,7 +115,7 @@ impl Target for () {
     fn put(&mut self, _: usize, _: [u32; LANES]) {}
 }
 
-impl Target for Numbers {
+impl Target for TriangleIds {
     #[inline(always)]
     fn block(&self, place: usize) -> [u32; LANES] {
         self[place]
@@ -127,8 +128,8 @@ impl Target for Numbers {
 }
 
 struct Draw<'a, T> {
-    job: &'a TileJob<'a>,
-    nearness: &'a mut Nearness,
+    job: &'a TilePass<'a>,
+    inverse_depth: &'a mut InverseDepth,
     numbers: &'a mut T,
 }
 
@@ -137,37 +138,37 @@ impl<T: Target> Kernel for Draw<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { job, nearness, numbers } = self;
-        let (mut image, mut setup) = ([[0.0; VERTICES]; 3], Setup::default());
-        for &cluster in job.listed {
+        let Self { job, inverse_depth, numbers } = self;
+        let (mut image, mut setup) = ([[0.0; VERTICES]; 3], TriangleSetup::default());
+        for &cluster in job.front_clusters {
             let cluster = &job.clusters[cluster as usize];
             project(job, cluster, &mut image);
-            draw_cluster(job, cluster, &image, &mut setup, nearness, numbers);
+            draw_cluster(job, cluster, &image, &mut setup, inverse_depth, numbers);
         }
-        if !job.listed_back.is_empty() {
-            let hiding = Hiding::of(nearness);
-            for &cluster in job.listed_back {
+        if !job.back_clusters.is_empty() {
+            let hierarchical_z = HierarchicalZ::of(inverse_depth);
+            for &cluster in job.back_clusters {
                 let cluster = &job.clusters[cluster as usize];
                 project(job, cluster, &mut image);
-                if !hiding.hides(cluster, &image) {
-                    draw_cluster(job, cluster, &image, &mut setup, nearness, numbers);
+                if !hierarchical_z.hides(cluster, &image) {
+                    draw_cluster(job, cluster, &image, &mut setup, inverse_depth, numbers);
                 }
             }
         }
-        for listed in job.listed_cut.chunks(LANES) {
-            setup.prepare(&gather_cut(job, listed), false);
-            setup.draw(nearness, numbers, |lane| job.cut[listed[lane] as usize].number);
+        for listed in job.clipped_ids.chunks(LANES) {
+            setup.prepare(&gather_clipped(job, listed), false);
+            setup.draw(inverse_depth, numbers, |lane| job.clipped[listed[lane] as usize].number);
         }
     }
 }
 
 #[inline(always)]
 fn draw_cluster<T: Target>(
-    job: &TileJob<'_>,
+    job: &TilePass<'_>,
     cluster: &Cluster,
     image: &[[f32; VERTICES]; 3],
-    setup: &mut Setup,
-    nearness: &mut Nearness,
+    setup: &mut TriangleSetup,
+    inverse_depth: &mut InverseDepth,
     numbers: &mut T,
 ) {
     let cull = job.cull && cluster.outward;
@@ -176,19 +177,19 @@ fn draw_cluster<T: Target>(
             break;
         }
         setup.prepare(&gather(cluster, first, image), cull);
-        setup.draw(nearness, numbers, |lane| cluster.numbers[first + lane]);
+        setup.draw(inverse_depth, numbers, |lane| cluster.numbers[first + lane]);
     }
 }
 
 /// The furthest pixel of each block, which hides whatever is further still (Greene, Kass and Miller 1993, *Hierarchical
 /// Z-Buffer Visibility*).
-struct Hiding([Lanes; BLOCKS]);
+struct HierarchicalZ([Lanes; BLOCKS]);
 
-impl Hiding {
+impl HierarchicalZ {
     #[inline(always)]
-    fn of(nearness: &Nearness) -> Self {
+    fn of(inverse_depth: &InverseDepth) -> Self {
         let mut furthest = [[0.0; BLOCKS]; BLOCKS];
-        for (row, blocks) in nearness.as_chunks::<BLOCKS>().0.iter().enumerate() {
+        for (row, blocks) in inverse_depth.as_chunks::<BLOCKS>().0.iter().enumerate() {
             for (column, block) in blocks.iter().enumerate() {
                 let mut eight = [0.0; LANES / 2];
                 for lane in 0..LANES / 2 {
@@ -204,7 +205,7 @@ impl Hiding {
         Self(furthest)
     }
 
-    /// Whether nothing of a projected cluster can change the tile.
+    /// Returns true if nothing of a projected cluster can change the tile.
     #[inline(always)]
     fn hides(&self, cluster: &Cluster, image: &[[f32; VERTICES]; 3]) -> bool {
         let mut bounds = [[f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES], [f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]];
@@ -237,17 +238,17 @@ impl Hiding {
     }
 }
 
-/// Image coordinates, relative to the tile, and nearness of a cluster's vertices.
+/// Image coordinates, relative to the tile, and inverse depth of a cluster's vertices.
 #[inline(always)]
-fn project(job: &TileJob<'_>, cluster: &Cluster, image: &mut [[f32; VERTICES]; 3]) {
+fn project(job: &TilePass<'_>, cluster: &Cluster, image: &mut [[f32; VERTICES]; 3]) {
     let [left, top] = job.corner_px;
     for (batch, [x, y, z]) in cluster.vertices.iter().enumerate() {
-        let [u, v, nearness] = job.pinhole.project([x, y, z]);
+        let [u, v, inverse_depth] = job.pinhole.project([x, y, z]);
         let first = batch * LANES;
         for lane in 0..LANES {
             image[0][first + lane] = u[lane] - left;
             image[1][first + lane] = v[lane] - top;
-            image[2][first + lane] = nearness[lane];
+            image[2][first + lane] = inverse_depth[lane];
         }
     }
 }
@@ -269,12 +270,12 @@ fn gather(cluster: &Cluster, first: usize, image: &[[f32; VERTICES]; 3]) -> Corn
     corners
 }
 
-/// As [`gather`]; lanes beyond the list hold triangles without area.
+/// Gathers clipped triangles as [`gather`] does; lanes beyond the list hold triangles without area.
 #[inline(always)]
-fn gather_cut(job: &TileJob<'_>, listed: &[u32]) -> Corners {
+fn gather_clipped(job: &TilePass<'_>, listed: &[u32]) -> Corners {
     let mut corners = [[[0.0; LANES]; 3]; 3];
     for (lane, &cut) in listed.iter().enumerate() {
-        let cut = &job.cut[cut as usize];
+        let cut = &job.clipped[cut as usize];
         for corner in 0..3 {
             corners[corner][0][lane] = cut.corners[0][corner] - job.corner_px[0];
             corners[corner][1][lane] = cut.corners[1][corner] - job.corner_px[1];
@@ -286,10 +287,10 @@ fn gather_cut(job: &TileJob<'_>, listed: &[u32]) -> Corners {
 
 /// Sixteen triangles ready to be drawn.
 #[derive(Default)]
-struct Setup {
+struct TriangleSetup {
     /// Edge functions: a, b, c of each edge.
     edges: [[Lanes; 3]; 3],
-    /// Nearness: change along x, along y, value at the tile's corner.
+    /// Inverse depth: change along x, along y, value at the tile's corner.
     plane: [Lanes; 3],
     nearest: Lanes,
     furthest: Lanes,
@@ -299,7 +300,7 @@ struct Setup {
     live: [u8; LANES],
 }
 
-impl Setup {
+impl TriangleSetup {
     #[inline(always)]
     fn prepare(&mut self, [p, q, r]: &Corners, cull: bool) {
         let both = !cull;
@@ -339,34 +340,34 @@ impl Setup {
     }
 
     #[inline(always)]
-    fn draw<T: Target>(&self, nearness: &mut Nearness, numbers: &mut T, number: impl Fn(usize) -> u32) {
+    fn draw<T: Target>(&self, inverse_depth: &mut InverseDepth, numbers: &mut T, number: impl Fn(usize) -> u32) {
         let mut live = bits(&self.live);
         while live != 0 {
             let lane = live.trailing_zeros() as usize & (LANES - 1);
             live &= live - 1;
-            self.draw_one(lane, nearness, numbers, number(lane));
+            self.draw_one(lane, inverse_depth, numbers, number(lane));
         }
     }
 
     #[inline(always)]
-    fn draw_one<T: Target>(&self, triangle: usize, nearness: &mut Nearness, numbers: &mut T, number: u32) {
+    fn draw_one<T: Target>(&self, triangle: usize, inverse_depth: &mut InverseDepth, numbers: &mut T, number: u32) {
         let [left, right, top, bottom] = std::array::from_fn(|side| self.bounds[side][triangle] as usize >> 2);
         let (right, bottom) = (right.min(BLOCKS - 1), bottom.min(BLOCKS - 1));
-        let brush = Brush::new(self, triangle, number);
+        let stepper = TriangleStepper::new(self, triangle, number);
         // Apart, because the compiler makes ready what a loop may need even where it does not.
         if right - left < WIDE {
             for row in top..bottom + 1 {
-                let line = brush.line(row);
+                let line = stepper.line(row);
                 for column in left..right + 1 {
-                    brush.draw(&line, column, nearness, numbers);
+                    stepper.draw(&line, column, inverse_depth, numbers);
                 }
             }
         } else {
             for row in top..bottom + 1 {
-                let line = brush.line(row);
-                let mut met = blocks_met(&brush.edges, line.y) & (u32::MAX << left) & ((2 << right) - 1);
+                let line = stepper.line(row);
+                let mut met = blocks_met(&stepper.edges, line.y) & (u32::MAX << left) & ((2 << right) - 1);
                 while met != 0 {
-                    brush.draw(&line, met.trailing_zeros() as usize, nearness, numbers);
+                    stepper.draw(&line, met.trailing_zeros() as usize, inverse_depth, numbers);
                     met &= met - 1;
                 }
             }
@@ -375,29 +376,29 @@ impl Setup {
 }
 
 /// One triangle.
-struct Brush {
+struct TriangleStepper {
     edges: [[f32; 3]; 3],
     plane: [f32; 3],
     nearest: f32,
     furthest: f32,
-    /// By how much edge functions and nearness differ at a block's pixels from its first.
+    /// By how much edge functions and inverse depth differ at a block's pixels from its first.
     within: [Lanes; 3],
     slope: Lanes,
     number: u32,
 }
 
 /// A row of blocks.
-struct Line {
+struct BlockRow {
     row: usize,
     y: f32,
-    /// Edge functions and nearness at the row's first pixel.
+    /// Edge functions and inverse depth at the row's first pixel.
     edges: [f32; 3],
-    nearness: f32,
+    inverse_depth: f32,
 }
 
-impl Brush {
+impl TriangleStepper {
     #[inline(always)]
-    fn new(setup: &Setup, triangle: usize, number: u32) -> Self {
+    fn new(setup: &TriangleSetup, triangle: usize, number: u32) -> Self {
         let edges: [[f32; 3]; 3] = std::array::from_fn(|e| std::array::from_fn(|part| setup.edges[e][part][triangle]));
         let plane: [f32; 3] = std::array::from_fn(|part| setup.plane[part][triangle]);
         let mut within = [[0.0; LANES]; 3];
@@ -413,21 +414,21 @@ impl Brush {
     }
 
     #[inline(always)]
-    fn line(&self, row: usize) -> Line {
+    fn line(&self, row: usize) -> BlockRow {
         let y = (row * BLOCK) as f32;
         let edges = std::array::from_fn(|e| self.edges[e][1] * y + self.edges[e][2]);
-        Line { row, y, edges, nearness: self.plane[1] * y + self.plane[2] }
+        BlockRow { row, y, edges, inverse_depth: self.plane[1] * y + self.plane[2] }
     }
 
     #[inline(always)]
-    fn draw<T: Target>(&self, line: &Line, column: usize, nearness: &mut Nearness, numbers: &mut T) {
+    fn draw<T: Target>(&self, line: &BlockRow, column: usize, inverse_depth: &mut InverseDepth, numbers: &mut T) {
         let x = (column * BLOCK) as f32;
         let at: [f32; 3] = std::array::from_fn(|e| self.edges[e][0] * x + line.edges[e]);
-        let base = self.plane[0] * x + line.nearness;
+        let base = self.plane[0] * x + line.inverse_depth;
         let place = (line.row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
         // Both blocks are read before either is written: else the compiler writes only the pixels that change,
         // and masked stores are slow to be read again.
-        let (mut values, mut shown) = (nearness[place], numbers.block(place));
+        let (mut values, mut shown) = (inverse_depth[place], numbers.block(place));
         // A choice between two values becomes an instruction, one between two places a jump.
         let (number, nearest, furthest) = (self.number, self.nearest, self.furthest);
         for lane in 0..LANES {
@@ -440,7 +441,7 @@ impl Brush {
             // The greater of two numbers that are not negative has the greater bits.
             values[lane] = f32::from_bits(value.to_bits().max(before.to_bits()));
         }
-        nearness[place] = values;
+        inverse_depth[place] = values;
         numbers.put(place, shown);
     }
 }

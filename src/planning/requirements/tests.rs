@@ -13,18 +13,18 @@ fn interest(region: Region) -> InterestParams {
     InterestParams { name: None, region, weight: 1.0, target: None, camera_deg: None, projector_deg: None, min_grade: None }
 }
 
-fn demands(params: &PlanParams) -> (Surface, Demands) {
+fn requirements(params: &PlanParams) -> (Surface, Requirements) {
     let mesh = box_mesh([0.0; 3], [30.0; 3]);
     let surface = sample(&mesh, &params.part, &params.regions, 0).unwrap_or_else(|errors| panic!("{errors:?}"));
-    let demands = Demands::new(&mesh, &surface, params).unwrap_or_else(|errors| panic!("{errors:?}"));
-    (surface, demands)
+    let requirements = Requirements::new(&mesh, &surface, params).unwrap_or_else(|errors| panic!("{errors:?}"));
+    (surface, requirements)
 }
 
 #[test]
 fn without_regions_every_sample_is_asked_the_same() {
-    let (_, demands) = demands(&PlanParams::default());
-    assert_eq!(demands, Demands::default());
-    assert!(!demands.any_hold_to_quality());
+    let (_, requirements) = requirements(&PlanParams::default());
+    assert_eq!(requirements, Requirements::default());
+    assert!(!requirements.any_requires_quality());
 }
 
 #[test]
@@ -34,16 +34,16 @@ fn where_regions_overlap_the_greatest_weight_and_the_strictest_limits_count() {
         InterestParams { weight: 3.0, camera_deg: Some(50.0), min_grade: Some(Grade::C), ..interest(slab(2, -1.0, 20.0)) },
         InterestParams { weight: 0.5, camera_deg: Some(40.0), min_grade: Some(Grade::B), ..interest(slab(2, 10.0, 31.0)) },
     ];
-    let (surface, demands) = demands(&params);
+    let (surface, requirements) = requirements(&params);
     for (sample, p) in surface.sample_mm.iter().enumerate() {
-        let demand = demands.of(sample);
+        let requirement = requirements.of(sample);
         let (regions, weight, camera_deg, grade) = match p.z {
             z if z < 10.0 => (vec![0], 3.0, 50.0_f64, Grade::C),
             z if z <= 20.0 => (vec![0, 1], 3.0, 40.0, Grade::B),
             _ => (vec![1], 0.5, 40.0, Grade::B),
         };
-        assert_eq!((&demand.regions, demand.weight, demand.min_grade), (&regions, weight, Some(grade)), "at {p}");
-        assert_eq!(demand.camera_max_rad, Some(camera_deg.to_radians()));
+        assert_eq!((&requirement.regions, requirement.weight, requirement.min_grade), (&regions, weight, Some(grade)), "at {p}");
+        assert_eq!(requirement.camera_max_rad, Some(camera_deg.to_radians()));
     }
 }
 
@@ -52,11 +52,11 @@ fn a_finer_tolerance_weighs_more_and_allows_less_noise() {
     let mut params = PlanParams::default();
     let feature = |region, tolerance_mm| FeatureParams { name: None, region, tolerance_mm, point_spacing_mm: None, target: None };
     params.regions.features = vec![feature(slab(2, -1.0, 1.0), 0.4), feature(slab(2, 29.0, 31.0), 0.1)];
-    let (surface, demands) = demands(&params);
+    let (surface, requirements) = requirements(&params);
     let at = |low: bool| {
         (0..surface.sample_mm.len()).find(|s| if low { surface.sample_mm[*s].z < 1.0 } else { surface.sample_mm[*s].z > 29.0 })
     };
-    let [coarse, fine] = [true, false].map(|low| demands.of(at(low).unwrap_or_else(|| panic!("a sample"))));
+    let [coarse, fine] = [true, false].map(|low| requirements.of(at(low).unwrap_or_else(|| panic!("a sample"))));
     assert_eq!((coarse.weight, fine.weight), (1.0, 4.0));
     assert!((coarse.noise_max_mm.unwrap_or(0.0) - 0.3 * 0.4 / 4.0).abs() < 1e-15);
     assert!((fine.noise_max_mm.unwrap_or(0.0) - 0.3 * 0.1 / 4.0).abs() < 1e-15);
@@ -68,7 +68,7 @@ fn a_region_that_the_part_does_not_have_is_named() {
     params.regions.interest = vec![interest(Region::Name { name: "bore".into() })];
     let mesh = box_mesh([0.0; 3], [30.0; 3]);
     let surface = sample(&mesh, &params.part, &params.regions, 0).unwrap_or_else(|errors| panic!("{errors:?}"));
-    let errors = Demands::new(&mesh, &surface, &params).err().unwrap_or_default();
+    let errors = Requirements::new(&mesh, &surface, &params).err().unwrap_or_default();
     assert_eq!(errors[0].pointer, "/regions/interest/0/region/name");
     assert!(errors[0].detail.contains("no named groups"), "{errors:?}");
 }

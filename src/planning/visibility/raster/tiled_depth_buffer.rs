@@ -10,14 +10,15 @@ use rayon::prelude::*;
 
 use super::clusters::{Cluster, Clusters, TRIANGLES};
 use super::pinhole::{LANES, Pinhole};
-use super::tile::{Cut, NOTHING, Nearness, Numbers, TILE, TileJob};
+use super::tile::{Clipped, InverseDepth, NOTHING, TILE, TilePass, TriangleIds};
 use crate::cell::Lens;
 use crate::geometry::{Kernel, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
 
 /// Nearest depth at which surfaces are drawn, mm; what is nearer touches the device.
 const NEAR_MM: f64 = 0.1;
-/// How far beyond the grid triangles are drawn as they are, pixels; beyond it they are cut, since f32 would tell.
+/// Guard band: distance beyond the grid up to which triangles are drawn as they are, pixels; beyond it they are clipped, since
+/// f32 would tell.
 const GUARD_PX: f64 = 16384.0;
 /// By how much a cluster's rectangle is widened, pixels: corners of a box and vertices are rounded differently.
 const WIDENING_PX: f32 = 0.05;
@@ -64,52 +65,52 @@ impl Grid {
 }
 
 /// Columns and rows of tiles that a cluster may meet, first and last of each; empty where the first lies beyond the last.
-type Span = [u16; 4];
-const NOWHERE: Span = [1, 0, 1, 0];
+type TileRange = [u16; 4];
+const NOWHERE: TileRange = [1, 0, 1, 0];
 /// Marks a cluster to be cut.
-const CUT: Span = [u16::MAX, 0, 0, 0];
+const TO_CLIP: TileRange = [u16::MAX, 0, 0, 0];
 
 /// Reusable buffers for one device.
 #[derive(Default)]
-pub(super) struct Canvas {
+pub(super) struct TiledDepthBuffer {
     /// Place of each tile of the grid among the wanted ones; [`NOTHING`] where not wanted.
     slots: Vec<u32>,
     /// Wanted tiles.
     wanted: Vec<u32>,
-    spans: Vec<Span>,
-    back_spans: Vec<Span>,
-    cut: Vec<Cut>,
-    /// Of clusters that may show a front face, and of those that show back faces alone.
-    fronts_of: Lists,
-    backs_of: Lists,
-    cut_of: Lists,
-    maps: Vec<Nearness>,
+    ranges: Vec<TileRange>,
+    back_ranges: Vec<TileRange>,
+    clipped: Vec<Clipped>,
+    /// Clusters by tile: those that may show a front face, and those that show back faces alone.
+    fronts_of: TileLists,
+    backs_of: TileLists,
+    clipped_of: TileLists,
+    maps: Vec<InverseDepth>,
 }
 
 /// For each wanted tile a list.
 #[derive(Default)]
-struct Lists {
+struct TileLists {
     begin: Vec<u32>,
     entries: Vec<u32>,
 }
 
-impl Lists {
+impl TileLists {
     fn of(&self, slot: usize) -> &[u32] {
         &self.entries[self.begin[slot] as usize..self.begin[slot + 1] as usize]
     }
 
-    /// Sorts `spans` into the wanted tiles.
-    fn fill(&mut self, spans: &[Span], slots: &[u32], columns: usize, wanted: usize) {
+    /// Sorts `ranges` into the wanted tiles.
+    fn fill(&mut self, ranges: &[TileRange], slots: &[u32], columns: usize, wanted: usize) {
         self.begin.clear();
         self.begin.resize(wanted + 2, 0);
-        each_tile(spans, slots, columns, |slot, _| self.begin[slot as usize + 2] += 1);
+        each_tile(ranges, slots, columns, |slot, _| self.begin[slot as usize + 2] += 1);
         for slot in 2..wanted + 2 {
             self.begin[slot] += self.begin[slot - 1];
         }
         self.entries.clear();
         self.entries.resize(self.begin[wanted + 1] as usize, 0);
         let (begin, entries) = (&mut self.begin, &mut self.entries);
-        each_tile(spans, slots, columns, |slot, entry| {
+        each_tile(ranges, slots, columns, |slot, entry| {
             let next = &mut begin[slot as usize + 1];
             entries[*next as usize] = entry;
             *next += 1;
@@ -117,8 +118,8 @@ impl Lists {
     }
 }
 
-fn each_tile(spans: &[Span], slots: &[u32], columns: usize, mut put: impl FnMut(u32, u32)) {
-    for (entry, [left, right, top, bottom]) in spans.iter().enumerate() {
+fn each_tile(ranges: &[TileRange], slots: &[u32], columns: usize, mut put: impl FnMut(u32, u32)) {
+    for (entry, [left, right, top, bottom]) in ranges.iter().enumerate() {
         for row in *top..=*bottom {
             for column in *left..=*right {
                 let slot = slots[usize::from(row) * columns + usize::from(column)];
@@ -130,9 +131,9 @@ fn each_tile(spans: &[Span], slots: &[u32], columns: usize, mut put: impl FnMut(
     }
 }
 
-/// What is drawn, and how.
+/// One pass over a scene with one device.
 #[derive(Clone, Copy)]
-pub(super) struct Drawing<'a> {
+pub(super) struct RenderPass<'a> {
     pub(super) scene: &'a Clusters,
     pub(super) pinhole: &'a Pinhole,
     pub(super) grid: Grid,
@@ -141,15 +142,15 @@ pub(super) struct Drawing<'a> {
     pub(super) grain: usize,
 }
 
-impl Canvas {
+impl TiledDepthBuffer {
     /// Prepares the wanted tiles: finds what meets each.
     pub(super) fn prepare(
         &mut self,
-        drawing: &Drawing<'_>,
+        pass: &RenderPass<'_>,
         wanted: impl Fn(usize) -> bool,
         ctx: &Context<'_>,
     ) -> Result<(), Cancelled> {
-        let grid = drawing.grid;
+        let grid = pass.grid;
         self.slots.clear();
         self.slots.resize(grid.tiles(), NOTHING);
         self.wanted.clear();
@@ -157,83 +158,82 @@ impl Canvas {
             self.slots[tile] = self.wanted.len() as u32;
             self.wanted.push(tile as u32);
         }
-        self.spans.resize(drawing.scene.clusters.len(), NOWHERE);
-        self.back_spans.resize(drawing.scene.clusters.len(), NOWHERE);
-        let spans = self.spans.par_chunks_mut(CULL_CHUNK).zip(self.back_spans.par_chunks_mut(CULL_CHUNK));
-        let culled = drawing.scene.clusters.par_chunks(CULL_CHUNK).zip(spans);
-        culled.with_min_len(drawing.grain).try_for_each(|(clusters, (spans, back_spans))| {
+        self.ranges.resize(pass.scene.clusters.len(), NOWHERE);
+        self.back_ranges.resize(pass.scene.clusters.len(), NOWHERE);
+        let ranges = self.ranges.par_chunks_mut(CULL_CHUNK).zip(self.back_ranges.par_chunks_mut(CULL_CHUNK));
+        let culled = pass.scene.clusters.par_chunks(CULL_CHUNK).zip(ranges);
+        culled.with_min_len(pass.grain).try_for_each(|(clusters, (ranges, back_ranges))| {
             ctx.check()?;
-            drawing.level.run(Cull { clusters, spans, back_spans, drawing });
+            pass.level.run(Cull { clusters, ranges, back_ranges, pass });
             Ok(())
         })?;
-        self.cut.clear();
-        let cutter = Cutter::new(drawing);
-        for (span, cluster) in self.spans.iter_mut().zip(&drawing.scene.clusters).filter(|(span, _)| **span == CUT) {
-            *span = NOWHERE;
+        self.clipped.clear();
+        let clipper = Clipper::new(pass);
+        for (range, cluster) in self.ranges.iter_mut().zip(&pass.scene.clusters).filter(|(range, _)| **range == TO_CLIP) {
+            *range = NOWHERE;
             ctx.check()?;
-            cutter.cut(cluster, &mut self.cut);
+            clipper.clip(cluster, &mut self.clipped);
         }
-        self.fronts_of.fill(&self.spans, &self.slots, grid.columns, self.wanted.len());
-        self.backs_of.fill(&self.back_spans, &self.slots, grid.columns, self.wanted.len());
-        let spans: Vec<Span> = self.cut.iter().map(|cut| span_of_cut(cut, &grid)).collect();
-        self.cut_of.fill(&spans, &self.slots, grid.columns, self.wanted.len());
+        self.fronts_of.fill(&self.ranges, &self.slots, grid.columns, self.wanted.len());
+        self.backs_of.fill(&self.back_ranges, &self.slots, grid.columns, self.wanted.len());
+        let ranges: Vec<TileRange> = self.clipped.iter().map(|cut| range_of_clipped(cut, &grid)).collect();
+        self.clipped_of.fill(&ranges, &self.slots, grid.columns, self.wanted.len());
         Ok(())
     }
 
     /// Draws the map of the wanted tiles.
-    pub(super) fn draw(&mut self, drawing: &Drawing<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    pub(super) fn draw(&mut self, pass: &RenderPass<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
         let mut maps = std::mem::take(&mut self.maps);
         if maps.len() < self.wanted.len() {
             maps.resize(self.wanted.len(), [[0.0; LANES]; TILE * TILE / LANES]);
         }
-        let drawn =
-            maps[..self.wanted.len()].par_iter_mut().enumerate().with_min_len(drawing.grain).try_for_each(|(slot, map)| {
-                ctx.check()?;
-                self.job(slot, drawing).draw(drawing.level, map);
-                Ok(())
-            });
+        let drawn = maps[..self.wanted.len()].par_iter_mut().enumerate().with_min_len(pass.grain).try_for_each(|(slot, map)| {
+            ctx.check()?;
+            self.job(slot, pass).draw(pass.level, map);
+            Ok(())
+        });
         self.maps = maps;
         drawn
     }
 
     /// Draws each wanted tile that anything meets with numbers, and hands them to `see` with the image coordinates of
     /// the tile's first pixel.
-    pub(super) fn draw_numbered(
+    pub(super) fn draw_with_ids(
         &self,
-        drawing: &Drawing<'_>,
+        pass: &RenderPass<'_>,
         ctx: &Context<'_>,
-        see: impl Fn([f32; 2], &Numbers) + Sync,
+        see: impl Fn([f32; 2], &TriangleIds) + Sync,
     ) -> Result<(), Cancelled> {
         let buffers = || (Box::new([[0.0; LANES]; TILE * TILE / LANES]), Box::new([[NOTHING; LANES]; TILE * TILE / LANES]));
-        let slots = (0..self.wanted.len()).into_par_iter().with_min_len(drawing.grain);
+        let slots = (0..self.wanted.len()).into_par_iter().with_min_len(pass.grain);
         slots.try_for_each_init(buffers, |(map, numbers), slot| {
             ctx.check()?;
-            let job = self.job(slot, drawing);
+            let job = self.job(slot, pass);
             if !job.is_empty() {
-                job.draw_numbered(drawing.level, map, numbers);
+                job.draw_with_ids(pass.level, map, numbers);
                 see(job.corner_px, numbers);
             }
             Ok(())
         })
     }
 
-    fn job<'a>(&'a self, slot: usize, drawing: &Drawing<'a>) -> TileJob<'a> {
-        let (scene, centre_mm) = (drawing.scene, drawing.pinhole.centre_mm);
-        TileJob {
-            pinhole: drawing.pinhole,
-            corner_px: drawing.grid.corner_px(self.wanted[slot] as usize),
+    fn job<'a>(&'a self, slot: usize, pass: &RenderPass<'a>) -> TilePass<'a> {
+        let (scene, centre_mm) = (pass.scene, pass.pinhole.centre_mm);
+        TilePass {
+            pinhole: pass.pinhole,
+            corner_px: pass.grid.corner_px(self.wanted[slot] as usize),
             clusters: &scene.clusters,
-            listed: self.fronts_of.of(slot),
-            listed_back: self.backs_of.of(slot),
-            cut: &self.cut,
-            listed_cut: self.cut_of.of(slot),
+            front_clusters: self.fronts_of.of(slot),
+            back_clusters: self.backs_of.of(slot),
+            clipped: &self.clipped,
+            clipped_ids: self.clipped_of.of(slot),
             // Back faces hide nothing only from outside.
             cull: !scene.may_enclose(&centre_mm),
         }
     }
 
     /// Maps of the wanted tiles, and for each tile of the grid its place among them.
-    pub(super) fn maps(&self) -> (&[Nearness], &[u32]) {
+    pub(super) fn maps(&self) -> (&[InverseDepth], &[u32]) {
         (&self.maps, &self.slots)
     }
 }
@@ -241,9 +241,9 @@ impl Canvas {
 /// Culls clusters and finds the tiles that the others may meet.
 struct Cull<'a> {
     clusters: &'a [Cluster],
-    spans: &'a mut [Span],
-    back_spans: &'a mut [Span],
-    drawing: &'a Drawing<'a>,
+    ranges: &'a mut [TileRange],
+    back_ranges: &'a mut [TileRange],
+    pass: &'a RenderPass<'a>,
 }
 
 impl Kernel for Cull<'_> {
@@ -251,24 +251,24 @@ impl Kernel for Cull<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let centre_mm = self.drawing.pinhole.centre_mm;
-        let cull = !self.drawing.scene.may_enclose(&centre_mm);
-        for ((cluster, span), back_span) in self.clusters.iter().zip(self.spans).zip(self.back_spans) {
-            (*span, *back_span) = (NOWHERE, NOWHERE);
+        let centre_mm = self.pass.pinhole.centre_mm;
+        let cull = !self.pass.scene.may_enclose(&centre_mm);
+        for ((cluster, range), back_range) in self.clusters.iter().zip(self.ranges).zip(self.back_ranges) {
+            (*range, *back_range) = (NOWHERE, NOWHERE);
             let away = cluster.faces_away(&centre_mm);
             if away && cull && cluster.outward {
                 continue;
             }
-            let meets = span_of_box(cluster, self.drawing);
+            let meets = range_of_box(cluster, self.pass);
             // What is to be cut is drawn last in any case.
-            *(if away && meets != CUT { back_span } else { span }) = meets;
+            *(if away && meets != TO_CLIP { back_range } else { range }) = meets;
         }
     }
 }
 
 /// From the projected corners of the bounding box.
 #[inline(always)]
-fn span_of_box(cluster: &Cluster, drawing: &Drawing<'_>) -> Span {
+fn range_of_box(cluster: &Cluster, pass: &RenderPass<'_>) -> TileRange {
     let (low, high) = (&cluster.low_mm, &cluster.high_mm);
     let mut corners = [[0.0; LANES]; 3];
     for lane in 0..LANES {
@@ -276,26 +276,26 @@ fn span_of_box(cluster: &Cluster, drawing: &Drawing<'_>) -> Span {
         corners[1][lane] = if lane & 2 == 0 { low[1] } else { high[1] };
         corners[2][lane] = if lane & 4 == 0 { low[2] } else { high[2] };
     }
-    let [x, y, nearness] = drawing.pinhole.project([&corners[0], &corners[1], &corners[2]]);
+    let [x, y, inverse_depth] = pass.pinhole.project([&corners[0], &corners[1], &corners[2]]);
     let (mut left, mut right, mut top, mut bottom) = (f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY);
     let mut behind = false;
     for corner in 0..8 {
-        behind |= !(nearness[corner] > 0.0 && nearness[corner] < 1.0 / NEAR_MM as f32);
+        behind |= !(inverse_depth[corner] > 0.0 && inverse_depth[corner] < 1.0 / NEAR_MM as f32);
         left = left.min(x[corner]);
         right = right.max(x[corner]);
         top = top.min(y[corner]);
         bottom = bottom.max(y[corner]);
     }
-    let grid = &drawing.grid;
+    let grid = &pass.grid;
     let guard = GUARD_PX as f32;
     if behind || !(left > -guard && right < guard && top > -guard && bottom < guard) {
-        return CUT;
+        return TO_CLIP;
     }
-    span([left, right, top, bottom], grid)
+    range([left, right, top, bottom], grid)
 }
 
 /// Tiles that a rectangle of the image meets.
-fn span([left, right, top, bottom]: [f32; 4], grid: &Grid) -> Span {
+fn range([left, right, top, bottom]: [f32; 4], grid: &Grid) -> TileRange {
     let (left, right) = (left - grid.left_px - WIDENING_PX, right - grid.left_px + WIDENING_PX);
     let (top, bottom) = (top - grid.top_px - WIDENING_PX, bottom - grid.top_px + WIDENING_PX);
     let (width, height) = ((grid.columns * TILE) as f32, (grid.rows * TILE) as f32);
@@ -307,11 +307,11 @@ fn span([left, right, top, bottom]: [f32; 4], grid: &Grid) -> Span {
     [column(left), column(right), row(top), row(bottom)]
 }
 
-fn span_of_cut(cut: &Cut, grid: &Grid) -> Span {
+fn range_of_clipped(cut: &Clipped, grid: &Grid) -> TileRange {
     let [x, y, _] = &cut.corners;
     let least = |values: &[f32; 3]| values.iter().copied().fold(f32::INFINITY, f32::min);
     let most = |values: &[f32; 3]| values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    span([least(x), most(x), least(y), most(y)], grid)
+    range([least(x), most(x), least(y), most(y)], grid)
 }
 
 impl Cluster {
@@ -323,15 +323,15 @@ impl Cluster {
 }
 
 /// Cuts triangles to what lies in front of the device and not absurdly far beyond the grid (Sutherland and Hodgman 1974).
-struct Cutter<'a> {
+struct Clipper<'a> {
     pinhole: &'a Pinhole,
     /// Half-spaces over (x · depth, y · depth, depth): what counts is where normal · point ≥ offset.
     planes: [(Vector3<f64>, f64); 5],
 }
 
-impl<'a> Cutter<'a> {
-    fn new(drawing: &Drawing<'a>) -> Self {
-        let grid = &drawing.grid;
+impl<'a> Clipper<'a> {
+    fn new(pass: &RenderPass<'a>) -> Self {
+        let grid = &pass.grid;
         let (left, top) = (f64::from(grid.left_px) - GUARD_PX / 4.0, f64::from(grid.top_px) - GUARD_PX / 4.0);
         let right = f64::from(grid.left_px) + (grid.columns * TILE) as f64 + GUARD_PX / 4.0;
         let bottom = f64::from(grid.top_px) + (grid.rows * TILE) as f64 + GUARD_PX / 4.0;
@@ -342,10 +342,10 @@ impl<'a> Cutter<'a> {
             (Vector3::new(0.0, 1.0, -top), 0.0),
             (Vector3::new(0.0, -1.0, bottom), 0.0),
         ];
-        Self { pinhole: drawing.pinhole, planes }
+        Self { pinhole: pass.pinhole, planes }
     }
 
-    fn cut(&self, cluster: &Cluster, cuts: &mut Vec<Cut>) {
+    fn clip(&self, cluster: &Cluster, cuts: &mut Vec<Clipped>) {
         let vertex = |index: u8| {
             let (batch, lane) = (usize::from(index) / LANES, usize::from(index) % LANES);
             let [x, y, z] = std::array::from_fn(|axis| f64::from(cluster.vertices[batch][axis][lane]));
@@ -354,12 +354,12 @@ impl<'a> Cutter<'a> {
         for triangle in (0..TRIANGLES).filter(|triangle| cluster.numbers[*triangle] != NOTHING) {
             let mut polygon: Vec<Vector3<f64>> = (0..3).map(|corner| vertex(cluster.corners[corner][triangle])).collect();
             for (normal, offset) in &self.planes {
-                polygon = cut_by(&polygon, normal, *offset);
+                polygon = clip_by(&polygon, normal, *offset);
             }
             let image: Vec<[f32; 3]> = polygon.iter().map(|p| [p.x / p.z, p.y / p.z, 1.0 / p.z].map(|v| v as f32)).collect();
             for pair in image.windows(2).skip(1) {
                 let corners = std::array::from_fn(|axis| [image[0][axis], pair[0][axis], pair[1][axis]]);
-                cuts.push(Cut { corners, number: cluster.numbers[triangle] });
+                cuts.push(Clipped { corners, number: cluster.numbers[triangle] });
             }
         }
     }
@@ -367,7 +367,7 @@ impl<'a> Cutter<'a> {
 
 /// The part of a convex polygon where normal · point ≥ offset. A cut edge's end is computed from the end that stays, so
 /// that both triangles at an edge get the same one.
-fn cut_by(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset: f64) -> Vec<Vector3<f64>> {
+fn clip_by(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset: f64) -> Vec<Vector3<f64>> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, p) in polygon.iter().enumerate() {
         let q = &polygon[(i + 1) % polygon.len()];
@@ -384,7 +384,7 @@ fn cut_by(polygon: &[Vector3<f64>], normal: &Vector3<f64>, offset: f64) -> Vec<V
 }
 
 impl Clusters {
-    /// Whether a point, relative to the scene's centre, lies in the bounding box of all outward clusters.
+    /// Returns true if a point, relative to the scene's centre, lies in the bounding box of all outward clusters.
     fn may_enclose(&self, p: &Vector3<f64>) -> bool {
         self.outward.holds(&Point3::from(*p))
     }

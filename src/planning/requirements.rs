@@ -35,14 +35,14 @@ const SIGMAS: f64 = 4.0;
 
 /// What is asked of some samples.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Demand {
+pub struct Requirement {
     /// Numbers of the regions that hold them: regions of interest, then features.
     pub regions: Vec<usize>,
     /// What their area counts for in the score.
     pub weight: f64,
     /// Own limits of the incidence, rad.
     pub camera_max_rad: Option<f64>,
-    /// See [`Demand::camera_max_rad`].
+    /// See [`Requirement::camera_max_rad`].
     pub projector_max_rad: Option<f64>,
     /// Only area measured so well counts.
     pub min_grade: Option<Grade>,
@@ -52,19 +52,19 @@ pub struct Demand {
     pub spacing_max_mm: Option<f64>,
 }
 
-/// Demands by sample.
+/// Requirements by sample.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Demands {
+pub struct Requirements {
     /// The kinds that there are; the first is what is asked outside all regions.
-    pub kinds: Vec<Demand>,
+    pub kinds: Vec<Requirement>,
     /// Kind of each sample; empty where all are of the first.
     of_sample: Vec<u8>,
 }
 
-impl Default for Demands {
+impl Default for Requirements {
     /// Nothing beyond being measured.
     fn default() -> Self {
-        Self { kinds: vec![Demand { weight: 1.0, ..Demand::default() }], of_sample: Vec::new() }
+        Self { kinds: vec![Requirement { weight: 1.0, ..Requirement::default() }], of_sample: Vec::new() }
     }
 }
 
@@ -94,24 +94,24 @@ pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
 /// The samples of a part, after [`surface::resolve`], with what is asked of them.
 ///
 /// # Errors
-/// Those of [`surface::sample`] and [`Demands::new`].
+/// Those of [`surface::sample`] and [`Requirements::new`].
 pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64) -> Result<Surface, Vec<FieldError>> {
     let mut surface = surface::sample(mesh, &params.part, &params.regions, seed)?;
-    surface.demands = Demands::new(mesh, &surface, params)?;
+    surface.requirements = Requirements::new(mesh, &surface, params)?;
     Ok(surface)
 }
 
-impl Demands {
+impl Requirements {
     /// What `params` ask of the samples of `surface`.
     ///
     /// # Errors
     /// Regions that the mesh does not have; more than 255 ways in which regions overlap.
     pub fn new(mesh: &Mesh, surface: &Surface, params: &PlanParams) -> Result<Self, Vec<FieldError>> {
-        let mut demands = Self::default();
-        demands.kinds[0].min_grade = params.selection.min_grade;
+        let mut requirements = Self::default();
+        requirements.kinds[0].min_grade = params.selection.min_grade;
         let (interest, features) = (&params.regions.interest, &params.regions.features);
         if interest.is_empty() && features.is_empty() {
-            return Ok(demands);
+            return Ok(requirements);
         }
         let interest = interest.iter().enumerate().map(|(i, region)| (format!("/regions/interest/{i}/region"), &region.region));
         let features = features.iter().enumerate().map(|(i, region)| (format!("/regions/features/{i}/region"), &region.region));
@@ -123,14 +123,14 @@ impl Demands {
             let kind = match kind_of.entry(holding(&finders, source_face, p)) {
                 std::collections::hash_map::Entry::Occupied(known) => *known.get(),
                 std::collections::hash_map::Entry::Vacant(new) => {
-                    let kind = u8::try_from(demands.kinds.len()).map_err(|_| too_many_overlaps())?;
-                    demands.kinds.push(Demand::of_regions(new.key(), params));
+                    let kind = u8::try_from(requirements.kinds.len()).map_err(|_| too_many_overlaps())?;
+                    requirements.kinds.push(Requirement::of_regions(new.key(), params));
                     *new.insert(kind)
                 }
             };
-            demands.of_sample.push(kind);
+            requirements.of_sample.push(kind);
         }
-        Ok(demands)
+        Ok(requirements)
     }
 
     /// Number of a sample's kind.
@@ -141,14 +141,14 @@ impl Demands {
 
     /// What is asked of a sample.
     #[must_use]
-    pub fn of(&self, sample: usize) -> &Demand {
+    pub fn of(&self, sample: usize) -> &Requirement {
         &self.kinds[usize::from(self.kind(sample))]
     }
 
     /// Whether any sample has to be measured well, not only at all.
     #[must_use]
-    pub fn any_hold_to_quality(&self) -> bool {
-        self.kinds.iter().any(Demand::holds_to_quality)
+    pub fn any_requires_quality(&self) -> bool {
+        self.kinds.iter().any(Requirement::requires_quality)
     }
 }
 
@@ -161,10 +161,10 @@ fn too_many_overlaps() -> Vec<FieldError> {
     vec![FieldError { pointer: "/regions/interest".to_owned(), detail }]
 }
 
-impl Demand {
+impl Requirement {
     /// Whether being measured is not enough.
     #[must_use]
-    pub fn holds_to_quality(&self) -> bool {
+    pub fn requires_quality(&self) -> bool {
         self.min_grade.is_some_and(|grade| grade != Grade::D) || self.noise_max_mm.is_some() || self.spacing_max_mm.is_some()
     }
 
@@ -172,28 +172,28 @@ impl Demand {
     fn of_regions(regions: &[usize], params: &PlanParams) -> Self {
         let (interest, features) = (&params.regions.interest, &params.regions.features);
         let coarsest_mm = features.iter().map(|feature| feature.tolerance_mm).fold(0.0, f64::max);
-        let mut demand = Self { regions: regions.to_vec(), weight: f64::NEG_INFINITY, ..Self::default() };
+        let mut requirement = Self { regions: regions.to_vec(), weight: f64::NEG_INFINITY, ..Self::default() };
         for &region in regions {
             match region.checked_sub(interest.len()) {
-                None => demand.hold_to_interest(&interest[region]),
+                None => requirement.tighten(&interest[region]),
                 Some(feature) => {
                     let feature = &features[feature];
                     let noise_max_mm = params.regions.noise.budget * feature.tolerance_mm / SIGMAS;
-                    demand.weight = demand.weight.max((coarsest_mm / feature.tolerance_mm).min(MAX_WEIGHT));
-                    demand.noise_max_mm = least(demand.noise_max_mm, Some(noise_max_mm));
-                    demand.spacing_max_mm = least(demand.spacing_max_mm, feature.point_spacing_mm);
+                    requirement.weight = requirement.weight.max((coarsest_mm / feature.tolerance_mm).min(MAX_WEIGHT));
+                    requirement.noise_max_mm = stricter(requirement.noise_max_mm, Some(noise_max_mm));
+                    requirement.spacing_max_mm = stricter(requirement.spacing_max_mm, feature.point_spacing_mm);
                 }
             }
         }
         // A is the least grade: the better of two is the stricter.
-        demand.min_grade = demand.min_grade.or(params.selection.min_grade);
-        demand
+        requirement.min_grade = requirement.min_grade.or(params.selection.min_grade);
+        requirement
     }
 
-    fn hold_to_interest(&mut self, interest: &InterestParams) {
+    fn tighten(&mut self, interest: &InterestParams) {
         self.weight = self.weight.max(interest.weight);
-        self.camera_max_rad = least(self.camera_max_rad, interest.camera_deg.map(f64::to_radians));
-        self.projector_max_rad = least(self.projector_max_rad, interest.projector_deg.map(f64::to_radians));
+        self.camera_max_rad = stricter(self.camera_max_rad, interest.camera_deg.map(f64::to_radians));
+        self.projector_max_rad = stricter(self.projector_max_rad, interest.projector_deg.map(f64::to_radians));
         self.min_grade = match (self.min_grade, interest.min_grade) {
             (Some(a), Some(b)) => Some(a.min(b)),
             (a, b) => a.or(b),
@@ -202,7 +202,7 @@ impl Demand {
 }
 
 /// The smaller of two limits, where there are any.
-fn least(a: Option<f64>, b: Option<f64>) -> Option<f64> {
+fn stricter(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     match (a, b) {
         (Some(a), Some(b)) => Some(a.min(b)),
         (a, b) => a.or(b),
