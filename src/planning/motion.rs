@@ -66,8 +66,13 @@ impl<'a> Motion<'a> {
     }
 
     /// Order and paths through `views`; see [`sequence::order`].
-    pub(super) fn order(&self, views: &[(ViewId, &[Station])], insist: bool, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
-        sequence::order(views, self.cell, &self.scene, self.params, insist, ctx)
+    pub(super) fn order(
+        &self,
+        views: &[(ViewId, &[Station])],
+        require_all: bool,
+        ctx: &Context<'_>,
+    ) -> Result<Ordered, Cancelled> {
+        sequence::order(views, self.cell, &self.scene, self.params, require_all, ctx)
     }
 
     /// The same with its bound; see [`sequence::bounded`].

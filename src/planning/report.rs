@@ -200,7 +200,7 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     }
     writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
     writeln!(out, "  the table turns {} s of these", fixed(sequence.turning_secs(), 1))?;
-    let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.at_least_secs].map(|secs| fixed(secs, 1));
+    let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.lower_bound_secs].map(|secs| fixed(secs, 1));
     let [moving, ordered, at_least] = secs;
     writeln!(out, "  moving {moving} s in all, stations moved along the table's angle and rolled")?;
     match sequence.is_shortest() {

@@ -164,7 +164,7 @@ fn column(task: &Task, subset: &[usize], cell: &Cell) -> Column {
         column.wall_secs,
         column.cpu_secs,
         column.sequence.motion_secs(),
-        column.sequence.at_least_secs
+        column.sequence.lower_bound_secs
     );
     column
 }
@@ -210,7 +210,7 @@ fn report(task: &Task, columns: &[Column]) -> String {
         text += &format!("| {name} |{cells}\n");
     };
     row("**ours: cycle, s**", &|_, column| format!("**{:.1}**", column.sequence.motion_secs()));
-    row("ours: no order of these stations takes less than, s", &|_, column| format!("{:.1}", column.sequence.at_least_secs));
+    row("ours: no order of these stations takes less than, s", &|_, column| format!("{:.1}", column.sequence.lower_bound_secs));
     row("**ours: wall, s**", &|_, column| format!("**{:.1}**", column.wall_secs));
     row("ours: CPU of all threads, s", &|_, column| format!("{:.1}", column.cpu_secs));
     row("ours: stations", &|_, column| column.stations.to_string());

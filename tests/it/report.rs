@@ -164,7 +164,7 @@ fn sequence(views: usize) -> Sequence {
         passed_within_rad: None,
     };
     let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
-    Sequence { visits, return_home: leg(0.0), ordered_secs: 12.5, at_least_secs: 11.5 }
+    Sequence { visits, return_home: leg(0.0), ordered_secs: 12.5, lower_bound_secs: 11.5 }
 }
 
 fn obstruction() -> Obstruction {

@@ -1,58 +1,58 @@
-//! A free way from one configuration to any of some others where no simple one is, by growing two trees towards each other, the
-//! second from all of them (J. Kuffner and S. LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", ICRA
-//! 2000), then made short. Every edge is proved free as a segment. Samples come from a stream that the ends name, so the same
-//! question has the same answer.
+//! RRT-Connect: a free path from one configuration to any of several goals where no simple one is free, by growing two trees
+//! towards each other, the second from all goals (J. Kuffner and S. LaValle, "RRT-Connect: An Efficient Approach to
+//! Single-Query Path Planning", ICRA 2000), then shortcut. Every edge is proved free as a segment. Samples come from a stream
+//! that the ends name, so that the same ends give the same path.
 
-use super::moves::{Looks, Moves};
+use super::moves::{Moves, SegmentCache};
 use crate::cell::{Axes, Configuration};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
 
 /// Longest edge of a tree, radians of any axis (25°).
-const EDGE_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
+const MAX_EDGE_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
 /// Samples after which the search gives up.
-const SAMPLES: usize = 10_000;
-/// Samples after which it gives up where the one end or all others cannot be left. Even: each tree has its first place then.
-const STUCK_SAMPLES: usize = 300;
+const MAX_SAMPLES: usize = 10_000;
+/// Samples after which it gives up where the start or all goals cannot be left. Even, so that each tree was extended as often.
+const MAX_STUCK_SAMPLES: usize = 300;
 /// Share of the samples that are spread over all that the axes allow; the others lie around the two ends.
 const FAR_SHARE: f64 = 0.3;
-/// How far around the one and one of the others, radians (70°).
+/// Margin around the box of the two ends in which those samples lie, radians (70°).
 const AROUND_RAD: f64 = 70.0 * std::f64::consts::PI / 180.0;
-/// Tries to cut a corner of the way found.
+/// Attempts to cut a corner of the path found.
 const SHORTCUTS: usize = 24;
 /// Names the streams of this search.
 const STREAM: u64 = 0x7272_7463;
 
-/// A free way with points left out and corners cut, its ends left out too.
+/// Shortcuts a free path and returns its inner points.
 pub(super) fn shortened(
-    mut way: Vec<Configuration>,
+    mut path: Vec<Configuration>,
     moves: &Moves<'_>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Configuration>, Cancelled> {
-    if let ([from, .., to], true) = (way.as_slice(), way.len() > 2) {
-        Search::new(*from, vec![*to], moves).shorten(&mut way, ctx)?;
+    if let ([from, .., to], true) = (path.as_slice(), path.len() > 2) {
+        Search::new(*from, vec![*to], moves).shorten(&mut path, ctx)?;
     }
-    way.pop();
-    way.drain(..way.len().min(1));
-    Ok(way)
+    path.pop();
+    path.drain(..path.len().min(1));
+    Ok(path)
 }
 
-/// The points between `from` and one of `goals`, both left out, and which goal that is; `None` where none were found. Not
-/// cheap: up to some seconds.
+/// Finds a free path from `from` to one of `goals`: the number of the goal, and the points in between; `None` where there is none
+/// within [`MAX_SAMPLES`]. Takes up to some seconds.
 pub(super) fn connect(
     from: &Configuration,
     goals: &[Configuration],
     moves: &Moves<'_>,
     ctx: &Context<'_>,
 ) -> Result<Option<(usize, Vec<Configuration>)>, Cancelled> {
-    let Some(way) = Search::new(*from, goals.to_vec(), moves).trees(ctx)? else { return Ok(None) };
-    let goal = goals.iter().position(|goal| way.last() == Some(goal)).unwrap_or(0);
-    Ok(Some((goal, shortened(way, moves, ctx)?)))
+    let Some(path) = Search::new(*from, goals.to_vec(), moves).rrt_connect(ctx)? else { return Ok(None) };
+    let goal = goals.iter().position(|goal| path.last() == Some(goal)).unwrap_or(0);
+    Ok(Some((goal, shortened(path, moves, ctx)?)))
 }
 
 struct Search<'a> {
     moves: &'a Moves<'a>,
-    looks: Looks<'a>,
+    segments: SegmentCache<'a>,
     stream: Stream,
     from: Configuration,
     goals: Vec<Configuration>,
@@ -71,7 +71,7 @@ impl Tree {
         Self(roots.iter().copied().zip(0..).collect())
     }
 
-    /// From its root to a node.
+    /// The path from the root to a node.
     fn branch(&self, mut node: usize) -> Vec<Configuration> {
         let mut branch = vec![self.0[node].0];
         while node != self.0[node].1 {
@@ -87,30 +87,30 @@ impl<'a> Search<'a> {
     fn new(from: Configuration, goals: Vec<Configuration>, moves: &'a Moves<'a>) -> Self {
         let ends = from.iter().chain(goals.iter().flatten());
         let names: Vec<u64> = std::iter::once(STREAM).chain(ends.map(|angle| angle.to_bits())).collect();
-        Self { moves, looks: Looks::new(moves), stream: Stream::new(0, &names), from, goals }
+        Self { moves, segments: SegmentCache::new(moves), stream: Stream::new(0, &names), from, goals }
     }
 
-    fn trees(&mut self, ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
+    fn rrt_connect(&mut self, ctx: &Context<'_>) -> Result<Option<Vec<Configuration>>, Cancelled> {
         let mut trees = [Tree::rooted(&[self.from]), Tree::rooted(&self.goals)];
         let roots = [1, self.goals.len()];
-        for round in 0..SAMPLES {
+        for round in 0..MAX_SAMPLES {
             ctx.check()?;
-            if round == STUCK_SAMPLES && trees.iter().zip(roots).any(|(tree, roots)| tree.0.len() == roots) {
+            if round == MAX_STUCK_SAMPLES && trees.iter().zip(roots).any(|(tree, roots)| tree.0.len() == roots) {
                 break;
             }
             let sample = self.sample();
             let [growing, other] = &mut trees;
-            if let Some(reached) = self.grow(growing, &sample, 1, ctx)? {
+            if let Some(reached) = self.extend(growing, &sample, 1, ctx)? {
                 let goal = growing.0[reached].0;
-                let met = self.grow(other, &goal, usize::MAX, ctx)?.filter(|node| other.0[*node].0 == goal);
+                let met = self.extend(other, &goal, usize::MAX, ctx)?.filter(|node| other.0[*node].0 == goal);
                 if let Some(met) = met {
-                    let (mut way, mut rest) = (growing.branch(reached), other.branch(met));
+                    let (mut path, mut rest) = (growing.branch(reached), other.branch(met));
                     rest.pop();
-                    way.extend(rest.into_iter().rev());
+                    path.extend(rest.into_iter().rev());
                     if round % 2 == 1 {
-                        way.reverse();
+                        path.reverse();
                     }
-                    return Ok(Some(way));
+                    return Ok(Some(path));
                 }
             }
             trees.reverse();
@@ -118,15 +118,15 @@ impl<'a> Search<'a> {
         Ok(None)
     }
 
-    /// Grows from the nearest node towards `goal`, at most `edges` edges; the last node added.
-    fn grow(&self, tree: &mut Tree, goal: &Configuration, edges: usize, ctx: &Context<'_>) -> Result<Option<usize>, Cancelled> {
+    /// Extends the tree from its nearest node towards `goal` by at most `edges` edges; returns the last node added.
+    fn extend(&self, tree: &mut Tree, goal: &Configuration, edges: usize, ctx: &Context<'_>) -> Result<Option<usize>, Cancelled> {
         let mut at = tree.nearest(&self.moves.axes, goal);
         let mut added = None;
         for _ in 0..edges {
             ctx.check()?;
             let here = tree.0[at].0;
             let widest = here.iter().zip(goal).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
-            let share = (EDGE_RAD / widest).min(1.0);
+            let share = (MAX_EDGE_RAD / widest).min(1.0);
             let next =
                 if share < 1.0 { std::array::from_fn(|axis| here[axis] + share * (goal[axis] - here[axis])) } else { *goal };
             if here == next || !self.moves.is_free(&here, &next) {
@@ -156,45 +156,45 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Leaves out points that are not needed, then cuts corners, where that is free and quicker.
-    fn shorten(&mut self, way: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
-        self.leave_out(way, ctx)?;
+    /// Drops points that are not needed, then cuts corners, where that is free and quicker.
+    fn shorten(&mut self, path: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+        self.drop_needless(path, ctx)?;
         for _ in 0..SHORTCUTS {
             ctx.check()?;
-            let (first, last) = (self.place(way), self.place(way));
+            let (first, last) = (self.random_point(path), self.random_point(path));
             let ((first, from), (last, to)) = if first.0 <= last.0 { (first, last) } else { (last, first) };
-            let cut = [&way[..=first], &[from, to], &way[last + 1..]].concat();
-            let is_quicker = self.moves.secs(&cut) < self.moves.secs(way);
+            let cut = [&path[..=first], &[from, to], &path[last + 1..]].concat();
+            let is_quicker = self.moves.secs(&cut) < self.moves.secs(path);
             // Pieces of a proved segment too: between its samples it may come a little nearer than the clearance.
             let [before, from, to, after] = [0, 1, 2, 3].map(|at| cut[first + at]);
             let pieces = [(from, to), (before, from), (to, after)];
-            if first < last && is_quicker && pieces.iter().all(|(from, to)| self.looks.is_free(from, to)) {
-                *way = cut;
-                self.leave_out(way, ctx)?;
+            if first < last && is_quicker && pieces.iter().all(|(from, to)| self.segments.is_free(from, to)) {
+                *path = cut;
+                self.drop_needless(path, ctx)?;
             }
         }
         Ok(())
     }
 
-    fn leave_out(&mut self, way: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    fn drop_needless(&mut self, path: &mut Vec<Configuration>, ctx: &Context<'_>) -> Result<(), Cancelled> {
         let mut at = 0;
-        while at + 2 < way.len() {
+        while at + 2 < path.len() {
             ctx.check()?;
-            // The farthest point that can be gone to straight.
-            let onward = (at + 2..way.len()).rev().find(|next| self.looks.is_free(&way[at], &way[*next]));
+            // The farthest point that a straight move reaches.
+            let onward = (at + 2..path.len()).rev().find(|next| self.segments.is_free(&path[at], &path[*next]));
             if let Some(next) = onward {
-                way.drain(at + 1..next);
+                path.drain(at + 1..next);
             }
             at += 1;
         }
         Ok(())
     }
 
-    /// A point on the way, and the segment that it is on.
-    fn place(&mut self, way: &[Configuration]) -> (usize, Configuration) {
-        let at = self.stream.unit() * (way.len() - 1) as f64;
+    /// A point on the path, and the segment that it is on.
+    fn random_point(&mut self, path: &[Configuration]) -> (usize, Configuration) {
+        let at = self.stream.unit() * (path.len() - 1) as f64;
         let segment = at as usize;
-        let ([from, to], share) = ([way[segment], way[segment + 1]], at - segment as f64);
+        let ([from, to], share) = ([path[segment], path[segment + 1]], at - segment as f64);
         (segment, std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis])))
     }
 }

@@ -1,38 +1,38 @@
 //! Stations to an order and joint paths, from and back to home.
 //!
-//! Which view after which, and from which of its stations, is one question (a generalised travelling salesman): the cost
+//! The order of the views and the choice of their stations are one problem (a generalised travelling salesman): the cost
 //! of a step is the time of its move, table included, and whether a move is free costs far more to find out than how long
 //! it takes. So the tour is found on the times of straight moves first; the moves it uses are then checked, those that
-//! collide get the time of the way around instead, and the tour is found again, until it uses only checked moves
-//! (`known.rs`). A straight move's time is a lower bound of the way around, so with the exact solver the result is the
-//! shortest tour over all ways this stage knows (C. Dellin and S. Srinivasa, "A unifying formalism for shortest path problems
+//! collide get the time of their detour instead, and the tour is found again, until it uses only checked moves
+//! (`lazy_edge_costs.rs`). A straight move's time is a lower bound of its detour, so with the exact solver the result is the
+//! shortest tour over all paths this stage knows (C. Dellin and S. Srinivasa, "A unifying formalism for shortest path problems
 //! with expensive edge evaluations via lazy best-first search", ICAPS 2016).
 //!
-//! Ways around: by raised or retreated points beside either end, by turning the table with the arm at home, or by home
+//! Detours: by raised or retreated points beside either end, by turning the table with the arm at home, or by home
 //! itself. A station that cannot be joined to home this way is joined through one that is, or dropped. Where that leaves a view
-//! without any, the cell's roadmap is asked for ways, from then on between stations too (`roadmap.rs`, `network.rs`); then two
+//! without any, the cell's roadmap is asked for paths, from then on between stations too (`roadmap.rs`, `network.rs`); then two
 //! trees are grown towards each other, and only where they do not meet the view has no path. The stations of
 //! the tour are then moved along the table's angle, and rolled where that is permitted (`refine.rs`).
 
 mod connect;
-mod joined;
-mod known;
+mod lazy_edge_costs;
 mod moves;
 mod network;
 mod refine;
 mod roadmap;
 mod rounded;
 mod routes;
+mod station_graph;
 mod tour;
 
-use self::joined::Joined;
-use self::known::Known;
+use self::lazy_edge_costs::LazyEdgeCosts;
 pub use self::moves::straight_secs;
 pub use self::refine::Permits;
 use self::refine::Tour;
 pub use self::roadmap::Roadmaps;
 use self::rounded::Rounded;
 use self::routes::{Route, Routes};
+use self::station_graph::StationGraph;
 use super::context::{Cancelled, Context};
 use super::params::PlanParams;
 use super::selection::ViewId;
@@ -40,22 +40,22 @@ use super::stations::Station;
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
 
-/// A sequence is as short as can be if it is this close to what none can be shorter than, seconds: bounds of long tours are
+/// A sequence is proved shortest if it is this close to its lower bound, seconds: bounds of long tours are
 /// sums in single precision.
 const PROVED_SECS: f64 = 1e-3;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Leg {
-    /// Points between start and target, both left out.
+    /// Points between start and target, which are not among them.
     pub via_rad: Vec<Configuration>,
-    /// Where it ends.
+    /// The station at its end.
     pub target: Station,
     /// Predicted time.
     pub duration_secs: f64,
-    /// How far any axis may be from a point that is passed without stopping, radians; `None`: every point is a stop.
+    /// Tolerance by which any axis may pass a point without stopping, radians; `None`: every point is a stop.
     pub passed_within_rad: Option<f64>,
-    /// Of that the time in which the table turns.
+    /// Part of `duration_secs` in which the table turns.
     pub turning_secs: f64,
 }
 
@@ -69,8 +69,8 @@ pub struct Sequence {
     /// Time of the moves as the tour was found, before its stations were moved along the table's angle and rolled, and with a
     /// stop at every point.
     pub ordered_secs: f64,
-    /// No such tour over the stations and moves that were considered takes less. Zero until [`bounded`].
-    pub at_least_secs: f64,
+    /// Lower bound of `ordered_secs` over all tours of the stations and moves that were considered. Zero until [`bounded`].
+    pub lower_bound_secs: f64,
 }
 
 impl Sequence {
@@ -81,33 +81,33 @@ impl Sequence {
     }
 }
 
-/// A sequence, and what it leaves out.
+/// A sequence, and the views that it leaves out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ordered {
     /// The tour.
     pub sequence: Sequence,
     /// Views to none of whose stations a free path was found, in the order given.
     pub no_path: Vec<ViewId>,
-    /// What the sequence was made of.
+    /// The tour that the sequence was made of.
     tour: Tour,
-    /// What it was chosen from.
-    joined: Joined,
-    /// The order that was found, as nodes, and what is known of the moves between them.
+    /// Stations that it was chosen from.
+    graph: StationGraph,
+    /// The order that was found, as nodes of the graph.
     nodes: Vec<usize>,
-    known: Known,
+    edge_costs: LazyEdgeCosts,
 }
 
 impl Sequence {
-    /// Of that the time in which the table turns.
+    /// Part of that time in which the table turns.
     #[must_use]
     pub fn turning_secs(&self) -> f64 {
         self.visits.iter().map(|(_, leg)| leg.turning_secs).sum::<f64>() + self.return_home.turning_secs
     }
 
-    /// Whether its order is proved the shortest over the stations and moves that were considered.
+    /// Returns true if its order is proved the shortest over the stations and moves that were considered.
     #[must_use]
     pub fn is_shortest(&self) -> bool {
-        self.ordered_secs - self.at_least_secs <= PROVED_SECS
+        self.ordered_secs - self.lower_bound_secs <= PROVED_SECS
     }
 }
 
@@ -115,8 +115,8 @@ impl Sequence {
 /// to twelve views the tour is the shortest over the moves this stage knows, beyond that it comes with a bound. Runs on the
 /// caller's rayon pool; the result does not depend on the number of threads.
 ///
-/// Who would rather choose other views than leave some out may `insist` on all: a view without a path then ends it at once,
-/// with an empty sequence.
+/// With `require_all`, a view without a path ends the search at once with an empty sequence: for callers who rather choose other
+/// views than leave some out.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -125,41 +125,41 @@ pub fn order(
     cell: &Cell,
     scene: &CollisionScene,
     params: &PlanParams,
-    insist: bool,
+    require_all: bool,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
     let routes = Routes::new(cell, scene, &params.motion);
-    let mut joined = Joined::to_home(stations, &routes, ctx)?;
-    let no_path = std::mem::take(&mut joined.no_path);
-    if insist && !no_path.is_empty() {
-        joined = Joined::default();
+    let mut graph = StationGraph::connected_to_home(stations, &routes, ctx)?;
+    let no_path = std::mem::take(&mut graph.no_path);
+    if require_all && !no_path.is_empty() {
+        graph = StationGraph::default();
     }
-    let mut known = Known::default();
-    let nodes = known.shortest_tour(&joined, &routes, ctx)?;
-    let mut tour = Tour { stops: Vec::new(), ways: Vec::new() };
+    let mut edge_costs = LazyEdgeCosts::default();
+    let nodes = edge_costs.shortest_tour(&graph, &routes, ctx)?;
+    let mut tour = Tour { stops: Vec::new(), paths: Vec::new() };
     for (at, node) in nodes.iter().enumerate() {
         let before = at.checked_sub(1).map(|at| nodes[at]);
-        tour.stops.push((joined.views[joined.nodes[*node].view], joined.nodes[*node].configuration));
-        tour.ways.push(before.map_or_else(|| joined.nodes[*node].from_home.clone(), |before| known.route(before, *node)));
+        tour.stops.push((graph.views[graph.nodes[*node].view], graph.nodes[*node].configuration));
+        tour.paths.push(before.map_or_else(|| graph.nodes[*node].from_home.clone(), |before| edge_costs.route(before, *node)));
     }
-    tour.ways.push(nodes.last().map(|node| joined.nodes[*node].from_home.reversed()).unwrap_or_default());
+    tour.paths.push(nodes.last().map(|node| graph.nodes[*node].from_home.reversed()).unwrap_or_default());
     let ordered_secs = tour.secs();
     tour.refine(&routes, ctx)?;
-    Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, 0.0]), no_path, tour, joined, nodes, known })
+    Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, 0.0]), no_path, tour, graph, nodes, edge_costs })
 }
 
-/// The same sequence with its bound, which takes about as long as finding it.
+/// Adds the lower bound to a sequence, which takes about as long as finding the sequence.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub fn bounded(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
-    let costs = ordered.known.least(&ordered.joined, &cell.axes(), &params.motion);
-    ordered.sequence.at_least_secs = tour::lower_bound_secs(&ordered.joined.groups, &costs, &ordered.nodes, ctx)?;
+    let costs = ordered.edge_costs.lower_bounds(&ordered.graph, &cell.axes(), &params.motion);
+    ordered.sequence.lower_bound_secs = tour::lower_bound_secs(&ordered.graph.groups, &costs, &ordered.nodes, ctx)?;
     Ok(ordered)
 }
 
-/// The same sequence with the scanner rolled about its optical axis wherever that makes the moves shorter and `permits` lets a
-/// view be taken from such a pose on the plate. It is asked a few times a view, for each roll that is quicker.
+/// Rolls the scanner about its optical axis wherever that makes the moves shorter and `permits` lets a view be taken from such a
+/// pose on the plate. `permits` is called a few times a view, for each roll that is quicker.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -173,22 +173,22 @@ pub fn roll(
 ) -> Result<Ordered, Cancelled> {
     let routes = Routes::new(cell, scene, &params.motion);
     let before = &ordered.sequence;
-    let (ordered_secs, at_least_secs) = (before.ordered_secs, before.at_least_secs);
+    let (ordered_secs, lower_bound_secs) = (before.ordered_secs, before.lower_bound_secs);
     ordered.tour.roll(&routes, permits, ctx)?;
-    ordered.sequence = sequence(&ordered.tour, &routes, [ordered_secs, at_least_secs]);
+    ordered.sequence = sequence(&ordered.tour, &routes, [ordered_secs, lower_bound_secs]);
     Ok(ordered)
 }
 
-fn sequence(tour: &Tour, routes: &Routes<'_>, [ordered_secs, at_least_secs]: [f64; 2]) -> Sequence {
+fn sequence(tour: &Tour, routes: &Routes<'_>, [ordered_secs, lower_bound_secs]: [f64; 2]) -> Sequence {
     let home = *routes.home();
-    let leg_to = |stop: usize, target: Configuration| leg(&tour.before(stop, &home), tour.ways[stop].clone(), target, routes);
+    let leg_to = |stop: usize, target: Configuration| leg(&tour.before(stop, &home), tour.paths[stop].clone(), target, routes);
     let visits = tour.stops.iter().enumerate().map(|(stop, (view, target))| (*view, leg_to(stop, *target))).collect();
-    Sequence { visits, return_home: leg_to(tour.stops.len(), home), ordered_secs, at_least_secs }
+    Sequence { visits, return_home: leg_to(tour.stops.len(), home), ordered_secs, lower_bound_secs }
 }
 
 fn leg(from: &Configuration, route: Route, target: Configuration, routes: &Routes<'_>) -> Leg {
-    let way: Vec<_> = std::iter::once(*from).chain(route.via_rad).chain([target]).collect();
-    let points = routes.moves.spelled_out(&way);
+    let path: Vec<_> = std::iter::once(*from).chain(route.via_rad).chain([target]).collect();
+    let points = routes.moves.with_all_stops(&path);
     let inner = |points: &[Configuration]| points[1..points.len() - 1].to_vec();
     let turning_secs = routes.moves.turning_secs(&points);
     let target = Station::from(target);

@@ -8,12 +8,12 @@ use super::rounded::{Rounded, rounded};
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
 use crate::planning::params::{Corners, MotionParams, TableMotion};
 
-/// How moves are made and what they may not meet.
+/// Timing and checking of moves in one scene.
 pub(super) struct Moves<'a> {
     pub(super) axes: Axes,
     pub(super) scene: &'a CollisionScene,
     pub(super) motion: MotionParams,
-    /// How near corners that are not stopped at are passed, radians; `None`: all are stopped at.
+    /// Tolerance within which corners are passed without stopping, radians; `None`: every point is a stop.
     rounded_within_rad: Option<f64>,
 }
 
@@ -29,7 +29,7 @@ pub fn straight_secs(axes: &Axes, from: &Configuration, to: &Configuration, moti
     }
 }
 
-/// The arm as in `from`, the table as in `to`.
+/// Configuration with the arm as in `from` and the table as in `to`.
 fn turned(from: &Configuration, to: &Configuration) -> Configuration {
     std::array::from_fn(|axis| if axis == 6 { to[6] } else { from[axis] })
 }
@@ -50,19 +50,19 @@ impl<'a> Moves<'a> {
         points.windows(2).map(|ends| self.straight_secs(&ends[0], &ends[1])).sum()
     }
 
-    /// Of the seconds along `points`, which are as [`Moves::spelled_out`] gives them, those in which the table turns.
+    /// Seconds along `points` in which the table turns; `points` must be as [`Moves::with_all_stops`] returns them.
     pub(super) fn turning_secs(&self, points: &[Configuration]) -> f64 {
         let turns = |ends: &&[Configuration]| ends[0][6] != ends[1][6];
         points.windows(2).filter(turns).map(|ends| self.straight_secs(&ends[0], &ends[1])).sum()
     }
 
-    /// The same way without stops, and within what tolerance its corners are passed, where that is asked for and quicker.
+    /// Rounds the corners of a path, where that is asked for and quicker; returns the tolerance too, radians.
     pub(super) fn without_stops(&self, points: &[Configuration]) -> Option<(Rounded, f64)> {
         let tolerance_rad = self.rounded_within_rad?;
         Some((rounded(points, self, tolerance_rad)?, tolerance_rad))
     }
 
-    /// Whether the straight move meets nothing.
+    /// Returns true if the straight move meets nothing.
     pub(super) fn is_free(&self, from: &Configuration, to: &Configuration) -> bool {
         match self.motion.table {
             TableMotion::WithArm => self.scene.check_segment(from, to).is_none(),
@@ -70,8 +70,8 @@ impl<'a> Moves<'a> {
         }
     }
 
-    /// Free moves along `points` with every stop on the way, both ends kept.
-    pub(super) fn spelled_out(&self, points: &[Configuration]) -> Vec<Configuration> {
+    /// Adds the stops between arm and table motion to free moves along `points`.
+    pub(super) fn with_all_stops(&self, points: &[Configuration]) -> Vec<Configuration> {
         let mut all = points[..points.len().min(1)].to_vec();
         for ends in points.windows(2) {
             if self.motion.table == TableMotion::Alone {
@@ -83,19 +83,19 @@ impl<'a> Moves<'a> {
     }
 }
 
-/// Straight moves that were looked at, each once: ways that are compared share most of theirs.
-pub(super) struct Looks<'a> {
+/// Straight moves that were checked, each once: routes that are compared share most of theirs.
+pub(super) struct SegmentCache<'a> {
     moves: &'a Moves<'a>,
-    /// By the bits of both ends.
+    /// Results by the bits of both ends.
     is_free: HashMap<[[u64; 7]; 2], bool>,
 }
 
-impl<'a> Looks<'a> {
+impl<'a> SegmentCache<'a> {
     pub(super) fn new(moves: &'a Moves<'a>) -> Self {
         Self { moves, is_free: HashMap::new() }
     }
 
-    /// Whether the straight move meets nothing.
+    /// Returns true if the straight move meets nothing.
     pub(super) fn is_free(&mut self, from: &Configuration, to: &Configuration) -> bool {
         let ends = [from.map(f64::to_bits), to.map(f64::to_bits)];
         *self.is_free.entry(ends).or_insert_with(|| self.moves.is_free(from, to))

@@ -1,6 +1,6 @@
-//! Ways along a cell's roadmap beside the part of one plan. A road is used where the arm clears the part at every table angle, so
-//! the table turns meanwhile as it has to. Roads are looked at when a way would use them, each once (R. Bohlin and L. Kavraki,
-//! "Path planning using lazy PRM", ICRA 2000).
+//! Paths along a cell's roadmap beside the part of one plan. An edge is used where the arm clears the part at every table angle,
+//! so that the table can turn meanwhile. Edges are checked when a path would use them, each once (R. Bohlin and L. Kavraki, "Path
+//! planning using lazy PRM", ICRA 2000).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -8,45 +8,45 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
-use super::moves::{Looks, Moves};
+use super::moves::{Moves, SegmentCache};
 use super::roadmap::Roadmap;
 use crate::cell::{CollisionScene, Configuration};
 
-/// Ways on to the roadmap that are looked at for a station, …
-const LOOKED_AT: usize = 16;
-/// … and as many of them kept as are free.
-const RAMPS: usize = 3;
+/// Connections of a station to the roadmap that are checked at most.
+const MAX_CHECKED: usize = 16;
+/// Free connections of a station that are kept at most.
+const MAX_CONNECTIONS: usize = 3;
 
-/// A free way from a station on to the roadmap, the table as at the station.
+/// A free path from a station to a vertex of the roadmap, the table as at the station.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Ramp {
-    /// The point beside the station that the way goes by, if any.
+pub(super) struct Connection {
+    /// The point beside the station that the path goes by, if any.
     retreat: Option<Configuration>,
-    place: usize,
+    vertex: usize,
     secs: f64,
 }
 
-/// A place that is yet to be gone on from, by the time of a way by it. Times are not negative, and such floats order as their
-/// bits do.
+/// A vertex that A* has yet to expand, ordered by the estimated time of a path through it. Times are not negative, and such
+/// floats order as their bits do.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
-struct Waiting {
-    whole: u64,
-    so_far: u64,
-    place: usize,
-    /// The road to it; none from a ramp.
-    road: Option<usize>,
+struct OpenNode {
+    estimate: u64,
+    cost: u64,
+    vertex: usize,
+    /// The edge to it; none from a connection.
+    edge: Option<usize>,
 }
 
-impl Waiting {
-    fn new(so_far_secs: f64, ahead_secs: f64, place: usize, road: Option<usize>) -> Self {
-        Self { whole: (so_far_secs + ahead_secs).to_bits(), so_far: so_far_secs.to_bits(), place, road }
+impl OpenNode {
+    fn new(so_far_secs: f64, ahead_secs: f64, vertex: usize, edge: Option<usize>) -> Self {
+        Self { estimate: (so_far_secs + ahead_secs).to_bits(), cost: so_far_secs.to_bits(), vertex, edge }
     }
 }
 
 /// A roadmap beside a part.
 pub(super) struct Network {
     roadmap: Arc<Roadmap>,
-    /// With the part as it is at every table angle.
+    /// The cell with the part as it is at every table angle.
     scene: CollisionScene,
     is_open: Vec<bool>,
     is_free: Vec<OnceLock<bool>>,
@@ -55,123 +55,131 @@ pub(super) struct Network {
 impl Network {
     pub(super) fn new(roadmap: Arc<Roadmap>, scene: &CollisionScene) -> Self {
         let scene = scene.at_every_table_angle();
-        let is_open = roadmap.places.par_iter().map(|place| scene.check(place).is_none()).collect();
-        let is_free = roadmap.roads.iter().map(|_| OnceLock::new()).collect();
+        let is_open = roadmap.vertices.par_iter().map(|vertex| scene.check(vertex).is_none()).collect();
+        let is_free = roadmap.edges.iter().map(|_| OnceLock::new()).collect();
         Self { roadmap, scene, is_open, is_free }
     }
 
-    /// Home's own.
-    pub(super) fn home() -> Vec<Ramp> {
-        vec![Ramp { retreat: None, place: 0, secs: 0.0 }]
+    /// Connection of home, which is a vertex itself.
+    pub(super) fn home() -> Vec<Connection> {
+        vec![Connection { retreat: None, vertex: 0, secs: 0.0 }]
     }
 
-    /// The quickest free ways on to the roadmap from a station, straight or by a point that it can be drawn back to.
-    pub(super) fn ramps(&self, station: &Configuration, retreats: &[Configuration], moves: &Moves<'_>) -> Vec<Ramp> {
+    /// The quickest free connections of a station, straight or through one of its retreats.
+    pub(super) fn connections(&self, station: &Configuration, retreats: &[Configuration], moves: &Moves<'_>) -> Vec<Connection> {
         let from = std::iter::once(None).chain(retreats.iter().copied().map(Some));
-        let open = || (0..self.is_open.len()).filter(|place| self.is_open[*place]);
-        let mut ramps: Vec<_> = from
+        let open = || (0..self.is_open.len()).filter(|vertex| self.is_open[*vertex]);
+        let mut connections: Vec<_> = from
             .flat_map(|retreat| {
-                open().map(move |place| {
-                    let there = self.place(place, station[6]);
+                open().map(move |vertex| {
+                    let there = self.vertex(vertex, station[6]);
                     let secs = match retreat {
                         Some(point) => moves.straight_secs(station, &point) + moves.straight_secs(&point, &there),
                         None => moves.straight_secs(station, &there),
                     };
-                    Ramp { retreat, place, secs }
+                    Connection { retreat, vertex, secs }
                 })
             })
             .collect();
-        ramps.sort_by(|a, b| a.secs.total_cmp(&b.secs));
-        let mut looks = Looks::new(moves);
-        let mut is_free = |ramp: &Ramp| looks.is_free(&ramp.retreat.unwrap_or(*station), &self.place(ramp.place, station[6]));
-        ramps.into_iter().take(LOOKED_AT).filter(|ramp| is_free(ramp)).take(RAMPS).collect()
+        connections.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        let mut segments = SegmentCache::new(moves);
+        let mut is_free = |connection: &Connection| {
+            segments.is_free(&connection.retreat.unwrap_or(*station), &self.vertex(connection.vertex, station[6]))
+        };
+        connections.into_iter().take(MAX_CHECKED).filter(|connection| is_free(connection)).take(MAX_CONNECTIONS).collect()
     }
 
-    /// The points of a quick way from one station to another by the roadmap, both left out; the table turns on it from the one's
-    /// angle to the other's.
-    pub(super) fn way(
+    /// The points of a quick path from one station to another along the roadmap, without the two; the table turns on it from
+    /// the one's angle to the other's.
+    pub(super) fn path(
         &self,
-        (from, first): (&Configuration, &[Ramp]),
-        (to, last): (&Configuration, &[Ramp]),
+        (from, first): (&Configuration, &[Connection]),
+        (to, last): (&Configuration, &[Connection]),
         moves: &Moves<'_>,
     ) -> Option<Vec<Configuration>> {
-        let (places, enter, leave) = self.quickest(first, last, moves)?;
-        let angles = self.table_angles(&places, [from[6], to[6]], moves);
-        let on_roads = places.iter().zip(angles).map(|(place, angle)| self.place(*place, angle));
-        let mut way: Vec<_> = enter.retreat.into_iter().chain(on_roads).collect();
-        if places.len() == 1 {
-            way.push(self.place(places[0], to[6]));
+        let (vertices, enter, leave) = self.shortest_path(first, last, moves)?;
+        let angles = self.table_angles(&vertices, [from[6], to[6]], moves);
+        let on_edges = vertices.iter().zip(angles).map(|(vertex, angle)| self.vertex(*vertex, angle));
+        let mut path: Vec<_> = enter.retreat.into_iter().chain(on_edges).collect();
+        if vertices.len() == 1 {
+            path.push(self.vertex(vertices[0], to[6]));
         }
-        way.extend(leave.retreat);
-        Some(way)
+        path.extend(leave.retreat);
+        Some(path)
     }
 
-    /// A* over the places; a road is looked at when the way to its end is the next best.
-    fn quickest<'r>(&self, first: &'r [Ramp], last: &'r [Ramp], moves: &Moves<'_>) -> Option<(Vec<usize>, &'r Ramp, &'r Ramp)> {
-        let secs_between = |a: usize, b: usize| moves.straight_secs(&self.roadmap.places[a], &self.roadmap.places[b]);
-        let ahead =
-            |place: usize| last.iter().map(|ramp| secs_between(place, ramp.place) + ramp.secs).fold(f64::INFINITY, f64::min);
-        let mut before: Vec<Option<Option<usize>>> = vec![None; self.roadmap.places.len()];
-        let mut waiting = BinaryHeap::new();
-        for ramp in first {
-            waiting.push(Reverse(Waiting::new(ramp.secs, ahead(ramp.place), ramp.place, None)));
+    /// A* over the vertices; an edge is checked when the path to its end is the next best.
+    fn shortest_path<'r>(
+        &self,
+        first: &'r [Connection],
+        last: &'r [Connection],
+        moves: &Moves<'_>,
+    ) -> Option<(Vec<usize>, &'r Connection, &'r Connection)> {
+        let secs_between = |a: usize, b: usize| moves.straight_secs(&self.roadmap.vertices[a], &self.roadmap.vertices[b]);
+        let ahead = |vertex: usize| {
+            last.iter().map(|connection| secs_between(vertex, connection.vertex) + connection.secs).fold(f64::INFINITY, f64::min)
+        };
+        let mut before: Vec<Option<Option<usize>>> = vec![None; self.roadmap.vertices.len()];
+        let mut open = BinaryHeap::new();
+        for connection in first {
+            open.push(Reverse(OpenNode::new(connection.secs, ahead(connection.vertex), connection.vertex, None)));
         }
-        while let Some(Reverse(Waiting { so_far, place, road, .. })) = waiting.pop() {
-            if before[place].is_some() || road.is_some_and(|road| !self.is_free(road)) {
+        while let Some(Reverse(OpenNode { cost, vertex, edge, .. })) = open.pop() {
+            if before[vertex].is_some() || edge.is_some_and(|edge| !self.is_free(edge)) {
                 continue;
             }
-            before[place] = Some(road);
-            if let Some(leave) = last.iter().find(|ramp| ramp.place == place) {
-                let places = self.traced(place, &before);
-                let enter = first.iter().find(|ramp| ramp.place == places[0])?;
-                return Some((places, enter, leave));
+            before[vertex] = Some(edge);
+            if let Some(leave) = last.iter().find(|connection| connection.vertex == vertex) {
+                let vertices = self.path_to(vertex, &before);
+                let enter = first.iter().find(|connection| connection.vertex == vertices[0])?;
+                return Some((vertices, enter, leave));
             }
-            for road in &self.roadmap.roads_at[place] {
-                let next = self.other_end(*road, place);
+            for edge in &self.roadmap.edges_at[vertex] {
+                let next = self.other_end(*edge, vertex);
                 if self.is_open[next] && before[next].is_none() {
-                    let secs = f64::from_bits(so_far) + secs_between(place, next);
-                    waiting.push(Reverse(Waiting::new(secs, ahead(next), next, Some(*road))));
+                    let secs = f64::from_bits(cost) + secs_between(vertex, next);
+                    open.push(Reverse(OpenNode::new(secs, ahead(next), next, Some(*edge))));
                 }
             }
         }
         None
     }
 
-    /// The places up to one, the first first.
-    fn traced(&self, mut place: usize, before: &[Option<Option<usize>>]) -> Vec<usize> {
-        let mut places = vec![place];
-        while let Some(road) = before[place].flatten() {
-            place = self.other_end(road, place);
-            places.push(place);
+    /// The vertices from the first to `vertex`.
+    fn path_to(&self, mut vertex: usize, before: &[Option<Option<usize>>]) -> Vec<usize> {
+        let mut vertices = vec![vertex];
+        while let Some(edge) = before[vertex].flatten() {
+            vertex = self.other_end(edge, vertex);
+            vertices.push(vertex);
         }
-        places.reverse();
-        places
+        vertices.reverse();
+        vertices
     }
 
-    fn other_end(&self, road: usize, place: usize) -> usize {
-        let [a, b] = self.roadmap.roads[road];
-        if a == place { b } else { a }
+    fn other_end(&self, edge: usize, vertex: usize) -> usize {
+        let [a, b] = self.roadmap.edges[edge];
+        if a == vertex { b } else { a }
     }
 
-    fn is_free(&self, road: usize) -> bool {
-        let [a, b] = self.roadmap.roads[road].map(|place| &self.roadmap.places[place]);
-        *self.is_free[road].get_or_init(|| self.scene.check_segment(a, b).is_none())
+    fn is_free(&self, edge: usize) -> bool {
+        let [a, b] = self.roadmap.edges[edge].map(|vertex| &self.roadmap.vertices[vertex]);
+        *self.is_free[edge].get_or_init(|| self.scene.check_segment(a, b).is_none())
     }
 
-    fn place(&self, place: usize, table_angle_rad: f64) -> Configuration {
-        let mut there = self.roadmap.places[place];
+    fn vertex(&self, vertex: usize, table_angle_rad: f64) -> Configuration {
+        let mut there = self.roadmap.vertices[vertex];
         there[6] = table_angle_rad;
         there
     }
 
-    /// The table's angle at each place: it turns as the arm gets on.
-    fn table_angles(&self, places: &[usize], [from, to]: [f64; 2], moves: &Moves<'_>) -> Vec<f64> {
-        let roads =
-            places.windows(2).map(|ends| moves.straight_secs(&self.roadmap.places[ends[0]], &self.roadmap.places[ends[1]]));
+    /// The table's angle at each vertex: it turns as the arm advances.
+    fn table_angles(&self, vertices: &[usize], [from, to]: [f64; 2], moves: &Moves<'_>) -> Vec<f64> {
+        let edges =
+            vertices.windows(2).map(|ends| moves.straight_secs(&self.roadmap.vertices[ends[0]], &self.roadmap.vertices[ends[1]]));
         let along: Vec<f64> = std::iter::once(0.0)
-            .chain(roads.scan(0.0, |so_far, secs| {
-                *so_far += secs;
-                Some(*so_far)
+            .chain(edges.scan(0.0, |cost, secs| {
+                *cost += secs;
+                Some(*cost)
             }))
             .collect();
         let whole = along.last().copied().unwrap_or(0.0);

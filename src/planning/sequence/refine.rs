@@ -1,7 +1,7 @@
 //! Stations between those that were sampled: the table's angle is free, so each stop of a tour is moved along it, the scanner
-//! staying where it is on the part and the arm on its branch, as long as the moves before and after take less and are free; and
-//! the scanner is rolled about its optical axis where whoever knows what it measures permits that.
-//! Coordinate descent, stop by stop; the order stays.
+//! staying where it is on the part and the arm with its IK solution, as long as the moves before and after take less and are
+//! free; and the scanner is rolled about its optical axis where whoever knows what it measures permits that. Coordinate
+//! descent, stop by stop; the order stays.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -11,38 +11,38 @@ use crate::cell::{Configuration, joints_of};
 use crate::geometry::{Plate, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 
-/// By how much the table is turned either way, degrees: beyond, within and below the step of sampling.
+/// Turns of the table that are tried either way, degrees: beyond, within and below the step of sampling.
 const STEPS_DEG: [f64; 8] = [40.0, 20.0, 10.0, 5.0, 2.5, 1.2, 0.6, 0.3];
-/// By how much the scanner is rolled either way, degrees, a look at every stop each.
+/// Rolls of the scanner that are tried either way, degrees, each once at every stop.
 const ROLLS_DEG: [f64; 3] = [15.0, 7.5, 3.75];
-/// Times that every stop is looked at.
-const SWEEPS: usize = 6;
-/// What a move of a stop has to save, seconds.
-const WORTH_SECS: f64 = 1e-3;
+/// Passes over all stops at most.
+const MAX_SWEEPS: usize = 6;
+/// Smallest saving for which a stop is moved, seconds.
+const MIN_SAVING_SECS: f64 = 1e-3;
 
-/// Whether a view may be taken with the scanner at this pose on the plate instead, at this stop.
+/// Returns true if a view may be taken with the scanner at this pose on the plate instead.
 pub type Permits<'a> = dyn FnMut(ViewId, &Pose<Plate, ScannerFrame>) -> Result<bool, Cancelled> + 'a;
 
-/// A tour: its stops, and the ways to each and home at last.
+/// A tour: its stops, and the routes to each of them and home at last.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tour {
     pub(super) stops: Vec<(ViewId, Configuration)>,
-    pub(super) ways: Vec<Route>,
+    pub(super) paths: Vec<Route>,
 }
 
 impl Tour {
-    /// Where the way to a stop begins.
+    /// The configuration from which the move to a stop begins.
     pub(super) fn before(&self, stop: usize, home: &Configuration) -> Configuration {
         stop.checked_sub(1).map_or(*home, |last| self.stops[last].1)
     }
 
     pub(super) fn secs(&self) -> f64 {
-        self.ways.iter().map(|way| way.secs).sum()
+        self.paths.iter().map(|path| path.secs).sum()
     }
 
     /// Moves stops along the table's angle.
     pub(super) fn refine(&mut self, routes: &Routes<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
-        for _ in 0..SWEEPS {
+        for _ in 0..MAX_SWEEPS {
             let mut moved = false;
             for stop in 0..self.stops.len() {
                 ctx.check()?;
@@ -65,7 +65,7 @@ impl Tour {
                 if let Some(there) = self.quicker(stop, rolled, routes)
                     && permits(view, &routes.plate_from_scanner(&there))?
                 {
-                    self.put(stop, there, routes);
+                    self.replace(stop, there, routes);
                 }
             }
             self.refine(routes, ctx)?;
@@ -79,35 +79,40 @@ impl Tour {
         let turned = steps.filter_map(|step| routes.turned(&here, step.to_radians()));
         let quicker = self.quicker(stop, turned, routes);
         if let Some(there) = quicker {
-            self.put(stop, there, routes);
+            self.replace(stop, there, routes);
         }
         quicker.is_some()
     }
 
-    /// The quickest of `places` in place of a stop, if it saves something and the moves before and after are free.
-    fn quicker(&self, stop: usize, places: impl Iterator<Item = Configuration>, routes: &Routes<'_>) -> Option<Configuration> {
-        let [before, after] = self.beside(stop, routes);
-        let taken_secs = self.ways[stop].secs + self.ways[stop + 1].secs;
+    /// The quickest of `candidates` in place of a stop, if it saves something and the moves before and after are free.
+    fn quicker(
+        &self,
+        stop: usize,
+        candidates: impl Iterator<Item = Configuration>,
+        routes: &Routes<'_>,
+    ) -> Option<Configuration> {
+        let [before, after] = self.neighbours(stop, routes);
+        let taken_secs = self.paths[stop].secs + self.paths[stop + 1].secs;
         let moves = &routes.moves;
-        let mut quicker: Vec<(f64, Configuration)> = places
+        let mut quicker: Vec<(f64, Configuration)> = candidates
             .map(|there| (moves.straight_secs(&before, &there) + moves.straight_secs(&there, &after), there))
-            .filter(|(secs, _)| *secs < taken_secs - WORTH_SECS)
+            .filter(|(secs, _)| *secs < taken_secs - MIN_SAVING_SECS)
             .collect();
         quicker.sort_by(|a, b| a.0.total_cmp(&b.0));
         let free = quicker.into_iter().find(|(_, there)| moves.is_free(&before, there) && moves.is_free(there, &after));
         free.map(|(_, there)| there)
     }
 
-    /// Puts a stop elsewhere, with straight ways to it and on.
-    fn put(&mut self, stop: usize, there: Configuration, routes: &Routes<'_>) {
-        let [before, after] = self.beside(stop, routes);
+    /// Puts a stop elsewhere, with straight moves to it and on.
+    fn replace(&mut self, stop: usize, there: Configuration, routes: &Routes<'_>) {
+        let [before, after] = self.neighbours(stop, routes);
         self.stops[stop].1 = there;
-        self.ways[stop] = Route { via_rad: Vec::new(), secs: routes.moves.straight_secs(&before, &there) };
-        self.ways[stop + 1] = Route { via_rad: Vec::new(), secs: routes.moves.straight_secs(&there, &after) };
+        self.paths[stop] = Route { via_rad: Vec::new(), secs: routes.moves.straight_secs(&before, &there) };
+        self.paths[stop + 1] = Route { via_rad: Vec::new(), secs: routes.moves.straight_secs(&there, &after) };
     }
 
-    /// Where the way to a stop begins, and the way from it ends.
-    fn beside(&self, stop: usize, routes: &Routes<'_>) -> [Configuration; 2] {
+    /// The configurations before and after a stop.
+    fn neighbours(&self, stop: usize, routes: &Routes<'_>) -> [Configuration; 2] {
         let home = routes.home();
         [self.before(stop, home), self.stops.get(stop + 1).map_or(*home, |(_, next)| *next)]
     }
@@ -119,14 +124,15 @@ impl Routes<'_> {
         cell.base_from_plate(station[6]).inverse() * cell.base_from_scanner(&joints_of(station))
     }
 
-    /// The same view with the table turned further, on the branch of `station`; `None` out of reach.
+    /// Turns the table under the same view, with the IK solution nearest to `station`; `None` out of reach.
     fn turned(&self, station: &Configuration, turn_rad: f64) -> Option<Configuration> {
         let mut turned = *station;
         turned[6] += turn_rad;
         self.nearest(&(self.cell().base_from_plate(turned[6]) * self.plate_from_scanner(station)), &turned)
     }
 
-    /// The same table angle with the scanner rolled about its optical axis, on the branch of `station`; `None` out of reach.
+    /// Rolls the scanner about its optical axis at the same table angle, with the IK solution nearest to `station`; `None` out of
+    /// reach.
     fn rolled(&self, station: &Configuration, roll_rad: f64) -> Option<Configuration> {
         let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
         let scanner_from_rolled = Pose::<ScannerFrame, ScannerFrame>::from_parts(Vector3::zeros(), about_axis);

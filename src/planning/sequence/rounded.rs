@@ -1,38 +1,38 @@
-//! Ways that are run without stopping: each corner is cut by a parabola, as wide as is free, and what is emitted is the
+//! Paths that are run without stopping: each corner is cut by a parabola, as wide as is free, and what is emitted is the
 //! polyline beside it, every segment of which was checked. The curve itself is nowhere further from it than the tolerance.
 
 use super::moves::Moves;
 use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{Configuration, joint_distance_rad};
 
-/// A corner is cut no further from its point than this, radians along the way (30°).
+/// Largest distance from the corner at which a cut begins, radians along the path (30°).
 const MAX_CUT_RAD: f64 = std::f64::consts::FRAC_PI_6;
-/// How often the cut is halved where it is not free.
+/// Times that the cut is halved at most where it is not free.
 const HALVINGS: u32 = 4;
 
-/// A way without stops.
+/// A path without stops.
 pub(super) struct Rounded {
-    /// Ends included.
+    /// Points, both ends among them.
     pub(super) points: Vec<Configuration>,
     pub(super) secs: f64,
 }
 
-/// The same way with its corners cut; `None` where it has none, or is not quicker so.
+/// Cuts the corners of a path; `None` where it has none, or would not be quicker.
 pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad: f64) -> Option<Rounded> {
     let [first, .., last] = points else { return None };
-    let mut way = vec![*first];
+    let mut path = vec![*first];
     for corner in points.windows(3) {
-        way.extend(cut(&[corner[0], corner[1], corner[2]], moves, tolerance_rad));
+        path.extend(cut(&[corner[0], corner[1], corner[2]], moves, tolerance_rad));
     }
-    way.push(*last);
-    if way.len() < 3 || !way.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {
+    path.push(*last);
+    if path.len() < 3 || !path.windows(2).all(|ends| moves.is_free(&ends[0], &ends[1])) {
         return None;
     }
-    let secs = SmoothPath::through(&way, tolerance_rad).secs(&moves.axes, moves.motion.speed_fraction);
-    (secs < moves.secs(points)).then_some(Rounded { points: way, secs })
+    let secs = SmoothPath::through(&path, tolerance_rad).secs(&moves.axes, moves.motion.speed_fraction);
+    (secs < moves.secs(points)).then_some(Rounded { points: path, secs })
 }
 
-/// What stands for a corner: points along its parabola, or the corner itself where no parabola is free.
+/// Replaces a corner by points along a parabola, or by itself where no parabola is free.
 fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, tolerance_rad: f64) -> Vec<Configuration> {
     let half = |end: &Configuration| 0.5 * joint_distance_rad(corner, end);
     let mut reach_rad = MAX_CUT_RAD.min(half(before)).min(half(after));
@@ -46,7 +46,7 @@ fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, toleranc
     vec![*corner]
 }
 
-/// Points on the parabola from the first to the last that the middle one pulls (a quadratic Bézier curve), so many that no
+/// Points on the quadratic Bézier curve with these control points, a parabola, so many that no
 /// chord is further from it than half the tolerance.
 fn arc([from, pull, to]: &[Configuration; 3], tolerance_rad: f64) -> Vec<Configuration> {
     let bend = (0..7).map(|axis| (from[axis] - 2.0 * pull[axis] + to[axis]).abs()).fold(0.0, f64::max);

@@ -1,5 +1,5 @@
-//! Checked moves between stations: straight where that is free, else by way of raised or retreated points, of the arm at
-//! home while the table turns, or of home itself, and made shorter where corners can be cut; from home also by search. Every
+//! Checked moves between stations: straight where that is free, else through raised or retreated points, with the arm at
+//! home while the table turns, or through home itself, and made shorter where corners can be cut; from home also by search. Every
 //! segment of a route that is returned was checked.
 
 use std::sync::OnceLock;
@@ -7,20 +7,20 @@ use std::sync::OnceLock;
 use nalgebra::{Isometry3, Vector3};
 
 use super::connect::{connect, shortened};
-use super::moves::{Looks, Moves};
-use super::network::{Network, Ramp};
+use super::moves::{Moves, SegmentCache};
+use super::network::{Connection, Network};
 use super::roadmap::Roadmaps;
 use crate::cell::{Cell, CollisionScene, Configuration, joints_of};
 use crate::geometry::{Base, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::MotionParams;
 
-/// Ways to draw the scanner back: along its own −z, and up, mm.
+/// Retreats of the scanner: along its own −z, and up, mm.
 const RETREATS_MM: [[f64; 2]; 5] = [[100.0, 0.0], [250.0, 0.0], [0.0, 100.0], [0.0, 250.0], [150.0, 200.0]];
-/// A retreat on another branch is no retreat: no axis turns further than this on the way there, radians (80°).
+/// Largest turn of an axis on the way to a retreat, radians (80°): with another IK solution the arm would not retreat.
 const RETREAT_TURN_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
 
-/// A way between two configurations, both left out.
+/// A path between two configurations, which are not part of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Route {
     pub(super) via_rad: Vec<Configuration>,
@@ -28,7 +28,7 @@ pub(super) struct Route {
 }
 
 impl Route {
-    /// The same way run backwards: as free, and as long.
+    /// Returns the route run backwards, which is as free and takes as long.
     pub(super) fn reversed(&self) -> Self {
         Self { via_rad: self.via_rad.iter().rev().copied().collect(), secs: self.secs }
     }
@@ -37,19 +37,19 @@ impl Route {
 /// A station that can be reached from home.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Node {
-    /// Which view it takes.
+    /// Index of the view that it takes.
     pub(super) view: usize,
     pub(super) configuration: Configuration,
     pub(super) from_home: Route,
-    /// Points beside it with a free straight way to it; found when first asked for.
+    /// Points beside it with a free straight move to it; found on first use.
     retreats: OnceLock<Vec<Configuration>>,
-    /// Ways on to the roadmap; likewise.
-    ramps: OnceLock<Vec<Ramp>>,
+    /// Connections to the roadmap; found on first use.
+    connections: OnceLock<Vec<Connection>>,
 }
 
 impl Node {
     pub(super) fn new(view: usize, configuration: Configuration, from_home: Route) -> Self {
-        Self { view, configuration, from_home, retreats: OnceLock::new(), ramps: OnceLock::new() }
+        Self { view, configuration, from_home, retreats: OnceLock::new(), connections: OnceLock::new() }
     }
 }
 
@@ -57,7 +57,7 @@ impl Node {
 pub(super) struct Routes<'a> {
     cell: &'a Cell,
     pub(super) moves: Moves<'a>,
-    /// Made by [`Routes::survey`].
+    /// Made by [`Routes::build_roadmap`].
     network: OnceLock<Network>,
 }
 
@@ -74,7 +74,7 @@ impl<'a> Routes<'a> {
         &self.cell.home_rad
     }
 
-    /// The quickest free way from home of the simple ones; `None` where there is none.
+    /// The quickest free route from home of the simple ones; `None` where there is none.
     pub(super) fn home_route(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let home = &self.cell.home_rad;
         if self.moves.is_free(home, station) {
@@ -86,11 +86,11 @@ impl<'a> Routes<'a> {
             vias.extend([vec![retreat], vec![turned, retreat]]);
         }
         let quickest = self.quickest_free(home, vias, station, f64::INFINITY);
-        quickest.map(|route| self.shorter(home, route, station, ctx)).transpose()
+        quickest.map(|route| self.shortcut(home, route, station, ctx)).transpose()
     }
 
-    /// Has the cell's roadmap used from now on. Makes it on the caller's rayon pool, so it is not to be called by its threads.
-    pub(super) fn survey(&self, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    /// Builds the cell's roadmap, which is used from then on. Runs on the caller's rayon pool, so its threads must not call it.
+    pub(super) fn build_roadmap(&self, ctx: &Context<'_>) -> Result<(), Cancelled> {
         if self.network.get().is_none() {
             let own = Roadmaps::default();
             let roadmap = ctx.roadmaps().unwrap_or(&own).of(self.cell, ctx)?;
@@ -99,16 +99,16 @@ impl<'a> Routes<'a> {
         Ok(())
     }
 
-    /// A free way from home by the roadmap, if that is made and leads there.
+    /// A free route from home along the roadmap, if that is built and leads there.
     pub(super) fn home_route_by_roadmap(&self, station: &Configuration, ctx: &Context<'_>) -> Result<Option<Route>, Cancelled> {
         let (Some(network), home) = (self.network.get(), self.home()) else { return Ok(None) };
-        let ramps = network.ramps(station, &self.retreats(station), &self.moves);
-        let way = network.way((home, &Network::home()), (station, &ramps), &self.moves);
-        let route = way.and_then(|way| self.quickest_free(home, vec![way], station, f64::INFINITY));
-        route.map(|route| self.shorter(home, route, station, ctx)).transpose()
+        let connections = network.connections(station, &self.retreats(station), &self.moves);
+        let path = network.path((home, &Network::home()), (station, &connections), &self.moves);
+        let route = path.and_then(|path| self.quickest_free(home, vec![path], station, f64::INFINITY));
+        route.map(|route| self.shortcut(home, route, station, ctx)).transpose()
     }
 
-    /// A free way from home to one of these stations by search, over the first point that it can be drawn back to, if any.
+    /// A free route from home to one of these stations by search, through its first retreat where it has one.
     pub(super) fn searched_home_route(
         &self,
         stations: &[Configuration],
@@ -125,10 +125,10 @@ impl<'a> Routes<'a> {
         }
         let Some((goal, found)) = connect(home, &goals, &self.moves, ctx)? else { return Ok(None) };
         let route = self.route(home, found.into_iter().chain(lasts[goal]).collect(), stations[goal]);
-        Ok(Some((*stations[goal], self.shorter(home, route, stations[goal], ctx)?)))
+        Ok(Some((*stations[goal], self.shortcut(home, route, stations[goal], ctx)?)))
     }
 
-    /// The quickest free way between two stations that is known; by home, if nothing else.
+    /// The quickest free route between two stations that is known; through home where there is no other.
     pub(super) fn between(&self, a: &Node, b: &Node, ctx: &Context<'_>) -> Result<Route, Cancelled> {
         let (from, to) = (&a.configuration, &b.configuration);
         if self.moves.is_free(from, to) {
@@ -138,13 +138,13 @@ impl<'a> Routes<'a> {
         let mut detours = self.detours(a, b);
         detours.extend(self.by_roadmap(a, b));
         let quickest = self.quickest_free(from, detours, to, by_home.secs).unwrap_or(by_home);
-        self.shorter(from, quickest, to, ctx)
+        self.shortcut(from, quickest, to, ctx)
     }
 
-    /// The same way with corners cut.
-    fn shorter(&self, from: &Configuration, route: Route, to: &Configuration, ctx: &Context<'_>) -> Result<Route, Cancelled> {
-        let way = std::iter::once(*from).chain(route.via_rad).chain([*to]).collect();
-        Ok(self.route(from, shortened(way, &self.moves, ctx)?, to))
+    /// Cuts the corners of a route.
+    fn shortcut(&self, from: &Configuration, route: Route, to: &Configuration, ctx: &Context<'_>) -> Result<Route, Cancelled> {
+        let path = std::iter::once(*from).chain(route.via_rad).chain([*to]).collect();
+        Ok(self.route(from, shortened(path, &self.moves, ctx)?, to))
     }
 
     fn by_home(&self, a: &Node, b: &Node) -> Route {
@@ -157,9 +157,11 @@ impl<'a> Routes<'a> {
     fn by_roadmap(&self, a: &Node, b: &Node) -> Option<Vec<Configuration>> {
         let network = self.network.get()?;
         let [first, last] = [a, b].map(|node| {
-            node.ramps.get_or_init(|| network.ramps(&node.configuration, self.retreats_of(node), &self.moves)).as_slice()
+            node.connections
+                .get_or_init(|| network.connections(&node.configuration, self.retreats_of(node), &self.moves))
+                .as_slice()
         });
-        network.way((&a.configuration, first), (&b.configuration, last), &self.moves)
+        network.path((&a.configuration, first), (&b.configuration, last), &self.moves)
     }
 
     fn retreats_of<'n>(&self, node: &'n Node) -> &'n [Configuration] {
@@ -182,7 +184,7 @@ impl<'a> Routes<'a> {
         detours
     }
 
-    /// The quickest of `vias` that is free and takes less than `limit_secs`.
+    /// The quickest route through one of `vias` that is free and takes less than `limit_secs`.
     fn quickest_free(
         &self,
         from: &Configuration,
@@ -193,14 +195,14 @@ impl<'a> Routes<'a> {
         let mut routes: Vec<_> = vias.into_iter().map(|via_rad| self.route(from, via_rad, to)).collect();
         routes.retain(|route| route.secs < limit_secs);
         routes.sort_by(|a, b| a.secs.total_cmp(&b.secs));
-        let mut looks = Looks::new(&self.moves);
+        let mut segments = SegmentCache::new(&self.moves);
         routes.into_iter().find(|route| {
             let points: Vec<_> = std::iter::once(from).chain(&route.via_rad).chain(std::iter::once(to)).collect();
-            points.windows(2).all(|ends| looks.is_free(ends[0], ends[1]))
+            points.windows(2).all(|ends| segments.is_free(ends[0], ends[1]))
         })
     }
 
-    /// Points beside `station` at the same table angle and on the same branch, each with a free straight way to it.
+    /// Points beside `station` at the same table angle and with the same IK solution, each with a free straight move to it.
     fn retreats(&self, station: &Configuration) -> Vec<Configuration> {
         let base_from_scanner = self.cell.base_from_scanner(&joints_of(station));
         RETREATS_MM

@@ -2,7 +2,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::joined::join_by_others;
+use super::station_graph::connect_through_others;
 use super::{Configuration, Leg, Ordered, bounded, order};
 use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
@@ -137,7 +137,7 @@ fn every_view_is_visited_once_on_checked_paths_from_home_to_home() {
             assert!(found.rotation.angle_to(&asked.rotation) < 1e-7);
         }
         assert!(ordered.sequence.motion_secs() < ordered.sequence.ordered_secs - 0.1, "stations between the steps are quicker");
-        assert!(ordered.sequence.ordered_secs >= ordered.sequence.at_least_secs - 1e-9);
+        assert!(ordered.sequence.ordered_secs >= ordered.sequence.lower_bound_secs - 1e-9);
         room.assert_sound(&ordered);
     }
 }
@@ -230,7 +230,7 @@ fn long_tours_come_with_a_bound_near_them() {
     let long = std::env::var_os("VANTAGE_TESTS").map(|_| (60, 1.02));
     for (count, within) in [(20, 1.0001), (30, 1.0001)].into_iter().chain(long) {
         let sequence = room(count, Vec::new()).order_on(2, false).expect("not cancelled").sequence;
-        let (secs, least_secs) = (sequence.ordered_secs, sequence.at_least_secs);
+        let (secs, least_secs) = (sequence.ordered_secs, sequence.lower_bound_secs);
         println!("{count} views: {secs:.2} s, at least {least_secs:.2} s");
         assert!(least_secs <= secs && secs <= within * least_secs, "{count} views: {secs} s, at least {least_secs} s");
     }
@@ -253,7 +253,7 @@ fn a_station_that_no_simple_way_from_home_leads_to_is_joined_by_another() {
     let mut found = vec![all.iter().map(by_simple_ways).collect::<Vec<_>>()];
     let simple = found[0].iter().flatten().count();
     let stations: Vec<Station> = room.stations.iter().flatten().copied().collect();
-    join_by_others(&[(ViewId(0), &stations)], &mut found, &routes, &ctx).expect("not cancelled");
+    connect_through_others(&[(ViewId(0), &stations)], &mut found, &routes, &ctx).expect("not cancelled");
     let joined = found[0].iter().flatten().count();
     println!("{} stations, {simple} joined by simple ways, {joined} in all", all.len());
     assert!(joined > simple);

@@ -3,7 +3,7 @@
 //! Up to [`EXACT_GROUPS`] groups by dynamic programming over subsets (M. Held and R. Karp, 1962, with the node of each
 //! group as part of the state), 2ⁿ·N² steps for N nodes. Beyond, by a large neighbourhood search (S. Smith and F. Imeson,
 //! "GLNS: an effective large neighborhood search heuristic for the generalized traveling salesman problem", Computers &
-//! Operations Research 87, 2017): some groups are taken out of the tour and put in again where they cost least, the nodes for
+//! Operations Research 87, 2017): some groups are removed from the tour and inserted again where they cost least, the nodes for
 //! the new order are chosen anew by dynamic programming along it, and the result is kept if it is shorter, or, less and less
 //! often, if it is not (annealing). Runs with numbers of their own go side by side. How far the result is from the shortest is
 //! bounded in [`bound`].
@@ -19,24 +19,24 @@ use crate::planning::random::Stream;
 
 /// Groups up to which the tour is proved shortest.
 pub(super) const EXACT_GROUPS: usize = 12;
-/// Runs side by side, …
+/// Independent runs side by side.
 const RUNS: u64 = 4;
-/// … each of so many trials a group when thorough, …
+/// Trials a group of a thorough run.
 const TRIALS: usize = 100;
-/// … so many when a tour is known, …
+/// Trials a group where a tour is known.
 const TRIALS_AGAIN: usize = 25;
-/// … and so many where its moves are yet to be looked at.
+/// Trials a group where moves of the tour are yet to be checked.
 const TRIALS_BRIEF: usize = 6;
-/// Nodes looked at in all trials of a thorough run, at most: a run's worth on long tours of many nodes.
-const LOOKS: usize = 12_000_000;
-/// Groups taken out at most.
-const TAKEN_OUT: f64 = 20.0;
-/// How much longer a tour may get in a trial at first, about, in mean steps.
-const WARMTH: f64 = 0.3;
+/// Nodes evaluated in all trials of a thorough run at most, which bounds runs on long tours of many nodes.
+const MAX_EVALUATIONS: usize = 12_000_000;
+/// Groups removed in a trial at most.
+const MAX_REMOVED: f64 = 20.0;
+/// Temperature of the annealing at the start, in mean steps of the tour.
+const INITIAL_TEMPERATURE: f64 = 0.3;
 /// Names the streams of trials.
 const STREAM: u64 = 0x7475_7273;
-/// Trials between two looks at the cancel flag.
-const TRIALS_PER_LOOK: usize = 32;
+/// Trials between two checks of the cancel flag.
+const TRIALS_PER_CHECK: usize = 32;
 /// An improvement smaller than this is rounding, seconds.
 const MIN_GAIN_SECS: f64 = 1e-9;
 
@@ -78,14 +78,14 @@ impl Costs {
     }
 }
 
-/// How long is searched.
+/// Length of the search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effort {
-    /// From nothing.
+    /// Starts from nothing.
     Thorough,
-    /// From a tour that may be the result.
+    /// Starts from a tour that may be the result.
     Again,
-    /// From one that hardly is.
+    /// Starts from a tour that hardly is the result.
     Brief,
 }
 
@@ -101,11 +101,11 @@ pub(super) fn shortest(
     match groups.len() {
         0 => Ok(vec![Vec::new()]),
         1..=EXACT_GROUPS => Ok(vec![exact(groups, costs, ctx)?]),
-        _ => searched(groups, costs, known, effort, ctx),
+        _ => search(groups, costs, known, effort, ctx),
     }
 }
 
-/// What no tour takes less than; `known` is one.
+/// Lower bound of the time of every tour; `known` is one of them.
 pub(super) fn lower_bound_secs(
     groups: &[Range<usize>],
     costs: &Costs,
@@ -118,7 +118,7 @@ pub(super) fn lower_bound_secs(
     if groups.len() <= EXACT_GROUPS { Ok(secs) } else { bound::lower_bound_secs(groups, costs, secs, ctx) }
 }
 
-/// `best[set · nodes + node]`: shortest way from home through one node of each group in `set`, ending at `node`.
+/// Held–Karp: `best[set · nodes + node]` is the shortest path from home through one node of each group in `set` to `node`.
 fn exact(groups: &[Range<usize>], costs: &Costs, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
     let (nodes, sets) = (costs.nodes, 1_usize << groups.len());
     let mut best = vec![f64::INFINITY; sets * nodes];
@@ -146,10 +146,10 @@ fn exact(groups: &[Range<usize>], costs: &Costs, ctx: &Context<'_>) -> Result<Ve
             }
         }
     }
-    Ok(trace_back(groups, costs, &best, &before))
+    Ok(backtrack(groups, costs, &best, &before))
 }
 
-fn trace_back(groups: &[Range<usize>], costs: &Costs, best: &[f64], before: &[u32]) -> Vec<usize> {
+fn backtrack(groups: &[Range<usize>], costs: &Costs, best: &[f64], before: &[u32]) -> Vec<usize> {
     let nodes = costs.nodes;
     let mut set = (1 << groups.len()) - 1;
     let closed = |node: &usize| best[set * nodes + node] + costs.home(*node);
@@ -166,7 +166,7 @@ fn trace_back(groups: &[Range<usize>], costs: &Costs, best: &[f64], before: &[u3
 }
 
 /// The tours of all runs, the shortest first.
-fn searched(
+fn search(
     groups: &[Range<usize>],
     costs: &Costs,
     known: &[usize],
@@ -186,20 +186,20 @@ struct Search<'a> {
     /// Group of each node.
     group_of: Vec<usize>,
     stream: Stream,
-    /// For each position of an order, for each node of the group there: shortest way from home to it. Kept for its memory.
-    to_here: Vec<Vec<f64>>,
+    /// Shortest time from home to each node of the group at each position of an order. Kept for its allocation.
+    secs_to: Vec<Vec<f64>>,
 }
 
 impl<'a> Search<'a> {
     fn new(groups: &'a [Range<usize>], costs: &'a Costs, stream: Stream) -> Self {
         let group_of = groups.iter().enumerate().flat_map(|(group, nodes)| vec![group; nodes.len()]).collect();
-        Self { groups, costs, group_of, stream, to_here: vec![Vec::new(); groups.len()] }
+        Self { groups, costs, group_of, stream, secs_to: vec![Vec::new(); groups.len()] }
     }
 
-    /// The shortest tour met, and its time.
+    /// The shortest tour found, and its time.
     fn run(mut self, known: &[usize], effort: Effort, ctx: &Context<'_>) -> Result<(f64, Vec<usize>), Cancelled> {
         let mut here = match known {
-            [] => self.put_in(Vec::new(), (0..self.groups.len()).collect()),
+            [] => self.insert_groups(Vec::new(), (0..self.groups.len()).collect()),
             known => known.to_vec(),
         };
         let trials = match effort {
@@ -207,19 +207,19 @@ impl<'a> Search<'a> {
             Effort::Again => TRIALS_AGAIN,
             Effort::Brief => TRIALS_BRIEF,
         };
-        let trials = trials * self.groups.len().min(LOOKS / (TRIALS * self.costs.nodes));
+        let trials = trials * self.groups.len().min(MAX_EVALUATIONS / (TRIALS * self.costs.nodes));
         let mut secs = self.choose_nodes(&mut here);
         let mut best = (secs, here.clone());
-        let hottest_secs = WARMTH * secs / (self.groups.len() + 1) as f64;
+        let initial_secs = INITIAL_TEMPERATURE * secs / (self.groups.len() + 1) as f64;
         for trial in 0..trials {
-            if trial % TRIALS_PER_LOOK == 0 {
+            if trial % TRIALS_PER_CHECK == 0 {
                 ctx.check()?;
             }
-            let (left, out) = self.take_out(&here);
-            let mut other = self.put_in(left, out);
+            let (left, out) = self.remove_groups(&here);
+            let mut other = self.insert_groups(left, out);
             let other_secs = self.choose_nodes(&mut other);
-            let heat_secs = hottest_secs * (1.0 - trial as f64 / trials as f64);
-            if other_secs < secs || self.stream.unit() < ((secs - other_secs) / heat_secs).exp() {
+            let temperature_secs = initial_secs * (1.0 - trial as f64 / trials as f64);
+            if other_secs < secs || self.stream.unit() < ((secs - other_secs) / temperature_secs).exp() {
                 (here, secs) = (other, other_secs);
             }
             if secs < best.0 - MIN_GAIN_SECS {
@@ -234,10 +234,10 @@ impl<'a> Search<'a> {
         (self.stream.unit() * count as f64) as usize
     }
 
-    /// A tour without some of its nodes, and the groups of those: neighbours in the tour, any, or those nearest to one of them.
-    fn take_out(&mut self, tour: &[usize]) -> (Vec<usize>, Vec<usize>) {
-        let most = TAKEN_OUT.min((tour.len() - 1) as f64);
-        let count = 2 + (self.stream.unit() * self.stream.unit() * (most - 1.0)) as usize;
+    /// Removes some groups from a tour: neighbours in it, any, or those nearest to one of them; returns the rest and the groups.
+    fn remove_groups(&mut self, tour: &[usize]) -> (Vec<usize>, Vec<usize>) {
+        let max = MAX_REMOVED.min((tour.len() - 1) as f64);
+        let count = 2 + (self.stream.unit() * self.stream.unit() * (max - 1.0)) as usize;
         let mut out = tour.to_vec();
         match self.any(3) {
             0 => out.rotate_left(self.any(tour.len())),
@@ -252,29 +252,29 @@ impl<'a> Search<'a> {
         (left, out.into_iter().map(|node| self.group_of[node]).collect())
     }
 
-    /// The tour with `groups` put in where they cost least: in any order, or always the one that costs least of all.
-    fn put_in(&mut self, mut tour: Vec<usize>, mut groups: Vec<usize>) -> Vec<usize> {
-        let least_first = self.any(2) == 0;
+    /// Inserts `groups` where they cost least: in any order, or always the cheapest one first.
+    fn insert_groups(&mut self, mut tour: Vec<usize>, mut groups: Vec<usize>) -> Vec<usize> {
+        let cheapest_first = self.any(2) == 0;
         while !groups.is_empty() {
-            let place = if least_first {
-                let places = (0..groups.len()).map(|index| (index, self.place(&tour, groups[index])));
-                places.reduce(|best, next| if next.1.secs < best.1.secs { next } else { best })
+            let insertion = if cheapest_first {
+                let insertions = (0..groups.len()).map(|index| (index, self.cheapest_insertion(&tour, groups[index])));
+                insertions.reduce(|best, next| if next.1.secs < best.1.secs { next } else { best })
             } else {
                 let index = self.any(groups.len());
-                Some((index, self.place(&tour, groups[index])))
+                Some((index, self.cheapest_insertion(&tour, groups[index])))
             };
-            let Some((index, place)) = place else { break };
-            tour.insert(place.at, place.node);
+            let Some((index, insertion)) = insertion else { break };
+            tour.insert(insertion.at, insertion.node);
             groups.swap_remove(index);
         }
         tour
     }
 
-    /// Where a group costs least in a tour.
-    fn place(&self, tour: &[usize], group: usize) -> Place {
+    /// The insertion of a group that costs least.
+    fn cheapest_insertion(&self, tour: &[usize], group: usize) -> Insertion {
         let home = self.costs.nodes;
         let nodes = &self.groups[group];
-        let mut best = Place { secs: f64::INFINITY, at: 0, node: nodes.start };
+        let mut best = Insertion { secs: f64::INFINITY, at: 0, node: nodes.start };
         for at in 0..=tour.len() {
             let before = at.checked_sub(1).map_or(home, |at| tour[at]);
             let after = tour.get(at).copied().unwrap_or(home);
@@ -283,7 +283,7 @@ impl<'a> Search<'a> {
             for (node, (there, on)) in nodes.clone().zip(ways) {
                 let secs = there + on - straight;
                 if secs < best.secs {
-                    best = Place { secs, at, node };
+                    best = Insertion { secs, at, node };
                 }
             }
         }
@@ -295,22 +295,22 @@ impl<'a> Search<'a> {
         let home = self.costs.nodes;
         let mut before: Option<usize> = None;
         for (position, group) in tour.iter().map(|node| self.group_of[*node]).enumerate() {
-            let (done, rest) = self.to_here.split_at_mut(position);
-            let to_here = &mut rest[0];
-            to_here.clear();
-            to_here.extend(self.groups[group].clone().map(|to| match before {
+            let (done, rest) = self.secs_to.split_at_mut(position);
+            let secs_to = &mut rest[0];
+            secs_to.clear();
+            secs_to.extend(self.groups[group].clone().map(|to| match before {
                 None => self.costs.home(to),
                 Some(before) => {
                     let row = &self.costs.row(to)[self.groups[before].clone()];
                     let ways = done[position - 1].iter().zip(row).map(|(so_far, step)| so_far + step);
-                    ways.fold(f64::INFINITY, |least, secs| if secs < least { secs } else { least })
+                    ways.fold(f64::INFINITY, |min, secs| if secs < min { secs } else { min })
                 }
             }));
             before = Some(group);
         }
         let (mut next, mut total) = (home, 0.0);
         for (position, node) in tour.iter_mut().enumerate().rev() {
-            let options = self.groups[self.group_of[*node]].clone().zip(&self.to_here[position]);
+            let options = self.groups[self.group_of[*node]].clone().zip(&self.secs_to[position]);
             let ways = options.map(|(node, so_far)| (so_far + self.costs.get(node, next), node));
             let best = ways.fold((f64::INFINITY, *node), |best, way| if way.0 < best.0 { way } else { best });
             if next == home {
@@ -322,8 +322,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// A place in a tour for a node, and what it adds.
-struct Place {
+/// Insertion of a node into a tour, and the time that it adds.
+struct Insertion {
     secs: f64,
     at: usize,
     node: usize,

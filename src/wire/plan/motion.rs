@@ -47,7 +47,7 @@ impl MotionDocument {
             settling_secs,
             scanning_secs,
             ordered_secs: plan.sequences().map(|sequence| sequence.ordered_secs).sum(),
-            moving_secs_lower: plan.sequences().map(|sequence| sequence.at_least_secs).sum(),
+            moving_secs_lower: plan.sequences().map(|sequence| sequence.lower_bound_secs).sum(),
         })
     }
 }

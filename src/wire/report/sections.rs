@@ -277,7 +277,7 @@ pub(super) fn order(input: &ReportInput<'_>) -> String {
         duration(plan.sequences().map(Sequence::motion_secs).sum()),
         duration(plan.sequences().map(Sequence::turning_secs).sum()),
         duration(plan.sequences().map(|sequence| sequence.ordered_secs).sum()),
-        duration(plan.sequences().map(|sequence| sequence.at_least_secs).sum()),
+        duration(plan.sequences().map(|sequence| sequence.lower_bound_secs).sum()),
         rows.concat()
     )
 }

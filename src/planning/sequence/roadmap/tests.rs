@@ -30,17 +30,22 @@ fn fenced(posts: u32, views: u32) -> Room {
 }
 
 #[test]
-fn a_cell_has_one_roadmap_and_its_roads_are_free_at_any_table_angle() {
+fn a_cell_has_one_roadmap_and_its_edges_are_free_at_any_table_angle() {
     let room = fenced(3, 0);
     let made = roadmap(&room.cell, 1);
     assert_eq!(made, roadmap(&room.cell, 2));
-    assert!(made.places.len() > 50 && made.roads.len() > made.places.len(), "{} and {}", made.places.len(), made.roads.len());
+    assert!(
+        made.vertices.len() > 50 && made.edges.len() > made.vertices.len(),
+        "{} and {}",
+        made.vertices.len(),
+        made.edges.len()
+    );
     let scene = CollisionScene::without_part(&room.cell, MIN_CLEARANCE_MM);
-    for (number, [a, b]) in made.roads.iter().enumerate() {
-        let (mut from, mut to) = (made.places[*a], made.places[*b]);
+    for (number, [a, b]) in made.edges.iter().enumerate() {
+        let (mut from, mut to) = (made.vertices[*a], made.vertices[*b]);
         (from[6], to[6]) = (0.1 * number as f64, -0.2 * number as f64);
         let middle = std::array::from_fn(|axis| 0.5 * (from[axis] + to[axis]));
-        assert!([from, middle, to].iter().all(|place| scene.check(place).is_none()), "road {number}");
+        assert!([from, middle, to].iter().all(|vertex| scene.check(vertex).is_none()), "edge {number}");
     }
 }
 
@@ -86,14 +91,14 @@ fn roadmaps_are_kept_and_change_no_sequence() {
     let kept = Arc::clone(&roadmaps.lock()[0].1);
     assert_eq!(ordered(Some(&roadmaps)), alone);
     assert!(Arc::ptr_eq(&kept, &roadmaps.lock()[0].1), "made once");
-    for _ in 0..2 * KEPT {
+    for _ in 0..2 * MAX_KEPT {
         let mut cell = room.cell.clone();
         cell.floor_mm = Some(-400.0 - roadmaps.lock().len() as f64);
         roadmaps.lock().push_back((fingerprint(&cell), Arc::clone(&kept)));
     }
     // A cell that is not among them.
     let other = with_ctx(2, |ctx| roadmaps.of(&fenced(2, 0).cell, ctx)).expect("not cancelled");
-    assert!(roadmaps.lock().len() == KEPT && Arc::ptr_eq(&roadmaps.lock()[0].1, &other), "the oldest are given up");
+    assert!(roadmaps.lock().len() == MAX_KEPT && Arc::ptr_eq(&roadmaps.lock()[0].1, &other), "the oldest are given up");
 }
 
 #[test]
@@ -104,7 +109,7 @@ fn a_roadmap_leads_to_stations_that_no_simple_way_leads_to() {
     let (simple, by_roadmap) = with_ctx(2, |ctx| {
         let simple = |station| routes.home_route(station, ctx).expect("not cancelled");
         let simple: Vec<_> = stations.iter().map(simple).collect();
-        routes.survey(ctx).expect("not cancelled");
+        routes.build_roadmap(ctx).expect("not cancelled");
         let by_roadmap = |station| routes.home_route_by_roadmap(station, ctx).expect("not cancelled");
         (simple, stations.iter().map(by_roadmap).collect::<Vec<_>>())
     });

@@ -124,12 +124,12 @@ proptest! {
 /// Groups of nodes near each other in the plane.
 fn in_the_plane(seed: u32, groups: usize, nodes: usize) -> (Vec<Range<usize>>, Costs) {
     let at = |i: usize, step: f64| (f64::from(seed) * 0.37 + (i as f64 + 1.0) * step).fract();
-    let place = |node: usize| {
+    let position = |node: usize| {
         let group = node / nodes;
         [at(group, 0.618_034) + 0.1 * at(node, 0.414_214), at(group, 0.732_051) + 0.1 * at(node, 0.236_068)]
     };
     let secs = |a: usize, b: usize| {
-        let ([ax, ay], [bx, by]) = (place(a), place(b));
+        let ([ax, ay], [bx, by]) = (position(a), position(b));
         (ax - bx).hypot(ay - by)
     };
     ((0..groups).map(|group| nodes * group..nodes * (group + 1)).collect(), Costs::new(nodes * groups, secs))

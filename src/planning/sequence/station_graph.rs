@@ -1,4 +1,4 @@
-//! Which stations can be reached from home, and how.
+//! The stations that can be reached from home, and the routes to them.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,12 +11,12 @@ use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::Station;
 
-/// Stations that another is tried from which no simple way from home leads to.
+/// Stations through which one is tried at most that no simple route from home reaches.
 const NEIGHBOURS: usize = 8;
 
 /// Stations that can be reached from home, grouped by view.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Joined {
+pub(super) struct StationGraph {
     pub(super) nodes: Vec<Node>,
     /// Nodes of each view in `views`.
     pub(super) groups: Vec<Range<usize>>,
@@ -24,8 +24,12 @@ pub(super) struct Joined {
     pub(super) no_path: Vec<ViewId>,
 }
 
-impl Joined {
-    pub(super) fn to_home(stations: &[(ViewId, &[Station])], routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+impl StationGraph {
+    pub(super) fn connected_to_home(
+        stations: &[(ViewId, &[Station])],
+        routes: &Routes<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
         let total = stations.iter().map(|(_, of_view)| of_view.len()).sum();
         let done = AtomicUsize::new(0);
         let join = |station: &Station| {
@@ -36,10 +40,10 @@ impl Joined {
         };
         let mut found: Vec<Vec<Option<Route>>> =
             stations.par_iter().map(|(_, of_view)| of_view.par_iter().map(join).collect()).collect::<Result<_, Cancelled>>()?;
-        join_by_others(stations, &mut found, routes, ctx)?;
+        connect_through_others(stations, &mut found, routes, ctx)?;
         if found.iter().any(|of_view| is_lost(of_view)) {
-            routes.survey(ctx)?;
-            join_by_roadmap(stations, &mut found, routes, ctx)?;
+            routes.build_roadmap(ctx)?;
+            connect_by_roadmap(stations, &mut found, routes, ctx)?;
         }
         let reached: Vec<Vec<(Configuration, Route)>> = stations
             .par_iter()
@@ -50,28 +54,28 @@ impl Joined {
                 if joined.is_empty() { searched(of_view, routes, ctx) } else { Ok(joined) }
             })
             .collect::<Result<_, _>>()?;
-        let mut joined = Self::default();
+        let mut graph = Self::default();
         for ((view, _), reached) in stations.iter().zip(reached) {
             if reached.is_empty() {
-                joined.no_path.push(*view);
+                graph.no_path.push(*view);
                 continue;
             }
-            let (first, index) = (joined.nodes.len(), joined.views.len());
-            joined.nodes.extend(reached.into_iter().map(|(configuration, from_home)| Node::new(index, configuration, from_home)));
-            joined.groups.push(first..joined.nodes.len());
-            joined.views.push(*view);
+            let (first, index) = (graph.nodes.len(), graph.views.len());
+            graph.nodes.extend(reached.into_iter().map(|(configuration, from_home)| Node::new(index, configuration, from_home)));
+            graph.groups.push(first..graph.nodes.len());
+            graph.views.push(*view);
         }
-        Ok(joined)
+        Ok(graph)
     }
 }
 
-/// Whether none of a view's stations is joined.
+/// Returns true if none of a view's stations is joined.
 fn is_lost(found: &[Option<Route>]) -> bool {
     !found.is_empty() && found.iter().all(Option::is_none)
 }
 
-/// Joins stations of views that have none yet to home by the cell's roadmap.
-fn join_by_roadmap(
+/// Joins stations of views that have none yet to home along the cell's roadmap.
+fn connect_by_roadmap(
     stations: &[(ViewId, &[Station])],
     found: &mut [Vec<Option<Route>>],
     routes: &Routes<'_>,
@@ -86,34 +90,36 @@ fn join_by_roadmap(
     })
 }
 
-/// Joins stations to home by way of others that are: in a narrow place many a station is reached from its neighbour that is
+/// Joins stations to home through others that are joined: in a narrow place many stations can be reached from a neighbour but
 /// not from home.
-pub(super) fn join_by_others(
+pub(super) fn connect_through_others(
     stations: &[(ViewId, &[Station])],
     found: &mut [Vec<Option<Route>>],
     routes: &Routes<'_>,
     ctx: &Context<'_>,
 ) -> Result<(), Cancelled> {
-    let places: Vec<(usize, usize)> =
+    let stations_of: Vec<(usize, usize)> =
         found.iter().enumerate().flat_map(|(view, of_view)| (0..of_view.len()).map(move |index| (view, index))).collect();
     let at = |(view, index): (usize, usize)| stations[view].1[index].configuration();
-    let mut fresh: Vec<(Configuration, Route)> =
-        places.iter().filter_map(|place| Some((at(*place), found[place.0][place.1].clone()?))).collect();
-    while !fresh.is_empty() {
-        let open: Vec<_> = places.iter().copied().filter(|(view, index)| found[*view][*index].is_none()).collect();
-        let ways: Vec<_> =
-            open.par_iter().map(|place| by_another(&at(*place), &fresh, routes, ctx)).collect::<Result<_, Cancelled>>()?;
-        fresh.clear();
-        for ((view, index), way) in open.into_iter().zip(ways) {
-            fresh.extend(way.clone().map(|route| (at((view, index)), route)));
-            found[view][index] = way;
+    let mut connected: Vec<(Configuration, Route)> =
+        stations_of.iter().filter_map(|place| Some((at(*place), found[place.0][place.1].clone()?))).collect();
+    while !connected.is_empty() {
+        let open: Vec<_> = stations_of.iter().copied().filter(|(view, index)| found[*view][*index].is_none()).collect();
+        let routes_found: Vec<_> = open
+            .par_iter()
+            .map(|place| route_through_another(&at(*place), &connected, routes, ctx))
+            .collect::<Result<_, Cancelled>>()?;
+        connected.clear();
+        for ((view, index), route) in open.into_iter().zip(routes_found) {
+            connected.extend(route.clone().map(|route| (at((view, index)), route)));
+            found[view][index] = route;
         }
     }
     Ok(())
 }
 
-/// From home by way of the nearest of these stations from which the straight move is free.
-fn by_another(
+/// The route from home through the nearest of these stations from which the straight move is free.
+fn route_through_another(
     station: &Configuration,
     others: &[(Configuration, Route)],
     routes: &Routes<'_>,
@@ -130,7 +136,7 @@ fn by_another(
     }))
 }
 
-/// The one of a view's stations to which a search finds a way, where no simple way leads to any.
+/// The station of a view to which a search finds a path, where no simple route leads to any.
 fn searched(of_view: &[Station], routes: &Routes<'_>, ctx: &Context<'_>) -> Result<Vec<(Configuration, Route)>, Cancelled> {
     let configurations: Vec<_> = of_view.iter().map(Station::configuration).collect();
     Ok(routes.searched_home_route(&configurations, ctx)?.into_iter().collect())

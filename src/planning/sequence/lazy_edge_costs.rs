@@ -1,44 +1,43 @@
-//! What is known of the moves between stations, and the order found with no more of them looked at than it needs.
+//! Edge costs between stations, evaluated lazily: the order is found with no more moves checked than it needs.
 
 use std::collections::{BTreeSet, HashMap};
 
 use rayon::prelude::*;
 
-use super::joined::Joined;
 use super::moves::straight_secs;
 use super::routes::{Route, Routes};
+use super::station_graph::StationGraph;
 use super::tour::{self, Costs, EXACT_GROUPS, Effort};
 use crate::cell::Axes;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::MotionParams;
 
-/// Moves between two nodes that were looked at, and by how much moves between two views took longer than straight ones.
+/// Checked moves between two nodes, and how much longer than straight ones those between two views were.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Known {
+pub(super) struct LazyEdgeCosts {
     /// From the lower number to the higher.
     checked: HashMap<(usize, usize), Route>,
-    /// Sum and count over those between two views.
-    longer: HashMap<(usize, usize), (f64, f64)>,
+    /// Sum and count of the seconds by which checked moves between two views took longer than straight ones.
+    detours: HashMap<(usize, usize), (f64, f64)>,
 }
 
-impl Known {
-    /// Nodes in the order visited; every move between them is known then.
+impl LazyEdgeCosts {
+    /// Nodes in the order visited; every move between them is checked then.
     ///
-    /// Which tour is searched for: where it is proved shortest, the shortest with moves that were not looked at taken as
-    /// straight. Else those are taken to be longer than straight by what the ones between the same two views were found to be,
-    /// as if one more had been found straight: else each move that is blocked is exchanged for its neighbour that is not known
-    /// to be, one by one.
+    /// The search takes moves that were not checked as straight where its tour is proved shortest. Else it takes them to be
+    /// longer than straight by the mean of the checked ones between the same two views, one more of them taken as straight:
+    /// otherwise each blocked move would be exchanged for a neighbour that is not yet known to be blocked, one by one.
     pub(super) fn shortest_tour(
         &mut self,
-        joined: &Joined,
+        graph: &StationGraph,
         routes: &Routes<'_>,
         ctx: &Context<'_>,
     ) -> Result<Vec<usize>, Cancelled> {
-        let nodes = &joined.nodes;
-        let mut expected = self.least(joined, &routes.moves.axes, &routes.moves.motion);
+        let nodes = &graph.nodes;
+        let mut expected = self.lower_bounds(graph, &routes.moves.axes, &routes.moves.motion);
         let (mut tour, mut effort) = (Vec::new(), Effort::Thorough);
         loop {
-            let tours = tour::shortest(&joined.groups, &expected, &tour, effort, ctx)?;
+            let tours = tour::shortest(&graph.groups, &expected, &tour, effort, ctx)?;
             let steps = tours.iter().flat_map(|tour| tour.windows(2)).map(|step| key(step[0], step[1]));
             let unchecked: BTreeSet<_> = steps.filter(|step| !self.checked.contains_key(step)).collect();
             tour = tours.into_iter().next().unwrap_or_default();
@@ -49,19 +48,19 @@ impl Known {
             };
             let check = |(a, b): (usize, usize)| Ok(((a, b), routes.between(&nodes[a], &nodes[b], ctx)?));
             let found: Vec<_> = unchecked.into_par_iter().map(check).collect::<Result<_, Cancelled>>()?;
-            self.learn(found, joined, routes, &mut expected);
+            self.record(found, graph, routes, &mut expected);
         }
     }
 
-    /// The way from one node to another of a tour.
+    /// The route from one node of a tour to another.
     pub(super) fn route(&self, from: usize, to: usize) -> Route {
         let route = &self.checked[&key(from, to)];
         if from < to { route.clone() } else { route.reversed() }
     }
 
-    /// Times of which none is longer than that of a free move: straight where nothing is known.
-    pub(super) fn least(&self, joined: &Joined, axes: &Axes, motion: &MotionParams) -> Costs {
-        let nodes = &joined.nodes;
+    /// Lower bounds of the times of free moves: straight where a move was not checked.
+    pub(super) fn lower_bounds(&self, graph: &StationGraph, axes: &Axes, motion: &MotionParams) -> Costs {
+        let nodes = &graph.nodes;
         let mut costs = Costs::new(nodes.len(), |a, b| match nodes.get(b) {
             Some(other) => straight_secs(axes, &nodes[a].configuration, &other.configuration, motion),
             None => nodes[a].from_home.secs,
@@ -70,24 +69,24 @@ impl Known {
         costs
     }
 
-    fn learn(&mut self, found: Vec<((usize, usize), Route)>, joined: &Joined, routes: &Routes<'_>, expected: &mut Costs) {
-        let nodes = &joined.nodes;
+    fn record(&mut self, found: Vec<((usize, usize), Route)>, graph: &StationGraph, routes: &Routes<'_>, expected: &mut Costs) {
+        let nodes = &graph.nodes;
         let straight_secs = |a: usize, b: usize| routes.moves.straight_secs(&nodes[a].configuration, &nodes[b].configuration);
         let mut views = BTreeSet::new();
         for ((a, b), route) in found {
             let between = (nodes[a].view, nodes[b].view);
-            let longer = self.longer.entry(between).or_default();
-            *longer = (longer.0 + route.secs - straight_secs(a, b), longer.1 + 1.0);
+            let detours = self.detours.entry(between).or_default();
+            *detours = (detours.0 + route.secs - straight_secs(a, b), detours.1 + 1.0);
             views.insert(between);
             expected.set(a, b, route.secs);
             self.checked.insert((a, b), route);
         }
-        if joined.groups.len() <= EXACT_GROUPS {
+        if graph.groups.len() <= EXACT_GROUPS {
             return;
         }
         for between in views {
-            let (sum_secs, count) = self.longer[&between];
-            let pairs = joined.groups[between.0].clone().flat_map(|a| joined.groups[between.1].clone().map(move |b| (a, b)));
+            let (sum_secs, count) = self.detours[&between];
+            let pairs = graph.groups[between.0].clone().flat_map(|a| graph.groups[between.1].clone().map(move |b| (a, b)));
             for (a, b) in pairs.filter(|pair| !self.checked.contains_key(pair)) {
                 let by_home_secs = nodes[a].from_home.secs + nodes[b].from_home.secs;
                 expected.set(a, b, (straight_secs(a, b) + sum_secs / (count + 1.0)).min(by_home_secs));
@@ -96,7 +95,7 @@ impl Known {
     }
 }
 
-/// Moves can be run either way, so a pair is looked at once, from the lower number to the higher.
+/// Moves can be run either way, so a pair is checked once, from the lower number to the higher.
 fn key(a: usize, b: usize) -> (usize, usize) {
     (a.min(b), a.max(b))
 }
