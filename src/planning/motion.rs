@@ -4,7 +4,7 @@ use super::candidates::{Candidate, Generated, Rejection};
 use super::context::{Cancelled, Context};
 use super::error::PlanError;
 use super::input::PlanInput;
-use super::obstructions::LOOKED_AT_MM;
+use super::obstructions::MAX_SEPARATION_MM;
 use super::params::PlanParams;
 use super::selection::ViewId;
 use super::sequence::{self, Ordered, Permits};
@@ -95,19 +95,19 @@ impl<'a> Motion<'a> {
     ) -> Option<(Contact, [Configuration; 2])> {
         let ends = match stations.first() {
             Some(station) => [self.cell.home_rad, station.configuration()],
-            None => [stations::nearest_way(view, self.cell, &self.scene, &self.table_from_part)?; 2],
+            None => [stations::nearest_ik_solution(view, self.cell, &self.scene, &self.table_from_part)?; 2],
         };
         Some((self.scene.check_segment(&ends[0], &ends[1])?, ends))
     }
 
     /// Where on a segment two bodies are nearest to or deepest in each other.
     pub(super) fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2]) -> Option<(Configuration, Separation)> {
-        self.scene.nearest_on(bodies, ends, LOOKED_AT_MM)
+        self.scene.nearest_on(bodies, ends, MAX_SEPARATION_MM)
     }
 
-    /// Distance of what is nearest to each other at a station; `None` beyond [`LOOKED_AT_MM`].
+    /// Distance of what is nearest to each other at a station; `None` beyond [`MAX_SEPARATION_MM`].
     pub(super) fn clearance_mm(&self, station: &Station) -> Option<f64> {
-        self.scene.nearest(&station.configuration(), LOOKED_AT_MM).map(|separation| separation.distance_mm)
+        self.scene.nearest(&station.configuration(), MAX_SEPARATION_MM).map(|separation| separation.distance_mm)
     }
 
     pub(super) fn cell(&self) -> &Cell {

@@ -1,6 +1,6 @@
-//! What stands in the way: which two bodies keep the cell from viewpoints, for how many, where, how deep, and what would
+//! Obstructions: pairs of bodies that keep the cell from viewpoints, for how many, where, how deep, and what would
 //! help. A candidate without a station is put down to two that meet at its station nearest to home; one without a path to
-//! two that meet on the straight way to it, and where they are deepest in each other there.
+//! two that meet on the straight move to it, and where they are deepest in each other there.
 
 use std::collections::BTreeMap;
 
@@ -13,45 +13,46 @@ use super::stations::Station;
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Cell, Configuration, Contact, Separation};
 
-/// How near bodies are looked at, mm: as far as a clearance may be asked for.
-pub(super) const LOOKED_AT_MM: f64 = 200.0;
+/// Largest separation that is measured, mm: as far as a clearance may be asked for.
+pub(super) const MAX_SEPARATION_MM: f64 = 200.0;
 
 /// Two bodies that are in each other's way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Obstruction {
-    /// Which.
+    /// The two bodies.
     pub bodies: Contact,
     /// Candidates that have no station for it.
     pub without_station: usize,
     /// Candidates to whose stations no path was found for it.
     pub without_path: usize,
-    /// Where they meet, for one of the candidates: joints and table, radians.
+    /// Configuration at which they meet, for one of the candidates, radians.
     pub configuration: Configuration,
-    /// How far apart they are there; of overlapping meshes it is not known.
+    /// Separation of the two there; of overlapping meshes it is not known.
     pub separation: Option<Separation>,
-    /// What would help, in words.
+    /// Advice, in words.
     pub help: String,
 }
 
 /// A candidate that the cell cannot use.
-pub(super) struct Blocked<'a> {
-    /// The cell, as the part lies for this candidate.
+pub(super) struct BlockedCandidate<'a> {
+    /// The scene of its setup.
     pub(super) motion: &'a Motion<'a>,
     pub(super) candidate: &'a Candidate,
     /// Stations to which no path was found; none where nothing but collisions was found.
     pub(super) stations: &'a [Station],
 }
 
-/// What is in the way of `blocked`, what blocks most first.
-pub(super) fn explain(blocked: &[Blocked<'_>], ctx: &Context<'_>) -> Result<Vec<Obstruction>, Cancelled> {
-    let place = |blocked: &Blocked<'_>| {
+/// Finds the obstructions of `blocked`, the one that blocks most candidates first.
+pub(super) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Context<'_>) -> Result<Vec<Obstruction>, Cancelled> {
+    let meeting = |blocked: &BlockedCandidate<'_>| {
         ctx.check()?;
         Ok(blocked.motion.where_it_fails(&blocked.candidate.part_from_scanner, blocked.stations))
     };
-    let places: Vec<Option<(Contact, [Configuration; 2])>> = blocked.par_iter().map(place).collect::<Result<_, Cancelled>>()?;
+    let meetings: Vec<Option<(Contact, [Configuration; 2])>> =
+        blocked.par_iter().map(meeting).collect::<Result<_, Cancelled>>()?;
     let mut found: BTreeMap<(String, String), Obstruction> = BTreeMap::new();
-    for (blocked, place) in blocked.iter().zip(places) {
-        let Some((bodies, ends)) = place else { continue };
+    for (blocked, meeting) in blocked.iter().zip(meetings) {
+        let Some((bodies, ends)) = meeting else { continue };
         let key = (bodies.a.to_string(), bodies.b.to_string());
         let entry = found.entry(key).or_insert_with(|| Obstruction::new(bodies, &ends, blocked.motion));
         match blocked.stations {

@@ -10,7 +10,7 @@ use super::input::PlanInput;
 use super::min_time;
 use super::missed;
 use super::motion::Motion;
-use super::obstructions::{self, Blocked, Obstruction};
+use super::obstructions::{self, BlockedCandidate, Obstruction};
 use super::params::{Hemisphere, PlanParams, SelectionGoal};
 use super::placement;
 use super::plan::{Certificate, Outcome, SetupPlan};
@@ -81,7 +81,7 @@ fn obstructions(
 ) -> Result<Vec<Obstruction>, Cancelled> {
     let blocked = |(candidate, stations)| {
         let candidate: &Candidate = candidate;
-        Some(Blocked { motion: setups[candidate.setup].motion.as_ref()?, candidate, stations })
+        Some(BlockedCandidate { motion: setups[candidate.setup].motion.as_ref()?, candidate, stations })
     };
     let blocked: Vec<_> = study.obstructed(without_path).into_iter().filter_map(blocked).collect();
     obstructions::explain(&blocked, ctx)

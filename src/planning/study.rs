@@ -19,13 +19,13 @@ use super::plan::{
 use super::requirements;
 use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
 use super::sequence::{Ordered, straight_secs};
-use super::stations::{Blocked, Station};
+use super::stations::{Station, StationFailure};
 use super::surface::Surface;
 use super::visibility::{self, Row, SampleSet, VisibilityMatrix};
 use crate::geometry::{Part, Pose, Table};
 
 /// Stations of every kept candidate, or why it has none.
-pub(super) type Reach = Vec<Result<Vec<Station>, Blocked>>;
+pub(super) type Reach = Vec<Result<Vec<Station>, StationFailure>>;
 
 /// See the module.
 pub(super) struct Study<'a> {
@@ -81,7 +81,7 @@ fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &Selection
 
 impl Study<'_> {
     /// Why a kept candidate cannot be used by the cell, if so.
-    fn blocked(&self, kept: usize) -> Option<Blocked> {
+    fn blocked(&self, kept: usize) -> Option<StationFailure> {
         self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())
     }
 
@@ -190,7 +190,7 @@ impl Study<'_> {
     pub(super) fn obstructed(&self, given_up: &BTreeSet<usize>) -> Vec<(&Candidate, &[Station])> {
         let stations = |kept: usize| match &self.reach.as_ref()?[kept] {
             Ok(stations) => given_up.contains(&kept).then_some(stations.as_slice()),
-            Err(blocked) => (*blocked == Blocked::Collision).then_some(&[][..]),
+            Err(blocked) => (*blocked == StationFailure::Collision).then_some(&[][..]),
         };
         (0..self.generated.kept.len()).filter_map(|kept| Some((&self.generated.kept[kept], stations(kept)?))).collect()
     }
@@ -324,8 +324,8 @@ impl Study<'_> {
         let mut samples_of: BTreeMap<Cause, SampleSet> = BTreeMap::new();
         for (kept, row) in self.table.rows.iter().enumerate() {
             let cause = match self.blocked(kept) {
-                Some(Blocked::Unreachable) => Cause::Unreachable,
-                Some(Blocked::Collision) => Cause::Collision,
+                Some(StationFailure::Unreachable) => Cause::Unreachable,
+                Some(StationFailure::Collision) => Cause::Collision,
                 None if given_up.contains(&kept) => Cause::NoPath,
                 None => Cause::NotChosen,
             };
@@ -386,8 +386,8 @@ impl Study<'_> {
     fn counts(&self) -> CandidateCounts {
         let mut rejected: BTreeMap<Rejection, usize> = BTreeMap::new();
         let by_cell = (0..self.generated.kept.len()).filter_map(|kept| self.blocked(kept)).map(|blocked| match blocked {
-            Blocked::Unreachable => Rejection::Unreachable,
-            Blocked::Collision => Rejection::Collision,
+            StationFailure::Unreachable => Rejection::Unreachable,
+            StationFailure::Collision => Rejection::Collision,
         });
         for reason in self.generated.rejected.iter().map(|(_, reason)| *reason).chain(by_cell) {
             *rejected.entry(reason).or_default() += 1;

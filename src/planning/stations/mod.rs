@@ -1,8 +1,8 @@
 //! Viewpoints to stations: table angle and joint vector, within limits and free of collision.
 //!
 //! The table's angle φ is free, so it is sampled over one turn; at each φ the arm must bring the flange to
-//! base_from_table · Rz(φ) · table_from_part · part_from_scanner · flange_from_scanner⁻¹, which the closed form answers
-//! with all its branches, each wound by whole turns as far as the limits go. The result is tried in the order of its
+//! base_from_table · Rz(φ) · table_from_part · part_from_scanner · flange_from_scanner⁻¹, for which the
+//! closed form gives all IK solutions, each wound by whole turns as far as the limits go. They are tried in the order of their
 //! distance from home in time, and tested for collision only then. One view costs about 0.2 ms, plus a few microseconds
 //! for each test.
 
@@ -15,17 +15,17 @@ use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 
 /// Step of the table, in whole parts of a turn: 5°.
 const TABLE_STEPS: u32 = 72;
-/// Each is divided into so many where a view has no station at any of them: 0.25°. In a hundred cluttered cells 14 of 56 views
+/// Finer steps in each where a view has no station at any of them: 0.25°. In a hundred cluttered cells 14 of 56 views
 /// without a station get one so, four fifths of them at 1° already.
-const FINER: u32 = 20;
-/// Stations kept a view: enough for the sequence to choose from.
-const KEEP: usize = 12;
-/// Two stations of a view differ in some axis by at least this, radians (20°); else the cheaper one stands for both.
-const SPREAD_RAD: f64 = std::f64::consts::PI / 9.0;
-/// Collision tests between two looks at the cancel flag.
-const TESTS_PER_LOOK: usize = 64;
+const FINE_STEPS: u32 = 20;
+/// Stations of a view that are kept at most: enough for the sequence to choose from.
+const MAX_STATIONS: usize = 12;
+/// Smallest difference in some axis between two stations of a view, radians (20°); of nearer ones the cheaper is kept.
+const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 9.0;
+/// Collision tests between two checks of the cancel flag.
+const TESTS_PER_CHECK: usize = 64;
 
-/// Where the cell takes a view from.
+/// Table angle and joints from which the cell takes a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Station {
     /// Angle of the table.
@@ -48,16 +48,16 @@ impl From<Configuration> for Station {
     }
 }
 
-/// Why a view has no station.
+/// Reason for which a view has no station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Blocked {
+pub enum StationFailure {
     /// No joint vector within limits at any table angle.
     Unreachable,
-    /// Something collides at every one.
+    /// Something collides at every joint vector within limits.
     Collision,
 }
 
-/// For each view its stations, cheapest from home first and all different from each other, or why there is none.
+/// Finds the stations of each view, cheapest from home first and all different from each other, or the reason why there are none.
 /// Runs on the caller's rayon pool; the result does not depend on the number of threads. `scene` must hold the part
 /// as `table_from_part` places it.
 ///
@@ -69,11 +69,11 @@ pub fn solve(
     scene: &CollisionScene,
     table_from_part: &Pose<Table, Part>,
     ctx: &Context<'_>,
-) -> Result<Vec<Result<Vec<Station>, Blocked>>, Cancelled> {
-    solve_some(views, cell, scene, table_from_part, KEEP, ctx)
+) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
+    solve_some(views, cell, scene, table_from_part, MAX_STATIONS, ctx)
 }
 
-/// As [`solve`], with at most `keep` stations a view: 1 answers whether there is one.
+/// Finds at most `max_stations` stations a view, otherwise as [`solve`]: 1 tells whether there is one.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -82,10 +82,10 @@ pub fn solve_some(
     cell: &Cell,
     scene: &CollisionScene,
     table_from_part: &Pose<Table, Part>,
-    keep: usize,
+    max_stations: usize,
     ctx: &Context<'_>,
-) -> Result<Vec<Result<Vec<Station>, Blocked>>, Cancelled> {
-    let search = Search { cell, axes: cell.axes(), scene, table_from_part, keep };
+) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
+    let search = Search { cell, axes: cell.axes(), scene, table_from_part, max_stations };
     let done = AtomicUsize::new(0);
     views
         .par_iter()
@@ -97,19 +97,19 @@ pub fn solve_some(
         .collect()
 }
 
-/// Joints and table that take the view as near to home as can be, whatever collides there; `None` where none reach it.
+/// The IK solution nearest to home at any table angle, collisions ignored; `None` where the view is out of reach.
 #[must_use]
-pub fn nearest_way(
+pub fn nearest_ik_solution(
     view: &Pose<Part, ScannerFrame>,
     cell: &Cell,
     scene: &CollisionScene,
     table_from_part: &Pose<Table, Part>,
 ) -> Option<Configuration> {
-    let search = Search { cell, axes: cell.axes(), scene, table_from_part, keep: 1 };
-    search.ways(view, &table_angles().collect::<Vec<_>>()).0.first().map(|way| way.configuration)
+    let search = Search { cell, axes: cell.axes(), scene, table_from_part, max_stations: 1 };
+    search.ik_solutions(view, &table_angles().collect::<Vec<_>>()).0.first().map(|solution| solution.configuration)
 }
 
-/// Whether the viewpoint lies inside a body that stands still at every table angle: a quick filter ahead of [`solve`].
+/// Returns true if the viewpoint lies inside a body that stands still at every table angle: a quick filter ahead of [`solve`].
 #[must_use]
 pub fn inside_obstacle(
     view: &Pose<Part, ScannerFrame>,
@@ -127,7 +127,7 @@ fn table_angles() -> impl Iterator<Item = f64> {
     (0..TABLE_STEPS).map(|step| turned(step, TABLE_STEPS))
 }
 
-/// So many of the parts that a turn is divided into.
+/// Angle of `step` of the `parts` into which a turn is divided.
 fn turned(step: u32, parts: u32) -> f64 {
     std::f64::consts::TAU * f64::from(step) / f64::from(parts)
 }
@@ -146,51 +146,57 @@ struct Search<'a> {
     axes: Axes,
     scene: &'a CollisionScene,
     table_from_part: &'a Pose<Table, Part>,
-    keep: usize,
+    max_stations: usize,
 }
 
-/// One way to take a view, before collision is tested.
-struct Way {
+/// An IK solution for a view, before collision is tested.
+struct IkSolution {
     secs_from_home: f64,
-    /// Ways that differ by whole turns share a pose, and so a verdict.
+    /// Number of the arm's pose: solutions that differ by whole turns share it, and so the result of the collision test.
     pose: usize,
     configuration: Configuration,
 }
 
 impl Search<'_> {
-    fn stations(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<Result<Vec<Station>, Blocked>, Cancelled> {
-        let between = (0..TABLE_STEPS * FINER).filter(|step| step % FINER != 0).map(|step| turned(step, TABLE_STEPS * FINER));
-        let mut blocked = Blocked::Unreachable;
+    fn stations(
+        &self,
+        view: &Pose<Part, ScannerFrame>,
+        ctx: &Context<'_>,
+    ) -> Result<Result<Vec<Station>, StationFailure>, Cancelled> {
+        let between = (0..TABLE_STEPS * FINE_STEPS)
+            .filter(|step| step % FINE_STEPS != 0)
+            .map(|step| turned(step, TABLE_STEPS * FINE_STEPS));
+        let mut failure = StationFailure::Unreachable;
         for table_angles in [table_angles().collect::<Vec<_>>(), between.collect()] {
             ctx.check()?;
-            let (ways, poses) = self.ways(view, &table_angles);
-            let Some(way) = ways.first() else { continue };
-            blocked = Blocked::Collision;
-            if self.scene.check_view(&way.configuration).is_some() {
+            let (solutions, poses) = self.ik_solutions(view, &table_angles);
+            let Some(first) = solutions.first() else { continue };
+            failure = StationFailure::Collision;
+            if self.scene.check_view(&first.configuration).is_some() {
                 break;
             }
-            let kept = self.free(&ways, poses, ctx)?;
+            let kept = self.free(&solutions, poses, ctx)?;
             if !kept.is_empty() {
                 return Ok(Ok(kept.into_iter().map(Station::from).collect()));
             }
         }
-        Ok(Err(blocked))
+        Ok(Err(failure))
     }
 
-    /// The cheapest of these ways that are free and differ.
-    fn free(&self, ways: &[Way], poses: usize, ctx: &Context<'_>) -> Result<Vec<Configuration>, Cancelled> {
+    /// The cheapest of these solutions that are free and differ.
+    fn free(&self, solutions: &[IkSolution], poses: usize, ctx: &Context<'_>) -> Result<Vec<Configuration>, Cancelled> {
         let mut free: Vec<Option<bool>> = vec![None; poses];
         let mut kept: Vec<Configuration> = Vec::new();
-        for (index, way) in ways.iter().enumerate() {
-            if index % TESTS_PER_LOOK == 0 {
+        for (index, solution) in solutions.iter().enumerate() {
+            if index % TESTS_PER_CHECK == 0 {
                 ctx.check()?;
             }
-            if kept.iter().any(|other| is_close(other, &way.configuration)) {
+            if kept.iter().any(|other| is_close(other, &solution.configuration)) {
                 continue;
             }
-            if *free[way.pose].get_or_insert_with(|| self.scene.check(&way.configuration).is_none()) {
-                kept.push(way.configuration);
-                if kept.len() == self.keep {
+            if *free[solution.pose].get_or_insert_with(|| self.scene.check(&solution.configuration).is_none()) {
+                kept.push(solution.configuration);
+                if kept.len() == self.max_stations {
                     break;
                 }
             }
@@ -198,9 +204,9 @@ impl Search<'_> {
         Ok(kept)
     }
 
-    /// Every way within the limits at these angles, cheapest from home first, and the number of different poses among them.
-    fn ways(&self, view: &Pose<Part, ScannerFrame>, table_angles: &[f64]) -> (Vec<Way>, usize) {
-        let (mut ways, mut poses) = (Vec::new(), 0);
+    /// Every IK solution within the limits at these angles, cheapest from home first, and the number of different poses among them.
+    fn ik_solutions(&self, view: &Pose<Part, ScannerFrame>, table_angles: &[f64]) -> (Vec<IkSolution>, usize) {
+        let (mut solutions, mut poses) = (Vec::new(), 0);
         let scanner_from_flange = self.cell.flange_from_scanner.inverse();
         for table_angle in table_angles.iter().copied() {
             if self.axes.0[6].windings(table_angle).next().is_none() {
@@ -209,7 +215,7 @@ impl Search<'_> {
             let base_from_flange = base_from_scanner(view, self.cell, self.table_from_part, table_angle) * scanner_from_flange;
             for joints in self.cell.robot.kinematics.ik_solutions(&base_from_flange) {
                 let wound = self.axes.windings(&Station { table_angle_rad: table_angle, joints_rad: joints }.configuration());
-                ways.extend(wound.into_iter().map(|configuration| Way {
+                solutions.extend(wound.into_iter().map(|configuration| IkSolution {
                     secs_from_home: self.axes.move_secs(&self.cell.home_rad, &configuration, 1.0),
                     pose: poses,
                     configuration,
@@ -217,14 +223,14 @@ impl Search<'_> {
                 poses += 1;
             }
         }
-        // Stable: ties keep the order of table angle and branch.
-        ways.sort_by(|a, b| a.secs_from_home.total_cmp(&b.secs_from_home));
-        (ways, poses)
+        // Stable: ties keep the order of table angle and IK solution.
+        solutions.sort_by(|a, b| a.secs_from_home.total_cmp(&b.secs_from_home));
+        (solutions, poses)
     }
 }
 
 fn is_close(a: &Configuration, b: &Configuration) -> bool {
-    a.iter().zip(b).all(|(a, b)| (a - b).abs() < SPREAD_RAD)
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() < MIN_SPREAD_RAD)
 }
 
 #[cfg(test)]

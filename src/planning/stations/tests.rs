@@ -2,7 +2,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::{Blocked, SPREAD_RAD, Station, inside_obstacle, solve};
+use super::{MIN_SPREAD_RAD, Station, StationFailure, inside_obstacle, solve};
 use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
 use crate::geometry::demo_parts::DemoPart;
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
@@ -36,7 +36,7 @@ fn solve_one(
     scene: &CollisionScene,
     placed: &Pose<Table, Part>,
     view: Pose<Part, ScannerFrame>,
-) -> Result<Vec<Station>, Blocked> {
+) -> Result<Vec<Station>, StationFailure> {
     let flag = AtomicBool::new(false);
     let mut all = solve(&[view], cell, scene, placed, &Context::new(&flag, &Silent)).expect("not cancelled");
     all.remove(0)
@@ -64,7 +64,7 @@ fn stations_put_the_scanner_on_the_view_within_limits_and_clear() {
             for other in &stations[..index] {
                 assert!(secs(other) <= secs(station), "cheapest first");
                 let apart = other.configuration().iter().zip(configuration).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                assert!(apart >= SPREAD_RAD, "stations must differ");
+                assert!(apart >= MIN_SPREAD_RAD, "stations must differ");
             }
         }
     }
@@ -74,9 +74,9 @@ fn stations_put_the_scanner_on_the_view_within_limits_and_clear() {
 fn out_of_reach_and_in_the_way_are_told_apart() {
     let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
     let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
-    assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 60.0, 0.0, 5000.0)), Err(Blocked::Unreachable));
+    assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 60.0, 0.0, 5000.0)), Err(StationFailure::Unreachable));
     // So close beside the part that the scanner's housing would be in the plate.
-    assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 90.0, 0.0, 200.0)), Err(Blocked::Collision));
+    assert_eq!(solve_one(&cell, &scene, &placed, view(120.0, 90.0, 0.0, 200.0)), Err(StationFailure::Collision));
     // From below the part the viewpoint would be inside the table.
     assert!(inside_obstacle(&view(120.0, 179.0, 0.0, 200.0), &cell, &scene, &placed));
     assert!(!inside_obstacle(&view(120.0, 30.0, 0.0, 540.0), &cell, &scene, &placed));

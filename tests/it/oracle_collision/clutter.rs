@@ -14,7 +14,7 @@ use vantage::planning::params::PlanParams;
 use vantage::planning::plan::ViewId;
 use vantage::planning::resting;
 use vantage::planning::sequence::{Ordered, order};
-use vantage::planning::stations::{Blocked, Station, solve};
+use vantage::planning::stations::{Station, StationFailure, solve};
 use vantage::program::{Program, compile};
 use vantage::wire::echo::Echo;
 use vantage::wire::program::ProgramDocument;
@@ -116,7 +116,7 @@ fn outcome(cell: &Cell, part: &Mesh, table_from_part: &Pose<Table, Part>, views:
     let cancel = AtomicBool::new(false);
     let ctx = Context::new(&cancel, &Silent);
     let reached = solve(views, cell, &scene, table_from_part, &ctx).expect("not cancelled");
-    let count = |blocked: Blocked| reached.iter().filter(|of_view| of_view.as_ref().err() == Some(&blocked)).count();
+    let count = |blocked: StationFailure| reached.iter().filter(|of_view| of_view.as_ref().err() == Some(&blocked)).count();
     let with_stations = reached.iter().zip(0..).filter_map(|(of_view, id)| Some((ViewId(id), of_view.as_ref().ok()?)));
     let stations: Vec<(ViewId, &[Station])> = with_stations.map(|(view, of_view)| (view, of_view.as_slice())).collect();
     let Ordered { sequence, no_path, .. } = order(&stations, cell, &scene, &params, false, &ctx).expect("not cancelled");
@@ -124,8 +124,8 @@ fn outcome(cell: &Cell, part: &Mesh, table_from_part: &Pose<Table, Part>, views:
     Outcome {
         program: compile(&sequence, 0, cell, "", &params),
         planned: sequence.visits.len(),
-        unreachable: count(Blocked::Unreachable),
-        collision: count(Blocked::Collision),
+        unreachable: count(StationFailure::Unreachable),
+        collision: count(StationFailure::Collision),
         no_path: no_path.iter().map(of_view).collect(),
     }
 }
