@@ -7,18 +7,18 @@ use std::collections::BTreeSet;
 
 use super::context::Context;
 use super::error::PlanError;
-use super::motion::Motion;
+use super::planning_scene::PlanningScene;
 use super::selection;
 use super::sequence::{Ordered, Sequence, straight_secs};
-use super::study::{Chosen, Study};
+use super::view_planning_problem::{ChosenViews, ViewPlanningProblem};
 use crate::cell::{Axes, Cell, Configuration};
 
 /// Times that all is ordered anew, at most.
-const ROUNDS: usize = 6;
+const MAX_ROUNDS: usize = 6;
 /// Exchanges between two times, at most.
-const EXCHANGES: usize = 40;
+const MAX_EXCHANGES: usize = 40;
 /// What an exchange has to save, seconds.
-const WORTH_SECS: f64 = 0.02;
+const MIN_SAVING_SECS: f64 = 0.02;
 
 /// A plan's views in the order visited, by setup: number of the view and where the cell takes it.
 type Tours = Vec<Vec<(usize, Configuration)>>;
@@ -28,18 +28,18 @@ type Tours = Vec<Vec<(usize, Configuration)>>;
 /// # Errors
 /// Those of selecting.
 pub(super) fn improve(
-    study: &Study<'_>,
-    motions: &[&Motion<'_>],
-    (mut chosen, mut ordered): (Chosen, Vec<Ordered>),
-    barred: &BTreeSet<usize>,
+    problem: &ViewPlanningProblem<'_>,
+    scenes: &[&PlanningScene<'_>],
+    (mut chosen, mut ordered): (ChosenViews, Vec<Ordered>),
+    excluded: &BTreeSet<usize>,
     ctx: &Context<'_>,
-) -> Result<(Chosen, Vec<Ordered>), PlanError> {
+) -> Result<(ChosenViews, Vec<Ordered>), PlanError> {
     let moving = |ordered: &[Ordered]| ordered.iter().map(|ordered| ordered.sequence.motion_secs()).sum::<f64>();
-    for _ in 0..ROUNDS {
-        let Some(other) = exchanged(study, &chosen, &ordered, barred, ctx)? else { break };
-        let order = |(setup, motion): (usize, &&Motion<'_>)| motion.order(&study.stations_of(&other, setup), true, ctx);
-        let again: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
-        if again.iter().any(|ordered| !ordered.no_path.is_empty()) || moving(&again) >= moving(&ordered) - WORTH_SECS {
+    for _ in 0..MAX_ROUNDS {
+        let Some(other) = exchanged(problem, &chosen, &ordered, excluded, ctx)? else { break };
+        let order = |(setup, scene): (usize, &&PlanningScene<'_>)| scene.order(&problem.stations_of(&other, setup), true, ctx);
+        let again: Vec<Ordered> = scenes.iter().enumerate().map(order).collect::<Result<_, _>>()?;
+        if again.iter().any(|ordered| !ordered.no_path.is_empty()) || moving(&again) >= moving(&ordered) - MIN_SAVING_SECS {
             break;
         }
         (chosen, ordered) = (other, again);
@@ -49,33 +49,33 @@ pub(super) fn improve(
 
 /// As many views that meet the goals and, going by straight moves, take less time; `None` where none are found.
 fn exchanged(
-    study: &Study<'_>,
-    chosen: &Chosen,
+    problem: &ViewPlanningProblem<'_>,
+    chosen: &ChosenViews,
     ordered: &[Ordered],
-    barred: &BTreeSet<usize>,
+    excluded: &BTreeSet<usize>,
     ctx: &Context<'_>,
-) -> Result<Option<Chosen>, PlanError> {
-    let Some(cell) = study.input.cell else { return Ok(None) };
-    let way = Way { study, cell, axes: cell.axes() };
-    let usable = study.choosable(barred);
-    let problem = study.problem(&usable);
+) -> Result<Option<ChosenViews>, PlanError> {
+    let Some(cell) = problem.input.cell else { return Ok(None) };
+    let exchange = TourExchange { problem, cell, axes: cell.axes() };
+    let usable = problem.choosable(excluded);
+    let cover = problem.cover_problem(&usable);
     let mut rows: Vec<usize> = chosen.kept.iter().filter_map(|kept| usable.binary_search(kept).ok()).collect();
     let mut tours = tours(ordered.iter().map(|ordered| &ordered.sequence));
     let mut found = false;
-    for _ in 0..EXCHANGES {
-        let allowed = selection::exchanges(&problem, &study.params.selection, &rows, ctx)?;
+    for _ in 0..MAX_EXCHANGES {
+        let allowed = selection::exchanges(&cover, &problem.params.selection, &rows, ctx)?;
         let savings = allowed.into_iter().filter_map(|(view, row)| {
-            let (saved_secs, tours) = way.exchange(&tours, view, usable[row])?;
+            let (saved_secs, tours) = exchange.evaluate(&tours, view, usable[row])?;
             Some((saved_secs, view, row, tours))
         });
         let best = savings.fold(None, |best: Option<(f64, usize, usize, Tours)>, next| match best {
             Some(best) if best.0 >= next.0 => Some(best),
             _ => Some(next),
         });
-        let Some((_, view, row, quicker)) = best.filter(|best| best.0 > WORTH_SECS) else { break };
+        let Some((_, view, row, quicker)) = best.filter(|best| best.0 > MIN_SAVING_SECS) else { break };
         (rows[view], tours, found) = (row, quicker, true);
     }
-    found.then(|| study.chosen_of(&problem, &usable, &rows, chosen, ctx)).transpose()
+    found.then(|| problem.chosen_of(&cover, &usable, &rows, chosen, ctx)).transpose()
 }
 
 fn tours<'a>(sequences: impl Iterator<Item = &'a Sequence>) -> Tours {
@@ -85,24 +85,24 @@ fn tours<'a>(sequences: impl Iterator<Item = &'a Sequence>) -> Tours {
     sequences.map(tour).collect()
 }
 
-struct Way<'a> {
-    study: &'a Study<'a>,
+struct TourExchange<'a> {
+    problem: &'a ViewPlanningProblem<'a>,
     cell: &'a Cell,
     axes: Axes,
 }
 
-impl Way<'_> {
+impl TourExchange<'_> {
     /// What taking a kept candidate in place of a view saves, and the tours then; `None` where the candidate has no station,
     /// or belongs to another setup.
-    fn exchange(&self, tours: &Tours, view: usize, kept: usize) -> Option<(f64, Tours)> {
-        let setup = self.study.generated.kept[kept].setup;
+    fn evaluate(&self, tours: &Tours, view: usize, kept: usize) -> Option<(f64, Tours)> {
+        let setup = self.problem.candidates.kept[kept].setup;
         let at = tours.get(setup)?.iter().position(|(other, _)| *other == view)?;
         let mut without = tours[setup].clone();
         let (_, here) = without.remove(at);
         let saved_secs = self.detour_secs(&without, at, &here);
-        let stations = self.study.reach.as_ref()?[kept].as_deref().ok()?;
-        let places = (0..=without.len()).flat_map(|at| stations.iter().map(move |station| (at, station.configuration())));
-        let costs = places.map(|(at, there)| (self.detour_secs(&without, at, &there), at, there));
+        let stations = self.problem.reach.as_ref()?[kept].as_deref().ok()?;
+        let insertions = (0..=without.len()).flat_map(|at| stations.iter().map(move |station| (at, station.configuration())));
+        let costs = insertions.map(|(at, there)| (self.detour_secs(&without, at, &there), at, there));
         let (cost_secs, at, there) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
         without.insert(at, (view, there));
         let mut tours = tours.clone();
@@ -115,7 +115,7 @@ impl Way<'_> {
         let home = &self.cell.home_rad;
         let stop = |at: Option<usize>| at.and_then(|at| tour.get(at)).map_or(home, |(_, configuration)| configuration);
         let (before, after) = (stop(at.checked_sub(1)), stop(Some(at)));
-        let secs = |from, to| straight_secs(&self.axes, from, to, &self.study.params.motion);
+        let secs = |from, to| straight_secs(&self.axes, from, to, &self.problem.params.motion);
         secs(before, here) + secs(here, after) - secs(before, after)
     }
 }

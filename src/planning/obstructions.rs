@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::candidates::Candidate;
 use super::context::{Cancelled, Context};
-use super::motion::Motion;
+use super::planning_scene::PlanningScene;
 use super::stations::Station;
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Cell, Configuration, Contact, Separation};
@@ -36,7 +36,7 @@ pub struct Obstruction {
 /// A candidate that the cell cannot use.
 pub(super) struct BlockedCandidate<'a> {
     /// The scene of its setup.
-    pub(super) motion: &'a Motion<'a>,
+    pub(super) scene: &'a PlanningScene<'a>,
     pub(super) candidate: &'a Candidate,
     /// Stations to which no path was found; none where nothing but collisions was found.
     pub(super) stations: &'a [Station],
@@ -46,7 +46,7 @@ pub(super) struct BlockedCandidate<'a> {
 pub(super) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Context<'_>) -> Result<Vec<Obstruction>, Cancelled> {
     let meeting = |blocked: &BlockedCandidate<'_>| {
         ctx.check()?;
-        Ok(blocked.motion.where_it_fails(&blocked.candidate.part_from_scanner, blocked.stations))
+        Ok(blocked.scene.where_it_fails(&blocked.candidate.part_from_scanner, blocked.stations))
     };
     let meetings: Vec<Option<(Contact, [Configuration; 2])>> =
         blocked.par_iter().map(meeting).collect::<Result<_, Cancelled>>()?;
@@ -54,7 +54,7 @@ pub(super) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Context<'_>) -> Re
     for (blocked, meeting) in blocked.iter().zip(meetings) {
         let Some((bodies, ends)) = meeting else { continue };
         let key = (bodies.a.to_string(), bodies.b.to_string());
-        let entry = found.entry(key).or_insert_with(|| Obstruction::new(bodies, &ends, blocked.motion));
+        let entry = found.entry(key).or_insert_with(|| Obstruction::new(bodies, &ends, blocked.scene));
         match blocked.stations {
             [] => entry.without_station += 1,
             _ => entry.without_path += 1,
@@ -67,10 +67,10 @@ pub(super) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Context<'_>) -> Re
 }
 
 impl Obstruction {
-    fn new(bodies: Contact, ends: &[Configuration; 2], motion: &Motion<'_>) -> Self {
+    fn new(bodies: Contact, ends: &[Configuration; 2], scene: &PlanningScene<'_>) -> Self {
         let (configuration, separation) =
-            motion.nearest_on(&bodies, ends).map_or((ends[1], None), |(at, separation)| (at, Some(separation)));
-        let help = help(&bodies, separation.as_ref(), motion.cell());
+            scene.nearest_on(&bodies, ends).map_or((ends[1], None), |(at, separation)| (at, Some(separation)));
+        let help = help(&bodies, separation.as_ref(), scene.cell());
         Self { bodies, without_station: 0, without_path: 0, configuration, separation, help }
     }
 }

@@ -9,19 +9,19 @@ use super::error::PlanError;
 use super::input::PlanInput;
 use super::min_time;
 use super::missed;
-use super::motion::Motion;
 use super::obstructions::{self, BlockedCandidate, Obstruction};
 use super::params::{Hemisphere, PlanParams, SelectionGoal};
 use super::placement;
 use super::plan::{Certificate, Outcome, SetupPlan};
+use super::planning_scene::PlanningScene;
 use super::requirements;
-use super::robust::{self, Setting};
+use super::robust::{self, SetupViews};
 use super::rolls;
-use super::rounds::{Considered, Rounds};
+use super::rounds::{EvaluatedCandidates, Rounds};
 use super::sequence::Ordered;
 use super::setups::{self, Setup};
-use super::study::{Chosen, Study, asked_area_mm2};
 use super::surface::{self, Surface};
+use super::view_planning_problem::{ChosenViews, ViewPlanningProblem, asked_area_mm2};
 use super::visibility::{self, Row};
 use crate::cell::{DeviceName, PoseSpec};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
@@ -34,74 +34,77 @@ const MAX_RESELECTIONS: usize = 4;
 /// # Errors
 /// [`PlanError`]. Area that cannot be measured is no error: it is counted, with its cause, in the outcome.
 pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Outcome, PlanError> {
-    let prepared = Prepared::new(input, params, ctx)?;
-    let setups = prepared.setups(input, ctx)?;
-    let Tables { considered, robust_rows } = prepared.tables(input, &setups, ctx)?;
-    let Considered { generated, table, reach } = considered;
+    let sampled = SampledPart::new(input, params, ctx)?;
+    let setups = sampled.setups(input, ctx)?;
+    let Tables { evaluated, robust_rows } = sampled.tables(input, &setups, ctx)?;
+    let EvaluatedCandidates { candidates, matrix, reach } = evaluated;
     let poses = setups.iter().map(|setup| setup.table_from_part).collect();
-    let Prepared { params, surface, asked_area_mm2, .. } = &prepared;
+    let SampledPart { params, surface, asked_area_mm2, .. } = &sampled;
     let (surface, asked_area_mm2) = (surface.clone(), asked_area_mm2.clone());
-    let mut study = Study { input, params, surface, setups: poses, generated, table, robust_rows, reach, asked_area_mm2 };
-    let (chosen, ordered, barred) = choose(&study, &setups, ctx)?;
-    let motions = setups.iter().filter_map(|setup| setup.motion.as_ref());
-    let ordered = motions.zip(ordered).map(|(motion, ordered)| motion.bounded(ordered, ctx)).collect::<Result<_, _>>()?;
-    let ordered = rolls::improve(&mut study, &setups, &chosen, ordered, ctx)?;
+    let mut problem =
+        ViewPlanningProblem { input, params, surface, setups: poses, candidates, matrix, robust_rows, reach, asked_area_mm2 };
+    let (chosen, ordered, excluded) = choose(&problem, &setups, ctx)?;
+    let scenes = setups.iter().filter_map(|setup| setup.scene.as_ref());
+    let ordered = scenes.zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx)).collect::<Result<_, _>>()?;
+    let ordered = rolls::improve(&mut problem, &setups, &chosen, ordered, ctx)?;
     ctx.begin(Stage::Missed)?;
-    let takes = |view: &Pose<Part, ScannerFrame>| takes(&setups, view, ctx);
-    let takes = input.cell.is_some().then_some(&takes as &missed::Takes<'_>);
-    let without_path = ordered.iter().flat_map(|ordered| study.candidates_behind(&chosen, &ordered.no_path));
-    let obstructions = obstructions(&study, &setups, &without_path.chain(barred.iter().copied()).collect(), ctx)?;
-    let mut outcome = study.conclude(&chosen, ordered, &barred, prepared.hides(&setups), takes, ctx)?;
+    let can_execute = |view: &Pose<Part, ScannerFrame>| can_execute(&setups, view, ctx);
+    let can_execute = input.cell.is_some().then_some(&can_execute as &missed::CanExecute<'_>);
+    let without_path = ordered.iter().flat_map(|ordered| problem.candidates_behind(&chosen, &ordered.no_path));
+    let obstructions = obstructions(&problem, &setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
+    let mut outcome = problem.assemble_outcome(&chosen, ordered, &excluded, sampled.occluders(&setups), can_execute, ctx)?;
     if params.visibility.pixel_set {
-        count_by_pixels(&mut outcome, input, prepared.hides(&setups), ctx)?;
+        count_by_pixels(&mut outcome, input, sampled.occluders(&setups), ctx)?;
     }
     outcome.plan.obstructions = obstructions;
     add_clearances(&mut outcome, &setups);
     ctx.begin(Stage::Certificate)?;
-    let used = |lies: &SetupPlan| used(&setups, lies);
-    let settings: Vec<_> = (0..outcome.plan.setups.len())
-        .filter_map(|number| Some(Setting::of(&used(&outcome.plan.setups[number])?.occluders, &outcome.plan.views, number)))
+    let setup_of = |plan: &SetupPlan| setup_of(&setups, plan);
+    let setup_views: Vec<_> = (0..outcome.plan.setups.len())
+        .filter_map(|number| {
+            Some(SetupViews::of(&setup_of(&outcome.plan.setups[number])?.occluders, &outcome.plan.views, number))
+        })
         .collect();
-    let Certificate { independent, robust } = robust::certify(input, params, &settings, ctx)?;
+    let Certificate { independent, robust } = robust::certify(input, params, &setup_views, ctx)?;
     (outcome.plan.coverage.independent, outcome.plan.coverage.robust) = (independent, robust);
     Ok(outcome)
 }
 
 /// The setup that a plan's is.
-fn used<'s, 'a>(setups: &'s [Setup<'a>], lies: &SetupPlan) -> Option<&'s Setup<'a>> {
-    setups.iter().find(|setup| setup.table_from_part == lies.table_from_part)
+fn setup_of<'s, 'a>(setups: &'s [Setup<'a>], plan: &SetupPlan) -> Option<&'s Setup<'a>> {
+    setups.iter().find(|setup| setup.table_from_part == plan.table_from_part)
 }
 
 /// What keeps the cell from candidates; `without_path` are those kept that were given up.
 fn obstructions(
-    study: &Study<'_>,
+    problem: &ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
     without_path: &BTreeSet<usize>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Obstruction>, Cancelled> {
     let blocked = |(candidate, stations)| {
         let candidate: &Candidate = candidate;
-        Some(BlockedCandidate { motion: setups[candidate.setup].motion.as_ref()?, candidate, stations })
+        Some(BlockedCandidate { scene: setups[candidate.setup].scene.as_ref()?, candidate, stations })
     };
-    let blocked: Vec<_> = study.obstructed(without_path).into_iter().filter_map(blocked).collect();
+    let blocked: Vec<_> = problem.obstructed(without_path).into_iter().filter_map(blocked).collect();
     obstructions::explain(&blocked, ctx)
 }
 
 /// Adds to each station how near anything comes there.
 fn add_clearances(outcome: &mut Outcome, setups: &[Setup<'_>]) {
-    let lies = &outcome.plan.setups;
+    let plans = &outcome.plan.setups;
     for view in &mut outcome.plan.views {
-        let motion = lies.get(view.setup).and_then(|lies| used(setups, lies)?.motion.as_ref());
-        if let (Some(motion), Some(station), Some(stance)) = (motion, &view.station, &mut view.stance) {
-            stance.clearance_mm = motion.clearance_mm(station);
+        let scene = plans.get(view.setup).and_then(|plan| setup_of(setups, plan)?.scene.as_ref());
+        if let (Some(scene), Some(station), Some(stance)) = (scene, &view.station, &mut view.stance) {
+            stance.clearance_mm = scene.clearance_mm(station);
         }
     }
 }
 
 /// Whether the cell can take a view in one of the setups.
-fn takes(setups: &[Setup<'_>], view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
-    for motion in setups.iter().filter_map(|setup| setup.motion.as_ref()) {
-        if motion.takes(view, ctx)? {
+fn can_execute(setups: &[Setup<'_>], view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
+    for scene in setups.iter().filter_map(|setup| setup.scene.as_ref()) {
+        if scene.can_execute(view, ctx)? {
             return Ok(true);
         }
     }
@@ -126,16 +129,16 @@ pub struct Tabulated {
 /// # Errors
 /// [`PlanError`].
 pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Tabulated, PlanError> {
-    let prepared = Prepared::new(input, params, ctx)?;
-    let setups = prepared.setups(input, ctx)?;
-    let mut considered = prepared.tables(input, &setups, ctx)?.considered;
-    considered.drop_unusable();
-    let Prepared { surface, asked_area_mm2, .. } = prepared;
-    Ok(Tabulated { surface, asked_area_mm2, candidates: considered.generated.kept, rows: considered.table.rows })
+    let sampled = SampledPart::new(input, params, ctx)?;
+    let setups = sampled.setups(input, ctx)?;
+    let mut evaluated = sampled.tables(input, &setups, ctx)?.evaluated;
+    evaluated.drop_unusable();
+    let SampledPart { surface, asked_area_mm2, .. } = sampled;
+    Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates.kept, rows: evaluated.matrix.rows })
 }
 
 /// A part in samples, before it is known how it lies.
-struct Prepared {
+struct SampledPart {
     /// Defaults resolved.
     params: PlanParams,
     surface: Surface,
@@ -147,12 +150,12 @@ struct Prepared {
 
 /// The candidates of all setups.
 struct Tables {
-    considered: Considered,
+    evaluated: EvaluatedCandidates,
     /// What views are chosen by where they shall bear errors, see [`robust::rows`].
     robust_rows: Option<Vec<Row>>,
 }
 
-impl Prepared {
+impl SampledPart {
     fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
         params.check().map_err(PlanError::BadParams)?;
         let mut params = resolve(params, input);
@@ -172,31 +175,32 @@ impl Prepared {
             let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
             let occluders = visibility::Occluders::interruptible(occluders, ctx)?;
             input.cell.map_or(Ok(()), |cell| placement::check(cell, input, &table_from_part))?;
-            let motion = input.cell.map(|cell| Motion::new(cell, input, &self.params, table_from_part)).transpose()?;
-            Ok(Setup { table_from_part, occluders, motion })
+            let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part)).transpose()?;
+            Ok(Setup { table_from_part, occluders, scene })
         };
         poses.map(setup).collect()
     }
 
     /// Every candidate with what it measures, the setups' candidates one after another.
     fn tables(&self, input: &PlanInput<'_>, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<Tables, PlanError> {
-        let mut tables = Tables { considered: Considered::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
+        let mut tables =
+            Tables { evaluated: EvaluatedCandidates::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
         for (number, setup) in setups.iter().enumerate() {
             let scope = scope(input, &self.surface, setup.table_from_part, self.params.seed);
-            let (params, occluders, motion) = (&self.params, &setup.occluders, setup.motion.as_ref());
-            let rounds = Rounds { scope, params, occluders, motion, asked_area_mm2: &self.asked_area_mm2 };
-            let considered = rounds.run(ctx)?.in_setup(number);
-            let scene = robust::Scene { surface: &self.surface, scanner: input.scanner, occluders, params };
-            if let Some(rows) = robust::rows(&scene, &considered, ctx)? {
+            let (params, occluders, scene) = (&self.params, &setup.occluders, setup.scene.as_ref());
+            let rounds = Rounds { scope, params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 };
+            let evaluated = rounds.run(ctx)?.in_setup(number);
+            let scene = robust::VisibilityInput { surface: &self.surface, scanner: input.scanner, occluders, params };
+            if let Some(rows) = robust::rows(&scene, &evaluated, ctx)? {
                 tables.robust_rows.get_or_insert_default().extend(rows);
             }
-            tables.considered.append(considered);
+            tables.evaluated.append(evaluated);
         }
         Ok(tables)
     }
 
     /// What hides samples from views of any setup: with several, the part alone. A plate hides nothing from above it.
-    fn hides<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a visibility::Occluders {
+    fn occluders<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a visibility::Occluders {
         self.alone.as_ref().filter(|_| setups.len() > 1).unwrap_or(&setups[0].occluders)
     }
 }
@@ -220,36 +224,36 @@ fn count_by_pixels(
     Ok(())
 }
 
-/// Selection and sequence, setup by setup: a chosen view to which no path is found is barred and selection runs again, a
+/// Selection and sequence, setup by setup: a chosen view to which no path is found is excluded and selection runs again, a
 /// bounded number of times.
 fn choose(
-    study: &Study<'_>,
+    problem: &ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
     ctx: &Context<'_>,
-) -> Result<(Chosen, Vec<Ordered>, BTreeSet<usize>), PlanError> {
-    let mut barred = BTreeSet::new();
+) -> Result<(ChosenViews, Vec<Ordered>, BTreeSet<usize>), PlanError> {
+    let mut excluded = BTreeSet::new();
     let mut reselections = 0;
     loop {
         ctx.begin(Stage::Selection)?;
-        let chosen = study.select(&barred, ctx)?;
-        let motions: Vec<_> = setups.iter().filter_map(|setup| setup.motion.as_ref()).collect();
-        if motions.is_empty() {
-            return Ok((chosen, Vec::new(), barred));
+        let chosen = problem.select(&excluded, ctx)?;
+        let scenes: Vec<_> = setups.iter().filter_map(|setup| setup.scene.as_ref()).collect();
+        if scenes.is_empty() {
+            return Ok((chosen, Vec::new(), excluded));
         }
         ctx.begin(Stage::Sequence)?;
-        let order = |(setup, motion): (usize, &&Motion<'_>)| {
-            motion.order(&study.stations_of(&chosen, setup), reselections < MAX_RESELECTIONS, ctx)
+        let order = |(setup, scene): (usize, &&PlanningScene<'_>)| {
+            scene.order(&problem.stations_of(&chosen, setup), reselections < MAX_RESELECTIONS, ctx)
         };
-        let ordered: Vec<Ordered> = motions.iter().enumerate().map(order).collect::<Result<_, _>>()?;
+        let ordered: Vec<Ordered> = scenes.iter().enumerate().map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
-        if no_path.is_empty() && study.params.selection.goal == SelectionGoal::MinTime {
-            let (chosen, ordered) = min_time::improve(study, &motions, (chosen, ordered), &barred, ctx)?;
-            return Ok((chosen, ordered, barred));
+        if no_path.is_empty() && problem.params.selection.goal == SelectionGoal::MinTime {
+            let (chosen, ordered) = min_time::improve(problem, &scenes, (chosen, ordered), &excluded, ctx)?;
+            return Ok((chosen, ordered, excluded));
         }
         if no_path.is_empty() || reselections == MAX_RESELECTIONS {
-            return Ok((chosen, ordered, barred));
+            return Ok((chosen, ordered, excluded));
         }
-        barred.extend(study.candidates_behind(&chosen, &no_path));
+        excluded.extend(problem.candidates_behind(&chosen, &no_path));
         reselections += 1;
     }
 }

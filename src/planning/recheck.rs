@@ -10,7 +10,7 @@ use super::params::{Engine, PlanParams};
 use super::placement;
 use super::requirements;
 use super::selection::coverable_mm2;
-use super::study::asked_area_mm2;
+use super::view_planning_problem::asked_area_mm2;
 use super::visibility::{self, Occluders};
 use crate::geometry::{Part, Pose, ScannerFrame, Table};
 

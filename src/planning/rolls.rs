@@ -3,91 +3,91 @@
 //! Plans that ask for overlap, or for views that bear stated errors, keep their rolls.
 
 use super::context::{Cancelled, Context};
-use super::motion::Motion;
 use super::params::Roll;
+use super::planning_scene::PlanningScene;
 use super::sequence::Ordered;
 use super::setups::Setup;
-use super::study::{Chosen, Study};
+use super::view_planning_problem::{ChosenViews, ViewPlanningProblem};
 use super::visibility::{self, Row};
 use crate::geometry::{Part, Pose, ScannerFrame, plate_from_placed};
 
 /// Areas are sums in another order.
 const SUM_SLACK_MM2: f64 = 1e-6;
 
-/// The order with views rolled, and the study with their poses and what they measure then.
+/// The order with views rolled, and the problem with their poses and what they measure then.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub(super) fn improve(
-    study: &mut Study<'_>,
+    problem: &mut ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
-    chosen: &Chosen,
+    chosen: &ChosenViews,
     ordered: Vec<Ordered>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Ordered>, Cancelled> {
-    let overlap = &study.params.selection.overlap;
+    let overlap = &problem.params.selection.overlap;
     let is_registered = overlap.min_area_mm2.is_some() || overlap.min_share.is_some();
     // What views share, and what they measure under stated errors, would have to be judged anew too.
-    if study.params.motion.roll == Roll::Fixed || is_registered || study.robust_rows.is_some() {
+    if problem.params.motion.roll == Roll::Fixed || is_registered || problem.robust_rows.is_some() {
         return Ok(ordered);
     }
     let no_path = ordered.iter().flat_map(|ordered| &ordered.no_path).copied();
-    let no_path = study.candidates_behind(chosen, &no_path.collect::<Vec<_>>());
-    let mut together = Together::of(study, chosen.kept.iter().copied().filter(|kept| !no_path.contains(kept)));
-    let motions = setups.iter().filter_map(|setup| Some((setup, setup.motion.as_ref()?)));
+    let no_path = problem.candidates_behind(chosen, &no_path.collect::<Vec<_>>());
+    let mut view_counts = ViewCounts::of(problem, chosen.kept.iter().copied().filter(|kept| !no_path.contains(kept)));
+    let scenes = setups.iter().filter_map(|setup| Some((setup, setup.scene.as_ref()?)));
     ordered
         .into_iter()
-        .zip(motions)
-        .map(|(ordered, (setup, motion))| rolled(study, &mut together, (setup, motion), chosen, ordered, ctx))
+        .zip(scenes)
+        .map(|(ordered, (setup, scene))| rolled(problem, &mut view_counts, (setup, scene), chosen, ordered, ctx))
         .collect()
 }
 
 fn rolled(
-    study: &mut Study<'_>,
-    together: &mut Together,
-    (setup, motion): (&Setup<'_>, &Motion<'_>),
-    chosen: &Chosen,
+    problem: &mut ViewPlanningProblem<'_>,
+    view_counts: &mut ViewCounts,
+    (setup, scene): (&Setup<'_>, &PlanningScene<'_>),
+    chosen: &ChosenViews,
     ordered: Ordered,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
     let part_from_plate = plate_from_placed(&setup.table_from_part).inverse();
     let ctx = ctx.silent();
-    motion.roll(ordered, &ctx, &mut |view, plate_from_scanner| {
+    scene.roll(ordered, &ctx, &mut |view, plate_from_scanner| {
         let (kept, pose) = (chosen.kept[view.0 as usize], part_from_plate * *plate_from_scanner);
-        let Some(row) = measured(study, &pose, &setup.occluders, &ctx)? else { return Ok(false) };
-        let permitted = together.measure_no_less(study, &study.table.rows[kept], &row);
+        let Some(row) = measured(problem, &pose, &setup.occluders, &ctx)? else { return Ok(false) };
+        let permitted = view_counts.measure_no_less(problem, &problem.matrix.rows[kept], &row);
         if permitted {
-            together.exchange(&study.table.rows[kept], &row);
-            study.generated.kept[kept].part_from_scanner = pose;
-            study.table.rows[kept] = row;
+            view_counts.exchange(&problem.matrix.rows[kept], &row);
+            problem.candidates.kept[kept].part_from_scanner = pose;
+            problem.matrix.rows[kept] = row;
         }
         Ok(permitted)
     })
 }
 
 fn measured(
-    study: &Study<'_>,
+    problem: &ViewPlanningProblem<'_>,
     pose: &Pose<Part, ScannerFrame>,
     occluders: &visibility::Occluders,
     ctx: &Context<'_>,
 ) -> Result<Option<Row>, Cancelled> {
-    let table = visibility::cast(&study.surface, &[*pose], &[true], study.input.scanner, occluders, study.params, ctx)?;
-    Ok(table.rows.into_iter().next())
+    let matrix = visibility::cast(&problem.surface, &[*pose], &[true], problem.input.scanner, occluders, problem.params, ctx)?;
+    Ok(matrix.rows.into_iter().next())
 }
 
 /// How many of the chosen views measure each sample.
-struct Together(Vec<u32>);
+struct ViewCounts(Vec<u32>);
 
-impl Together {
-    fn of(study: &Study<'_>, kept: impl Iterator<Item = usize>) -> Self {
-        let mut views = vec![0; study.surface.sample_mm.len()];
-        kept.for_each(|kept| study.table.rows[kept].samples().for_each(|sample| views[sample as usize] += 1));
+impl ViewCounts {
+    fn of(problem: &ViewPlanningProblem<'_>, kept: impl Iterator<Item = usize>) -> Self {
+        let mut views = vec![0; problem.surface.sample_mm.len()];
+        kept.for_each(|kept| problem.matrix.rows[kept].samples().for_each(|sample| views[sample as usize] += 1));
         Self(views)
     }
 
     /// Whether one row in place of another loses no area, in all and in any region.
-    fn measure_no_less(&self, study: &Study<'_>, before: &Row, after: &Row) -> bool {
-        let requirements = &study.surface.requirements;
+    fn measure_no_less(&self, problem: &ViewPlanningProblem<'_>, before: &Row, after: &Row) -> bool {
+        let requirements = &problem.surface.requirements;
         let mut gained_mm2: Vec<f64> = Vec::new();
         let mut add = |sample: u32, area_mm2: f64| {
             let regions = requirements.of(sample as usize).regions.iter().map(|region| region + 1);
@@ -96,7 +96,7 @@ impl Together {
                 gained_mm2[place] += area_mm2;
             }
         };
-        let area_mm2 = |sample: u32| study.asked_area_mm2[sample as usize];
+        let area_mm2 = |sample: u32| problem.asked_area_mm2[sample as usize];
         for sample in before.samples().filter(|sample| !after.holds(*sample) && self.0[*sample as usize] == 1) {
             add(sample, -area_mm2(sample));
         }

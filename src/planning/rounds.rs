@@ -2,36 +2,36 @@
 //! then those that build on that, examined in the same way and added. What no candidate that the cell can use measures
 //! counts as uncovered.
 
-use super::candidates::{self, Generated, Open, Rejection, Scope};
+use super::candidates::{self, CandidateSet, OpenSamples, Rejection, Scope};
 use super::cause::Cause;
 use super::context::{Cancelled, Context, Stage};
 use super::error::PlanError;
-use super::motion::Motion;
 use super::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
-use super::selection::{self, Problem};
-use super::study::Reach;
+use super::planning_scene::PlanningScene;
+use super::selection::{self, CoverProblem};
 use super::surface::Surface;
+use super::view_planning_problem::Reach;
 use super::visibility::{self, Occluders, SampleSet, VisibilityMatrix};
 use crate::geometry::{Part, Pose, ScannerFrame};
 
 /// A targeted view is worth keeping for this share of the open area.
-const WORTH_OF_OPEN: f64 = 0.001;
+const MIN_GAIN_OF_OPEN: f64 = 0.001;
 
 /// What all rounds share.
 pub(super) struct Rounds<'a> {
     pub(super) scope: Scope<'a>,
     pub(super) params: &'a PlanParams,
     pub(super) occluders: &'a Occluders,
-    pub(super) motion: Option<&'a Motion<'a>>,
+    pub(super) scene: Option<&'a PlanningScene<'a>>,
     /// Area of each sample, 0 where it is not asked for.
     pub(super) asked_area_mm2: &'a [f64],
 }
 
 /// Candidates with everything that is known of them.
-pub(super) struct Considered {
-    pub(super) generated: Generated,
+pub(super) struct EvaluatedCandidates {
+    pub(super) candidates: CandidateSet,
     /// One row a kept candidate.
-    pub(super) table: VisibilityMatrix,
+    pub(super) matrix: VisibilityMatrix,
     /// One a kept candidate; `None` without a cell.
     pub(super) reach: Option<Reach>,
 }
@@ -41,63 +41,67 @@ impl Rounds<'_> {
     ///
     /// # Errors
     /// Those of [`candidates::generate`].
-    pub(super) fn run(&self, ctx: &Context<'_>) -> Result<Considered, PlanError> {
+    pub(super) fn run(&self, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
         let params = &self.params.candidates;
         ctx.begin(Stage::Candidates)?;
-        let mut considered = self.examined(candidates::generate(&self.scope, params, ctx)?, ctx)?;
+        let mut evaluated = self.evaluate(candidates::generate(&self.scope, params, ctx)?, ctx)?;
         let rounds = if params.uses(Strategy::Iterative) { params.iterative_rounds } else { 0 };
         for round in 0..rounds {
             ctx.begin(Stage::Candidates)?;
-            let best = self.best_so_far(&considered, ctx)?;
+            let best = self.best_so_far(&evaluated, ctx)?;
             let more = candidates::around_best(&self.scope, params, &best, round, ctx)?;
-            considered.append(self.examined(more, ctx)?);
+            evaluated.append(self.evaluate(more, ctx)?);
         }
         if params.uses(Strategy::Targeted) {
-            let targeted = self.targeted(&considered, ctx)?;
-            considered.append(targeted);
+            let targeted = self.targeted(&evaluated, ctx)?;
+            evaluated.append(targeted);
         }
-        considered.drop_what_measures_nothing(self.asked_area_mm2);
-        Ok(considered)
+        evaluated.drop_what_measures_nothing(self.asked_area_mm2);
+        Ok(evaluated)
     }
 
     /// With stations, and what each measures.
-    fn examined(&self, generated: Generated, ctx: &Context<'_>) -> Result<Considered, Cancelled> {
-        let generated = self.motion.iter().fold(generated, |generated, motion| motion.drop_inside_obstacles(generated));
-        let poses: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+    fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
+        let candidates = self.scene.iter().fold(candidates, |candidates, scene| scene.drop_inside_obstacles(candidates));
+        let poses: Vec<_> = candidates.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
         ctx.begin(Stage::Stations)?;
-        let reach = self.motion.map(|motion| motion.reach(&poses, ctx)).transpose()?;
+        let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;
         ctx.begin(Stage::Visibility)?;
         let usable: Vec<bool> = (0..poses.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
         let (surface, scanner) = (self.scope.surface, self.scope.scanner);
-        let table = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
-        Ok(Considered { generated, table, reach })
+        let matrix = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
+        Ok(EvaluatedCandidates { candidates, matrix, reach })
     }
 
     /// The views that greedy would take for plain area.
-    fn best_so_far(&self, considered: &Considered, ctx: &Context<'_>) -> Result<Vec<Pose<Part, ScannerFrame>>, Cancelled> {
+    fn best_so_far(
+        &self,
+        evaluated: &EvaluatedCandidates,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Pose<Part, ScannerFrame>>, Cancelled> {
         let target = self.params.selection.target;
         let params = SelectionParams { target, max_views: self.params.selection.max_views, ..for_area() };
-        let best = self.fewest(considered, true, self.asked_area_mm2, &params, ctx)?;
-        Ok(best.into_iter().map(|kept| considered.generated.kept[kept].part_from_scanner).collect())
+        let best = self.fewest(evaluated, true, self.asked_area_mm2, &params, ctx)?;
+        Ok(best.into_iter().map(|kept| evaluated.candidates.kept[kept].part_from_scanner).collect())
     }
 
     /// Views of what is open, as few as it takes. Those that the cell cannot take are added for what is then still open:
     /// they tell that reach, and not the part's shape, is what is missing.
-    fn targeted(&self, so_far: &Considered, ctx: &Context<'_>) -> Result<Considered, Cancelled> {
+    fn targeted(&self, so_far: &EvaluatedCandidates, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
         ctx.begin(Stage::Candidates)?;
         let mut area_mm2 = self.asked_area_mm2.to_vec();
-        so_far.usable().for_each(|kept| close(&mut area_mm2, &so_far.table, kept));
+        so_far.usable().for_each(|kept| close(&mut area_mm2, &so_far.matrix, kept));
         let samples: Vec<u32> = (0_u32..).zip(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
         let incidence_max_rad = [0, 1, 2].map(|d| self.params.limits.incidence_max_rad(&self.scope.scanner.devices[d]));
-        let open = Open { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
-        let (already, params) = (so_far.generated.generated, &self.params.candidates);
-        let mut proposed = self.examined(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
-        let mut needed = vec![false; proposed.generated.kept.len()];
+        let open = OpenSamples { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
+        let (already, params) = (so_far.candidates.generated, &self.params.candidates);
+        let mut proposed = self.evaluate(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
+        let mut needed = vec![false; proposed.candidates.kept.len()];
         let mut left = params.targeted_max;
         for usable in [true, false] {
-            let params = SelectionParams { min_growth: WORTH_OF_OPEN, max_views: Some(left), ..for_area() };
+            let params = SelectionParams { min_growth: MIN_GAIN_OF_OPEN, max_views: Some(left), ..for_area() };
             for kept in self.fewest(&proposed, usable, &area_mm2, &params, ctx)? {
-                close(&mut area_mm2, &proposed.table, kept);
+                close(&mut area_mm2, &proposed.matrix, kept);
                 needed[kept] = true;
                 left -= 1;
             }
@@ -109,20 +113,20 @@ impl Rounds<'_> {
     /// Kept candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
     fn fewest(
         &self,
-        considered: &Considered,
+        evaluated: &EvaluatedCandidates,
         usable: bool,
         area_mm2: &[f64],
         params: &SelectionParams,
         ctx: &Context<'_>,
     ) -> Result<Vec<usize>, Cancelled> {
-        let all = 0..considered.generated.kept.len();
-        let among: Vec<usize> = all.filter(|kept| is_usable(considered.reach.as_ref(), *kept) == usable).collect();
+        let all = 0..evaluated.candidates.kept.len();
+        let among: Vec<usize> = all.filter(|kept| is_usable(evaluated.reach.as_ref(), *kept) == usable).collect();
         if among.is_empty() || params.max_views == Some(0) {
             return Ok(Vec::new());
         }
-        let rows = among.iter().map(|kept| &considered.table.rows[*kept]).collect();
-        let problem = Problem::new(rows, area_mm2, area_mm2.iter().sum(), params);
-        let choices = selection::greedily(&problem, params, &self.params.score, ctx)?;
+        let rows = among.iter().map(|kept| &evaluated.matrix.rows[*kept]).collect();
+        let cover = CoverProblem::new(rows, area_mm2, area_mm2.iter().sum(), params);
+        let choices = selection::greedily(&cover, params, &self.params.score, ctx)?;
         Ok(choices.iter().map(|choice| among[choice.row]).collect())
     }
 }
@@ -144,32 +148,32 @@ pub(super) fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
 }
 
 /// What a kept candidate measures is no longer open.
-fn close(area_mm2: &mut [f64], table: &VisibilityMatrix, kept: usize) {
-    table.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
+fn close(area_mm2: &mut [f64], matrix: &VisibilityMatrix, kept: usize) {
+    matrix.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
 }
 
-impl Considered {
+impl EvaluatedCandidates {
     /// No candidates.
     pub(super) fn none_of(surface: &Surface, with_cell: bool) -> Self {
         let furthest_cause = vec![Cause::Facing; surface.sample_mm.len()];
-        let table = VisibilityMatrix { rows: Vec::new(), furthest_cause };
-        Self { generated: Generated::default(), table, reach: with_cell.then(Vec::new) }
+        let matrix = VisibilityMatrix { rows: Vec::new(), furthest_cause };
+        Self { candidates: CandidateSet::default(), matrix, reach: with_cell.then(Vec::new) }
     }
 
     fn usable(&self) -> impl Iterator<Item = usize> {
-        (0..self.generated.kept.len()).filter(|kept| is_usable(self.reach.as_ref(), *kept))
+        (0..self.candidates.kept.len()).filter(|kept| is_usable(self.reach.as_ref(), *kept))
     }
 
     /// The same, taken in a setup.
     pub(super) fn in_setup(mut self, setup: usize) -> Self {
-        self.generated.kept.iter_mut().for_each(|candidate| candidate.setup = setup);
+        self.candidates.kept.iter_mut().for_each(|candidate| candidate.setup = setup);
         self
     }
 
     pub(super) fn append(&mut self, more: Self) {
-        self.generated.append(more.generated);
-        self.table.rows.extend(more.table.rows);
-        let furthest = self.table.furthest_cause.iter_mut().zip(more.table.furthest_cause);
+        self.candidates.append(more.candidates);
+        self.matrix.rows.extend(more.matrix.rows);
+        let furthest = self.matrix.furthest_cause.iter_mut().zip(more.matrix.furthest_cause);
         furthest.for_each(|(furthest, more)| *furthest = (*furthest).max(more));
         if let (Some(reach), Some(more)) = (&mut self.reach, more.reach) {
             reach.extend(more);
@@ -182,24 +186,25 @@ impl Considered {
         let mut asked = SampleSet::none_of(asked_area_mm2.len());
         (0_u32..).zip(asked_area_mm2).filter(|(_, mm2)| **mm2 > 0.0).for_each(|(sample, _)| asked.insert(sample));
         let measures = |words: &[u64]| words.iter().zip(asked.words()).any(|(row, asked)| row & asked != 0);
-        let idle: Vec<bool> = (0..self.generated.kept.len())
-            .map(|kept| is_usable(self.reach.as_ref(), kept) && !measures(self.table.rows[kept].words()))
+        let idle: Vec<bool> = (0..self.candidates.kept.len())
+            .map(|kept| is_usable(self.reach.as_ref(), kept) && !measures(self.matrix.rows[kept].words()))
             .collect();
         self.drop_where(|kept| idle[kept].then_some(Rejection::MeasuresNothing));
     }
 
     /// Only what may be chosen remains.
     pub(super) fn drop_unusable(&mut self) {
-        let usable: Vec<bool> = (0..self.generated.kept.len()).map(|kept| is_usable(self.reach.as_ref(), kept)).collect();
+        let usable: Vec<bool> = (0..self.candidates.kept.len()).map(|kept| is_usable(self.reach.as_ref(), kept)).collect();
         self.drop_where(|kept| (!usable[kept]).then_some(Rejection::Unreachable));
     }
 
     fn drop_where(&mut self, reason: impl Fn(usize) -> Option<Rejection>) {
-        let reasons: Vec<Option<Rejection>> = (0..self.generated.kept.len()).map(reason).collect();
-        let dropped = self.generated.kept.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
-        self.generated.rejected.extend(dropped);
-        retain(&mut self.generated.kept, &reasons);
-        retain(&mut self.table.rows, &reasons);
+        let reasons: Vec<Option<Rejection>> = (0..self.candidates.kept.len()).map(reason).collect();
+        let dropped =
+            self.candidates.kept.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
+        self.candidates.rejected.extend(dropped);
+        retain(&mut self.candidates.kept, &reasons);
+        retain(&mut self.matrix.rows, &reasons);
         if let Some(reach) = &mut self.reach {
             retain(reach, &reasons);
         }

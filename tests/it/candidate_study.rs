@@ -13,7 +13,7 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{
     CandidateParams, Objective, PlanParams, ScoreParams, SelectionParams, Solver, Strategy, TargetOf,
 };
-use vantage::planning::selection::{self, Problem, StopReason};
+use vantage::planning::selection::{self, CoverProblem, StopReason};
 use vantage::planning::{PlanInput, Tabulated, tabulate};
 
 use crate::support::{PARTS, nominal_scanner, shared, shared_mesh_scaled};
@@ -105,7 +105,7 @@ fn fewest(table: &Tabulated, share: f64) -> Option<usize> {
         min_growth: 0.0,
         ..SelectionParams::default()
     };
-    let problem = Problem::new(table.rows.iter().collect(), &table.asked_area_mm2, 0.0, &params);
+    let problem = CoverProblem::new(table.rows.iter().collect(), &table.asked_area_mm2, 0.0, &params);
     let cancel = AtomicBool::new(false);
     let context = Context::new(&cancel, &Silent);
     let selection = selection::select(&problem, &params, &ScoreParams::default(), &context).expect("not cancelled");

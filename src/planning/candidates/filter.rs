@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::aim::Placed;
-use super::{Candidate, CandidateId, Generated, Rejection, Scope};
+use super::{Candidate, CandidateId, CandidateSet, Rejection, Scope};
 use crate::geometry::{Aabb, Part, Pose, RayScene, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{CandidateParams, Hemisphere};
@@ -17,7 +17,7 @@ pub(super) fn judge(
     params: &CandidateParams,
     placed: Vec<Placed>,
     ctx: &Context<'_>,
-) -> Result<Generated, Cancelled> {
+) -> Result<CandidateSet, Cancelled> {
     let above_only = params.hemisphere == Some(Hemisphere::AboveTable);
     let part_from_table = scope.table_from_part.inverse();
     let aabb = scope.part.aabb();
@@ -34,7 +34,7 @@ pub(super) fn judge(
             Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
         })
         .collect::<Result<_, Cancelled>>()?;
-    let mut generated = Generated { generated: judged.len(), ..Generated::default() };
+    let mut generated = CandidateSet { generated: judged.len(), ..CandidateSet::default() };
     let mut seen = HashSet::new();
     for (reason, candidate) in judged {
         let twice = || (!seen.insert(key(&candidate.part_from_scanner))).then_some(Rejection::Duplicate);

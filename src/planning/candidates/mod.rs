@@ -41,7 +41,7 @@ use aim::{Aim, Placed, views_of_an_aim};
 pub(in crate::planning) use even::spiral;
 
 pub use label::Label;
-pub use targeted::Open;
+pub use targeted::OpenSamples;
 
 /// Dense number of a candidate, as generated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -116,7 +116,7 @@ pub struct Scope<'a> {
 
 /// Candidates that are kept for visibility, and how many were generated and dropped.
 #[derive(Clone, Debug, Default)]
-pub struct Generated {
+pub struct CandidateSet {
     /// Kept, ascending by id.
     pub kept: Vec<Candidate>,
     /// Number generated.
@@ -125,7 +125,7 @@ pub struct Generated {
     pub rejected: Vec<(CandidateId, Rejection)>,
 }
 
-impl Generated {
+impl CandidateSet {
     /// Adds `more`, whose numbers start from 0, behind these.
     pub fn append(&mut self, more: Self) {
         let renumbered = |id: CandidateId| CandidateId(id.0 + self.generated as u32);
@@ -164,7 +164,7 @@ fn max_candidates(surface: &Surface) -> usize {
 ///
 /// # Errors
 /// [`PlanError::Cancelled`]; [`PlanError::BadParams`] when there would be too many, or a strategy needs a cell.
-pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<Generated, PlanError> {
+pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<CandidateSet, PlanError> {
     let mut aims = Vec::new();
     for strategy in &params.strategies {
         let already = aims.len();
@@ -196,7 +196,7 @@ pub fn around_best(
     best: &[Pose<Part, ScannerFrame>],
     round: u32,
     ctx: &Context<'_>,
-) -> Result<Generated, Cancelled> {
+) -> Result<CandidateSet, Cancelled> {
     judged(scope, params, &iterative::aims(scope, params, best, round), ctx)
 }
 
@@ -208,16 +208,16 @@ pub fn around_best(
 pub fn aimed_at_open(
     scope: &Scope<'_>,
     params: &CandidateParams,
-    open: &Open<'_>,
+    open: &OpenSamples<'_>,
     already: usize,
     ctx: &Context<'_>,
-) -> Result<Generated, Cancelled> {
+) -> Result<CandidateSet, Cancelled> {
     let room = max_candidates(scope.surface).saturating_sub(already) / views_of_an_aim(params);
     let aims = targeted::aims(scope, open, room.min(PROPOSED * params.targeted_max as usize), ctx)?;
     judged(scope, params, &aims, ctx)
 }
 
-fn judged(scope: &Scope<'_>, params: &CandidateParams, aims: &[Aim], ctx: &Context<'_>) -> Result<Generated, Cancelled> {
+fn judged(scope: &Scope<'_>, params: &CandidateParams, aims: &[Aim], ctx: &Context<'_>) -> Result<CandidateSet, Cancelled> {
     let placed = aim::place(scope, aims, params, ctx)?;
     filter::judge(scope, params, placed, ctx)
 }

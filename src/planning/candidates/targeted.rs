@@ -22,7 +22,7 @@ use crate::geometry::{RayScene, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
 
 /// Open samples that are looked at.
-const LOOKED_AT: usize = 1_500;
+const MAX_SAMPLES: usize = 1_500;
 /// Directions of the sky: 7° apart over a hemisphere.
 const SKY: usize = 384;
 /// Axes that are tried in the sky, from its middle to its rim.
@@ -38,7 +38,7 @@ const ABOVE_MM: f64 = 0.02;
 const RADIAN_MM: f64 = 90.0;
 
 /// What is left to measure.
-pub struct Open<'a> {
+pub struct OpenSamples<'a> {
     /// Samples that are asked for and not measured yet, ascending.
     pub samples: &'a [u32],
     /// What may lie between, part frame.
@@ -47,23 +47,24 @@ pub struct Open<'a> {
     pub incidence_max_rad: [f64; 3],
 }
 
-pub(super) fn aims(scope: &Scope<'_>, open: &Open<'_>, most: usize, ctx: &Context<'_>) -> Result<Vec<Aim>, Cancelled> {
-    let solver = Solver::new(scope, open, ctx.simd_level());
-    let looked_at: Vec<u32> = open.samples.iter().step_by(open.samples.len().div_ceil(LOOKED_AT).max(1)).copied().collect();
+pub(super) fn aims(scope: &Scope<'_>, open: &OpenSamples<'_>, max: usize, ctx: &Context<'_>) -> Result<Vec<Aim>, Cancelled> {
+    let solver = ViewSolver::new(scope, open, ctx.simd_level());
+    let looked_at: Vec<u32> = open.samples.iter().step_by(open.samples.len().div_ceil(MAX_SAMPLES).max(1)).copied().collect();
     let view = |sample: &u32| {
         ctx.check()?;
         let normal = scope.surface.patch_of(*sample as usize).normal;
         Ok(solver.view(&scope.surface.sample_mm[*sample as usize], &normal))
     };
-    let views: Vec<Option<View>> = looked_at.par_iter().map(view).collect::<Result<_, Cancelled>>()?;
-    let distance_mm = |a: &View, b: &View| (a.target_mm - b.target_mm).norm() + RADIAN_MM * (a.outward - b.outward).norm();
-    let chosen = widest(views.into_iter().flatten().collect(), most, distance_mm);
+    let views: Vec<Option<TargetedView>> = looked_at.par_iter().map(view).collect::<Result<_, Cancelled>>()?;
+    let distance_mm =
+        |a: &TargetedView, b: &TargetedView| (a.target_mm - b.target_mm).norm() + RADIAN_MM * (a.outward - b.outward).norm();
+    let chosen = widest(views.into_iter().flatten().collect(), max, distance_mm);
     Ok(chosen.iter().map(|view| view.aim(scope)).collect())
 }
 
 /// A view that all three lines of its target are clear for; part frame.
 #[derive(Clone, Copy, Debug)]
-struct View {
+struct TargetedView {
     target_mm: Point3<f64>,
     /// Unit direction from the target to the viewpoint.
     outward: Vector3<f64>,
@@ -71,7 +72,7 @@ struct View {
     baseline: Vector3<f64>,
 }
 
-impl View {
+impl TargetedView {
     fn aim(&self, scope: &Scope<'_>) -> Aim {
         let [outward, baseline] = [self.outward, self.baseline].map(|v| scope.table_from_part.direction(&v));
         let position_mm = scope.table_from_part.point(&self.target_mm) + outward * scope.scanner.best_mm;
@@ -79,7 +80,7 @@ impl View {
     }
 }
 
-struct Solver<'a> {
+struct ViewSolver<'a> {
     occluders: &'a RayScene,
     level: SimdLevel,
     best_mm: f64,
@@ -88,8 +89,8 @@ struct Solver<'a> {
     devices: [(Point3<f64>, f64); 3],
 }
 
-impl<'a> Solver<'a> {
-    fn new(scope: &Scope<'_>, open: &Open<'a>, level: SimdLevel) -> Self {
+impl<'a> ViewSolver<'a> {
+    fn new(scope: &Scope<'_>, open: &OpenSamples<'a>, level: SimdLevel) -> Self {
         let scanner = scope.scanner;
         let device = |d: usize| (scanner.devices[d].scanner_from_device.origin_mm(), open.incidence_max_rad[d].cos());
         Self {
@@ -102,12 +103,12 @@ impl<'a> Solver<'a> {
     }
 
     /// The view from as near the middle of the sky as the three lines allow, if there is one.
-    fn view(&self, sample_mm: &Point3<f64>, normal: &Vector3<f64>) -> Option<View> {
+    fn view(&self, sample_mm: &Point3<f64>, normal: &Vector3<f64>) -> Option<TargetedView> {
         let from_mm = sample_mm + normal * ABOVE_MM;
         let axes = self.axes(&from_mm, normal);
-        let tried: Vec<View> = axes
+        let tried: Vec<TargetedView> = axes
             .iter()
-            .flat_map(|outward| (0..ROLLS).map(|roll| View::rolled(sample_mm, outward, PI * roll as f64 / ROLLS as f64)))
+            .flat_map(|outward| (0..ROLLS).map(|roll| TargetedView::rolled(sample_mm, outward, PI * roll as f64 / ROLLS as f64)))
             .collect();
         let clear = self.clear(&from_mm, normal, &tried);
         let inner = clear.first()?;
@@ -138,22 +139,22 @@ impl<'a> Solver<'a> {
     }
 
     /// Those of `views` whose three lines are clear and within the limits.
-    fn clear(&self, from_mm: &Point3<f64>, normal: &Vector3<f64>, views: &[View]) -> Vec<View> {
-        let within = |view: &&View| {
+    fn clear(&self, from_mm: &Point3<f64>, normal: &Vector3<f64>, views: &[TargetedView]) -> Vec<TargetedView> {
+        let within = |view: &&TargetedView| {
             self.centres_mm(view).iter().zip(&self.devices).all(|(centre, (_, min_cos))| {
                 let towards = centre - view.target_mm;
                 normal.dot(&towards) >= min_cos * towards.norm()
             })
         };
-        let views: Vec<&View> = views.iter().filter(within).collect();
+        let views: Vec<&TargetedView> = views.iter().filter(within).collect();
         let centres: Vec<_> = views.iter().flat_map(|view| self.centres_mm(view)).collect();
         let hidden = self.hidden(from_mm, &centres);
         views.into_iter().zip(hidden.chunks(3)).filter(|(_, hidden)| !hidden.contains(&true)).map(|(view, _)| *view).collect()
     }
 
     /// How many steps of the sky are open in an unbroken run along each view's baseline.
-    fn widths(&self, from_mm: &Point3<f64>, views: &[&View]) -> Vec<usize> {
-        let along = |view: &View, side: f64| {
+    fn widths(&self, from_mm: &Point3<f64>, views: &[&TargetedView]) -> Vec<usize> {
+        let along = |view: &TargetedView, side: f64| {
             let (outward, baseline) = (view.outward, view.baseline * side);
             (1..=WIDTH_STEPS).map(move |step| {
                 let (sin, cos) = (WIDTH_STEP_RAD * step as f64).sin_cos();
@@ -166,7 +167,7 @@ impl<'a> Solver<'a> {
         hidden.chunks(2 * WIDTH_STEPS).map(|sides| sides.chunks(WIDTH_STEPS).map(run).sum()).collect()
     }
 
-    fn centres_mm(&self, view: &View) -> [Point3<f64>; 3] {
+    fn centres_mm(&self, view: &TargetedView) -> [Point3<f64>; 3] {
         let across = view.baseline.cross(&view.outward);
         let viewpoint_mm = view.target_mm + view.outward * self.best_mm;
         self.devices.map(|(at, _)| viewpoint_mm + view.baseline * at.x + across * at.y - view.outward * at.z)
@@ -179,7 +180,7 @@ impl<'a> Solver<'a> {
     }
 }
 
-impl View {
+impl TargetedView {
     fn rolled(target_mm: &Point3<f64>, outward: &Vector3<f64>, roll_rad: f64) -> Self {
         let baseline = looking_along(&-outward, roll_rad) * Vector3::x();
         Self { target_mm: *target_mm, outward: *outward, baseline }

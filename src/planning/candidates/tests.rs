@@ -11,11 +11,16 @@ use crate::planning::resting;
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
 
-fn generated(extent_mm: [f64; 3], params: &CandidateParams) -> Generated {
+fn generated(extent_mm: [f64; 3], params: &CandidateParams) -> CandidateSet {
     generated_by(extent_mm, params, 0, None).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn generated_by(extent_mm: [f64; 3], params: &CandidateParams, seed: u64, cell: Option<&Cell>) -> Result<Generated, PlanError> {
+fn generated_by(
+    extent_mm: [f64; 3],
+    params: &CandidateParams,
+    seed: u64,
+    cell: Option<&Cell>,
+) -> Result<CandidateSet, PlanError> {
     let mesh = box_mesh([0.0; 3], extent_mm);
     let longest_mm = extent_mm.into_iter().fold(0.0, f64::max);
     let (patch_edge_mm, samples_per_mm2) = (Some(0.15 * longest_mm), Some(6000.0 / mesh.area_mm2()));
@@ -44,7 +49,7 @@ fn scope<'a>(mesh: &'a Mesh, surface: &'a Surface, scanner: &'a Scanner) -> Scop
     Scope { part: mesh, surface, scanner, cell: None, table_from_part: resting(mesh), seed: 0 }
 }
 
-fn poses(generated: &Generated) -> Vec<Pose<Part, ScannerFrame>> {
+fn poses(generated: &CandidateSet) -> Vec<Pose<Part, ScannerFrame>> {
     generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect()
 }
 

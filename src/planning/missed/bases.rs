@@ -2,35 +2,36 @@
 
 use rayon::prelude::*;
 
-use super::look::{Look, Progress};
+use super::spot_samples::{Progress, SpotSamples};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::visibility::{Optics, Probe};
 
 /// Candidates that are looked at before any shadow; of more, so many evenly spaced ones.
-const CONSIDERED: usize = 2048;
+const MAX_CONSIDERED: usize = 2048;
 /// The furthest of them are looked at with shadows.
-const SHORTLIST: usize = 128;
+const MAX_SHORTLIST: usize = 128;
 /// Candidates that remedies start from.
-const BASES: usize = 8;
+const MAX_BASES: usize = 8;
 
-/// Candidates that get furthest at `look`, furthest first; each with how far it gets. Ties go to the lower number.
+/// Candidates that get furthest at a spot, furthest first; each with how far it gets. Ties go to the lower number.
 pub(super) fn shortlist(
     poses: &[Pose<Part, ScannerFrame>],
     keep: impl Fn(usize) -> bool + Sync,
-    look: &Look,
+    samples: &SpotSamples,
     optics: &Optics,
     rays: &RayScene,
     ctx: &Context<'_>,
 ) -> Result<Vec<(usize, Progress)>, Cancelled> {
     let probe = |candidate: usize| ctx.check().map(|()| Probe::new(optics, &poses[candidate], rays));
-    let considered: Vec<usize> = (0..poses.len()).step_by(poses.len().div_ceil(CONSIDERED).max(1)).filter(|c| keep(*c)).collect();
-    let cheap = |candidate: usize| Ok((candidate, look.progress_before_shadow(&probe(candidate)?)));
+    let considered: Vec<usize> =
+        (0..poses.len()).step_by(poses.len().div_ceil(MAX_CONSIDERED).max(1)).filter(|c| keep(*c)).collect();
+    let cheap = |candidate: usize| Ok((candidate, samples.progress_before_shadow(&probe(candidate)?)));
     let mut cheap = considered.into_par_iter().map(cheap).collect::<Result<Vec<_>, Cancelled>>()?;
     // Stable, like the next: ties stay in the order of candidates.
     cheap.sort_by_key(|(_, progress)| std::cmp::Reverse(*progress));
-    cheap.truncate(SHORTLIST);
-    let full = |(candidate, _): (usize, u32)| Ok((candidate, look.progress(&probe(candidate)?)));
+    cheap.truncate(MAX_SHORTLIST);
+    let full = |(candidate, _): (usize, u32)| Ok((candidate, samples.progress(&probe(candidate)?)));
     let mut full = cheap.into_par_iter().map(full).collect::<Result<Vec<_>, Cancelled>>()?;
     full.sort_by_key(|(candidate, progress)| (std::cmp::Reverse(progress.sum()), *candidate));
     Ok(full)
@@ -40,9 +41,9 @@ pub(super) fn shortlist(
 pub(super) fn choose(shortlist: &[(usize, Progress)]) -> Vec<usize> {
     let Some((first, rest)) = shortlist.split_first() else { return Vec::new() };
     let furthest = rest.iter().fold(first.1.clone(), |furthest, (_, progress)| furthest.or_further(progress));
-    let mut left: Vec<(usize, u64)> = shortlist.iter().map(|(candidate, p)| (*candidate, p.at_front(&furthest))).collect();
+    let mut left: Vec<(usize, u64)> = shortlist.iter().map(|(candidate, p)| (*candidate, p.as_far_as(&furthest))).collect();
     let (mut open, mut bases) = (u64::MAX, Vec::new());
-    while bases.len() < BASES && !left.is_empty() {
+    while bases.len() < MAX_BASES && !left.is_empty() {
         // Of equal ones the first, which gets furthest overall.
         let best = (1..left.len())
             .fold(0, |best, i| if (left[i].1 & open).count_ones() > (left[best].1 & open).count_ones() { i } else { best });

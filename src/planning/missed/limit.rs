@@ -1,8 +1,8 @@
 //! How far the limits of incidence have to be raised for a spot: the smallest whole number of degrees, at most 89, with
 //! which a remedy's views measure their share. Cameras and projector are raised only as far as each has to be.
 
-use super::look::Look;
-use super::search::Case;
+use super::search::MissAnalysis;
+use super::spot_samples::SpotSamples;
 use crate::cell::DeviceName;
 use crate::planning::params::PlanParams;
 use crate::planning::visibility::{Optics, Probe};
@@ -11,39 +11,39 @@ use crate::planning::visibility::{Optics, Probe};
 const MAX_DEG: f64 = 89.0;
 
 /// Limits of a job, degrees: left, right, projector.
-pub(super) fn limits_deg(case: &Case<'_>) -> [f64; 3] {
-    case.scanner.devices.map(|device| {
+pub(super) fn limits_deg(analysis: &MissAnalysis<'_>) -> [f64; 3] {
+    analysis.scanner.devices.map(|device| {
         let given = match device.name {
-            DeviceName::Projector => case.params.limits.projector_deg,
-            DeviceName::Left | DeviceName::Right => case.params.limits.camera_deg,
+            DeviceName::Projector => analysis.params.limits.projector_deg,
+            DeviceName::Left | DeviceName::Right => analysis.params.limits.camera_deg,
         };
         given.unwrap_or_else(|| device.incidence_max_rad.to_degrees())
     })
 }
 
 /// The job's parameters with these limits.
-pub(super) fn raised(case: &Case<'_>, camera_deg: f64, projector_deg: f64) -> PlanParams {
-    let mut params = case.params.clone();
+pub(super) fn raised(analysis: &MissAnalysis<'_>, camera_deg: f64, projector_deg: f64) -> PlanParams {
+    let mut params = analysis.params.clone();
     params.limits.camera_deg = Some(camera_deg);
     params.limits.projector_deg = Some(projector_deg);
     params
 }
 
 /// Optics that accept whatever the largest limit would.
-pub(super) fn widest(case: &Case<'_>) -> Optics {
-    let [left, _, projector] = limits_deg(case);
-    Optics::new(case.scanner, &raised(case, left.max(MAX_DEG), projector.max(MAX_DEG)), &case.surface.requirements)
+pub(super) fn widest(analysis: &MissAnalysis<'_>) -> Optics {
+    let [left, _, projector] = limits_deg(analysis);
+    Optics::new(analysis.scanner, &raised(analysis, left.max(MAX_DEG), projector.max(MAX_DEG)), &analysis.surface.requirements)
 }
 
-/// What a view would need at each sample of a look: `None` where no limit helps.
+/// What a view would need at each sample of a spot: `None` where no limit helps.
 pub(super) struct Needs {
     by_sample: Vec<Option<[f64; 3]>>,
 }
 
 impl Needs {
     /// `probe` is one of [`widest`] optics.
-    pub(super) fn of(look: &Look, probe: &Probe<'_>) -> Self {
-        let by_sample = look.points().iter().map(|(p, normal, kind)| {
+    pub(super) fn of(samples: &SpotSamples, probe: &Probe<'_>) -> Self {
+        let by_sample = samples.points().iter().map(|(p, normal, kind)| {
             probe.measure(p, normal, *kind).ok().map(|_| probe.incidence_rad(p, normal).map(f64::to_degrees))
         });
         Self { by_sample: by_sample.collect() }

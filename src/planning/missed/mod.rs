@@ -7,15 +7,15 @@
 
 mod bases;
 mod limit;
-mod look;
-mod moves;
 mod opening;
+mod proposals;
 mod remedy;
 mod search;
+mod spot_samples;
 mod spots;
 #[cfg(test)]
 mod tests;
 
 pub use remedy::{Remedy, RemedyKind, RemedyView};
-pub(super) use search::{Case, Takes, explain};
-pub(super) use spots::rests;
+pub(super) use search::{CanExecute, MissAnalysis, explain};
+pub(super) use spots::stands_on;

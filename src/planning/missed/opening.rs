@@ -2,8 +2,8 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::look::Look;
-use super::moves::directions;
+use super::proposals::directions;
+use super::spot_samples::SpotSamples;
 use crate::geometry::RayScene;
 
 /// Directions that are looked into: about 9° apart.
@@ -19,9 +19,9 @@ const RETURNED: usize = 6;
 
 /// Directions towards the outside: square to the spot, then the middles of openings, the widest first; none supports
 /// another.
-pub(super) fn directions_of(look: &Look, rays: &RayScene, reach_mm: f64) -> Vec<Unit<Vector3<f64>>> {
-    let stride = look.points().len().div_ceil(SAMPLES).max(1);
-    let from: Vec<_> = look.points().iter().step_by(stride).collect();
+pub(super) fn directions_of(samples: &SpotSamples, rays: &RayScene, reach_mm: f64) -> Vec<Unit<Vector3<f64>>> {
+    let stride = samples.points().len().div_ceil(SAMPLES).max(1);
+    let from: Vec<_> = samples.points().iter().step_by(stride).collect();
     let open = |towards: &Unit<Vector3<f64>>| {
         let cosines = from.iter().filter(|(p, normal, _)| {
             let start = p + normal * OFF_SURFACE_MM;

@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::look::Look;
-use super::moves::{Moves, Proposal, Tried};
+use super::proposals::{Proposal, ProposalSource, Tried};
 use super::remedy::{Remedy, RemedyKind, RemedyView};
+use super::spot_samples::SpotSamples;
 use super::spots::{self, Spot};
 use super::{bases, limit, opening};
 use crate::cell::Scanner;
@@ -24,19 +24,19 @@ use crate::planning::surface::Surface;
 use crate::planning::visibility::{Occluders, Optics, Probe, Row};
 
 /// Share of a spot's area that a remedy measures at least.
-const WORKS: f64 = 0.5;
+const MIN_SHARE: f64 = 0.5;
 /// A further view adds at least this share of the spot.
-const WORTH_A_VIEW: f64 = 0.05;
+const MIN_VIEW_SHARE: f64 = 0.05;
 /// Views of a remedy at most: each of a ring of views down a hole sees a part of its wall.
-const VIEWS: usize = 8;
+const MAX_VIEWS: usize = 8;
 /// Views of one kind that the cell is asked for at most.
-const ASKED_OF_CELL: usize = 24;
+const MAX_EXECUTION_CHECKS: usize = 24;
 
 /// Whether the cell can take a view.
-pub(in crate::planning) type Takes<'a> = dyn Fn(&Pose<Part, ScannerFrame>) -> Result<bool, Cancelled> + Sync + 'a;
+pub(in crate::planning) type CanExecute<'a> = dyn Fn(&Pose<Part, ScannerFrame>) -> Result<bool, Cancelled> + Sync + 'a;
 
 /// A plan whose misses are looked into.
-pub(in crate::planning) struct Case<'a> {
+pub(in crate::planning) struct MissAnalysis<'a> {
     pub(in crate::planning) mesh: &'a Mesh,
     pub(in crate::planning) surface: &'a Surface,
     pub(in crate::planning) scanner: &'a Scanner,
@@ -49,7 +49,7 @@ pub(in crate::planning) struct Case<'a> {
     pub(in crate::planning) rows: &'a [Row],
     pub(in crate::planning) choosable: Vec<bool>,
     /// `None` without a cell.
-    pub(in crate::planning) takes: Option<&'a Takes<'a>>,
+    pub(in crate::planning) can_execute: Option<&'a CanExecute<'a>>,
 }
 
 /// Missed area by cause, in the order of [`Cause`], each in spots, largest first; the largest of all with remedies.
@@ -57,12 +57,12 @@ pub(in crate::planning) struct Case<'a> {
 /// # Errors
 /// [`Cancelled`].
 pub(in crate::planning) fn explain(
-    case: &Case<'_>,
+    analysis: &MissAnalysis<'_>,
     verdicts: &[Verdict],
     ctx: &Context<'_>,
 ) -> Result<Vec<MissedCause>, Cancelled> {
-    let spots = spots::find(case.mesh, case.surface, verdicts);
-    let remedies = remedies(case, &spots, ctx)?;
+    let spots = spots::find(analysis.mesh, analysis.surface, verdicts);
+    let remedies = remedies(analysis, &spots, ctx)?;
     let mut missed: Vec<MissedCause> = Vec::new();
     for (spot, remedy) in spots.into_iter().zip(remedies) {
         if missed.last().is_none_or(|last| last.cause != spot.cause) {
@@ -77,17 +77,17 @@ pub(in crate::planning) fn explain(
 }
 
 /// For each spot its remedy, `None` for all but the largest.
-fn remedies(case: &Case<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Option<Remedy>>, Cancelled> {
+fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Option<Remedy>>, Cancelled> {
     let mut largest: Vec<usize> = (0..spots.len()).collect();
     largest.sort_by(|a, b| spots[*b].area_mm2.total_cmp(&spots[*a].area_mm2));
-    largest.truncate(case.params.missed.remedies as usize);
+    largest.truncate(analysis.params.missed.remedies as usize);
     if largest.is_empty() {
         return Ok(vec![None; spots.len()]);
     }
-    let bench = Bench::new(case, ctx)?;
+    let context = RemedyContext::new(analysis, ctx)?;
     let done = AtomicUsize::new(0);
     let found = largest.par_iter().map(|spot| {
-        let remedy = Search::new(&bench, &spots[*spot], ctx).remedy()?;
+        let remedy = Search::new(&context, &spots[*spot], ctx).remedy()?;
         ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, largest.len());
         Ok((*spot, remedy))
     });
@@ -99,8 +99,8 @@ fn remedies(case: &Case<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Op
 }
 
 /// What every spot is tried with.
-struct Bench<'a> {
-    case: &'a Case<'a>,
+struct RemedyContext<'a> {
+    analysis: &'a MissAnalysis<'a>,
     poses: Vec<Pose<Part, ScannerFrame>>,
     optics: Optics,
     widest: Optics,
@@ -112,16 +112,16 @@ struct Bench<'a> {
     other_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
 
-impl<'a> Bench<'a> {
-    fn new(case: &'a Case<'a>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+impl<'a> RemedyContext<'a> {
+    fn new(analysis: &'a MissAnalysis<'a>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
         Ok(Self {
-            case,
-            poses: case.candidates.iter().map(|candidate| candidate.part_from_scanner).collect(),
-            optics: Optics::new(case.scanner, case.params, &case.surface.requirements),
-            widest: limit::widest(case),
-            above_only: case.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
-            aabb: case.mesh.aabb(),
-            part_alone: RayScene::interruptible([case.mesh], || ctx.check())?,
+            analysis,
+            poses: analysis.candidates.iter().map(|candidate| candidate.part_from_scanner).collect(),
+            optics: Optics::new(analysis.scanner, analysis.params, &analysis.surface.requirements),
+            widest: limit::widest(analysis),
+            above_only: analysis.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
+            aabb: analysis.mesh.aabb(),
+            part_alone: RayScene::interruptible([analysis.mesh], || ctx.check())?,
             other_poses: OnceLock::new(),
         })
     }
@@ -129,22 +129,22 @@ impl<'a> Bench<'a> {
     /// Ways in which the part rests and that are not planned in, the likeliest first.
     fn other_poses(&self) -> &[Pose<Table, Part>] {
         self.other_poses.get_or_init(|| {
-            let first = self.case.setups.first().copied().unwrap_or(Pose::identity());
-            let mut poses = setups::pool(self.case.mesh, self.case.params, &first);
-            poses.retain(|pose| !self.case.setups.contains(pose));
+            let first = self.analysis.setups.first().copied().unwrap_or(Pose::identity());
+            let mut poses = setups::pool(self.analysis.mesh, self.analysis.params, &first);
+            poses.retain(|pose| !self.analysis.setups.contains(pose));
             poses
         })
     }
 
     /// Whether viewpoint and devices stand above the plate, the part lying like this.
     fn is_above(&self, table_from_part: &Pose<Table, Part>, pose: &Pose<Part, ScannerFrame>) -> bool {
-        setups::is_above(pose, table_from_part, self.case.scanner)
+        setups::is_above(pose, table_from_part, self.analysis.scanner)
     }
 
     /// Whether a candidate like this would have been kept.
     fn is_allowed(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
         let above = |table_from_part: &Pose<Table, Part>| self.is_above(table_from_part, pose);
-        (!self.above_only || self.case.setups.iter().any(above)) && self.is_outside(pose)
+        (!self.above_only || self.analysis.setups.iter().any(above)) && self.is_outside(pose)
     }
 
     fn is_outside(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
@@ -157,77 +157,82 @@ impl<'a> Bench<'a> {
 type Pick = Vec<usize>;
 
 struct Search<'a> {
-    bench: &'a Bench<'a>,
+    context: &'a RemedyContext<'a>,
     spot: &'a Spot,
-    look: Look,
+    samples: SpotSamples,
     ctx: &'a Context<'a>,
     tried: usize,
 }
 
 impl<'a> Search<'a> {
-    fn new(bench: &'a Bench<'a>, spot: &'a Spot, ctx: &'a Context<'a>) -> Self {
-        Self { bench, spot, look: Look::few(bench.case.surface, &spot.samples), ctx, tried: 0 }
+    fn new(context: &'a RemedyContext<'a>, spot: &'a Spot, ctx: &'a Context<'a>) -> Self {
+        Self { context, spot, samples: SpotSamples::few(context.analysis.surface, &spot.samples), ctx, tried: 0 }
     }
 
     fn remedy(mut self) -> Result<Remedy, Cancelled> {
-        let (bench, rays) = (self.bench, self.bench.case.occluders.rays());
-        let shortlist = bases::shortlist(&bench.poses, |_| true, &self.look, &bench.optics, rays, self.ctx)?;
+        let (context, rays) = (self.context, self.context.analysis.occluders.rays());
+        let shortlist = bases::shortlist(&context.poses, |_| true, &self.samples, &context.optics, rays, self.ctx)?;
         self.tried += shortlist.len();
         let bases = bases::choose(&shortlist);
-        let moves = Moves { scanner: bench.case.scanner, poses: &bench.poses, bases: &bases, centre_mm: self.spot.centre_mm };
-        if let Some(remedy) = self.left_out(&moves)? {
+        let source = ProposalSource {
+            scanner: context.analysis.scanner,
+            poses: &context.poses,
+            bases: &bases,
+            centre_mm: self.spot.centre_mm,
+        };
+        if let Some(remedy) = self.left_out(&source)? {
             return Ok(remedy);
         }
-        let reach_mm = bench.case.scanner.best_mm;
-        let openings = opening::directions_of(&self.look, rays, reach_mm);
+        let reach_mm = context.analysis.scanner.best_mm;
+        let openings = opening::directions_of(&self.samples, rays, reach_mm);
         let mut tried = Vec::new();
         for kind in [RemedyKind::Roll, RemedyKind::Tilt, RemedyKind::Standoff] {
             let mut proposals = match kind {
-                RemedyKind::Roll => moves.rolls(),
-                RemedyKind::Tilt => moves.tilts(&openings),
-                _ => moves.standoffs(&tried),
+                RemedyKind::Roll => source.rolls(),
+                RemedyKind::Tilt => source.tilts(&openings),
+                _ => source.standoffs(&tried),
             };
-            proposals.retain(|proposal| bench.is_allowed(&proposal.pose));
+            proposals.retain(|proposal| context.is_allowed(&proposal.pose));
             let these = self.try_all(proposals, rays)?;
-            if let Some(remedy) = self.first_that_works(kind, &these, rays, &moves)? {
+            if let Some(remedy) = self.first_that_works(kind, &these, rays, &source)? {
                 return Ok(remedy);
             }
             tried.extend(these);
         }
-        if bench.above_only {
-            let openings = opening::directions_of(&self.look, &bench.part_alone, reach_mm);
-            let mut proposals = moves.setups(&openings);
-            proposals.retain(|proposal| bench.is_outside(&proposal.pose));
-            let these = self.try_all(proposals, &bench.part_alone)?;
-            if let Some(remedy) = self.turned_over(&these, &moves)? {
+        if context.above_only {
+            let openings = opening::directions_of(&self.samples, &context.part_alone, reach_mm);
+            let mut proposals = source.setups(&openings);
+            proposals.retain(|proposal| context.is_outside(&proposal.pose));
+            let these = self.try_all(proposals, &context.part_alone)?;
+            if let Some(remedy) = self.turned_over(&these, &source)? {
                 return Ok(remedy);
             }
         }
-        Ok(self.raised_limit(&tried, &moves)?.unwrap_or_else(|| Remedy::none(self.tried)))
+        Ok(self.raised_limit(&tried, &source)?.unwrap_or_else(|| Remedy::none(self.tried)))
     }
 
     /// Candidates that measure it and could have been chosen.
-    fn left_out(&self, moves: &Moves<'_>) -> Result<Option<Remedy>, Cancelled> {
+    fn left_out(&self, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         if self.spot.cause != Cause::NotChosen {
             return Ok(None);
         }
-        let case = self.bench.case;
+        let analysis = self.context.analysis;
         let bits = |candidate: &usize| {
-            let held = self.look.samples.iter().enumerate().filter(|(_, sample)| case.rows[*candidate].holds(**sample));
+            let held = self.samples.ids.iter().enumerate().filter(|(_, sample)| analysis.rows[*candidate].holds(**sample));
             held.fold(0_u64, |bits, (place, _)| bits | 1 << place)
         };
-        let choosable: Vec<usize> = (0..case.candidates.len()).filter(|candidate| case.choosable[*candidate]).collect();
+        let choosable: Vec<usize> = (0..analysis.candidates.len()).filter(|candidate| analysis.choosable[*candidate]).collect();
         let bits: Vec<u64> = choosable.iter().map(bits).collect();
         let Some(pick) = self.pick(&bits, |_| Ok(true))? else { return Ok(None) };
-        let views: Vec<Proposal> = pick.iter().map(|i| moves.as_is(choosable[*i])).collect();
-        Ok(self.confirmed(RemedyKind::View, &views, &self.bench.optics, case.occluders.rays(), moves))
+        let views: Vec<Proposal> = pick.iter().map(|i| source.as_is(choosable[*i])).collect();
+        Ok(self.confirmed(RemedyKind::View, &views, &self.context.optics, analysis.occluders.rays(), source))
     }
 
     fn try_all(&mut self, proposals: Vec<Proposal>, rays: &RayScene) -> Result<Vec<Tried>, Cancelled> {
         self.tried += proposals.len();
         let progress = |proposal: Proposal| {
             self.ctx.check()?;
-            let progress = self.look.progress(&Probe::new(&self.bench.optics, &proposal.pose, rays));
+            let progress = self.samples.progress(&Probe::new(&self.context.optics, &proposal.pose, rays));
             Ok(Tried { proposal, progress })
         };
         proposals.into_par_iter().map(progress).collect()
@@ -238,25 +243,26 @@ impl<'a> Search<'a> {
         kind: RemedyKind,
         tried: &[Tried],
         rays: &RayScene,
-        moves: &Moves<'_>,
+        source: &ProposalSource<'_>,
     ) -> Result<Option<Remedy>, Cancelled> {
         let bits: Vec<u64> = tried.iter().map(|tried| tried.progress.measured()).collect();
-        let Some(pick) = self.pick(&bits, |i| self.is_taken(&tried[i].proposal))? else { return Ok(None) };
+        let Some(pick) = self.pick(&bits, |i| self.can_execute(&tried[i].proposal))? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
-        Ok(self.confirmed(kind, &views, &self.bench.optics, rays, moves))
+        Ok(self.confirmed(kind, &views, &self.context.optics, rays, source))
     }
 
     /// In the first of the poses in which the part rests that lets views from above the plate measure enough.
-    fn turned_over(&self, tried: &[Tried], moves: &Moves<'_>) -> Result<Option<Remedy>, Cancelled> {
-        let bench = self.bench;
-        for table_from_part in bench.other_poses() {
-            let bits =
-                |tried: &Tried| if bench.is_above(table_from_part, &tried.proposal.pose) { tried.progress.measured() } else { 0 };
+    fn turned_over(&self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
+        let context = self.context;
+        for table_from_part in context.other_poses() {
+            let bits = |tried: &Tried| {
+                if context.is_above(table_from_part, &tried.proposal.pose) { tried.progress.measured() } else { 0 }
+            };
             let bits: Vec<u64> = tried.iter().map(bits).collect();
             // Its stations are for a plan of that setup to find.
             let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
             let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
-            let remedy = self.confirmed(RemedyKind::Setup, &views, &bench.optics, &bench.part_alone, moves);
+            let remedy = self.confirmed(RemedyKind::Setup, &views, &context.optics, &context.part_alone, source);
             if let Some(remedy) = remedy {
                 return Ok(Some(Remedy { table_from_part: Some(*table_from_part), ..remedy }));
             }
@@ -264,23 +270,23 @@ impl<'a> Search<'a> {
         Ok(None)
     }
 
-    fn is_taken(&self, proposal: &Proposal) -> Result<bool, Cancelled> {
-        self.bench.case.takes.map_or(Ok(true), |takes| takes(&proposal.pose))
+    fn can_execute(&self, proposal: &Proposal) -> Result<bool, Cancelled> {
+        self.context.analysis.can_execute.map_or(Ok(true), |can_execute| can_execute(&proposal.pose))
     }
 
     /// Greedy over what each view measures of the few samples, among those that `accept` lets through; `None` when that
     /// is too little. Ties go to the first.
     fn pick(&self, bits: &[u64], mut accept: impl FnMut(usize) -> Result<bool, Cancelled>) -> Result<Option<Pick>, Cancelled> {
         let (mut pick, mut covered, mut refused) = (Pick::new(), 0, Vec::new());
-        let enough = |bits: u64| self.look.area_mm2(bits) >= WORKS * self.look.total_mm2;
+        let enough = |bits: u64| self.samples.area_mm2(bits) >= MIN_SHARE * self.samples.total_mm2;
         if !enough(bits.iter().fold(0, |all, bits| all | bits)) {
             return Ok(None);
         }
-        while pick.len() < VIEWS && refused.len() < ASKED_OF_CELL {
-            let gain_mm2 = |i: usize| self.look.area_mm2(bits[i] & !covered);
+        while pick.len() < MAX_VIEWS && refused.len() < MAX_EXECUTION_CHECKS {
+            let gain_mm2 = |i: usize| self.samples.area_mm2(bits[i] & !covered);
             let open = (0..bits.len()).filter(|i| !refused.contains(i)).map(|i| (i, gain_mm2(i)));
             let best = open.fold((0, 0.0), |best, one| if one.1 > best.1 { one } else { best });
-            if best.1 < WORTH_A_VIEW * self.look.total_mm2 {
+            if best.1 < MIN_VIEW_SHARE * self.samples.total_mm2 {
                 break;
             }
             if accept(best.0)? {
@@ -300,22 +306,22 @@ impl<'a> Search<'a> {
         views: &[Proposal],
         optics: &Optics,
         rays: &RayScene,
-        moves: &Moves<'_>,
+        source: &ProposalSource<'_>,
     ) -> Option<Remedy> {
-        let look = Look::many(self.bench.case.surface, &self.spot.samples);
+        let samples = SpotSamples::many(self.context.analysis.surface, &self.spot.samples);
         let probes: Vec<Probe<'_>> = views.iter().map(|view| Probe::new(optics, &view.pose, rays)).collect();
-        let added_mm2 = look.added_mm2(&probes);
+        let added_mm2 = samples.added_mm2(&probes);
         let area_mm2: f64 = added_mm2.iter().sum();
         let view = |(proposal, area_mm2): (&Proposal, f64)| RemedyView {
-            candidate: self.bench.case.candidates[proposal.candidate].id,
+            candidate: self.context.analysis.candidates[proposal.candidate].id,
             roll_rad: proposal.roll_rad,
             tilt_rad: proposal.tilt_rad,
-            standoff_mm: moves.depth_mm(&proposal.pose),
+            standoff_mm: source.depth_mm(&proposal.pose),
             part_from_scanner: proposal.pose,
             area_mm2,
         };
-        let of_spot = area_mm2 / look.total_mm2;
-        (of_spot >= WORKS).then(|| Remedy {
+        let of_spot = area_mm2 / samples.total_mm2;
+        (of_spot >= MIN_SHARE).then(|| Remedy {
             kind,
             views: views.iter().zip(added_mm2).map(view).collect(),
             table_from_part: None,
@@ -328,44 +334,44 @@ impl<'a> Search<'a> {
     }
 
     /// With candidates as they are, so that raising the limit is all there is to do; else with what was tried.
-    fn raised_limit(&mut self, tried: &[Tried], moves: &Moves<'_>) -> Result<Option<Remedy>, Cancelled> {
-        let (bench, rays) = (self.bench, self.bench.case.occluders.rays());
-        let choosable = |candidate: usize| bench.case.choosable[candidate];
-        let shortlist = bases::shortlist(&bench.poses, choosable, &self.look, &bench.widest, rays, self.ctx)?;
-        let as_is: Vec<Proposal> = shortlist.iter().map(|(candidate, _)| moves.as_is(*candidate)).collect();
+    fn raised_limit(&mut self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
+        let (context, rays) = (self.context, self.context.analysis.occluders.rays());
+        let choosable = |candidate: usize| context.analysis.choosable[candidate];
+        let shortlist = bases::shortlist(&context.poses, choosable, &self.samples, &context.widest, rays, self.ctx)?;
+        let as_is: Vec<Proposal> = shortlist.iter().map(|(candidate, _)| source.as_is(*candidate)).collect();
         self.tried += as_is.len();
-        if let Some(remedy) = self.least_limit(&as_is, true, moves)? {
+        if let Some(remedy) = self.least_limit(&as_is, true, source)? {
             return Ok(Some(remedy));
         }
         let moved: Vec<Proposal> = tried.iter().map(|tried| tried.proposal.clone()).collect();
-        self.least_limit(&moved, false, moves)
+        self.least_limit(&moved, false, source)
     }
 
-    fn least_limit(&self, proposals: &[Proposal], taken: bool, moves: &Moves<'_>) -> Result<Option<Remedy>, Cancelled> {
-        let (bench, rays) = (self.bench, self.bench.case.occluders.rays());
+    fn least_limit(&self, proposals: &[Proposal], taken: bool, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
+        let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let needs = |proposal: &Proposal| {
             self.ctx.check()?;
-            Ok(limit::Needs::of(&self.look, &Probe::new(&bench.widest, &proposal.pose, rays)))
+            Ok(limit::Needs::of(&self.samples, &Probe::new(&context.widest, &proposal.pose, rays)))
         };
         let needs = proposals.par_iter().map(needs).collect::<Result<Vec<_>, Cancelled>>()?;
         let mut answers: Vec<Option<bool>> = vec![taken.then_some(true); proposals.len()];
-        let limits_deg = limit::limits_deg(bench.case);
+        let limits_deg = limit::limits_deg(context.analysis);
         for deg in limit::steps_deg(&limits_deg) {
             for raised in limit::options(&limits_deg, deg) {
                 let bits: Vec<u64> = needs.iter().map(|needs| needs.measured(&raised)).collect();
                 let accept = |i: usize| match answers[i] {
                     Some(answer) => Ok(answer),
-                    None => self.is_taken(&proposals[i]).inspect(|answer| answers[i] = Some(*answer)),
+                    None => self.can_execute(&proposals[i]).inspect(|answer| answers[i] = Some(*answer)),
                 };
                 let Some(pick) = self.pick(&bits, accept)? else { continue };
                 let views: Vec<Proposal> = pick.iter().map(|i| proposals[*i].clone()).collect();
                 let [camera_deg, _, projector_deg] = raised;
                 let optics = Optics::new(
-                    bench.case.scanner,
-                    &limit::raised(bench.case, camera_deg, projector_deg),
-                    &bench.case.surface.requirements,
+                    context.analysis.scanner,
+                    &limit::raised(context.analysis, camera_deg, projector_deg),
+                    &context.analysis.surface.requirements,
                 );
-                let remedy = self.confirmed(RemedyKind::Limit, &views, &optics, rays, moves);
+                let remedy = self.confirmed(RemedyKind::Limit, &views, &optics, rays, source);
                 if let Some(remedy) = remedy {
                     let changed = |device: usize| (raised[device] > limits_deg[device]).then_some(raised[device]);
                     return Ok(Some(Remedy { camera_deg: changed(0), projector_deg: changed(2), ..remedy }));

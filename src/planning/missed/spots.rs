@@ -14,7 +14,7 @@ const RESTING_NORMAL_COS: f64 = -0.99;
 
 /// Whether a sample belongs to the faces that the part stands on.
 #[must_use]
-pub(in crate::planning) fn rests(surface: &Surface, sample: usize, table_from_part: &Pose<Table, Part>) -> bool {
+pub(in crate::planning) fn stands_on(surface: &Surface, sample: usize, table_from_part: &Pose<Table, Part>) -> bool {
     let height_mm = table_from_part.point(&surface.sample_mm[sample]).z;
     let down = table_from_part.direction(&surface.patch_of(sample).normal).z;
     height_mm.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS

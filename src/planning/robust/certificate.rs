@@ -114,12 +114,12 @@ impl Drawn {
 }
 
 /// Views that are taken while the part lies in one way.
-pub(in crate::planning) struct Setting<'a> {
+pub(in crate::planning) struct SetupViews<'a> {
     pub(in crate::planning) occluders: &'a Occluders,
     pub(in crate::planning) views: Vec<Pose<Part, ScannerFrame>>,
 }
 
-impl<'a> Setting<'a> {
+impl<'a> SetupViews<'a> {
     /// The views of a setup that measure something.
     pub(in crate::planning) fn of(occluders: &'a Occluders, views: &[PlannedView], setup: usize) -> Self {
         let measuring = views.iter().filter(|view| view.rejected.is_none() && view.setup == setup);
@@ -127,17 +127,17 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// Evaluates the views of all settings together.
+/// Evaluates the views of all setups together.
 ///
 /// # Errors
 /// [`PlanError::Cancelled`].
 pub(in crate::planning) fn certify(
     input: &PlanInput<'_>,
     params: &PlanParams,
-    settings: &[Setting<'_>],
+    setups: &[SetupViews<'_>],
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
-    let second = Second::new(input, params, settings)?;
+    let second = SecondSampling::new(input, params, setups)?;
     let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.silent())?;
     let (samples, total_area_mm2) = (second.asked_area_mm2.len(), second.surface.area_where(|_| true));
     let independent = Independent { samples, asked_area_mm2: second.asked_mm2, total_area_mm2, measured_area_mm2 };
@@ -146,18 +146,18 @@ pub(in crate::planning) fn certify(
 }
 
 /// The second set of samples, with what is evaluated on it.
-struct Second<'a> {
+struct SecondSampling<'a> {
     input: &'a PlanInput<'a>,
     /// Those of the plan, without the quality that only choosing needs.
     params: PlanParams,
-    settings: &'a [Setting<'a>],
+    setups: &'a [SetupViews<'a>],
     surface: Surface,
     asked_area_mm2: Vec<f64>,
     asked_mm2: f64,
 }
 
-impl<'a> Second<'a> {
-    fn new(input: &'a PlanInput<'a>, params: &PlanParams, settings: &'a [Setting<'a>]) -> Result<Self, PlanError> {
+impl<'a> SecondSampling<'a> {
+    fn new(input: &'a PlanInput<'a>, params: &PlanParams, setups: &'a [SetupViews<'a>]) -> Result<Self, PlanError> {
         let mut params = params.clone();
         params.selection.objective = Objective::Coverage;
         let seed = split_mix(params.seed ^ SECOND_SAMPLES);
@@ -165,20 +165,20 @@ impl<'a> Second<'a> {
         let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
         let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area_mm2).collect();
         let asked_mm2 = asked_area_mm2.iter().sum();
-        Ok(Self { input, params, settings, surface, asked_area_mm2, asked_mm2 })
+        Ok(Self { input, params, setups, surface, asked_area_mm2, asked_mm2 })
     }
 
-    /// Asked area that the views measure from where `moved` puts those of a setting.
+    /// Asked area that the views measure from where `moved` puts those of a setup.
     fn measured_mm2(
         &self,
         mut moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
         ctx: &Context<'_>,
     ) -> Result<f64, Cancelled> {
         let mut measured = SampleSet::none_of(self.asked_area_mm2.len());
-        for (number, setting) in self.settings.iter().enumerate() {
-            let views: Vec<_> = setting.views.iter().map(|view| moved(number, view)).collect();
+        for (number, setup) in self.setups.iter().enumerate() {
+            let views: Vec<_> = setup.views.iter().map(|view| moved(number, view)).collect();
             let (scanner, usable) = (self.input.scanner, vec![true; views.len()]);
-            let table = visibility::cast(&self.surface, &views, &usable, scanner, setting.occluders, &self.params, ctx)?;
+            let table = visibility::cast(&self.surface, &views, &usable, scanner, setup.occluders, &self.params, ctx)?;
             table.rows.iter().for_each(|row| measured.insert_all(row.measured()));
         }
         Ok(measured.iter().map(|sample| self.asked_area_mm2[sample as usize]).sum())
@@ -198,8 +198,8 @@ impl<'a> Second<'a> {
             let mut stream = stream(WHOLE_PART, draw);
             let centre_mm = &self.surface.centre_mm;
             let errors: Vec<Pose<Part, Part>> =
-                self.settings.iter().map(|_| random_error(&error, centre_mm, &mut stream)).collect();
-            part.push(self.of_asked(|setting, view| errors[setting] * *view, ctx)?);
+                self.setups.iter().map(|_| random_error(&error, centre_mm, &mut stream)).collect();
+            part.push(self.of_asked(|setup, view| errors[setup] * *view, ctx)?);
             ctx.progress(draws + draw + 1, draws + part_draws);
         }
         Ok(Robust { pose_error: error, views: Drawn::new(nominal, views), part: Drawn::new(nominal, part) })

@@ -14,17 +14,17 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::context::{Cancelled, Context};
 use super::params::{PlanParams, PoseErrorParams};
-use super::rounds::{Considered, is_usable};
+use super::rounds::{EvaluatedCandidates, is_usable};
 use super::surface::Surface;
 use super::visibility::{self, Occluders, Row};
 use crate::cell::Scanner;
 use crate::geometry::{Pose, ScannerFrame};
 
 pub use certificate::{Certificate, Drawn, Independent, Robust};
-pub(super) use certificate::{Setting, certify};
+pub(super) use certificate::{SetupViews, certify};
 
 /// What the rows of a table are made from.
-pub(super) struct Scene<'a> {
+pub(super) struct VisibilityInput<'a> {
     pub(super) surface: &'a Surface,
     pub(super) scanner: &'a Scanner,
     pub(super) occluders: &'a Occluders,
@@ -36,10 +36,14 @@ pub(super) struct Scene<'a> {
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn rows(scene: &Scene<'_>, considered: &Considered, ctx: &Context<'_>) -> Result<Option<Vec<Row>>, Cancelled> {
+pub(super) fn rows(
+    scene: &VisibilityInput<'_>,
+    evaluated: &EvaluatedCandidates,
+    ctx: &Context<'_>,
+) -> Result<Option<Vec<Row>>, Cancelled> {
     let Some(error) = scene.params.robust.pose_error.filter(|_| scene.params.robust.select) else { return Ok(None) };
-    let (kept, mut rows) = (&considered.generated.kept, considered.table.rows.clone());
-    let usable: Vec<bool> = (0..kept.len()).map(|kept| is_usable(considered.reach.as_ref(), kept)).collect();
+    let (kept, mut rows) = (&evaluated.candidates.kept, evaluated.matrix.rows.clone());
+    let usable: Vec<bool> = (0..kept.len()).map(|kept| is_usable(evaluated.reach.as_ref(), kept)).collect();
     for scanner_from_off in stated_errors(&error) {
         let poses: Vec<_> = kept.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
         let off = visibility::cast(scene.surface, &poses, &usable, scene.scanner, scene.occluders, scene.params, ctx)?;

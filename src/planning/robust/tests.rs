@@ -95,13 +95,13 @@ fn views_that_shall_bear_an_error_are_chosen_by_less_than_they_measure() {
     let ctx = Context::new(&cancel, &Silent);
     let table = tabulate(&input, &params, &ctx).expect("a table");
     let occluders = Occluders::new([&mesh]);
-    let scene = Scene { surface: &table.surface, scanner: &scanner, occluders: &occluders, params: &params };
-    let generated = crate::planning::candidates::Generated { kept: table.candidates, ..Default::default() };
+    let scene = VisibilityInput { surface: &table.surface, scanner: &scanner, occluders: &occluders, params: &params };
+    let candidates = crate::planning::candidates::CandidateSet { kept: table.candidates, ..Default::default() };
     let visible = visibility::VisibilityMatrix { rows: table.rows, furthest_cause: Vec::new() };
-    let considered = Considered { generated, table: visible, reach: None };
-    let robust = rows(&scene, &considered, &ctx).expect("not cancelled").expect("asked for");
+    let evaluated = EvaluatedCandidates { candidates, matrix: visible, reach: None };
+    let robust = rows(&scene, &evaluated, &ctx).expect("not cancelled").expect("asked for");
     let mut lost = 0;
-    for (robust, nominal) in robust.iter().zip(&considered.table.rows) {
+    for (robust, nominal) in robust.iter().zip(&evaluated.matrix.rows) {
         let kept: Vec<_> = nominal.graded().filter(|(sample, _)| robust.holds(*sample)).collect();
         assert_eq!(robust.graded().collect::<Vec<_>>(), kept, "the quality of the view as planned");
         lost += nominal.count() - robust.count();
@@ -109,6 +109,6 @@ fn views_that_shall_bear_an_error_are_chosen_by_less_than_they_measure() {
     assert!(lost > 0, "no error takes anything");
     let mut as_ever = params.clone();
     as_ever.robust.select = false;
-    let scene = Scene { params: &as_ever, ..scene };
-    assert!(rows(&scene, &considered, &ctx).expect("not cancelled").is_none());
+    let scene = VisibilityInput { params: &as_ever, ..scene };
+    assert!(rows(&scene, &evaluated, &ctx).expect("not cancelled").is_none());
 }

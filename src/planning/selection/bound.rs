@@ -7,7 +7,7 @@
 
 use super::multipliers::{Aim, Multipliers, Size};
 use super::units::Units;
-use super::{Chosen, Problem, is_for_coverage, max_views};
+use super::{Chosen, CoverProblem, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
@@ -30,7 +30,7 @@ pub struct Bound {
 }
 
 /// The goals that `rows` stand for: no more than they reach.
-pub(super) fn goals_of(problem: &Problem<'_>, rows: &[&Row], for_coverage: bool) -> Vec<Units> {
+pub(super) fn goals_of(problem: &CoverProblem<'_>, rows: &[&Row], for_coverage: bool) -> Vec<Units> {
     let mut goals = Units::of_goals(problem);
     if for_coverage {
         goals.truncate(1);
@@ -42,7 +42,7 @@ pub(super) fn goals_of(problem: &Problem<'_>, rows: &[&Row], for_coverage: bool)
 
 /// The bound from the relaxation alone.
 pub(super) fn quick(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     chosen: &Chosen,
     ctx: &Context<'_>,
@@ -66,7 +66,7 @@ impl Bound {
     }
 
     /// The same for the best coverage, of which `most` units are possible and those needed are measured.
-    pub(super) fn with_most(self, problem: &Problem<'_>, goal: &Units, most: i64) -> Self {
+    pub(super) fn with_most(self, problem: &CoverProblem<'_>, goal: &Units, most: i64) -> Self {
         let asked_mm2 = problem.asked_mm2();
         let share = |units: i64| if asked_mm2 > 0.0 { (goal.area_mm2(units) / asked_mm2).min(1.0) } else { 0.0 };
         let most = most.clamp(goal.needed, goal.measured.max(goal.needed));

@@ -1,6 +1,6 @@
 //! Can k views cover so much? Branch and bound over the rows: at each node the prices of the classes (`multipliers.rs`)
 //! are improved by subgradient steps (Held and Karp 1971; Polyak's step length), rows are fixed that the bound alone rules
-//! out or requirements (reduced costs, as Caprara, Fischetti and Toth 1999, *A Heuristic Method for the Set Covering Problem*),
+//! out or demands (reduced costs, as Caprara, Fischetti and Toth 1999, *A Heuristic Method for the Set Covering Problem*),
 //! rows go whose open classes another row holds as well, and the tree splits on taking a row or not.
 //!
 //! Whole numbers throughout, so that what is refuted is refuted. Nodes are taken in rounds whose make-up does not depend on

@@ -14,7 +14,7 @@ use super::multipliers::{Aim, Multipliers, Size};
 use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Problem, Selection, StopReason, greedy, is_for_coverage, local, max_views, polish};
+use super::{CoverProblem, Selection, StopReason, greedy, is_for_coverage, local, max_views, polish};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::visibility::Row;
@@ -25,7 +25,7 @@ const THOROUGH: Size = Size { step: 2e8, rows: 600 };
 const MAX_PAIRS: usize = 30_000_000;
 
 pub(super) fn select(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,
@@ -50,12 +50,12 @@ pub(super) fn select(
     Ok(Selection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
 }
 
-fn measured<'a>(problem: &Problem<'a>, rows: &[usize]) -> Vec<&'a Row> {
+fn measured<'a>(problem: &CoverProblem<'a>, rows: &[usize]) -> Vec<&'a Row> {
     rows.iter().map(|row| problem.rows[*row]).collect()
 }
 
 struct Proof<'a> {
-    problem: &'a Problem<'a>,
+    problem: &'a CoverProblem<'a>,
     overlap: &'a Overlap<'a>,
     /// Work that may still be done: pairs of row and class looked at.
     left: u64,

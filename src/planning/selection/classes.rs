@@ -4,13 +4,13 @@
 
 use std::collections::HashMap;
 
-use super::Problem;
+use super::CoverProblem;
 use super::units::Units;
 use crate::planning::visibility::ones;
 
 /// See the module.
 pub(super) struct Classes {
-    /// For each kept row its number in [`Problem::rows`], ascending.
+    /// For each kept row its number in [`CoverProblem::rows`], ascending.
     pub(super) rows: Vec<usize>,
     /// For each kept row its classes, ascending.
     pub(super) of_row: Vec<Vec<u32>>,
@@ -25,7 +25,7 @@ impl Classes {
     pub(super) const NONE: u32 = u32::MAX;
 
     /// Merges those of `samples` that some goal counts, over the `rows` given.
-    pub(super) fn new(problem: &Problem<'_>, goals: &[Units], samples: &[u32], rows: &[usize]) -> Self {
+    pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32], rows: &[usize]) -> Self {
         let index = index_of(problem, goals, samples);
         let counted: Vec<u32> = samples.iter().copied().filter(|sample| index[*sample as usize] != Self::NONE).collect();
         let signatures = Signatures::new(problem, rows, &index, counted.len());
@@ -69,7 +69,7 @@ impl Classes {
 }
 
 /// For each sample its place among `samples` that count.
-fn index_of(problem: &Problem<'_>, goals: &[Units], samples: &[u32]) -> Vec<u32> {
+fn index_of(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32]) -> Vec<u32> {
     let mut index = vec![Classes::NONE; problem.asked_area_mm2.len()];
     let counts = |sample: &&u32| goals.iter().any(|goal| goal.of_sample[**sample as usize] > 0);
     (0..).zip(samples.iter().filter(counts)).for_each(|(place, sample)| index[*sample as usize] = place);
@@ -83,7 +83,7 @@ struct Signatures {
 }
 
 impl Signatures {
-    fn new(problem: &Problem<'_>, rows: &[usize], index: &[u32], samples: usize) -> Self {
+    fn new(problem: &CoverProblem<'_>, rows: &[usize], index: &[u32], samples: usize) -> Self {
         let width = rows.len().div_ceil(64).max(1);
         let mut words = vec![0; samples * width];
         for (place, row) in rows.iter().enumerate() {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::overlap::Overlap;
 use super::score::{Open, Scorer};
-use super::{Choice, Chosen, Goal, Problem, StopReason, is_for_coverage, max_views};
+use super::{Choice, Chosen, CoverProblem, Goal, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
@@ -19,7 +19,7 @@ pub(super) const SUM_SLACK: f64 = 1e-9;
 const BATCH: usize = 16;
 
 pub(super) fn select(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,
@@ -108,7 +108,7 @@ impl<'a> Progress<'a> {
         self.goal.area_mm2[sample] > 0.0
     }
 
-    fn close(&mut self, problem: &Problem<'_>, row: usize) {
+    fn close(&mut self, problem: &CoverProblem<'_>, row: usize) {
         self.covered_mm2 += self.open.area_mm2(problem.rows[row]);
         self.open.close(problem.rows[row]);
     }

@@ -10,12 +10,12 @@ use std::collections::BinaryHeap;
 use super::greedy::{Race, Round, precedes, run};
 use super::overlap::Overlap;
 use super::score::Scorer;
-use super::{Chosen, Problem};
+use super::{Chosen, CoverProblem};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
 pub(super) fn select(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,

@@ -12,7 +12,7 @@ use super::overlap::Overlap;
 use super::polish;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Chosen, Problem, StopReason, is_for_coverage, max_views};
+use super::{Chosen, CoverProblem, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::visibility::{Row, SampleSet, ones};
@@ -27,7 +27,7 @@ const STEPS_A_ROW: u64 = 8;
 const ROWS_A_TASK: usize = 16;
 
 pub(super) fn select(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,
@@ -73,7 +73,7 @@ pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Contex
     Ok(Found { rows, stopped_because })
 }
 
-fn are_met(problem: &Problem<'_>, measured: &[&Row]) -> bool {
+fn are_met(problem: &CoverProblem<'_>, measured: &[&Row]) -> bool {
     Units::of_goals(problem).iter().all(|goal| goal.covered_by(measured) >= goal.needed)
 }
 
@@ -90,7 +90,7 @@ impl Budget {
 
 /// Exchanges of one view for another.
 pub(super) struct Exchange<'a> {
-    pub(super) problem: &'a Problem<'a>,
+    pub(super) problem: &'a CoverProblem<'a>,
     pub(super) goals: &'a [Units],
     pub(super) overlap: &'a Overlap<'a>,
 }

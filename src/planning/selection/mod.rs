@@ -37,7 +37,7 @@ pub type TravelSecs<'a> = &'a (dyn Fn(usize, usize) -> f64 + Sync);
 
 /// What views are chosen from, and for what.
 #[derive(Clone)]
-pub struct Problem<'a> {
+pub struct CoverProblem<'a> {
     /// Rows of the candidates that may be chosen, ascending by candidate number.
     pub rows: Vec<&'a Row>,
     /// Area that each sample stands for, mm²; 0 for samples that are not asked for.
@@ -64,7 +64,7 @@ pub struct Goal<'a> {
 /// One choice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Index into [`Problem::rows`].
+    /// Index into [`CoverProblem::rows`].
     pub row: usize,
     /// Asked area that it added, mm².
     pub gain_mm2: f64,
@@ -126,7 +126,7 @@ pub(in crate::planning) struct Chosen {
 /// # Errors
 /// [`Cancelled`].
 pub fn select(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
     ctx: &Context<'_>,
@@ -146,7 +146,7 @@ pub fn select(
 /// # Errors
 /// [`Cancelled`].
 pub(in crate::planning) fn greedily(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
     ctx: &Context<'_>,
@@ -160,7 +160,7 @@ pub(in crate::planning) fn greedily(
 /// # Errors
 /// [`Cancelled`].
 pub(in crate::planning) fn exchanges(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     rows: &[usize],
     ctx: &Context<'_>,
@@ -178,7 +178,7 @@ pub(in crate::planning) fn exchanges(
 /// # Errors
 /// [`Cancelled`].
 pub(in crate::planning) fn of_rows(
-    problem: &Problem<'_>,
+    problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
     rows: &[usize],
@@ -189,7 +189,7 @@ pub(in crate::planning) fn of_rows(
     Ok(Selection { choices, stopped_because: like.stopped_because, bound: like.bound })
 }
 
-impl<'a> Problem<'a> {
+impl<'a> CoverProblem<'a> {
     /// The plan's own target alone: samples count by their asked area, and time costs nothing. `total_mm2` is the area
     /// of the whole surface.
     #[must_use]

@@ -6,7 +6,7 @@
 //!
 //! Several goals enter as one: their units are added with whole weights, the relaxation's prices of the goals.
 
-use super::Problem;
+use super::CoverProblem;
 use super::classes::Classes;
 use super::relaxation::{Form, Solution, solve};
 use super::units::{Units, row_sums};
@@ -53,7 +53,7 @@ pub(super) enum Aim {
 impl Multipliers {
     /// From the linear relaxation, as large as `size` allows.
     pub(super) fn relaxed(
-        problem: &Problem<'_>,
+        problem: &CoverProblem<'_>,
         goals: &[Units],
         aim: Aim,
         size: &Size,
@@ -81,7 +81,14 @@ impl Multipliers {
         }
     }
 
-    fn new(problem: &Problem<'_>, goals: &[Units], classes: &Classes, form: &Form, solution: &Solution, is_share: bool) -> Self {
+    fn new(
+        problem: &CoverProblem<'_>,
+        goals: &[Units],
+        classes: &Classes,
+        form: &Form,
+        solution: &Solution,
+        is_share: bool,
+    ) -> Self {
         let weights = goal_weights(goals, &solution.limit);
         let weighted =
             |of: &dyn Fn(&Units) -> i64| -> i64 { goals.iter().zip(&weights).map(|(goal, weight)| weight * of(goal)).sum() };
@@ -102,7 +109,7 @@ impl Multipliers {
     }
 
     /// The fewest views that these prices do not rule out.
-    pub(super) fn views_lower(&self, problem: &Problem<'_>) -> usize {
+    pub(super) fn views_lower(&self, problem: &CoverProblem<'_>) -> usize {
         let mut sums = row_sums(&problem.rows, &self.prices);
         sums.sort_unstable_by(|a, b| b.cmp(a));
         let needed = self.prices.iter().sum::<i64>() - self.slack;
@@ -116,7 +123,7 @@ impl Multipliers {
     }
 
     /// Units that `views` views cover at most.
-    pub(super) fn most_units(&self, problem: &Problem<'_>, views: usize) -> i64 {
+    pub(super) fn most_units(&self, problem: &CoverProblem<'_>, views: usize) -> i64 {
         let mut sums = row_sums(&problem.rows, &self.prices);
         sums.sort_unstable_by(|a, b| b.cmp(a));
         let open: i64 = self.units.iter().zip(&self.prices).map(|(units, price)| units - price).sum();
@@ -125,7 +132,7 @@ impl Multipliers {
 }
 
 /// Samples for the relaxation, and whether they are a share of all, spread evenly over those that count.
-fn sampled(problem: &Problem<'_>, goals: &[Units], rows: &[usize], size: &Size) -> (Vec<u32>, bool) {
+fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[usize], size: &Size) -> (Vec<u32>, bool) {
     let counts = |sample: &u32| goals.iter().any(|goal| goal.of_sample[*sample as usize] > 0);
     let all: Vec<u32> = (0..problem.asked_area_mm2.len() as u32).filter(counts).collect();
     if all.len() <= MAX_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
@@ -141,7 +148,7 @@ fn sampled(problem: &Problem<'_>, goals: &[Units], rows: &[usize], size: &Size) 
 }
 
 /// The rows that cover most, ascending by number.
-fn largest_rows(problem: &Problem<'_>, goal: &Units, most: usize) -> Vec<usize> {
+fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, most: usize) -> Vec<usize> {
     let mut rows: Vec<usize> = (0..problem.rows.len()).collect();
     if rows.len() > most {
         let sums = row_sums(&problem.rows, &goal.of_sample);
@@ -197,7 +204,7 @@ fn goal_weights(goals: &[Units], prices: &[f64]) -> Vec<i64> {
 }
 
 /// A x at every sample.
-fn taken_of_samples(problem: &Problem<'_>, classes: &Classes, solution: &Solution) -> Vec<f64> {
+fn taken_of_samples(problem: &CoverProblem<'_>, classes: &Classes, solution: &Solution) -> Vec<f64> {
     let mut taken = vec![0.0; problem.asked_area_mm2.len()];
     for (row, share) in classes.rows.iter().zip(&solution.taken).filter(|(_, share)| **share > 1e-6) {
         problem.rows[*row].samples().for_each(|sample| taken[sample as usize] += share);

@@ -5,19 +5,19 @@
 use std::cell::RefCell;
 use std::collections::HashMap;
 
-use super::Problem;
+use super::CoverProblem;
 use crate::planning::params::OverlapParams;
 use crate::planning::visibility::ones;
 
 /// See the module.
 pub(super) struct Overlap<'a> {
-    problem: &'a Problem<'a>,
+    problem: &'a CoverProblem<'a>,
     params: &'a OverlapParams,
     joined: RefCell<HashMap<(usize, usize), bool>>,
 }
 
 impl<'a> Overlap<'a> {
-    pub(super) fn new(problem: &'a Problem<'a>, params: &'a OverlapParams) -> Self {
+    pub(super) fn new(problem: &'a CoverProblem<'a>, params: &'a OverlapParams) -> Self {
         Self { problem, params, joined: RefCell::default() }
     }
 

@@ -2,7 +2,7 @@
 //! ([`crate::planning::method::quality`]), or plain area, less what its time costs. Sums run in an order that the samples'
 //! numbers alone decide, so that they do not depend on threads. Cost: a pass over the row's words and the open samples in them.
 
-use super::Problem;
+use super::CoverProblem;
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
 use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
@@ -13,14 +13,14 @@ const NO_STEPS: [i16; 64] = [0; 64];
 
 /// How candidates are scored.
 pub(super) struct Scorer<'a> {
-    pub(super) problem: &'a Problem<'a>,
+    pub(super) problem: &'a CoverProblem<'a>,
     objective: Objective,
     weights: &'a ScoreParams,
     cost_mm2_per_s: f64,
 }
 
 impl<'a> Scorer<'a> {
-    pub(super) fn new(problem: &'a Problem<'a>, params: &SelectionParams, weights: &'a ScoreParams) -> Self {
+    pub(super) fn new(problem: &'a CoverProblem<'a>, params: &SelectionParams, weights: &'a ScoreParams) -> Self {
         Self { problem, objective: params.objective, weights, cost_mm2_per_s: params.view_cost_mm2_per_s }
     }
 

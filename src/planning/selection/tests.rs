@@ -14,11 +14,11 @@ fn row(samples: &[u32], quality: f32) -> Row {
 
 fn chosen(rows: &[Row], params: &SelectionParams, score: &ScoreParams) -> Selection {
     let area = vec![1.0; 10];
-    let problem = Problem::new(rows.iter().collect(), &area, 10.0, params);
+    let problem = CoverProblem::new(rows.iter().collect(), &area, 10.0, params);
     solved(&problem, params, score)
 }
 
-fn solved(problem: &Problem<'_>, params: &SelectionParams, score: &ScoreParams) -> Selection {
+fn solved(problem: &CoverProblem<'_>, params: &SelectionParams, score: &ScoreParams) -> Selection {
     select(problem, params, score, &Context::new(&AtomicBool::new(false), &Silent)).unwrap_or_else(|_| unreachable!())
 }
 
@@ -109,7 +109,7 @@ proptest! {
         let objective = if quality_weight > 0.0 { Objective::Score } else { Objective::Coverage };
         let params = SelectionParams { objective, target: 1.0, target_of: TargetOf::Total, min_growth: 0.0, ..SelectionParams::default() };
         let weights = ScoreParams { a: 1.0, b: quality_weight, ..ScoreParams::default() };
-        let problem = Problem::new(rows.iter().collect(), &area, 1e9, &params);
+        let problem = CoverProblem::new(rows.iter().collect(), &area, 1e9, &params);
         let chosen = solved(&problem, &params, &weights);
         let plain = plain_greedy(&rows, &area, quality_weight);
         let lazy = SelectionParams { solver: Solver::Lazy, ..params };

@@ -4,7 +4,7 @@
 
 use rayon::prelude::*;
 
-use super::Problem;
+use super::CoverProblem;
 use crate::planning::visibility::{Row, ones};
 
 /// Units of a goal's whole area.
@@ -37,7 +37,7 @@ impl Units {
     }
 
     /// One for each goal of the problem.
-    pub(super) fn of_goals(problem: &Problem<'_>) -> Vec<Self> {
+    pub(super) fn of_goals(problem: &CoverProblem<'_>) -> Vec<Self> {
         problem.goals.iter().map(|goal| Self::new(&goal.area_mm2, goal.needed_mm2, &problem.rows)).collect()
     }
 

@@ -17,8 +17,8 @@ use super::candidates::{self, Scope};
 use super::context::Context;
 use super::error::PlanError;
 use super::input::PlanInput;
-use super::motion::Motion;
 use super::params::{CandidateParams, Hemisphere, PlanParams};
+use super::planning_scene::PlanningScene;
 use super::surface;
 use super::visibility::{self, Occluders, SampleSet};
 use crate::cell::Scanner;
@@ -38,7 +38,7 @@ pub(super) struct Setup<'a> {
     pub(super) table_from_part: Pose<Table, Part>,
     pub(super) occluders: Occluders,
     /// Present with a cell.
-    pub(super) motion: Option<Motion<'a>>,
+    pub(super) scene: Option<PlanningScene<'a>>,
 }
 
 /// The poses to plan in: one where one is asked for.

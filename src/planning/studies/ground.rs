@@ -8,7 +8,7 @@ use crate::planning::input::PlanInput;
 use crate::planning::params::{PlanParams, ScoreParams, SelectionParams, Solver, TargetOf};
 use crate::planning::pipeline::{Tabulated, tabulate};
 use crate::planning::plan::share;
-use crate::planning::selection::{self, Problem, coverable_mm2};
+use crate::planning::selection::{self, CoverProblem, coverable_mm2};
 use crate::planning::visibility::{self, Row};
 
 /// See the module.
@@ -46,20 +46,20 @@ impl Ground {
             max_views: Some(max_views),
             ..case.params.selection.clone()
         };
-        let problem = Problem::new(table.rows.iter().collect(), &table.asked_area_mm2, total_mm2, &params);
-        let chosen = selection::select(&problem, &params, &case.params.score, ctx)?;
+        let cover = CoverProblem::new(table.rows.iter().collect(), &table.asked_area_mm2, total_mm2, &params);
+        let chosen = selection::select(&cover, &params, &case.params.score, ctx)?;
         let graded = |row: usize| {
             let pose = &table.candidates[row].part_from_scanner;
             visibility::grade(&table.surface, pose, input.scanner, &case.params, &table.rows[row])
         };
         let graded: Vec<Row> = chosen.choices.iter().map(|choice| graded(choice.row)).collect();
-        let coverable_mm2 = coverable_mm2(&problem.rows, problem.asked_area_mm2);
+        let coverable_mm2 = coverable_mm2(&cover.rows, cover.asked_area_mm2);
         Ok(Series {
             label: case.label.clone(),
             settings: case.settings.clone(),
             candidates: table.rows.len(),
-            coverable_of_asked: share(coverable_mm2, problem.asked_mm2()),
-            steps: steps(&graded, problem.asked_area_mm2, coverable_mm2, total_mm2),
+            coverable_of_asked: share(coverable_mm2, cover.asked_mm2()),
+            steps: steps(&graded, cover.asked_area_mm2, coverable_mm2, total_mm2),
             stopped_because: chosen.stopped_because,
         })
     }

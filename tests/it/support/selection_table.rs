@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Hemisphere, Objective, PlanParams, ScoreParams, SelectionParams, Strategy};
-use vantage::planning::selection::{Problem, Selection, select};
+use vantage::planning::selection::{CoverProblem, Selection, select};
 use vantage::planning::visibility::Row;
 use vantage::planning::{PlanInput, tabulate};
 
@@ -85,7 +85,7 @@ impl SelectionTable {
         let cancel = AtomicBool::new(false);
         let total_mm2 = self.area_mm2.iter().sum();
         let params = SelectionParams { objective: Objective::Coverage, ..params.clone() };
-        let problem = Problem::new(self.rows.iter().collect(), &self.area_mm2, total_mm2, &params);
+        let problem = CoverProblem::new(self.rows.iter().collect(), &self.area_mm2, total_mm2, &params);
         select(&problem, &params, &ScoreParams::default(), &Context::new(&cancel, &Silent)).expect("not cancelled")
     }
 }

@@ -3,11 +3,11 @@ use crate::geometry::Mesh;
 use crate::testing::{box_mesh, nominal_scanner};
 
 /// The solver of the nominal rig among `walls`.
-fn solver(walls: &RayScene) -> Solver<'_> {
+fn solver(walls: &RayScene) -> ViewSolver<'_> {
     let scanner = nominal_scanner();
     let devices = [0, 1, 2].map(|d| (scanner.devices[d].scanner_from_device.origin_mm(), 80.0_f64.to_radians().cos()));
     let (best_mm, far_mm) = (scanner.best_mm, scanner.far_mm);
-    Solver { occluders: walls, level: SimdLevel::widest(), best_mm, far_mm, devices }
+    ViewSolver { occluders: walls, level: SimdLevel::widest(), best_mm, far_mm, devices }
 }
 
 /// The wall of a round hole about +z, from z = 0 up.

@@ -54,7 +54,7 @@ impl Table {
         Self { rows: case.rows.iter().map(row).collect(), area_mm2, regions }
     }
 
-    fn problem(&self, params: &SelectionParams) -> Problem<'_> {
+    fn problem(&self, params: &SelectionParams) -> CoverProblem<'_> {
         let rows: Vec<&Row> = self.rows.iter().collect();
         let total_mm2 = self.area_mm2.iter().sum();
         let region = |(inside, share): &'_ (Vec<f64>, f64)| Goal {
@@ -62,7 +62,7 @@ impl Table {
             area_mm2: Cow::Owned(inside.clone()),
         };
         let regions: Vec<Goal<'_>> = self.regions.iter().map(region).collect();
-        let mut problem = Problem::new(rows, &self.area_mm2, total_mm2, params);
+        let mut problem = CoverProblem::new(rows, &self.area_mm2, total_mm2, params);
         problem.goals.extend(regions);
         problem
     }

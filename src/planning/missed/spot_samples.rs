@@ -6,9 +6,9 @@ use crate::planning::surface::Surface;
 use crate::planning::visibility::{Probe, ones};
 
 /// Samples of a spot that views are tried on: a share of a half is then known to about 6 points.
-const LOOKED_AT: usize = 64;
+const MAX_TRIED: usize = 64;
 /// Samples of a spot on which what works is confirmed.
-const CONFIRMED_ON: usize = 8192;
+const MAX_CONFIRMED: usize = 8192;
 /// Progress of a view at a sample that it measures; one that fails has the number of the cause.
 const MEASURED: u8 = u8::MAX;
 
@@ -16,9 +16,9 @@ const MEASURED: u8 = u8::MAX;
 pub(super) type AskedPoint = (Point3<f64>, Vector3<f64>, u8);
 
 /// Points of a spot.
-pub(super) struct Look {
+pub(super) struct SpotSamples {
     points: Vec<AskedPoint>,
-    pub(super) samples: Vec<u32>,
+    pub(super) ids: Vec<u32>,
     /// Area that each stands for.
     area_mm2: Vec<f64>,
     /// Of the whole spot.
@@ -36,7 +36,7 @@ impl Progress {
     }
 
     /// Bits of the samples at which nothing gets further than `furthest`, and this does.
-    pub(super) fn at_front(&self, furthest: &Self) -> u64 {
+    pub(super) fn as_far_as(&self, furthest: &Self) -> u64 {
         self.bits(|step, sample| step == furthest.0[sample])
     }
 
@@ -57,21 +57,21 @@ impl Progress {
     }
 }
 
-impl Look {
+impl SpotSamples {
     /// At a few of the samples.
     pub(super) fn few(surface: &Surface, samples: &[u32]) -> Self {
-        Self::new(surface, samples, LOOKED_AT)
+        Self::new(surface, samples, MAX_TRIED)
     }
 
     /// At enough of them to state an area: at every one in all but huge spots.
     pub(super) fn many(surface: &Surface, samples: &[u32]) -> Self {
-        Self::new(surface, samples, CONFIRMED_ON)
+        Self::new(surface, samples, MAX_CONFIRMED)
     }
 
-    fn new(surface: &Surface, samples: &[u32], most: usize) -> Self {
+    fn new(surface: &Surface, samples: &[u32], max: usize) -> Self {
         let area = |sample: &u32| surface.sample_area_mm2(*sample as usize);
         let total_mm2: f64 = samples.iter().map(area).sum();
-        let count = samples.len().min(most);
+        let count = samples.len().min(max);
         let samples: Vec<u32> = (0..count).map(|i| samples[i * samples.len() / count]).collect();
         let looked_at_mm2: f64 = samples.iter().map(area).sum();
         let area_mm2 = samples.iter().map(|sample| area(sample) * total_mm2 / looked_at_mm2).collect();
@@ -79,7 +79,7 @@ impl Look {
             let sample = *sample as usize;
             (surface.sample_mm[sample], surface.patch_of(sample).normal, surface.requirements.kind(sample))
         };
-        Self { points: samples.iter().map(point).collect(), samples, area_mm2, total_mm2 }
+        Self { points: samples.iter().map(point).collect(), ids: samples, area_mm2, total_mm2 }
     }
 
     /// Its points.

@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
-use super::look::Progress;
+use super::spot_samples::Progress;
 use crate::cell::Scanner;
 use crate::geometry::{Part, Pose, ScannerFrame};
 
@@ -42,7 +42,7 @@ pub(super) struct Tried {
 }
 
 /// Makes proposals for one spot.
-pub(super) struct Moves<'a> {
+pub(super) struct ProposalSource<'a> {
     pub(super) scanner: &'a Scanner,
     /// Every candidate.
     pub(super) poses: &'a [Pose<Part, ScannerFrame>],
@@ -52,7 +52,7 @@ pub(super) struct Moves<'a> {
     pub(super) centre_mm: Point3<f64>,
 }
 
-impl Moves<'_> {
+impl ProposalSource<'_> {
     pub(super) fn as_is(&self, candidate: usize) -> Proposal {
         Proposal { pose: self.poses[candidate], candidate, roll_rad: 0.0, tilt_rad: 0.0 }
     }

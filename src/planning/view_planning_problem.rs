@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, Generated, Rejection};
+use super::candidates::{Candidate, CandidateSet, Rejection};
 use super::context::{Cancelled, Context};
 use super::error::PlanError;
 use super::input::PlanInput;
@@ -17,7 +17,7 @@ use super::plan::{
     StopReason, Verdict, ViewId,
 };
 use super::requirements;
-use super::selection::{self, Goal, Problem, Selection, coverable, coverable_mm2};
+use super::selection::{self, CoverProblem, Goal, Selection, coverable, coverable_mm2};
 use super::sequence::{Ordered, straight_secs};
 use super::stations::{Station, StationFailure};
 use super::surface::Surface;
@@ -28,15 +28,15 @@ use crate::geometry::{Part, Pose, Table};
 pub(super) type Reach = Vec<Result<Vec<Station>, StationFailure>>;
 
 /// See the module.
-pub(super) struct Study<'a> {
+pub(super) struct ViewPlanningProblem<'a> {
     pub(super) input: &'a PlanInput<'a>,
     pub(super) params: &'a PlanParams,
     pub(super) surface: Surface,
     /// How the part lies in each setup.
     pub(super) setups: Vec<Pose<Table, Part>>,
-    pub(super) generated: Generated,
+    pub(super) candidates: CandidateSet,
     /// One row a kept candidate.
-    pub(super) table: VisibilityMatrix,
+    pub(super) matrix: VisibilityMatrix,
     /// What views are chosen by, where that is not the table: what each kept candidate measures under every stated error.
     pub(super) robust_rows: Option<Vec<Row>>,
     /// One a kept candidate; `None` without a cell.
@@ -46,7 +46,7 @@ pub(super) struct Study<'a> {
 }
 
 /// A selection over the kept candidates.
-pub(super) struct Chosen {
+pub(super) struct ChosenViews {
     /// Index of each chosen candidate among the kept ones, in the order chosen.
     pub(super) kept: Vec<usize>,
     selection: Selection,
@@ -79,24 +79,24 @@ fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &Selection
     if ended_by == StopReason::Target && short { StopReason::NoPath } else { ended_by }
 }
 
-impl Study<'_> {
+impl ViewPlanningProblem<'_> {
     /// Why a kept candidate cannot be used by the cell, if so.
     fn blocked(&self, kept: usize) -> Option<StationFailure> {
         self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())
     }
 
-    pub(super) fn problem(&self, kept: &[usize]) -> Problem<'_> {
+    pub(super) fn cover_problem(&self, kept: &[usize]) -> CoverProblem<'_> {
         let scan = &self.params.scan;
         let total_mm2 = self.surface.area_where(|_| true);
-        let mut problem = Problem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
-        problem.view_secs = scan.settle_secs + scan.capture_secs;
+        let mut cover = CoverProblem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
+        cover.view_secs = scan.settle_secs + scan.capture_secs;
         let requirements = &self.surface.requirements;
         if requirements.kinds.len() > 1 {
             let worth = |(sample, area_mm2): (usize, &f64)| area_mm2 * requirements.of(sample).weight;
-            problem.worth_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(worth).collect());
-            problem.goals.extend(self.goals_of_regions(kept));
+            cover.worth_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(worth).collect());
+            cover.goals.extend(self.goals_of_regions(kept));
         }
-        problem
+        cover
     }
 
     /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
@@ -117,49 +117,49 @@ impl Study<'_> {
 
     /// What views are chosen by: what they measure as planned, or also with poses that are off.
     fn rows_to_choose_by(&self, kept: &[usize]) -> Vec<&Row> {
-        let rows = self.robust_rows.as_ref().unwrap_or(&self.table.rows);
+        let rows = self.robust_rows.as_ref().unwrap_or(&self.matrix.rows);
         kept.iter().map(|kept| &rows[*kept]).collect()
     }
 
     fn rows(&self, kept: &[usize]) -> Vec<&Row> {
-        kept.iter().map(|kept| &self.table.rows[*kept]).collect()
+        kept.iter().map(|kept| &self.matrix.rows[*kept]).collect()
     }
 
     /// Kept candidates that the cell can use.
     fn usable(&self) -> Vec<usize> {
-        (0..self.generated.kept.len()).filter(|kept| self.blocked(*kept).is_none()).collect()
+        (0..self.candidates.kept.len()).filter(|kept| self.blocked(*kept).is_none()).collect()
     }
 
-    /// Kept candidates that the cell can use and that are not `barred`, ascending.
-    pub(super) fn choosable(&self, barred: &BTreeSet<usize>) -> Vec<usize> {
-        self.usable().into_iter().filter(|kept| !barred.contains(kept)).collect()
+    /// Kept candidates that the cell can use and that are not `excluded`, ascending.
+    pub(super) fn choosable(&self, excluded: &BTreeSet<usize>) -> Vec<usize> {
+        self.usable().into_iter().filter(|kept| !excluded.contains(kept)).collect()
     }
 
-    /// The selection of `rows` of a problem over `usable`, as many as `chosen` has.
+    /// The selection of `rows` of a cover problem over `usable`, as many as `chosen` has.
     pub(super) fn chosen_of(
         &self,
-        problem: &Problem<'_>,
+        cover: &CoverProblem<'_>,
         usable: &[usize],
         rows: &[usize],
-        chosen: &Chosen,
+        chosen: &ChosenViews,
         ctx: &Context<'_>,
-    ) -> Result<Chosen, PlanError> {
-        let selection = selection::of_rows(problem, &self.params.selection, &self.params.score, rows, &chosen.selection, ctx)?;
-        Ok(Chosen { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+    ) -> Result<ChosenViews, PlanError> {
+        let selection = selection::of_rows(cover, &self.params.selection, &self.params.score, rows, &chosen.selection, ctx)?;
+        Ok(ChosenViews { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
     }
 
-    /// Chooses among the usable candidates that are not `barred`. A target of the coverable area is here a share of what
+    /// Chooses among the usable candidates that are not `excluded`. A target of the coverable area is here a share of what
     /// those measure; see [`stopped_because`] for what is then said of it.
-    pub(super) fn select(&self, barred: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<Chosen, PlanError> {
-        let usable = self.choosable(barred);
+    pub(super) fn select(&self, excluded: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<ChosenViews, PlanError> {
+        let usable = self.choosable(excluded);
         let travel_secs = |from: usize, to: usize| self.travel_secs(usable[from], usable[to]);
-        let mut problem = self.problem(&usable);
-        problem.travel_secs = self.reach.is_some().then_some(&travel_secs);
-        let selection = selection::select(&problem, &self.params.selection, &self.params.score, ctx)?;
-        if selection.choices.is_empty() && barred.is_empty() {
-            return Err(PlanError::NoPlan(self.why_nothing()));
+        let mut cover = self.cover_problem(&usable);
+        cover.travel_secs = self.reach.is_some().then_some(&travel_secs);
+        let selection = selection::select(&cover, &self.params.selection, &self.params.score, ctx)?;
+        if selection.choices.is_empty() && excluded.is_empty() {
+            return Err(PlanError::NoPlan(self.no_plan_detail()));
         }
-        Ok(Chosen { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+        Ok(ChosenViews { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
     }
 
     /// Time of the quickest straight move between stations of two kept candidates: what travel costs at least.
@@ -172,50 +172,50 @@ impl Study<'_> {
     }
 
     /// Chosen views of a setup with their stations, for ordering.
-    pub(super) fn stations_of(&self, chosen: &Chosen, setup: usize) -> Vec<(ViewId, &[Station])> {
+    pub(super) fn stations_of(&self, chosen: &ChosenViews, setup: usize) -> Vec<(ViewId, &[Station])> {
         let stations = |kept: usize| match &self.reach {
             Some(reach) => reach[kept].as_deref().unwrap_or_default(),
             None => &[],
         };
-        let of_setup = |(_, kept): &(usize, &usize)| self.generated.kept[**kept].setup == setup;
+        let of_setup = |(_, kept): &(usize, &usize)| self.candidates.kept[**kept].setup == setup;
         chosen.kept.iter().enumerate().filter(of_setup).map(|(view, kept)| (ViewId(view as u32), stations(*kept))).collect()
     }
 
     /// The kept candidates behind `views`.
-    pub(super) fn candidates_behind(&self, chosen: &Chosen, views: &[ViewId]) -> Vec<usize> {
+    pub(super) fn candidates_behind(&self, chosen: &ChosenViews, views: &[ViewId]) -> Vec<usize> {
         views.iter().map(|view| chosen.kept[view.0 as usize]).collect()
     }
 
-    /// Kept candidates that are reached but for collisions, with no stations, and those of `given_up`, with theirs.
-    pub(super) fn obstructed(&self, given_up: &BTreeSet<usize>) -> Vec<(&Candidate, &[Station])> {
+    /// Kept candidates that are reached but for collisions, with no stations, and those of `all_excluded`, with theirs.
+    pub(super) fn obstructed(&self, all_excluded: &BTreeSet<usize>) -> Vec<(&Candidate, &[Station])> {
         let stations = |kept: usize| match &self.reach.as_ref()?[kept] {
-            Ok(stations) => given_up.contains(&kept).then_some(stations.as_slice()),
+            Ok(stations) => all_excluded.contains(&kept).then_some(stations.as_slice()),
             Err(blocked) => (*blocked == StationFailure::Collision).then_some(&[][..]),
         };
-        (0..self.generated.kept.len()).filter_map(|kept| Some((&self.generated.kept[kept], stations(kept)?))).collect()
+        (0..self.candidates.kept.len()).filter_map(|kept| Some((&self.candidates.kept[kept], stations(kept)?))).collect()
     }
 
-    /// The outcome of a selection, ordered, setup by setup, when there is a cell. `barred` are candidates that were given up
-    /// for want of a path; `occluders` and `takes` are for the remedies of what is missed.
+    /// The outcome of a selection, ordered, setup by setup, when there is a cell. `excluded` are candidates that were given up
+    /// for want of a path; `occluders` and `can_execute` are for the remedies of what is missed.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub(super) fn conclude(
+    pub(super) fn assemble_outcome(
         self,
-        chosen: &Chosen,
+        chosen: &ChosenViews,
         ordered: Vec<Ordered>,
-        barred: &BTreeSet<usize>,
+        excluded: &BTreeSet<usize>,
         occluders: &visibility::Occluders,
-        takes: Option<&missed::Takes<'_>>,
+        can_execute: Option<&missed::CanExecute<'_>>,
         ctx: &Context<'_>,
     ) -> Result<Outcome, Cancelled> {
         let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| self.candidates_behind(chosen, &o.no_path)).collect();
         let measuring: Vec<Row> =
             chosen.kept.par_iter().map(|kept| if no_path.contains(kept) { Row::default() } else { self.graded(*kept) }).collect();
-        let given_up: BTreeSet<usize> = barred.union(&no_path).copied().collect();
-        let verdicts = self.verdicts(&measuring, &given_up);
+        let all_excluded: BTreeSet<usize> = excluded.union(&no_path).copied().collect();
+        let verdicts = self.verdicts(&measuring, &all_excluded);
         let coverage = self.coverage(&measuring, &verdicts);
-        let missed = missed::explain(&self.case(&given_up, occluders, takes), &verdicts, ctx)?;
+        let missed = missed::explain(&self.miss_analysis(&all_excluded, occluders, can_execute), &verdicts, ctx)?;
         let used = self.used_setups(chosen);
         let plan = Plan {
             part: PartFacts {
@@ -229,7 +229,7 @@ impl Study<'_> {
             views: self.views(chosen, &ordered, &used, &no_path, &coverage),
             missed,
             stopped_because: match chosen.selection.stopped_because {
-                ended_by if given_up.is_empty() => ended_by,
+                ended_by if all_excluded.is_empty() => ended_by,
                 ended_by => stopped_because(ended_by, &coverage, &self.params.selection),
             },
             bound: chosen.selection.bound,
@@ -242,16 +242,16 @@ impl Study<'_> {
     }
 
     /// The setups in which views are taken; the first where there are none.
-    fn used_setups(&self, chosen: &Chosen) -> Vec<usize> {
-        let used: BTreeSet<usize> = chosen.kept.iter().map(|kept| self.generated.kept[*kept].setup).collect();
+    fn used_setups(&self, chosen: &ChosenViews) -> Vec<usize> {
+        let used: BTreeSet<usize> = chosen.kept.iter().map(|kept| self.candidates.kept[*kept].setup).collect();
         if used.is_empty() { vec![0] } else { used.into_iter().collect() }
     }
 
-    fn setup_plans(&self, chosen: &Chosen, used: &[usize], ordered: Vec<Ordered>, measuring: &[Row]) -> Vec<SetupPlan> {
+    fn setup_plans(&self, chosen: &ChosenViews, used: &[usize], ordered: Vec<Ordered>, measuring: &[Row]) -> Vec<SetupPlan> {
         let mut sequences: Vec<_> = ordered.into_iter().map(|ordered| Some(ordered.sequence)).collect();
         let asked_mm2 = |rows: &[&Row]| coverable_mm2(rows, &self.asked_area_mm2);
         let plan = |setup: &usize| {
-            let is_here = |kept: usize| self.generated.kept[kept].setup == *setup;
+            let is_here = |kept: usize| self.candidates.kept[kept].setup == *setup;
             let views: Vec<_> = (0..chosen.kept.len()).filter(|view| is_here(chosen.kept[*view])).collect();
             let usable: Vec<_> = self.usable().into_iter().filter(|kept| is_here(*kept)).collect();
             SetupPlan {
@@ -265,14 +265,14 @@ impl Study<'_> {
         used.iter().map(plan).collect()
     }
 
-    fn case<'c>(
+    fn miss_analysis<'c>(
         &'c self,
-        given_up: &BTreeSet<usize>,
+        all_excluded: &BTreeSet<usize>,
         occluders: &'c visibility::Occluders,
-        takes: Option<&'c missed::Takes<'c>>,
-    ) -> missed::Case<'c> {
-        let kept = &self.generated.kept;
-        missed::Case {
+        can_execute: Option<&'c missed::CanExecute<'c>>,
+    ) -> missed::MissAnalysis<'c> {
+        let kept = &self.candidates.kept;
+        missed::MissAnalysis {
             mesh: self.input.mesh,
             surface: &self.surface,
             scanner: self.input.scanner,
@@ -280,19 +280,19 @@ impl Study<'_> {
             setups: &self.setups,
             occluders,
             candidates: kept,
-            rows: &self.table.rows,
-            choosable: (0..kept.len()).map(|kept| self.blocked(kept).is_none() && !given_up.contains(&kept)).collect(),
-            takes,
+            rows: &self.matrix.rows,
+            choosable: (0..kept.len()).map(|kept| self.blocked(kept).is_none() && !all_excluded.contains(&kept)).collect(),
+            can_execute,
         }
     }
 
     /// What a kept candidate measures, with its quality.
     fn graded(&self, kept: usize) -> Row {
-        let pose = &self.generated.kept[kept].part_from_scanner;
-        visibility::grade(&self.surface, pose, self.input.scanner, self.params, &self.table.rows[kept])
+        let pose = &self.candidates.kept[kept].part_from_scanner;
+        visibility::grade(&self.surface, pose, self.input.scanner, self.params, &self.matrix.rows[kept])
     }
 
-    fn verdicts(&self, measuring: &[Row], given_up: &BTreeSet<usize>) -> Vec<Verdict> {
+    fn verdicts(&self, measuring: &[Row], all_excluded: &BTreeSet<usize>) -> Vec<Verdict> {
         let samples = self.surface.sample_mm.len();
         let mut best_quality = vec![f32::NEG_INFINITY; samples];
         for row in measuring {
@@ -301,13 +301,13 @@ impl Study<'_> {
                 *best = best.max(quality);
             }
         }
-        let motion_cause = self.motion_causes(given_up);
+        let motion_cause = self.motion_causes(all_excluded);
         let missed = |sample: usize| {
-            let rests = self.reach.is_some() && self.setups.iter().all(|pose| missed::rests(&self.surface, sample, pose));
-            if rests {
+            let stands_on = self.reach.is_some() && self.setups.iter().all(|pose| missed::stands_on(&self.surface, sample, pose));
+            if stands_on {
                 return Cause::ExcludedResting;
             }
-            motion_cause[sample].unwrap_or(self.table.furthest_cause[sample])
+            motion_cause[sample].unwrap_or(self.matrix.furthest_cause[sample])
         };
         (0..samples)
             .map(|sample| match best_quality[sample] {
@@ -319,14 +319,14 @@ impl Study<'_> {
     }
 
     /// For each sample that some kept candidate measures, how far the best such candidate got with the cell.
-    fn motion_causes(&self, given_up: &BTreeSet<usize>) -> Vec<Option<Cause>> {
+    fn motion_causes(&self, all_excluded: &BTreeSet<usize>) -> Vec<Option<Cause>> {
         let samples = self.surface.sample_mm.len();
         let mut samples_of: BTreeMap<Cause, SampleSet> = BTreeMap::new();
-        for (kept, row) in self.table.rows.iter().enumerate() {
+        for (kept, row) in self.matrix.rows.iter().enumerate() {
             let cause = match self.blocked(kept) {
                 Some(StationFailure::Unreachable) => Cause::Unreachable,
                 Some(StationFailure::Collision) => Cause::Collision,
-                None if given_up.contains(&kept) => Cause::NoPath,
+                None if all_excluded.contains(&kept) => Cause::NoPath,
                 None => Cause::NotChosen,
             };
             samples_of.entry(cause).or_insert_with(|| SampleSet::none_of(samples)).insert_all(row.measured());
@@ -339,7 +339,7 @@ impl Study<'_> {
     }
 
     fn coverage(&self, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
-        let all: Vec<_> = (0..self.generated.kept.len()).collect();
+        let all: Vec<_> = (0..self.candidates.kept.len()).collect();
         let mut coverage = Coverage {
             total_area_mm2: self.surface.area_where(|_| true),
             asked_area_mm2: self.surface.area_where(|sample| self.surface.asked[sample]),
@@ -385,19 +385,19 @@ impl Study<'_> {
 
     fn counts(&self) -> CandidateCounts {
         let mut rejected: BTreeMap<Rejection, usize> = BTreeMap::new();
-        let by_cell = (0..self.generated.kept.len()).filter_map(|kept| self.blocked(kept)).map(|blocked| match blocked {
+        let by_cell = (0..self.candidates.kept.len()).filter_map(|kept| self.blocked(kept)).map(|blocked| match blocked {
             StationFailure::Unreachable => Rejection::Unreachable,
             StationFailure::Collision => Rejection::Collision,
         });
-        for reason in self.generated.rejected.iter().map(|(_, reason)| *reason).chain(by_cell) {
+        for reason in self.candidates.rejected.iter().map(|(_, reason)| *reason).chain(by_cell) {
             *rejected.entry(reason).or_default() += 1;
         }
-        CandidateCounts { generated: self.generated.generated, kept: self.usable().len(), rejected }
+        CandidateCounts { generated: self.candidates.generated, kept: self.usable().len(), rejected }
     }
 
     fn views(
         &self,
-        chosen: &Chosen,
+        chosen: &ChosenViews,
         ordered: &[Ordered],
         used: &[usize],
         no_path: &BTreeSet<usize>,
@@ -413,7 +413,7 @@ impl Study<'_> {
         let choices = chosen.kept.iter().zip(&chosen.selection.choices).enumerate();
         choices
             .map(|(number, (kept, choice))| {
-                let (id, candidate) = (ViewId(number as u32), &self.generated.kept[*kept]);
+                let (id, candidate) = (ViewId(number as u32), &self.candidates.kept[*kept]);
                 let station = station(id);
                 PlannedView {
                     id,
@@ -432,7 +432,7 @@ impl Study<'_> {
     }
 
     /// Which causes keep every candidate from measuring anything, in words.
-    fn why_nothing(&self) -> String {
+    fn no_plan_detail(&self) -> String {
         let counts = self.counts();
         let dropped: Vec<_> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
         let verdicts = self.verdicts(&[], &BTreeSet::new());

@@ -1,6 +1,6 @@
 //! The cell's side of a plan: what the pipeline asks of stations and sequence, with the collision scene they share.
 
-use super::candidates::{Candidate, Generated, Rejection};
+use super::candidates::{Candidate, CandidateSet, Rejection};
 use super::context::{Cancelled, Context};
 use super::error::PlanError;
 use super::input::PlanInput;
@@ -9,19 +9,19 @@ use super::params::PlanParams;
 use super::selection::ViewId;
 use super::sequence::{self, Ordered, Permits};
 use super::stations::{self, Station};
-use super::study::Reach;
+use super::view_planning_problem::Reach;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Separation};
 use crate::geometry::{Part, Pose, ScannerFrame, Table};
 
 /// A cell with the part on its plate.
-pub(super) struct Motion<'a> {
+pub(super) struct PlanningScene<'a> {
     cell: &'a Cell,
     scene: CollisionScene,
     table_from_part: Pose<Table, Part>,
     params: &'a PlanParams,
 }
 
-impl<'a> Motion<'a> {
+impl<'a> PlanningScene<'a> {
     /// # Errors
     /// [`PlanError::BadParams`] when part or fixture meets what stands around or below the table.
     pub(super) fn new(
@@ -42,7 +42,7 @@ impl<'a> Motion<'a> {
     }
 
     /// Drops candidates that lie inside a standing body at every table angle.
-    pub(super) fn drop_inside_obstacles(&self, mut generated: Generated) -> Generated {
+    pub(super) fn drop_inside_obstacles(&self, mut generated: CandidateSet) -> CandidateSet {
         let inside = |candidate: &Candidate| {
             stations::inside_obstacle(&candidate.part_from_scanner, self.cell, &self.scene, &self.table_from_part)
         };
@@ -58,7 +58,7 @@ impl<'a> Motion<'a> {
     }
 
     /// Whether the cell can take this one view: from a station free of collision, to which a path leads.
-    pub(super) fn takes(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
+    pub(super) fn can_execute(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let ctx = ctx.silent();
         let reach = self.reach(&[*view], &ctx)?;
         let Some(Ok(stations)) = reach.first() else { return Ok(false) };
