@@ -92,8 +92,8 @@ impl ViewPlanningProblem<'_> {
         cover.view_secs = scan.settle_secs + scan.capture_secs;
         let requirements = &self.surface.requirements;
         if requirements.kinds.len() > 1 {
-            let worth = |(sample, area_mm2): (usize, &f64)| area_mm2 * requirements.of(sample).weight;
-            cover.worth_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(worth).collect());
+            let weighted = |(sample, area_mm2): (usize, &f64)| area_mm2 * requirements.of(sample).weight;
+            cover.weighted_area_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(weighted).collect());
             cover.goals.extend(self.goals_of_regions(kept));
         }
         cover

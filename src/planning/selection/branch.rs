@@ -1,9 +1,9 @@
-//! Can k views cover so much? Branch and bound over the rows: at each node the prices of the classes (`multipliers.rs`)
+//! Branch and bound on whether k views cover enough: at each node the multipliers of the classes (`multipliers.rs`)
 //! are improved by subgradient steps (Held and Karp 1971; Polyak's step length), rows are fixed that the bound alone rules
 //! out or demands (reduced costs, as Caprara, Fischetti and Toth 1999, *A Heuristic Method for the Set Covering Problem*),
 //! rows go whose open classes another row holds as well, and the tree splits on taking a row or not.
 //!
-//! Whole numbers throughout, so that what is refuted is refuted. Nodes are taken in rounds whose make-up does not depend on
+//! Whole numbers throughout, so that infeasibility is proved exactly. Nodes are taken in rounds whose make-up does not depend on
 //! threads. Cost: a subgradient step passes over the pairs of a node's rows and classes.
 
 use rayon::prelude::*;
@@ -11,71 +11,71 @@ use rayon::prelude::*;
 use super::classes::undominated;
 use crate::planning::context::{Cancelled, Context};
 
-/// Nodes that are worked on side by side.
+/// Nodes that are solved side by side.
 const SIDE_BY_SIDE: usize = 16;
-/// Work that each of them may do in a round.
+/// Work of a node in a round at most.
 const ROUND_WORK: u64 = 40_000_000;
-/// Subgradient steps at the root, and at other nodes.
-const ROOT_STEPS: usize = 400;
-const NODE_STEPS: usize = 60;
+/// Subgradient steps at most, at the root and at other nodes.
+const MAX_ROOT_STEPS: usize = 400;
+const MAX_NODE_STEPS: usize = 60;
 
-/// What is left of the question at a node.
+/// A node of the tree: the instance that is left.
 #[derive(Clone)]
 pub(super) struct Node {
     /// Rows that may still be taken.
     pub(super) ids: Vec<u32>,
-    /// For each of them its open classes, ascending.
+    /// Open classes of each of these rows, ascending.
     pub(super) of_row: Vec<Vec<u32>>,
-    /// For each open class its units.
+    /// Units of each open class.
     pub(super) units: Vec<i64>,
-    /// For each open class its price.
-    pub(super) prices: Vec<i64>,
+    /// Multiplier of each open class.
+    pub(super) multipliers: Vec<i64>,
     /// Units that may stay open.
     pub(super) slack: i64,
     /// Views that may still be taken.
     pub(super) views: usize,
     /// Rows taken.
     pub(super) taken: Vec<u32>,
-    /// Units by which the bound is above what is needed.
-    pub(super) excess: i64,
+    /// Surplus of the bound: units by which it is above the need.
+    pub(super) surplus: i64,
 }
 
-/// What came of a search.
-pub(super) enum Answer {
-    /// No.
-    Refuted,
-    /// Yes: by these rows.
+/// Result of a search.
+pub(super) enum CoverResult {
+    /// No cover of so many views exists.
+    Infeasible,
+    /// These rows cover enough.
     Found(Vec<u32>),
     /// Work ended; at most so many units more than asked for can be covered.
     Open(i64),
 }
 
-/// Whether rows that cover enough units are what is looked for.
+/// Accepts or refuses rows that cover enough units.
 pub(super) type Accepts<'a> = &'a (dyn Fn(&[u32]) -> bool + Sync);
 
-/// Searches until the answer is found or `work` pairs were looked at.
-pub(super) fn search(root: Node, accepts: Accepts<'_>, work: &mut u64, ctx: &Context<'_>) -> Result<Answer, Cancelled> {
+/// Searches until the result is found or `work` pairs were evaluated.
+pub(super) fn search(root: Node, accepts: Accepts<'_>, work: &mut u64, ctx: &Context<'_>) -> Result<CoverResult, Cancelled> {
     let mut open = vec![root];
     let mut is_root = true;
     while !open.is_empty() {
         if *work == 0 {
-            return Ok(Answer::Open(open.iter().map(|node| node.excess).max().unwrap_or(0)));
+            return Ok(CoverResult::Open(open.iter().map(|node| node.surplus).max().unwrap_or(0)));
         }
         let batch = open.split_off(open.len().saturating_sub(SIDE_BY_SIDE));
         // Until there is enough to do side by side, each node is only split.
         let quota = if batch.len() < SIDE_BY_SIDE { 1 } else { ROUND_WORK.min(*work) };
-        let steps = if is_root { ROOT_STEPS } else { NODE_STEPS };
+        let steps = if is_root { MAX_ROOT_STEPS } else { MAX_NODE_STEPS };
         is_root = false;
         let done = batch.into_par_iter().map(|node| descend(node, steps, accepts, quota, ctx));
         for (answer, spent) in done.collect::<Result<Vec<_>, Cancelled>>()? {
             *work = work.saturating_sub(spent);
             match answer {
-                Descent::Found(taken) => return Ok(Answer::Found(taken)),
+                Descent::Found(taken) => return Ok(CoverResult::Found(taken)),
                 Descent::Left(nodes) => open.extend(nodes),
             }
         }
     }
-    Ok(Answer::Refuted)
+    Ok(CoverResult::Infeasible)
 }
 
 enum Descent {
@@ -83,15 +83,15 @@ enum Descent {
     Left(Vec<Node>),
 }
 
-/// Depth first from a node, as far as the quota goes.
+/// Searches depth first from a node, as far as the quota goes.
 fn descend(root: Node, steps: usize, accepts: Accepts<'_>, quota: u64, ctx: &Context<'_>) -> Result<(Descent, u64), Cancelled> {
     let (mut stack, mut spent) = (vec![root], 0);
     while let Some(node) = stack.pop() {
-        let verdict = Examination { node, accepts, spent: &mut spent, ctx }.run(steps)?;
-        match verdict {
-            Verdict::Refuted => {}
-            Verdict::Found(taken) => return Ok((Descent::Found(taken), spent)),
-            Verdict::Split(nodes) => stack.extend(*nodes),
+        let outcome = NodeSolver { node, accepts, spent: &mut spent, ctx }.run(steps)?;
+        match outcome {
+            NodeOutcome::Infeasible => {}
+            NodeOutcome::Found(taken) => return Ok((Descent::Found(taken), spent)),
+            NodeOutcome::Split(nodes) => stack.extend(*nodes),
         }
         if spent >= quota {
             break;
@@ -100,79 +100,81 @@ fn descend(root: Node, steps: usize, accepts: Accepts<'_>, quota: u64, ctx: &Con
     Ok((Descent::Left(stack), spent))
 }
 
-enum Verdict {
-    Refuted,
+enum NodeOutcome {
+    Infeasible,
     Found(Vec<u32>),
-    /// Without a row, and with it: the latter is looked at first.
+    /// Two nodes, without a row and with it: the latter is solved first.
     Split(Box<[Node; 2]>),
 }
 
-struct Examination<'a> {
+struct NodeSolver<'a> {
     node: Node,
     accepts: Accepts<'a>,
     spent: &'a mut u64,
     ctx: &'a Context<'a>,
 }
 
-/// What prices say of a node.
-struct Dearest {
+/// The rows with the largest sums of multipliers at a node.
+struct TopRows {
     sums: Vec<i64>,
-    /// Places of the dearest rows, as many as may be taken, dearest first.
-    top: Vec<u32>,
-    /// Units by which the bound is above what is needed; below 0 the node is refuted.
-    excess: i64,
-    /// The sum of the first row that is not among the dearest.
+    /// Positions of these rows, as many as may be taken, the largest sum first.
+    places: Vec<u32>,
+    /// Surplus of the bound: units by which it is above the need; below 0 the node is infeasible.
+    surplus: i64,
+    /// Sum of the first row that is not among them.
     next: i64,
 }
 
-impl Examination<'_> {
-    fn run(mut self, steps: usize) -> Result<Verdict, Cancelled> {
+impl NodeSolver<'_> {
+    fn run(mut self, steps: usize) -> Result<NodeOutcome, Cancelled> {
         self.node.drop_dominated(self.spent);
         loop {
             if self.node.slack < 0 {
-                return Ok(Verdict::Refuted);
+                return Ok(NodeOutcome::Infeasible);
             }
             if self.node.units.iter().sum::<i64>() <= self.node.slack && (self.accepts)(&self.node.taken) {
-                return Ok(Verdict::Found(self.node.taken));
+                return Ok(NodeOutcome::Found(self.node.taken));
             }
             if self.node.views == 0 || self.node.ids.is_empty() {
-                return Ok(Verdict::Refuted);
+                return Ok(NodeOutcome::Infeasible);
             }
-            match self.price(steps)? {
-                Priced::Refuted => return Ok(Verdict::Refuted),
-                Priced::Found(taken) => return Ok(Verdict::Found(taken)),
-                Priced::Fixed => {}
-                Priced::Split(row) => return Ok(Verdict::Split(Box::new([self.node.without(row), self.node.with(row)]))),
+            match self.improve_multipliers(steps)? {
+                MultiplierOutcome::Infeasible => return Ok(NodeOutcome::Infeasible),
+                MultiplierOutcome::Found(taken) => return Ok(NodeOutcome::Found(taken)),
+                MultiplierOutcome::Fixed => {}
+                MultiplierOutcome::Split(row) => {
+                    return Ok(NodeOutcome::Split(Box::new([self.node.without(row), self.node.with(row)])));
+                }
             }
         }
     }
 
-    /// Improves the prices until the node is refuted, rows can be fixed, or it is time to split.
-    fn price(&mut self, steps: usize) -> Result<Priced, Cancelled> {
+    /// Improves the multipliers until the node is infeasible, rows can be fixed, or it is time to split.
+    fn improve_multipliers(&mut self, steps: usize) -> Result<MultiplierOutcome, Cancelled> {
         let mut best: Option<(i64, Vec<i64>)> = None;
         let mut direction = vec![0.0; self.node.units.len()];
         let (mut length, mut since) = (1.0, 0);
-        let mut often = vec![0.0_f64; self.node.ids.len()];
+        let mut frequency = vec![0.0_f64; self.node.ids.len()];
         let mut checkpoint = i64::MAX;
         for step in 0..steps {
             self.ctx.check()?;
-            let dearest = self.node.dearest();
+            let top_rows = self.node.top_rows();
             *self.spent += self.node.pairs() as u64;
-            if dearest.excess < 0 {
-                return Ok(Priced::Refuted);
+            if top_rows.surplus < 0 {
+                return Ok(MultiplierOutcome::Infeasible);
             }
-            let cover = self.node.cover(&dearest.top);
-            if let Some(taken) = self.enough(&dearest, &cover) {
-                return Ok(Priced::Found(taken));
+            let cover = self.node.cover(&top_rows.places);
+            if let Some(taken) = self.feasible_cover(&top_rows, &cover) {
+                return Ok(MultiplierOutcome::Found(taken));
             }
-            if self.node.fix(&dearest) {
+            if self.node.fix(&top_rows) {
                 self.node.drop_dominated(self.spent);
-                return Ok(Priced::Fixed);
+                return Ok(MultiplierOutcome::Fixed);
             }
-            often.iter_mut().for_each(|often| *often *= 0.9);
-            dearest.top.iter().for_each(|place| often[*place as usize] += 0.1);
-            if best.as_ref().is_none_or(|best| dearest.excess < best.0) {
-                best = Some((dearest.excess, self.node.prices.clone()));
+            frequency.iter_mut().for_each(|frequency| *frequency *= 0.9);
+            top_rows.places.iter().for_each(|place| frequency[*place as usize] += 0.1);
+            if best.as_ref().is_none_or(|best| top_rows.surplus < best.0) {
+                best = Some((top_rows.surplus, self.node.multipliers.clone()));
                 since = 0;
             } else {
                 since += 1;
@@ -181,34 +183,35 @@ impl Examination<'_> {
                 }
             }
             if step % 15 == 14 {
-                let excess = best.as_ref().map_or(0, |best| best.0);
+                let surplus = best.as_ref().map_or(0, |best| best.0);
                 // What is left shrinks too slowly to be gone in the steps that are left.
-                if excess as f64 > 0.8 * checkpoint as f64 && steps < ROOT_STEPS {
+                if surplus as f64 > 0.8 * checkpoint as f64 && steps < MAX_ROOT_STEPS {
                     break;
                 }
-                checkpoint = excess;
+                checkpoint = surplus;
             }
-            self.node.step(&cover, dearest.excess, length, &mut direction);
+            self.node.step(&cover, top_rows.surplus, length, &mut direction);
         }
-        if let Some((excess, prices)) = best {
-            self.node.prices = prices;
-            self.node.excess = excess;
+        if let Some((surplus, multipliers)) = best {
+            self.node.multipliers = multipliers;
+            self.node.surplus = surplus;
         }
-        let split = (0..often.len()).max_by(|a, b| often[*a].total_cmp(&often[*b]).then(b.cmp(a)));
-        Ok(Priced::Split(split.unwrap_or(0)))
+        let split = (0..frequency.len()).max_by(|a, b| frequency[*a].total_cmp(&frequency[*b]).then(b.cmp(a)));
+        Ok(MultiplierOutcome::Split(split.unwrap_or(0)))
     }
 
-    /// The dearest rows, where they happen to cover enough.
-    fn enough(&self, dearest: &Dearest, cover: &[i32]) -> Option<Vec<u32>> {
+    /// The top rows, where they happen to cover enough.
+    fn feasible_cover(&self, top_rows: &TopRows, cover: &[i32]) -> Option<Vec<u32>> {
         let open: i64 = self.node.units.iter().zip(cover).filter(|(_, cover)| **cover == 0).map(|(units, _)| units).sum();
-        let taken =
-            || self.node.taken.iter().copied().chain(dearest.top.iter().map(|place| self.node.ids[*place as usize])).collect();
+        let taken = || {
+            self.node.taken.iter().copied().chain(top_rows.places.iter().map(|place| self.node.ids[*place as usize])).collect()
+        };
         (open <= self.node.slack).then(taken).filter(|taken: &Vec<u32>| (self.accepts)(taken))
     }
 }
 
-enum Priced {
-    Refuted,
+enum MultiplierOutcome {
+    Infeasible,
     Found(Vec<u32>),
     Fixed,
     Split(usize),
@@ -219,52 +222,52 @@ impl Node {
         self.of_row.iter().map(Vec::len).sum()
     }
 
-    fn dearest(&self) -> Dearest {
-        let sum = |classes: &Vec<u32>| classes.iter().map(|class| self.prices[*class as usize]).sum();
+    fn top_rows(&self) -> TopRows {
+        let sum = |classes: &Vec<u32>| classes.iter().map(|class| self.multipliers[*class as usize]).sum();
         let sums: Vec<i64> = self.of_row.iter().map(sum).collect();
         let mut order: Vec<u32> = (0..sums.len() as u32).collect();
         order.sort_unstable_by_key(|place| (std::cmp::Reverse(sums[*place as usize]), *place));
         let next = order.get(self.views).map_or(0, |place| sums[*place as usize]);
         order.truncate(self.views);
         let best: i64 = order.iter().map(|place| sums[*place as usize]).sum();
-        Dearest { excess: best - self.prices.iter().sum::<i64>() + self.slack, sums, top: order, next }
+        TopRows { surplus: best - self.multipliers.iter().sum::<i64>() + self.slack, sums, places: order, next }
     }
 
-    /// How many of some rows cover each class.
+    /// Counts how many of `rows` cover each class.
     fn cover(&self, rows: &[u32]) -> Vec<i32> {
         let mut cover = vec![0; self.units.len()];
         rows.iter().flat_map(|place| &self.of_row[*place as usize]).for_each(|class| cover[*class as usize] += 1);
         cover
     }
 
-    /// Moves the prices: up where nothing covers, down where much does. The direction is deflected by the ones before
+    /// Moves the multipliers: up where no row covers the class, down where many do. The direction is deflected by the ones before
     /// (Camerini, Fratta, Maffioli 1975); a class moves in proportion to its units, so that merging changes nothing.
-    fn step(&mut self, cover: &[i32], excess: i64, length: f64, direction: &mut [f64]) {
+    fn step(&mut self, cover: &[i32], surplus: i64, length: f64, direction: &mut [f64]) {
         let mut square = 0.0;
         for (class, cover) in cover.iter().enumerate() {
-            let (units, price) = (self.units[class], self.prices[class]);
+            let (units, multiplier) = (self.units[class], self.multipliers[class]);
             let wanted = f64::from(1 - cover);
-            let blocked = wanted > 0.0 && price == units || wanted < 0.0 && price == 0;
+            let blocked = wanted > 0.0 && multiplier == units || wanted < 0.0 && multiplier == 0;
             direction[class] = if blocked { 0.0 } else { wanted + 0.5 * direction[class] };
             square += units as f64 * direction[class] * direction[class];
         }
         if square <= 0.0 {
             return;
         }
-        let stride = length * (excess as f64 * 1.05 + 1.0) / square;
-        for ((price, units), direction) in self.prices.iter_mut().zip(&self.units).zip(direction) {
-            *price = price.saturating_add((stride * *units as f64 * *direction) as i64).clamp(0, *units);
+        let stride = length * (surplus as f64 * 1.05 + 1.0) / square;
+        for ((multiplier, units), direction) in self.multipliers.iter_mut().zip(&self.units).zip(direction) {
+            *multiplier = multiplier.saturating_add((stride * *units as f64 * *direction) as i64).clamp(0, *units);
         }
     }
 
-    /// Takes the rows without which the bound falls below what is needed, and gives up those with which it does.
-    fn fix(&mut self, dearest: &Dearest) -> bool {
-        let least = dearest.top.last().map_or(0, |place| dearest.sums[*place as usize]);
+    /// Takes the rows without which the bound falls below the need, and drops those with which it does.
+    fn fix(&mut self, top_rows: &TopRows) -> bool {
+        let last = top_rows.places.last().map_or(0, |place| top_rows.sums[*place as usize]);
         let mut is_top = vec![false; self.ids.len()];
-        dearest.top.iter().for_each(|place| is_top[*place as usize] = true);
-        let is_out = |place: usize| !is_top[place] && dearest.excess - least + dearest.sums[place] < 0;
+        top_rows.places.iter().for_each(|place| is_top[*place as usize] = true);
+        let is_out = |place: usize| !is_top[place] && top_rows.surplus - last + top_rows.sums[place] < 0;
         let out: Vec<bool> = (0..self.ids.len()).map(is_out).collect();
-        let must = dearest.top.iter().find(|place| dearest.excess - dearest.sums[**place as usize] + dearest.next < 0);
+        let must = top_rows.places.iter().find(|place| top_rows.surplus - top_rows.sums[**place as usize] + top_rows.next < 0);
         let must = must.map(|place| self.ids[*place as usize]);
         if must.is_none() && !out.contains(&true) {
             return false;
@@ -308,7 +311,7 @@ impl Node {
         self.keep_classes(&open);
     }
 
-    /// Classes that no row can cover any more stay open.
+    /// Drops classes that no row can cover any more: they stay open.
     fn drop_lost(&mut self) {
         let mut reached = vec![false; self.units.len()];
         self.of_row.iter().flatten().for_each(|class| reached[*class as usize] = true);
@@ -331,7 +334,7 @@ impl Node {
             classes.retain(|class| keep[*class as usize]);
             classes.iter_mut().for_each(|class| *class = renamed[*class as usize]);
         }
-        for values in [&mut self.units, &mut self.prices] {
+        for values in [&mut self.units, &mut self.multipliers] {
             let mut keep = keep.iter();
             values.retain(|_| keep.next().copied().unwrap_or(true));
         }

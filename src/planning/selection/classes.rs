@@ -1,6 +1,6 @@
-//! A table without its repetitions: samples that the same rows measure become one class with the sum of their units, and
-//! rows go whose samples another row measures too. Neither changes what any number of views can cover. Cost: a bit a pair
-//! of sample and row, and a pass over the pairs that are set; a comparison of two rows ends at the first difference.
+//! Reduction of the matrix: samples that the same rows measure become one class with the sum of their units, and rows are
+//! dropped whose samples another row measures too. Neither changes what any number of views can cover. Cost: a bit a pair of
+//! sample and row, and a pass over the pairs that are set; a comparison of two rows ends at the first difference.
 
 use std::collections::HashMap;
 
@@ -8,23 +8,23 @@ use super::CoverProblem;
 use super::units::Units;
 use crate::planning::visibility::ones;
 
-/// See the module.
+/// The reduced matrix.
 pub(super) struct Classes {
-    /// For each kept row its number in [`CoverProblem::rows`], ascending.
+    /// Number of each kept row in [`CoverProblem::rows`], ascending.
     pub(super) rows: Vec<usize>,
-    /// For each kept row its classes, ascending.
+    /// Classes of each kept row, ascending.
     pub(super) of_row: Vec<Vec<u32>>,
-    /// For each goal the units of each class.
+    /// Units of each class, for each goal.
     pub(super) units: Vec<Vec<i64>>,
-    /// For each sample its class; [`Classes::NONE`] for samples that were left out or that no row measures.
+    /// Class of each sample; [`Classes::NONE`] for samples that were left out or that no row measures.
     pub(super) of_sample: Vec<u32>,
 }
 
 impl Classes {
-    /// No class.
+    /// Stands for no class.
     pub(super) const NONE: u32 = u32::MAX;
 
-    /// Merges those of `samples` that some goal counts, over the `rows` given.
+    /// Merges the `samples` that some goal counts, over the `rows` given.
     pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32], rows: &[usize]) -> Self {
         let index = index_of(problem, goals, samples);
         let counted: Vec<u32> = samples.iter().copied().filter(|sample| index[*sample as usize] != Self::NONE).collect();
@@ -68,7 +68,7 @@ impl Classes {
     }
 }
 
-/// For each sample its place among `samples` that count.
+/// Position of each sample among the `samples` that count.
 fn index_of(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32]) -> Vec<u32> {
     let mut index = vec![Classes::NONE; problem.asked_area_mm2.len()];
     let counts = |sample: &&u32| goals.iter().any(|goal| goal.of_sample[**sample as usize] > 0);
@@ -76,7 +76,7 @@ fn index_of(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32]) -> Vec
     index
 }
 
-/// For each sample the rows that measure it, a bit a row.
+/// Rows that measure each sample, a bit a row.
 struct Signatures {
     words: Vec<u64>,
     width: usize,
@@ -103,7 +103,7 @@ impl Signatures {
     }
 }
 
-/// Rows, given by their classes, that no other contains; of equal ones the first.
+/// Finds the rows, given by their classes, that no other contains; of equal ones the first.
 pub(super) fn undominated(of_row: &[Vec<u32>], classes: usize) -> Vec<usize> {
     let bits: Vec<Vec<u64>> = of_row.iter().map(|row| bits_of(row, classes)).collect();
     let mut largest_first: Vec<usize> = (0..of_row.len()).filter(|row| !of_row[*row].is_empty()).collect();

@@ -8,14 +8,14 @@
 use rayon::prelude::*;
 
 use super::overlap::Overlap;
-use super::score::{Open, Scorer};
-use super::{Choice, Chosen, CoverProblem, Goal, StopReason, is_for_coverage, max_views};
+use super::score::{Scorer, Uncovered};
+use super::{Choice, Cover, CoverProblem, Goal, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
 /// Rounding of the running sum of areas: a target of 100 % is met by the sum of all parts in another order.
 pub(super) const SUM_SLACK: f64 = 1e-9;
-/// Candidates that are scored at once.
+/// Candidates that are scored side by side.
 const BATCH: usize = 16;
 
 pub(super) fn select(
@@ -23,12 +23,12 @@ pub(super) fn select(
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,
-) -> Result<Chosen, Cancelled> {
+) -> Result<Cover, Cancelled> {
     let scorer = Scorer::new(problem, params, weights);
-    run(Batches::new(problem.rows.len()), &scorer, params, ctx)
+    run(BatchQueue::new(problem.rows.len()), &scorer, params, ctx)
 }
 
-/// The rows of `among` in the order in which greedy takes them, whatever they add.
+/// Orders the rows of `among` as greedy takes them, whatever they add.
 pub(super) fn order(scorer: &Scorer<'_>, among: &[usize], ctx: &Context<'_>) -> Result<Vec<Choice>, Cancelled> {
     let mut round = Round::first(scorer);
     let mut rest = among.to_vec();
@@ -42,22 +42,22 @@ pub(super) fn order(scorer: &Scorer<'_>, among: &[usize], ctx: &Context<'_>) -> 
     Ok(round.choices)
 }
 
-/// How the best candidate of a round is found.
-pub(super) trait Race {
+/// Finds the best candidate of a round.
+pub(super) trait CandidateQueue {
     /// The candidate with the highest positive score that may be chosen; the lowest number among equals.
     fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>) -> Result<Option<(usize, f64)>, Cancelled>;
 }
 
 /// Chooses until a rule ends it.
 pub(super) fn run(
-    mut race: impl Race,
+    mut queue: impl CandidateQueue,
     scorer: &Scorer<'_>,
     params: &SelectionParams,
     ctx: &Context<'_>,
-) -> Result<Chosen, Cancelled> {
+) -> Result<Cover, Cancelled> {
     let problem = scorer.problem;
     let overlap = Overlap::new(problem, &params.overlap);
-    let mut goals: Vec<Progress<'_>> = problem.goals.iter().map(Progress::new).collect();
+    let mut goals: Vec<GoalProgress<'_>> = problem.goals.iter().map(GoalProgress::new).collect();
     let mut round = Round::first(scorer);
     let min_gain_mm2 = params.min_growth * problem.asked_mm2();
     let stopped_because = loop {
@@ -70,13 +70,13 @@ pub(super) fn run(
         if round.choices.len() >= max_views(params) {
             break StopReason::MaxViews;
         }
-        let Some((row, score)) = race.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
+        let Some((row, score)) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
         if round.asked.area_mm2(problem.rows[row]) < min_gain_mm2 {
             break StopReason::Growth;
         }
         round.take(row, score);
         goals.iter_mut().for_each(|goal| goal.close(problem, row));
-        let still_unmet: Vec<&Progress<'_>> = goals.iter().filter(|goal| !goal.is_met()).collect();
+        let still_unmet: Vec<&GoalProgress<'_>> = goals.iter().filter(|goal| !goal.is_met()).collect();
         if !is_for_coverage(params) && !still_unmet.is_empty() && still_unmet.len() < unmet {
             round.open.retain(|sample| still_unmet.iter().any(|goal| goal.counts(sample)));
         }
@@ -84,20 +84,20 @@ pub(super) fn run(
             ctx.progress((target.covered_mm2 * 1e3) as usize, (target.target_mm2 * 1e3) as usize);
         }
     };
-    Ok(Chosen { choices: round.choices, stopped_because })
+    Ok(Cover { choices: round.choices, stopped_because })
 }
 
-/// How far a goal is.
-struct Progress<'a> {
+/// Progress towards a goal.
+struct GoalProgress<'a> {
     goal: &'a Goal<'a>,
-    open: Open,
+    open: Uncovered,
     covered_mm2: f64,
     target_mm2: f64,
 }
 
-impl<'a> Progress<'a> {
+impl<'a> GoalProgress<'a> {
     fn new(goal: &'a Goal<'a>) -> Self {
-        Self { goal, open: Open::all(&goal.area_mm2), covered_mm2: 0.0, target_mm2: goal.needed_mm2 * (1.0 - SUM_SLACK) }
+        Self { goal, open: Uncovered::all(&goal.area_mm2), covered_mm2: 0.0, target_mm2: goal.needed_mm2 * (1.0 - SUM_SLACK) }
     }
 
     fn is_met(&self) -> bool {
@@ -114,24 +114,24 @@ impl<'a> Progress<'a> {
     }
 }
 
-/// A point of the selection.
+/// State of the selection before a choice.
 pub(super) struct Round<'a> {
     pub(super) scorer: &'a Scorer<'a>,
-    /// What counts in the score.
-    pub(super) open: Open,
+    /// Samples that count in the score.
+    pub(super) open: Uncovered,
     /// Asked samples that are not covered.
-    asked: Open,
+    asked: Uncovered,
     pub(super) chosen: Vec<usize>,
     choices: Vec<Choice>,
 }
 
 impl<'a> Round<'a> {
     fn first(scorer: &'a Scorer<'a>) -> Self {
-        let (open, asked) = (Open::all(&scorer.problem.worth_mm2), Open::all(scorer.problem.asked_area_mm2));
+        let (open, asked) = (Uncovered::all(&scorer.problem.weighted_area_mm2), Uncovered::all(scorer.problem.asked_area_mm2));
         Self { scorer, open, asked, chosen: Vec::new(), choices: Vec::new() }
     }
 
-    /// A row's score less what the travel to it costs.
+    /// A row's score less the cost of the travel to it.
     pub(super) fn net_score(&self, row: usize, score: f64) -> f64 {
         score - self.scorer.travel_cost_mm2(row, &self.chosen)
     }
@@ -145,32 +145,32 @@ impl<'a> Round<'a> {
     }
 }
 
-/// Scores many candidates at once, those first that could score most.
-pub(super) struct Batches {
-    at_most: Vec<f64>,
+/// Scores candidates in batches, those with the highest upper bound first.
+pub(super) struct BatchQueue {
+    upper_bound: Vec<f64>,
 }
 
-impl Batches {
+impl BatchQueue {
     pub(super) fn new(rows: usize) -> Self {
-        Self { at_most: vec![f64::INFINITY; rows] }
+        Self { upper_bound: vec![f64::INFINITY; rows] }
     }
 }
 
-impl Race for Batches {
-    /// Those are not scored whose score in an earlier round is already too low.
+impl CandidateQueue for BatchQueue {
+    /// Skips candidates whose upper bound from an earlier round is already too low.
     fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>) -> Result<Option<(usize, f64)>, Cancelled> {
         let scorer = round.scorer;
-        let mut order: Vec<usize> = (0..self.at_most.len()).collect();
-        order.sort_by(|a, b| self.at_most[*b].total_cmp(&self.at_most[*a]));
+        let mut order: Vec<usize> = (0..self.upper_bound.len()).collect();
+        order.sort_by(|a, b| self.upper_bound[*b].total_cmp(&self.upper_bound[*a]));
         let mut best = None;
         for batch in order.chunks(BATCH) {
-            if best.is_some_and(|best| precedes(best, (batch[0], self.at_most[batch[0]]))) {
+            if best.is_some_and(|best| precedes(best, (batch[0], self.upper_bound[batch[0]]))) {
                 break;
             }
             let score = |row: &usize| ctx.check().map(|()| (*row, scorer.score(*row, &round.open)));
-            for (row, at_most) in batch.par_iter().map(score).collect::<Result<Vec<_>, Cancelled>>()? {
-                self.at_most[row] = if scorer.scores_only_fall(row) { at_most } else { f64::INFINITY };
-                let score = round.net_score(row, at_most);
+            for (row, upper_bound) in batch.par_iter().map(score).collect::<Result<Vec<_>, Cancelled>>()? {
+                self.upper_bound[row] = if scorer.scores_only_fall(row) { upper_bound } else { f64::INFINITY };
+                let score = round.net_score(row, upper_bound);
                 let leads = score > 0.0 && best.is_none_or(|best| precedes((row, score), best));
                 if leads && !round.chosen.contains(&row) && overlap.joins(row, &round.chosen) {
                     best = Some((row, score));
@@ -181,7 +181,7 @@ impl Race for Batches {
     }
 }
 
-/// Whether a candidate with its score goes before another: by score, then by number.
+/// Returns true if a candidate goes before another: by score, then by number.
 pub(super) fn precedes((row, score): (usize, f64), (other, other_score): (usize, f64)) -> bool {
     score > other_score || score == other_score && row < other
 }

@@ -1,16 +1,16 @@
-//! Greedy's choices from a priority queue: the candidate that could score most is scored again, and is the best once it
+//! Lazy greedy: a priority queue of upper bounds, of which the first is evaluated again and is the best once it
 //! stays in front (Minoux 1978; as CELF in Leskovec et al. 2007, *Cost-effective Outbreak Detection in Networks*). The
-//! same answer as greedy's, always: what a candidate can score at most is never less than what it does score.
+//! choices are always those of greedy, since the upper bound of a candidate is never less than its score.
 //!
 //! One thread; it scores fewer candidates than greedy, which takes them sixteen at a time.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-use super::greedy::{Race, Round, precedes, run};
+use super::greedy::{CandidateQueue, Round, precedes, run};
 use super::overlap::Overlap;
 use super::score::Scorer;
-use super::{Chosen, CoverProblem};
+use super::{Cover, CoverProblem};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
@@ -19,16 +19,16 @@ pub(super) fn select(
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,
-) -> Result<Chosen, Cancelled> {
-    run(Queue::new(problem.rows.len()), &Scorer::new(problem, params, weights), params, ctx)
+) -> Result<Cover, Cancelled> {
+    run(LazyQueue::new(problem.rows.len()), &Scorer::new(problem, params, weights), params, ctx)
 }
 
-/// Candidates by what each can still score at most.
-struct Queue {
+/// Candidates by the upper bounds of their scores.
+struct LazyQueue {
     heap: BinaryHeap<Entry>,
 }
 
-/// A row and what it can score at most; the lower row is the greater among equals.
+/// A row and the upper bound of its score; the lower row is the greater among equals.
 #[derive(PartialEq)]
 struct Entry(f64, Reverse<usize>);
 
@@ -46,29 +46,29 @@ impl Ord for Entry {
     }
 }
 
-impl Queue {
+impl LazyQueue {
     fn new(rows: usize) -> Self {
         Self { heap: (0..rows).map(|row| Entry(f64::INFINITY, Reverse(row))).collect() }
     }
 }
 
-impl Race for Queue {
+impl CandidateQueue for LazyQueue {
     fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>) -> Result<Option<(usize, f64)>, Cancelled> {
         let mut best: Option<(usize, f64)> = None;
         let mut scored = Vec::new();
-        while let Some(Entry(at_most, Reverse(row))) = self.heap.pop() {
-            if best.is_some_and(|best| precedes(best, (row, at_most))) {
-                scored.push(Entry(at_most, Reverse(row)));
+        while let Some(Entry(upper_bound, Reverse(row))) = self.heap.pop() {
+            if best.is_some_and(|best| precedes(best, (row, upper_bound))) {
+                scored.push(Entry(upper_bound, Reverse(row)));
                 break;
             }
             ctx.check()?;
-            let at_most = round.scorer.score(row, &round.open);
-            let score = round.net_score(row, at_most);
+            let upper_bound = round.scorer.score(row, &round.open);
+            let score = round.net_score(row, upper_bound);
             let leads = score > 0.0 && best.is_none_or(|best| precedes((row, score), best));
             if leads && !round.chosen.contains(&row) && overlap.joins(row, &round.chosen) {
                 best = Some((row, score));
             }
-            let next = if round.scorer.scores_only_fall(row) { at_most } else { f64::INFINITY };
+            let next = if round.scorer.scores_only_fall(row) { upper_bound } else { f64::INFINITY };
             scored.push(Entry(next, Reverse(row)));
         }
         self.heap.extend(scored);

@@ -1,25 +1,25 @@
-//! Fewer views by exchange: greedy by area, views that are not needed dropped, then with one view less exchanges of one
-//! view for another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number
-//! of views: Resende 1998, Galinier and Hertz 2007). What is best at last is exchanged for a higher score (`polish.rs`).
+//! Local search for fewer views: greedy by area, redundant views removed, then with one view less exchanges of one view for
+//! another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number of views:
+//! Resende 1998, Galinier and Hertz 2007). The best views are exchanged for a higher score at last (`improve_score.rs`).
 //!
 //! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: a step
 //! passes over the open and the singly covered samples of every row.
 
 use rayon::prelude::*;
 
-use super::greedy::{self, Batches};
+use super::greedy::{self, BatchQueue};
+use super::improve_score;
 use super::overlap::Overlap;
-use super::polish;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Chosen, CoverProblem, StopReason, is_for_coverage, max_views};
+use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::visibility::{Row, SampleSet, ones};
 
-/// Work of an attempt with one view less: pairs of sample and row looked at.
-const ATTEMPT: u64 = 400_000_000;
-/// Steps of an attempt at least, however large the table, and at most, with so many more a row.
+/// Work of an attempt with one view less: pairs of sample and row evaluated.
+const ATTEMPT_WORK: u64 = 400_000_000;
+/// Steps of an attempt: a minimum however large the table, a maximum, and its increase for each row.
 const MIN_STEPS: u64 = 8;
 const MAX_STEPS: u64 = 100;
 const STEPS_A_ROW: u64 = 8;
@@ -31,23 +31,23 @@ pub(super) fn select(
     params: &SelectionParams,
     weights: &ScoreParams,
     ctx: &Context<'_>,
-) -> Result<Chosen, Cancelled> {
+) -> Result<Cover, Cancelled> {
     let scorer = Scorer::new(problem, params, weights);
     let found = search(&scorer, params, ctx)?;
-    Ok(Chosen { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because })
+    Ok(Cover { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because })
 }
 
 /// Views without their order.
-pub(super) struct Found {
+pub(super) struct LocalOptimum {
     pub(super) rows: Vec<usize>,
     pub(super) stopped_because: StopReason,
 }
 
 /// The best views that exchanges find.
-pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Context<'_>) -> Result<Found, Cancelled> {
+pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Context<'_>) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
     let by_area = scorer.by_area();
-    let start = greedy::run(Batches::new(problem.rows.len()), &by_area, params, ctx)?;
+    let start = greedy::run(BatchQueue::new(problem.rows.len()), &by_area, params, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut rows: Vec<usize> = start.choices.iter().map(|choice| choice.row).collect();
     let mut stopped_because = start.stopped_because;
@@ -69,15 +69,15 @@ pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Contex
         }
         rows = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, &mut budget, ctx)?;
     }
-    let rows = polish::run(scorer, &Exchange { problem, goals: &goals, overlap: &overlap }, rows, &mut budget, ctx)?;
-    Ok(Found { rows, stopped_because })
+    let rows = improve_score::run(scorer, &Exchange { problem, goals: &goals, overlap: &overlap }, rows, &mut budget, ctx)?;
+    Ok(LocalOptimum { rows, stopped_because })
 }
 
 fn are_met(problem: &CoverProblem<'_>, measured: &[&Row]) -> bool {
     Units::of_goals(problem).iter().all(|goal| goal.covered_by(measured) >= goal.needed)
 }
 
-/// Work that may still be done.
+/// Work that is left, counted as in [`ATTEMPT_WORK`].
 pub(super) struct Budget {
     pub(super) left: u64,
 }
@@ -96,47 +96,47 @@ pub(super) struct Exchange<'a> {
 }
 
 impl Exchange<'_> {
-    /// The same goals with as few views as are found.
+    /// Meets the same goals with as few views as are found.
     pub(super) fn fewer(&self, rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
-        let mut best = self.without_needless(rows);
+        let mut best = self.remove_redundant(rows);
         while best.len() > 1 && budget.left > 0 {
-            let Some(start) = self.with_one_less(&best) else { break };
+            let Some(start) = self.remove_one(&best) else { break };
             let found = self.run(start, budget, ctx)?;
-            if Standing::new(self, &found).deficit() > 0 || !self.overlap.connects(&found) {
+            if CoverState::new(self, &found).deficit() > 0 || !self.overlap.connects(&found) {
                 break;
             }
-            best = self.without_needless(found);
+            best = self.remove_redundant(found);
         }
         Ok(best)
     }
 
-    /// Drops views, the last first, as long as the goals stay met.
-    fn without_needless(&self, mut rows: Vec<usize>) -> Vec<usize> {
+    /// Removes redundant views, the last first, as long as the goals stay met.
+    fn remove_redundant(&self, mut rows: Vec<usize>) -> Vec<usize> {
         for at in (0..rows.len()).rev() {
             let mut fewer = rows.clone();
             fewer.remove(at);
-            if !fewer.is_empty() && Standing::new(self, &fewer).deficit() == 0 && self.overlap.connects(&fewer) {
+            if !fewer.is_empty() && CoverState::new(self, &fewer).deficit() == 0 && self.overlap.connects(&fewer) {
                 rows = fewer;
             }
         }
         rows
     }
 
-    /// Without the view that is missed least.
-    fn with_one_less(&self, rows: &[usize]) -> Option<Vec<usize>> {
+    /// Removes the view whose loss leaves the smallest deficit.
+    fn remove_one(&self, rows: &[usize]) -> Option<Vec<usize>> {
         let without =
             |at: usize| rows.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, row)| *row).collect::<Vec<_>>();
         let allowed = (0..rows.len()).map(without).filter(|fewer| self.overlap.connects(fewer));
-        allowed.min_by_key(|fewer| Standing::new(self, fewer).deficit())
+        allowed.min_by_key(|fewer| CoverState::new(self, fewer).deficit())
     }
 
-    /// Tabu search from `rows`; the best that it meets.
+    /// Tabu search from `rows`; returns the best that it finds.
     fn run(&self, mut rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
-        let mut best = (Standing::new(self, &rows).deficit(), rows.clone());
+        let mut best = (CoverState::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
         for step in 1..=MAX_STEPS + STEPS_A_ROW * tabu.len() as u64 {
-            if best.0 == 0 || (spent > ATTEMPT || budget.left == 0) && step > MIN_STEPS {
+            if best.0 == 0 || (spent > ATTEMPT_WORK || budget.left == 0) && step > MIN_STEPS {
                 break;
             }
             let swaps = Swaps::new(self, &rows, ctx)?;
@@ -158,7 +158,7 @@ impl Exchange<'_> {
         Ok(best.1)
     }
 
-    /// Whether `rows` with the one at `at` exchanged may be chosen together.
+    /// Returns true if `rows` with the one at `at` exchanged may be chosen together.
     pub(super) fn connects(&self, rows: &[usize], at: usize, row: usize) -> bool {
         let mut exchanged = rows.to_vec();
         exchanged[at] = row;
@@ -174,16 +174,16 @@ fn mixed(step: u64) -> u64 {
     z ^ z >> 31
 }
 
-/// What views cover, and which of them alone.
-struct Standing<'a> {
+/// Samples that some views cover, and those that one of them covers alone.
+struct CoverState<'a> {
     goals: &'a [Units],
     /// Samples that exactly one view covers, for each view; at last those that none covers.
     alone: Vec<SampleSet>,
-    /// For each goal what is covered.
+    /// Units covered of each goal.
     covered: Vec<i64>,
 }
 
-impl<'a> Standing<'a> {
+impl<'a> CoverState<'a> {
     fn new(exchange: &Exchange<'a>, rows: &[usize]) -> Self {
         let words = exchange.problem.asked_area_mm2.len().div_ceil(64);
         let (mut once, mut twice) = (vec![0_u64; words], vec![0_u64; words]);
@@ -207,7 +207,7 @@ impl<'a> Standing<'a> {
     }
 }
 
-/// For each view the units of those samples that it covers alone and `row` covers too; at last of those that none covers.
+/// Sums, for each view, the units of the samples that it alone covers and `row` covers too; at last of those that none covers.
 fn regained(row: &Row, moving: &[u64], sole: &[u16], goal: &Units, views: usize) -> Vec<i64> {
     let mut sums = vec![0; views + 1];
     let blocks = row.words().iter().zip(moving).zip(sole.chunks_exact(64)).zip(goal.of_sample.chunks(64));
@@ -219,13 +219,13 @@ fn regained(row: &Row, moving: &[u64], sole: &[u16], goal: &Units, views: usize)
     sums
 }
 
-/// Units in a set whose last word may hold bits beyond the samples.
+/// Sums the units in a set whose last word may hold bits beyond the samples.
 fn units_in(samples: &SampleSet, goal: &Units) -> i64 {
     let words = samples.words().iter().zip(goal.of_sample.chunks(64));
     words.map(|(word, units)| ones(*word).filter_map(|bit| units.get(bit as usize)).sum::<i64>()).sum()
 }
 
-/// What every exchange would leave to be covered.
+/// Deficits that every exchange would leave.
 pub(super) struct Swaps {
     /// Deficit after the exchange of each view (inner) for each row (outer).
     deficits: Vec<Vec<i64>>,
@@ -234,21 +234,18 @@ pub(super) struct Swaps {
 
 impl Swaps {
     pub(super) fn new(exchange: &Exchange<'_>, rows: &[usize], ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        let standing = Standing::new(exchange, rows);
+        let state = CoverState::new(exchange, rows);
         let views = rows.len();
         let mut sole = vec![u16::MAX; exchange.problem.asked_area_mm2.len().next_multiple_of(64)];
-        for (view, samples) in (0..).zip(&standing.alone) {
+        for (view, samples) in (0..).zip(&state.alone) {
             samples.iter().for_each(|sample| sole[sample as usize] = view);
         }
-        let moving = standing.alone.iter().fold(vec![0; sole.len() / 64], |mut all: Vec<u64>, samples| {
+        let moving = state.alone.iter().fold(vec![0; sole.len() / 64], |mut all: Vec<u64>, samples| {
             all.iter_mut().zip(samples.words()).for_each(|(all, word)| *all |= word);
             all
         });
-        let lost: Vec<Vec<i64>> = exchange
-            .goals
-            .iter()
-            .map(|goal| standing.alone[..views].iter().map(|alone| units_in(alone, goal)).collect())
-            .collect();
+        let lost: Vec<Vec<i64>> =
+            exchange.goals.iter().map(|goal| state.alone[..views].iter().map(|alone| units_in(alone, goal)).collect()).collect();
         let goals = exchange.goals;
         let of_row = |row: &&Row| {
             ctx.check()?;
@@ -256,7 +253,7 @@ impl Swaps {
             let seen: usize = row.words().iter().zip(&moving).map(|(word, moving)| (word & moving).count_ones() as usize).sum();
             let work = (moving.len() / 4 + seen * goals.len()) as u64;
             let deficit = |view: usize| {
-                let of_goals = goals.iter().zip(&standing.covered).zip(&lost).zip(&regained);
+                let of_goals = goals.iter().zip(&state.covered).zip(&lost).zip(&regained);
                 of_goals
                     .map(|(((goal, covered), lost), regained)| {
                         (goal.needed - (covered - lost[view] + regained[view] + regained[views])).max(0)
@@ -273,7 +270,7 @@ impl Swaps {
         Ok(Self { deficits, work })
     }
 
-    /// Every exchange of the view at a place for a row that is not chosen, with the deficit after it.
+    /// Lists every exchange of a view for a row that is not chosen: position of the view, row, and the deficit after it.
     pub(super) fn all(&self) -> impl Iterator<Item = (usize, usize, i64)> + '_ {
         let of_row = |(row, deficits): (usize, &'_ Vec<i64>)| -> Vec<(usize, usize, i64)> {
             deficits.iter().enumerate().map(|(at, deficit)| (at, row, *deficit)).collect()

@@ -1,5 +1,5 @@
-//! Table to chosen views (thesis §3.3, [`crate::planning::method::selection`]): the greedy rule and every rule that ends it,
-//! solvers that need fewer views, and the bound that tells how many fewer there could be.
+//! Choice of views from the visibility matrix (thesis §3.3, [`crate::planning::method::selection`]): the greedy rule and its stop
+//! reasons, solvers that need fewer views, and the bound that tells how many fewer there could be.
 //!
 //! `greedy` and `lazy` make the same choices; `local` exchanges views; `certified` adds branch and bound. Every one of
 //! them comes with a [`Bound`]. All are limited by work, never by a clock, and give the same on any number of threads.
@@ -9,11 +9,11 @@ mod branch;
 mod certified;
 mod classes;
 mod greedy;
+mod improve_score;
 mod lazy;
 mod local;
 mod multipliers;
 mod overlap;
-mod polish;
 mod relaxation;
 mod score;
 #[cfg(test)]
@@ -35,16 +35,16 @@ pub struct ViewId(pub u32);
 /// Seconds that the cell needs from the view of one row to that of another.
 pub type TravelSecs<'a> = &'a (dyn Fn(usize, usize) -> f64 + Sync);
 
-/// What views are chosen from, and for what.
+/// The problem of covering enough area with few views: candidates, goals and costs.
 #[derive(Clone)]
 pub struct CoverProblem<'a> {
     /// Rows of the candidates that may be chosen, ascending by candidate number.
     pub rows: Vec<&'a Row>,
     /// Area that each sample stands for, mm²; 0 for samples that are not asked for.
     pub asked_area_mm2: &'a [f64],
-    /// What each sample counts in the score, mm²: its asked area times a weight.
-    pub worth_mm2: Cow<'a, [f64]>,
-    /// What must be measured; all of them. The first is the plan's own target.
+    /// Area by which each sample counts in the score, mm²: its asked area times a weight.
+    pub weighted_area_mm2: Cow<'a, [f64]>,
+    /// Goals, all of which must be met. The first is the plan's own target.
     pub goals: Vec<Goal<'a>>,
     /// Time that a view takes beside the travel to it.
     pub view_secs: f64,
@@ -57,11 +57,11 @@ pub struct CoverProblem<'a> {
 pub struct Goal<'a> {
     /// Area that each sample counts for, mm²; 0 for samples that do not count.
     pub area_mm2: Cow<'a, [f64]>,
-    /// How much of it must be measured, mm².
+    /// Part of that area that must be measured, mm².
     pub needed_mm2: f64,
 }
 
-/// One choice.
+/// A chosen view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// Index into [`CoverProblem::rows`].
@@ -72,7 +72,7 @@ pub struct Choice {
     pub score: f64,
 }
 
-/// Which rule ended the selection.
+/// The rule that ended the selection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
     /// The target share was reached.
@@ -83,7 +83,7 @@ pub enum StopReason {
     MaxViews,
     /// No candidate's score is positive.
     NoGain,
-    /// The target was met only of what the views with a path measure; others were tried in place of those without.
+    /// The target was met only of the area that views with a path measure; others were tried in place of those without.
     NoPath,
 }
 
@@ -104,19 +104,19 @@ impl StopReason {
     }
 }
 
-/// Chosen views, in the order chosen, and how far from the best they can be.
+/// Chosen views, in the order chosen, with their bound.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selection {
     /// The choices.
     pub choices: Vec<Choice>,
     /// The rule that ended it.
     pub stopped_because: StopReason,
-    /// How many views, or how much area, the best choice could have.
+    /// Bound of the number of views, or of the area.
     pub bound: Bound,
 }
 
-/// Views without their bound.
-pub(in crate::planning) struct Chosen {
+/// Chosen views without their bound.
+pub(in crate::planning) struct Cover {
     choices: Vec<Choice>,
     stopped_because: StopReason,
 }
@@ -141,7 +141,7 @@ pub fn select(
     Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
 }
 
-/// The choices of greedy, without a bound.
+/// Chooses greedily, without a bound.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -154,8 +154,8 @@ pub(in crate::planning) fn greedily(
     Ok(greedy::select(problem, params, score, ctx)?.choices)
 }
 
-/// Every exchange of one of `rows` for another row after which the goals are met as far as `rows` meet them and overlap is
-/// as asked for: its place among `rows`, and the other.
+/// Lists every exchange of one of `rows` for another row after which the goals are met as far as `rows` meet them and overlap is
+/// as asked for: the position among `rows`, and the other row.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -173,7 +173,7 @@ pub(in crate::planning) fn exchanges(
     Ok(allowed.map(|(at, row, _)| (at, row)).collect())
 }
 
-/// The selection of `rows`, as many as `like` has, in greedy's order, with the bound of that one.
+/// Makes the selection of `rows`, as many as `like` has, in greedy's order, with the bound of `like`.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -190,8 +190,8 @@ pub(in crate::planning) fn of_rows(
 }
 
 impl<'a> CoverProblem<'a> {
-    /// The plan's own target alone: samples count by their asked area, and time costs nothing. `total_mm2` is the area
-    /// of the whole surface.
+    /// Makes the problem of the plan's own target alone: samples count by their asked area, and time costs nothing. `total_mm2`
+    /// is the area of the whole surface.
     #[must_use]
     pub fn new(rows: Vec<&'a Row>, asked_area_mm2: &'a [f64], total_mm2: f64, params: &SelectionParams) -> Self {
         let whole_mm2 = match params.target_of {
@@ -200,18 +200,18 @@ impl<'a> CoverProblem<'a> {
             TargetOf::Total => total_mm2,
         };
         let target = Goal { area_mm2: Cow::Borrowed(asked_area_mm2), needed_mm2: params.target * whole_mm2 };
-        let worth_mm2 = Cow::Borrowed(asked_area_mm2);
-        Self { rows, asked_area_mm2, worth_mm2, goals: vec![target], view_secs: 0.0, travel_secs: None }
+        let weighted_area_mm2 = Cow::Borrowed(asked_area_mm2);
+        Self { rows, asked_area_mm2, weighted_area_mm2, goals: vec![target], view_secs: 0.0, travel_secs: None }
     }
 
-    /// Asked area.
+    /// Sum of the asked area.
     #[must_use]
     pub fn asked_mm2(&self) -> f64 {
         self.asked_area_mm2.iter().sum()
     }
 }
 
-/// Those of so many samples that at least one of `rows` measures.
+/// Samples, of so many, that at least one of `rows` measures.
 #[must_use]
 pub fn coverable(rows: &[&Row], samples: usize) -> SampleSet {
     let mut coverable = SampleSet::none_of(samples);
@@ -225,7 +225,7 @@ pub fn coverable_mm2(rows: &[&Row], asked_area_mm2: &[f64]) -> f64 {
     coverable(rows, asked_area_mm2.len()).iter().map(|sample| asked_area_mm2[sample as usize]).sum()
 }
 
-/// Views that may be chosen.
+/// Largest number of views that may be chosen.
 fn max_views(params: &SelectionParams) -> usize {
     params.max_views.map_or(usize::MAX, |views| views as usize)
 }

@@ -1,10 +1,11 @@
-//! Prices of samples, and what follows from them exactly. With a price u_s of 0 to w_s for each sample, w_s its units and
-//! slack the units that may stay open, views S that meet the goals satisfy Σ_{s covered} u_s ≥ Σ u_s − slack, and cover at
-//! most the sum of their rows' prices: if the k dearest rows together are below that, k views cannot do it. This is the
-//! Lagrangian bound of maximum k-cover (Cornuéjols, Fisher, Nemhauser 1977; Held and Karp 1971 for prices as such). It
-//! holds for any prices; those of the linear relaxation make it as good as that relaxation. Whole numbers throughout.
+//! Lagrangian multipliers of samples, and the exact bounds that follow from them. With 0 ≤ u_s ≤ w_s for each sample, w_s its
+//! units and slack the units that may stay open, views S that meet the goals satisfy Σ_{s covered} u_s ≥ Σ u_s − slack, and
+//! cover at most the sum of u_s over their rows: if the k rows of the largest sums are together below that, k views do not
+//! suffice. This is the Lagrangian bound of maximum k-cover (Cornuéjols, Fisher, Nemhauser 1977; Held and Karp 1971 for
+//! multipliers as such). It holds for any multipliers; those of the linear relaxation make it as good as that relaxation. Whole
+//! numbers throughout.
 //!
-//! Several goals enter as one: their units are added with whole weights, the relaxation's prices of the goals.
+//! Several goals enter as one: their units are added with whole weights, the relaxation's multipliers of the goals.
 
 use super::CoverProblem;
 use super::classes::Classes;
@@ -12,51 +13,51 @@ use super::relaxation::{Form, Solution, solve};
 use super::units::{Units, row_sums};
 use crate::planning::context::{Cancelled, Context};
 
-/// Weights of the goals add up to about this.
+/// Sum of the weights of the goals, about.
 const GOAL_WEIGHTS: f64 = 256.0;
-/// Most often that the relaxation is solved again with rows that were too dear.
+/// Rounds in which the relaxation is solved at most, each with rows added that violate it.
 const MAX_ROUNDS: usize = 4;
 /// Relative gap to which the relaxation is solved, and that on a share of the samples, which is to hold for the others.
 const GAP: f64 = 1e-7;
 const GAP_OF_SHARE: f64 = 4e-3;
 
-/// Samples of a table that is merged to see whether all of it is small enough.
+/// Samples up to which a matrix is reduced as a whole, to see if it is small enough.
 const MAX_MERGED: usize = 60_000;
 
-/// How large a relaxation may be.
-pub(super) struct Size {
+/// Largest size of a relaxation.
+pub(super) struct RelaxationSize {
     /// Classes × (rows a class)² / 2 at most, about: work of a step.
     pub(super) step: f64,
     /// Rows at most.
     pub(super) rows: usize,
 }
 
-/// See the module.
+/// Multipliers of the samples, in whole units.
 pub(super) struct Multipliers {
-    /// w_s.
+    /// w_s: units of each sample.
     pub(super) units: Vec<i64>,
-    /// u_s.
-    pub(super) prices: Vec<i64>,
+    /// u_s: multiplier of each sample.
+    pub(super) values: Vec<i64>,
     /// Units that may stay open.
     pub(super) slack: i64,
 }
 
-/// What is to be bounded.
+/// The quantity to bound.
 #[derive(Clone, Copy)]
-pub(super) enum Aim {
-    /// Views for the goals.
+pub(super) enum BoundTarget {
+    /// Number of views for the goals.
     FewestViews,
     /// Units of the first goal with so many views.
     MostArea(usize),
 }
 
 impl Multipliers {
-    /// From the linear relaxation, as large as `size` allows.
+    /// Derives multipliers from the linear relaxation, as large as `size` allows.
     pub(super) fn relaxed(
         problem: &CoverProblem<'_>,
         goals: &[Units],
-        aim: Aim,
-        size: &Size,
+        aim: BoundTarget,
+        size: &RelaxationSize,
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
         let mut rows = largest_rows(problem, &goals[0], size.rows);
@@ -67,15 +68,15 @@ impl Multipliers {
             let form = form(&classes, goals, aim);
             let solution = solve(&classes.of_row, classes.len(), &form, if is_share { GAP_OF_SHARE } else { GAP }, ctx)?;
             let multipliers = Self::new(problem, goals, &classes, &form, &solution, is_share);
-            let sums = row_sums(&problem.rows, &multipliers.prices);
-            let dearest = classes.rows.iter().map(|row| sums[*row]).max().unwrap_or(0);
-            let mut dearer: Vec<usize> = (0..sums.len()).filter(|row| sums[*row] > dearest && !rows.contains(row)).collect();
-            if dearer.is_empty() || round == MAX_ROUNDS || is_share {
+            let sums = row_sums(&problem.rows, &multipliers.values);
+            let largest = classes.rows.iter().map(|row| sums[*row]).max().unwrap_or(0);
+            let mut larger: Vec<usize> = (0..sums.len()).filter(|row| sums[*row] > largest && !rows.contains(row)).collect();
+            if larger.is_empty() || round == MAX_ROUNDS || is_share {
                 return Ok(multipliers);
             }
-            dearer.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
-            dearer.truncate(size.rows / 4);
-            rows.extend(dearer);
+            larger.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
+            larger.truncate(size.rows / 4);
+            rows.extend(larger);
             rows.sort_unstable();
             round += 1;
         }
@@ -95,24 +96,27 @@ impl Multipliers {
         let units: Vec<i64> = (0..problem.asked_area_mm2.len()).map(|sample| weighted(&|goal| goal.of_sample[sample])).collect();
         let slack = weighted(&|goal| goal.total - goal.needed);
         let caps = caps(form, solution, classes.len());
-        let ratio: Vec<f64> = caps.iter().zip(&solution.class).map(|(cap, price)| (price / cap).clamp(0.0, 1.0)).collect();
+        let ratio: Vec<f64> = caps.iter().zip(&solution.class).map(|(cap, u)| (u / cap).clamp(0.0, 1.0)).collect();
         let taken = if is_share { taken_of_samples(problem, classes, solution) } else { Vec::new() };
         let mean_cap = caps.iter().sum::<f64>() / caps.len().max(1) as f64;
-        let price = |sample: usize| match classes.of_sample[sample] {
+        let ratio_of = |sample: usize| match classes.of_sample[sample] {
             Classes::NONE if is_share && taken[sample] > 0.0 => central_ratio((taken[sample] - 1.0) * mean_cap / solution.tau),
             Classes::NONE => 1.0,
             class => ratio[class as usize],
         };
-        let prices =
-            units.iter().enumerate().map(|(sample, units)| ((price(sample) * *units as f64) as i64).clamp(0, *units)).collect();
-        Self { units, prices, slack }
+        let values = units
+            .iter()
+            .enumerate()
+            .map(|(sample, units)| ((ratio_of(sample) * *units as f64) as i64).clamp(0, *units))
+            .collect();
+        Self { units, values, slack }
     }
 
-    /// The fewest views that these prices do not rule out.
+    /// Lower bound of the number of views by these multipliers.
     pub(super) fn views_lower(&self, problem: &CoverProblem<'_>) -> usize {
-        let mut sums = row_sums(&problem.rows, &self.prices);
+        let mut sums = row_sums(&problem.rows, &self.values);
         sums.sort_unstable_by(|a, b| b.cmp(a));
-        let needed = self.prices.iter().sum::<i64>() - self.slack;
+        let needed = self.values.iter().sum::<i64>() - self.slack;
         let mut held = 0;
         let falls_short = |sum: &&i64| {
             let falls_short = held < needed;
@@ -122,17 +126,17 @@ impl Multipliers {
         sums.iter().take_while(falls_short).count()
     }
 
-    /// Units that `views` views cover at most.
-    pub(super) fn most_units(&self, problem: &CoverProblem<'_>, views: usize) -> i64 {
-        let mut sums = row_sums(&problem.rows, &self.prices);
+    /// Upper bound of the units that `views` views cover.
+    pub(super) fn max_units(&self, problem: &CoverProblem<'_>, views: usize) -> i64 {
+        let mut sums = row_sums(&problem.rows, &self.values);
         sums.sort_unstable_by(|a, b| b.cmp(a));
-        let open: i64 = self.units.iter().zip(&self.prices).map(|(units, price)| units - price).sum();
+        let open: i64 = self.units.iter().zip(&self.values).map(|(units, value)| units - value).sum();
         open + sums.iter().take(views).sum::<i64>()
     }
 }
 
-/// Samples for the relaxation, and whether they are a share of all, spread evenly over those that count.
-fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[usize], size: &Size) -> (Vec<u32>, bool) {
+/// Samples for the relaxation, and if they are a share of all, spread evenly over those that count.
+fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[usize], size: &RelaxationSize) -> (Vec<u32>, bool) {
     let counts = |sample: &u32| goals.iter().any(|goal| goal.of_sample[*sample as usize] > 0);
     let all: Vec<u32> = (0..problem.asked_area_mm2.len() as u32).filter(counts).collect();
     if all.len() <= MAX_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
@@ -140,35 +144,35 @@ fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[usize], size: &S
     }
     let pairs: f64 = rows.iter().map(|row| problem.rows[*row].count() as f64).sum();
     let rows_a_sample = (pairs / all.len().max(1) as f64).max(1.0);
-    let most = (2.0 * size.step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
-    if all.len() <= most {
+    let max = (2.0 * size.step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
+    if all.len() <= max {
         return (all, false);
     }
-    ((0..most).map(|place| all[place * all.len() / most]).collect(), true)
+    ((0..max).map(|place| all[place * all.len() / max]).collect(), true)
 }
 
 /// The rows that cover most, ascending by number.
-fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, most: usize) -> Vec<usize> {
+fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, max: usize) -> Vec<usize> {
     let mut rows: Vec<usize> = (0..problem.rows.len()).collect();
-    if rows.len() > most {
+    if rows.len() > max {
         let sums = row_sums(&problem.rows, &goal.of_sample);
         rows.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
-        rows.truncate(most);
+        rows.truncate(max);
         rows.sort_unstable();
     }
     rows
 }
 
-/// The relaxation over the classes: shares of what they hold; of what no row covers nothing need be covered.
-fn form(classes: &Classes, goals: &[Units], aim: Aim) -> Form {
+/// Makes the relaxation over the classes: shares of the units that they hold; units that no row covers need not be covered.
+fn form(classes: &Classes, goals: &[Units], aim: BoundTarget) -> Form {
     let shares = |units: &[i64]| -> Vec<f64> {
         let whole: f64 = units.iter().map(|units| *units as f64).sum();
         units.iter().map(|units| *units as f64 / whole.max(1.0)).collect()
     };
     let held: Vec<f64> = classes.units.iter().map(|units| units.iter().map(|units| *units as f64).sum()).collect();
     match aim {
-        Aim::MostArea(views) => Form::MostArea(shares(&classes.units[0]), views as f64),
-        Aim::FewestViews => Form::FewestViews(
+        BoundTarget::MostArea(views) => Form::MostArea(shares(&classes.units[0]), views as f64),
+        BoundTarget::FewestViews => Form::FewestViews(
             goals
                 .iter()
                 .zip(&classes.units)
@@ -183,7 +187,7 @@ fn form(classes: &Classes, goals: &[Units], aim: Aim) -> Form {
     }
 }
 
-/// Largest price of each class.
+/// Largest multiplier of each class.
 fn caps(form: &Form, solution: &Solution, classes: usize) -> Vec<f64> {
     match form {
         Form::MostArea(weights, _) => weights.clone(),
@@ -194,13 +198,13 @@ fn caps(form: &Form, solution: &Solution, classes: usize) -> Vec<f64> {
     }
 }
 
-/// Whole weights in proportion to the prices of the goals; 1 for a single one.
-fn goal_weights(goals: &[Units], prices: &[f64]) -> Vec<i64> {
-    let sum: f64 = prices.iter().sum();
+/// Whole weights in proportion to the multipliers of the goals; 1 for a single one.
+fn goal_weights(goals: &[Units], multipliers: &[f64]) -> Vec<i64> {
+    let sum: f64 = multipliers.iter().sum();
     if goals.len() == 1 || sum <= 0.0 || !sum.is_finite() {
         return (0..goals.len()).map(|goal| i64::from(goal == 0)).collect();
     }
-    prices.iter().map(|price| (price / sum * GOAL_WEIGHTS).round() as i64).collect()
+    multipliers.iter().map(|multiplier| (multiplier / sum * GOAL_WEIGHTS).round() as i64).collect()
 }
 
 /// A x at every sample.
@@ -212,7 +216,7 @@ fn taken_of_samples(problem: &CoverProblem<'_>, classes: &Classes, solution: &So
     taken
 }
 
-/// The price, as a share of its cap, of a class on the central path: ρ with 1/ρ − 1/(1 − ρ) = `excess`, which is the
+/// Multiplier, as a share of its cap, of a class on the central path: ρ with 1/ρ − 1/(1 − ρ) = `excess`, which is the
 /// class's excess cover times its cap over τ.
 fn central_ratio(excess: f64) -> f64 {
     // ρ² e − ρ (e + 2) + 1 = 0, the root between 0 and 1.

@@ -1,4 +1,4 @@
-//! Whether views share enough area to be registered to each other: two are joined when the asked area that both measure
+//! Overlap of views for registration: two are joined when the asked area that both measure
 //! reaches `selection.overlap`, and a choice is allowed when its views form one connected graph. Cost: a pass over two
 //! rows' words a pair, computed when asked for and kept.
 
@@ -9,7 +9,7 @@ use super::CoverProblem;
 use crate::planning::params::OverlapParams;
 use crate::planning::visibility::ones;
 
-/// See the module.
+/// Tells which rows overlap enough.
 pub(super) struct Overlap<'a> {
     problem: &'a CoverProblem<'a>,
     params: &'a OverlapParams,
@@ -21,17 +21,17 @@ impl<'a> Overlap<'a> {
         Self { problem, params, joined: RefCell::default() }
     }
 
-    /// Whether anything is asked for.
+    /// Returns true if overlap is asked for.
     pub(super) fn is_asked_for(&self) -> bool {
         self.params.min_area_mm2.is_some() || self.params.min_share.is_some()
     }
 
-    /// Whether `row` may be added to `chosen`.
+    /// Returns true if `row` may be added to `chosen`.
     pub(super) fn joins(&self, row: usize, chosen: &[usize]) -> bool {
         !self.is_asked_for() || chosen.is_empty() || chosen.iter().any(|other| self.are_joined(row, *other))
     }
 
-    /// Whether `chosen` form one connected graph.
+    /// Returns true if `chosen` form one connected graph.
     pub(super) fn connects(&self, chosen: &[usize]) -> bool {
         let Some((first, rest)) = chosen.split_first().filter(|_| self.is_asked_for()) else { return true };
         let (mut reached, mut rest) = (vec![*first], rest.to_vec());

@@ -1,9 +1,9 @@
 //! The linear relaxation of covering, by an interior-point method (Mehrotra 1992, *On the Implementation of a Primal-Dual
 //! Interior Point Method*).
 //!
-//! Symbols: x_j ≥ 0 says how much of row j is taken, s_c ≥ 0 how much of class c stays open, A x + s ≥ 1 ties them.
+//! Symbols: x_j ≥ 0 is the share of row j that is taken, s_c ≥ 0 the share of class c that stays open; A x + s ≥ 1 ties them.
 //! Fewest views: min Σ x with w_gᵀ s ≤ R_g for each goal g. Most area: min wᵀ s with Σ x ≤ k. The multipliers u of the
-//! classes and μ of the limits are the dual solution. They are only a start: what is claimed is computed from them in whole
+//! classes and μ of the limits are the dual solution. They are only a start: bounds are computed from them in whole
 //! numbers (`multipliers.rs`). Classes are eliminated, so that a step solves one system of the size of the rows.
 //!
 //! Cost: 15 to 40 steps of classes × (rows a class)² / 2 and rows³ / 3. The sums have a fixed order on any number of threads.
@@ -13,26 +13,26 @@ use rayon::prelude::*;
 
 use crate::planning::context::{Cancelled, Context};
 
-/// Steps after which the best so far is taken.
+/// Steps after which the best point so far is taken.
 const MAX_STEPS: usize = 60;
-/// How near the boundary a step may go.
+/// Share of the way to the boundary that a step may go.
 const TO_BOUNDARY: f64 = 0.995;
 
-/// Which of the two relaxations.
+/// Form of the relaxation.
 pub(super) enum Form {
-    /// For each goal the weights of the classes, which add up to 1, and the share that may stay open.
+    /// Fewest views: weights of the classes, which add up to 1, and the share that may stay open, for each goal.
     FewestViews(Vec<(Vec<f64>, f64)>),
-    /// The weights of the classes, which add up to 1, and the number of views.
+    /// Most area: weights of the classes, which add up to 1, and the number of views.
     MostArea(Vec<f64>, f64),
 }
 
 /// A point near the optimum.
 pub(super) struct Solution {
-    /// How much of each row is taken.
+    /// x: share of each row that is taken.
     pub(super) taken: Vec<f64>,
     /// u: multiplier of each class.
     pub(super) class: Vec<f64>,
-    /// μ: multiplier of each limit; 1 for `MostArea`, whose weights are priced as they are.
+    /// μ: multiplier of each limit; 1 for `MostArea`, whose weights are taken as they are.
     pub(super) limit: Vec<f64>,
     /// Mean complementarity product.
     pub(super) tau: f64,
@@ -66,13 +66,13 @@ pub(super) fn solve(
     Ok(Solution { taken: point.x, class: point.u, limit, tau })
 }
 
-/// Rows and classes that meet, both ways.
+/// Incidence matrix A of rows and classes, both ways.
 struct Incidence<'a> {
     of_row: &'a [Vec<u32>],
     /// Rows of class c are `rows[starts[c]..starts[c + 1]]`, ascending.
     starts: Vec<u32>,
     rows: Vec<u32>,
-    /// For each entry of `of_row` its place in `rows`.
+    /// Position in `rows` of each entry of `of_row`.
     places: Vec<Vec<u32>>,
 }
 
@@ -122,18 +122,18 @@ impl<'a> Incidence<'a> {
     }
 }
 
-/// min q·Σx + pᵀs, with A x + s − t = 1 and for each limit β·Σx + wᵀs + r = R.
+/// Linear program: min q·Σx + pᵀs, with A x + s − t = 1 and for each limit β·Σx + wᵀs + r = R.
 struct Model<'a> {
     incidence: &'a Incidence<'a>,
-    price_of_row: f64,
-    price_of_class: Vec<f64>,
+    cost_of_row: f64,
+    cost_of_class: Vec<f64>,
     limits: Vec<Limit>,
 }
 
 struct Limit {
     beta: f64,
     weights: Vec<f64>,
-    most: f64,
+    max: f64,
 }
 
 impl<'a> Model<'a> {
@@ -141,17 +141,17 @@ impl<'a> Model<'a> {
         /// A limit of nothing at all has no interior.
         const MIN_OPEN: f64 = 1e-7;
         let classes = incidence.starts.len() - 1;
-        let (price_of_row, price_of_class, limits) = match form {
+        let (cost_of_row, cost_of_class, limits) = match form {
             Form::FewestViews(goals) => {
                 let limit =
-                    |(weights, open): &(Vec<f64>, f64)| Limit { beta: 0.0, weights: weights.clone(), most: open.max(MIN_OPEN) };
+                    |(weights, open): &(Vec<f64>, f64)| Limit { beta: 0.0, weights: weights.clone(), max: open.max(MIN_OPEN) };
                 (1.0, vec![0.0; classes], goals.iter().map(limit).collect())
             }
             Form::MostArea(weights, views) => {
-                (0.0, weights.clone(), vec![Limit { beta: 1.0, weights: vec![0.0; classes], most: *views }])
+                (0.0, weights.clone(), vec![Limit { beta: 1.0, weights: vec![0.0; classes], max: *views }])
             }
         };
-        Self { incidence, price_of_row, price_of_class, limits }
+        Self { incidence, cost_of_row, cost_of_class, limits }
     }
 }
 
@@ -167,26 +167,26 @@ struct Point {
     zs: Vec<f64>,
 }
 
-/// A step's directions, by the names of [`Point`].
+/// Directions of a step, by the names of [`Point`].
 type Step = Point;
 
 impl Point {
-    /// Strictly inside, primal and dual, for either form.
+    /// A start strictly inside, primal and dual, for either form.
     fn start(model: &Model<'_>) -> Self {
-        let (n, m) = (model.incidence.of_row.len(), model.price_of_class.len());
-        let is_fewest = model.price_of_row > 0.0;
-        let least = model.limits.iter().map(|limit| limit.most).fold(f64::INFINITY, f64::min);
+        let (n, m) = (model.incidence.of_row.len(), model.cost_of_class.len());
+        let is_fewest = model.cost_of_row > 0.0;
+        let least = model.limits.iter().map(|limit| limit.max).fold(f64::INFINITY, f64::min);
         let (x, s) =
             if is_fewest { (vec![1.0; n], vec![least / 2.0; m]) } else { (vec![least / (2.0 * n as f64); n], vec![1.0; m]) };
         let t = model.incidence.times(&x).iter().zip(&s).map(|(a, s)| a + s - 1.0).collect();
         let r = vec![least / 2.0; model.limits.len()];
-        let r = if is_fewest { model.limits.iter().map(|limit| limit.most - least / 2.0).collect() } else { r };
+        let r = if is_fewest { model.limits.iter().map(|limit| limit.max - least / 2.0).collect() } else { r };
         let weight =
-            |class: usize| model.limits.iter().map(|limit| limit.weights[class]).sum::<f64>() + model.price_of_class[class];
+            |class: usize| model.limits.iter().map(|limit| limit.weights[class]).sum::<f64>() + model.cost_of_class[class];
         let half: Vec<f64> = (0..m).map(|class| weight(class) / 2.0).collect();
         let largest = model.incidence.transposed_times(&half).into_iter().fold(0.0, f64::max);
-        let (price, mu) = if is_fewest { (1.0 / (2.0 * largest), 1.0 / (2.0 * largest)) } else { (1.0, 2.0 * largest) };
-        let u: Vec<f64> = half.iter().map(|half| half * price).collect();
+        let (scale, mu) = if is_fewest { (1.0 / (2.0 * largest), 1.0 / (2.0 * largest)) } else { (1.0, 2.0 * largest) };
+        let u: Vec<f64> = half.iter().map(|half| half * scale).collect();
         let zx = model.incidence.transposed_times(&u).iter().map(|sum| if is_fewest { 1.0 - sum } else { mu - sum }).collect();
         Self { x, s, t, r, zs: u.clone(), u, mu: vec![mu; model.limits.len()], zx }
     }
@@ -199,12 +199,12 @@ impl Point {
         dot(&self.x, &self.zx) + dot(&self.s, &self.zs) + dot(&self.t, &self.u) + dot(&self.r, &self.mu)
     }
 
-    /// The primal value, of which the gap is a share.
+    /// The primal value, to which the gap is relative.
     fn scale(&self, model: &Model<'_>) -> f64 {
-        model.price_of_row * self.x.iter().sum::<f64>() + dot(&model.price_of_class, &self.s)
+        model.cost_of_row * self.x.iter().sum::<f64>() + dot(&model.cost_of_class, &self.s)
     }
 
-    /// One step; false when the system can no longer be solved.
+    /// Takes one step; returns false when the system can no longer be solved.
     fn advance(&mut self, model: &Model<'_>) -> bool {
         let Some(system) = System::new(self, model) else { return false };
         let tau = self.complementarity() / self.pairs() as f64;
@@ -222,7 +222,7 @@ impl Point {
         is_sound
     }
 
-    /// How far primal and dual can go.
+    /// Lengths by which primal and dual can go.
     fn lengths(&self, step: &Step) -> (f64, f64) {
         let until = |values: &[f64], change: &[f64]| {
             values
@@ -257,7 +257,7 @@ impl Point {
     }
 }
 
-/// What each complementarity product shall change by.
+/// Changes asked of each complementarity product.
 struct Targets {
     x: Vec<f64>,
     s: Vec<f64>,
@@ -306,8 +306,8 @@ impl System {
             .limits
             .iter()
             .map(|limit| {
-                let priced: Vec<f64> = (0..d.len()).map(|c| d[c] * theta_s[c] * limit.weights[c]).collect();
-                DVector::from_vec(model.incidence.transposed_times(&priced)).map(|sum| limit.beta - sum)
+                let weighted: Vec<f64> = (0..d.len()).map(|c| d[c] * theta_s[c] * limit.weights[c]).collect();
+                DVector::from_vec(model.incidence.transposed_times(&weighted)).map(|sum| limit.beta - sum)
             })
             .collect();
         let solved_b: Vec<DVector<f64>> = b.iter().map(|b| m.solve(b)).collect();
@@ -322,15 +322,15 @@ impl System {
     /// The step that changes the products as asked, on the equations as they stand.
     fn direction(&self, point: &Point, model: &Model<'_>, targets: &Targets) -> Step {
         let (m, n) = (self.d.len(), point.x.len());
-        let priced =
+        let weighted =
             |mu: &[f64], class: usize| model.limits.iter().zip(mu).map(|(limit, mu)| limit.weights[class] * mu).sum::<f64>();
         let beta_mu: f64 = model.limits.iter().zip(&point.mu).map(|(limit, mu)| limit.beta * mu).sum();
         // Residuals: rounding alone, since every point is feasible; they are driven back to 0.
         let (ax, atu) = (model.incidence.times(&point.x), model.incidence.transposed_times(&point.u));
         let open: Vec<f64> = (0..m).map(|c| 1.0 - (ax[c] + point.s[c] - point.t[c])).collect();
-        let of_rows: Vec<f64> = (0..n).map(|j| model.price_of_row - atu[j] + beta_mu - point.zx[j]).collect();
+        let of_rows: Vec<f64> = (0..n).map(|j| model.cost_of_row - atu[j] + beta_mu - point.zx[j]).collect();
         let of_classes: Vec<f64> = (0..m)
-            .map(|c| model.price_of_class[c] - point.u[c] + priced(&point.mu, c) - point.zs[c] - targets.s[c] / point.s[c])
+            .map(|c| model.cost_of_class[c] - point.u[c] + weighted(&point.mu, c) - point.zs[c] - targets.s[c] / point.s[c])
             .collect();
         let h: Vec<f64> =
             (0..m).map(|c| self.d[c] * (open[c] + self.theta_s[c] * of_classes[c] + targets.t[c] / point.u[c])).collect();
@@ -338,7 +338,7 @@ impl System {
         let f = DVector::from_fn(n, |j, _| ath[j] - of_rows[j] + targets.x[j] / point.x[j]);
         let sum_x: f64 = point.x.iter().sum();
         let g = model.limits.iter().enumerate().map(|(g, limit)| {
-            let left = limit.most - limit.beta * sum_x - dot(&limit.weights, &point.s) - point.r[g];
+            let left = limit.max - limit.beta * sum_x - dot(&limit.weights, &point.s) - point.r[g];
             let classes: f64 = (0..m).map(|c| limit.weights[c] * self.theta_s[c] * (h[c] - of_classes[c])).sum();
             left - targets.r[g] / point.mu[g] - classes
         });
@@ -348,8 +348,8 @@ impl System {
         let x = self.solved_b.iter().zip(&mu).fold(solved_f, |x, (b, mu)| x - b * *mu);
         let x: Vec<f64> = x.iter().copied().collect();
         let ax = model.incidence.times(&x);
-        let u: Vec<f64> = (0..m).map(|c| h[c] + self.d[c] * (self.theta_s[c] * priced(&mu, c) - ax[c])).collect();
-        let s = (0..m).map(|c| self.theta_s[c] * (u[c] - priced(&mu, c) - of_classes[c])).collect::<Vec<f64>>();
+        let u: Vec<f64> = (0..m).map(|c| h[c] + self.d[c] * (self.theta_s[c] * weighted(&mu, c) - ax[c])).collect();
+        let s = (0..m).map(|c| self.theta_s[c] * (u[c] - weighted(&mu, c) - of_classes[c])).collect::<Vec<f64>>();
         Step {
             zx: (0..n).map(|j| (targets.x[j] - point.zx[j] * x[j]) / point.x[j]).collect(),
             zs: (0..m).map(|c| (targets.s[c] - point.zs[c] * s[c]) / point.s[c]).collect(),

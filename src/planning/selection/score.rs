@@ -1,17 +1,17 @@
-//! What a candidate adds at a point of a selection: G_v = a·G_c + b·G_q over the open samples
-//! ([`crate::planning::method::quality`]), or plain area, less what its time costs. Sums run in an order that the samples'
+//! Gain of a candidate at a point of the selection: G_v = a·G_c + b·G_q over the open samples
+//! ([`crate::planning::method::quality`]), or plain area, less the cost of its time. Sums run in an order that the samples'
 //! numbers alone decide, so that they do not depend on threads. Cost: a pass over the row's words and the open samples in them.
 
 use super::CoverProblem;
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
 use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
-/// Sums side by side: sample s belongs to sum s mod 8.
+/// Partial sums: sample s belongs to sum s mod 8.
 const LANES: usize = 8;
-/// Stands for the steps of a word when quality does not count.
+/// Steps of a word where quality does not count.
 const NO_STEPS: [i16; 64] = [0; 64];
 
-/// How candidates are scored.
+/// Scores candidates.
 pub(super) struct Scorer<'a> {
     pub(super) problem: &'a CoverProblem<'a>,
     objective: Objective,
@@ -24,7 +24,7 @@ impl<'a> Scorer<'a> {
         Self { problem, objective: params.objective, weights, cost_mm2_per_s: params.view_cost_mm2_per_s }
     }
 
-    /// The same by plain area, without what time costs.
+    /// Returns a scorer by plain area, without the cost of time.
     pub(super) fn by_area(&self) -> Self {
         Self { problem: self.problem, objective: Objective::Coverage, weights: self.weights, cost_mm2_per_s: 0.0 }
     }
@@ -35,18 +35,18 @@ impl<'a> Scorer<'a> {
         self.problem.rows[row].quality().filter(|_| counts)
     }
 
-    /// Whether a row's score without travel can only fall as samples are closed: where no sample is worth less than
+    /// Returns true if a row's score without travel can only fall as samples are closed: where no sample counts less than
     /// nothing. That holds to the last bit, since a sum in a fixed order never grows when some of its terms become 0.
     pub(super) fn scores_only_fall(&self, row: usize) -> bool {
         self.quality(row).is_none_or(|(scale, _)| self.weights.a >= self.weights.b * f64::from(scale.greatest()))
     }
 
     /// Score of a row over `open`, less the time of the view itself.
-    pub(super) fn score(&self, row: usize, open: &Open) -> f64 {
+    pub(super) fn score(&self, row: usize, open: &Uncovered) -> f64 {
         self.gross_score(row, open) - self.cost_mm2_per_s * self.problem.view_secs
     }
 
-    fn gross_score(&self, row: usize, open: &Open) -> f64 {
+    fn gross_score(&self, row: usize, open: &Uncovered) -> f64 {
         let measured = self.problem.rows[row];
         match (self.objective, self.quality(row)) {
             // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
@@ -59,14 +59,14 @@ impl<'a> Scorer<'a> {
         }
     }
 
-    /// What the way from the nearest of `chosen` to `row` costs.
+    /// Cost of the travel from the nearest of `chosen` to `row`.
     pub(super) fn travel_cost_mm2(&self, row: usize, chosen: &[usize]) -> f64 {
         let Some(travel_secs) = self.problem.travel_secs.filter(|_| self.cost_mm2_per_s > 0.0) else { return 0.0 };
         let nearest_secs = chosen.iter().map(|from| travel_secs(*from, row)).fold(f64::INFINITY, f64::min);
         if nearest_secs.is_finite() { self.cost_mm2_per_s * nearest_secs } else { 0.0 }
     }
 
-    /// What the travel between `rows` costs: the shortest tree that joins them (Prim 1957).
+    /// Cost of the travel between `rows`: their minimum spanning tree (Prim 1957).
     pub(super) fn tree_cost_mm2(&self, rows: &[usize]) -> f64 {
         let Some(travel_secs) = self.problem.travel_secs.filter(|_| self.cost_mm2_per_s > 0.0) else { return 0.0 };
         let Some((first, rest)) = rows.split_first() else { return 0.0 };
@@ -80,9 +80,9 @@ impl<'a> Scorer<'a> {
         self.cost_mm2_per_s * secs
     }
 
-    /// What each measured sample of a row is worth, ascending by sample.
-    pub(super) fn worths(&self, row: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
-        let (worth, worth_a_step, steps) = match (self.objective, self.quality(row)) {
+    /// Value of each measured sample of a row, ascending by sample.
+    pub(super) fn values(&self, row: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let (value, value_a_step, steps) = match (self.objective, self.quality(row)) {
             (_, Some((scale, steps))) => {
                 (self.weights.a, self.weights.b * f64::from(scale.greatest()) / f64::from(i16::MAX), steps)
             }
@@ -90,22 +90,24 @@ impl<'a> Scorer<'a> {
             (Objective::Coverage, None) => (1.0, 0.0, &[][..]),
         };
         let steps = steps.iter().copied().chain(std::iter::repeat(0));
-        let of = move |sample: u32, step: i16| self.problem.worth_mm2[sample as usize] * (worth + worth_a_step * f64::from(step));
+        let of = move |sample: u32, step: i16| {
+            self.problem.weighted_area_mm2[sample as usize] * (value + value_a_step * f64::from(step))
+        };
         self.problem.rows[row].samples().zip(steps).map(move |(sample, step)| (sample, of(sample, step)))
     }
 }
 
-/// What is not yet covered.
+/// The samples that are not yet covered.
 #[derive(Clone)]
-pub(super) struct Open {
-    /// The samples: tells which words of a row can be passed over.
+pub(super) struct Uncovered {
+    /// The samples as a set, by which words of a row are passed over.
     samples: SampleSet,
     /// Area that each sample stands for, 0 for those that are not open.
     area_mm2: Vec<f64>,
 }
 
-impl Open {
-    /// Every sample that has area.
+impl Uncovered {
+    /// Opens every sample that has area.
     pub(super) fn all(area_mm2: &[f64]) -> Self {
         let mut samples = SampleSet::none_of(area_mm2.len());
         let asked = (0..).zip(area_mm2).filter(|(_, area_mm2)| **area_mm2 > 0.0);
@@ -130,9 +132,9 @@ impl Open {
         self.sum(row, None, 1.0, 0.0)
     }
 
-    /// Sum of area × (`worth` + `worth_a_step` × step) over the open samples of a row, in [`LANES`] sums side by side, so
+    /// Sum of area × (`value` + `value_a_step` × step) over the open samples of a row, in [`LANES`] sums side by side, so
     /// that samples measured in unbroken runs are added as vectors. A closed sample adds 0, whether passed over or not.
-    fn sum(&self, row: &Row, mut steps: Option<&[i16]>, worth: f64, worth_a_step: f64) -> f64 {
+    fn sum(&self, row: &Row, mut steps: Option<&[i16]>, value: f64, value_a_step: f64) -> f64 {
         let mut sums = [0.0; LANES];
         for ((measured, open), area_mm2) in row.words().iter().zip(self.samples.words()).zip(self.area_mm2.chunks(64)) {
             let count = measured.count_ones() as usize;
@@ -140,7 +142,7 @@ impl Open {
                 Some(steps) => steps.split_off(..count).unwrap_or_default(),
                 None => &NO_STEPS[..count],
             };
-            let add = |sum: &mut f64, area_mm2: f64, step: i16| *sum += area_mm2 * (worth + worth_a_step * f64::from(step));
+            let add = |sum: &mut f64, area_mm2: f64, step: i16| *sum += area_mm2 * (value + value_a_step * f64::from(step));
             if measured & open == 0 {
                 continue;
             }

@@ -74,7 +74,7 @@ fn each_denominator_gives_its_own_target() {
     assert_eq!(views(TargetOf::Total, 0.7).stopped_because, StopReason::NoGain);
 }
 
-/// The same greedy over plain lists. Areas are whole numbers and qualities whole steps, so that every sum is exact.
+/// Greedy over plain lists. Areas are whole numbers and qualities whole steps, so that every sum is exact.
 fn plain_greedy(rows: &[Row], area_mm2: &[f64], quality_weight: f64) -> Vec<(usize, f64)> {
     let mut open = area_mm2.to_vec();
     let mut choices = Vec::new();

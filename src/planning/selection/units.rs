@@ -1,6 +1,6 @@
 //! Areas as whole numbers, so that "less than the target" is exact: the whole of a goal's area is about 2⁵² units, each
 //! sample's area is rounded up and what is needed is rounded down by more than any sum of areas in floating point can be
-//! off. What is refuted in units is so refuted in mm².
+//! off. A bound that is proved in units is so proved in mm².
 
 use rayon::prelude::*;
 
@@ -9,18 +9,18 @@ use crate::planning::visibility::{Row, ones};
 
 /// Units of a goal's whole area.
 const WHOLE: f64 = (1_u64 << 52) as f64;
-/// Share by which what is needed is rounded down: greedy's own rounding of a target and that of sums over 10⁷ samples.
+/// Share by which needed areas are rounded down: greedy's own rounding of a target and that of sums over 10⁷ samples.
 const SLACK: f64 = 2e-9;
 
 /// A goal in units.
 pub(super) struct Units {
-    /// Of each sample.
+    /// Units of each sample.
     pub(super) of_sample: Vec<i64>,
-    /// Of all samples.
+    /// Units of all samples.
     pub(super) total: i64,
-    /// Of the samples that some row measures.
+    /// Units of the samples that some row measures.
     pub(super) measured: i64,
-    /// That must be covered.
+    /// Units that must be covered.
     pub(super) needed: i64,
     scale: f64,
 }
@@ -36,17 +36,17 @@ impl Units {
         Self { measured: units.covered_by(rows), ..units }
     }
 
-    /// One for each goal of the problem.
+    /// The goals of a problem in units.
     pub(super) fn of_goals(problem: &CoverProblem<'_>) -> Vec<Self> {
         problem.goals.iter().map(|goal| Self::new(&goal.area_mm2, goal.needed_mm2, &problem.rows)).collect()
     }
 
-    /// Needs no more than what `rows` cover: the target itself where they reach it.
+    /// Lowers the need to the units that `rows` cover, where they do not reach the goal.
     pub(super) fn clamp_to(&mut self, rows: &[&Row]) {
         self.needed = self.needed.min(self.covered_by(rows));
     }
 
-    /// What `rows` cover together.
+    /// Units that `rows` cover together.
     pub(super) fn covered_by(&self, rows: &[&Row]) -> i64 {
         let words = 0..self.of_sample.len().div_ceil(64);
         words
@@ -68,7 +68,7 @@ pub(super) fn row_sums(rows: &[&Row], of_sample: &[i64]) -> Vec<i64> {
     rows.par_iter().map(|row| row_sum(row, of_sample)).collect()
 }
 
-/// Whole numbers: any order gives the same sum.
+/// Sums whole numbers: any order gives the same sum.
 fn row_sum(row: &Row, of_sample: &[i64]) -> i64 {
     let words = row.words().iter().zip(of_sample.chunks(64));
     words

@@ -1,6 +1,6 @@
-//! Among choices of the same number of views that meet the same goals, one with a higher score: exchanges of one view for
-//! another as long as G_v of the union ([`crate::planning::method::quality`], each sample by the best of its views), less what
-//! travel costs, rises. Cost: a step passes over every pair of a row and a sample that it measures.
+//! Raises the score at the same number of views and the same goals: exchanges of one view for
+//! another while G_v of the union ([`crate::planning::method::quality`], each sample by the best of its views), less the
+//! cost of travel, rises. Cost: a step passes over every pair of a row and a sample that it measures.
 
 use rayon::prelude::*;
 
@@ -10,11 +10,11 @@ use crate::planning::context::{Cancelled, Context};
 
 /// Exchanges at most.
 const MAX_STEPS: usize = 40;
-/// Work at most: pairs of sample and row looked at.
+/// Work at most: pairs of sample and row evaluated.
 const MAX_WORK: u64 = 600_000_000;
-/// Rise that counts, as a share of the score.
+/// Smallest rise that counts, as a share of the score.
 const MIN_RISE: f64 = 1e-9;
-/// No view.
+/// Stands for no view.
 const NONE: u16 = u16::MAX;
 
 pub(super) fn run(
@@ -53,13 +53,13 @@ pub(super) fn run(
     Ok(rows)
 }
 
-/// What each sample is worth by the best and by the second best of some views.
+/// Value of each sample by the best and by the second best of some views.
 struct Union {
     best: Vec<f64>,
     second: Vec<f64>,
     /// The view that is best; [`NONE`] where no view measures the sample.
     owner: Vec<u16>,
-    /// Change when a view goes, for each view.
+    /// Change of the value when a view is removed, for each view.
     without: Vec<f64>,
     total: f64,
 }
@@ -69,14 +69,14 @@ impl Union {
         let samples = scorer.problem.asked_area_mm2.len();
         let (mut best, mut second, mut owner) = (vec![0.0; samples], vec![f64::NEG_INFINITY; samples], vec![NONE; samples]);
         for (view, row) in (0..).zip(rows) {
-            for (sample, worth) in scorer.worths(*row).map(|(sample, worth)| (sample as usize, worth)) {
-                if owner[sample] == NONE || worth > best[sample] {
+            for (sample, value) in scorer.values(*row).map(|(sample, value)| (sample as usize, value)) {
+                if owner[sample] == NONE || value > best[sample] {
                     if owner[sample] != NONE {
                         second[sample] = best[sample];
                     }
-                    (best[sample], owner[sample]) = (worth, view);
+                    (best[sample], owner[sample]) = (value, view);
                 } else {
-                    second[sample] = second[sample].max(worth);
+                    second[sample] = second[sample].max(value);
                 }
             }
         }
@@ -87,20 +87,20 @@ impl Union {
         Self { total: best.iter().sum(), best, second, owner, without }
     }
 
-    /// For each row what its exchange for each view adds to the score.
+    /// Rise of the score, for each row, by its exchange for each view.
     fn rises(&self, scorer: &Scorer<'_>, ctx: &Context<'_>) -> Result<Vec<Vec<f64>>, Cancelled> {
         let of_row = |row: usize| {
             ctx.check()?;
             let mut beside = 0.0;
             let mut rises = self.without.clone();
-            for (sample, worth) in scorer.worths(row).map(|(sample, worth)| (sample as usize, worth)) {
+            for (sample, value) in scorer.values(row).map(|(sample, value)| (sample as usize, value)) {
                 if self.owner[sample] == NONE {
-                    beside += worth;
+                    beside += value;
                     continue;
                 }
-                let over_best = (worth - self.best[sample]).max(0.0);
+                let over_best = (value - self.best[sample]).max(0.0);
                 let second = self.second[sample];
-                let over_second = if second == f64::NEG_INFINITY { worth } else { (worth - second).max(0.0) };
+                let over_second = if second == f64::NEG_INFINITY { value } else { (value - second).max(0.0) };
                 beside += over_best;
                 rises[usize::from(self.owner[sample])] += over_second - over_best;
             }
@@ -111,7 +111,7 @@ impl Union {
     }
 }
 
-/// What a sample is worth that no view measures.
+/// Value of a sample of which [`Union`] has no second view.
 fn or_nothing(second: f64) -> f64 {
     if second == f64::NEG_INFINITY { 0.0 } else { second }
 }
