@@ -75,7 +75,7 @@ impl SpecKind {
 /// Reason why a library does not give what a name stands for.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotFound {
-    /// Nothing has this name.
+    /// No entry has this name.
     #[error("is unknown")]
     Unknown,
     /// The entry of this name cannot be used, and why.

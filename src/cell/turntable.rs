@@ -36,9 +36,9 @@ pub struct TurntableSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum RotationSpec {
-    /// Without end stops; plans stay within a turn each way.
+    /// Turns without end stops; plans stay within a turn each way.
     Continuous {},
-    /// Between end stops: -3600 ≤ min < max ≤ 3600.
+    /// Turns between end stops: -3600 ≤ min < max ≤ 3600.
     Limited {
         /// Lowest angle, degrees.
         min_deg: f64,

@@ -1,6 +1,6 @@
 //! Connected components of items that share a corner, an edge or any other key.
 
-/// For each item the number of its component, where items that have a key in common belong together; components are
+/// Finds the component of each item, where items that have a key in common belong together; components are
 /// numbered by their first item. Cost: O(n log n).
 #[must_use]
 pub fn components_sharing<K: Ord>(keys: impl IntoIterator<Item = [K; 3]>) -> Vec<usize> {

@@ -16,7 +16,7 @@ impl FaceLists {
         &self.faces[self.offsets[index] as usize..self.offsets[index + 1] as usize]
     }
 
-    /// For each of so many vertices the faces at it, ascending. Cost: O(faces + vertices).
+    /// Lists the faces at each of so many vertices, ascending. Cost: O(faces + vertices).
     #[must_use]
     pub fn around(faces: &[[u32; 3]], vertices: usize) -> Self {
         let offsets = running_sum(faces.iter().flatten(), vertices);
@@ -41,7 +41,7 @@ impl FaceLists {
     }
 }
 
-/// For each list how many entries the lists before it have.
+/// Sums, for each list, the entries of the lists before it.
 fn running_sum<'a>(entries: impl Iterator<Item = &'a u32>, lists: usize) -> Vec<u32> {
     let mut offsets = vec![0; lists + 1];
     for list in entries {

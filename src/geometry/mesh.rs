@@ -56,7 +56,7 @@ pub struct Mesh {
     pub vertices_mm: Vec<Point3<f64>>,
     /// Vertex indices a triangle, counter-clockwise seen from outside.
     pub faces: Vec<[u32; 3]>,
-    /// For each triangle the face of the uploaded file it came from (a fan-triangulated polygon gives several).
+    /// Face of the uploaded file that each triangle came from (a fan-triangulated polygon gives several).
     pub source_face: Vec<u32>,
     /// Named groups of the file (`g` and `o` lines of OBJ), empty for formats without.
     pub groups: Vec<FaceGroup>,

@@ -16,7 +16,7 @@ pub enum LengthUnit {
     Inch,
 }
 
-/// Not the name of a unit we know.
+/// The text is not the name of a known unit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0:?} is not a unit of length; use one of mm, cm, m, inch")]
 pub struct UnknownUnit(String);

@@ -1,4 +1,4 @@
-//! What a running plan may ask of its surroundings: whether to stop, and whom to tell how far it is. No clock: who
+//! The surroundings of a running plan: its cancel flag, and the observer of its progress. No clock: an observer that
 //! wants stage times measures them in the observer.
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,9 +21,9 @@ pub enum Stage {
     Selection,
     /// Stations to an order and joint paths.
     Sequence,
-    /// What is missed, and why.
+    /// Causes of the area that is missed, and remedies.
     Missed,
-    /// What the chosen views are worth on other samples, and with poses that are off.
+    /// Coverage of the chosen views on other samples, and with poses that are off.
     Certificate,
     /// The outcome to files.
     Report,
@@ -60,7 +60,7 @@ impl Stage {
     }
 }
 
-/// Who is told how far a plan is. Called from pool threads.
+/// Observes the progress of a plan. Called from pool threads.
 pub trait Observer: Sync {
     /// `stage` begins (again, when selection and sequence repeat).
     fn begin(&self, stage: Stage);
@@ -97,13 +97,13 @@ impl<'a> Context<'a> {
         Self { cancel, observer, simd_level: SimdLevel::widest(), roadmaps: None }
     }
 
-    /// The same with given vector instructions, which change how fast a plan is made and nothing else.
+    /// Sets the vector instructions, which change how fast a plan is made and nothing else.
     #[must_use]
     pub fn with_simd_level(self, simd_level: SimdLevel) -> Self {
         Self { simd_level, ..self }
     }
 
-    /// The same with roadmaps of cells that were planned for before, which change how fast a plan is made and nothing else.
+    /// Adds roadmaps of cells that were planned for before, which change how fast a plan is made and nothing else.
     #[must_use]
     pub fn with_roadmaps(self, roadmaps: &'a Roadmaps) -> Self {
         Self { roadmaps: Some(roadmaps), ..self }
@@ -114,7 +114,7 @@ impl<'a> Context<'a> {
         self.roadmaps
     }
 
-    /// The same for work whose progress is a detail of the running stage's: it stops as this one does and tells nobody.
+    /// Returns a context for a detail of the running stage: it stops as this one does and reports no progress.
     #[must_use]
     pub fn silent(&self) -> Self {
         Self { observer: &Silent, ..*self }

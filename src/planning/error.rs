@@ -1,9 +1,9 @@
-//! Why there is no plan at all.
+//! Reasons for which there is no plan at all.
 
 use super::context::Cancelled;
 use crate::cell::FieldError;
 
-/// See the module.
+/// Reason for which there is no plan.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlanError {
     /// The job was cancelled.

@@ -1,13 +1,13 @@
-//! What a plan is made for: borrowed, so that a job's part is held once.
+//! Input of a plan: borrowed, so that a job's part is held once.
 
 use crate::cell::{Cell, Scanner};
 use crate::geometry::Mesh;
 
-/// What is planned for.
+/// Part, fixture, scanner and cell to plan for.
 pub struct PlanInput<'a> {
     /// The part.
     pub mesh: &'a Mesh,
-    /// What holds it: occludes and collides, is not measured. In part coordinates.
+    /// The fixture that holds it: occludes and collides, is not measured. In part coordinates.
     pub fixture: Option<&'a Mesh>,
     /// SHA-256 of the part's file, lower-case hexadecimal.
     pub part_sha256: &'a str,

@@ -17,7 +17,7 @@ use crate::cell::{Axes, Cell, Configuration};
 const MAX_ROUNDS: usize = 6;
 /// Exchanges between two times, at most.
 const MAX_EXCHANGES: usize = 40;
-/// What an exchange has to save, seconds.
+/// Smallest saving of an exchange, seconds.
 const MIN_SAVING_SECS: f64 = 0.02;
 
 /// A plan's views in the order visited, by setup: number of the view and where the cell takes it.
@@ -26,7 +26,7 @@ type Tours = Vec<Vec<(usize, Configuration)>>;
 /// The selection, or a quicker one, with its order.
 ///
 /// # Errors
-/// Those of selecting.
+/// The errors of [`ViewPlanningProblem::chosen_of`].
 pub(super) fn improve(
     problem: &ViewPlanningProblem<'_>,
     scenes: &[&PlanningScene<'_>],
@@ -47,7 +47,7 @@ pub(super) fn improve(
     Ok((chosen, ordered))
 }
 
-/// As many views that meet the goals and, going by straight moves, take less time; `None` where none are found.
+/// Finds as many views that meet the goals and take less time by straight moves; `None` where there are none.
 fn exchanged(
     problem: &ViewPlanningProblem<'_>,
     chosen: &ChosenViews,
@@ -92,7 +92,7 @@ struct TourExchange<'a> {
 }
 
 impl TourExchange<'_> {
-    /// What taking a kept candidate in place of a view saves, and the tours then; `None` where the candidate has no station,
+    /// Saving by a kept candidate in place of a view, and the tours then; `None` where the candidate has no station,
     /// or belongs to another setup.
     fn evaluate(&self, tours: &Tours, view: usize, kept: usize) -> Option<(f64, Tours)> {
         let setup = self.problem.candidates.kept[kept].setup;
@@ -110,7 +110,7 @@ impl TourExchange<'_> {
         Some((saved_secs - cost_secs, tours))
     }
 
-    /// What going by `here` costs between the stops before and at `at`.
+    /// Extra time of the move through `here` between the stops before and at `at`.
     fn detour_secs(&self, tour: &[(usize, Configuration)], at: usize, here: &Configuration) -> f64 {
         let home = &self.cell.home_rad;
         let stop = |at: Option<usize>| at.and_then(|at| tour.get(at)).map_or(home, |(_, configuration)| configuration);

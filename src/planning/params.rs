@@ -19,10 +19,10 @@ pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionPara
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
 
-/// Most viewpoints that a job may give.
+/// Largest number of viewpoints that a job may give.
 const MAX_POSES: usize = 10_000;
 
-/// Most resting poses to choose from.
+/// Largest number of resting poses to choose from.
 const MAX_RESTING: usize = 12;
 
 /// All parameters of a plan. Unknown fields are refused.
@@ -31,7 +31,7 @@ const MAX_RESTING: usize = 12;
 pub struct PlanParams {
     /// Patches, samples and how the part lies.
     pub part: PartParams,
-    /// What is asked of which part of the surface.
+    /// Regions that are excluded, of interest, or toleranced.
     pub regions: RegionParams,
     /// Values that the program carries to the scanner.
     pub scan: ScanParams,
@@ -41,19 +41,19 @@ pub struct PlanParams {
     pub dialects: DialectParams,
     /// Incidence limits of this job.
     pub limits: LimitParams,
-    /// Which viewpoints are considered.
+    /// Viewpoints to consider.
     pub candidates: CandidateParams,
-    /// How visibility is computed.
+    /// Computation of visibility.
     pub visibility: VisibilityParams,
     /// Weights of the score ([`crate::planning::method::quality`]).
     pub score: ScoreParams,
-    /// How views are chosen and when to stop.
+    /// Choice of views, and stop rules.
     pub selection: SelectionParams,
-    /// Whether the plan bears poses that are off.
+    /// Evaluation with poses that are off.
     pub robust: RobustParams,
-    /// What is tried for what is missed.
+    /// Remedies for missed area.
     pub missed: MissedParams,
-    /// In how many resting poses the part may be planned, 1 to 4; fewer are used where they do. With more than 1 every
+    /// Resting poses in which the part may be planned, 1 to 4; fewer are used where they do. With more than 1 every
     /// setup is planned with viewpoints above the plate. Default 1.
     pub setups: u32,
     /// Seed of every pseudo-random choice. Default 0.
@@ -85,11 +85,11 @@ impl Default for PlanParams {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct PartParams {
-    /// Longest patch edge, mm, 0.001 to 1000. Default: 1/60 of the bounding box's diagonal.
+    /// Largest patch edge, mm, 0.001 to 1000. Default: 1/60 of the bounding box's diagonal.
     pub patch_edge_mm: Option<f64>,
     /// Samples per mm², 0.0001 to 1000000; every patch has at least one. Default: 50 000 on the part.
     pub samples_per_mm2: Option<f64>,
-    /// How the part lies on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
+    /// Pose of the part on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
     pub table_from_part: Option<PoseSpec>,
     /// Poses to choose from where `setups` is more than 1, at most 12. Default: `table_from_part` and the stable poses of the
     /// part's convex hull.
@@ -125,14 +125,14 @@ pub struct MotionParams {
     pub speed_fraction: f64,
     /// Smallest distance between moving and other bodies, mm, 1 to 200. Default 5.
     pub clearance_mm: f64,
-    /// Whether the table turns while the arm moves: `with_arm`, the default, or `alone`, for controllers that cannot drive
+    /// Table motion beside the arm's: `with_arm`, the default, or `alone`, for controllers that cannot drive
     /// both together. Alone costs the time of both.
     pub table: TableMotion,
-    /// What happens at the points of a move that is not straight: `stop`, the default, which every controller does alike, or
+    /// Treatment of the points of a move that is not straight: `stop`, the default, which every controller does alike, or
     /// `round`, for executors that stream set points: corners are cut where that is free, and the move is run without
     /// stopping, as quickly as the axes allow. Dialects take moves with stops alone.
     pub corners: Corners,
-    /// Whether a chosen view may be taken rolled about the optical axis where that makes the moves shorter: `free`, the
+    /// Roll of chosen views about the optical axis where that makes the moves shorter: `free`, the
     /// default, where no less is measured then, or `fixed`.
     pub roll: Roll,
     /// Largest deviation of an emitted polyline from the planned path, degrees of any joint, 0.001 to 2. Default 0.1.
@@ -152,18 +152,18 @@ impl Default for MotionParams {
     }
 }
 
-/// How the table turns.
+/// Motion of the table beside that of the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TableMotion {
     /// While the arm moves.
     #[default]
     WithArm,
-    /// With the arm at rest.
+    /// The table turns with the arm at rest.
     Alone,
 }
 
-/// What happens at the points of a move.
+/// Treatment of the inner points of a move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Corners {
@@ -218,18 +218,18 @@ pub enum Engine {
     Rays,
 }
 
-/// How visibility is computed.
+/// Computation of visibility.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct VisibilityParams {
     /// Default `raster`.
     pub engine: Engine,
-    /// Whether to count by pixels beside samples, as the thesis does (§3.2.1): for each face the chosen views that hit it
+    /// Counts by pixels beside samples, as the thesis does (§3.2.1): for each face the chosen views that hit it
     /// with at least one pixel of each device, in `coverage.csv`, and the share of such faces in `plan.json`. Default false.
     pub pixel_set: bool,
 }
 
-/// What the angle quality is measured against.
+/// Direction against which the angle quality is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ScoreAngle {
@@ -268,7 +268,7 @@ pub enum Solver {
     /// The thesis's greedy.
     #[default]
     Greedy,
-    /// The same choices from a priority queue of what each candidate can still score at most.
+    /// The choices of greedy from a priority queue of upper bounds.
     Lazy,
     /// Greedy by area, then dropping and exchanging views for fewer of them, then for a higher score.
     Local,
@@ -276,7 +276,7 @@ pub enum Solver {
     Certified,
 }
 
-/// What greedy maximises.
+/// Objective of greedy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
@@ -287,7 +287,7 @@ pub enum Objective {
     Coverage,
 }
 
-/// What the target is a share of.
+/// Area of which the target is a share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TargetOf {
@@ -300,7 +300,7 @@ pub enum TargetOf {
     Total,
 }
 
-/// How views are chosen and when to stop ([`crate::planning::method::selection`]).
+/// Choice of views, and stop rules ([`crate::planning::method::selection`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct SelectionParams {
@@ -314,7 +314,7 @@ pub struct SelectionParams {
     pub target_of: TargetOf,
     /// Stop when the best view adds less than this share of the asked area, 0 to 1. Default 0.0001.
     pub min_growth: f64,
-    /// At most this many views, 1 to 1000. Default: no limit.
+    /// Stop at this many views, 1 to 1000. Default: no limit.
     pub max_views: Option<u32>,
     /// Count only area that is measured at this grade or better ([`crate::planning::method::quality`]): `A`, `B`, `C` or `D`.
     /// Default: all of it.
@@ -323,7 +323,7 @@ pub struct SelectionParams {
     pub goal: SelectionGoal,
     /// Area that chosen views share, for registration. Default: none asked for.
     pub overlap: OverlapParams,
-    /// What a second of the cycle is worth: each view costs the time to settle, capture and travel to it, in mm² of
+    /// Price of a second of the cycle: each view costs the time to settle, capture and travel to it, in mm² of
     /// score, 0 to 1 000 000 mm²/s. Default 0.
     pub view_cost_mm2_per_s: f64,
     /// Work of `local` and `certified`, in million pairs of sample and candidate looked at, about a millisecond each on
@@ -349,11 +349,11 @@ impl Default for SelectionParams {
     }
 }
 
-/// What is tried for what is missed.
+/// Remedies for missed area.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct MissedParams {
-    /// For how many of the largest missed spots a remedy is sought, 0 to 1000. Default 20.
+    /// Number of the largest missed spots for which a remedy is sought, 0 to 1000. Default 20.
     pub remedies: u32,
 }
 

@@ -26,7 +26,7 @@ use super::visibility::{self, Row};
 use crate::cell::{DeviceName, PoseSpec};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 
-/// How often views without a path are given up for others; what then remains without one carries it as a rejection.
+/// Times that views without a path are exchanged for others at most; views without one after that carry it as a rejection.
 const MAX_RESELECTIONS: usize = 4;
 
 /// Plans.
@@ -75,7 +75,7 @@ fn setup_of<'s, 'a>(setups: &'s [Setup<'a>], plan: &SetupPlan) -> Option<&'s Set
     setups.iter().find(|setup| setup.table_from_part == plan.table_from_part)
 }
 
-/// What keeps the cell from candidates; `without_path` are those kept that were given up.
+/// Finds the bodies that keep the cell from candidates; `without_path` are kept candidates that were excluded.
 fn obstructions(
     problem: &ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
@@ -101,7 +101,7 @@ fn add_clearances(outcome: &mut Outcome, setups: &[Setup<'_>]) {
     }
 }
 
-/// Whether the cell can take a view in one of the setups.
+/// Returns true if the cell can take a view in one of the setups.
 fn can_execute(setups: &[Setup<'_>], view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
     for scene in setups.iter().filter_map(|setup| setup.scene.as_ref()) {
         if scene.can_execute(view, ctx)? {
@@ -111,7 +111,7 @@ fn can_execute(setups: &[Setup<'_>], view: &Pose<Part, ScannerFrame>, ctx: &Cont
     Ok(false)
 }
 
-/// What the views of a plan are chosen from, for studies of candidates and solvers.
+/// Visibility matrix that the views of a plan are chosen from, for studies of candidates and solvers.
 #[derive(Clone, Debug)]
 pub struct Tabulated {
     /// The samples.
@@ -120,7 +120,7 @@ pub struct Tabulated {
     pub asked_area_mm2: Vec<f64>,
     /// The candidates that may be chosen.
     pub candidates: Vec<Candidate>,
-    /// What each of them measures.
+    /// Samples that each of them measures.
     pub rows: Vec<Row>,
 }
 
@@ -151,7 +151,7 @@ struct SampledPart {
 /// The candidates of all setups.
 struct Tables {
     evaluated: EvaluatedCandidates,
-    /// What views are chosen by where they shall bear errors, see [`robust::rows`].
+    /// Rows that views are chosen by where they shall bear errors, see [`robust::rows`].
     robust_rows: Option<Vec<Row>>,
 }
 
@@ -199,7 +199,7 @@ impl SampledPart {
         Ok(tables)
     }
 
-    /// What hides samples from views of any setup: with several, the part alone. A plate hides nothing from above it.
+    /// Occluders of views of any setup: with several, the part alone. A plate hides nothing from above it.
     fn occluders<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a visibility::Occluders {
         self.alone.as_ref().filter(|_| setups.len() > 1).unwrap_or(&setups[0].occluders)
     }

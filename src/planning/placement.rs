@@ -1,4 +1,4 @@
-//! How the part lies on the plate: what would make every figure of a plan meaningless is refused, and the plate hides what
+//! Checks of the part's placement: poses are refused that would make every figure of a plan meaningless. The plate hides what
 //! lies behind it from below. Table frame, millimetres.
 
 use nalgebra::{Point3, Vector3};
@@ -8,11 +8,11 @@ use super::input::PlanInput;
 use crate::cell::Cell;
 use crate::geometry::{Mesh, Part, Pose, Table};
 
-/// How far a part may reach into the plate: more than meshes and poses are rounded by.
+/// Depth to which a part may reach into the plate: more than meshes and poses are rounded by.
 const SUNK_MM: f64 = 0.1;
-/// How far above the plate the lowest point may be without a fixture.
+/// Height above the plate at which the lowest point may be without a fixture.
 const FLOATING_MM: f64 = 1.0;
-/// How far below its upper face the plate is drawn for rays, so that it does not hide what rests on it.
+/// Distance below its upper face at which the plate occludes, so that it does not hide what rests on it.
 const BELOW_FACE_MM: f64 = 0.05;
 /// Triangles of the disc.
 const SECTORS: u32 = 96;

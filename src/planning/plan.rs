@@ -18,34 +18,34 @@ use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
 /// A plan. Everything needed to write `plan.json`; no clock, no thread count.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// What was planned for.
+    /// The part that was planned for.
     pub part: PartFacts,
-    /// How the part lies; present with a cell.
+    /// Pose of the part on the table; present with a cell.
     pub table_from_part: Option<Pose<Table, Part>>,
     /// Every knob that was in force, defaults resolved.
     pub params: PlanParams,
-    /// How the candidates fared.
+    /// Numbers of candidates, kept and rejected.
     pub candidates: CandidateCounts,
-    /// What the chosen views measure.
+    /// Area that the chosen views measure.
     pub coverage: Coverage,
     /// The chosen views, in the order chosen.
     pub views: Vec<PlannedView>,
     /// The ways in which the part lies while views are taken, in that order; at least one.
     pub setups: Vec<SetupPlan>,
-    /// What keeps the cell from candidates, what keeps it from most first.
+    /// Pairs of bodies that keep the cell from candidates, the one that keeps it from most first.
     pub obstructions: Vec<Obstruction>,
-    /// What is not measured, by cause, in the order of [`Cause`].
+    /// Missed area by cause, in the order of [`Cause`].
     pub missed: Vec<MissedCause>,
-    /// Which rule ended the selection.
+    /// The rule that ended the selection.
     pub stopped_because: StopReason,
-    /// How many views, or how much area, the best choice from the same candidates could have.
+    /// Bound of the views, or of the area, of the best choice from the same candidates.
     pub bound: Bound,
 }
 
-/// What is done while the part lies in one way.
+/// Views and sequence of one setup.
 #[derive(Clone, Debug)]
 pub struct SetupPlan {
-    /// How it lies.
+    /// Pose of the part in this setup.
     pub table_from_part: Pose<Table, Part>,
     /// The views taken, in the order chosen.
     pub views: Vec<ViewId>,
@@ -82,7 +82,7 @@ pub struct PartFacts {
     pub aabb: Aabb,
 }
 
-/// How many candidates there were.
+/// Numbers of candidates.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CandidateCounts {
     /// Generated.
@@ -102,7 +102,7 @@ pub struct Coverage {
     pub asked_area_mm2: f64,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
-    /// The same with the cell's reach ignored.
+    /// Asked area that at least one kept candidate measures, the cell's reach ignored.
     pub optically_coverable_area_mm2: f64,
     /// Asked area that at least one chosen view measures.
     pub measured_area_mm2: f64,
@@ -110,26 +110,26 @@ pub struct Coverage {
     pub grade_area_mm2: [f64; 4],
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
-    /// What is measured of each region of interest and feature.
+    /// Coverage of each region of interest and feature.
     pub regions: Vec<RegionCoverage>,
-    /// What the chosen views measure of samples that they were not chosen on: the figure to trust.
+    /// Coverage on samples that the views were not chosen on: the figure to trust.
     pub independent: Independent,
-    /// The same with poses that are off; with `robust.pose_error`.
+    /// Coverage on these samples with poses that are off; with `robust.pose_error`.
     pub robust: Option<Robust>,
     /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
     pub pixel_set_area_mm2: Option<f64>,
 }
 
-/// What is measured of a region, as well as is asked there.
+/// Coverage of a region, counting only what is measured as well as is asked there.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RegionCoverage {
     /// Its name.
     pub name: String,
     /// Its asked area.
     pub asked_area_mm2: f64,
-    /// Of that what some kept candidate measures.
+    /// Part of the asked area that some kept candidate measures.
     pub coverable_area_mm2: f64,
-    /// Of that what the chosen views measure.
+    /// Part of the asked area that the chosen views measure.
     pub measured_area_mm2: f64,
     /// Share of the asked area that was to be measured.
     pub target: Option<f64>,
@@ -169,7 +169,7 @@ pub struct PlannedView {
     pub candidate: CandidateId,
     /// Setup of the plan that it is taken in, from 0.
     pub setup: usize,
-    /// Which side of the part it looks at.
+    /// Side of the part that it looks at.
     pub label: Label,
     /// Its pose.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
@@ -177,20 +177,20 @@ pub struct PlannedView {
     pub gain_of_asked: f64,
     /// Its score when chosen.
     pub score: f64,
-    /// Where the cell takes it from; `None` without a cell, or when rejected.
+    /// Station from which the cell takes it; `None` without a cell, or when rejected.
     pub station: Option<Station>,
-    /// How the arm stands there.
+    /// Posture, singularity and clearance of the arm there.
     pub stance: Option<Stance>,
-    /// Why it measures nothing, if so.
+    /// Cause for which it measures nothing, if so.
     pub rejected: Option<Cause>,
 }
 
-/// How an arm stands.
+/// Posture, singularity and clearance of an arm at a station.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stance {
-    /// Which way it is bent.
+    /// Arm configuration.
     pub posture: Posture,
-    /// How far from singular, 0 at a singularity ([`crate::cell::Kinematics::singularity_margin`]).
+    /// Distance from singularity, 0 at one ([`crate::cell::Kinematics::singularity_margin`]).
     pub singularity_margin: f64,
     /// Distance of the two bodies that are nearest to each other, mm; `None` where all are farther apart than a clearance
     /// may be asked for.
@@ -198,7 +198,7 @@ pub struct Stance {
 }
 
 impl Stance {
-    /// Of a robot at a station.
+    /// Evaluates a robot at a station.
     #[must_use]
     pub fn of(robot: &Robot, station: &Station, clearance_mm: Option<f64>) -> Self {
         let joints_rad = &station.joints_rad;
@@ -232,18 +232,18 @@ pub struct MissedSpot {
     pub extent_mm: Vector3<f64>,
     /// Faces of the uploaded file that it touches, ascending.
     pub source_faces: Vec<u32>,
-    /// What would cure it; `None` where none was sought: only the largest spots are tried.
+    /// Remedy; `None` where none was sought: only the largest spots are tried.
     pub remedy: Option<Remedy>,
 }
 
-/// What became of one sample.
+/// Verdict on a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Measured, with the grade of its best chosen view.
     Measured(Grade),
     /// Asked, not measured.
     Missed(Cause),
-    /// In an excluded region.
+    /// Lies in an excluded region.
     NotAsked,
 }
 
@@ -254,11 +254,11 @@ pub struct Outcome {
     pub plan: Plan,
     /// Patches and samples planned on.
     pub surface: super::surface::Surface,
-    /// One a sample.
+    /// Verdict on each sample.
     pub verdicts: Vec<Verdict>,
-    /// For each chosen view the samples it measures, with its quality at each.
+    /// Samples that each chosen view measures, with its quality at each.
     pub measured_by_view: Vec<super::visibility::Row>,
-    /// For each triangle planned on, how many of the chosen views hit it with a pixel of each device; with
+    /// Number of chosen views that hit each triangle planned on with a pixel of each device; with
     /// `visibility.pixel_set`.
     pub pixel_views: Option<Vec<u32>>,
 }

@@ -57,7 +57,7 @@ impl<'a> PlanningScene<'a> {
         stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
     }
 
-    /// Whether the cell can take this one view: from a station free of collision, to which a path leads.
+    /// Returns true if the cell can execute this one view: from a station free of collision, to which a path leads.
     pub(super) fn can_execute(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let ctx = ctx.silent();
         let reach = self.reach(&[*view], &ctx)?;
@@ -75,12 +75,12 @@ impl<'a> PlanningScene<'a> {
         sequence::order(views, self.cell, &self.scene, self.params, require_all, ctx)
     }
 
-    /// The same with its bound; see [`sequence::bounded`].
+    /// Adds the bound to a sequence; see [`sequence::bounded`].
     pub(super) fn bounded(&self, ordered: Ordered, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
         sequence::bounded(ordered, self.cell, self.params, ctx)
     }
 
-    /// The same with views rolled; see [`sequence::roll`].
+    /// Rolls views of a sequence; see [`sequence::roll`].
     pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut Permits<'_>) -> Result<Ordered, Cancelled> {
         sequence::roll(ordered, self.cell, &self.scene, self.params, permits, ctx)
     }
@@ -100,7 +100,7 @@ impl<'a> PlanningScene<'a> {
         Some((self.scene.check_segment(&ends[0], &ends[1])?, ends))
     }
 
-    /// Where on a segment two bodies are nearest to or deepest in each other.
+    /// Configuration on a segment at which two bodies are nearest to or deepest in each other.
     pub(super) fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2]) -> Option<(Configuration, Separation)> {
         self.scene.nearest_on(bodies, ends, MAX_SEPARATION_MM)
     }

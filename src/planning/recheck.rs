@@ -1,4 +1,4 @@
-//! What viewpoints measure, from the part alone and by the reference engine: a second opinion on a plan, from whatever
+//! A second opinion on a plan: the area that views measure, from the part alone and by the reference engine, from whatever
 //! poses a program really scans at.
 
 use std::sync::atomic::AtomicBool;
@@ -19,11 +19,11 @@ use crate::geometry::{Part, Pose, ScannerFrame, Table};
 pub struct Measured {
     /// All that is asked for.
     pub asked_mm2: f64,
-    /// Of that what at least one of the views measures.
+    /// Asked area that at least one of the views measures.
     pub measured_mm2: f64,
 }
 
-/// What `views` measure of the part as it lies; `params` as a plan states them, its samples those of the plan. Every sample
+/// Evaluates `views` of the part as it lies; `params` as a plan states them, its samples those of the plan. Every sample
 /// is joined with every device by a ray: about a second for ten views of a hundred thousand samples.
 ///
 /// # Errors

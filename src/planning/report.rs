@@ -98,7 +98,7 @@ fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {
     Ok(())
 }
 
-/// Where the part is turned over: how it lies each time, and what that gives.
+/// Lists the setups where there are several: poses of the part, and the area that each gives.
 fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
     if plan.setups.len() < 2 {
         return Ok(());
@@ -209,7 +209,7 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     }
 }
 
-/// What keeps the cell from most candidates.
+/// Lists the pairs of bodies that keep the cell from most candidates.
 fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Result {
     const SHOWN: usize = 5;
     if !obstructions.is_empty() {

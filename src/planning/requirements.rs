@@ -1,4 +1,4 @@
-//! What is asked of each sample beyond being measured at all: a weight, incidence limits, a grade, and for toleranced
+//! Requirements of each sample beyond being measured at all: a weight, incidence limits, a grade, and for toleranced
 //! features a limit of the expected noise and of the distance between points.
 //!
 //! **Expected noise** of a point at depth z, seen under the incidence i against the direction to the viewpoint:
@@ -28,23 +28,23 @@ use crate::geometry::Mesh;
 #[cfg(test)]
 mod tests;
 
-/// Most a finer tolerance can count beside the coarsest.
+/// Largest weight of a finer tolerance beside the coarsest.
 const MAX_WEIGHT: f64 = 100.0;
 /// Standard deviations that an expanded uncertainty of k = 2 spans to both sides.
 const SIGMAS: f64 = 4.0;
 
-/// What is asked of some samples.
+/// Requirements of some samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Requirement {
     /// Numbers of the regions that hold them: regions of interest, then features.
     pub regions: Vec<usize>,
-    /// What their area counts for in the score.
+    /// Weight of their area in the score.
     pub weight: f64,
-    /// Own limits of the incidence, rad.
+    /// Own limit of the cameras' incidence, rad.
     pub camera_max_rad: Option<f64>,
-    /// See [`Requirement::camera_max_rad`].
+    /// Own limit of the projector's incidence, rad.
     pub projector_max_rad: Option<f64>,
-    /// Only area measured so well counts.
+    /// Worst grade that counts.
     pub min_grade: Option<Grade>,
     /// Largest expected noise, mm.
     pub noise_max_mm: Option<f64>,
@@ -62,7 +62,7 @@ pub struct Requirements {
 }
 
 impl Default for Requirements {
-    /// Nothing beyond being measured.
+    /// A requirement of nothing beyond being measured.
     fn default() -> Self {
         Self { kinds: vec![Requirement { weight: 1.0, ..Requirement::default() }], of_sample: Vec::new() }
     }
@@ -71,7 +71,7 @@ impl Default for Requirements {
 /// A region with a name and a target of its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedRegion {
-    /// What plan and report call it.
+    /// Name in plan and report.
     pub name: String,
     /// Share of its asked area that is to be measured.
     pub target: Option<f64>,
@@ -94,7 +94,7 @@ pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
 /// The samples of a part, after [`surface::resolve`], with what is asked of them.
 ///
 /// # Errors
-/// Those of [`surface::sample`] and [`Requirements::new`].
+/// The errors of [`surface::sample`] and [`Requirements::new`].
 pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64) -> Result<Surface, Vec<FieldError>> {
     let mut surface = surface::sample(mesh, &params.part, &params.regions, seed)?;
     surface.requirements = Requirements::new(mesh, &surface, params)?;
@@ -102,7 +102,7 @@ pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64) -> Result<Surface, V
 }
 
 impl Requirements {
-    /// What `params` ask of the samples of `surface`.
+    /// Applies `params` to the samples of `surface`.
     ///
     /// # Errors
     /// Regions that the mesh does not have; more than 255 ways in which regions overlap.
@@ -139,13 +139,13 @@ impl Requirements {
         self.of_sample.get(sample).copied().unwrap_or(0)
     }
 
-    /// What is asked of a sample.
+    /// The requirement of a sample.
     #[must_use]
     pub fn of(&self, sample: usize) -> &Requirement {
         &self.kinds[usize::from(self.kind(sample))]
     }
 
-    /// Whether any sample has to be measured well, not only at all.
+    /// Returns true if any sample has to be measured well, not only at all.
     #[must_use]
     pub fn any_requires_quality(&self) -> bool {
         self.kinds.iter().any(Requirement::requires_quality)
@@ -162,13 +162,13 @@ fn too_many_overlaps() -> Vec<FieldError> {
 }
 
 impl Requirement {
-    /// Whether being measured is not enough.
+    /// Returns true if being measured is not enough.
     #[must_use]
     pub fn requires_quality(&self) -> bool {
         self.min_grade.is_some_and(|grade| grade != Grade::D) || self.noise_max_mm.is_some() || self.spacing_max_mm.is_some()
     }
 
-    /// What a set of regions asks together: the greatest weight, the strictest limits.
+    /// Combines a set of regions: the greatest weight, the strictest limits.
     fn of_regions(regions: &[usize], params: &PlanParams) -> Self {
         let (interest, features) = (&params.regions.interest, &params.regions.features);
         let coarsest_mm = features.iter().map(|feature| feature.tolerance_mm).fold(0.0, f64::max);

@@ -75,7 +75,7 @@ fn measured(
     Ok(matrix.rows.into_iter().next())
 }
 
-/// How many of the chosen views measure each sample.
+/// Number of chosen views that measure each sample.
 struct ViewCounts(Vec<u32>);
 
 impl ViewCounts {
@@ -85,7 +85,7 @@ impl ViewCounts {
         Self(views)
     }
 
-    /// Whether one row in place of another loses no area, in all and in any region.
+    /// Returns true if one row in place of another loses no area, in all and in any region.
     fn measure_no_less(&self, problem: &ViewPlanningProblem<'_>, before: &Row, after: &Row) -> bool {
         let requirements = &problem.surface.requirements;
         let mut gained_mm2: Vec<f64> = Vec::new();

@@ -17,7 +17,7 @@ use crate::geometry::{Part, Pose, ScannerFrame};
 /// A targeted view is worth keeping for this share of the open area.
 const MIN_GAIN_OF_OPEN: f64 = 0.001;
 
-/// What all rounds share.
+/// Inputs that all rounds share.
 pub(super) struct Rounds<'a> {
     pub(super) scope: Scope<'a>,
     pub(super) params: &'a PlanParams,
@@ -30,9 +30,9 @@ pub(super) struct Rounds<'a> {
 /// Candidates with everything that is known of them.
 pub(super) struct EvaluatedCandidates {
     pub(super) candidates: CandidateSet,
-    /// One row a kept candidate.
+    /// Row of each kept candidate.
     pub(super) matrix: VisibilityMatrix,
-    /// One a kept candidate; `None` without a cell.
+    /// Stations of each kept candidate; `None` without a cell.
     pub(super) reach: Option<Reach>,
 }
 
@@ -40,7 +40,7 @@ impl Rounds<'_> {
     /// Runs every round that the strategies ask for.
     ///
     /// # Errors
-    /// Those of [`candidates::generate`].
+    /// The errors of [`candidates::generate`].
     pub(super) fn run(&self, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
         let params = &self.params.candidates;
         ctx.begin(Stage::Candidates)?;
@@ -60,7 +60,7 @@ impl Rounds<'_> {
         Ok(evaluated)
     }
 
-    /// With stations, and what each measures.
+    /// Evaluates candidates: their stations, and the samples that each measures.
     fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
         let candidates = self.scene.iter().fold(candidates, |candidates, scene| scene.drop_inside_obstacles(candidates));
         let poses: Vec<_> = candidates.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
@@ -142,12 +142,12 @@ fn for_area() -> SelectionParams {
     }
 }
 
-/// Whether the cell can take a kept candidate.
+/// Returns true if the cell can take a kept candidate.
 pub(super) fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
     reach.is_none_or(|reach| reach[kept].is_ok())
 }
 
-/// What a kept candidate measures is no longer open.
+/// Marks the samples measured by `kept` as covered.
 fn close(area_mm2: &mut [f64], matrix: &VisibilityMatrix, kept: usize) {
     matrix.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
 }
@@ -164,7 +164,7 @@ impl EvaluatedCandidates {
         (0..self.candidates.kept.len()).filter(|kept| is_usable(self.reach.as_ref(), *kept))
     }
 
-    /// The same, taken in a setup.
+    /// Assigns the candidates to a setup.
     pub(super) fn in_setup(mut self, setup: usize) -> Self {
         self.candidates.kept.iter_mut().for_each(|candidate| candidate.setup = setup);
         self
@@ -192,7 +192,7 @@ impl EvaluatedCandidates {
         self.drop_where(|kept| idle[kept].then_some(Rejection::MeasuresNothing));
     }
 
-    /// Only what may be chosen remains.
+    /// Drops candidates that must not be chosen.
     pub(super) fn drop_unusable(&mut self) {
         let usable: Vec<bool> = (0..self.candidates.kept.len()).map(|kept| is_usable(self.reach.as_ref(), kept)).collect();
         self.drop_where(|kept| (!usable[kept]).then_some(Rejection::Unreachable));

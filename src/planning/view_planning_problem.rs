@@ -27,21 +27,21 @@ use crate::geometry::{Part, Pose, Table};
 /// Stations of every kept candidate, or why it has none.
 pub(super) type Reach = Vec<Result<Vec<Station>, StationFailure>>;
 
-/// See the module.
+/// The view planning problem: part, setups, candidates, visibility matrix and reach.
 pub(super) struct ViewPlanningProblem<'a> {
     pub(super) input: &'a PlanInput<'a>,
     pub(super) params: &'a PlanParams,
     pub(super) surface: Surface,
-    /// How the part lies in each setup.
+    /// Pose of the part in each setup.
     pub(super) setups: Vec<Pose<Table, Part>>,
     pub(super) candidates: CandidateSet,
-    /// One row a kept candidate.
+    /// Row of each kept candidate.
     pub(super) matrix: VisibilityMatrix,
-    /// What views are chosen by, where that is not the table: what each kept candidate measures under every stated error.
+    /// Rows by which views are chosen, where that is not the matrix: the samples measured under every stated error.
     pub(super) robust_rows: Option<Vec<Row>>,
-    /// One a kept candidate; `None` without a cell.
+    /// Stations of each kept candidate; `None` without a cell.
     pub(super) reach: Option<Reach>,
-    /// See [`asked_area_mm2`].
+    /// Asked area of each sample, see [`asked_area_mm2()`].
     pub(super) asked_area_mm2: Vec<f64>,
 }
 
@@ -80,7 +80,7 @@ fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &Selection
 }
 
 impl ViewPlanningProblem<'_> {
-    /// Why a kept candidate cannot be used by the cell, if so.
+    /// Failure for which the cell cannot use a kept candidate, if so.
     fn blocked(&self, kept: usize) -> Option<StationFailure> {
         self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())
     }
@@ -115,7 +115,7 @@ impl ViewPlanningProblem<'_> {
         requirements::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
     }
 
-    /// What views are chosen by: what they measure as planned, or also with poses that are off.
+    /// Rows by which views are chosen: as planned, or also with poses that are off.
     fn rows_to_choose_by(&self, kept: &[usize]) -> Vec<&Row> {
         let rows = self.robust_rows.as_ref().unwrap_or(&self.matrix.rows);
         kept.iter().map(|kept| &rows[*kept]).collect()
@@ -286,7 +286,7 @@ impl ViewPlanningProblem<'_> {
         }
     }
 
-    /// What a kept candidate measures, with its quality.
+    /// Samples that a kept candidate measures, with its quality.
     fn graded(&self, kept: usize) -> Row {
         let pose = &self.candidates.kept[kept].part_from_scanner;
         visibility::grade(&self.surface, pose, self.input.scanner, self.params, &self.matrix.rows[kept])
@@ -318,7 +318,7 @@ impl ViewPlanningProblem<'_> {
             .collect()
     }
 
-    /// For each sample that some kept candidate measures, how far the best such candidate got with the cell.
+    /// Cause by motion of each sample that some kept candidate measures: how far the best such candidate got with the cell.
     fn motion_causes(&self, all_excluded: &BTreeSet<usize>) -> Vec<Option<Cause>> {
         let samples = self.surface.sample_mm.len();
         let mut samples_of: BTreeMap<Cause, SampleSet> = BTreeMap::new();
@@ -431,7 +431,7 @@ impl ViewPlanningProblem<'_> {
             .collect()
     }
 
-    /// Which causes keep every candidate from measuring anything, in words.
+    /// Explains in words which causes keep every candidate from measuring anything.
     fn no_plan_detail(&self) -> String {
         let counts = self.counts();
         let dropped: Vec<_> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();

@@ -94,9 +94,9 @@ pub enum Fault {
     /// Quicker than the axes allow, or slower than needed.
     #[error("duration_secs is {stated:.6}; at this speed the move takes {derived:.6} s")]
     Duration {
-        /// In the program.
+        /// Value in the program.
         stated: f64,
-        /// From the axes.
+        /// Value from the axes.
         derived: f64,
     },
     /// Arm and table at once, where the plan has them move one after the other.
@@ -154,7 +154,7 @@ pub enum Fault {
     /// The sum is wrong.
     #[error("/cycle_secs is {stated:.6}; the steps take {derived:.6} s")]
     CycleTime {
-        /// In the program.
+        /// Value in the program.
         stated: f64,
         /// Sum of the steps.
         derived: f64,

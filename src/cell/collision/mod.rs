@@ -417,7 +417,7 @@ fn pairs(
     pairs
 }
 
-/// For each axis the farthest that a point of the outer body is from it, 0 for axes that move both or neither.
+/// Farthest distance of a point of the outer body from each axis, 0 for axes that move both or neither.
 fn relative_motion_bound_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> Configuration {
     let (inner, outer) = if a.parent.link() <= b.parent.link() { (a, b) } else { (b, a) };
     // A flange beside axis 6 is nearer to axis 5 in some postures than it is at zero.

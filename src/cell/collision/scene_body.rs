@@ -20,7 +20,7 @@ const RINGS: usize = 8;
 /// The frame that a body moves with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ParentLink {
-    /// Nothing.
+    /// The body stands still.
     Still,
     /// The turning plate.
     Plate,
@@ -174,7 +174,7 @@ fn table_bodies(cell: &Cell) -> Vec<SceneBody> {
     std::iter::once(plate(cell)).chain(below.map(|body| SceneBody { holds_part: true, ..body })).collect()
 }
 
-/// It turns, so nothing may stand in it; it is round, so turning moves no point of it anywhere new.
+/// The plate of the table. It turns, so nothing may stand in it; it is round, so turning moves no point of it anywhere new.
 fn plate(cell: &Cell) -> SceneBody {
     let height_mm = cell.turntable.plate_thickness_mm;
     let shape = Shape::Cylinder { radius_mm: cell.turntable.plate_radius_mm, height_mm };

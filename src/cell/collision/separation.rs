@@ -20,9 +20,9 @@ const PROBES: u32 = 60;
 pub struct Separation {
     /// Which.
     pub bodies: Contact,
-    /// Their distance; below zero how deep one is in the other, as far as that is known.
+    /// Distance of the two; below zero the depth of one in the other, as far as that is known.
     pub distance_mm: f64,
-    /// Between them, base frame, mm.
+    /// Point between them, base frame, mm.
     pub place_mm: Point3<f64>,
 }
 

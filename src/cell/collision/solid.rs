@@ -21,7 +21,7 @@ pub(super) enum Solid {
         radius_mm: f32,
     },
     Box(Cuboid),
-    /// With its pose, since parry's cylinders stand along y and ours along z.
+    /// Cylinder with its pose, since parry's cylinders stand along y and ours along z.
     Cylinder {
         core: Cylinder,
         body_from_core: Pose,

@@ -123,7 +123,7 @@ impl Chain {
         frames
     }
 
-    /// In each joint's frame; the sixth as the flange has it.
+    /// Axes in each joint's frame; the sixth as the flange has it.
     pub(super) fn joint_axes(&self) -> JointAxes {
         let mut axes = self.joints.each_ref().map(|joint| joint.axis.into_inner());
         axes[5] = self.flange.rotation.inverse() * axes[5];

@@ -167,7 +167,7 @@ impl Opw {
     }
 }
 
-/// Each joint turns about this axis of its frame, or against it where the vendor's sign is negative.
+/// Axis of each joint in its frame; the joint turns against it where the vendor's sign is negative.
 pub(super) const JOINT_AXES: JointAxes =
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 

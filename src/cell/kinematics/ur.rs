@@ -72,7 +72,7 @@ pub(super) fn link_frames(arm: &UrSpec, theta: &[f64; 6]) -> LinkFrames {
     [Isometry3::identity(), base_from_1, base_from_2, base_from_3, base_from_4, base_from_5, base_from_flange]
 }
 
-/// Each joint turns about +z of its frame.
+/// Axis of each joint: +z of its frame.
 pub(super) const JOINT_AXES: JointAxes = [[0.0, 0.0, 1.0]; 6];
 
 /// Shoulder left and right × wrist both ways × elbow both ways, angles in (−π, π]. A pose beyond the reach by more than

@@ -8,7 +8,7 @@
 /// Range of sharpness on both sides of the distance in focus.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthOfField {
-    /// Towards the camera, mm.
+    /// Range towards the camera, mm.
     pub front_mm: f64,
     /// Away from it, mm; infinite from the hyperfocal distance on.
     pub rear_mm: f64,

@@ -30,9 +30,9 @@ pub struct MeasurementVolume {
 /// Field of view at one depth, on the lines y = 0 and x = 0 of the scanner frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
-    /// From and to along x at y = 0, mm.
+    /// Range along x at y = 0, mm.
     pub x_mm: [f64; 2],
-    /// From and to along y at x = 0, mm.
+    /// Range along y at x = 0, mm.
     pub y_mm: [f64; 2],
 }
 

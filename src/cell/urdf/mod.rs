@@ -57,14 +57,14 @@ pub struct LinkSurface {
     pub link: u8,
     /// The link's name in the file.
     pub name: String,
-    /// In that frame.
+    /// Mesh in that frame.
     pub mesh: Mesh,
 }
 
 /// Reason why a URDF gives no robot.
 #[derive(Debug, thiserror::Error)]
 pub enum UrdfError {
-    /// Not a URDF.
+    /// The file is not a URDF.
     #[error("is no URDF: {0}")]
     Unreadable(String),
     /// No link of this name.
@@ -85,9 +85,9 @@ pub enum UrdfError {
         joint: String,
         /// Kind of the joint.
         kind: String,
-        /// From here.
+        /// First link of the chain.
         base: String,
-        /// To here.
+        /// Last link of the chain.
         tip: String,
     },
     /// A number that cannot be.

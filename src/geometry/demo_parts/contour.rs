@@ -257,7 +257,7 @@ fn crossing_edges(inside: [bool; 8]) -> impl Iterator<Item = (usize, usize, [usi
     cell_edges().filter(move |&(_, _, [a, b])| inside[a] != inside[b])
 }
 
-/// For each crossing edge of a cell the lowest edge of the same sheet. On each wall of the cell the surface runs from
+/// Finds the lowest edge of the same sheet for each crossing edge of a cell. On each wall of the cell the surface runs from
 /// crossing to crossing; where a wall has four, around its inside corners, so that both cells at the wall agree.
 fn sheets(inside: [bool; 8]) -> [usize; 12] {
     let mut sheet: [usize; 12] = std::array::from_fn(|edge| edge);

@@ -40,7 +40,7 @@ pub enum DemoPartError {
     /// No resolution near the one asked for gives a closed surface of one body.
     #[error("no resolution near {0} triangles gives a sound mesh of this part; ask for another count")]
     NoSoundMesh(usize),
-    /// Not the name of a part.
+    /// The text is not the name of a part.
     #[error("{0:?} is not a demo part; there are base and figurine")]
     UnknownPart(String),
 }
@@ -88,7 +88,7 @@ impl FromStr for DemoPart {
 /// inner edges, blind holes and a trough that hides its own floor. Flat underside.
 ///
 /// # Errors
-/// See [`DemoPart::mesh`].
+/// The errors of [`DemoPart::mesh`].
 pub fn base(target_triangles: usize) -> Result<Mesh, DemoPartError> {
     make(&base::distance_mm, &base::BOUNDS_MM, target_triangles)
 }
@@ -97,7 +97,7 @@ pub fn base(target_triangles: usize) -> Result<Mesh, DemoPartError> {
 /// that occlude each other. Flat soles.
 ///
 /// # Errors
-/// See [`DemoPart::mesh`].
+/// The errors of [`DemoPart::mesh`].
 pub fn figurine(target_triangles: usize) -> Result<Mesh, DemoPartError> {
     make(&figurine::distance_mm, &figurine::BOUNDS_MM, target_triangles)
 }

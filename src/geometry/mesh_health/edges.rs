@@ -14,7 +14,7 @@ pub(super) struct Edges {
 /// One side of one triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Side {
-    /// Both vertices, the lower one in the high half.
+    /// Vertices of the edge, the lower one in the high half.
     edge: u64,
     face: u32,
     /// Is true if the triangle runs from the lower vertex to the higher.
@@ -53,7 +53,7 @@ impl Edges {
         edges
     }
 
-    /// For each edge the sides that lie on it, ordered by triangle.
+    /// Sides that lie on each edge, ordered by triangle.
     pub(super) fn shared(&self) -> impl Iterator<Item = &[Side]> {
         self.sides.chunk_by(|a, b| a.edge == b.edge)
     }

@@ -17,10 +17,10 @@ use edges::Edges;
 
 pub use warning::MeshWarning;
 
-/// Least area of a triangle, as a share of the squared diagonal of the bounding box.
+/// Smallest area of a triangle, as a share of the squared diagonal of the bounding box.
 const MIN_AREA_SHARE: f64 = 1e-12;
 
-/// For each face whether it belongs to a closed, consistently wound body of positive volume. Seen from outside such a
+/// Finds the faces that belong to a closed, consistently wound body of positive volume. Seen from outside such a
 /// body its back faces hide nothing that its front faces do not hide.
 #[must_use]
 pub fn outward_faces(mesh: &Mesh) -> Vec<bool> {

@@ -22,7 +22,7 @@ pub enum MeshWarning {
     },
     /// Edges of more than two triangles.
     NonManifold {
-        /// Their number.
+        /// Number of such edges.
         edges: usize,
     },
     /// Neighbours wound against each other.
@@ -32,7 +32,7 @@ pub enum MeshWarning {
     },
     /// Triangles dropped.
     Degenerate {
-        /// Their number.
+        /// Number of such triangles.
         triangles: usize,
     },
     /// Triangles there twice.
@@ -42,12 +42,12 @@ pub enum MeshWarning {
     },
     /// Bodies turned.
     Flipped {
-        /// Their number.
+        /// Number of such bodies.
         bodies: usize,
     },
     /// Negative bodies left alone.
     Unresolved {
-        /// Their number.
+        /// Number of such bodies.
         bodies: usize,
     },
 }

@@ -28,7 +28,7 @@ impl Lanes {
     }
 }
 
-/// Each lane set in `lanes`.
+/// Lists the lanes set in `lanes`.
 #[inline(always)]
 pub(super) fn each(mut lanes: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {

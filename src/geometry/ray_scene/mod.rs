@@ -45,7 +45,7 @@ pub struct RayScene {
     centre_mm: Point3<f64>,
     tree: Tree,
     vertices_mm: Vec<Point3<f64>>,
-    /// In the order of the leaves.
+    /// Faces in the order of the leaves.
     faces: Vec<[u32; 3]>,
 }
 

@@ -13,14 +13,14 @@ const PADDING: f32 = 16.0 * f32::EPSILON / 2.0;
 const MIN_COMPONENT: f32 = 1e-18;
 
 pub(super) struct Origin {
-    /// In two parts, axis by axis: x relative to the origin is `x - first - second`.
+    /// Origin in two parts, axis by axis: x relative to the origin is `x - first - second`.
     pub(super) parts: [[f32; 2]; 3],
     /// The second part for lower planes and for upper ones, with the padding in it.
     pub(super) padded: [[f32; 2]; 3],
 }
 
 impl Origin {
-    /// For a tree without coordinates beyond `reach`.
+    /// Splits an origin for a tree without coordinates beyond `reach`.
     #[inline(always)]
     pub(super) fn new(origin: &Point3<f64>, reach: f32) -> Self {
         let parts: [[f32; 2]; 3] = std::array::from_fn(|axis| {

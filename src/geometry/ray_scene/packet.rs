@@ -12,7 +12,7 @@ use super::lanes::{LANES, Lanes, cross, dot, each, minus, simd_max, simd_min};
 use super::origin::inverse;
 use super::tree::{BLOCK, Block};
 
-/// Up to so many rays are bounded and tested one by one, not all sixteen at once.
+/// Number of rays up to which they are bounded and tested one by one, not all sixteen at once.
 const FEW: u32 = 5;
 const SIGN: u32 = 1 << 31;
 /// End of a lane without a ray, or without need of one: before every box and triangle.
@@ -22,7 +22,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The rays while they are traced.
 pub(super) struct Packet {
-    /// In the order of `axes`.
+    /// Directions in the order of `axes`.
     direction: [Lanes; 3],
     /// Shear: travel of the rays along the first two of `axes` for one along the third.
     shear: [Lanes; 2],
@@ -187,7 +187,7 @@ struct Seen {
     height: [f32; BLOCK],
 }
 
-/// One of them.
+/// A triangle that was seen.
 struct SeenTriangle {
     corners: [[f32; 3]; 3],
     normal: [f32; 3],

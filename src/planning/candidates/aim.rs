@@ -22,16 +22,16 @@ pub(super) struct Aim {
     pub(super) position_mm: Point3<f64>,
     /// Unit viewing direction.
     pub(super) axis: Vector3<f64>,
-    /// Which side it looks at.
+    /// Side of the part that it looks at.
     pub(super) label: Label,
-    /// Whether it moves along its axis until the surface seen lies around F.
+    /// True if it moves along its axis until the surface seen lies around F.
     pub(super) slides: bool,
     /// The baseline where the strategy has decided it; else it is level, turned by every roll of the job.
     pub(super) baseline: Option<Vector3<f64>>,
 }
 
 impl Aim {
-    /// From direction `u` of the unit sphere at a block: at this direction times the semi-axes of its stand-off ellipsoid,
+    /// Aims from direction `u` of the unit sphere at a block: at this direction times the semi-axes of its stand-off ellipsoid,
     /// towards its centre (thesis §3.1.3).
     pub(super) fn at_block(block: &Block, u: &Vector3<f64>, scope: &Scope<'_>, standoff: Standoff) -> Self {
         let offset = u.component_mul(&semi_axes_mm(block, scope, standoff));
@@ -44,7 +44,7 @@ impl Aim {
         }
     }
 
-    /// At F from the surface point `target_mm`, in direction `u` (unit) from it.
+    /// Aims at the surface point `target_mm` from direction `u` (unit), with the point at F.
     pub(super) fn at_point(target_mm: &Point3<f64>, u: &Vector3<f64>, scope: &Scope<'_>) -> Self {
         let position_mm = target_mm + u * scope.scanner.best_mm;
         Self { position_mm, axis: -u, label: Label::of_direction(u), slides: false, baseline: None }

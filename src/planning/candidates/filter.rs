@@ -1,4 +1,4 @@
-//! Which generated viewpoints no cell could use, and which are there twice. Nothing here looks at what they measure.
+//! Rejection of viewpoints that no cell could use, and of duplicates. Visibility plays no part here.
 
 use std::collections::HashSet;
 
@@ -54,7 +54,7 @@ fn key(pose: &Pose<Part, ScannerFrame>) -> [i64; 9] {
     [origin.x, origin.y, origin.z, x.x, x.y, x.z, z.x, z.y, z.z]
 }
 
-/// What every candidate is held against.
+/// Inputs of the checks of every candidate.
 struct Filter<'a> {
     scope: &'a Scope<'a>,
     above_only: bool,

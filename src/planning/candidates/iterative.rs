@@ -17,7 +17,7 @@ const STREAM: u64 = 0x6974_6572;
 const TURN_RAD: f64 = FRAC_PI_6;
 /// Largest move of the aim point in the first round, as a share of a block's edge.
 const SHIFT: f64 = 0.25;
-/// What turn and move shrink to from round to round.
+/// Factor by which turn and move shrink from round to round.
 const SHRINK: f64 = 0.6;
 
 /// Aims of all rounds.

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-/// Which side of the part a viewpoint looks at ([`crate::planning::method::candidates`]).
+/// Side of the part that a viewpoint looks at ([`crate::planning::method::candidates`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Label {
     /// Polar angle up to 60°.

@@ -47,7 +47,7 @@ pub use targeted::OpenSamples;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CandidateId(pub u32);
 
-/// Why a candidate was dropped before selection.
+/// Reason for which a candidate was dropped before selection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Rejection {
     /// A device or the viewpoint lies below the plate's plane.
@@ -60,7 +60,7 @@ pub enum Rejection {
     Unreachable,
     /// Reached, but something collides at every station.
     Collision,
-    /// The same pose as a candidate with a lower number.
+    /// Duplicate of a candidate with a lower number.
     Duplicate,
     /// Measures nothing that is asked for.
     MeasuresNothing,
@@ -92,13 +92,13 @@ pub struct Candidate {
     pub id: CandidateId,
     /// Its pose.
     pub part_from_scanner: Pose<Part, ScannerFrame>,
-    /// Which side it looks at.
+    /// Side of the part that it looks at.
     pub label: Label,
     /// Setup that it is taken in, from 0.
     pub setup: usize,
 }
 
-/// What the candidates are generated for.
+/// Part, surface, scanner and cell that candidates are generated for.
 pub struct Scope<'a> {
     /// The part.
     pub part: &'a Mesh,
@@ -108,7 +108,7 @@ pub struct Scope<'a> {
     pub scanner: &'a Scanner,
     /// The cell, where there is one.
     pub cell: Option<&'a Cell>,
-    /// How the part lies.
+    /// Pose of the part on the table.
     pub table_from_part: Pose<Table, Part>,
     /// Seed of the strategies that draw.
     pub seed: u64,
@@ -137,9 +137,9 @@ impl CandidateSet {
     }
 }
 
-/// Most candidates of one job.
+/// Largest number of candidates of one job.
 const MAX_CANDIDATES: usize = 50_000;
-/// Most pairs of candidate and sample: bounds the table of what each measures to 2.2 GB.
+/// Largest number of pairs of candidate and sample: bounds the visibility matrix to 2.2 GB.
 const MAX_PAIRS: usize = 1_000_000_000;
 /// Even directions by default around a part of one block (`DEFAULT.md`).
 const EVEN_DIRECTIONS: usize = 150;

@@ -50,7 +50,7 @@ struct Arm<'a> {
 }
 
 impl Arm<'_> {
-    /// Whether some joint vector within the limits takes the view at some angle of the table.
+    /// Returns true if some joint vector within the limits takes the view at some angle of the table.
     fn reaches(&self, table_from_scanner: &Pose<Table, ScannerFrame>) -> bool {
         let plate_from_flange = plate_from_placed(table_from_scanner) * self.cell.flange_from_scanner.inverse();
         (0..TABLE_ANGLES).map(|step| std::f64::consts::TAU * f64::from(step) / f64::from(TABLE_ANGLES)).any(|table_angle_rad| {

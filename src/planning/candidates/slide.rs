@@ -38,7 +38,7 @@ impl<'a> Slide<'a> {
         Self { scanner: scope.scanner, device_from_scanner, samples }
     }
 
-    /// Where a viewpoint that starts at `position` comes to rest. It stays when it sees nothing.
+    /// Slides a viewpoint from `position` to where it comes to rest. It stays when it sees nothing.
     pub(super) fn along_axis(&self, mut position: Point3<f64>, orientation: &UnitQuaternion<f64>) -> Point3<f64> {
         for _ in 0..PASSES {
             let Some(mid_mm) = self.mid_depth_mm(&position, orientation) else { break };

@@ -1,6 +1,6 @@
 //! The few of many that are spread widest.
 
-/// At most `count` of `items`, each in its turn the one farthest from those that are taken (Gonzalez 1985, *Clustering to
+/// Selects at most `count` of `items`, each in its turn the one farthest from those that are taken (Gonzalez 1985, *Clustering to
 /// minimize the maximum intercluster distance*), in their order. The first is taken first, ties go to the lower number.
 /// Cost: items × count distances.
 pub(super) fn widest<T>(items: Vec<T>, count: usize, distance: impl Fn(&T, &T) -> f64) -> Vec<T> {

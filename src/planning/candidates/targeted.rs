@@ -1,6 +1,6 @@
 //! Viewpoints for what is still uncovered, each solved from the opening above one open sample.
 //!
-//! From the sample the directions are found in which nothing lies within the working depth: the sky. Of these the ones
+//! The sky of a sample are the directions from it in which nothing lies within the working depth. Of these the ones
 //! remain, with a roll, for which the lines to all three optical centres are clear and within the incidence limits: a cone.
 //! The axis is the one in it that is nearest the middle of the sky, and of its rolls the one is taken whose baseline lies
 //! along the widest opening. The sample comes to lie at F on the axis, which is not slid.
@@ -32,16 +32,16 @@ const ROLLS: usize = 12;
 /// Steps in which the width of an opening is measured to each side of an axis.
 const WIDTH_STEPS: usize = 15;
 const WIDTH_STEP_RAD: f64 = PI / 45.0;
-/// Where rays begin above the surface, mm: clear of the sample's own facet.
+/// Height above the surface at which rays begin, mm: clear of the sample's own facet.
 const ABOVE_MM: f64 = 0.02;
-/// How far apart two views are whose axes differ by a radian, mm: about what lies within a third of the field.
+/// Distance of two views whose axes differ by a radian, mm: about what lies within a third of the field.
 const RADIAN_MM: f64 = 90.0;
 
-/// What is left to measure.
+/// Samples that are left to measure, and the surroundings.
 pub struct OpenSamples<'a> {
     /// Samples that are asked for and not measured yet, ascending.
     pub samples: &'a [u32],
-    /// What may lie between, part frame.
+    /// Surfaces that may lie between, part frame.
     pub occluders: &'a RayScene,
     /// Largest incidence of left camera, right camera and projector.
     pub incidence_max_rad: [f64; 3],
@@ -131,14 +131,14 @@ impl<'a> ViewSolver<'a> {
         middle.try_normalize(f64::MIN_POSITIVE).into_iter().chain(sky.into_iter().step_by(every)).collect()
     }
 
-    /// Those of `directions` in which nothing lies within the working depth.
+    /// The `directions` in which nothing lies within the working depth.
     fn open(&self, from_mm: &Point3<f64>, directions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let targets: Vec<_> = directions.iter().map(|direction| from_mm + direction * self.far_mm).collect();
         let hidden = self.hidden(from_mm, &targets);
         directions.iter().zip(hidden).filter(|(_, hidden)| !hidden).map(|(direction, _)| *direction).collect()
     }
 
-    /// Those of `views` whose three lines are clear and within the limits.
+    /// The `views` whose three lines are clear and within the limits.
     fn clear(&self, from_mm: &Point3<f64>, normal: &Vector3<f64>, views: &[TargetedView]) -> Vec<TargetedView> {
         let within = |view: &&TargetedView| {
             self.centres_mm(view).iter().zip(&self.devices).all(|(centre, (_, min_cos))| {
@@ -152,7 +152,7 @@ impl<'a> ViewSolver<'a> {
         views.into_iter().zip(hidden.chunks(3)).filter(|(_, hidden)| !hidden.contains(&true)).map(|(view, _)| *view).collect()
     }
 
-    /// How many steps of the sky are open in an unbroken run along each view's baseline.
+    /// Steps of the sky that are open in an unbroken run along each view's baseline.
     fn widths(&self, from_mm: &Point3<f64>, views: &[&TargetedView]) -> Vec<usize> {
         let along = |view: &TargetedView, side: f64| {
             let (outward, baseline) = (view.outward, view.baseline * side);

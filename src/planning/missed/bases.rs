@@ -1,4 +1,4 @@
-//! Which candidates remedies start from: those that get furthest at a spot, between them at each of its samples.
+//! Bases of remedies: candidates that get furthest at a spot, between them at each of its samples.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! How far the limits of incidence have to be raised for a spot: the smallest whole number of degrees, at most 89, with
+//! Raised limits of incidence for a spot: the smallest whole number of degrees, at most 89, with
 //! which a remedy's views measure their share. Cameras and projector are raised only as far as each has to be.
 
 use super::search::MissAnalysis;
@@ -7,7 +7,7 @@ use crate::cell::DeviceName;
 use crate::planning::params::PlanParams;
 use crate::planning::visibility::{Optics, Probe};
 
-/// Beyond this a surface is seen edge on.
+/// Largest limit that is tried, degrees: beyond it a surface is seen edge on.
 const MAX_DEG: f64 = 89.0;
 
 /// Limits of a job, degrees: left, right, projector.
@@ -35,7 +35,7 @@ pub(super) fn widest(analysis: &MissAnalysis<'_>) -> Optics {
     Optics::new(analysis.scanner, &raised(analysis, left.max(MAX_DEG), projector.max(MAX_DEG)), &analysis.surface.requirements)
 }
 
-/// What a view would need at each sample of a spot: `None` where no limit helps.
+/// Limits that a view would need at each sample of a spot: `None` where no limit helps.
 pub(super) struct Needs {
     by_sample: Vec<Option<[f64; 3]>>,
 }
@@ -63,7 +63,7 @@ pub(super) fn steps_deg(limits_deg: &[f64; 3]) -> impl Iterator<Item = f64> {
     (lowest + 1..=MAX_DEG as u32).map(f64::from)
 }
 
-/// What may be raised to `deg`: the projector alone, the cameras alone, both.
+/// Limits raised to `deg`: of the projector alone, of the cameras alone, of both.
 pub(super) fn options(limits_deg: &[f64; 3], deg: f64) -> [[f64; 3]; 3] {
     let [left, right, projector] = *limits_deg;
     let (cameras, lit) = ([left.max(deg), right.max(deg)], projector.max(deg));

@@ -1,4 +1,4 @@
-//! What is not measured, why, and what would cure it. For each missed sample there is the first failing cause for the
+//! Missed area, its causes, and remedies. For each missed sample there is the first failing cause for the
 //! candidate that gets furthest ([`crate::planning::method::causes`]); samples of one cause form connected spots; for each of the
 //! largest spots remedies are tried on the part itself, cheapest first, and the first that works is named.
 //!

@@ -1,4 +1,4 @@
-//! From where a spot is open: directions in which nothing stands between its samples and the distance of best focus.
+//! Openings of a spot: directions in which nothing stands between its samples and the distance of best focus.
 
 use nalgebra::{Unit, Vector3};
 
@@ -10,7 +10,7 @@ use crate::geometry::RayScene;
 const DIRECTIONS: usize = 500;
 /// Samples that are looked from.
 const SAMPLES: usize = 12;
-/// Where a ray begins off the surface, mm: the end that the visibility of a sample leaves out.
+/// Distance off the surface at which a ray begins, mm: the end that the visibility of a sample leaves out.
 const OFF_SURFACE_MM: f64 = 3e-3;
 /// Directions within this angle support each other, so that the middle of an opening beats its border: cos 20°.
 const SUPPORT_COS: f64 = 0.939_692_620_785_908_4;

@@ -48,7 +48,7 @@ pub(super) struct ProposalSource<'a> {
     pub(super) poses: &'a [Pose<Part, ScannerFrame>],
     /// Indices of those to start from, best first.
     pub(super) bases: &'a [usize],
-    /// Where the spot is.
+    /// Centre of the spot.
     pub(super) centre_mm: Point3<f64>,
 }
 
@@ -140,7 +140,8 @@ impl ProposalSource<'_> {
         (self.centre_mm - pose.origin_mm()).dot(&pose.direction(&Vector3::z()))
     }
 
-    /// From where the part alone leaves the spot open, the widest opening first; then from all around, baseline both ways.
+    /// Proposes views from where the part alone leaves the spot open, the widest opening first; then from all around, baseline
+    /// both ways.
     pub(super) fn setups(&self, openings: &[Unit<Vector3<f64>>]) -> Vec<Proposal> {
         let straight =
             |towards: &Unit<Vector3<f64>>| self.aimed(self.nearest(towards), towards.into_inner(), self.scanner.best_mm);

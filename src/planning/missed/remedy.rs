@@ -1,4 +1,4 @@
-//! What cures a missed spot, and how that is said.
+//! Remedies of a missed spot, and their sentences.
 
 use std::fmt::Write;
 
@@ -21,7 +21,7 @@ pub enum RemedyKind {
     Setup,
     /// A larger limit of incidence.
     Limit,
-    /// Nothing that was tried works.
+    /// No view that was tried works.
     None,
 }
 
@@ -44,16 +44,16 @@ impl RemedyKind {
     }
 }
 
-/// What was tried and works for a spot, or that nothing does. It works when its views together measure at least half of
-/// the spot's area, by the plan's own definition of visibility; with a cell also from a station free of collision to which
-/// a path leads, except in another setup.
+/// A remedy that was tried and works for a spot, or the finding that none does. It works when its views together measure at
+/// least half of the spot's area, by the plan's own definition of visibility; with a cell also from a station free of collision
+/// to which a path leads, except in another setup.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remedy {
-    /// Which kind.
+    /// Kind of remedy.
     pub kind: RemedyKind,
     /// The views, best first, at most 8. None where nothing works.
     pub views: Vec<RemedyView>,
-    /// How the part lies for [`RemedyKind::Setup`]: what to give as `part.table_from_part`.
+    /// Pose of the part for [`RemedyKind::Setup`], to give as `part.table_from_part`.
     pub table_from_part: Option<Pose<Table, Part>>,
     /// Limit of the cameras that is needed, where it has to be raised, degrees.
     pub camera_deg: Option<f64>,
@@ -61,7 +61,7 @@ pub struct Remedy {
     pub projector_deg: Option<f64>,
     /// Area of the spot that the views together measure.
     pub area_mm2: f64,
-    /// The same as a share of the spot.
+    /// Share of the spot that the views together measure.
     pub of_spot: f64,
     /// Views that were tried for this spot.
     pub tried: usize,
@@ -85,7 +85,7 @@ pub struct RemedyView {
 }
 
 impl Remedy {
-    /// Nothing of what was tried works.
+    /// The finding that no view that was tried works.
     pub(super) fn none(tried: usize) -> Self {
         Self {
             kind: RemedyKind::None,

@@ -32,7 +32,7 @@ const MAX_VIEWS: usize = 8;
 /// Views of one kind that the cell is asked for at most.
 const MAX_EXECUTION_CHECKS: usize = 24;
 
-/// Whether the cell can take a view.
+/// Returns true if the cell can execute a view.
 pub(in crate::planning) type CanExecute<'a> = dyn Fn(&Pose<Part, ScannerFrame>) -> Result<bool, Cancelled> + Sync + 'a;
 
 /// A plan whose misses are looked into.
@@ -41,14 +41,16 @@ pub(in crate::planning) struct MissAnalysis<'a> {
     pub(in crate::planning) surface: &'a Surface,
     pub(in crate::planning) scanner: &'a Scanner,
     pub(in crate::planning) params: &'a PlanParams,
-    /// How the part lies in each setup.
+    /// Pose of the part in each setup.
     pub(in crate::planning) setups: &'a [Pose<Table, Part>],
     pub(in crate::planning) occluders: &'a Occluders,
-    /// Those kept, with what each measures and whether it could have been chosen.
+    /// The kept candidates.
     pub(in crate::planning) candidates: &'a [Candidate],
+    /// Samples that each of them measures.
     pub(in crate::planning) rows: &'a [Row],
+    /// True for candidates that could have been chosen.
     pub(in crate::planning) choosable: Vec<bool>,
-    /// `None` without a cell.
+    /// Checks of the cell; `None` without one.
     pub(in crate::planning) can_execute: Option<&'a CanExecute<'a>>,
 }
 
@@ -76,7 +78,7 @@ pub(in crate::planning) fn explain(
     Ok(missed)
 }
 
-/// For each spot its remedy, `None` for all but the largest.
+/// Finds the remedy of each spot, `None` for all but the largest.
 fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Option<Remedy>>, Cancelled> {
     let mut largest: Vec<usize> = (0..spots.len()).collect();
     largest.sort_by(|a, b| spots[*b].area_mm2.total_cmp(&spots[*a].area_mm2));
@@ -98,14 +100,14 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
     Ok(remedies)
 }
 
-/// What every spot is tried with.
+/// Context that the search for remedies shares between spots.
 struct RemedyContext<'a> {
     analysis: &'a MissAnalysis<'a>,
     poses: Vec<Pose<Part, ScannerFrame>>,
     optics: Optics,
     widest: Optics,
     above_only: bool,
-    /// Of the part.
+    /// Box of the part.
     aabb: Aabb,
     /// The part without table and fixture.
     part_alone: RayScene,
@@ -136,12 +138,12 @@ impl<'a> RemedyContext<'a> {
         })
     }
 
-    /// Whether viewpoint and devices stand above the plate, the part lying like this.
+    /// Returns true if viewpoint and devices stand above the plate, the part lying like this.
     fn is_above(&self, table_from_part: &Pose<Table, Part>, pose: &Pose<Part, ScannerFrame>) -> bool {
         setups::is_above(pose, table_from_part, self.analysis.scanner)
     }
 
-    /// Whether a candidate like this would have been kept.
+    /// Returns true if a candidate like this would have been kept.
     fn is_allowed(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
         let above = |table_from_part: &Pose<Table, Part>| self.is_above(table_from_part, pose);
         (!self.above_only || self.analysis.setups.iter().any(above)) && self.is_outside(pose)
@@ -251,7 +253,7 @@ impl<'a> Search<'a> {
         Ok(self.confirmed(kind, &views, &self.context.optics, rays, source))
     }
 
-    /// In the first of the poses in which the part rests that lets views from above the plate measure enough.
+    /// Finds a remedy in the first of the part's other resting poses that lets views from above the plate measure enough.
     fn turned_over(&self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let context = self.context;
         for table_from_part in context.other_poses() {
@@ -333,7 +335,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// With candidates as they are, so that raising the limit is all there is to do; else with what was tried.
+    /// Finds a remedy by raised limits: with candidates as they are, so that raising is all there is to do; else with the views
+    /// tried.
     fn raised_limit(&mut self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let choosable = |candidate: usize| context.analysis.choosable[candidate];

@@ -21,11 +21,11 @@ pub(super) struct SpotSamples {
     pub(super) ids: Vec<u32>,
     /// Area that each stands for.
     area_mm2: Vec<f64>,
-    /// Of the whole spot.
+    /// Area of the whole spot.
     pub(super) total_mm2: f64,
 }
 
-/// How far a view gets at each sample.
+/// Progress of a view at each sample: the step at which it fails.
 #[derive(Clone)]
 pub(super) struct Progress(Vec<u8>);
 
@@ -50,7 +50,7 @@ impl Progress {
         self.0.iter().map(|step| u32::from(if *step == MEASURED { 32 } else { *step })).sum()
     }
 
-    /// At each sample the further of the two.
+    /// Takes the further of the two at each sample.
     pub(super) fn or_further(mut self, other: &Self) -> Self {
         self.0.iter_mut().zip(&other.0).for_each(|(step, other)| *step = (*step).max(*other));
         self
@@ -58,12 +58,12 @@ impl Progress {
 }
 
 impl SpotSamples {
-    /// At a few of the samples.
+    /// Selects a few of the samples.
     pub(super) fn few(surface: &Surface, samples: &[u32]) -> Self {
         Self::new(surface, samples, MAX_TRIED)
     }
 
-    /// At enough of them to state an area: at every one in all but huge spots.
+    /// Selects enough of them to state an area: all in all but huge spots.
     pub(super) fn many(surface: &Surface, samples: &[u32]) -> Self {
         Self::new(surface, samples, MAX_CONFIRMED)
     }
@@ -87,7 +87,7 @@ impl SpotSamples {
         &self.points
     }
 
-    /// How far a view gets, shadows included.
+    /// Progress of a view, shadows included.
     pub(super) fn progress(&self, probe: &Probe<'_>) -> Progress {
         Progress(
             self.points
@@ -97,7 +97,7 @@ impl SpotSamples {
         )
     }
 
-    /// How far a view gets before any shadow, as [`Progress::sum`] counts.
+    /// Progress of a view before any shadow, as [`Progress::sum`] counts.
     pub(super) fn progress_before_shadow(&self, probe: &Probe<'_>) -> u32 {
         let step = |(p, normal, kind): &AskedPoint| match probe.before_shadow(p, normal, *kind) {
             Ok(_) => MEASURED,

@@ -7,12 +7,12 @@ use crate::geometry::{Aabb, Mesh, Part, Pose, Table, components_sharing};
 use crate::planning::plan::{Cause, Verdict};
 use crate::planning::surface::{PatchId, Surface};
 
-/// How near the plate a sample lies that the part rests on, mm.
+/// Largest distance from the plate of a sample that the part rests on, mm.
 const RESTING_WITHIN_MM: f64 = 0.1;
-/// How steeply it must face down: within 8° of the vertical.
+/// Cosine below which such a sample faces down: within 8° of the vertical.
 const RESTING_NORMAL_COS: f64 = -0.99;
 
-/// Whether a sample belongs to the faces that the part stands on.
+/// Returns true if a sample belongs to the faces that the part stands on.
 #[must_use]
 pub(in crate::planning) fn stands_on(surface: &Surface, sample: usize, table_from_part: &Pose<Table, Part>) -> bool {
     let height_mm = table_from_part.point(&surface.sample_mm[sample]).z;
@@ -28,7 +28,7 @@ pub(super) struct Spot {
     pub(super) area_mm2: f64,
     /// Area-weighted.
     pub(super) centre_mm: Point3<f64>,
-    /// Of the box around its patches, along the part's axes.
+    /// Extent of the box around its patches, along the part's axes.
     pub(super) extent_mm: Vector3<f64>,
     /// Ascending.
     pub(super) source_faces: Vec<u32>,
@@ -60,7 +60,7 @@ fn spots_of(cause: Cause, mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) 
     spots
 }
 
-/// Equal for equal corners: adding 0 turns −0 into 0.
+/// Keys of a patch's corners, equal for equal corners: adding 0 turns −0 into 0.
 fn corner_keys(surface: &Surface, patch: PatchId) -> [[u64; 3]; 3] {
     surface.patches[patch.0 as usize].corners_mm.map(|corner| [corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits()))
 }

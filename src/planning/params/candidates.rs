@@ -68,7 +68,7 @@ pub enum Hemisphere {
     AboveTable,
 }
 
-/// How far a candidate stands from the part.
+/// Rule for the distance of a candidate from the part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Standoff {
@@ -85,30 +85,30 @@ pub struct CandidateParams {
     /// Schemes; their candidates are joined. Default `["even", "targeted"]`: what needs the fewest views for the same
     /// area (`src/planning/candidates/DEFAULT.md`).
     pub strategies: Vec<Strategy>,
-    /// Of `ellipsoid`: polar step, and azimuth step near the equator, degrees, 1 to 90. Default 30.
+    /// `ellipsoid`: polar step, and azimuth step near the equator, degrees, 1 to 90. Default 30.
     pub step_small_deg: f64,
-    /// Of `ellipsoid`: azimuth step near the poles, degrees, 1 to 180. Default 45.
+    /// `ellipsoid`: azimuth step near the poles, degrees, 1 to 180. Default 45.
     pub step_large_deg: f64,
-    /// Of `even`: directions around a part of one block, 4 to 10 000. Default 150, fewer where the table of what each view
+    /// `even`: directions around a part of one block, 4 to 10 000. Default 150, fewer where the table of what each view
     /// measures would not hold them. Each of b blocks has the √b-th part, but not fewer than 27: neighbours see each
     /// other's surface.
     pub even_directions: Option<u32>,
-    /// Of `facet_normal`: facets, the largest first, 1 to 10 000. Default 100.
+    /// `facet_normal`: facets, the largest first, 1 to 10 000. Default 100.
     pub facet_normals: u32,
-    /// Of `surface_points`: points, 1 to 10 000. Default 100.
+    /// `surface_points`: points, 1 to 10 000. Default 100.
     pub surface_points: u32,
-    /// Of `facet_normal` and `surface_points`: nearer than this, mm, 0 to 1000, and with a normal within 15° no second one
+    /// `facet_normal` and `surface_points`: nearer than this, mm, 0 to 1000, and with a normal within 15° no second one
     /// is taken. Default: the root of the surface's area divided by the count.
     pub spacing_mm: Option<f64>,
-    /// Of `volume`: random viewpoints, 1 to 10 000. Default 200.
+    /// `volume`: random viewpoints, 1 to 10 000. Default 200.
     pub volume_points: u32,
-    /// Of `reach`: directions, 1 to 10 000. Default 100.
+    /// `reach`: directions, 1 to 10 000. Default 100.
     pub reach_directions: u32,
-    /// Of `iterative`: rounds, 1 to 20; each looks closer around the best views. Default 3.
+    /// `iterative`: rounds, 1 to 20; each looks closer around the best views. Default 3.
     pub iterative_rounds: u32,
-    /// Of `iterative`: viewpoints a round, 1 to 10 000. Default 50.
+    /// `iterative`: viewpoints a round, 1 to 10 000. Default 50.
     pub iterative_views: u32,
-    /// Of `targeted`: most viewpoints, 1 to 1000. Default 100.
+    /// `targeted`: viewpoints at most, 1 to 1000. Default 100.
     pub targeted_max: u32,
     /// Rolls about the viewing axis for each direction, degrees, -360 to 360. Default `[0, 90]`. `iterative` draws its
     /// rolls and `targeted` solves for them.
@@ -159,7 +159,7 @@ impl CandidateParams {
         Self { strategies: vec![Strategy::Ellipsoid], rolls_deg: vec![0.0], ..Self::default() }
     }
 
-    /// Whether a strategy is among those named.
+    /// Returns true if a strategy is among those named.
     #[must_use]
     pub fn uses(&self, strategy: Strategy) -> bool {
         self.strategies.contains(&strategy)

@@ -1,11 +1,11 @@
-//! How programs in the languages of robot controllers talk to the scanner and the table.
+//! Names and signals between robot programs, scanner and table.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::cell::Findings;
 
-/// Longest name of a program, characters; each language shortens it to what it allows.
+/// Largest length of a program's name, characters; each language shortens it to what it allows.
 const MAX_NAME_CHARS: usize = 64;
 
 /// Names and signals in the programs for robot controllers. Which numbers a controller has, its dialect checks.
@@ -19,13 +19,13 @@ pub struct DialectParams {
     /// Digital input that is on once a capture is done, 0 to 4096; the scanner has to take it away before the pulse
     /// ends. Default 1.
     pub scan_input: u32,
-    /// How long the output is on, s, 0.01 to 10. Default 0.1.
+    /// Time for which the output is on, s, 0.01 to 10. Default 0.1.
     pub pulse_secs: f64,
-    /// How long the end of a capture is waited for, s, 0.1 to 300; then the program stops. Default 30.
+    /// Time for which the end of a capture is waited for, s, 0.1 to 300; then the program stops. Default 30.
     pub timeout_secs: f64,
     /// External axis that turns the table, 1 to 6, where the controller has such axes. Default 1.
     pub table_axis: u32,
-    /// Longest name of a FANUC program, 8 to 36: 8 fits every controller, 36 those since R-30iA. Default 8.
+    /// Largest length of a FANUC program's name, 8 to 36: 8 fits every controller, 36 those since R-30iA. Default 8.
     pub fanuc_name_chars: u32,
 }
 

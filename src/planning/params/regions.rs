@@ -1,4 +1,4 @@
-//! What is asked of which part of the surface: regions that are left out, regions of interest, and features with
+//! Regions of the surface: excluded regions, regions of interest, and features with
 //! tolerances. All in part coordinates, mm.
 
 use serde::{Deserialize, Serialize};
@@ -7,15 +7,15 @@ use utoipa::ToSchema;
 use crate::cell::Findings;
 use crate::planning::grade::Grade;
 
-/// Most regions of interest and features of one job.
+/// Largest number of regions of interest and features of one job.
 const MAX_REGIONS: usize = 10_000;
 
-/// What is asked of which part of the surface.
+/// Regions that are excluded, of interest, or toleranced.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct RegionParams {
-    /// Not asked for, since clamped, resting or of no interest. A face is left out when any of these regions holds it (face
-    /// list, name), or holds the sample (the others).
+    /// Regions that are not asked for, since clamped, resting or of no interest. A face is left out when any of these regions
+    /// holds it (face list, name), or holds the sample (the others).
     pub exclude: Vec<Region>,
     /// Regions with a weight, a target or limits of their own.
     pub interest: Vec<InterestParams>,
@@ -82,12 +82,12 @@ pub enum Region {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct InterestParams {
-    /// What plan and report call it. Default: `interest` and its number.
+    /// Name in plan and report. Default: `interest` and its number.
     #[serde(default)]
     pub name: Option<String>,
-    /// Where it is.
+    /// The region of the surface.
     pub region: Region,
-    /// What its area counts for in the score, 0 to 100; elsewhere it is 1. The target of the plan counts true area.
+    /// Weight of its area in the score, 0 to 100; elsewhere it is 1. The target of the plan counts true area.
     /// Default 1.
     #[serde(default = "one")]
     pub weight: f64,
@@ -109,10 +109,10 @@ pub struct InterestParams {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct FeatureParams {
-    /// What plan and report call it. Default: `feature` and its number.
+    /// Name in plan and report. Default: `feature` and its number.
     #[serde(default)]
     pub name: Option<String>,
-    /// Where it is.
+    /// The region that has to keep the tolerance.
     pub region: Region,
     /// Width of the tolerance zone, mm, 0.001 to 100.
     pub tolerance_mm: f64,
@@ -131,7 +131,7 @@ pub struct NoiseParams {
     /// Standard deviation across a surface that is seen straight on at the best focus, mm, 0.0001 to 10. Default: 0.0117,
     /// a third of the scanner's single-shot accuracy of 0.035 mm (Table 4.3), which is taken as three sigma.
     pub best_mm: f64,
-    /// How much more of it there is at the ends of the working depth, 0 to 100. Default 1: twice as much; taken, since no
+    /// Relative increase of the noise at the ends of the working depth, 0 to 100. Default 1: twice as much; taken, since no
     /// figure is known for this scanner.
     pub depth_gain: f64,
     /// Share of the tolerance that the expanded uncertainty to both sides, four sigma, may take, 0.01 to 1. Default 0.3, which

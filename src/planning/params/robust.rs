@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use crate::cell::Findings;
 
-/// How far a pose may be off: turned by the whole angle and moved by the whole distance, each in a random direction.
+/// Error of a pose: turned by the whole angle and moved by the whole distance, each in a random direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct PoseErrorParams {
@@ -16,18 +16,18 @@ pub struct PoseErrorParams {
     pub translation_mm: f64,
 }
 
-/// Whether a plan bears poses that are off.
+/// Evaluation of a plan with poses that are off.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields, expecting = "an object")]
 pub struct RobustParams {
     /// Error of poses for which coverage is evaluated again, on samples that the views were not chosen on. Default: none,
     /// and nothing is evaluated.
     pub pose_error: Option<PoseErrorParams>,
-    /// How often every view is put off by an error of its own, 1 to 1000. Default 20.
+    /// Draws in which every view is put off by an error of its own, 1 to 1000. Default 20.
     pub draws: u32,
-    /// How often the part as a whole is put off, 1 to 1000. Default 20.
+    /// Draws in which the part as a whole is put off, 1 to 1000. Default 20.
     pub part_draws: u32,
-    /// Whether views are chosen by what they measure under each of six stated errors as well (`planning/robust`): turned
+    /// Chooses views by what they measure under each of six stated errors as well (`planning/robust`): turned
     /// about x, y and z both ways by the angle, and moved by the distance to where the turn takes the field. Seven times
     /// the time for visibility. Default false.
     pub select: bool,

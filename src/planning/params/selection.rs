@@ -1,4 +1,4 @@
-//! What selection is asked for beside its target: the formulation, overlap for registration, and the range checks of
+//! Formulation of the selection, overlap for registration, and the range checks of
 //! these knobs.
 
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::SelectionParams;
 use crate::cell::Findings;
 
-/// Which of the two formulations is solved.
+/// Formulation that is solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SelectionGoal {

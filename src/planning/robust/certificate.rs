@@ -1,4 +1,4 @@
-//! What the chosen views measure on samples that they were not chosen on: as planned, and with poses that are off.
+//! Coverage of the chosen views on samples that they were not chosen on: as planned, and with poses that are off.
 //!
 //! Views chosen on a set of samples fit that set: its share reads high, by up to half a point on machined parts. So it is
 //! evaluated again on a second set, as dense, from another seed. A pose that is off is turned by the whole angle of
@@ -24,12 +24,12 @@ const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
 const EACH_VIEW: u64 = 0x76_6965_7773;
 const WHOLE_PART: u64 = 0x7061_7274;
 
-/// What the chosen views are worth.
+/// Coverage of the chosen views on a second set of samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Certificate {
-    /// As planned.
+    /// Coverage with the poses as planned.
     pub independent: Independent,
-    /// With poses that are off; with `robust.pose_error`.
+    /// Coverage with poses that are off; with `robust.pose_error`.
     pub robust: Option<Robust>,
 }
 
@@ -74,9 +74,9 @@ pub struct Robust {
 /// Measured share of the asked area in a number of draws.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drawn {
-    /// With no error.
+    /// Share with no error.
     pub nominal: f64,
-    /// One a draw, ascending; at least one.
+    /// Share in each draw, ascending; at least one.
     of_asked: Vec<f64>,
 }
 
@@ -86,7 +86,7 @@ impl Drawn {
         Self { nominal, of_asked }
     }
 
-    /// How many draws.
+    /// Number of draws.
     #[must_use]
     pub fn draws(&self) -> usize {
         self.of_asked.len()
@@ -148,7 +148,7 @@ pub(in crate::planning) fn certify(
 /// The second set of samples, with what is evaluated on it.
 struct SecondSampling<'a> {
     input: &'a PlanInput<'a>,
-    /// Those of the plan, without the quality that only choosing needs.
+    /// Parameters of the plan, without the quality that only choosing needs.
     params: PlanParams,
     setups: &'a [SetupViews<'a>],
     surface: Surface,
@@ -214,7 +214,7 @@ impl<'a> SecondSampling<'a> {
     }
 }
 
-/// Where something is that should be at the identity: turned about `centre_mm`, then moved.
+/// Draws the pose of a frame that should be at the identity: turned about `centre_mm`, then moved.
 pub(super) fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
     let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
     let shift_mm = stream.direction().into_inner() * error.translation_mm;

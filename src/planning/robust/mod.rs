@@ -23,7 +23,7 @@ use crate::geometry::{Pose, ScannerFrame};
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub(super) use certificate::{SetupViews, certify};
 
-/// What the rows of a table are made from.
+/// Inputs of the rows of a visibility matrix.
 pub(super) struct VisibilityInput<'a> {
     pub(super) surface: &'a Surface,
     pub(super) scanner: &'a Scanner,
@@ -31,8 +31,8 @@ pub(super) struct VisibilityInput<'a> {
     pub(super) params: &'a PlanParams,
 }
 
-/// For each candidate what it measures as planned, which is its row of the table, and under every error of the set as
-/// well. `None` where views are chosen by the nominal rows.
+/// Computes, for each candidate, the samples that it measures as planned, its row of the matrix, and under every error of the
+/// set as well. `None` where views are chosen by the nominal rows.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -52,7 +52,7 @@ pub(super) fn rows(
     Ok(Some(rows))
 }
 
-/// See the module.
+/// The six stated errors, scanner frame.
 fn stated_errors(error: &PoseErrorParams) -> [Pose<ScannerFrame, ScannerFrame>; 6] {
     let (angle_rad, shift_mm) = (error.angle_deg.to_radians(), error.translation_mm);
     let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());

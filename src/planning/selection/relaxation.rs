@@ -266,7 +266,7 @@ struct Targets {
 }
 
 impl Targets {
-    /// Towards `aim`, less the second-order term of the step before.
+    /// Targets towards `aim`, less the second-order term of the step before.
     fn of(point: &Point, before: Option<&Step>, aim: f64) -> Self {
         let target = |a: &[f64], b: &[f64], change: Option<(&[f64], &[f64])>| -> Vec<f64> {
             let second = |i: usize| change.map_or(0.0, |(da, db)| da[i] * db[i]);

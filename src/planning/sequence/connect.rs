@@ -8,7 +8,7 @@ use crate::cell::{Axes, Configuration};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
 
-/// Longest edge of a tree, radians of any axis (25°).
+/// Largest edge of a tree, radians of any axis (25°).
 const MAX_EDGE_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
 /// Samples after which the search gives up.
 const MAX_SAMPLES: usize = 10_000;

@@ -15,7 +15,7 @@ use crate::planning::params::MotionParams;
 /// Checked moves between two nodes, and how much longer than straight ones those between two views were.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct LazyEdgeCosts {
-    /// From the lower number to the higher.
+    /// Checked routes, from the lower number to the higher.
     checked: HashMap<(usize, usize), Route>,
     /// Sum and count of the seconds by which checked moves between two views took longer than straight ones.
     detours: HashMap<(usize, usize), (f64, f64)>,

@@ -1,10 +1,10 @@
-//! In which poses the part is planned: as many setups as `setups` allows, as few as do.
+//! Choice of setups: the poses in which the part is planned, at most `setups` and as few as do.
 //!
-//! What a viewpoint measures does not depend on how the part lies, only whether it can be taken: all optical centres above
-//! the plate. So one table of viewpoints all around tells for every set of poses what they can measure together, and the
+//! The samples that a viewpoint measures do not depend on how the part lies, only whether it can be taken: all optical centres
+//! above the plate. So one table of viewpoints all around tells for every set of poses what they can measure together, and the
 //! smallest set is taken that loses no more than [`FLIP_WORTH`] against the best set of the size allowed. The cell's reach
-//! enters afterwards, with the candidates of each chosen pose. The poses are those given, else how the part lies in the
-//! first place and the stable poses of [`stable_poses`].
+//! enters afterwards, with the candidates of each chosen pose. The poses are those given, else how the part lies in the first
+//! place and the stable poses of [`stable_poses`].
 //!
 //! Cost: one table of 412 views and 8 000 samples.
 
@@ -90,7 +90,7 @@ fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose<Table, Part> {
     Pose::from_parts(Translation3::new(-centre.x, -centre.y, -aabb.min.z).vector, turn)
 }
 
-/// What can be measured from above the plate in each pose.
+/// Samples that can be measured from above the plate in each pose.
 struct Reachable {
     by_pose: Vec<SampleSet>,
     /// Asked area of each sample.
@@ -131,7 +131,7 @@ fn measured_from(
     Ok(Reachable { by_pose: pool.iter().map(seen_in).collect(), area_mm2: (0..surface.sample_mm.len()).map(area_mm2).collect() })
 }
 
-/// Whether the viewpoint and all devices stand above the plate's plane.
+/// Returns true if the viewpoint and all devices stand above the plate's plane.
 pub(super) fn is_above(view: &Pose<Part, ScannerFrame>, table_from_part: &Pose<Table, Part>, scanner: &Scanner) -> bool {
     let table_from_scanner = *table_from_part * *view;
     let centres = scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());

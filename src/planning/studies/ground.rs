@@ -11,7 +11,7 @@ use crate::planning::plan::share;
 use crate::planning::selection::{self, CoverProblem, coverable_mm2};
 use crate::planning::visibility::{self, Row};
 
-/// See the module.
+/// Candidates of one set of parameters, with their visibility matrix.
 pub(super) struct Ground {
     table: Tabulated,
 }
@@ -20,7 +20,7 @@ impl Ground {
     /// Everything that comes before views are chosen. Quality is kept, whatever weight it has.
     ///
     /// # Errors
-    /// Those of [`crate::planning::plan()`].
+    /// The errors of [`crate::planning::plan()`].
     pub(super) fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
         let params = PlanParams { score: ScoreParams { a: 0.5, b: 0.5, ..params.score }, ..params.clone() };
         Ok(Self { table: tabulate(input, &params, ctx)? })

@@ -24,10 +24,10 @@ use ground::Ground;
 const WEIGHTS_A: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// Limits of the cameras, degrees.
 const CAMERA_LIMITS_DEG: [f64; 5] = [85.0, 75.0, 65.0, 55.0, 45.0];
-/// How far the projector's limit lies below that of the cameras, degrees.
+/// Difference by which the projector's limit lies below that of the cameras, degrees.
 const PROJECTOR_BELOW_DEG: f64 = 7.5;
 
-/// What is varied.
+/// The parameter that is varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Study {
     /// Weights of coverage and quality in the score.
@@ -46,35 +46,35 @@ struct Case {
     params: PlanParams,
 }
 
-/// What came out.
+/// Findings of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Findings {
-    /// What was varied.
+    /// The parameter that was varied.
     pub study: Study,
-    /// One a value, in order.
+    /// Findings for each value, in order.
     pub series: Vec<Series>,
     /// Values that could not be used here, with the reason.
     pub skipped: Vec<(String, String)>,
 }
 
-/// What one value gives.
+/// Findings for one value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// The value in words.
     pub label: String,
-    /// The same by the names of the parameters.
+    /// The value by the names of the parameters.
     pub settings: Vec<(&'static str, String)>,
     /// Candidates that views were chosen from.
     pub candidates: usize,
     /// Share of the asked area that they can measure.
     pub coverable_of_asked: f64,
-    /// After 1, 2, … views.
+    /// Coverage after 1, 2, … views.
     pub steps: Vec<Step>,
-    /// Why no further view was taken.
+    /// The rule that ended the choice of views.
     pub stopped_because: StopReason,
 }
 
-/// What the views so far measure.
+/// Coverage by the views so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
     /// Share of the asked area.
@@ -111,7 +111,7 @@ impl Study {
 }
 
 impl Series {
-    /// What `views` views measure: the last step where fewer were taken, nothing where none was.
+    /// Coverage by `views` views: the last step where fewer were taken, nothing where none was.
     #[must_use]
     pub fn after(&self, views: usize) -> Step {
         let taken = views.min(self.steps.len());

@@ -1,4 +1,4 @@
-//! Where to put robot, table and scanner: how much of the viewing hemisphere each layout of a cell reaches, limits and
+//! Layouts of robot, table and scanner: how much of the viewing hemisphere each reaches, limits and
 //! collisions included.
 //!
 //! A cube stands in the middle of the plate; the scanner looks at its centre from half its edge + F, baseline level, from
@@ -23,10 +23,10 @@ use crate::planning::stations::solve_some;
 pub const ELEVATIONS: usize = 19;
 /// Azimuths, 15° apart.
 pub const AZIMUTHS: usize = 24;
-/// How far the table turns while it stands still, radians.
+/// Range of the table while it stands still, radians.
 const STILL_RAD: f64 = 1e-5;
 
-/// Which layouts are compared.
+/// Layouts to compare.
 #[derive(Clone, Debug)]
 pub struct Layouts {
     /// Edge of the cube on the plate, mm.
@@ -37,20 +37,20 @@ pub struct Layouts {
     pub table_mm: Vec<f64>,
     /// Ways to bolt the scanner to the flange.
     pub mountings: Vec<Mounting>,
-    /// What bodies keep from each other, mm.
+    /// Clearance between bodies, mm.
     pub clearance_mm: f64,
 }
 
 /// A way to bolt the scanner to the flange.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mounting {
-    /// In words.
+    /// Name in words.
     pub label: String,
     /// The hand-eye pose that it makes.
     pub flange_from_scanner: Pose<Flange, ScannerFrame>,
 }
 
-/// What is reached without collision.
+/// Views that are reached without collision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Reached {
     /// Elevations with at least one azimuth, of [`ELEVATIONS`]: what a turning table sees.
@@ -72,8 +72,8 @@ pub struct Layout {
     pub reached: Option<Reached>,
 }
 
-/// As the cell has it, then on each face of the scanner's envelope but the front: the flange's axis points into the face's
-/// middle, its x axis along the scanner's z (along x for the back), `adapter_mm` away from it.
+/// Mountings: as the cell has it, then on each face of the scanner's envelope but the front: the flange's axis points into the
+/// face's middle, its x axis along the scanner's z (along x for the back), `adapter_mm` away from it.
 #[must_use]
 pub fn mountings(cell: &Cell, adapter_mm: f64) -> Vec<Mounting> {
     let mut all = vec![Mounting { label: "as it is".into(), flange_from_scanner: cell.flange_from_scanner }];
@@ -130,7 +130,7 @@ pub fn best(layouts: &[Layout]) -> Option<&Layout> {
     )
 }
 
-/// Where the foot stands from the table's axis and how high the plate is above it, mm.
+/// Distance of the foot from the table's axis, and height of the plate above the foot, mm.
 #[must_use]
 pub fn own_layout(cell: &Cell) -> [f64; 2] {
     let origin = cell.base_from_table.origin_mm();

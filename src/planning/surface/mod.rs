@@ -22,7 +22,7 @@ pub(super) use region_finder::RegionFinder;
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
 /// Default number of samples that a part gets at least: a share of the area is then known to about 0.1 points.
 const SAMPLES_BY_DEFAULT: f64 = 50_000.0;
-/// Most patches or samples of one part: bounds memory to about 8 GiB.
+/// Largest number of patches or samples of one part: bounds memory to about 8 GiB.
 const MAX_SAMPLES: f64 = 40e6;
 
 /// Dense number of a patch.
@@ -66,9 +66,9 @@ pub struct Surface {
     pub sample_mm: Vec<Point3<f64>>,
     /// Patch of each sample.
     pub sample_patch: Vec<PatchId>,
-    /// Whether each sample is asked for.
+    /// True for samples that are asked for.
     pub asked: Vec<bool>,
-    /// What is asked of those that are.
+    /// Requirements of the asked samples.
     pub requirements: Requirements,
 }
 

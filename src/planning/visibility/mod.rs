@@ -32,9 +32,9 @@ pub use view::Optics;
 /// The visibility matrix: what every view measures, and how far the others get. Rows are in the order of the views.
 #[derive(Clone, Debug, Default)]
 pub struct VisibilityMatrix {
-    /// One a view.
+    /// Row of each view.
     pub rows: Vec<Row>,
-    /// For each sample that no view measures, why the view that gets furthest does not; for others any cause.
+    /// Cause of each sample that no view measures, of the view that gets furthest; for others any cause.
     pub furthest_cause: Vec<Cause>,
 }
 
@@ -77,7 +77,7 @@ impl Occluders {
     }
 }
 
-/// For each triangle of `occluders`, the part's first, which devices hit it with at least one pixel of their images from
+/// Computes for each triangle of `occluders`, the part's first, which devices hit it with at least one pixel of their images from
 /// one viewpoint (the thesis's §3.2.1): bit 0 for the left camera, bit 1 for the right one, bit 2 for the projector.
 /// Pixel rays pass the lens without distortion, whose only effect is on where the frame ends; limits of depth and
 /// incidence do not enter. Cost: about 10 ms on two cores for a part of 70 000 triangles at 3 × 12 megapixels.
@@ -93,7 +93,7 @@ pub fn pixel_set(
     raster::pixel_set(&occluders.clusters, scanner, view, ctx)
 }
 
-/// For each of the part's triangles by how many of `views` it is hit with at least one pixel of each device: the thesis's
+/// Counts for each of the part's triangles by how many of `views` it is hit with at least one pixel of each device: the thesis's
 /// own answer, see [`pixel_set`].
 ///
 /// # Errors

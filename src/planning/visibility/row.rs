@@ -21,7 +21,7 @@ pub struct QualityScale {
 }
 
 impl Default for QualityScale {
-    /// From −1 to 1.
+    /// A scale from −1 to 1.
     fn default() -> Self {
         Self { greatest: 1.0 }
     }
@@ -68,7 +68,7 @@ pub struct Row {
 #[derive(Clone, Debug, PartialEq)]
 struct Quality {
     scale: QualityScale,
-    /// One a measured sample, ascending by sample.
+    /// Step of each measured sample, ascending by sample.
     steps: Vec<i16>,
 }
 
@@ -150,7 +150,7 @@ impl Row {
         self.quality.as_ref().map(|quality| (quality.scale, quality.steps.as_slice()))
     }
 
-    /// Each measured sample with its quality, ascending. Nothing in a row without quality: see [`super::grade`].
+    /// Measured samples with their quality, ascending. Empty for a row without quality: see [`super::grade`].
     pub fn graded(&self) -> impl Iterator<Item = (u32, f32)> {
         self.quality()
             .into_iter()
@@ -172,7 +172,7 @@ impl Row {
         Self::new(measured.into_words()).with_quality(kept, scale)
     }
 
-    /// For each patch the share of its area that the view measures, 0 to 1.
+    /// Share of each patch's area that the view measures, 0 to 1.
     #[must_use]
     pub fn measured_fraction(&self, surface: &Surface) -> Vec<f32> {
         let mut measured = vec![0_u32; surface.patches.len()];
@@ -185,7 +185,7 @@ impl Row {
             .collect()
     }
 
-    /// For each patch the best quality among its measured samples; `None` where none is measured. Like [`Row::graded`]
+    /// Best quality of each patch among its measured samples; `None` where none is measured. Like [`Row::graded`]
     /// it needs the quality.
     #[must_use]
     pub fn best_quality(&self, surface: &Surface) -> Vec<Option<f32>> {

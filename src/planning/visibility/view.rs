@@ -49,7 +49,7 @@ struct DeviceOptics {
     lens: Lens,
 }
 
-/// Least cosines of the incidence against cameras and projector.
+/// Minimum cosines of the incidence against cameras and projector.
 pub(super) type IncidenceMin = [f64; 2];
 
 impl Optics {

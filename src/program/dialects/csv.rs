@@ -12,7 +12,7 @@ const HEADER: &str = "step,op,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,table_an
                       base_from_scanner_x_mm,base_from_scanner_y_mm,base_from_scanner_z_mm,\
                       base_from_scanner_qx,base_from_scanner_qy,base_from_scanner_qz,base_from_scanner_qw";
 
-/// One row.
+/// A row.
 #[derive(Default)]
 struct Row {
     step: Option<usize>,

@@ -13,7 +13,7 @@ use crate::cell::Configuration;
 /// Names that the controller refuses.
 const RESERVED: [&str; 13] =
     ["CON", "PRN", "AUX", "NUL", "COM1", "COM2", "COM3", "COM4", "LPT1", "LPT2", "LPT3", "PROGRAM", "END"];
-/// Longest remark.
+/// Largest length of a remark.
 const REMARK_CHARS: usize = 32;
 /// Speed of the move home, where the arm already stands, percent.
 const HOMING_PERCENT: u32 = 5;

@@ -126,7 +126,7 @@ pub enum DialectError {
     /// Arm and table have to move together.
     #[error(transparent)]
     Together(#[from] Together),
-    /// With arm and table one after the other the linter finds faults.
+    /// The linter finds faults where arm and table move one after the other.
     #[error("with arm and table moving one after the other: {0}")]
     Interlocked(Finding),
 }

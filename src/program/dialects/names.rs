@@ -3,7 +3,7 @@
 
 /// Rules of a language for the name of a program.
 pub(super) struct NameRule {
-    /// Most characters.
+    /// Largest number of characters.
     pub longest: usize,
     /// Names that mean something else, in capitals.
     pub reserved: &'static [&'static str],

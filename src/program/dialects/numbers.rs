@@ -2,7 +2,7 @@
 
 use crate::cell::{Axes, Configuration};
 
-/// With so many decimals; never `-0`.
+/// Formats a number with so many decimals; never `-0`.
 pub(super) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {

@@ -7,7 +7,7 @@ use crate::program::{Program, Step};
 /// One thing that a controller does.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Action {
-    /// Nothing yet: a move to a view begins, or home.
+    /// A move to a view begins, or home.
     Toward(Option<ViewId>),
     /// Moves straight in joint space, from rest to rest.
     Go(Stretch),

@@ -221,7 +221,7 @@ fn a_scene_takes_less_than_160_bytes_a_triangle() {
     assert!(bytes < 160.0, "{bytes} bytes a triangle of a mesh without a shared vertex");
 }
 
-/// What lies on a ray, by the volumes of the ray with a triangle's edges and its plane, in f64. `None` where f32 need not
+/// First hit on a ray, by the volumes of the ray with a triangle's edges and its plane, in f64. `None` where f32 need not
 /// agree: the ray passes the line of an edge, an end of the segment or another hit within `GRAZE`, or lies in a plane.
 fn plain_loop(triangles: &[[Point3<f64>; 3]], origin: &Point3<f64>, d: &Vector3<f64>, end: f64) -> Option<Option<Hit>> {
     // Coordinates reach 8: a hundred times the roundings of f32 there.

@@ -16,7 +16,7 @@ use crate::geometry::{Aabb, Mesh, outward_faces};
 pub(super) const NO_TRIANGLE: u32 = u32::MAX;
 /// Triangles a cluster.
 pub(super) const TRIANGLES: usize = 64;
-/// Most vertices of a cluster.
+/// Largest number of vertices of a cluster.
 pub(super) const VERTICES: usize = 3 * TRIANGLES;
 
 /// Triangles from which it pays to sort two halves in parallel.
@@ -200,7 +200,7 @@ impl<'a> Soup<'a> {
     }
 }
 
-/// Up to 16 vertices by axis.
+/// Loads up to 16 vertices by axis.
 fn batch(vertices: &[[f32; 3]]) -> [Lanes; 3] {
     std::array::from_fn(|axis| std::array::from_fn(|lane| vertices[lane.min(vertices.len() - 1)][axis]))
 }

@@ -51,7 +51,7 @@ impl Pinhole {
         Self { exact, rounded, centre_mm, focal_px: lens.fx.max(lens.fy) as f32, slopes }
     }
 
-    /// By how much inverse depth changes a pixel along x and along y over the image of a plane with unit normal `n`, which
+    /// Slopes of inverse depth a pixel along x and along y over the image of a plane with unit normal `n`, which
     /// the optical centre is `above_mm` in front of.
     #[inline(always)]
     pub(super) fn slope(&self, n: [f32; 3], above_mm: f32) -> [f32; 2] {

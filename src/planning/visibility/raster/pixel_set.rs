@@ -17,7 +17,7 @@ use crate::planning::context::{Cancelled, Context};
 /// Triangles whose marks one task collects.
 const MERGED: usize = 65_536;
 
-/// For each triangle of the scene, counted over its meshes, which devices hit it with at least one pixel: bit 0 for the
+/// Computes for each triangle of the scene, counted over its meshes, which devices hit it with at least one pixel: bit 0 for the
 /// left camera, 1 for the right one, 2 for the projector.
 pub(in super::super) fn pixel_set(
     scene: &Clusters,

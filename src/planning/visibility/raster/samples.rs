@@ -55,7 +55,7 @@ impl Samples {
 }
 
 impl Samples {
-    /// For each cluster the samples that are not in `set`, one bit each.
+    /// Samples of each cluster that are not in `set`, one bit each.
     pub(super) fn outside(&self, set: &SampleSet) -> Vec<u64> {
         let bits = |cluster: &SampleCluster| {
             let outside = |number: u32| number != NO_SAMPLE && !set.holds(number);

@@ -29,13 +29,13 @@ const BLOCK_REACH: f32 = 3.01;
 
 /// Inverse depth at a tile's pixels, 1/mm, 0 where there is nothing; by blocks, row by row.
 pub(super) type InverseDepth = [Lanes; BLOCKS * BLOCKS];
-/// From a pixel's place to that of the pixel on its right, within the tile.
+/// Offset from a pixel to its right neighbour, within the tile.
 #[inline(always)]
 pub(super) fn step_right(x: u32) -> u32 {
     if x % BLOCK as u32 == BLOCK as u32 - 1 { LANES as u32 - (BLOCK as u32 - 1) } else { 1 }
 }
 
-/// From a pixel's place to that of the pixel below it, within the tile.
+/// Offset from a pixel to the one below it, within the tile.
 #[inline(always)]
 pub(super) fn step_down(y: u32) -> u32 {
     let blocks = (BLOCKS * LANES) as u32;
@@ -56,7 +56,7 @@ pub(super) fn offset_of(x: u32, y: u32) -> u32 {
 /// A triangle in the image that was cut to what lies in front of the device: image coordinates and inverse depth.
 #[derive(Clone, Copy)]
 pub(super) struct Clipped {
-    /// By coordinate, then corner.
+    /// Corners, by coordinate, then corner.
     pub(super) corners: [[f32; 3]; 3],
     /// Number of the triangle it was cut from.
     pub(super) number: u32,
@@ -381,7 +381,7 @@ struct TriangleStepper {
     plane: [f32; 3],
     nearest: f32,
     furthest: f32,
-    /// By how much edge functions and inverse depth differ at a block's pixels from its first.
+    /// Differences of edge functions and inverse depth at a block's pixels from its first.
     within: [Lanes; 3],
     slope: Lanes,
     number: u32,

@@ -20,7 +20,7 @@ const NEAR_MM: f64 = 0.1;
 /// Guard band: distance beyond the grid up to which triangles are drawn as they are, pixels; beyond it they are clipped, since
 /// f32 would tell.
 const GUARD_PX: f64 = 16384.0;
-/// By how much a cluster's rectangle is widened, pixels: corners of a box and vertices are rounded differently.
+/// Widening of a cluster's rectangle, pixels: corners of a box and vertices are rounded differently.
 const WIDENING_PX: f32 = 0.05;
 /// Clusters that are culled at a time.
 const CULL_CHUNK: usize = 1024;
@@ -87,7 +87,7 @@ pub(super) struct TiledDepthBuffer {
     maps: Vec<InverseDepth>,
 }
 
-/// For each wanted tile a list.
+/// Lists of triangles, one for each wanted tile.
 #[derive(Default)]
 struct TileLists {
     begin: Vec<u32>,
@@ -138,7 +138,7 @@ pub(super) struct RenderPass<'a> {
     pub(super) pinhole: &'a Pinhole,
     pub(super) grid: Grid,
     pub(super) level: SimdLevel,
-    /// Least number of tiles or chunks that one thread takes.
+    /// Smallest number of tiles or chunks that one thread takes.
     pub(super) grain: usize,
 }
 
@@ -266,7 +266,7 @@ impl Kernel for Cull<'_> {
     }
 }
 
-/// From the projected corners of the bounding box.
+/// Bounds from the projected corners of the bounding box.
 #[inline(always)]
 fn range_of_box(cluster: &Cluster, pass: &RenderPass<'_>) -> TileRange {
     let (low, high) = (&cluster.low_mm, &cluster.high_mm);

@@ -165,7 +165,7 @@ impl Extension<'_> {
         }
     }
 
-    /// Least times of routes through each arc to the group, or those known where they are less.
+    /// Minimum times of routes through each arc to the group, or those known where they are less.
     pub(super) fn through_arcs(&self, known: Vec<Lanes>, level: SimdLevel) -> Vec<Lanes> {
         match self.arcs.chunks {
             1 => level.run(ThroughArcs::<1>(self, known)),
