@@ -236,9 +236,9 @@ impl Cell {
             format!("weighs {scanner_kg} kg and its mount {mount_kg} kg, more than the robot's payload of {payload_kg} kg")
         });
         let moment = self.flange_moment_nm();
-        let most = self.robot.max_flange_moment_nm.unwrap_or(f64::INFINITY);
-        findings.require(moment <= most, "/flange_from_scanner", || {
-            format!("puts a moment of {moment:.2} N·m on the flange, more than the {most} N·m that the robot bears")
+        let max = self.robot.max_flange_moment_nm.unwrap_or(f64::INFINITY);
+        findings.require(moment <= max, "/flange_from_scanner", || {
+            format!("puts a moment of {moment:.2} N·m on the flange, more than the {max} N·m that the robot bears")
         });
         for (index, surface) in self.link_surfaces.iter().enumerate() {
             let (out_mm, at) = out_of_capsules(surface, &self.robot.links);

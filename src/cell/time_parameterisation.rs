@@ -102,8 +102,8 @@ impl SmoothPath {
         let whole_rad: f64 = self.pieces.iter().map(|piece| piece.length_rad).sum();
         let mut grid = Vec::new();
         for piece in &self.pieces {
-            let least = if piece.bend_per_rad == [0.0; 7] { GRID_OF_A_LINE } else { GRID_OF_A_BEND };
-            let steps = ((piece.length_rad / whole_rad * GRID - ROUNDING).ceil() as usize).max(least);
+            let min = if piece.bend_per_rad == [0.0; 7] { GRID_OF_A_LINE } else { GRID_OF_A_BEND };
+            let steps = ((piece.length_rad / whole_rad * GRID - ROUNDING).ceil() as usize).max(min);
             let step_rad = piece.length_rad / steps as f64;
             for step in 0..steps {
                 let t = step_rad * step as f64;

@@ -134,8 +134,8 @@ mod tests {
     #[test]
     fn whole_parts_are_those_of_a_conversion() {
         for number in (0..4096).chain([65_535, 1 << 20, (1 << 23) - 1]) {
-            let least = number as f32;
-            for x in [least, least.next_up(), least + 0.25, least + 0.5, least + 0.75, (least + 1.0).next_down()] {
+            let first = number as f32;
+            for x in [first, first.next_up(), first + 0.25, first + 0.5, first + 0.75, (first + 1.0).next_down()] {
                 assert_eq!(floor_to_i32(x), x as i32, "{x}");
             }
         }

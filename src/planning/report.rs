@@ -201,11 +201,11 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
     writeln!(out, "  the table turns {} s of these", fixed(sequence.turning_secs(), 1))?;
     let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.lower_bound_secs].map(|secs| fixed(secs, 1));
-    let [moving, ordered, at_least] = secs;
+    let [moving, ordered, lower_bound] = secs;
     writeln!(out, "  moving {moving} s in all, stations moved along the table's angle and rolled")?;
     match sequence.is_shortest() {
         true => writeln!(out, "  ordered with {ordered} s, the least over the stations and moves considered"),
-        false => writeln!(out, "  ordered with {ordered} s, at least {at_least} s over the stations and moves considered"),
+        false => writeln!(out, "  ordered with {ordered} s, at least {lower_bound} s over the stations and moves considered"),
     }
 }
 

@@ -108,8 +108,8 @@ pub(super) fn inverse(arm: &UrSpec, base_from_flange: &Isometry3<f64>, slack: f6
 fn shoulders(arm: &UrSpec, wrist: &Point3<f64>, slack: f64) -> impl Iterator<Item = f64> + use<> {
     let (away, azimuth, offset) = (wrist.x.hypot(wrist.y), wrist.y.atan2(wrist.x), arm.d4_mm);
     let reachable = away > 0.0 && offset.abs() <= away * (1.0 + slack);
-    let most = 1.0 - (slack - SLACK);
-    let turn = (offset / away).clamp(-most, most).asin();
+    let max = 1.0 - (slack - SLACK);
+    let turn = (offset / away).clamp(-max, max).asin();
     [azimuth + turn, azimuth + PI - turn].into_iter().filter(move |_| reachable)
 }
 

@@ -86,10 +86,10 @@ pub(super) fn clean(mut mesh: Mesh) -> (Mesh, MeshHealth) {
     let turned = bodies.turn_inverted(&mut mesh);
 
     let used = Aabb::around(mesh.faces.iter().flatten().map(|&v| &mesh.vertices_mm[v as usize]));
-    let least_area_mm2 = MIN_AREA_SHARE * used.extent_mm().norm_squared();
+    let min_area_mm2 = MIN_AREA_SHARE * used.extent_mm().norm_squared();
     let mut body_has_area = vec![false; bodies.count()];
     mesh.keep_faces(|mesh, face| {
-        let keep = mesh.face_area_mm2(face) >= least_area_mm2;
+        let keep = mesh.face_area_mm2(face) >= min_area_mm2;
         body_has_area[bodies.of_face(face)] |= keep;
         keep
     });

@@ -27,7 +27,7 @@ impl Origin {
             let first = origin[axis] as f32;
             [first, (origin[axis] - f64::from(first)) as f32]
         });
-        let padding = PADDING * (0..3).fold(0.0, |most, axis| simd_max(most, reach + parts[axis][0].abs()));
+        let padding = PADDING * (0..3).fold(0.0, |max, axis| simd_max(max, reach + parts[axis][0].abs()));
         Self { parts, padded: parts.map(|[_, second]| [second + padding, second - padding]) }
     }
 }

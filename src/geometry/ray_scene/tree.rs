@@ -222,13 +222,13 @@ fn children(binary: &Bvh, parent: Option<BvhNodeIndex>, leaf: usize) -> Vec<Subt
 }
 
 /// The leaves below a node, if they are not more than `most`.
-fn leaves(binary: &Bvh, root: BvhNodeIndex, most: usize) -> Option<Vec<u32>> {
-    let mut leaves = Vec::with_capacity(most + 1);
+fn leaves(binary: &Bvh, root: BvhNodeIndex, max: usize) -> Option<Vec<u32>> {
+    let mut leaves = Vec::with_capacity(max + 1);
     binary.traverse_indexed(Some(root), |node, _| {
         leaves.extend(node.leaf_data());
-        if leaves.len() > most { TraversalAction::EarlyExit } else { TraversalAction::Continue }
+        if leaves.len() > max { TraversalAction::EarlyExit } else { TraversalAction::Continue }
     });
-    (leaves.len() <= most).then_some(leaves)
+    (leaves.len() <= max).then_some(leaves)
 }
 
 /// Half the surface of the box.

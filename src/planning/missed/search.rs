@@ -343,14 +343,19 @@ impl<'a> Search<'a> {
         let shortlist = bases::shortlist(&context.poses, choosable, &self.samples, &context.widest, rays, self.ctx)?;
         let as_is: Vec<Proposal> = shortlist.iter().map(|(candidate, _)| source.as_is(*candidate)).collect();
         self.tried += as_is.len();
-        if let Some(remedy) = self.least_limit(&as_is, true, source)? {
+        if let Some(remedy) = self.smallest_limit(&as_is, true, source)? {
             return Ok(Some(remedy));
         }
         let moved: Vec<Proposal> = tried.iter().map(|tried| tried.proposal.clone()).collect();
-        self.least_limit(&moved, false, source)
+        self.smallest_limit(&moved, false, source)
     }
 
-    fn least_limit(&self, proposals: &[Proposal], taken: bool, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
+    fn smallest_limit(
+        &self,
+        proposals: &[Proposal],
+        taken: bool,
+        source: &ProposalSource<'_>,
+    ) -> Result<Option<Remedy>, Cancelled> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let needs = |proposal: &Proposal| {
             self.ctx.check()?;

@@ -171,8 +171,8 @@ impl CandidateParams {
         findings.require(!none, "/candidates/strategies", || "is empty; name at least one, or give candidates.poses".into());
         findings.range("/candidates/step_small_deg", self.step_small_deg, 1.0, 90.0, "°");
         findings.range("/candidates/step_large_deg", self.step_large_deg, 1.0, 180.0, "°");
-        for (name, count, least, most) in self.counts() {
-            findings.range(format!("/candidates/{name}"), f64::from(count), least, most, "");
+        for (name, count, min, max) in self.counts() {
+            findings.range(format!("/candidates/{name}"), f64::from(count), min, max, "");
         }
         if let Some(spacing_mm) = self.spacing_mm {
             findings.range("/candidates/spacing_mm", spacing_mm, 0.0, 1000.0, "mm");

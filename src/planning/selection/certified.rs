@@ -35,7 +35,7 @@ pub(super) fn select(
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
-        proof.most_area(&mut found.rows, max_views(params))?
+        proof.max_area(&mut found.rows, max_views(params))?
     } else {
         proof.fewest_views(&mut found.rows)?
     };
@@ -92,7 +92,7 @@ impl Proof<'_> {
     }
 
     /// Lowers the bound on the area of `views` views to the covered area, or finds better views.
-    fn most_area(&mut self, rows: &mut Vec<usize>, views: usize) -> Result<Bound, Cancelled> {
+    fn max_area(&mut self, rows: &mut Vec<usize>, views: usize) -> Result<Bound, Cancelled> {
         let problem = self.problem;
         let mut goal = goals_of(problem, &measured(problem, rows), true);
         let multipliers = Multipliers::relaxed(problem, &goal, BoundTarget::MostArea(views), &THOROUGH, self.ctx)?;

@@ -175,12 +175,11 @@ impl Point {
     fn start(model: &Model<'_>) -> Self {
         let (n, m) = (model.incidence.of_row.len(), model.cost_of_class.len());
         let is_fewest = model.cost_of_row > 0.0;
-        let least = model.limits.iter().map(|limit| limit.max).fold(f64::INFINITY, f64::min);
-        let (x, s) =
-            if is_fewest { (vec![1.0; n], vec![least / 2.0; m]) } else { (vec![least / (2.0 * n as f64); n], vec![1.0; m]) };
+        let min = model.limits.iter().map(|limit| limit.max).fold(f64::INFINITY, f64::min);
+        let (x, s) = if is_fewest { (vec![1.0; n], vec![min / 2.0; m]) } else { (vec![min / (2.0 * n as f64); n], vec![1.0; m]) };
         let t = model.incidence.times(&x).iter().zip(&s).map(|(a, s)| a + s - 1.0).collect();
-        let r = vec![least / 2.0; model.limits.len()];
-        let r = if is_fewest { model.limits.iter().map(|limit| limit.max - least / 2.0).collect() } else { r };
+        let r = vec![min / 2.0; model.limits.len()];
+        let r = if is_fewest { model.limits.iter().map(|limit| limit.max - min / 2.0).collect() } else { r };
         let weight =
             |class: usize| model.limits.iter().map(|limit| limit.weights[class]).sum::<f64>() + model.cost_of_class[class];
         let half: Vec<f64> = (0..m).map(|class| weight(class) / 2.0).collect();
@@ -232,11 +231,11 @@ impl Point {
                 .map(|(value, change)| -value / change)
                 .fold(f64::INFINITY, f64::min)
         };
-        let least = |pairs: [(&Vec<f64>, &Vec<f64>); 4]| {
+        let min = |pairs: [(&Vec<f64>, &Vec<f64>); 4]| {
             pairs.iter().map(|(value, change)| until(value, change)).fold(f64::INFINITY, f64::min)
         };
-        let primal = least([(&self.x, &step.x), (&self.s, &step.s), (&self.t, &step.t), (&self.r, &step.r)]);
-        let dual = least([(&self.u, &step.u), (&self.mu, &step.mu), (&self.zx, &step.zx), (&self.zs, &step.zs)]);
+        let primal = min([(&self.x, &step.x), (&self.s, &step.s), (&self.t, &step.t), (&self.r, &step.r)]);
+        let dual = min([(&self.u, &step.u), (&self.mu, &step.mu), (&self.zx, &step.zx), (&self.zs, &step.zs)]);
         ((TO_BOUNDARY * primal).min(1.0), (TO_BOUNDARY * dual).min(1.0))
     }
 

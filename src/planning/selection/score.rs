@@ -38,7 +38,7 @@ impl<'a> Scorer<'a> {
     /// Returns true if a row's score without travel can only fall as samples are closed: where no sample counts less than
     /// nothing. That holds to the last bit, since a sum in a fixed order never grows when some of its terms become 0.
     pub(super) fn scores_only_fall(&self, row: usize) -> bool {
-        self.quality(row).is_none_or(|(scale, _)| self.weights.a >= self.weights.b * f64::from(scale.greatest()))
+        self.quality(row).is_none_or(|(scale, _)| self.weights.a >= self.weights.b * f64::from(scale.max()))
     }
 
     /// Score of a row over `open`, less the time of the view itself.
@@ -52,7 +52,7 @@ impl<'a> Scorer<'a> {
             // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
             (_, Some((scale, steps))) => {
                 let whole = f64::from(i16::MAX);
-                open.sum(measured, Some(steps), self.weights.a * whole, self.weights.b * f64::from(scale.greatest())) / whole
+                open.sum(measured, Some(steps), self.weights.a * whole, self.weights.b * f64::from(scale.max())) / whole
             }
             (Objective::Score, None) => self.weights.a * open.area_mm2(measured),
             (Objective::Coverage, None) => open.area_mm2(measured),
@@ -83,9 +83,7 @@ impl<'a> Scorer<'a> {
     /// Value of each measured sample of a row, ascending by sample.
     pub(super) fn values(&self, row: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
         let (value, value_a_step, steps) = match (self.objective, self.quality(row)) {
-            (_, Some((scale, steps))) => {
-                (self.weights.a, self.weights.b * f64::from(scale.greatest()) / f64::from(i16::MAX), steps)
-            }
+            (_, Some((scale, steps))) => (self.weights.a, self.weights.b * f64::from(scale.max()) / f64::from(i16::MAX), steps),
             (Objective::Score, None) => (self.weights.a, 0.0, &[][..]),
             (Objective::Coverage, None) => (1.0, 0.0, &[][..]),
         };

@@ -57,8 +57,8 @@ pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_
     let pool = pool(input.mesh, params, &first);
     let reachable = measured_from(&pool, input, params, ctx)?;
     let asked_mm2 = reachable.area_mm2.iter().sum::<f64>();
-    let most = (params.setups as usize).min(pool.len());
-    let best: Vec<(Vec<usize>, f64)> = (1..=most).map(|count| reachable.best_of(count)).collect();
+    let max_setups = (params.setups as usize).min(pool.len());
+    let best: Vec<(Vec<usize>, f64)> = (1..=max_setups).map(|count| reachable.best_of(count)).collect();
     let enough_mm2 = best.iter().map(|(_, mm2)| *mm2).fold(0.0, f64::max) - FLIP_WORTH * asked_mm2;
     let fewest = best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![0], |(poses, _)| poses);
     Ok(fewest.into_iter().map(|pose| pool[pose]).collect())

@@ -17,13 +17,13 @@ const STEPS: f32 = i16::MAX as f32;
 /// Scale of quality in whole steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QualityScale {
-    greatest: f32,
+    max: f32,
 }
 
 impl Default for QualityScale {
     /// A scale from −1 to 1.
     fn default() -> Self {
-        Self { greatest: 1.0 }
+        Self { max: 1.0 }
     }
 }
 
@@ -31,21 +31,21 @@ impl QualityScale {
     /// The scale for c·Q_δ + d·Q_dis, which lies between −(c + d) and c + d.
     #[must_use]
     pub fn of(score: &ScoreParams) -> Self {
-        let greatest = (score.c + score.d) as f32;
-        if greatest > 0.0 { Self { greatest } } else { Self::default() }
+        let max = (score.c + score.d) as f32;
+        if max > 0.0 { Self { max } } else { Self::default() }
     }
 
     /// Quality that [`i16::MAX`] steps stand for.
     #[must_use]
-    pub fn greatest(self) -> f32 {
-        self.greatest
+    pub fn max(self) -> f32 {
+        self.max
     }
 
     /// The nearest step.
     #[inline(always)]
     #[must_use]
     pub fn quantise(self, quality: f32) -> i16 {
-        let steps = quality / self.greatest * STEPS;
+        let steps = quality / self.max * STEPS;
         // The conversion rounds towards zero; unlike `f32::round` this is plain arithmetic, which vectorises.
         let away = if steps < 0.0 { steps - 0.5 } else { steps + 0.5 };
         (away as i32).clamp(-i32::from(i16::MAX), i32::from(i16::MAX)) as i16
@@ -54,7 +54,7 @@ impl QualityScale {
     /// Quality of a step.
     #[must_use]
     pub fn quality(self, step: i16) -> f32 {
-        f32::from(step) / STEPS * self.greatest
+        f32::from(step) / STEPS * self.max
     }
 }
 

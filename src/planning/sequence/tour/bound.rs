@@ -134,14 +134,14 @@ fn chunks(groups: &[Range<usize>]) -> usize {
 /// A simple lower bound: the least arc into each group and home. For tours too long for anything better.
 pub(super) fn entered_secs(groups: &[Range<usize>], costs: &Costs) -> f64 {
     let home = costs.nodes..costs.nodes + 1;
-    let least_into = |group: &Range<usize>| {
+    let min_into = |group: &Range<usize>| {
         let into = group.clone().flat_map(|node| {
             let row = costs.row(node).iter().enumerate();
             row.filter(|(from, _)| !group.contains(from)).map(|(_, secs)| *secs)
         });
         into.fold(f64::INFINITY, f64::min)
     };
-    groups.par_iter().chain([&home]).map(least_into).collect::<Vec<_>>().into_iter().sum()
+    groups.par_iter().chain([&home]).map(min_into).collect::<Vec<_>>().into_iter().sum()
 }
 
 /// The next action of the ascent after a route.

@@ -309,9 +309,9 @@ fn range([left, right, top, bottom]: [f32; 4], grid: &Grid) -> TileRange {
 
 fn range_of_clipped(cut: &Clipped, grid: &Grid) -> TileRange {
     let [x, y, _] = &cut.corners;
-    let least = |values: &[f32; 3]| values.iter().copied().fold(f32::INFINITY, f32::min);
-    let most = |values: &[f32; 3]| values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    range([least(x), most(x), least(y), most(y)], grid)
+    let min = |values: &[f32; 3]| values.iter().copied().fold(f32::INFINITY, f32::min);
+    let max = |values: &[f32; 3]| values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    range([min(x), max(x), min(y), max(y)], grid)
 }
 
 impl Cluster {

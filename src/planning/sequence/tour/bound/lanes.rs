@@ -221,7 +221,7 @@ impl<const CHUNKS: usize> Kernel for Extend<'_, CHUNKS> {
         let mut kept =
             NgLabels { sets: Vec::with_capacity(count), secs: Vec::with_capacity(count * CHUNKS), work: extended.work };
         for (set, row) in extended.sets.into_iter().zip(&mut extended.best) {
-            let mut least = INFINITE;
+            let mut min = INFINITE;
             for (chunk, secs) in row.iter_mut().enumerate() {
                 let mut whole = *secs;
                 for lane in 0..LANES {
@@ -234,9 +234,9 @@ impl<const CHUNKS: usize> Kernel for Extend<'_, CHUNKS> {
                         whole.0[lane] += on.0[lane];
                     }
                 }
-                least = whole.min(&least);
+                min = whole.min(&min);
             }
-            if extension.completion.is_none() || least.0.into_iter().fold(f32::INFINITY, simd_min) <= extension.limit {
+            if extension.completion.is_none() || min.0.into_iter().fold(f32::INFINITY, simd_min) <= extension.limit {
                 kept.sets.push(set);
                 kept.secs.extend_from_slice(row);
             }
