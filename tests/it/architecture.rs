@@ -3,6 +3,7 @@
 //! is named by file and line.
 
 mod paths;
+mod words;
 
 use std::path::{Path as FilePath, PathBuf};
 

@@ -18,7 +18,7 @@ const PROBES: u32 = 60;
 /// Two bodies near each other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Separation {
-    /// Which.
+    /// The two bodies.
     pub bodies: Contact,
     /// Distance of the two; below zero the depth of one in the other, as far as that is known.
     pub distance_mm: f64,

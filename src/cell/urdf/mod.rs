@@ -95,7 +95,7 @@ pub enum UrdfError {
     Number {
         /// Its name.
         joint: String,
-        /// Which.
+        /// Kind of number.
         what: &'static str,
         /// The value.
         value: f64,
@@ -107,7 +107,7 @@ pub enum UrdfError {
         file: String,
         /// Whose it is.
         link: String,
-        /// Why.
+        /// Reason.
         detail: String,
     },
 }

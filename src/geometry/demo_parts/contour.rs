@@ -8,7 +8,7 @@ use std::collections::HashMap;
 
 use nalgebra::{Point3, SymmetricEigen, Vector3};
 
-use super::field::Field;
+use super::field::DistanceField;
 use crate::geometry::{Aabb, Mesh, assess};
 
 /// Eigenvalues below this share of the largest say nothing about where the vertex is: the surface is flat or an edge.
@@ -18,7 +18,7 @@ const MARGIN: f64 = 1e-3;
 
 /// The surface of `field` inside `bounds` with `target` ± 10 % triangles, closed and of one body; `None` when no
 /// resolution nearby gives that.
-pub(super) fn with_triangles(field: &impl Field, bounds: &Aabb, target: usize) -> Option<Mesh> {
+pub(super) fn with_triangles(field: &impl DistanceField, bounds: &Aabb, target: usize) -> Option<Mesh> {
     let cell_mm = cell_for(field, bounds, target);
     let wobble = (0..40).map(|k| if k % 2 == 0 { f64::from(k) } else { -f64::from(k) } * 1e-3);
     let meshes = wobble.map(|w| Lattice::new(field, bounds, cell_mm * (1.0 + w)).triangles(field));
@@ -26,7 +26,7 @@ pub(super) fn with_triangles(field: &impl Field, bounds: &Aabb, target: usize) -
 }
 
 /// Width of cells that gives about `target` triangles: their number goes with the inverse square.
-fn cell_for(field: &impl Field, bounds: &Aabb, target: usize) -> f64 {
+fn cell_for(field: &impl DistanceField, bounds: &Aabb, target: usize) -> f64 {
     let mut cell_mm = bounds.extent_mm().max() / 40.0;
     for _ in 0..8 {
         let triangles = 2 * Lattice::new(field, bounds, cell_mm).crossings().count();
@@ -89,7 +89,7 @@ fn cell_edges() -> impl Iterator<Item = (usize, usize, [usize; 2])> {
 }
 
 impl Lattice {
-    fn new(field: &impl Field, bounds: &Aabb, cell_mm: f64) -> Self {
+    fn new(field: &impl DistanceField, bounds: &Aabb, cell_mm: f64) -> Self {
         // Two cells of air all round, off by a fraction that no plane of a part is likely to share.
         let air_mm = 1.618 * cell_mm;
         let origin = bounds.min - Vector3::repeat(air_mm);
@@ -102,7 +102,7 @@ impl Lattice {
     }
 
     /// Fills the block of corners `[from, to)`, by halves until the distance at its middle decides it as a whole.
-    fn fill(&mut self, field: &impl Field, from: Index, to: Index) {
+    fn fill(&mut self, field: &impl DistanceField, from: Index, to: Index) {
         let (low, high) = (self.position(from), self.position(to.map(|end| end - 1)));
         let distance_mm = field.at(&nalgebra::center(&low, &high));
         let is_one = (0..3).all(|axis| to[axis] - from[axis] == 1);
@@ -156,7 +156,7 @@ impl Lattice {
         })
     }
 
-    fn triangles(&self, field: &impl Field) -> Mesh {
+    fn triangles(&self, field: &impl DistanceField) -> Mesh {
         let hermite: HashMap<(usize, usize), Hermite> =
             self.crossings().map(|c| ((self.number(c.from), c.axis), self.hermite(field, c))).collect();
         let mut vertices_mm = Vec::new();
@@ -174,7 +174,7 @@ impl Lattice {
     }
 
     /// Point of the edge where the field is zero (false position, Illinois variant), with its normal.
-    fn hermite(&self, field: &impl Field, crossing: Crossing) -> Hermite {
+    fn hermite(&self, field: &impl DistanceField, crossing: Crossing) -> Hermite {
         let mut ends = [self.position(crossing.from); 2];
         ends[1][crossing.axis] += self.cell_mm;
         let mut values = ends.map(|p| field.at(&p));
@@ -196,7 +196,7 @@ impl Lattice {
     /// Adds the vertices of a cell, one a sheet, and gives the number of the vertex for each edge that crosses.
     fn vertices_of(
         &self,
-        field: &impl Field,
+        field: &impl DistanceField,
         cell: Index,
         hermite: &HashMap<(usize, usize), Hermite>,
         vertices_mm: &mut Vec<Point3<f64>>,
@@ -216,7 +216,7 @@ impl Lattice {
     }
 
     /// The point that lies on the tangent planes of `data` as well as one in the cell can, then moved onto the surface.
-    fn vertex(&self, field: &impl Field, cell: Index, data: &[Hermite]) -> Point3<f64> {
+    fn vertex(&self, field: &impl DistanceField, cell: Index, data: &[Hermite]) -> Point3<f64> {
         let low = self.position(cell).coords.add_scalar(MARGIN * self.cell_mm);
         let high = low.add_scalar((1.0 - 2.0 * MARGIN) * self.cell_mm);
         let clamp = |p: Point3<f64>| Point3::from(p.coords.sup(&low).inf(&high));
@@ -297,7 +297,7 @@ fn around(crossing: Crossing) -> [(Index, usize); 4] {
 
 /// Cuts along the diagonal that lies closer to the surface, which is along a sharp edge where there is one; on a flat
 /// surface along the shorter one. Whatever they say, not so that a sliver comes out if the other way there is none.
-fn split(field: &impl Field, [a, b, c, d]: [u32; 4], vertices_mm: &[Point3<f64>]) -> [[u32; 3]; 2] {
+fn split(field: &impl DistanceField, [a, b, c, d]: [u32; 4], vertices_mm: &[Point3<f64>]) -> [[u32; 3]; 2] {
     const SLIVER: f64 = 0.1;
     let at = |v: u32| vertices_mm[v as usize];
     let length_mm = |from: u32, to: u32| (at(to) - at(from)).norm();

@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector2, Vector3};
 
 /// A body as the distance to its surface.
-pub(super) trait Field {
+pub(super) trait DistanceField {
     /// Signed distance at `p`, mm.
     fn at(&self, p: &Point3<f64>) -> f64;
 
@@ -20,7 +20,7 @@ pub(super) trait Field {
     }
 }
 
-impl<F: Fn(&Point3<f64>) -> f64> Field for F {
+impl<F: Fn(&Point3<f64>) -> f64> DistanceField for F {
     fn at(&self, p: &Point3<f64>) -> f64 {
         self(p)
     }

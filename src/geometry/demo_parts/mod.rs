@@ -14,7 +14,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use super::{Aabb, Mesh};
-use field::Field;
+use field::DistanceField;
 
 /// Triangles of a demo part unless asked otherwise.
 pub const DEFAULT_TRIANGLES: usize = 20_000;
@@ -102,7 +102,7 @@ pub fn figurine(target_triangles: usize) -> Result<Mesh, DemoPartError> {
     make(&figurine::distance_mm, &figurine::BOUNDS_MM, target_triangles)
 }
 
-fn make(field: &impl Field, [min, max]: &[[f64; 3]; 2], target_triangles: usize) -> Result<Mesh, DemoPartError> {
+fn make(field: &impl DistanceField, [min, max]: &[[f64; 3]; 2], target_triangles: usize) -> Result<Mesh, DemoPartError> {
     if !TRIANGLES.contains(&target_triangles) {
         return Err(DemoPartError::TriangleCount(target_triangles));
     }

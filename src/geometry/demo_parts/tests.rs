@@ -1,6 +1,6 @@
 use nalgebra::Vector3;
 
-use super::field::Field;
+use super::field::DistanceField;
 use super::*;
 use crate::geometry::mesh_io::{Limits, read, write_stl};
 use crate::geometry::{LengthUnit, assess};

@@ -5,7 +5,7 @@
 use nalgebra::{Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use super::blocks::Block;
+use super::blocks::PartBlock;
 use super::slide::Slide;
 use super::{Label, Scope};
 use crate::geometry::{Pose, ScannerFrame, Table};
@@ -33,7 +33,7 @@ pub(super) struct Aim {
 impl Aim {
     /// Aims from direction `u` of the unit sphere at a block: at this direction times the semi-axes of its stand-off ellipsoid,
     /// towards its centre (thesis §3.1.3).
-    pub(super) fn at_block(block: &Block, u: &Vector3<f64>, scope: &Scope<'_>, standoff: Standoff) -> Self {
+    pub(super) fn at_block(block: &PartBlock, u: &Vector3<f64>, scope: &Scope<'_>, standoff: Standoff) -> Self {
         let offset = u.component_mul(&semi_axes_mm(block, scope, standoff));
         Self {
             position_mm: block.centre + offset,
@@ -78,7 +78,7 @@ impl Aim {
 }
 
 /// Half extent of the block plus F, or F alone.
-pub(super) fn semi_axes_mm(block: &Block, scope: &Scope<'_>, standoff: Standoff) -> Vector3<f64> {
+pub(super) fn semi_axes_mm(block: &PartBlock, scope: &Scope<'_>, standoff: Standoff) -> Vector3<f64> {
     match standoff {
         Standoff::Centre => Vector3::from_element(scope.scanner.best_mm),
         Standoff::Surface => block.half_extent.add_scalar(scope.scanner.best_mm),

@@ -10,13 +10,13 @@ use super::Scope;
 use crate::geometry::Aabb;
 
 /// A box of the part, table frame, mm.
-pub(super) struct Block {
+pub(super) struct PartBlock {
     pub(super) centre: Point3<f64>,
     pub(super) half_extent: Vector3<f64>,
 }
 
 /// Blocks of the part, ordered by x, then y, then z.
-pub(super) fn split(scope: &Scope<'_>) -> Vec<Block> {
+pub(super) fn split(scope: &Scope<'_>) -> Vec<PartBlock> {
     // Patch corners, not samples, span the bounding box.
     let corners = scope.surface.patches.iter().flat_map(|patch| patch.corners_mm);
     let aabb = corners.fold(Aabb::empty(), |aabb, corner| aabb.with(&scope.table_from_part.point(&corner)));
@@ -35,7 +35,7 @@ pub(super) fn split(scope: &Scope<'_>) -> Vec<Block> {
     let occupied: BTreeSet<[u64; 3]> = scope.surface.sample_mm.iter().map(cell_of).collect();
     let block = |cell: [u64; 3]| {
         let middle = Vector3::from(cell.map(|index| index as f64 + 0.5));
-        Block { centre: aabb.min + edge.component_mul(&middle), half_extent: edge * 0.5 }
+        PartBlock { centre: aabb.min + edge.component_mul(&middle), half_extent: edge * 0.5 }
     };
     occupied.into_iter().map(block).collect()
 }

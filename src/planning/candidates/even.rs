@@ -5,7 +5,7 @@
 use nalgebra::Vector3;
 
 use super::aim::semi_axes_mm;
-use super::blocks::{self, Block};
+use super::blocks::{self, PartBlock};
 use super::{Aim, EVEN_DIRECTIONS, Scope};
 use crate::planning::error::PlanError;
 use crate::planning::params::{CandidateParams, Hemisphere};
@@ -21,7 +21,7 @@ pub(super) fn aims(
     let blocks = blocks::split(scope);
     let count = directions_a_block(params.even_directions.unwrap_or(EVEN_DIRECTIONS as u32), blocks.len());
     bound(blocks.len().saturating_mul(count))?;
-    let of_block = |block: &Block| {
+    let of_block = |block: &PartBlock| {
         let directions = spiral(count, lowest(block, scope, params));
         directions.map(|u| Aim::at_block(block, &u, scope, params.standoff)).collect::<Vec<_>>()
     };
@@ -35,7 +35,7 @@ pub(super) fn directions_a_block(directions: u32, blocks: usize) -> usize {
 }
 
 /// The least z of directions from which a block is seen with the viewpoint above the plate, where that is asked for.
-pub(super) fn lowest(block: &Block, scope: &Scope<'_>, params: &CandidateParams) -> f64 {
+pub(super) fn lowest(block: &PartBlock, scope: &Scope<'_>, params: &CandidateParams) -> f64 {
     if params.hemisphere != Some(Hemisphere::AboveTable) {
         return -1.0;
     }

@@ -89,7 +89,7 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
     let context = RemedyContext::new(analysis, ctx)?;
     let done = AtomicUsize::new(0);
     let found = largest.par_iter().map(|spot| {
-        let remedy = Search::new(&context, &spots[*spot], ctx).remedy()?;
+        let remedy = RemedySearch::new(&context, &spots[*spot], ctx).remedy()?;
         ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, largest.len());
         Ok((*spot, remedy))
     });
@@ -158,7 +158,7 @@ impl<'a> RemedyContext<'a> {
 /// Views that together measure enough, best first: positions in a list.
 type Pick = Vec<usize>;
 
-struct Search<'a> {
+struct RemedySearch<'a> {
     context: &'a RemedyContext<'a>,
     spot: &'a Spot,
     samples: SpotSamples,
@@ -166,7 +166,7 @@ struct Search<'a> {
     tried: usize,
 }
 
-impl<'a> Search<'a> {
+impl<'a> RemedySearch<'a> {
     fn new(context: &'a RemedyContext<'a>, spot: &'a Spot, ctx: &'a Context<'a>) -> Self {
         Self { context, spot, samples: SpotSamples::few(context.analysis.surface, &spot.samples), ctx, tried: 0 }
     }

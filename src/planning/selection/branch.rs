@@ -21,7 +21,7 @@ const MAX_NODE_STEPS: usize = 60;
 
 /// A node of the tree: the instance that is left.
 #[derive(Clone)]
-pub(super) struct Node {
+pub(super) struct SearchNode {
     /// Rows that may still be taken.
     pub(super) ids: Vec<u32>,
     /// Open classes of each of these rows, ascending.
@@ -54,7 +54,12 @@ pub(super) enum CoverResult {
 pub(super) type Accepts<'a> = &'a (dyn Fn(&[u32]) -> bool + Sync);
 
 /// Searches until the result is found or `work` pairs were evaluated.
-pub(super) fn search(root: Node, accepts: Accepts<'_>, work: &mut u64, ctx: &Context<'_>) -> Result<CoverResult, Cancelled> {
+pub(super) fn search(
+    root: SearchNode,
+    accepts: Accepts<'_>,
+    work: &mut u64,
+    ctx: &Context<'_>,
+) -> Result<CoverResult, Cancelled> {
     let mut open = vec![root];
     let mut is_root = true;
     while !open.is_empty() {
@@ -80,11 +85,17 @@ pub(super) fn search(root: Node, accepts: Accepts<'_>, work: &mut u64, ctx: &Con
 
 enum Descent {
     Found(Vec<u32>),
-    Left(Vec<Node>),
+    Left(Vec<SearchNode>),
 }
 
 /// Searches depth first from a node, as far as the quota goes.
-fn descend(root: Node, steps: usize, accepts: Accepts<'_>, quota: u64, ctx: &Context<'_>) -> Result<(Descent, u64), Cancelled> {
+fn descend(
+    root: SearchNode,
+    steps: usize,
+    accepts: Accepts<'_>,
+    quota: u64,
+    ctx: &Context<'_>,
+) -> Result<(Descent, u64), Cancelled> {
     let (mut stack, mut spent) = (vec![root], 0);
     while let Some(node) = stack.pop() {
         let outcome = NodeSolver { node, accepts, spent: &mut spent, ctx }.run(steps)?;
@@ -104,11 +115,11 @@ enum NodeOutcome {
     Infeasible,
     Found(Vec<u32>),
     /// Two nodes, without a row and with it: the latter is solved first.
-    Split(Box<[Node; 2]>),
+    Split(Box<[SearchNode; 2]>),
 }
 
 struct NodeSolver<'a> {
-    node: Node,
+    node: SearchNode,
     accepts: Accepts<'a>,
     spent: &'a mut u64,
     ctx: &'a Context<'a>,
@@ -217,7 +228,7 @@ enum MultiplierOutcome {
     Split(usize),
 }
 
-impl Node {
+impl SearchNode {
     fn pairs(&self) -> usize {
         self.of_row.iter().map(Vec::len).sum()
     }

@@ -7,7 +7,7 @@
 //! connected.
 
 use super::bound::{Bound, goals_of};
-use super::branch::{CoverResult, Node, search};
+use super::branch::{CoverResult, SearchNode, search};
 use super::classes::Classes;
 use super::local::{Budget, Exchange};
 use super::multipliers::{BoundTarget, Multipliers, RelaxationSize};
@@ -155,8 +155,8 @@ struct CoverInstance {
 
 impl CoverInstance {
     /// The root node of the question if `views` views leave at most `slack` units open.
-    fn node(&self, slack: i64, views: usize) -> Node {
-        Node {
+    fn node(&self, slack: i64, views: usize) -> SearchNode {
+        SearchNode {
             ids: (0..self.classes.rows.len() as u32).collect(),
             of_row: self.classes.of_row.clone(),
             units: self.units.clone(),

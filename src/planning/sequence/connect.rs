@@ -30,7 +30,7 @@ pub(super) fn shortened(
     ctx: &Context<'_>,
 ) -> Result<Vec<Configuration>, Cancelled> {
     if let ([from, .., to], true) = (path.as_slice(), path.len() > 2) {
-        Search::new(*from, vec![*to], moves).shorten(&mut path, ctx)?;
+        RrtConnect::new(*from, vec![*to], moves).shorten(&mut path, ctx)?;
     }
     path.pop();
     path.drain(..path.len().min(1));
@@ -45,12 +45,12 @@ pub(super) fn connect(
     moves: &Moves<'_>,
     ctx: &Context<'_>,
 ) -> Result<Option<(usize, Vec<Configuration>)>, Cancelled> {
-    let Some(path) = Search::new(*from, goals.to_vec(), moves).rrt_connect(ctx)? else { return Ok(None) };
+    let Some(path) = RrtConnect::new(*from, goals.to_vec(), moves).rrt_connect(ctx)? else { return Ok(None) };
     let goal = goals.iter().position(|goal| path.last() == Some(goal)).unwrap_or(0);
     Ok(Some((goal, shortened(path, moves, ctx)?)))
 }
 
-struct Search<'a> {
+struct RrtConnect<'a> {
     moves: &'a Moves<'a>,
     segments: SegmentCache<'a>,
     stream: Stream,
@@ -83,7 +83,7 @@ impl Tree {
     }
 }
 
-impl<'a> Search<'a> {
+impl<'a> RrtConnect<'a> {
     fn new(from: Configuration, goals: Vec<Configuration>, moves: &'a Moves<'a>) -> Self {
         let ends = from.iter().chain(goals.iter().flatten());
         let names: Vec<u64> = std::iter::once(STREAM).chain(ends.map(|angle| angle.to_bits())).collect();

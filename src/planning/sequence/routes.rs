@@ -36,7 +36,7 @@ impl Route {
 
 /// A station that can be reached from home.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Node {
+pub(super) struct StationNode {
     /// Index of the view that it takes.
     pub(super) view: usize,
     pub(super) configuration: Configuration,
@@ -47,7 +47,7 @@ pub(super) struct Node {
     connections: OnceLock<Vec<Connection>>,
 }
 
-impl Node {
+impl StationNode {
     pub(super) fn new(view: usize, configuration: Configuration, from_home: Route) -> Self {
         Self { view, configuration, from_home, retreats: OnceLock::new(), connections: OnceLock::new() }
     }
@@ -129,7 +129,7 @@ impl<'a> Routes<'a> {
     }
 
     /// The quickest free route between two stations that is known; through home where there is no other.
-    pub(super) fn between(&self, a: &Node, b: &Node, ctx: &Context<'_>) -> Result<Route, Cancelled> {
+    pub(super) fn between(&self, a: &StationNode, b: &StationNode, ctx: &Context<'_>) -> Result<Route, Cancelled> {
         let (from, to) = (&a.configuration, &b.configuration);
         if self.moves.is_free(from, to) {
             return Ok(self.route(from, Vec::new(), to));
@@ -147,14 +147,14 @@ impl<'a> Routes<'a> {
         Ok(self.route(from, shortened(path, &self.moves, ctx)?, to))
     }
 
-    fn by_home(&self, a: &Node, b: &Node) -> Route {
+    fn by_home(&self, a: &StationNode, b: &StationNode) -> Route {
         let mut via_rad = a.from_home.reversed().via_rad;
         via_rad.push(self.cell.home_rad);
         via_rad.extend(&b.from_home.via_rad);
         self.route(&a.configuration, via_rad, &b.configuration)
     }
 
-    fn by_roadmap(&self, a: &Node, b: &Node) -> Option<Vec<Configuration>> {
+    fn by_roadmap(&self, a: &StationNode, b: &StationNode) -> Option<Vec<Configuration>> {
         let network = self.network.get()?;
         let [first, last] = [a, b].map(|node| {
             node.connections
@@ -164,12 +164,12 @@ impl<'a> Routes<'a> {
         network.path((&a.configuration, first), (&b.configuration, last), &self.moves)
     }
 
-    fn retreats_of<'n>(&self, node: &'n Node) -> &'n [Configuration] {
+    fn retreats_of<'n>(&self, node: &'n StationNode) -> &'n [Configuration] {
         node.retreats.get_or_init(|| self.retreats(&node.configuration))
     }
 
-    fn detours(&self, a: &Node, b: &Node) -> Vec<Vec<Configuration>> {
-        let ends = |node: &Node| -> Vec<Vec<Configuration>> {
+    fn detours(&self, a: &StationNode, b: &StationNode) -> Vec<Vec<Configuration>> {
+        let ends = |node: &StationNode| -> Vec<Vec<Configuration>> {
             std::iter::once(Vec::new()).chain(self.retreats_of(node).iter().map(|point| vec![*point])).collect()
         };
         let over_home = vec![self.arm_at_home(a.configuration[6]), self.arm_at_home(b.configuration[6])];

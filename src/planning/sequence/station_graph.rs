@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::ViewId;
-use super::routes::{Node, Route, Routes};
+use super::routes::{Route, Routes, StationNode};
 use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::Station;
@@ -17,7 +17,7 @@ const NEIGHBOURS: usize = 8;
 /// Stations that can be reached from home, grouped by view.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct StationGraph {
-    pub(super) nodes: Vec<Node>,
+    pub(super) nodes: Vec<StationNode>,
     /// Nodes of each view in `views`.
     pub(super) groups: Vec<Range<usize>>,
     pub(super) views: Vec<ViewId>,
@@ -61,7 +61,9 @@ impl StationGraph {
                 continue;
             }
             let (first, index) = (graph.nodes.len(), graph.views.len());
-            graph.nodes.extend(reached.into_iter().map(|(configuration, from_home)| Node::new(index, configuration, from_home)));
+            graph
+                .nodes
+                .extend(reached.into_iter().map(|(configuration, from_home)| StationNode::new(index, configuration, from_home)));
             graph.groups.push(first..graph.nodes.len());
             graph.views.push(*view);
         }

@@ -173,14 +173,14 @@ fn search(
     effort: Effort,
     ctx: &Context<'_>,
 ) -> Result<Vec<Vec<usize>>, Cancelled> {
-    let run = |run: u64| Search::new(groups, costs, Stream::new(0, &[STREAM, run])).run(known, effort, ctx);
+    let run = |run: u64| NeighbourhoodSearch::new(groups, costs, Stream::new(0, &[STREAM, run])).run(known, effort, ctx);
     let mut found: Vec<(f64, Vec<usize>)> = (0..RUNS).into_par_iter().map(run).collect::<Result<_, _>>()?;
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(found.into_iter().map(|(_, tour)| tour).collect())
 }
 
 /// Large neighbourhood search.
-struct Search<'a> {
+struct NeighbourhoodSearch<'a> {
     groups: &'a [Range<usize>],
     costs: &'a Costs,
     /// Group of each node.
@@ -190,7 +190,7 @@ struct Search<'a> {
     secs_to: Vec<Vec<f64>>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> NeighbourhoodSearch<'a> {
     fn new(groups: &'a [Range<usize>], costs: &'a Costs, stream: Stream) -> Self {
         let group_of = groups.iter().enumerate().flat_map(|(group, nodes)| vec![group; nodes.len()]).collect();
         Self { groups, costs, group_of, stream, secs_to: vec![Vec::new(); groups.len()] }

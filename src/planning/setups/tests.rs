@@ -18,7 +18,7 @@ fn down(pose: &Pose<Table, Part>) -> Vector3<f64> {
     pose.inverse().direction(&-Vector3::z())
 }
 
-/// From above all of a box but its bottom is seen: it takes one more pose for that, and no third one.
+/// All of a box but its bottom is seen from above: it takes one more pose for that, and no third one.
 #[test]
 fn a_box_is_turned_once_however_often_it_may_be() {
     let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);

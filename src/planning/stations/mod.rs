@@ -85,7 +85,7 @@ pub fn solve_some(
     max_stations: usize,
     ctx: &Context<'_>,
 ) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
-    let search = Search { cell, axes: cell.axes(), scene, table_from_part, max_stations };
+    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations };
     let done = AtomicUsize::new(0);
     views
         .par_iter()
@@ -105,7 +105,7 @@ pub fn nearest_ik_solution(
     scene: &CollisionScene,
     table_from_part: &Pose<Table, Part>,
 ) -> Option<Configuration> {
-    let search = Search { cell, axes: cell.axes(), scene, table_from_part, max_stations: 1 };
+    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations: 1 };
     search.ik_solutions(view, &table_angles().collect::<Vec<_>>()).0.first().map(|solution| solution.configuration)
 }
 
@@ -141,7 +141,7 @@ fn base_from_scanner(
     cell.base_from_plate(table_angle_rad) * plate_from_placed(table_from_part) * *part_from_scanner
 }
 
-struct Search<'a> {
+struct StationSearch<'a> {
     cell: &'a Cell,
     axes: Axes,
     scene: &'a CollisionScene,
@@ -157,7 +157,7 @@ struct IkSolution {
     configuration: Configuration,
 }
 
-impl Search<'_> {
+impl StationSearch<'_> {
     fn stations(
         &self,
         view: &Pose<Part, ScannerFrame>,

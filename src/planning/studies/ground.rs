@@ -1,7 +1,7 @@
 //! Candidates of one set of parameters with what each measures, from which views are chosen in many ways.
 
 use super::steps::steps;
-use super::{Case, Series};
+use super::{Series, StudyCase};
 use crate::planning::context::{Context, Stage};
 use crate::planning::error::PlanError;
 use crate::planning::input::PlanInput;
@@ -12,11 +12,11 @@ use crate::planning::selection::{self, CoverProblem, coverable_mm2};
 use crate::planning::visibility::{self, Row};
 
 /// Candidates of one set of parameters, with their visibility matrix.
-pub(super) struct Ground {
+pub(super) struct StudyBase {
     table: Tabulated,
 }
 
-impl Ground {
+impl StudyBase {
     /// Everything that comes before views are chosen. Quality is kept, whatever weight it has.
     ///
     /// # Errors
@@ -32,7 +32,7 @@ impl Ground {
     /// [`PlanError::Cancelled`].
     pub(super) fn series(
         &self,
-        case: &Case,
+        case: &StudyCase,
         input: &PlanInput<'_>,
         max_views: u32,
         ctx: &Context<'_>,

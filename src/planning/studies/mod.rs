@@ -18,7 +18,7 @@ use super::error::PlanError;
 use super::input::PlanInput;
 use super::params::{Objective, PlanParams, ScoreParams, Strategy};
 use super::selection::StopReason;
-use ground::Ground;
+use ground::StudyBase;
 
 /// The thesis's five values of a (§3.3), b = 1 − a.
 const WEIGHTS_A: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
@@ -40,24 +40,24 @@ pub enum Study {
 
 /// One value of what is varied, with its name, and the parameters that it makes.
 #[derive(Clone, Debug)]
-struct Case {
+struct StudyCase {
     label: String,
     settings: Vec<(&'static str, String)>,
     params: PlanParams,
 }
 
-/// Findings of a study.
+/// Result of a study.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Findings {
+pub struct StudyResult {
     /// The parameter that was varied.
     pub study: Study,
-    /// Findings for each value, in order.
+    /// Results for each value, in order.
     pub series: Vec<Series>,
     /// Values that could not be used here, with the reason.
     pub skipped: Vec<(String, String)>,
 }
 
-/// Findings for one value.
+/// Result for one value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// The value in words.
@@ -69,14 +69,14 @@ pub struct Series {
     /// Share of the asked area that they can measure.
     pub coverable_of_asked: f64,
     /// Coverage after 1, 2, … views.
-    pub steps: Vec<Step>,
+    pub steps: Vec<StudyStep>,
     /// The rule that ended the choice of views.
     pub stopped_because: StopReason,
 }
 
 /// Coverage by the views so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Step {
+pub struct StudyStep {
     /// Share of the asked area.
     pub of_asked: f64,
     /// Share of the coverable area.
@@ -101,7 +101,7 @@ impl Study {
         }
     }
 
-    fn cases(self, params: &PlanParams) -> Vec<Case> {
+    fn cases(self, params: &PlanParams) -> Vec<StudyCase> {
         match self {
             Self::Weights => WEIGHTS_A.map(|a| weights(params, a)).into(),
             Self::Limits => CAMERA_LIMITS_DEG.map(|deg| limits(params, deg)).into(),
@@ -113,9 +113,9 @@ impl Study {
 impl Series {
     /// Coverage by `views` views: the last step where fewer were taken, nothing where none was.
     #[must_use]
-    pub fn after(&self, views: usize) -> Step {
+    pub fn after(&self, views: usize) -> StudyStep {
         let taken = views.min(self.steps.len());
-        taken.checked_sub(1).map_or_else(Step::default, |last| self.steps[last])
+        taken.checked_sub(1).map_or_else(StudyStep::default, |last| self.steps[last])
     }
 
     /// Views for so much of the asked area; `None` where those taken do not measure it.
@@ -137,15 +137,15 @@ pub fn run(
     params: &PlanParams,
     max_views: u32,
     ctx: &Context<'_>,
-) -> Result<Findings, PlanError> {
+) -> Result<StudyResult, PlanError> {
     params.check().map_err(PlanError::BadParams)?;
-    let mut findings = Findings { study, series: Vec::new(), skipped: Vec::new() };
-    let mut shared: Option<Ground> = None;
+    let mut findings = StudyResult { study, series: Vec::new(), skipped: Vec::new() };
+    let mut shared: Option<StudyBase> = None;
     let mut refused = None;
     for case in study.cases(params) {
         let ground = match shared.take() {
             Some(ground) => Ok(ground),
-            None => Ground::new(input, &case.params, ctx),
+            None => StudyBase::new(input, &case.params, ctx),
         };
         match ground {
             Ok(ground) => {
@@ -169,29 +169,29 @@ pub fn run(
     }
 }
 
-fn weights(params: &PlanParams, a: f64) -> Case {
+fn weights(params: &PlanParams, a: f64) -> StudyCase {
     let mut params = params.clone();
     params.selection.objective = Objective::Score;
     params.score = ScoreParams { a, b: 1.0 - a, ..params.score };
     let settings = vec![("score.a", params.score.a.to_string()), ("score.b", params.score.b.to_string())];
-    Case { label: format!("a = {:.2}, b = {:.2}", params.score.a, params.score.b), settings, params }
+    StudyCase { label: format!("a = {:.2}, b = {:.2}", params.score.a, params.score.b), settings, params }
 }
 
-fn limits(params: &PlanParams, camera_deg: f64) -> Case {
+fn limits(params: &PlanParams, camera_deg: f64) -> StudyCase {
     let (mut params, projector_deg) = (params.clone(), camera_deg - PROJECTOR_BELOW_DEG);
     (params.limits.camera_deg, params.limits.projector_deg) = (Some(camera_deg), Some(projector_deg));
     let settings = vec![("limits.camera_deg", camera_deg.to_string()), ("limits.projector_deg", projector_deg.to_string())];
-    Case { label: format!("{camera_deg}° / {projector_deg}°"), settings, params }
+    StudyCase { label: format!("{camera_deg}° / {projector_deg}°"), settings, params }
 }
 
-fn strategies(params: &PlanParams) -> Vec<Case> {
+fn strategies(params: &PlanParams) -> Vec<StudyCase> {
     let case = |strategies: &[Strategy]| {
         let mut params = params.clone();
         params.candidates.strategies = strategies.to_vec();
         let label = strategies.iter().map(|strategy| strategy.as_str()).collect::<Vec<_>>().join(" + ");
-        Case { settings: vec![("candidates.strategies", label.clone())], label, params }
+        StudyCase { settings: vec![("candidates.strategies", label.clone())], label, params }
     };
-    let mut cases: Vec<Case> = Strategy::ALL.iter().map(|strategy| case(&[*strategy])).collect();
+    let mut cases: Vec<StudyCase> = Strategy::ALL.iter().map(|strategy| case(&[*strategy])).collect();
     if params.candidates.strategies.len() > 1 {
         cases.push(case(&params.candidates.strategies));
     }

@@ -27,7 +27,7 @@ fn coarse() -> PlanParams {
     params
 }
 
-fn found(study: Study, params: &PlanParams) -> Result<Findings, PlanError> {
+fn found(study: Study, params: &PlanParams) -> Result<StudyResult, PlanError> {
     let (mesh, scanner) = (trough(), nominal_scanner());
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
     run(study, &input, params, 12, &Context::new(&AtomicBool::new(false), &Silent))
@@ -105,7 +105,7 @@ fn steps_hold_each_sample_at_its_best_grade_so_far() {
 
 #[test]
 fn views_for_an_area_are_counted_from_one() {
-    let steps = [0.5, 0.9].map(|of_asked| Step { of_asked, ..Step::default() }).into();
+    let steps = [0.5, 0.9].map(|of_asked| StudyStep { of_asked, ..StudyStep::default() }).into();
     let series = Series {
         label: String::new(),
         settings: Vec::new(),

@@ -4,7 +4,7 @@
 use super::StudyInput;
 use super::svg::Svg;
 use crate::planning::plan::Grade;
-use crate::planning::studies::{Series, Step, Study};
+use crate::planning::studies::{Series, Study, StudyStep};
 use crate::wire::report::markup::number;
 use crate::wire::report::palette::Ink;
 
@@ -90,7 +90,7 @@ impl Plot {
     }
 
     fn curve(&self, svg: &mut Svg, number: usize, series: &Series) {
-        let at = |(step, views): (&Step, usize)| [self.x(views), self.y(step.of_asked)];
+        let at = |(step, views): (&StudyStep, usize)| [self.x(views), self.y(step.of_asked)];
         let points: Vec<[f64; 2]> = series.steps.iter().zip(1..).map(at).collect();
         svg.series(number, &points);
         for ((point, step), views) in points.iter().zip(&series.steps).zip(1..) {
@@ -140,7 +140,7 @@ pub fn grades_svg(input: &StudyInput<'_>) -> String {
     svg.finish()
 }
 
-fn grade_bars(svg: &mut Svg, step: &Step, [left, y]: [f64; 2], [width, height]: [f64; 2]) {
+fn grade_bars(svg: &mut Svg, step: &StudyStep, [left, y]: [f64; 2], [width, height]: [f64; 2]) {
     let mut x = left;
     for ((grade, _, class), share) in GRADES.into_iter().zip(step.grades) {
         svg.bar(&Ink::Measured(grade).hex(), [x, y], [width * share, height]);

@@ -10,7 +10,7 @@ mod table;
 mod tests;
 
 use crate::planning::params::PlanParams;
-use crate::planning::studies::{Findings, Series, Study};
+use crate::planning::studies::{Series, Study, StudyResult};
 
 pub use chart::{coverage_svg, grades_svg};
 pub use page::html;
@@ -20,7 +20,7 @@ pub use table::{csv, text};
 #[derive(Clone, Copy)]
 pub struct StudyInput<'a> {
     /// What came out.
-    pub findings: &'a Findings,
+    pub findings: &'a StudyResult,
     /// The parameters that were left alone.
     pub params: &'a PlanParams,
     /// What the part is called.

@@ -1,9 +1,9 @@
 use super::*;
 use crate::planning::plan::StopReason;
-use crate::planning::studies::Step;
+use crate::planning::studies::StudyStep;
 
 fn series(label: &str, of_asked: &[f64]) -> Series {
-    let step = |of_asked: &f64| Step {
+    let step = |of_asked: &f64| StudyStep {
         of_asked: *of_asked,
         of_coverable: *of_asked,
         of_total: of_asked / 2.0,
@@ -19,9 +19,9 @@ fn series(label: &str, of_asked: &[f64]) -> Series {
     }
 }
 
-fn findings() -> Findings {
+fn findings() -> StudyResult {
     let series = vec![series("a = 1", &[0.5, 0.75, 1.0]), series("<b> & \"a\" = 0", &[0.25, 0.5]), series("none", &[])];
-    Findings { study: Study::Weights, series, skipped: vec![("reach".into(), "needs a cell".into())] }
+    StudyResult { study: Study::Weights, series, skipped: vec![("reach".into(), "needs a cell".into())] }
 }
 
 fn told<R>(ask: impl FnOnce(&StudyInput<'_>) -> R) -> R {

@@ -3,7 +3,7 @@ use std::sync::atomic::AtomicBool;
 
 use proptest::prelude::*;
 
-use super::{Costs, Effort, Search, bound, exact, lower_bound_secs, shortest};
+use super::{Costs, Effort, NeighbourhoodSearch, bound, exact, lower_bound_secs, shortest};
 use crate::geometry::SimdLevel;
 use crate::planning::context::{Context, Silent};
 use crate::planning::random::Stream;
@@ -108,7 +108,7 @@ proptest! {
         let (groups, costs) = instance(&sizes, &secs);
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
-        let (found, tour) = Search::new(&groups, &costs, Stream::new(1, &[])).run(&[], Effort::Thorough, &ctx).expect("not cancelled");
+        let (found, tour) = NeighbourhoodSearch::new(&groups, &costs, Stream::new(1, &[])).run(&[], Effort::Thorough, &ctx).expect("not cancelled");
         assert_visits_each_group_once(&tour, &groups);
         prop_assert!((length(&tour, &costs) - found).abs() < 1e-9);
         // From its own result it comes to nothing longer.
@@ -143,8 +143,9 @@ fn the_local_search_comes_close_to_the_optimum_on_points_in_the_plane() {
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
         let best = length(&exact(&groups, &costs, &ctx).expect("not cancelled"), &costs);
-        let (found, _) =
-            Search::new(&groups, &costs, Stream::new(0, &[])).run(&[], Effort::Thorough, &ctx).expect("not cancelled");
+        let (found, _) = NeighbourhoodSearch::new(&groups, &costs, Stream::new(0, &[]))
+            .run(&[], Effort::Thorough, &ctx)
+            .expect("not cancelled");
         assert!(found >= best - 1e-9);
         worst = worst.max(found / best);
         exact_hits += u32::from(found < best + 1e-9);

@@ -9,7 +9,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::pinhole::{LANES, Lanes};
+use super::pinhole::{LANES, PixelLanes};
 use crate::geometry::{Aabb, Mesh, outward_faces};
 
 /// Stands for no triangle.
@@ -36,7 +36,7 @@ pub(crate) struct Clusters {
 /// 64 triangles.
 pub(super) struct Cluster {
     /// Coordinates in batches, by axis; the last batch is filled up with copies of the last vertex.
-    pub(super) vertices: Box<[[Lanes; 3]]>,
+    pub(super) vertices: Box<[[PixelLanes; 3]]>,
     /// First, second and third corner of each triangle; beyond the last triangle all are 0.
     pub(super) corners: [[u8; TRIANGLES]; 3],
     /// Numbers of the triangles, counted over all meshes of the scene; `u32::MAX` beyond the last.
@@ -201,6 +201,6 @@ impl<'a> Soup<'a> {
 }
 
 /// Loads up to 16 vertices by axis.
-fn batch(vertices: &[[f32; 3]]) -> [Lanes; 3] {
+fn batch(vertices: &[[f32; 3]]) -> [PixelLanes; 3] {
     std::array::from_fn(|axis| std::array::from_fn(|lane| vertices[lane.min(vertices.len() - 1)][axis]))
 }

@@ -9,7 +9,7 @@ use crate::cell::Lens;
 /// Vertices and samples are projected in lanes of this many.
 pub(super) const LANES: usize = 16;
 /// One value a lane.
-pub(super) type Lanes = [f32; LANES];
+pub(super) type PixelLanes = [f32; LANES];
 
 /// Maps points of the part frame, relative to the scene's centre, to the undistorted image.
 #[derive(Clone, Copy)]
@@ -74,7 +74,7 @@ impl Pinhole {
 
     /// Image coordinates and inverse depth of a lane of points in front of the device.
     #[inline(always)]
-    pub(super) fn project(&self, points: [&Lanes; 3]) -> [Lanes; 3] {
+    pub(super) fn project(&self, points: [&PixelLanes; 3]) -> [PixelLanes; 3] {
         let mut image = [[0.0; LANES]; 3];
         for lane in 0..LANES {
             let [x, y, depth] = self.homogeneous(points[0][lane], points[1][lane], points[2][lane]);

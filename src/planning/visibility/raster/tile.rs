@@ -7,7 +7,7 @@
 //! the triangle's plane of 1/depth, held within the values at its corners. Triangles are prepared 16 at a time.
 
 use super::clusters::{Cluster, TRIANGLES, VERTICES};
-use super::pinhole::{LANES, Lanes, Pinhole};
+use super::pinhole::{LANES, Pinhole, PixelLanes};
 use crate::geometry::{Kernel, SimdLevel, floor_to_i32, simd_max, simd_min};
 
 /// Pixels along a tile's edge.
@@ -17,10 +17,10 @@ const BLOCK: usize = 4;
 /// Blocks along a tile's edge.
 const BLOCKS: usize = TILE / BLOCK;
 /// Horizontal and vertical place of a block's pixels.
-const PIXEL_X: Lanes = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
-const PIXEL_Y: Lanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+const PIXEL_X: PixelLanes = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const PIXEL_Y: PixelLanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 /// Left edges of a row of blocks.
-const BLOCK_X: Lanes = [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 32.0, 36.0, 40.0, 44.0, 48.0, 52.0, 56.0, 60.0];
+const BLOCK_X: PixelLanes = [0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0, 32.0, 36.0, 40.0, 44.0, 48.0, 52.0, 56.0, 60.0];
 /// Blocks in a row from which it pays to ask first which of them the triangle meets.
 const WIDE: usize = 3;
 /// Distance beyond a block's pixels at which an edge function is evaluated before the block is passed over: far more than
@@ -28,7 +28,7 @@ const WIDE: usize = 3;
 const BLOCK_REACH: f32 = 3.01;
 
 /// Inverse depth at a tile's pixels, 1/mm, 0 where there is nothing; by blocks, row by row.
-pub(super) type InverseDepth = [Lanes; BLOCKS * BLOCKS];
+pub(super) type InverseDepth = [PixelLanes; BLOCKS * BLOCKS];
 /// Offset from a pixel to its right neighbour, within the tile.
 #[inline(always)]
 pub(super) fn step_right(x: u32) -> u32 {
@@ -183,7 +183,7 @@ fn draw_cluster<T: Target>(
 
 /// The furthest pixel of each block, which hides whatever is further still (Greene, Kass and Miller 1993, *Hierarchical
 /// Z-Buffer Visibility*).
-struct HierarchicalZ([Lanes; BLOCKS]);
+struct HierarchicalZ([PixelLanes; BLOCKS]);
 
 impl HierarchicalZ {
     #[inline(always)]
@@ -220,8 +220,8 @@ impl HierarchicalZ {
                 nearest[lane] = simd_max(image[2][first + lane], nearest[lane]);
             }
         }
-        let lowest = |values: &Lanes| values.iter().fold(f32::INFINITY, |a, b| simd_min(a, *b));
-        let highest = |values: &Lanes| values.iter().fold(f32::NEG_INFINITY, |a, b| simd_max(a, *b));
+        let lowest = |values: &PixelLanes| values.iter().fold(f32::INFINITY, |a, b| simd_min(a, *b));
+        let highest = |values: &PixelLanes| values.iter().fold(f32::NEG_INFINITY, |a, b| simd_max(a, *b));
         let (left, right) = columns(lowest(&bounds[0]), highest(&bounds[1]));
         let (top, bottom) = columns(lowest(&bounds[2]), highest(&bounds[3]));
         let (nearest, blocks) = (highest(&nearest), (left >> 2)..=(right >> 2));
@@ -254,7 +254,7 @@ fn project(job: &TilePass<'_>, cluster: &Cluster, image: &mut [[f32; VERTICES]; 
 }
 
 /// Corners of 16 triangles, by corner, then coordinate.
-type Corners = [[Lanes; 3]; 3];
+type Corners = [[PixelLanes; 3]; 3];
 
 #[inline(always)]
 fn gather(cluster: &Cluster, first: usize, image: &[[f32; VERTICES]; 3]) -> Corners {
@@ -289,11 +289,11 @@ fn gather_clipped(job: &TilePass<'_>, listed: &[u32]) -> Corners {
 #[derive(Default)]
 struct TriangleSetup {
     /// Edge functions: a, b, c of each edge.
-    edges: [[Lanes; 3]; 3],
+    edges: [[PixelLanes; 3]; 3],
     /// Inverse depth: change along x, along y, value at the tile's corner.
-    plane: [Lanes; 3],
-    nearest: Lanes,
-    furthest: Lanes,
+    plane: [PixelLanes; 3],
+    nearest: PixelLanes,
+    furthest: PixelLanes,
     /// First and last column, first and last row, of the pixels that the bounding box holds.
     bounds: [[i32; LANES]; 4],
     /// 1 where there is anything to draw, else 0.
@@ -382,8 +382,8 @@ struct TriangleStepper {
     nearest: f32,
     furthest: f32,
     /// Differences of edge functions and inverse depth at a block's pixels from its first.
-    within: [Lanes; 3],
-    slope: Lanes,
+    within: [PixelLanes; 3],
+    slope: PixelLanes,
     number: u32,
 }
 

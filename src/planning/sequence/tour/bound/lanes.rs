@@ -19,12 +19,12 @@ const VISIT_WORK: usize = 3;
 /// A row of times, aligned so that a load of all of it crosses no line of the cache.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub(super) struct Lanes(pub(super) [f32; LANES]);
+pub(super) struct LaneCosts(pub(super) [f32; LANES]);
 
 /// Times to nodes that no route reaches.
-pub(super) const INFINITE: Lanes = Lanes([f32::INFINITY; LANES]);
+pub(super) const INFINITE: LaneCosts = LaneCosts([f32::INFINITY; LANES]);
 
-impl Lanes {
+impl LaneCosts {
     #[inline(always)]
     fn min(&self, other: &Self) -> Self {
         let mut now = *other;
@@ -38,7 +38,7 @@ impl Lanes {
 
 /// The time to a node in rows of lanes.
 #[inline(always)]
-pub(super) fn at(rows: &[Lanes], node: usize) -> f32 {
+pub(super) fn at(rows: &[LaneCosts], node: usize) -> f32 {
     rows[node / LANES].0[node % LANES]
 }
 
@@ -52,7 +52,7 @@ pub(super) struct Arcs {
     /// Tail of each arc: the number of its node in the group, ascending.
     pub(super) from: Vec<u16>,
     /// Times of each arc to the nodes of its chunk, infinite where the arc was eliminated.
-    pub(super) secs: Vec<Lanes>,
+    pub(super) secs: Vec<LaneCosts>,
 }
 
 impl Arcs {
@@ -79,13 +79,13 @@ pub(super) struct NgLabels {
     /// Memory of each label, a bit for each group of the ng-set.
     pub(super) sets: Vec<u16>,
     /// Times to all nodes for each memory, infinite where there is no such node or route.
-    pub(super) secs: Vec<Lanes>,
+    pub(super) secs: Vec<LaneCosts>,
     /// Cost of finding them.
     pub(super) work: usize,
 }
 
 impl NgLabels {
-    pub(super) fn rows(&self, chunks: usize) -> impl Iterator<Item = (u16, &[Lanes])> {
+    pub(super) fn rows(&self, chunks: usize) -> impl Iterator<Item = (u16, &[LaneCosts])> {
         self.sets.iter().copied().zip(self.secs.chunks_exact(chunks))
     }
 
@@ -144,7 +144,7 @@ pub(super) struct Extension<'a> {
     pub(super) to: usize,
     pub(super) multiplier: f32,
     /// Completion bounds from there ([`SubsetMinimum`]), and the bits of their sets.
-    pub(super) completion: Option<(&'a [Lanes], u16)>,
+    pub(super) completion: Option<(&'a [LaneCosts], u16)>,
     /// Labels that cannot be completed within this are pruned.
     pub(super) limit: f32,
 }
@@ -152,7 +152,7 @@ pub(super) struct Extension<'a> {
 /// Action on each label that is extended to another group.
 trait Visit<const CHUNKS: usize> {
     /// Visits one label; `place` numbers the memories there in the order in which they come up.
-    fn visit(&mut self, extension: &Extension<'_>, from: usize, place: usize, set: u16, so_far: &[Lanes; CHUNKS]);
+    fn visit(&mut self, extension: &Extension<'_>, from: usize, place: usize, set: u16, so_far: &[LaneCosts; CHUNKS]);
 }
 
 impl Extension<'_> {
@@ -166,7 +166,7 @@ impl Extension<'_> {
     }
 
     /// Minimum times of routes through each arc to the group, or those known where they are less.
-    pub(super) fn through_arcs(&self, known: Vec<Lanes>, level: SimdLevel) -> Vec<Lanes> {
+    pub(super) fn through_arcs(&self, known: Vec<LaneCosts>, level: SimdLevel) -> Vec<LaneCosts> {
         match self.arcs.chunks {
             1 => level.run(ThroughArcs::<1>(self, known)),
             2 => level.run(ThroughArcs::<2>(self, known)),
@@ -204,7 +204,7 @@ struct Extend<'a, const CHUNKS: usize>(&'a Extension<'a>);
 
 struct Extended<const CHUNKS: usize> {
     sets: Vec<u16>,
-    best: Vec<[Lanes; CHUNKS]>,
+    best: Vec<[LaneCosts; CHUNKS]>,
     work: usize,
 }
 
@@ -247,7 +247,7 @@ impl<const CHUNKS: usize> Kernel for Extend<'_, CHUNKS> {
 
 impl<const CHUNKS: usize> Visit<CHUNKS> for Extended<CHUNKS> {
     #[inline(always)]
-    fn visit(&mut self, extension: &Extension<'_>, from: usize, place: usize, set: u16, so_far: &[Lanes; CHUNKS]) {
+    fn visit(&mut self, extension: &Extension<'_>, from: usize, place: usize, set: u16, so_far: &[LaneCosts; CHUNKS]) {
         if place == self.sets.len() {
             self.sets.push(set);
             self.best.push([INFINITE; CHUNKS]);
@@ -268,13 +268,13 @@ impl<const CHUNKS: usize> Visit<CHUNKS> for Extended<CHUNKS> {
     }
 }
 
-struct ThroughArcs<'a, const CHUNKS: usize>(&'a Extension<'a>, Vec<Lanes>);
+struct ThroughArcs<'a, const CHUNKS: usize>(&'a Extension<'a>, Vec<LaneCosts>);
 
 impl<const CHUNKS: usize> Kernel for ThroughArcs<'_, CHUNKS> {
-    type Output = Vec<Lanes>;
+    type Output = Vec<LaneCosts>;
 
     #[inline(always)]
-    fn run(self) -> Vec<Lanes> {
+    fn run(self) -> Vec<LaneCosts> {
         let Self(extension, known) = self;
         let mut through = ThroughTimes { first: extension.arcs.to(extension.to).start, known };
         extension.each::<CHUNKS>(&mut through);
@@ -284,12 +284,12 @@ impl<const CHUNKS: usize> Kernel for ThroughArcs<'_, CHUNKS> {
 
 struct ThroughTimes {
     first: usize,
-    known: Vec<Lanes>,
+    known: Vec<LaneCosts>,
 }
 
 impl<const CHUNKS: usize> Visit<CHUNKS> for ThroughTimes {
     #[inline(always)]
-    fn visit(&mut self, extension: &Extension<'_>, from: usize, _: usize, set: u16, so_far: &[Lanes; CHUNKS]) {
+    fn visit(&mut self, extension: &Extension<'_>, from: usize, _: usize, set: u16, so_far: &[LaneCosts; CHUNKS]) {
         let Some((completion, all)) = extension.completion else { return };
         let on = &completion[usize::from(all & !set) * CHUNKS..][..CHUNKS];
         for (chunk, on) in on.iter().enumerate() {
@@ -319,10 +319,10 @@ pub(super) struct SubsetMinimum<'a> {
 }
 
 impl Kernel for SubsetMinimum<'_> {
-    type Output = Vec<Lanes>;
+    type Output = Vec<LaneCosts>;
 
     #[inline(always)]
-    fn run(self) -> Vec<Lanes> {
+    fn run(self) -> Vec<LaneCosts> {
         let mut minimum = vec![INFINITE; self.chunks << self.bits];
         for (set, row) in self.labels.rows(self.chunks) {
             for (minimum, row) in minimum[usize::from(set) * self.chunks..].iter_mut().zip(row) {

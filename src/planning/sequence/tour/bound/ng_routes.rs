@@ -12,7 +12,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::super::Costs;
-use super::lanes::{Arcs, Extension, INFINITE, LANES, Lanes, NgLabels, SubsetMinimum, at};
+use super::lanes::{Arcs, Extension, INFINITE, LANES, LaneCosts, NgLabels, SubsetMinimum, at};
 use super::ng_sets::NgSets;
 use crate::geometry::{SimdLevel, simd_min};
 
@@ -53,11 +53,11 @@ pub(super) struct Relaxation<'a> {
     chunks: usize,
     arcs: Arcs,
     /// Times from home to the nodes of each group.
-    home: Vec<Lanes>,
+    home: Vec<LaneCosts>,
 }
 
 /// Completion bounds of one layer: for each group and each set, the least time home of a route whose memory lies within it.
-type CompletionBounds = Vec<Vec<Lanes>>;
+type CompletionBounds = Vec<Vec<LaneCosts>>;
 
 /// Labels of all half routes.
 struct HalfRoutes {
@@ -77,7 +77,7 @@ impl<'a> Relaxation<'a> {
     pub(super) fn new(groups: &'a [Range<usize>], costs: &Costs, chunks: usize, level: SimdLevel) -> Self {
         let lanes = |row: &[f64], group: &Range<usize>, chunk: usize| {
             let row = &row[group.clone()];
-            Lanes(std::array::from_fn(|lane| row.get(chunk * LANES + lane).map_or(f32::INFINITY, |secs| *secs as f32)))
+            LaneCosts(std::array::from_fn(|lane| row.get(chunk * LANES + lane).map_or(f32::INFINITY, |secs| *secs as f32)))
         };
         let mut arcs = Arcs { groups: groups.len(), chunks, first: vec![0], from: Vec::new(), secs: Vec::new() };
         for (to, into) in groups.iter().enumerate() {
@@ -136,13 +136,13 @@ impl<'a> Relaxation<'a> {
             }
             known
         };
-        let through_arcs: Vec<Lanes> = (0..self.groups.len()).into_par_iter().flat_map_iter(through_arcs).collect();
+        let through_arcs: Vec<LaneCosts> = (0..self.groups.len()).into_par_iter().flat_map_iter(through_arcs).collect();
         self.keep(&through_arcs, halves.limit);
         2 * halves.work
     }
 
     /// Keeps the arcs that take at most the limit one way or the other.
-    fn keep(&mut self, secs: &[Lanes], limit: f32) {
+    fn keep(&mut self, secs: &[LaneCosts], limit: f32) {
         let old = &self.arcs;
         let mut kept = Arcs { first: vec![0], from: Vec::new(), secs: Vec::new(), ..*old };
         let back = |from: usize, node: usize, to: usize, into: usize| {
@@ -156,7 +156,8 @@ impl<'a> Relaxation<'a> {
                 for at in old.to_chunk(from, to, chunk) {
                     let node = usize::from(old.from[at]);
                     let is_open = |lane: usize| simd_min(secs[at].0[lane], back(from, node, to, chunk * LANES + lane)) <= limit;
-                    let row = Lanes(std::array::from_fn(|lane| if is_open(lane) { old.secs[at].0[lane] } else { f32::INFINITY }));
+                    let row =
+                        LaneCosts(std::array::from_fn(|lane| if is_open(lane) { old.secs[at].0[lane] } else { f32::INFINITY }));
                     if row.0.iter().any(|secs| secs.is_finite()) {
                         kept.from.push(node as u16);
                         kept.secs.push(row);
@@ -193,8 +194,8 @@ impl<'a> Relaxation<'a> {
 
     /// Labels of one stop.
     fn initial_labels(&self, multipliers: &[f32]) -> Vec<NgLabels> {
-        let initial_labels = |(home, multiplier): (&[Lanes], &f32)| {
-            let secs = home.iter().map(|secs| Lanes(secs.0.map(|secs| secs + multiplier))).collect();
+        let initial_labels = |(home, multiplier): (&[LaneCosts], &f32)| {
+            let secs = home.iter().map(|secs| LaneCosts(secs.0.map(|secs| secs + multiplier))).collect();
             NgLabels { sets: vec![0], secs, work: 0 }
         };
         self.home.chunks_exact(self.chunks).zip(multipliers).map(initial_labels).collect()
@@ -267,7 +268,7 @@ impl<'a> Relaxation<'a> {
         halves.completion.reverse();
     }
 
-    fn completions(&self, group: usize, labels: &NgLabels, ng_sets: &NgSets, multiplier: f32) -> Vec<Lanes> {
+    fn completions(&self, group: usize, labels: &NgLabels, ng_sets: &NgSets, multiplier: f32) -> Vec<LaneCosts> {
         let (bits, critical_bits) = (ng_sets.bits(group), ng_sets.critical_bits(group));
         self.level.run(SubsetMinimum { labels, bits, critical_bits, chunks: self.chunks, multiplier })
     }
