@@ -1,4 +1,4 @@
-//! What became of the surface, face by face: `coverage.json` (schema `vantage.coverage/1`), `coverage.csv` and
+//! Verdicts on the surface, face by face: `coverage.json` (schema `vantage.coverage/1`), `coverage.csv` and
 //! `coverage.bin`. Faces are those of the uploaded file, except in `coverage.bin`, whose faces are the preview's.
 //!
 //! | byte of `coverage.bin` | meaning |
@@ -37,7 +37,7 @@ pub struct CoverageListing {
     pub coverage: CoverageDocument,
     /// Faces of the uploaded file, by what became of them.
     pub faces: FaceCounts,
-    /// What the bytes of `coverage.bin` mean.
+    /// Meanings of the bytes of `coverage.bin`.
     pub bytes: Vec<ByteMeaning>,
 }
 

@@ -1,4 +1,4 @@
-//! What a user attaches to a job and gets back in job, plan and program.
+//! Notes that a user attaches to a job and gets back in job, plan and program.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! What happens to jobs, as events tell it.
+//! Events of jobs.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::ids::JobId;
 use super::job::JobState;
 
-/// What happened.
+/// Kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
@@ -52,7 +52,7 @@ pub struct JobEvent {
     pub id: i64,
     /// The job it is about.
     pub job_id: JobId,
-    /// What happened.
+    /// Kind of the event.
     pub kind: EventKind,
     /// When, UTC.
     #[schema(format = DateTime)]

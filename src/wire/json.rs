@@ -3,7 +3,7 @@
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
 
-/// Why a document is refused.
+/// Reason for which a document is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseError {
     /// It is no JSON.
@@ -14,7 +14,7 @@ pub enum ParseError {
     Shape {
         /// Where.
         pointer: String,
-        /// What was expected.
+        /// Description of the value that was expected.
         detail: String,
     },
 }

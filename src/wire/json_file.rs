@@ -1,4 +1,4 @@
-//! How a JSON document becomes the bytes of a file.
+//! Bytes of a JSON document in a file.
 
 use serde::Serialize;
 

@@ -19,10 +19,10 @@ pub struct Mesh {
     pub sha256: String,
     /// Size of the file.
     pub size_bytes: u64,
-    /// When it was first uploaded, UTC.
+    /// Time of the first upload, UTC.
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// What it is and what is wrong with it.
+    /// Facts and faults of the mesh.
     pub health: MeshHealth,
 }
 

@@ -43,7 +43,7 @@ pub struct SpotDocument {
     pub extent_mm: [f64; 3],
     /// Faces of the uploaded file that it touches, ascending.
     pub faces: Vec<u32>,
-    /// What would cure it; `null` where none was sought.
+    /// Remedy of the spot; `null` where none was sought.
     pub remedy: Option<RemedyDocument>,
 }
 

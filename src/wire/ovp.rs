@@ -27,32 +27,32 @@ const COVERED: f64 = 0.5;
 /// The whole document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OvpDocument {
-    /// What was done.
+    /// Log of the run.
     #[serde(rename = "Log")]
     pub log: OvpLog,
-    /// What came out.
+    /// Viewpoints and their coverage.
     #[serde(rename = "OVP")]
     pub ovp: OptimalViewpoints,
 }
 
-/// What was done.
+/// Log of the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct OvpLog {
     /// The left camera, at the scanner's best focus.
     pub camera: Camera,
-    /// What the viewpoints cover together.
+    /// Coverage by the viewpoints together.
     pub coverage: TriangleCoverage,
     /// Fraction of the triangles that each viewpoint adds.
     #[serde(rename = "CoveragePerVP")]
     pub coverage_per_vp: Vec<f64>,
-    /// How long it took.
+    /// Duration of the run.
     pub duration: Duration,
     /// The part.
     pub model: Model,
     /// The solver.
     pub optimization_type: String,
-    /// When it was written, RFC 3339, UTC.
+    /// Time of writing, RFC 3339, UTC.
     pub time_stamp: String,
     /// Triangles that each viewpoint adds.
     #[serde(rename = "TriangleCoveragePerVP")]
@@ -91,13 +91,13 @@ pub struct Camera {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct TriangleCoverage {
-    /// How many.
+    /// Number of triangles.
     pub in_triangles: usize,
-    /// As a fraction of all, 0 to 1.
+    /// Fraction of all, 0 to 1.
     pub percentage: f64,
 }
 
-/// How long it took.
+/// Duration of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct Duration {
@@ -123,7 +123,7 @@ pub struct Model {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct Candidates {
-    /// Those that could be chosen.
+    /// Number of viewpoints that could be chosen.
     pub count: usize,
     /// The others that were generated.
     pub discarded_count: usize,
@@ -152,7 +152,7 @@ pub struct OwnFigures {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct OptimalViewpoints {
-    /// How many.
+    /// Number of viewpoints.
     pub count: usize,
     /// In the order chosen.
     pub list: Vec<Viewpoint>,
@@ -236,7 +236,7 @@ fn candidates(plan: &Plan, part_name: &str) -> Candidates {
     }
 }
 
-/// How a value of a closed list is written in files.
+/// Name of a value of a closed list in files.
 fn name(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }

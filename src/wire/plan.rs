@@ -44,9 +44,9 @@ pub struct PlanDocument {
     pub cell: Option<CellDocument>,
     /// Every knob that was in force.
     pub params: PlanParams,
-    /// How the candidates fared.
+    /// Numbers of candidates.
     pub candidates: CandidatesDocument,
-    /// What the chosen views measure.
+    /// Area that the chosen views measure.
     pub coverage: CoverageDocument,
     /// The ways in which the part lies while views are taken, where there are several; `program.json` is that of the first,
     /// `program-2.json` that of the second, and so on.
@@ -56,15 +56,15 @@ pub struct PlanDocument {
     pub viewpoints: Vec<ViewpointDocument>,
     /// Viewpoint ids in the order visited, setup by setup.
     pub sequence: Vec<u32>,
-    /// How long a cycle takes; `null` without a cell.
+    /// Time of a cycle; `null` without a cell.
     #[serde(default)]
     pub motion: Option<MotionDocument>,
-    /// What keeps the cell from candidates, what keeps it from most first.
+    /// Pairs of bodies that keep the cell from candidates, the one that keeps it from most first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub obstructions: Vec<ObstructionDocument>,
-    /// What is not measured, by cause.
+    /// Missed area by cause.
     pub missed: Vec<MissedDocument>,
-    /// How far from the best the chosen views can be.
+    /// Bound on the views of any choice from the same candidates.
     pub bound: BoundDocument,
     /// `target`, `growth`, `max_views` or `no_gain`.
     pub stopped_because: String,
@@ -164,11 +164,11 @@ pub struct CellDocument {
     pub turntable: String,
 }
 
-/// What is done while the part lies in one way.
+/// Views and area of one setup.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SetupDocument {
-    /// How it lies.
+    /// Pose of the part in this setup.
     pub table_from_part: PoseSpec,
     /// Ids of the viewpoints taken.
     pub viewpoints: Vec<u32>,
@@ -188,7 +188,7 @@ fn setups(plan: &Plan) -> Vec<SetupDocument> {
     if plan.setups.len() > 1 { plan.setups.iter().map(document).collect() } else { Vec::new() }
 }
 
-/// How the candidates fared.
+/// Numbers of candidates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct CandidatesDocument {
@@ -216,9 +216,9 @@ pub struct ViewpointDocument {
     pub gain_of_asked: f64,
     /// Its score when chosen, mm².
     pub score: f64,
-    /// Where the cell takes it from.
+    /// Station from which the cell takes it.
     pub station: Option<StationDocument>,
-    /// Why it measures nothing, if so.
+    /// Cause for which it measures nothing, if so.
     pub rejected: Option<String>,
 }
 
@@ -230,10 +230,10 @@ pub struct StationDocument {
     pub table_angle_deg: f64,
     /// Joints 1 to 6.
     pub joints_deg: [f64; 6],
-    /// Which way shoulder, elbow and wrist are bent, such as `front, elbow up, no flip`.
+    /// Arm configuration: shoulder, elbow and wrist, such as `front, elbow up, no flip`.
     #[serde(default)]
     pub posture: String,
-    /// How far from a singularity: least singular value of the flange's Jacobian, lengths in parts of the arm's; 0 at one.
+    /// Distance from a singularity: smallest singular value of the flange's Jacobian, lengths in parts of the arm's; 0 at one.
     #[serde(default)]
     pub singularity_margin: f64,
     /// Distance of the two bodies that are nearest to each other, mm; `null` where that is more than 200 mm.
@@ -241,7 +241,7 @@ pub struct StationDocument {
     pub clearance_mm: Option<f64>,
 }
 
-/// How far from the best the chosen views can be. The bound is on the candidates that could be chosen, without what is
+/// Bound on the views of any choice. It holds for the candidates that could be chosen, without what is
 /// asked of overlap, time and quality.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]

@@ -5,12 +5,12 @@ use utoipa::ToSchema;
 
 use crate::cell::FieldError;
 
-/// What is wrong with one field.
+/// Fault of one field.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProblemField {
     /// JSON pointer of the field in the request's body; a query parameter or header by its name.
     pub pointer: String,
-    /// What was found and what is allowed.
+    /// Value that was found, and the allowed ones.
     pub detail: String,
 }
 
@@ -32,7 +32,7 @@ pub struct Problem {
     /// The HTTP status.
     #[schema(minimum = 400, maximum = 599)]
     pub status: u16,
-    /// What happened this time.
+    /// Description of this occurrence.
     pub detail: String,
     /// Path of the request.
     pub instance: String,
@@ -44,7 +44,7 @@ pub struct Problem {
     pub request_id: String,
 }
 
-/// Why a job failed.
+/// Reason for which a job failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobProblem {
     /// Reference to the description of this kind of problem.
@@ -53,7 +53,7 @@ pub struct JobProblem {
     pub kind: String,
     /// The kind of problem in a few words.
     pub title: String,
-    /// What happened this time.
+    /// Description of this occurrence.
     pub detail: String,
     /// Stable name of the kind of problem, for programs.
     pub code: String,

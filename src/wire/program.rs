@@ -38,7 +38,7 @@ pub struct ProgramDocument {
     pub turntable: String,
     /// Joints 1 to 6 and the table angle before the first step and after the last.
     pub home_deg: [f64; 7],
-    /// What is done, one after another.
+    /// Steps, one after another.
     pub steps: Vec<StepDocument>,
     /// Predicted time of all steps.
     pub cycle_secs: f64,
@@ -61,14 +61,14 @@ pub enum StepDocument {
         via: Vec<[f64; 7]>,
         /// Predicted time.
         duration_secs: f64,
-        /// How far any axis may be from the points between, which are then passed without stopping, each rounded by a
+        /// Tolerance of any axis at the points between, which are then passed without stopping, each rounded by a
         /// parabola, as quickly as the axes allow; left out where every point is a stop.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         passed_within_deg: Option<f64>,
     },
     /// Everything stands still.
     Settle {
-        /// How long.
+        /// Duration.
         secs: f64,
     },
     /// The scanner captures.
@@ -77,7 +77,7 @@ pub enum StepDocument {
         viewpoint: u32,
         /// Projector brightness level.
         brightness: u8,
-        /// How long the capture takes.
+        /// Duration of the capture.
         capture_secs: f64,
     },
 }

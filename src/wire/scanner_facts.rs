@@ -1,4 +1,4 @@
-//! What `vantage inspect` says of a scanner, schema `vantage.scanner_facts/1`: rig, depth of field, fields, volume.
+//! Facts of a scanner that `vantage inspect` tells, schema `vantage.scanner_facts/1`: rig, depth of field, fields, volume.
 //! Scanner frame, millimetres and degrees.
 
 use nalgebra::{Point3, Vector3};
@@ -51,7 +51,7 @@ pub struct DeviceFacts {
     pub incidence_max_deg: f64,
 }
 
-/// What is seen at one depth.
+/// Field at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct FieldFacts {
     /// The depth along z.
@@ -106,7 +106,7 @@ pub struct VolumeFacts {
     pub volume_mm3: f64,
     /// Its corners.
     pub vertices_mm: Vec<[f64; 3]>,
-    /// What distortion bends a side by at best focus at most, given away by the polytope.
+    /// Largest bend of a side by distortion at best focus, given away by the polytope.
     pub bow_mm: f64,
     /// Largest cuboid by volume, aligned with the scanner and centred on best focus.
     pub largest_cuboid_mm: [f64; 3],
@@ -125,18 +125,18 @@ pub struct StatedBox {
     pub size_mm: [f64; 3],
     /// Share of its volume inside the polytope.
     pub inside: f64,
-    /// Where it leaves the polytope.
+    /// Corners at which it leaves the polytope.
     pub excess: Vec<Excess>,
 }
 
-/// How far a corner of a box lies outside one device's field, or outside the working depth.
+/// Excess of a corner of a box over one device's field, or over the working depth.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Excess {
     /// `left`, `right`, `projector` or `depth`.
     pub of: &'static str,
     /// The corner that lies farthest outside.
     pub corner_mm: [f64; 3],
-    /// How far outside.
+    /// Distance outside, mm.
     pub outside_mm: f64,
 }
 

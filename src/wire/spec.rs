@@ -22,7 +22,7 @@ impl SpecCollection {
     /// Every collection.
     pub const ALL: [Self; 4] = [Self::Scanner, Self::Robot, Self::Turntable, Self::Cell];
 
-    /// What its entries are.
+    /// Kind of its entries.
     #[must_use]
     pub fn kind(self) -> SpecKind {
         match self {
@@ -51,7 +51,7 @@ impl SpecCollection {
     }
 }
 
-/// Whether `name` may name a specification: 1 to 64 of `a-z 0-9 . _ -`, beginning with a letter or digit.
+/// Returns true if `name` may name a specification: 1 to 64 of `a-z 0-9 . _ -`, beginning with a letter or digit.
 #[must_use]
 pub fn is_spec_name(name: &str) -> bool {
     let allowed = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || b"._-".contains(&c);
@@ -63,7 +63,7 @@ pub fn is_spec_name(name: &str) -> bool {
 pub struct SpecListItem {
     /// Its name.
     pub name: String,
-    /// Whether it came with the program and cannot be changed.
+    /// True if it came with the program and cannot be changed.
     pub preset: bool,
     /// Its entity tag, for `If-Match`.
     pub etag: String,

@@ -13,9 +13,9 @@ pub struct Health {
 /// One thing that must hold for the server to take work.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ReadinessCheck {
-    /// What was looked at.
+    /// Subject of the check.
     pub name: String,
-    /// Whether it holds.
+    /// True if the check passed.
     pub ok: bool,
 }
 
@@ -24,11 +24,11 @@ pub struct ReadinessCheck {
 pub struct Readiness {
     /// Always `ready`; else the answer is a problem with status 503.
     pub status: String,
-    /// What was looked at.
+    /// The checks.
     pub checks: Vec<ReadinessCheck>,
 }
 
-/// Which program answers.
+/// Name and version of the program that answers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Version {
     /// Name of the program.

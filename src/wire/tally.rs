@@ -1,4 +1,4 @@
-//! What became of a group of patches, by area: the common ground of the face table, the preview's bytes and the
+//! Verdicts on a group of patches, by area: the common ground of the face table, the preview's bytes and the
 //! pictures. Cost: O(samples), one tally alive at a time, so that ten million faces need no gigabytes.
 
 use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
@@ -59,7 +59,7 @@ impl Tally {
         largest(&self.cause_mm2).map(|index| Cause::ALL[index])
     }
 
-    /// What became of most of the area: first of all asked or not, then measured or missed, then grade or cause.
+    /// Verdict on most of the area: first of all asked or not, then measured or missed, then grade or cause.
     pub(crate) fn majority(&self) -> Verdict {
         let measured_or_missed = if self.measured_mm2() >= self.missed_mm2() {
             self.grade().map(Verdict::Measured)

@@ -1,4 +1,4 @@
-//! What a plan says of its coverage: areas and shares, whole, by grade and by region, on other samples and with poses off.
+//! Coverage in a plan: areas and shares, whole, by grade and by region, on other samples and with poses off.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -14,7 +14,7 @@ pub struct CoverageDocument {
     pub asked_area_mm2: f64,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
-    /// The same with the cell's reach ignored.
+    /// Asked area that some kept candidate measures, the cell's reach ignored.
     pub optically_coverable_area_mm2: f64,
     /// Asked area that at least one chosen view measures.
     pub measured_area_mm2: f64,
@@ -28,14 +28,14 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
-    /// What is measured of each region of interest and feature.
+    /// Coverage of each region of interest and feature.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
-    /// The same on samples that the views were not chosen on: the figure to trust. Choosing views on a set of samples
+    /// Coverage on samples that the views were not chosen on: the figure to trust. Choosing views on a set of samples
     /// reads high on that set. `null` in plans made before it was there.
     #[serde(default)]
     pub independent: Option<IndependentDocument>,
-    /// The same with poses that are off; with `robust.pose_error`.
+    /// Coverage on those samples with poses that are off; with `robust.pose_error`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robust: Option<RobustDocument>,
     /// Share of the whole surface on faces that some chosen view hits with a pixel of each device, whatever depth and
@@ -44,7 +44,7 @@ pub struct CoverageDocument {
     pub pixel_set_of_total: Option<f64>,
 }
 
-/// What is measured of a region, as well as is asked there.
+/// Coverage of a region, counting only what is measured as well as is asked there.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RegionCoverageDocument {
@@ -52,7 +52,7 @@ pub struct RegionCoverageDocument {
     pub name: String,
     /// Its asked area.
     pub asked_area_mm2: f64,
-    /// Of that what some kept candidate measures.
+    /// Part of the asked area that some kept candidate measures.
     pub coverable_area_mm2: f64,
     /// Measured share of the asked area.
     pub of_asked: f64,
@@ -96,7 +96,7 @@ pub struct RobustDocument {
     /// The error: each pose is turned by the whole angle about a random axis and moved by the whole distance in a random
     /// direction.
     pub pose_error: PoseErrorParams,
-    /// How often every view was put off.
+    /// Number of draws in which every view was put off.
     pub draws: usize,
     /// Measured shares of the asked area.
     pub of_asked: DrawnDocument,
@@ -108,7 +108,7 @@ pub struct RobustDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct MisplacedDocument {
-    /// How often it was put off.
+    /// Number of draws in which the part was put off.
     pub draws: usize,
     /// Measured shares of the asked area.
     pub of_asked: DrawnDocument,

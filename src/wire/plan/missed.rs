@@ -1,4 +1,4 @@
-//! What `plan.json` says of missed surface: by cause, its largest spots, and what cures them.
+//! Missed surface in `plan.json`: by cause, its largest spots, and their remedies.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -36,7 +36,7 @@ pub struct TreatedSpotDocument {
     pub centre_mm: [f64; 3],
     /// Size of the box around it along the part's axes.
     pub extent_mm: [f64; 3],
-    /// What would cure it.
+    /// Remedy of the spot.
     pub remedy: RemedyDocument,
 }
 
@@ -51,16 +51,16 @@ pub struct RemedyDocument {
     pub text: String,
     /// The views that it takes, best first; to apply them, put their poses into `candidates.poses`.
     pub views: Vec<RemedyViewDocument>,
-    /// How to lay the part, if so: a pose in which it rests, for `part.table_from_part` or `part.resting_poses`.
+    /// Pose in which the part has to rest, if so, for `part.table_from_part` or `part.resting_poses`.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
-    /// What to raise `limits.camera_deg` to, if so.
+    /// Value that `limits.camera_deg` has to be raised to, if so.
     pub camera_deg: Option<f64>,
-    /// What to raise `limits.projector_deg` to, if so.
+    /// Value that `limits.projector_deg` has to be raised to, if so.
     pub projector_deg: Option<f64>,
     /// Area of the spot that the views together measure.
     pub area_mm2: f64,
-    /// The same as a share of the spot; a remedy works from 0.5 on.
+    /// Share of the spot that the views together measure; a remedy works from 0.5 on.
     pub of_spot: f64,
     /// Views that were tried for the spot.
     pub tried: usize,

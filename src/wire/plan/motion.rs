@@ -1,4 +1,4 @@
-//! What a plan says of the cell's motion: the cycle's time and where it goes, and what is in the cell's way.
+//! Motion of the cell in a plan: the time of the cycle by its parts, and the obstructions.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -16,7 +16,7 @@ pub struct MotionDocument {
     pub cycle_secs: f64,
     /// Moves, s.
     pub moving_secs: f64,
-    /// Of the moves those in which the table turns, s.
+    /// Part of the moves in which the table turns, s.
     #[serde(default)]
     pub turning_secs: f64,
     /// Waiting for everything to stand still, s.
@@ -34,7 +34,7 @@ pub struct MotionDocument {
 }
 
 impl MotionDocument {
-    /// Of a plan with a cell.
+    /// Sums up a plan with a cell.
     pub(super) fn of(plan: &Plan) -> Option<Self> {
         plan.sequences().next()?;
         let (visits, scan) = (plan.visits().count() as f64, &plan.params.scan);
@@ -64,11 +64,11 @@ pub struct ObstructionDocument {
     pub without_path: usize,
     /// Joints 1 to 6 and the table angle at which they meet, for one of the candidates.
     pub configuration_deg: [f64; 7],
-    /// How far apart they are there, mm; below zero how deep one is in the other; `null` where that is not known.
+    /// Distance of the two there, mm; below zero the depth of one in the other; `null` where that is not known.
     pub apart_mm: Option<f64>,
     /// Where, robot base frame, mm.
     pub place_in_base_mm: Option<[f64; 3]>,
-    /// What would help.
+    /// Advice, in words.
     pub help: String,
 }
 

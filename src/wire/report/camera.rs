@@ -1,11 +1,11 @@
-//! Where a picture is taken from. The camera is a pinhole without distortion; its frame is that of an optical device
+//! Camera of a picture. It is a pinhole without distortion; its frame is that of an optical device
 //! (+z forward, +x right, +y down), so that a scanner's own frame serves as one.
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::{Aabb, Device, Part, Pose};
 
-/// What lies nearer than this to the camera is not drawn, mm.
+/// Distance from the camera within which nothing is drawn, mm.
 const NEAR_MM: f64 = 5.0;
 /// Share of the picture that stays free on each side.
 const MARGIN: f64 = 0.05;
@@ -19,7 +19,7 @@ const BYSTANDER_RADII: f64 = 5.0;
 /// A pinhole camera and its picture.
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
-    /// Where the camera is.
+    /// Pose of the camera.
     pub(super) camera_from_part: Pose<Device, Part>,
     /// Width and height, pixels.
     pub(super) size_px: [usize; 2],

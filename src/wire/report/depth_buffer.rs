@@ -1,4 +1,4 @@
-//! Which patch is nearest at each sample of a picture. Triangles are rasterised with fixed-point edge functions (Pineda,
+//! Nearest patch at each sample of a picture. Triangles are rasterised with fixed-point edge functions (Pineda,
 //! *A Parallel Algorithm for Polygon Rasterization*, 1988), which leave no cracks between neighbours and come out the
 //! same on every run. Camera frame: +z forward, +x right, +y down.
 
@@ -50,7 +50,7 @@ impl Edge {
         self.dx * y - self.dy * x + self.at_origin
     }
 
-    /// How far below 0 the value is one step outside the edge. What lies within is drawn too: where a long edge meets
+    /// Value below 0 at one step outside the edge. Points within it are drawn too: where a long edge meets
     /// two short ones, as in some files, rounding would leave pinholes otherwise.
     fn tolerance(&self) -> i64 {
         self.dx.abs().max(self.dy.abs())

@@ -40,7 +40,7 @@ pub struct ReportInput<'a> {
     pub cell_name: Option<&'a str>,
     /// Predicted cycle time, where there is a program.
     pub cycle_secs: Option<f64>,
-    /// What the part is called.
+    /// Name of the part.
     pub part_name: &'a str,
     /// Labels, part number and serial as given with the job.
     pub echo: &'a Echo,

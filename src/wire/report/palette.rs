@@ -42,7 +42,7 @@ impl MissGroup {
     }
 }
 
-/// What a spot of a picture stands for.
+/// Meaning of a spot of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::wire) enum Ink {
     /// Measured, with this grade.
@@ -94,7 +94,7 @@ impl Ink {
         format!("#{r:02x}{g:02x}{b:02x}")
     }
 
-    /// What the legend says.
+    /// Label in the legend.
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::Measured(Grade::A) => "Grade A",

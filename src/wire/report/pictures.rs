@@ -1,4 +1,4 @@
-//! Which pictures a report holds: the part from three sides, and the part from each chosen view. Over each lies a thin
+//! Pictures of a report: the part from three sides, and the part from each chosen view. Over each lies a thin
 //! drawing with the part's axes, a scale, and for views the field that all three devices share at best focus.
 
 use std::fmt::Write;
@@ -24,7 +24,7 @@ const FIELD_CORNERS: usize = 360;
 const FIELD_STEPS: usize = 20;
 /// Length of the drawn axes.
 const AXIS_PX: f64 = 30.0;
-/// Where the drawn axes meet, from the lower left corner.
+/// Distance of the drawn axes' origin from the lower left corner.
 const AXES_AT_PX: f64 = 44.0;
 /// The scale is at most this share of the picture's width.
 const LONGEST_SCALE: f64 = 0.22;

@@ -31,7 +31,7 @@ struct Bin {
 /// A run of bins that share an entry of the palette.
 struct Cut {
     bins: Range<usize>,
-    /// How much it asks to be cut: largest spread of a channel, times the root of its pixels; 0 for a single bin.
+    /// Priority of a cut: largest spread of a channel, times the root of its pixels; 0 for a single bin.
     worth: u64,
     /// The channel of that spread.
     channel: usize,

@@ -21,11 +21,11 @@ const SAMPLES: usize = 2;
 /// Opacity of missed surface that something hides.
 const GLOW: f64 = 0.65;
 
-/// What all pictures of a part share.
+/// Inputs that all pictures of a part share.
 pub(super) struct Scene<'a> {
     surface: &'a Surface,
     shading: Shading<'a>,
-    /// Whether inner sides can come into sight: the mesh is open, or wound both ways.
+    /// True if inner sides can come into sight: the mesh is open, or wound both ways.
     pub(super) open: bool,
 }
 
@@ -44,7 +44,7 @@ impl<'a> Scene<'a> {
         develop(&eye.fine, |x, y| self.colour(&all, &eye, inks, x, y))
     }
 
-    /// The same, with missed surface glowing through whatever hides it; not what the part stands on, which would darken
+    /// Renders with missed surface glowing through whatever hides it; not what the part stands on, which would darken
     /// all of it and is plain to see from below.
     pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
         let eye = Eye::new(camera);
@@ -130,7 +130,7 @@ impl Eye {
         }
     }
 
-    /// Where a sample of the buffer lies, part frame; only where there is a patch.
+    /// Point of a sample of the buffer, part frame; only where there is a patch.
     fn point(&self, buffer: &DepthBuffer, x: usize, y: usize) -> Point3<f64> {
         let direction = self.fine.direction([x as f64 + 0.5, y as f64 + 0.5]);
         self.at_mm + self.part_from_camera * (direction * buffer.depth_mm(x, y))

@@ -19,7 +19,7 @@ const OBSTRUCTIONS_LISTED: usize = 10;
 /// Characters of the file's digest that are shown.
 const DIGEST_SHOWN: usize = 12;
 
-/// What keeps the cell from candidates; nothing where nothing does.
+/// Section on the bodies that keep the cell from candidates; empty where none do.
 pub(super) fn obstructions(input: &ReportInput<'_>) -> String {
     let rows: Vec<_> = input.outcome.plan.obstructions.iter().take(OBSTRUCTIONS_LISTED).map(obstruction_row).collect();
     if rows.is_empty() {
@@ -46,7 +46,7 @@ fn obstruction_row(obstruction: &Obstruction) -> String {
     )
 }
 
-/// What was planned, for which part and which hardware.
+/// Header: the plan, its part and its hardware.
 pub(super) fn header(input: &ReportInput<'_>) -> String {
     let part = &input.outcome.plan.part;
     let size = part.aabb.extent_mm();
@@ -153,7 +153,7 @@ pub(super) fn certificate(input: &ReportInput<'_>) -> String {
     said + &coverage.robust.as_ref().map_or_else(String::new, off_poses) + "</section>\n"
 }
 
-/// The same with poses that are off.
+/// Coverage with poses that are off.
 fn off_poses(robust: &Robust) -> String {
     let row = |name: &str, drawn: &Drawn| {
         let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()]
@@ -179,7 +179,7 @@ pub(super) fn curve(input: &ReportInput<'_>) -> String {
     )
 }
 
-/// What is missed, and why.
+/// Section on missed area and its causes.
 pub(super) fn missed(input: &ReportInput<'_>) -> String {
     let missed = &input.outcome.plan.missed;
     if missed.is_empty() {
@@ -312,7 +312,7 @@ pub(super) fn settings(input: &ReportInput<'_>) -> String {
     )
 }
 
-/// Where the numbers come from.
+/// Footer: sources of the numbers.
 pub(super) fn footer() -> String {
     format!(
         "<footer>\n<p>Written by Vantage {} from <code>plan.json</code>, which holds every number at full precision.</p>\n</footer>\n",

@@ -10,7 +10,7 @@ const CREASE_COS: f64 = 0.766;
 const JUMP_OF_DIAGONAL: f64 = 0.008;
 /// Vertices with more facets than this are tips and hubs: their facets keep their own normals.
 const LARGEST_FAN: usize = 64;
-/// How dark a crease is drawn.
+/// Darkening of a crease.
 const CREASE: f64 = 0.62;
 
 /// Towards the lamp, camera frame: above and to the left of who looks. A unit vector to four digits.
@@ -35,7 +35,7 @@ impl Lamp {
     }
 }
 
-/// How a part is lit.
+/// Lighting of a part.
 pub(super) struct Shading<'a> {
     mesh: &'a Mesh,
     /// For each triangle of the mesh the smoothed normals at its corners.
@@ -44,7 +44,7 @@ pub(super) struct Shading<'a> {
 }
 
 impl<'a> Shading<'a> {
-    /// How dark an outline is drawn.
+    /// Darkening of an outline.
     pub(super) const OUTLINE: f64 = 0.38;
 
     /// Prepares the shading of a mesh.

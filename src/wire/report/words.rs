@@ -28,7 +28,7 @@ pub(super) fn cause_name(cause: Cause) -> &'static str {
     }
 }
 
-/// What a cause means.
+/// Explains a cause.
 pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams) -> String {
     match cause {
         Cause::ExcludedResting => {
@@ -73,7 +73,7 @@ fn limit(limit_deg: Option<f64>, scanner: &Scanner, device: usize) -> String {
     format!("more than {}° from the surface’s normal", number(deg, 1))
 }
 
-/// What would cure a spot: the kind in a word or two, then the plan's own sentence.
+/// Describes the remedy of a spot: the kind in a word or two, then the plan's own sentence.
 pub(super) fn remedy(remedy: &Remedy) -> String {
     let kind = match remedy.kind {
         RemedyKind::View => "One more view",
@@ -87,7 +87,7 @@ pub(super) fn remedy(remedy: &Remedy) -> String {
     format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy.sentence()))
 }
 
-/// Why the selection of views ended.
+/// Explains the rule that ended the selection of views.
 pub(super) fn stop(reason: StopReason, params: &PlanParams) -> String {
     let rules = &params.selection;
     match reason {

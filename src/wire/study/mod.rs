@@ -1,4 +1,4 @@
-//! What a study found, for people and for spreadsheets: `<study>.csv`, two plots as SVG files that stand alone, and a page
+//! Result of a study, for people and for spreadsheets: `<study>.csv`, two plots as SVG files that stand alone, and a page
 //! with both plots, the table and the words. Same findings, same bytes.
 
 mod chart;
@@ -19,11 +19,11 @@ pub use table::{csv, text};
 /// Everything that the page and the plots tell.
 #[derive(Clone, Copy)]
 pub struct StudyInput<'a> {
-    /// What came out.
+    /// The result.
     pub findings: &'a StudyResult,
     /// The parameters that were left alone.
     pub params: &'a PlanParams,
-    /// What the part is called.
+    /// Name of the part.
     pub part_name: &'a str,
     /// Name of the scanner.
     pub scanner_name: &'a str,

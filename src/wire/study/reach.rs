@@ -17,7 +17,7 @@ const LIGHT_FROM: usize = 4;
 
 /// Layouts and what they reach.
 pub struct ReachInput<'a> {
-    /// What was compared.
+    /// Layouts that were compared.
     pub layouts: &'a Layouts,
     /// Mounting by mounting, height by height, foot by foot.
     pub found: &'a [Layout],
@@ -101,7 +101,7 @@ fn field(svg: &mut Svg, layout: &Layout, at: [f64; 2]) {
     }
 }
 
-/// What is best, and how the cell does as it is.
+/// Describes the best layout, and the cell as it is.
 #[must_use]
 pub fn text(input: &ReachInput<'_>, own: Option<&Layout>) -> String {
     let mut text = String::new();

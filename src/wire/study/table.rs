@@ -62,7 +62,7 @@ pub fn text(input: &StudyInput<'_>) -> String {
     out + &format!("goal: {}\n", goal(input))
 }
 
-/// What a series has to measure, in words.
+/// Area that a series has to measure, in words.
 pub(super) fn goal(input: &StudyInput<'_>) -> String {
     let target = fixed(100.0 * input.params.selection.target, 2);
     let target = target.trim_end_matches('0').trim_end_matches('.').to_owned();
