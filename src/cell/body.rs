@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
 
+use super::body_meshes::BodyMeshes;
 use super::field_error::Findings;
 use super::library::{NotFound, SpecKind, SpecLibrary};
 use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
@@ -71,15 +72,15 @@ impl Body {
         (0..8).map(|i| self.owner_from_body * corner(i)).collect()
     }
 
-    /// Bodies of checked specifications; a mesh that `library` cannot give is a finding below `pointer`.
-    pub(super) fn resolve(specs: &[BodySpec], pointer: &str, library: &dyn SpecLibrary, findings: &mut Findings) -> Vec<Self> {
+    /// Bodies of checked specifications; a mesh that is not to be had is a finding below `pointer`.
+    pub(super) fn resolve(specs: &[BodySpec], pointer: &str, meshes: &mut BodyMeshes<'_>, findings: &mut Findings) -> Vec<Self> {
         let found =
-            specs.iter().enumerate().map(|(index, spec)| Self::find(spec, &format!("{pointer}/{index}"), library, findings));
+            specs.iter().enumerate().map(|(index, spec)| Self::find(spec, &format!("{pointer}/{index}"), meshes, findings));
         found.flatten().collect()
     }
 
-    fn find(spec: &BodySpec, pointer: &str, library: &dyn SpecLibrary, findings: &mut Findings) -> Option<Self> {
-        let shape = Shape::resolve(&spec.shape, library).map_err(|detail| findings.push(format!("{pointer}/shape/mesh"), detail));
+    fn find(spec: &BodySpec, pointer: &str, meshes: &mut BodyMeshes<'_>, findings: &mut Findings) -> Option<Self> {
+        let shape = Shape::resolve(&spec.shape, meshes).map_err(|detail| findings.push(format!("{pointer}/shape/mesh"), detail));
         let owner_from_body = *spec.owner_from_body.pose::<(), ()>().isometry();
         Some(Self { name: spec.name.clone(), owner_from_body, shape: shape.ok()? })
     }
@@ -90,12 +91,12 @@ impl LinkBody {
     pub(super) fn resolve(
         specs: &[LinkBodySpec],
         pointer: &str,
-        library: &dyn SpecLibrary,
+        meshes: &mut BodyMeshes<'_>,
         findings: &mut Findings,
     ) -> Vec<Self> {
         let mut bodies = Vec::with_capacity(specs.len());
         for (index, spec) in specs.iter().enumerate() {
-            let body = Body::find(&spec.body(), &format!("{pointer}/{index}"), library, findings);
+            let body = Body::find(&spec.body(), &format!("{pointer}/{index}"), meshes, findings);
             bodies.extend(body.map(|body| Self { link: usize::from(spec.link), body }));
         }
         bodies
@@ -103,16 +104,12 @@ impl LinkBody {
 }
 
 impl Shape {
-    fn resolve(spec: &ShapeSpec, library: &dyn SpecLibrary) -> Result<Self, String> {
+    fn resolve(spec: &ShapeSpec, meshes: &mut BodyMeshes<'_>) -> Result<Self, String> {
         Ok(match spec {
             ShapeSpec::Box { size_mm } => Self::Box { size_mm: *size_mm },
             ShapeSpec::Cylinder { radius_mm, height_mm } => Self::Cylinder { radius_mm: *radius_mm, height_mm: *height_mm },
             ShapeSpec::Capsule { radius_mm, length_mm } => Self::Capsule { radius_mm: *radius_mm, length_mm: *length_mm },
-            ShapeSpec::Mesh { mesh: name } => match library.mesh(name) {
-                Ok(mesh) if mesh.faces.is_empty() => return Err(format!("is {name:?}, which has no faces")),
-                Ok(mesh) => Self::Mesh(Arc::new(mesh)),
-                Err(error) => return Err(not_found(&error, SpecKind::Mesh, name, library)),
-            },
+            ShapeSpec::Mesh { mesh: name } => Self::Mesh(meshes.get(name)?),
         })
     }
 }

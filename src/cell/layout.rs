@@ -7,13 +7,14 @@ use utoipa::ToSchema;
 
 use super::axis::{Axes, Configuration};
 use super::body::{Body, LinkBody, Shape, not_found};
+use super::body_meshes::{self, BodyMeshes};
 use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::PoseSpec;
 use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
-use super::shape_spec::{BodySpec, LinkBodySpec};
+use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 use super::turntable::{Turntable, TurntableSpec};
 use crate::geometry::{Base, Flange, Mesh, Plate, Pose, ScannerFrame, Table, table_from_plate};
 
@@ -108,15 +109,24 @@ impl CellSpec {
         let scanner = scanner_spec.as_ref().and_then(|spec| below(spec.build(), "/scanner", &mut findings));
         let robot = robot_spec.as_ref().and_then(|spec| below(spec.build(), "/robot", &mut findings));
         let turntable = turntable_spec.as_ref().and_then(|spec| below(spec.build(), "/turntable", &mut findings));
-        let mount = Body::resolve(&self.mount, "/mount", library, &mut findings);
-        let obstacles = Body::resolve(&self.obstacles, "/obstacles", library, &mut findings);
         let surfaces = robot_spec.as_ref().map_or(&[][..], |spec| &spec.surfaces);
-        let link_surfaces = LinkBody::resolve(surfaces, "/robot/surfaces", library, &mut findings);
-        let cable = LinkBody::resolve(&self.cable, "/cable", library, &mut findings);
         let table_specs = turntable_spec.as_ref().map_or(&[][..], |spec| &spec.body);
-        let table_bodies = Body::resolve(table_specs, "/turntable/body", library, &mut findings);
         let scanner_specs = scanner.as_ref().map_or(&[][..], |scanner| &scanner.body);
-        let scanner_bodies = Body::resolve(scanner_specs, "/scanner/body", library, &mut findings);
+        let rigid = [
+            (&self.mount[..], "/mount"),
+            (&self.obstacles, "/obstacles"),
+            (table_specs, "/turntable/body"),
+            (scanner_specs, "/scanner/body"),
+        ];
+        let carried = [(surfaces, "/robot/surfaces"), (&self.cable, "/cable")];
+        if !body_meshes::check_count(shapes(&rigid, &carried), &mut findings) {
+            return Err(findings.into_result().err().unwrap_or_default());
+        }
+        let mut meshes = BodyMeshes::new(library);
+        let [mount, obstacles, table_bodies, scanner_bodies] =
+            rigid.map(|(specs, pointer)| Body::resolve(specs, pointer, &mut meshes, &mut findings));
+        let [link_surfaces, cable] =
+            carried.map(|(specs, pointer)| LinkBody::resolve(specs, pointer, &mut meshes, &mut findings));
         findings.into_result()?;
         // Without findings the three are there.
         let (Some(scanner), Some(robot), Some(turntable)) = (scanner, robot, turntable) else { return Err(Vec::new()) };
@@ -161,6 +171,18 @@ impl CellSpec {
             findings.range("/floor_mm", height_mm, -10_000.0, 10_000.0, "mm");
         }
     }
+}
+
+/// The shapes of bodies, each with its pointer.
+fn shapes<'s>(
+    rigid: &'s [(&'s [BodySpec], &'s str)],
+    carried: &'s [(&'s [LinkBodySpec], &'s str)],
+) -> impl Iterator<Item = (String, &'s ShapeSpec)> {
+    let numbered = |at: &'s str, shapes: Vec<&'s ShapeSpec>| {
+        shapes.into_iter().enumerate().map(move |(index, shape)| (format!("{at}/{index}/shape"), shape))
+    };
+    let rigid = rigid.iter().flat_map(move |(specs, at)| numbered(at, specs.iter().map(|spec| &spec.shape).collect()));
+    rigid.chain(carried.iter().flat_map(move |(specs, at)| numbered(at, specs.iter().map(|spec| &spec.shape).collect())))
 }
 
 /// The specification meant, or a finding that says why there is none.
@@ -211,6 +233,23 @@ impl Cell {
     #[must_use]
     pub fn base_from_scanner(&self, joints_rad: &[f64; 6]) -> Pose<Base, ScannerFrame> {
         self.robot.base_from_flange(joints_rad) * self.flange_from_scanner
+    }
+
+    /// The meshes that its bodies are made of, each once.
+    #[must_use]
+    pub fn surfaces(&self) -> Vec<&Mesh> {
+        let carried = self.link_surfaces.iter().chain(&self.cable).map(|body| &body.body);
+        let bodies =
+            self.scanner_bodies.iter().chain(&self.mount).chain(&self.table_bodies).chain(&self.obstacles).chain(carried);
+        let mut surfaces: Vec<&Mesh> = Vec::new();
+        for body in bodies {
+            if let Shape::Mesh(mesh) = &body.shape
+                && !surfaces.iter().any(|known| std::ptr::eq(*known, &raw const **mesh))
+            {
+                surfaces.push(mesh);
+            }
+        }
+        surfaces
     }
 
     /// Static moment of scanner and mount about the flange's centre in the posture where it is largest, N·m. The scanner's

@@ -2,6 +2,7 @@
 //! own to them.
 
 use std::fmt;
+use std::sync::Arc;
 
 use serde::de::{self, DeserializeOwned, MapAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -96,8 +97,8 @@ pub trait SpecLibrary {
     fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound>;
     /// The cell of this name.
     fn cell(&self, name: &str) -> Result<CellSpec, NotFound>;
-    /// The mesh of this id or file, millimetres.
-    fn mesh(&self, name: &str) -> Result<Mesh, NotFound>;
+    /// The mesh of this id or file, millimetres. A cell that is built asks once for each name.
+    fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound>;
     /// Every name of a kind, for messages and lists.
     fn names(&self, kind: SpecKind) -> Vec<String>;
 }
@@ -160,7 +161,7 @@ impl SpecLibrary for Presets {
         parse(SpecKind::Cell, name)
     }
 
-    fn mesh(&self, _: &str) -> Result<Mesh, NotFound> {
+    fn mesh(&self, _: &str) -> Result<Arc<Mesh>, NotFound> {
         Err(NotFound::Unknown)
     }
 

@@ -25,6 +25,7 @@ pub struct RobotSpec {
     /// Build of the arm.
     pub kinematics: KinematicsSpec,
     /// Joints 1 to 6.
+    #[schema(min_items = 6, max_items = 6)]
     pub joints: [AxisSpec; 6],
     /// Envelope for collision tests; a link may have several.
     pub links: Vec<LinkSpec>,

@@ -1,7 +1,11 @@
+use std::sync::Arc;
+
 use super::{
-    Axes, AxisSpec, Cell, CellSpec, FieldError, Named, Presets, RobotSpec, RotationSpec, SpecKind, SpecLibrary, TurntableSpec,
-    preset_text,
+    Axes, AxisSpec, Cell, CellSpec, FieldError, MAX_MESH_BODIES, MAX_TRIANGLES, Named, NotFound, Presets, RobotSpec,
+    RotationSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec, preset_text,
 };
+use crate::geometry::Mesh;
+use crate::testing::box_mesh;
 
 fn cell_spec() -> CellSpec {
     Presets.cell("e05-transcan").expect("preset parses")
@@ -64,6 +68,77 @@ fn unknown_names_list_the_known_ones() {
     spec.obstacles =
         vec![toml::from_str("name = \"column\"\nshape = { kind = \"mesh\", mesh = \"column.stl\" }").expect("body parses")];
     assert_finding(&findings(&spec), "/obstacles/0/shape/mesh", "\"column.stl\"");
+}
+
+/// Presets, and a cube under any name; counts how often it is asked for one.
+struct Cubes {
+    asked: std::cell::Cell<usize>,
+    triangles: usize,
+}
+
+impl SpecLibrary for Cubes {
+    fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
+        Presets.scanner(name)
+    }
+
+    fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
+        Presets.robot(name)
+    }
+
+    fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
+        Presets.turntable(name)
+    }
+
+    fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
+        Presets.cell(name)
+    }
+
+    fn mesh(&self, _: &str) -> Result<Arc<Mesh>, NotFound> {
+        self.asked.set(self.asked.get() + 1);
+        let mut cube = box_mesh([0.0; 3], [1.0; 3]);
+        cube.faces = cube.faces.into_iter().cycle().take(self.triangles).collect();
+        Ok(Arc::new(cube))
+    }
+
+    fn names(&self, _: SpecKind) -> Vec<String> {
+        Vec::new()
+    }
+}
+
+/// The preset with so many obstacles far away, of the meshes that `name` gives.
+fn with_mesh_obstacles(count: usize, name: impl Fn(usize) -> String) -> CellSpec {
+    let obstacle = |index: usize| {
+        let text = format!(
+            "name = \"o\"\nowner_from_body = {{ translation_mm = [9000.0, 0.0, 0.0], quaternion_xyzw = [0.0, 0.0, 0.0, 1.0] }}\nshape = {{ kind = \"mesh\", mesh = {:?} }}",
+            name(index)
+        );
+        toml::from_str(&text).unwrap_or_else(|error| panic!("{error}"))
+    };
+    CellSpec { obstacles: (0..count).map(obstacle).collect(), ..cell_spec() }
+}
+
+#[test]
+fn a_mesh_that_many_bodies_name_is_read_once() {
+    let library = Cubes { asked: std::cell::Cell::new(0), triangles: 12 };
+    let spec = with_mesh_obstacles(MAX_MESH_BODIES, |index| format!("mesh {}", index % 3));
+    let cell = spec.build(&library).unwrap_or_else(|errors| panic!("{errors:#?}"));
+    assert_eq!((cell.obstacles.len(), cell.surfaces().len(), library.asked.get()), (MAX_MESH_BODIES, 3, 3));
+}
+
+#[test]
+fn more_bodies_and_triangles_than_a_cell_may_have_are_refused_by_number() {
+    let library = Cubes { asked: std::cell::Cell::new(0), triangles: 12 };
+    let refused = |spec: &CellSpec, library: &Cubes| spec.build(library).map(|cell| cell.name).expect_err("must be refused");
+    let errors = refused(&with_mesh_obstacles(1000, |_| "cube".into()), &library);
+    assert_finding(&errors, "/obstacles/200/shape", "one of 1000 bodies that are meshes of the cell; allowed are 200");
+    assert_eq!((errors.len(), library.asked.get()), (1, 0), "no mesh is read");
+    let box_of = |_| toml::from_str("name = \"b\"\nshape = { kind = \"box\", size_mm = [1.0, 1.0, 1.0] }").expect("parses");
+    let mut many = cell_spec();
+    many.obstacles = (0..2000).map(box_of).collect();
+    assert!(refused(&many, &library).iter().any(|error| error.detail.contains("bodies of the cell; allowed are 2000")));
+    let heavy = Cubes { triangles: MAX_TRIANGLES / 3, ..library };
+    let errors = refused(&with_mesh_obstacles(4, |index| index.to_string()), &heavy);
+    assert_finding(&errors, "/obstacles/3/shape/mesh", "triangles; allowed are 5000000");
 }
 
 #[test]

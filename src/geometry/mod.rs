@@ -5,12 +5,15 @@ mod convex;
 pub mod demo_parts;
 mod face_lists;
 mod frames;
+mod id_table;
 mod mesh;
 mod mesh_health;
 pub mod mesh_io;
+mod poll;
 mod preview;
 mod ray_scene;
 mod simd;
+mod sort;
 mod stable_poses;
 mod unit;
 
@@ -19,7 +22,8 @@ pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box
 pub use face_lists::FaceLists;
 pub use frames::{Base, Device, Flange, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed, table_from_plate};
 pub use mesh::{Aabb, FaceGroup, Mesh};
-pub use mesh_health::{MeshHealth, MeshWarning, assess, outward_faces};
+pub use mesh_health::{MeshHealth, MeshWarning, assess, is_closed, outward_faces};
+pub use poll::{Interrupted, Poll};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};
 pub use simd::{Kernel, SimdLevel, floor_to_i32, simd_max, simd_min};

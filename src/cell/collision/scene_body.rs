@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use parry3d::math::Pose as ParryPose;
 
-use super::solid::{Solid, parry_pose};
+use super::solid::{Solid, Trees, parry_pose};
 use crate::cell::body::{Body, LinkBody, Shape};
 use crate::cell::layout::Cell;
 use crate::cell::robot::LinkCapsule;
@@ -66,12 +66,12 @@ impl SceneBody {
         Self { name, parent, parent_from_body, solid, inside, motion_bound_mm, holds_part: false, is_load: false }
     }
 
-    fn from_body(body: &Body, parent: ParentLink, parent_from_owner: &Isometry3<f64>) -> Self {
-        Self::new(&body.name, parent, parent_from_owner * body.owner_from_body, Solid::from_shape(&body.shape))
+    fn from_body(body: &Body, parent: ParentLink, parent_from_owner: &Isometry3<f64>, trees: &mut Trees) -> Self {
+        Self::new(&body.name, parent, parent_from_owner * body.owner_from_body, Solid::shared(&body.shape, trees))
     }
 
-    fn load(body: &Body, flange_from_owner: &Isometry3<f64>) -> Self {
-        Self { is_load: true, ..Self::from_body(body, ParentLink::Link(6), flange_from_owner) }
+    fn load(body: &Body, flange_from_owner: &Isometry3<f64>, trees: &mut Trees) -> Self {
+        Self { is_load: true, ..Self::from_body(body, ParentLink::Link(6), flange_from_owner, trees) }
     }
 
     /// Returns true if something else than itself decides.
@@ -133,16 +133,19 @@ impl SceneBody {
 
 /// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles, part, fixture.
 pub(super) fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
-    let surfaces: Vec<_> = cell.link_surfaces.iter().map(|surface| (surface, Solid::from_shape(&surface.body.shape))).collect();
+    let (mut trees, identity) = (Trees::default(), Isometry3::identity());
+    let own = |surface: &LinkBody| Solid::shared(&surface.body.shape, &mut trees);
+    let solids: Vec<_> = cell.link_surfaces.iter().map(own).collect();
+    let surfaces: Vec<_> = cell.link_surfaces.iter().zip(solids).collect();
     let mut bodies: Vec<_> = cell.robot.links.iter().map(|capsule| link_body(capsule, &surfaces)).collect();
-    let cable = |piece: &LinkBody| SceneBody::from_body(&piece.body, ParentLink::Link(piece.link), &Isometry3::identity());
+    let cable = |piece: &LinkBody| SceneBody::from_body(&piece.body, ParentLink::Link(piece.link), &identity, &mut trees);
     bodies.extend(cell.cable.iter().map(cable));
-    bodies.extend(cell.mount.iter().map(|body| SceneBody::load(body, &Isometry3::identity())));
+    bodies.extend(cell.mount.iter().map(|body| SceneBody::load(body, &identity, &mut trees)));
     let flange_from_scanner = cell.flange_from_scanner.isometry();
-    bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::load(body, flange_from_scanner)));
-    bodies.extend(table_bodies(cell));
+    bodies.extend(cell.scanner_bodies.iter().map(|body| SceneBody::load(body, flange_from_scanner, &mut trees)));
+    bodies.extend(table_bodies(cell, &mut trees));
     bodies.extend(cell.floor_mm.map(floor));
-    bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, &Isometry3::identity())));
+    bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, &identity, &mut trees)));
     // In plate coordinates before rounding to single precision: files may lie far from their own origin.
     let plate_from_part = plate_from_placed(table_from_part);
     bodies.extend(attached.iter().filter(|(_, mesh)| !mesh.faces.is_empty()).map(|(name, mesh)| {
@@ -168,9 +171,9 @@ fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {
 }
 
 /// The plate, and what is below it.
-fn table_bodies(cell: &Cell) -> Vec<SceneBody> {
+fn table_bodies(cell: &Cell, trees: &mut Trees) -> Vec<SceneBody> {
     let base_from_table = cell.base_from_table.isometry();
-    let below = cell.table_bodies.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, base_from_table));
+    let below = cell.table_bodies.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, base_from_table, trees));
     std::iter::once(plate(cell)).chain(below.map(|body| SceneBody { holds_part: true, ..body })).collect()
 }
 

@@ -29,6 +29,10 @@ pub(super) enum Solid {
     Mesh(Arc<TriMesh>),
 }
 
+/// Surfaces that were made of meshes, while a scene is put together.
+#[derive(Default)]
+pub(super) struct Trees(Vec<(Arc<Mesh>, Solid)>);
+
 /// The core of a convex solid and how far it is grown.
 struct Convex<'a> {
     core: &'a dyn SupportMap,
@@ -53,6 +57,17 @@ impl Solid {
             }
             Shape::Mesh(mesh) => Self::from_mesh(mesh, &Isometry3::identity()),
         }
+    }
+
+    /// Builds a solid; a mesh that several bodies share has one tree for all of them.
+    pub(super) fn shared(shape: &Shape, trees: &mut Trees) -> Self {
+        let Shape::Mesh(mesh) = shape else { return Self::from_shape(shape) };
+        if let Some((_, solid)) = trees.0.iter().find(|(known, _)| Arc::ptr_eq(known, mesh)) {
+            return solid.clone();
+        }
+        let solid = Self::from_shape(shape);
+        trees.0.push((Arc::clone(mesh), solid.clone()));
+        solid
     }
 
     /// The surface of `mesh`, moved by `body_from_mesh`. A mesh without faces becomes a point at the origin.

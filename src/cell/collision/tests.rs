@@ -395,6 +395,23 @@ fn a_surface_beside_a_surface_is_told_by_both() {
 }
 
 #[test]
+fn bodies_of_one_mesh_share_its_tree() {
+    let shared = Arc::new(box_mesh([-10.0; 3], [10.0; 3]));
+    let body = |x: f64, mesh: &Arc<Mesh>| Body {
+        name: "box".into(),
+        owner_from_body: at(x, 0.0, -3000.0),
+        shape: Shape::Mesh(Arc::clone(mesh)),
+    };
+    let other = Arc::new(box_mesh([-10.0; 3], [10.0; 3]));
+    let cell = Cell { obstacles: vec![body(0.0, &shared), body(50.0, &shared), body(90.0, &other)], ..cell() };
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let trees: Vec<_> =
+        scene.bodies.iter().filter_map(|body| if let Solid::Mesh(tree) = &body.solid { Some(tree) } else { None }).collect();
+    assert_eq!(trees.len(), 3);
+    assert!(Arc::ptr_eq(trees[0], trees[1]) && !Arc::ptr_eq(trees[0], trees[2]));
+}
+
+#[test]
 fn a_cable_is_kept_clear_of_what_is_around() {
     let mut cell = cell();
     let free = CollisionScene::without_part(&cell, 5.0);

@@ -12,20 +12,25 @@ use std::f64::consts::TAU;
 use nalgebra::{Point3, Vector3};
 
 use super::edges::{Edges, Side};
+use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::{Aabb, Mesh};
 
 /// Triangles looked at to tell who lies in whom; about a second. Beyond it bodies are left as they are.
 const NESTING_BUDGET: usize = 20_000_000;
+/// Stands for the place of a body among the closed ones that is none of them.
+const NOT_CLOSED: u32 = u32::MAX;
 /// Vertices tried where the winding number is undecided because bodies touch.
 const VERTICES_TRIED: usize = 8;
 
 /// Body of each triangle, and facts of each body.
 pub(super) struct Bodies {
     of_face: Vec<u32>,
-    /// Faces, ordered by body, and where each body begins in them.
-    faces: Vec<u32>,
-    begin: Vec<usize>,
     closed: Vec<bool>,
+    /// Bodies that are closed, ascending.
+    solid: Vec<u32>,
+    /// Faces of those, ordered by body, and where each of them begins.
+    faces: Vec<u32>,
+    begin: Vec<u32>,
 }
 
 /// Result of turning bodies that were inside out.
@@ -39,19 +44,38 @@ pub(super) struct Turned {
 }
 
 impl Bodies {
-    pub(super) fn of(mesh: &Mesh, edges: &Edges) -> Self {
-        let of_face = connect(mesh.faces.len(), edges);
-        let count = of_face.iter().max().map_or(0, |&last| last as usize + 1);
-        let closed = closed_bodies(count, &of_face, edges);
-        let mut begin = vec![0; count + 1];
-        of_face.iter().for_each(|&body| begin[body as usize + 1] += 1);
-        (0..count).for_each(|body| begin[body + 1] += begin[body]);
-        let (mut next, mut faces) = (begin.clone(), vec![0; of_face.len()]);
-        for (&body, face) in of_face.iter().zip(0..) {
-            faces[next[body as usize]] = face;
-            next[body as usize] += 1;
+    pub(super) fn of(faces: usize, edges: &Edges, poll: &Poll<'_>) -> Result<Self, Interrupted> {
+        let (of_face, count) = connect(faces, edges, poll)?;
+        let closed = closed_bodies(count, &of_face, edges, poll)?;
+        let mut bodies = Self { of_face, closed, solid: Vec::new(), faces: Vec::new(), begin: Vec::new() };
+        bodies.list_solids(poll)?;
+        Ok(bodies)
+    }
+
+    /// Brings the faces of each closed body together; of the others nobody asks for them.
+    fn list_solids(&mut self, poll: &Poll<'_>) -> Result<(), Interrupted> {
+        poll.spend(10 * self.closed.len())?;
+        self.solid = (0..).zip(&self.closed).filter(|(_, closed)| **closed).map(|(body, _)| body).collect();
+        let mut place = vec![NOT_CLOSED; self.closed.len()];
+        self.solid.iter().zip(0..).for_each(|(body, index)| place[*body as usize] = index);
+        let place_of = |body: &u32| Some(place[*body as usize]).filter(|place| *place != NOT_CLOSED).map(|place| place as usize);
+        let mut begin = vec![0; self.solid.len() + 1];
+        for body in &self.of_face {
+            poll.spend(2)?;
+            place_of(body).into_iter().for_each(|index| begin[index + 1] += 1);
         }
-        Self { of_face, faces, begin, closed }
+        (0..self.solid.len()).for_each(|index| begin[index + 1] += begin[index]);
+        self.faces = vec![0; begin[self.solid.len()] as usize];
+        let mut next = begin.clone();
+        for (body, face) in self.of_face.iter().zip(0..) {
+            poll.spend(2)?;
+            if let Some(index) = place_of(body) {
+                self.faces[next[index] as usize] = face;
+                next[index] += 1;
+            }
+        }
+        self.begin = begin;
+        Ok(())
     }
 
     pub(super) fn count(&self) -> usize {
@@ -63,62 +87,72 @@ impl Bodies {
     }
 
     /// Turns what is inside out (see the head of this module).
-    pub(super) fn turn_inverted(&self, mesh: &mut Mesh) -> Turned {
-        let origin = mesh.aabb().centre();
-        let mut solids: Vec<Solid> = (0..self.count())
-            .filter(|&body| self.closed[body])
-            .map(|body| Solid::new(body, mesh, self.faces(body), &origin))
-            .collect();
-        let unresolved = Nesting { mesh, bodies: self, budget: NESTING_BUDGET }.mark_inverted(&mut solids);
+    pub(super) fn turn_inverted(&self, mesh: &mut Mesh, poll: &Poll<'_>) -> Result<Turned, Interrupted> {
+        let mut solids = self.solids(mesh, poll)?;
+        let unresolved = Nesting { mesh, bodies: self, budget: NESTING_BUDGET, poll }.mark_inverted(&mut solids)?;
         for solid in solids.iter().filter(|solid| solid.inverted) {
-            self.faces(solid.body).iter().for_each(|&face| mesh.faces[face as usize].swap(1, 2));
+            for face in self.faces(solid.index) {
+                poll.spend(2)?;
+                mesh.faces[*face as usize].swap(1, 2);
+            }
         }
         let volume = || solids.iter().map(|solid| if solid.inverted { -solid.volume_mm3 } else { solid.volume_mm3 }).sum();
-        Turned {
+        Ok(Turned {
             bodies: solids.iter().filter(|solid| solid.inverted).count(),
             unresolved,
             volume_mm3: (solids.len() == self.count()).then(volume),
-        }
+        })
     }
 
     /// Marks the faces of closed bodies with a positive volume.
-    pub(super) fn outward_faces(&self, mesh: &Mesh) -> Vec<bool> {
-        let origin = mesh.aabb().centre();
+    pub(super) fn outward_faces(&self, mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<bool>, Interrupted> {
         let mut outward = vec![false; mesh.faces.len()];
-        for body in (0..self.count()).filter(|&body| self.closed[body]) {
-            if Solid::new(body, mesh, self.faces(body), &origin).volume_mm3 > 0.0 {
-                self.faces(body).iter().for_each(|&face| outward[face as usize] = true);
+        for solid in self.solids(mesh, poll)?.iter().filter(|solid| solid.volume_mm3 > 0.0) {
+            for face in self.faces(solid.index) {
+                poll.spend(2)?;
+                outward[*face as usize] = true;
             }
         }
-        outward
+        Ok(outward)
     }
 
-    fn faces(&self, body: usize) -> &[u32] {
-        &self.faces[self.begin[body]..self.begin[body + 1]]
+    fn solids(&self, mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<Solid>, Interrupted> {
+        let origin = mesh.aabb_of_vertices(poll)?.centre();
+        (0..self.solid.len()).map(|index| Solid::new(index, mesh, self.faces(index), &origin, poll)).collect()
+    }
+
+    /// Faces of a closed body.
+    fn faces(&self, solid: usize) -> &[u32] {
+        &self.faces[self.begin[solid] as usize..self.begin[solid + 1] as usize]
     }
 }
 
-/// Body number of each face, numbered by first face. Only edges of exactly two faces connect.
-fn connect(faces: usize, edges: &Edges) -> Vec<u32> {
+/// Body number of each face, numbered by first face, and how many there are. Only edges of exactly two faces connect.
+fn connect(faces: usize, edges: &Edges, poll: &Poll<'_>) -> Result<(Vec<u32>, usize), Interrupted> {
     let mut parent: Vec<u32> = (0..faces as u32).collect();
     for sides in edges.shared() {
+        poll.spend(10 + sides.len())?;
         if let [a, b] = sides {
             let (a, b) = (root(&mut parent, a.face()), root(&mut parent, b.face()));
             parent[a.max(b) as usize] = a.min(b);
         }
     }
-    let mut count = 0;
-    let mut number = vec![0; faces];
     for face in 0..faces {
-        // The root is the lowest face of its body, so it has its number already.
-        let lowest = root(&mut parent, face) as usize;
-        if lowest == face {
-            number[face] = count;
-            count += 1;
-        }
-        number[face] = number[lowest];
+        poll.spend(5)?;
+        parent[face] = root(&mut parent, face);
     }
-    number
+    // A root is the lowest face of its body and still its own parent when its turn comes; those below it have numbers by then.
+    let mut count = 0;
+    for face in 0..faces {
+        poll.spend(2)?;
+        if parent[face] as usize == face {
+            parent[face] = count;
+            count += 1;
+        } else {
+            parent[face] = parent[parent[face] as usize];
+        }
+    }
+    Ok((parent, count as usize))
 }
 
 fn root(parent: &mut [u32], face: usize) -> u32 {
@@ -132,36 +166,39 @@ fn root(parent: &mut [u32], face: usize) -> u32 {
 }
 
 /// A body is closed when on each of its edges one of its triangles runs up and one runs down.
-fn closed_bodies(count: usize, of_face: &[u32], edges: &Edges) -> Vec<bool> {
+fn closed_bodies(count: usize, of_face: &[u32], edges: &Edges, poll: &Poll<'_>) -> Result<Vec<bool>, Interrupted> {
     let mut closed = vec![true; count];
-    let body = |side: &Side| of_face[side.face()];
+    // How many sides of each body run up and down the edge that is looked at, up to two.
+    let mut ways = vec![[0_u8; 2]; count];
+    let body = |side: &Side| of_face[side.face()] as usize;
     for sides in edges.shared() {
-        if let [a, b] = sides {
-            closed[body(a) as usize] &= a.ascending != b.ascending;
-            continue;
+        poll.spend(10 * sides.len())?;
+        for side in sides {
+            let way = &mut ways[body(side)][usize::from(side.is_ascending())];
+            *way = (*way + 1).min(2);
         }
-        let mut sides = sides.to_vec();
-        sides.sort_unstable_by_key(|side| (body(side), side.ascending));
-        for own in sides.chunk_by(|a, b| body(a) == body(b)) {
-            let pair = own.len() == 2 && own[0].ascending != own[1].ascending;
-            closed[body(&own[0]) as usize] &= pair;
+        for side in sides {
+            closed[body(side)] &= ways[body(side)] == [1, 1];
         }
+        sides.iter().for_each(|side| ways[body(side)] = [0, 0]);
     }
-    closed
+    Ok(closed)
 }
 
 /// A closed body.
 struct Solid {
-    body: usize,
+    /// Its place among them.
+    index: usize,
     aabb: Aabb,
     volume_mm3: f64,
     inverted: bool,
 }
 
 impl Solid {
-    fn new(body: usize, mesh: &Mesh, faces: &[u32], origin: &Point3<f64>) -> Self {
+    fn new(index: usize, mesh: &Mesh, faces: &[u32], origin: &Point3<f64>, poll: &Poll<'_>) -> Result<Self, Interrupted> {
         let (mut aabb, mut sixfold_mm3) = (Aabb::empty(), 0.0);
         for &face in faces {
+            poll.spend(10)?;
             let corners = mesh.corners(face as usize);
             aabb = corners.iter().fold(aabb, |aabb, corner| aabb.with(corner));
             let [a, b, c] = corners.map(|corner| corner - origin);
@@ -170,7 +207,7 @@ impl Solid {
         // What rounding leaves of a sheet that is folded onto itself is no volume.
         let rounding_mm3 = 1e-12 * aabb.extent_mm().norm().powi(3);
         let volume_mm3 = if sixfold_mm3.abs() > rounding_mm3 { sixfold_mm3 / 6.0 } else { 0.0 };
-        Self { body, aabb, volume_mm3, inverted: false }
+        Ok(Self { index, aabb, volume_mm3, inverted: false })
     }
 }
 
@@ -179,58 +216,75 @@ struct Nesting<'a> {
     mesh: &'a Mesh,
     bodies: &'a Bodies,
     budget: usize,
+    poll: &'a Poll<'a>,
 }
 
 impl Nesting<'_> {
     /// Marks the solids to turn; returns how many negative ones it could not decide.
-    fn mark_inverted(&mut self, solids: &mut [Solid]) -> usize {
+    fn mark_inverted(&mut self, solids: &mut [Solid]) -> Result<usize, Interrupted> {
         let negative: Vec<usize> = (0..solids.len()).filter(|&i| solids[i].volume_mm3 < 0.0).collect();
         let mut unresolved = 0;
         for &i in &negative {
-            match self.around(i, solids) {
+            match self.around(i, solids)? {
                 Some(around) => solids[i].inverted = around.len().is_multiple_of(2),
                 None => unresolved += 1,
             }
         }
         let turned: Vec<usize> = negative.into_iter().filter(|&i| solids[i].inverted).collect();
         if turned.is_empty() {
-            return unresolved;
+            return Ok(unresolved);
         }
         for i in 0..solids.len() {
             if solids[i].volume_mm3 > 0.0 {
                 // Without budget for all of them, positive bodies stay as the file has them.
-                let Some(around) = self.around(i, solids) else { break };
+                let Some(around) = self.around(i, solids)? else { break };
                 let next = around.iter().min_by(|&&a, &&b| solids[a].volume_mm3.abs().total_cmp(&solids[b].volume_mm3.abs()));
                 let in_turned = next.is_some_and(|next| turned.binary_search(next).is_ok());
                 solids[i].inverted = in_turned && !around.len().is_multiple_of(2);
             }
         }
-        unresolved
+        Ok(unresolved)
     }
 
-    /// The solids that solid `i` lies in.
-    fn around(&mut self, i: usize, solids: &[Solid]) -> Option<Vec<usize>> {
-        self.budget = self.budget.checked_sub(solids.len())?;
+    /// The solids that solid `i` lies in; `None` where the budget does not suffice to tell.
+    fn around(&mut self, i: usize, solids: &[Solid]) -> Result<Option<Vec<usize>>, Interrupted> {
+        if !self.afford(solids.len()) {
+            return Ok(None);
+        }
         let mut around = Vec::new();
         for (j, other) in solids.iter().enumerate() {
-            if j != i && encloses(&other.aabb, &solids[i].aabb) && self.is_inside(solids[i].body, other.body)? {
-                around.push(j);
+            self.poll.spend(5)?;
+            if j != i && encloses(&other.aabb, &solids[i].aabb) {
+                match self.is_inside(i, j)? {
+                    Some(true) => around.push(j),
+                    Some(false) => {}
+                    None => return Ok(None),
+                }
             }
         }
-        Some(around)
+        Ok(Some(around))
     }
 
     /// Returns true if body `inner` lies in body `outer`, by the first of its vertices that tells.
-    fn is_inside(&mut self, inner: usize, outer: usize) -> Option<bool> {
+    fn is_inside(&mut self, inner: usize, outer: usize) -> Result<Option<bool>, Interrupted> {
+        let outer_faces = self.bodies.faces(outer);
         for &face in self.bodies.faces(inner).iter().take(VERTICES_TRIED) {
-            let outer_faces = self.bodies.faces(outer);
-            self.budget = self.budget.checked_sub(outer_faces.len())?;
-            let turns = winding_number(self.mesh, outer_faces, &self.mesh.corners(face as usize)[0]).abs();
+            if !self.afford(outer_faces.len()) {
+                return Ok(None);
+            }
+            let turns = winding_number(self.mesh, outer_faces, &self.mesh.corners(face as usize)[0], self.poll)?.abs();
             if (turns - turns.round()).abs() < 0.1 {
-                return Some(turns > 0.5);
+                return Ok(Some(turns > 0.5));
             }
         }
-        Some(false)
+        Ok(Some(false))
+    }
+
+    /// Takes so many triangles from the budget, if it has them.
+    fn afford(&mut self, triangles: usize) -> bool {
+        let left = self.budget.checked_sub(triangles);
+        self.budget = left.unwrap_or(self.budget);
+        left.is_some()
     }
 }
 
@@ -239,9 +293,13 @@ fn encloses(outer: &Aabb, inner: &Aabb) -> bool {
 }
 
 /// Winding number of the surface of `faces` about `point`: 0 outside, ±1 inside.
-fn winding_number(mesh: &Mesh, faces: &[u32], point: &Point3<f64>) -> f64 {
-    let half_angles = faces.iter().map(|&face| half_solid_angle(mesh.corners(face as usize).map(|corner| corner - point)));
-    half_angles.sum::<f64>() / TAU
+fn winding_number(mesh: &Mesh, faces: &[u32], point: &Point3<f64>, poll: &Poll<'_>) -> Result<f64, Interrupted> {
+    let mut half_angles = 0.0;
+    for &face in faces {
+        poll.spend(60)?;
+        half_angles += half_solid_angle(mesh.corners(face as usize).map(|corner| corner - point));
+    }
+    Ok(half_angles / TAU)
 }
 
 fn half_solid_angle([a, b, c]: [Vector3<f64>; 3]) -> f64 {

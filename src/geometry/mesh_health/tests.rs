@@ -3,6 +3,10 @@ use nalgebra::{Point3, Vector3};
 use super::*;
 use crate::geometry::FaceGroup;
 
+fn clean(mesh: Mesh) -> (Mesh, MeshHealth) {
+    super::clean(mesh, &Poll::never()).expect("not interrupted")
+}
+
 /// A cube of `size` at `offset`; `inverted` has its normals inwards.
 fn cube(size: f64, offset: Vector3<f64>, inverted: bool) -> Mesh {
     let corner = |i: usize| Point3::from(offset + size * Vector3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64));

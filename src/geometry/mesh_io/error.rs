@@ -1,6 +1,8 @@
 //! Why a mesh file is refused, with the place in the file.
 
-use std::fmt;
+use std::{fmt, io};
+
+use crate::geometry::Interrupted;
 
 /// A place in a file: a line of a text format (from 1), a byte of a binary one (from 0).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,6 +136,26 @@ pub enum MeshError {
         /// The limit.
         limit: usize,
     },
+    /// The caller no longer wants it.
+    #[error("reading was given up before its end")]
+    Interrupted,
+}
+
+/// Why there is no mesh from a source of bytes.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The source failed.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    /// What came from it is not a mesh that can be used.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+}
+
+impl From<Interrupted> for MeshError {
+    fn from(_: Interrupted) -> Self {
+        Self::Interrupted
+    }
 }
 
 impl MeshError {
@@ -155,6 +177,7 @@ impl MeshError {
             Self::BadIndex { .. } => "mesh_bad_index",
             Self::NoTriangles { .. } => "mesh_no_triangles",
             Self::TooLarge { .. } => "mesh_too_large",
+            Self::Interrupted => "mesh_interrupted",
         }
     }
 
@@ -171,9 +194,12 @@ impl MeshError {
             | Self::OutOfRange { at, .. }
             | Self::BadIndex { at, .. }
             | Self::TooLarge { at, .. } => Some(*at),
-            Self::UnitMissing | Self::EmptyFile | Self::UnknownFormat | Self::FormatNotRead { .. } | Self::NoTriangles { .. } => {
-                None
-            }
+            Self::UnitMissing
+            | Self::EmptyFile
+            | Self::UnknownFormat
+            | Self::FormatNotRead { .. }
+            | Self::NoTriangles { .. }
+            | Self::Interrupted => None,
         }
     }
 }

@@ -1,29 +1,31 @@
 //! Wavefront OBJ: `v`, `f`, `g`, `o`; everything else of the format is about looks, curves or points and is passed over.
 //! Two passes over the text: vertices first, because a face may refer to a vertex that comes later.
 
-use std::borrow::Cow;
-use std::collections::HashMap;
-
 use super::Limits;
 use super::error::{MeshError, Position};
+use super::obj_groups::Groups;
 use super::soup::Soup;
-use super::text::{Lines, Tokens, coordinates, excerpt};
+use super::text::{Lines, Tokens, coordinates, excerpt, parsed};
 use crate::geometry::FaceGroup;
+use crate::geometry::poll::Poll;
 
 /// Reads vertices and faces into `soup`; returns the named groups that have faces.
 pub(super) fn read(text: &[u8], soup: &mut Soup<'_>, limits: &Limits) -> Result<Vec<FaceGroup>, MeshError> {
-    let vertices = vertices(text, soup)?;
-    let mut groups = Groups::new(limits);
+    let poll = soup.poll;
+    read_vertices(text, soup)?;
+    let vertices = soup.vertices();
+    let mut groups = Groups::new(limits, poll);
     let mut corners = Vec::new();
     let mut vertices_so_far = 0;
-    for (at, line) in logical_lines(text) {
-        let mut words = words(&line);
+    let mut lines = LogicalLines::new(text, poll);
+    while let Some((at, line)) = lines.next() {
+        let mut words = words(line, poll);
         match words.next() {
             Some(b"v") => vertices_so_far += 1,
             Some(b"f") => {
                 corners.clear();
                 for word in words {
-                    corners.push(vertices[vertex_index(word, vertices_so_far, vertices.len(), at)?]);
+                    corners.push(vertex_index(word, vertices_so_far, vertices, at)? as u32);
                 }
                 if corners.len() < 3 {
                     let found = format!("{} of them", corners.len());
@@ -32,110 +34,77 @@ pub(super) fn read(text: &[u8], soup: &mut Soup<'_>, limits: &Limits) -> Result<
                 groups.add(soup.next_face(), at)?;
                 soup.face(&corners, at)?;
             }
-            Some(b"g") => groups.set_groups(words),
-            Some(b"o") => groups.set_object(words.rest()),
+            Some(b"g") => groups.set_groups(words, at)?,
+            Some(b"o") => groups.set_object(words.rest(), at)?,
             _ => {}
         }
     }
-    Ok(groups.into_face_groups())
+    groups.into_face_groups()
 }
 
-/// Number in the soup of each vertex of the file. A fourth coordinate (weight) or colours may follow the three.
-fn vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<Vec<u32>, MeshError> {
-    let mut vertices = Vec::new();
-    for (at, line) in logical_lines(text) {
-        let mut words = words(&line);
+/// Puts every vertex of the file into `soup`, in order. A fourth coordinate (weight) or colours may follow the three.
+fn read_vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
+    let poll = soup.poll;
+    let mut lines = LogicalLines::new(text, poll);
+    while let Some((at, line)) = lines.next() {
+        let mut words = words(line, poll);
         match words.next() {
-            Some(b"v") => vertices.push(soup.vertex(coordinates(&mut words, at)?, at)?),
+            Some(b"v") => drop(soup.vertex(coordinates(&mut words, at)?, at)?),
             Some(word) if !word[0].is_ascii_alphabetic() => {
                 return Err(MeshError::Syntax { at, expected: "a keyword of OBJ", found: excerpt(word) });
             }
             _ => {}
         }
     }
-    Ok(vertices)
+    Ok(())
 }
 
 /// Position in the file's list of vertices that the corner `v`, `v/vt`, `v//vn` or `v/vt/vn` refers to.
 fn vertex_index(word: &[u8], so_far: usize, in_file: usize, at: Position) -> Result<usize, MeshError> {
     let digits = word.split(|&b| b == b'/').next().unwrap_or_default();
-    let parsed = std::str::from_utf8(digits).ok().and_then(|text| text.parse::<i64>().ok());
-    let index = parsed.ok_or_else(|| MeshError::Syntax { at, expected: "a corner (vertex number)", found: excerpt(word) })?;
+    let index = parsed::<i64>(digits).ok_or_else(|| MeshError::Syntax {
+        at,
+        expected: "a corner (vertex number)",
+        found: excerpt(word),
+    })?;
     let (from_zero, vertices) = if index < 0 { (so_far as i64 + index, so_far) } else { (index - 1, in_file) };
     let hint = if index < 0 { " before it (negative numbers count back)" } else { " (counted from 1)" };
     usize::try_from(from_zero).ok().filter(|&i| i < vertices).ok_or(MeshError::BadIndex { at, index, vertices, hint })
 }
 
-/// Lines with their continuations (`\` at the end) joined, at the place of their first line.
-fn logical_lines(text: &[u8]) -> impl Iterator<Item = (Position, Cow<'_, [u8]>)> {
-    let mut lines = Lines::new(text, 1);
-    std::iter::from_fn(move || {
-        let first = lines.next()?;
-        let mut whole = Cow::Borrowed(first.text);
-        while let Some(stem) = whole.strip_suffix(b"\\") {
-            let mut joined = stem.to_vec();
-            joined.push(b' ');
-            joined.extend_from_slice(lines.next().map_or(&[], |line| line.text));
-            whole = Cow::Owned(joined);
+/// Lines with their continuations (`\` at the end) joined, at the place of their first line. One buffer holds whichever
+/// line is joined.
+struct LogicalLines<'a> {
+    lines: Lines<'a>,
+    joined: Vec<u8>,
+}
+
+impl<'a> LogicalLines<'a> {
+    fn new(text: &'a [u8], poll: &'a Poll<'a>) -> Self {
+        Self { lines: Lines::new(text, 1, poll), joined: Vec::new() }
+    }
+
+    fn next(&mut self) -> Option<(Position, &[u8])> {
+        let first = self.lines.next()?;
+        let Some(mut stem) = first.text.strip_suffix(b"\\") else { return Some((first.at(), first.text)) };
+        self.joined.clear();
+        loop {
+            self.joined.extend_from_slice(stem);
+            self.joined.push(b' ');
+            let more = self.lines.next().map_or(&[][..], |line| line.text);
+            match more.strip_suffix(b"\\") {
+                Some(continued) => stem = continued,
+                None => {
+                    self.joined.extend_from_slice(more);
+                    return Some((first.at(), &self.joined));
+                }
+            }
         }
-        Some((first.at(), whole))
-    })
+    }
 }
 
 /// The words of a line before its comment.
-fn words(line: &[u8]) -> Tokens<'_> {
-    Tokens::of(line.split(|&b| b == b'#').next().unwrap_or_default())
-}
-
-/// Which named groups are current, and which faces each has got.
-struct Groups<'a> {
-    limits: &'a Limits,
-    numbers: HashMap<Vec<u8>, usize>,
-    found: Vec<FaceGroup>,
-    object: Option<usize>,
-    groups: Vec<usize>,
-    memberships: usize,
-}
-
-impl<'a> Groups<'a> {
-    fn new(limits: &'a Limits) -> Self {
-        Self { limits, numbers: HashMap::new(), found: Vec::new(), object: None, groups: Vec::new(), memberships: 0 }
-    }
-
-    fn number(&mut self, name: &[u8]) -> usize {
-        let next = self.found.len();
-        let number = *self.numbers.entry(name.to_vec()).or_insert(next);
-        if number == next {
-            self.found.push(FaceGroup { name: String::from_utf8_lossy(name).into_owned(), source_faces: Vec::new() });
-        }
-        number
-    }
-
-    fn set_object(&mut self, name: &[u8]) {
-        self.object = (!name.is_empty()).then(|| self.number(name));
-    }
-
-    fn set_groups(&mut self, names: Tokens<'_>) {
-        self.groups = names.map(|name| self.number(name)).collect();
-        self.groups.sort_unstable();
-        self.groups.dedup();
-    }
-
-    /// Faces may be in many groups at once; the sum of all is limited, else a small file could ask for much memory.
-    fn add(&mut self, face: u32, at: Position) -> Result<(), MeshError> {
-        let object = self.object.filter(|number| !self.groups.contains(number));
-        self.memberships += self.groups.len() + usize::from(object.is_some());
-        let limit = self.limits.max_triangles.saturating_mul(2);
-        if self.memberships > limit {
-            return Err(MeshError::TooLarge { at, what: "memberships of faces in groups", limit });
-        }
-        for &number in self.groups.iter().chain(&object) {
-            self.found[number].source_faces.push(face);
-        }
-        Ok(())
-    }
-
-    fn into_face_groups(self) -> Vec<FaceGroup> {
-        self.found.into_iter().filter(|group| !group.source_faces.is_empty()).collect()
-    }
+fn words<'l>(line: &'l [u8], poll: &'l Poll<'l>) -> Tokens<'l> {
+    let end = poll.position(line, |&b| b == b'#').unwrap_or(line.len());
+    Tokens::of(&line[..end], poll)
 }

@@ -3,7 +3,8 @@
 use super::MeshFormat;
 use super::error::MeshError;
 use super::stl_binary;
-use super::text::Lines;
+use super::text::{Lines, Tokens};
+use crate::geometry::poll::Poll;
 
 const UNPACK: &str = "unpack it and give the mesh itself";
 const EXPORT: &str = "export the part as STL, OBJ or PLY";
@@ -34,39 +35,35 @@ const OBJ_KEYWORDS: [&[u8]; 15] =
 ///
 /// # Errors
 /// [`MeshError::FormatNotRead`] for formats we know but do not read, [`MeshError::UnknownFormat`] for the rest.
-pub(super) fn recognise(text: &[u8]) -> Result<MeshFormat, MeshError> {
+pub(super) fn recognise(text: &[u8], poll: &Poll<'_>) -> Result<MeshFormat, MeshError> {
     // A length that fits the count to the byte is the one mark that a binary STL has, whatever its 80 bytes of header say.
-    if stl_binary::length_fits(text) {
+    if stl_binary::length_fits(text, text.len() as u64) {
         return Ok(MeshFormat::StlBinary);
     }
-    let start = text.trim_ascii_start();
+    let start = &text[poll.position(text, |byte| !byte.is_ascii_whitespace()).unwrap_or(text.len())..];
     if let Some((_, format, advice)) = NOT_READ.iter().find(|(magic, ..)| start.starts_with(magic)) {
         return Err(MeshError::FormatNotRead { format, advice });
     }
-    match first_word(start) {
+    match Tokens::of(start, poll).next().unwrap_or_default() {
         b"ply" => Ok(MeshFormat::Ply),
-        word if word.eq_ignore_ascii_case(b"solid") && is_ascii_stl(start) => Ok(MeshFormat::StlAscii),
-        _ if !text.contains(&0) && is_obj(text) => Ok(MeshFormat::Obj),
+        word if word.eq_ignore_ascii_case(b"solid") && is_ascii_stl(start, poll) => Ok(MeshFormat::StlAscii),
+        _ if poll.position(text, |byte| *byte == 0).is_none() && is_obj(text, poll) => Ok(MeshFormat::Obj),
         _ if !is_text(text) => Ok(MeshFormat::StlBinary),
         _ => Err(MeshError::UnknownFormat),
     }
 }
 
-fn first_word(text: &[u8]) -> &[u8] {
-    text.split(u8::is_ascii_whitespace).next().unwrap_or_default()
-}
-
 /// Binary files may begin with `solid` too; theirs has no word of the grammar on the next line that is not blank.
-fn is_ascii_stl(text: &[u8]) -> bool {
-    let second = Lines::new(text, 1).skip(1).find_map(|line| line.tokens().next());
+fn is_ascii_stl(text: &[u8], poll: &Poll<'_>) -> bool {
+    let second = Lines::new(text, 1, poll).skip(1).find_map(|line| line.tokens().next());
     second.is_none_or(|word| {
         [&b"facet"[..], b"endsolid", b"solid"].iter().any(|keyword| word.eq_ignore_ascii_case(keyword)) || is_text(text)
     })
 }
 
 /// Text whose first line with content begins like OBJ; only comments are an OBJ file without a surface.
-fn is_obj(text: &[u8]) -> bool {
-    let mut words = Lines::new(text, 1).filter_map(|line| line.tokens().next()).filter(|word| !word.starts_with(b"#"));
+fn is_obj(text: &[u8], poll: &Poll<'_>) -> bool {
+    let mut words = Lines::new(text, 1, poll).filter_map(|line| line.tokens().next()).filter(|word| !word.starts_with(b"#"));
     words.next().map_or(text.starts_with(b"#"), |word| OBJ_KEYWORDS.contains(&word))
 }
 

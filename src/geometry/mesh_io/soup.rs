@@ -1,34 +1,53 @@
 //! Collects the triangles of a file: coordinates to millimetres, equal vertices to one, polygons to fans, within limits.
 
-use std::collections::HashMap;
+use std::hash::Hash;
 
 use nalgebra::Point3;
 
 use super::error::{MeshError, Position};
 use super::{LengthUnit, Limits};
+use crate::geometry::id_table::IdTable;
+use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::{FaceGroup, Mesh};
 
 /// No part is larger than this (1000 km), and no sum or product below it overflows.
 const MAX_COORDINATE_MM: f64 = 1e9;
 
-/// What a reader fills. Vertices are welded when they are added: exactly equal coordinates share one number, in the
-/// order of first appearance.
+/// What a reader fills. A vertex that is welded when it is added shares its number with those of exactly equal coordinates,
+/// in the order of first appearance: for formats that write every corner out. Of the others the vertices are as the
+/// file has them until [`Soup::weld_equal`], so that its text and a table of its vertices are not held together.
 pub(super) struct Soup<'a> {
     limits: &'a Limits,
+    pub(super) poll: &'a Poll<'a>,
     unit_mm: f64,
-    ids: HashMap<[u64; 3], u32>,
+    ids: IdTable,
     mesh: Mesh,
     faces_in_file: u32,
 }
 
 impl<'a> Soup<'a> {
-    pub(super) fn new(unit: LengthUnit, limits: &'a Limits) -> Self {
+    pub(super) fn new(unit: LengthUnit, limits: &'a Limits, poll: &'a Poll<'a>) -> Self {
         let mesh = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
-        Self { limits, unit_mm: unit.mm(), ids: HashMap::new(), mesh, faces_in_file: 0 }
+        Self { limits, poll, unit_mm: unit.mm(), ids: IdTable::new(), mesh, faces_in_file: 0 }
     }
 
-    /// Number of the vertex at `xyz`, in units of the file.
+    /// Number of the vertex at `xyz`, in units of the file; every call gives the next one.
     pub(super) fn vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<u32, MeshError> {
+        let vertex_mm = self.millimetres(xyz, at)?;
+        self.push(vertex_mm, at)
+    }
+
+    /// The same, but the number of an exactly equal one that was welded before.
+    pub(super) fn welded_vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<u32, MeshError> {
+        let vertex_mm = self.millimetres(xyz, at)?;
+        self.poll.spend(80)?;
+        let (next, vertices_mm) = (self.mesh.vertices_mm.len() as u32, &self.mesh.vertices_mm);
+        let known = |id: u32| if id == next { bits(&vertex_mm) } else { bits(&vertices_mm[id as usize]) };
+        let id = self.ids.id(&bits(&vertex_mm), next, known, self.poll)?;
+        if id == next { self.push(vertex_mm, at) } else { Ok(id) }
+    }
+
+    fn millimetres(&self, xyz: [f64; 3], at: Position) -> Result<Point3<f64>, MeshError> {
         // Adding zero makes -0 and 0 one vertex.
         let xyz_mm = xyz.map(|value| value * self.unit_mm + 0.0);
         for value_mm in xyz_mm {
@@ -39,16 +58,18 @@ impl<'a> Soup<'a> {
                 return Err(MeshError::OutOfRange { at, value_mm, limit_mm: MAX_COORDINATE_MM });
             }
         }
+        Ok(Point3::from(xyz_mm))
+    }
+
+    fn push(&mut self, vertex_mm: Point3<f64>, at: Position) -> Result<u32, MeshError> {
         let limit = self.limits.max_triangles.saturating_mul(3).min(u32::MAX as usize);
         let next = self.mesh.vertices_mm.len();
-        let id = *self.ids.entry(xyz_mm.map(f64::to_bits)).or_insert(next as u32);
-        if id as usize == next {
-            if next >= limit {
-                return Err(MeshError::TooLarge { at, what: "vertices", limit });
-            }
-            self.mesh.vertices_mm.push(Point3::from(xyz_mm));
+        if next >= limit {
+            return Err(MeshError::TooLarge { at, what: "vertices", limit });
         }
-        Ok(id)
+        self.poll.spend(10)?;
+        self.mesh.vertices_mm.push(vertex_mm);
+        Ok(next as u32)
     }
 
     /// The next face of the file, as a fan of triangles around its first corner.
@@ -57,6 +78,7 @@ impl<'a> Soup<'a> {
             if self.mesh.faces.len() >= self.limits.max_triangles {
                 return Err(MeshError::TooLarge { at, what: "triangles", limit: self.limits.max_triangles });
             }
+            self.poll.spend(10)?;
             self.mesh.faces.push([corners[0], pair[0], pair[1]]);
             self.mesh.source_face.push(self.faces_in_file);
         }
@@ -69,27 +91,58 @@ impl<'a> Soup<'a> {
         self.faces_in_file
     }
 
+    /// How many vertices there are.
+    pub(super) fn vertices(&self) -> usize {
+        self.mesh.vertices_mm.len()
+    }
+
+    /// Welds vertices of exactly equal coordinates, each to the first of them.
+    pub(super) fn weld_equal(&mut self) -> Result<(), Interrupted> {
+        self.weld(bits)
+    }
+
     /// Welds vertices that differ by less than a 32-bit float can say at the size of the part. For STL, which has no
     /// vertex numbers: CAD systems write one point as 0 here and 1e-17 there, and the part would fall into pieces.
     /// No vertex moves but onto the first one of its grid cell.
-    pub(super) fn weld_float_noise(&mut self) {
-        let vertices_mm = &self.mesh.vertices_mm;
-        let largest_mm = vertices_mm.iter().flat_map(|v| v.iter()).fold(0.0_f64, |largest, value| largest.max(value.abs()));
+    pub(super) fn weld_float_noise(&mut self) -> Result<(), Interrupted> {
+        let mut largest_mm = 0.0_f64;
+        for vertex in &self.mesh.vertices_mm {
+            self.poll.spend(2)?;
+            largest_mm = largest_mm.max(vertex.coords.amax());
+        }
         let cell_mm = largest_mm * f64::from(f32::EPSILON) / 2.0;
         if cell_mm == 0.0 {
-            return;
+            return Ok(());
         }
-        let mut cells = HashMap::with_capacity(vertices_mm.len());
-        let first_of_cell: Vec<u32> = vertices_mm
-            .iter()
-            .zip(0..)
-            .map(|(v, id)| *cells.entry([v.x, v.y, v.z].map(|value| (value / cell_mm).round() as i64)).or_insert(id))
-            .collect();
-        self.mesh.faces.iter_mut().flatten().for_each(|v| *v = first_of_cell[*v as usize]);
+        self.weld(|v| [v.x, v.y, v.z].map(|value| (value / cell_mm).round() as i64))
+    }
+
+    /// Makes all vertices of one key the first of them.
+    fn weld<K: Hash + Eq>(&mut self, key: impl Fn(&Point3<f64>) -> K) -> Result<(), Interrupted> {
+        let vertices_mm = &self.mesh.vertices_mm;
+        // The table of equal vertices is not needed any more; there is room for one.
+        self.ids = IdTable::new();
+        let mut cells = IdTable::for_items(vertices_mm.len());
+        let mut first_of_cell = Vec::with_capacity(vertices_mm.len());
+        for (vertex, id) in vertices_mm.iter().zip(0..) {
+            self.poll.spend(80)?;
+            first_of_cell.push(cells.id(&key(vertex), id, |id| key(&vertices_mm[id as usize]), self.poll)?);
+        }
+        drop(cells);
+        for vertex in self.mesh.faces.iter_mut().flatten() {
+            self.poll.spend(2)?;
+            *vertex = first_of_cell[*vertex as usize];
+        }
+        Ok(())
     }
 
     /// What was collected; degenerate triangles and unused vertices are still in it.
     pub(super) fn into_mesh(self, groups: Vec<FaceGroup>) -> Mesh {
         Mesh { groups, ..self.mesh }
     }
+}
+
+/// Equal for equal coordinates, of which none is -0.
+fn bits(vertex_mm: &Point3<f64>) -> [u64; 3] {
+    [vertex_mm.x, vertex_mm.y, vertex_mm.z].map(f64::to_bits)
 }

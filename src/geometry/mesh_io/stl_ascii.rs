@@ -7,7 +7,8 @@ use super::text::{Lines, Tokens, coordinates, excerpt};
 
 /// Reads every facet of every solid.
 pub(super) fn read(text: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
-    let mut words = Words { lines: Lines::new(text, 1), tokens: Tokens::default(), at: Position::Line(1) };
+    let poll = soup.poll;
+    let mut words = Words { lines: Lines::new(text, 1, poll), tokens: Tokens::of(&[], poll), at: Position::Line(1) };
     let mut in_solid = false;
     while let Some(word) = words.next() {
         match word {
@@ -37,7 +38,7 @@ fn facet(words: &mut Words<'_>, soup: &mut Soup<'_>) -> Result<(), MeshError> {
         words.expect(b"vertex", "\"vertex\" (a facet has three)")?;
         let at = words.at;
         let xyz = coordinates(&mut words.tokens, at)?;
-        *corner = soup.vertex(xyz, at)?;
+        *corner = soup.welded_vertex(xyz, at)?;
     }
     words.expect(b"endloop", "\"endloop\" (a facet has three vertices)")?;
     words.expect(b"endfacet", "\"endfacet\"")?;

@@ -1,21 +1,27 @@
 //! Binary STL: 80 bytes of anything, a count, and 50 bytes a triangle (normal, three corners, attribute), little endian.
-//! Normals and attributes are not used: the order of the corners says which side is out.
+//! Normals and attributes are not used: the order of the corners says which side is out. A file of many triangles is read
+//! piece by piece, so that it is never held beside the mesh.
+
+use std::io::{ErrorKind, Read};
 
 use nalgebra::Vector3;
 
-use super::error::{MeshError, Position};
+use super::error::{MeshError, Position, ReadError};
 use super::soup::Soup;
 use crate::geometry::Mesh;
 
 const COUNT_AT: usize = 80;
-const FIRST_RECORD_AT: usize = 84;
+/// Bytes before the first record.
+pub(super) const HEAD_BYTES: usize = 84;
 const RECORD_BYTES: usize = 50;
 const CORNERS_AT: usize = 12;
 const HEADER: &[u8] = b"binary STL by vantage, millimetres";
+/// Records that are read at a time.
+const RECORDS_AT_ONCE: usize = 1024;
 
-/// Whether the count fits the length to the byte.
-pub(super) fn length_fits(bytes: &[u8]) -> bool {
-    declared(bytes).is_some_and(|count| needed_bytes(count) == bytes.len() as u64)
+/// Whether the count fits a file of so many bytes exactly.
+pub(super) fn length_fits(head: &[u8], length_bytes: u64) -> bool {
+    declared(head).is_some_and(|count| needed_bytes(count) == length_bytes)
 }
 
 /// Reads every triangle.
@@ -23,15 +29,37 @@ pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let count = declared(bytes)
         .ok_or(MeshError::Truncated { at: Position::Byte(bytes.len() as u64), expected: "the header of a binary STL" })?;
     check_length(bytes, count)?;
-    let (records, _) = bytes[FIRST_RECORD_AT..].as_chunks::<RECORD_BYTES>();
-    for (record, at) in records.iter().take(count as usize).zip((FIRST_RECORD_AT..).step_by(RECORD_BYTES)) {
+    let (records, _) = bytes[HEAD_BYTES..].as_chunks();
+    add(&records[..count as usize], HEAD_BYTES as u64, soup)
+}
+
+/// Reads every triangle of what follows `head`.
+pub(super) fn read_on(head: &[u8; HEAD_BYTES], source: &mut dyn Read, soup: &mut Soup<'_>) -> Result<(), ReadError> {
+    let mut at = HEAD_BYTES as u64;
+    let mut left = declared(head).map_or(0, |count| count as usize);
+    let mut buffer = vec![[0; RECORD_BYTES]; RECORDS_AT_ONCE.min(left)];
+    while left > 0 {
+        let records = &mut buffer[..RECORDS_AT_ONCE.min(left)];
+        source.read_exact(records.as_flattened_mut()).map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => MeshError::Truncated { at: Position::Byte(at), expected: "a triangle" }.into(),
+            _ => ReadError::Io(error),
+        })?;
+        add(records, at, soup)?;
+        (at, left) = (at + (records.len() * RECORD_BYTES) as u64, left - records.len());
+    }
+    Ok(())
+}
+
+/// Adds the triangles of records, of which the first begins at byte `first`.
+fn add(records: &[[u8; RECORD_BYTES]], first: u64, soup: &mut Soup<'_>) -> Result<(), MeshError> {
+    for (record, at) in records.iter().zip((first..).step_by(RECORD_BYTES)) {
         let mut corners = [0; 3];
         for (corner, k) in corners.iter_mut().zip(0..) {
             let offset = CORNERS_AT + 12 * k;
             let xyz = [0, 4, 8].map(|axis| f64::from(float(record, offset + axis)));
-            *corner = soup.vertex(xyz, Position::Byte((at + offset) as u64))?;
+            *corner = soup.welded_vertex(xyz, Position::Byte(at + offset as u64))?;
         }
-        soup.face(&corners, Position::Byte(at as u64))?;
+        soup.face(&corners, Position::Byte(at))?;
     }
     Ok(())
 }
@@ -41,7 +69,7 @@ pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
 #[must_use]
 pub fn write_stl(mesh: &Mesh) -> Vec<u8> {
     let count = u32::try_from(mesh.faces.len()).unwrap_or(u32::MAX);
-    let mut bytes = Vec::with_capacity(FIRST_RECORD_AT + RECORD_BYTES * count as usize);
+    let mut bytes = Vec::with_capacity(HEAD_BYTES + RECORD_BYTES * count as usize);
     bytes.extend_from_slice(HEADER);
     bytes.resize(COUNT_AT, 0);
     bytes.extend_from_slice(&count.to_le_bytes());
@@ -60,13 +88,13 @@ fn declared(bytes: &[u8]) -> Option<u32> {
 }
 
 fn needed_bytes(count: u32) -> u64 {
-    FIRST_RECORD_AT as u64 + u64::from(count) * RECORD_BYTES as u64
+    HEAD_BYTES as u64 + u64::from(count) * RECORD_BYTES as u64
 }
 
 /// Nothing is allocated or read before the count is known to fit. Less than a record of surplus is padding.
 fn check_length(bytes: &[u8], count: u32) -> Result<(), MeshError> {
     let (needed, present) = (needed_bytes(count), bytes.len() as u64);
-    let payload = |length: u64| length.saturating_sub(FIRST_RECORD_AT as u64);
+    let payload = |length: u64| length.saturating_sub(HEAD_BYTES as u64);
     if present < needed {
         return Err(MeshError::CountMismatch {
             at: Position::Byte(COUNT_AT as u64),

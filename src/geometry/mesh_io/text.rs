@@ -1,15 +1,22 @@
 //! Text of mesh files as bytes: lines ended by LF, CRLF or CR, tokens between white space, numbers. Bytes rather than
-//! `str`, because names in real files are in any encoding; only what is parsed must be ASCII.
+//! `str`, because names in real files are in any encoding; only what is parsed must be ASCII. Once told to stop, lines and
+//! tokens end; the caller of the reader says why.
 
 use std::borrow::Cow;
+use std::str::FromStr;
 
 use super::error::{MeshError, Position};
+use crate::geometry::poll::Poll;
+
+/// Longest number, in bytes; more is not a number that anybody wrote.
+const MAX_NUMBER_BYTES: usize = 1000;
 
 /// One line without its end, and its number counted from 1.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub(super) struct Line<'a> {
     pub(super) number: u64,
     pub(super) text: &'a [u8],
+    poll: &'a Poll<'a>,
 }
 
 impl<'a> Line<'a> {
@@ -18,20 +25,21 @@ impl<'a> Line<'a> {
     }
 
     pub(super) fn tokens(self) -> Tokens<'a> {
-        Tokens::of(self.text)
+        Tokens::of(self.text, self.poll)
     }
 }
 
 /// The lines of `bytes`, numbered from `first`.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
     number: u64,
+    poll: &'a Poll<'a>,
 }
 
 impl<'a> Lines<'a> {
-    pub(super) fn new(bytes: &'a [u8], first: u64) -> Self {
-        Self { rest: bytes, number: first - 1 }
+    pub(super) fn new(bytes: &'a [u8], first: u64, poll: &'a Poll<'a>) -> Self {
+        Self { rest: bytes, number: first - 1, poll }
     }
 
     /// Number of the line last given out.
@@ -54,26 +62,28 @@ impl<'a> Iterator for Lines<'a> {
     type Item = Line<'a>;
 
     fn next(&mut self) -> Option<Line<'a>> {
-        if self.rest.is_empty() {
+        if self.rest.is_empty() || self.poll.spend(20).is_err() {
             return None;
         }
-        let end = self.rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(self.rest.len());
+        let end = self.poll.position(self.rest, |&b| b == b'\n' || b == b'\r').unwrap_or(self.rest.len());
         let (text, tail) = self.rest.split_at(end);
+        self.poll.spend(5 * text.len()).ok()?;
         self.rest = tail.strip_prefix(b"\r\n").or_else(|| tail.get(1..)).unwrap_or_default();
         self.number += 1;
-        Some(Line { number: self.number, text })
+        Some(Line { number: self.number, text, poll: self.poll })
     }
 }
 
 /// Words between white space.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone)]
 pub(super) struct Tokens<'a> {
     rest: &'a [u8],
+    poll: &'a Poll<'a>,
 }
 
 impl<'a> Tokens<'a> {
-    pub(super) fn of(text: &'a [u8]) -> Self {
-        Self { rest: text }
+    pub(super) fn of(text: &'a [u8], poll: &'a Poll<'a>) -> Self {
+        Self { rest: text, poll }
     }
 
     /// What follows the token last given out, trimmed.
@@ -86,18 +96,25 @@ impl<'a> Iterator for Tokens<'a> {
     type Item = &'a [u8];
 
     fn next(&mut self) -> Option<&'a [u8]> {
-        let start = self.rest.trim_ascii_start();
-        let end = start.iter().position(u8::is_ascii_whitespace).unwrap_or(start.len());
-        let (token, rest) = start.split_at(end);
+        let start = self.poll.position(self.rest, |byte| !byte.is_ascii_whitespace())?;
+        let rest = &self.rest[start..];
+        let end = self.poll.position(rest, u8::is_ascii_whitespace).unwrap_or(rest.len());
+        self.poll.spend(20 + end).ok()?;
+        let (token, rest) = rest.split_at(end);
         self.rest = rest;
-        (!token.is_empty()).then_some(token)
+        Some(token)
     }
 }
 
 /// The value of a decimal number; NaN and infinities pass, for the caller to judge where they matter.
 pub(super) fn number(token: &[u8], at: Position) -> Result<f64, MeshError> {
-    let parsed = std::str::from_utf8(token).ok().and_then(|text| text.parse().ok());
-    parsed.ok_or_else(|| MeshError::Syntax { at, expected: "a number", found: excerpt(token) })
+    parsed(token).ok_or_else(|| MeshError::Syntax { at, expected: "a number", found: excerpt(token) })
+}
+
+/// The value of a token, unless it is none or too long to be a number.
+pub(super) fn parsed<T: FromStr>(token: &[u8]) -> Option<T> {
+    let token = Some(token).filter(|token| token.len() <= MAX_NUMBER_BYTES)?;
+    std::str::from_utf8(token).ok()?.parse().ok()
 }
 
 /// Three coordinates, each finite.
@@ -126,20 +143,21 @@ pub(super) fn excerpt(bytes: &[u8]) -> String {
 }
 
 /// The text without its byte order mark; UTF-16 with one becomes UTF-8.
-pub(super) fn without_byte_order_mark(bytes: &[u8]) -> Result<Cow<'_, [u8]>, MeshError> {
+pub(super) fn without_byte_order_mark<'b>(bytes: &'b [u8], poll: &Poll<'_>) -> Result<Cow<'b, [u8]>, MeshError> {
     match bytes {
         [0xEF, 0xBB, 0xBF, text @ ..] => Ok(Cow::Borrowed(text)),
-        [0xFF, 0xFE, text @ ..] => from_utf16(text, "UTF-16 (little endian)", u16::from_le_bytes).map(Cow::Owned),
-        [0xFE, 0xFF, text @ ..] => from_utf16(text, "UTF-16 (big endian)", u16::from_be_bytes).map(Cow::Owned),
+        [0xFF, 0xFE, text @ ..] => from_utf16(text, "UTF-16 (little endian)", u16::from_le_bytes, poll).map(Cow::Owned),
+        [0xFE, 0xFF, text @ ..] => from_utf16(text, "UTF-16 (big endian)", u16::from_be_bytes, poll).map(Cow::Owned),
         _ => Ok(Cow::Borrowed(bytes)),
     }
 }
 
-fn from_utf16(bytes: &[u8], encoding: &'static str, unit: fn([u8; 2]) -> u16) -> Result<Vec<u8>, MeshError> {
+fn from_utf16(bytes: &[u8], encoding: &'static str, unit: fn([u8; 2]) -> u16, poll: &Poll<'_>) -> Result<Vec<u8>, MeshError> {
     let (pairs, odd) = bytes.as_chunks::<2>();
     let mut text = String::with_capacity(pairs.len());
     let mut at = 2;
     for decoded in char::decode_utf16(pairs.iter().map(|&pair| unit(pair))) {
+        poll.spend(4)?;
         let c = decoded.map_err(|_| MeshError::Encoding { at: Position::Byte(at), encoding })?;
         at += 2 * c.len_utf16() as u64;
         text.push(c);

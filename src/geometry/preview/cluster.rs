@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::{Drawn, FaceLists, NOT_DRAWN};
+use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::{Aabb, Mesh};
 
 /// Cells along the longest edge are searched below this; three such indices fit a 64-bit key.
@@ -13,13 +14,19 @@ const MAX_CELLS: u64 = 1 << 20;
 /// A quadric's direction counts when its eigenvalue is above this share of the largest: flatter ones carry no shape.
 const EIGEN_FLOOR: f64 = 1e-3;
 
+/// Faces of a cluster that are looked at for a triangle that vanished there. Clusters have about six; one has more where
+/// many faces share a corner.
+const MAX_LOOKED_AT: usize = 64;
+/// Stands for no cluster.
+const NONE: u32 = u32::MAX;
+
 /// Thins `mesh` to at most `max_triangles` by the finest grid that allows it.
-pub(super) fn decimate(mesh: &Mesh, max_triangles: usize) -> Drawn {
-    let grid = finest_grid(mesh, max_triangles);
-    let clusters = Clusters::gather(mesh, &grid);
-    let (faces, mut face_of_triangle) = surviving_faces(mesh, &clusters);
-    adopt_vanished(mesh, &clusters, &faces, &mut face_of_triangle);
-    compact(&clusters.positions(mesh, &grid), faces, face_of_triangle)
+pub(super) fn decimate(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Drawn, Interrupted> {
+    let grid = finest_grid(mesh, max_triangles, poll)?;
+    let clusters = Clusters::gather(mesh, &grid, poll)?;
+    let (faces, mut face_of_triangle) = surviving_faces(mesh, &clusters, poll)?;
+    adopt_vanished(mesh, &clusters, &faces, &mut face_of_triangle, poll)?;
+    Ok(compact(&clusters.positions(mesh, &grid, poll)?, faces, face_of_triangle))
 }
 
 struct Grid {
@@ -50,58 +57,76 @@ impl Grid {
 }
 
 /// The largest number of cells along the longest edge, to within a fiftieth, at which at most `max_triangles` survive.
-fn finest_grid(mesh: &Mesh, max_triangles: usize) -> Grid {
+fn finest_grid(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Grid, Interrupted> {
+    poll.check()?;
     let aabb = mesh.aabb();
-    let fits = |cells| survivors(mesh, &Grid::over(&aabb, cells)) <= max_triangles;
+    let mut keys = Vec::with_capacity(mesh.vertices_mm.len());
+    let mut fits = |cells| Ok(survivors(mesh, &Grid::over(&aabb, cells), &mut keys, poll)? <= max_triangles);
     let (mut low, mut high) = (1, 2);
-    while high < MAX_CELLS && fits(high) {
+    while high < MAX_CELLS && fits(high)? {
         (low, high) = (high, high * 2);
     }
     while high - low > 1.max(low / 50) {
         let middle = low.midpoint(high);
-        if fits(middle) {
+        if fits(middle)? {
             low = middle;
         } else {
             high = middle;
         }
     }
-    Grid::over(&aabb, low)
+    Ok(Grid::over(&aabb, low))
 }
 
-/// Triangles that span three cells, equal ones counted each: never fewer than what remains.
-fn survivors(mesh: &Mesh, grid: &Grid) -> usize {
-    let keys: Vec<u64> = mesh.vertices_mm.iter().map(|p| grid.key(p)).collect();
-    mesh.faces.iter().filter(|face| distinct(face.map(|v| keys[v as usize]))).count()
+/// Triangles that span three cells, equal ones counted each: never fewer than what remains. `keys` is room for the cells.
+fn survivors(mesh: &Mesh, grid: &Grid, keys: &mut Vec<u64>, poll: &Poll<'_>) -> Result<usize, Interrupted> {
+    keys.clear();
+    for vertex in &mesh.vertices_mm {
+        poll.spend(10)?;
+        keys.push(grid.key(vertex));
+    }
+    let mut count = 0;
+    for face in &mesh.faces {
+        poll.spend(5)?;
+        count += usize::from(distinct(face.map(|vertex| keys[vertex as usize])));
+    }
+    Ok(count)
 }
 
 fn distinct<T: PartialEq>([a, b, c]: [T; 3]) -> bool {
     a != b && b != c && a != c
 }
 
+/// The cells that surviving faces have a corner in.
 struct Clusters {
-    /// Cluster of each vertex.
+    /// Cluster of each vertex, [`NONE`] where no surviving face has a corner.
     of_vertex: Vec<u32>,
-    /// First vertex of each cluster.
+    /// First vertex of each cluster, ascending.
     first_vertex: Vec<u32>,
-    count: usize,
 }
 
 impl Clusters {
-    fn gather(mesh: &Mesh, grid: &Grid) -> Self {
+    fn gather(mesh: &Mesh, grid: &Grid, poll: &Poll<'_>) -> Result<Self, Interrupted> {
         let mut by_key = HashMap::new();
-        let mut first_vertex = Vec::new();
-        let of_vertex = mesh
-            .vertices_mm
-            .iter()
-            .zip(0u32..)
-            .map(|(p, vertex)| {
-                *by_key.entry(grid.key(p)).or_insert_with(|| {
-                    first_vertex.push(vertex);
-                    first_vertex.len() as u32 - 1
-                })
-            })
-            .collect();
-        Self { of_vertex, count: first_vertex.len(), first_vertex }
+        for face in &mesh.faces {
+            poll.spend(30)?;
+            let keys = face.map(|vertex| grid.key(&mesh.vertices_mm[vertex as usize]));
+            if distinct(keys) {
+                by_key.extend(keys.map(|key| (key, NONE)));
+            }
+        }
+        let (mut of_vertex, mut first_vertex) = (Vec::with_capacity(mesh.vertices_mm.len()), Vec::new());
+        for (vertex, number) in mesh.vertices_mm.iter().zip(0..) {
+            poll.spend(40)?;
+            let cluster = by_key.get_mut(&grid.key(vertex)).map(|cluster| {
+                if *cluster == NONE {
+                    *cluster = first_vertex.len() as u32;
+                    first_vertex.push(number);
+                }
+                *cluster
+            });
+            of_vertex.push(cluster.unwrap_or(NONE));
+        }
+        Ok(Self { of_vertex, first_vertex })
     }
 
     fn of_face(&self, face: &[u32; 3]) -> [u32; 3] {
@@ -109,25 +134,28 @@ impl Clusters {
     }
 
     /// Vertex of each cluster: the point nearest to the planes of its triangles, within its cell.
-    fn positions(&self, mesh: &Mesh, grid: &Grid) -> Vec<[f32; 3]> {
-        let mut quadrics = vec![Quadric::default(); self.count];
+    fn positions(&self, mesh: &Mesh, grid: &Grid, poll: &Poll<'_>) -> Result<Vec<[f32; 3]>, Interrupted> {
+        let mut quadrics = vec![Quadric::default(); self.first_vertex.len()];
         let origins: Vec<Point3<f64>> = self.first_vertex.iter().map(|v| mesh.vertices_mm[*v as usize]).collect();
-        for (vertex, cluster) in self.of_vertex.iter().enumerate() {
+        for (vertex, cluster) in self.of_vertex.iter().enumerate().filter(|(_, cluster)| **cluster != NONE) {
+            poll.spend(10)?;
             let cluster = *cluster as usize;
             quadrics[cluster].add_vertex(mesh.vertices_mm[vertex] - origins[cluster]);
         }
         for face in 0..mesh.faces.len() {
+            poll.spend(50)?;
             let normal = mesh.scaled_normal(face);
-            for vertex in mesh.faces[face] {
+            for vertex in mesh.faces[face].into_iter().filter(|vertex| self.of_vertex[*vertex as usize] != NONE) {
                 let cluster = self.of_vertex[vertex as usize] as usize;
                 quadrics[cluster].add_plane(normal, mesh.vertices_mm[vertex as usize] - origins[cluster]);
             }
         }
         let place = |(quadric, origin): (&Quadric, &Point3<f64>)| {
+            poll.spend(1000)?;
             let corner = grid.corner_mm(origin);
             let fitted = origin + quadric.minimum();
             let inside = fitted.coords.zip_zip_map(&corner.coords, &corner.coords, |c, low, _| c.clamp(low, low + grid.cell_mm));
-            inside.map(|c| c as f32).into()
+            Ok(inside.map(|c| c as f32).into())
         };
         quadrics.iter().zip(&origins).map(place).collect()
     }
@@ -169,20 +197,23 @@ impl Quadric {
 }
 
 /// Faces as cluster triples, equal ones (same winding) merged, and which of them each triangle became.
-fn surviving_faces(mesh: &Mesh, clusters: &Clusters) -> (Vec<[u32; 3]>, Vec<u32>) {
+fn surviving_faces(mesh: &Mesh, clusters: &Clusters, poll: &Poll<'_>) -> Result<(Vec<[u32; 3]>, Vec<u32>), Interrupted> {
     let mut faces = Vec::new();
     let mut by_corners = HashMap::new();
     let mut face_of_triangle = vec![NOT_DRAWN; mesh.faces.len()];
     for (triangle, corners) in mesh.faces.iter().enumerate() {
-        let corners = lowest_first(clusters.of_face(corners));
+        poll.spend(30)?;
+        // One without a cluster does not span three, or it would have made them.
+        let corners = clusters.of_face(corners);
         if distinct(corners) {
+            let corners = lowest_first(corners);
             face_of_triangle[triangle] = *by_corners.entry(corners).or_insert_with(|| {
                 faces.push(corners);
                 faces.len() as u32 - 1
             });
         }
     }
-    (faces, face_of_triangle)
+    Ok((faces, face_of_triangle))
 }
 
 /// The triangle beginning at its lowest index, winding kept.
@@ -194,24 +225,42 @@ fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
     }
 }
 
-/// Gives each vanished triangle to the surviving one at the same cluster that faces most nearly its way.
-fn adopt_vanished(mesh: &Mesh, clusters: &Clusters, faces: &[[u32; 3]], face_of_triangle: &mut [u32]) {
+/// Gives each vanished triangle to the surviving one at the same cluster that faces most nearly its way; of very many, of
+/// some spread evenly over them.
+fn adopt_vanished(
+    mesh: &Mesh,
+    clusters: &Clusters,
+    faces: &[[u32; 3]],
+    face_of_triangle: &mut [u32],
+    poll: &Poll<'_>,
+) -> Result<(), Interrupted> {
     let mut normals = vec![Vector3::<f64>::zeros(); faces.len()];
     for (triangle, face) in face_of_triangle.iter().enumerate().filter(|(_, face)| **face != NOT_DRAWN) {
+        poll.spend(15)?;
         normals[*face as usize] += mesh.scaled_normal(triangle);
     }
-    let at_cluster = FaceLists::around(faces, clusters.count);
+    let normals: Vec<Option<Vector3<f64>>> = normals.iter().map(|normal| normal.try_normalize(0.0)).collect();
+    let at_cluster = FaceLists::around(faces, clusters.first_vertex.len());
+    let around = |cluster: u32| {
+        let all = if cluster == NONE { &[] } else { at_cluster.of(cluster as usize) };
+        all.iter().copied().step_by(all.len().div_ceil(MAX_LOOKED_AT).max(1))
+    };
     for (triangle, adopted) in face_of_triangle.iter_mut().enumerate().filter(|(_, face)| **face == NOT_DRAWN) {
         let normal = mesh.scaled_normal(triangle);
-        let agreement = |face: u32| normals[face as usize].try_normalize(0.0).map_or(-1.0, |n| n.dot(&normal));
-        *adopted = clusters
-            .of_face(&mesh.faces[triangle])
-            .iter()
-            .flat_map(|cluster| at_cluster.of(*cluster as usize))
-            .copied()
-            .max_by(|x, y| agreement(*x).total_cmp(&agreement(*y)).then(y.cmp(x)))
-            .unwrap_or(NOT_DRAWN);
+        let agreement = |face: u32| normals[face as usize].map_or(-1.0, |n| n.dot(&normal));
+        let mut best = None;
+        for face in clusters.of_face(&mesh.faces[triangle]).into_iter().flat_map(around) {
+            poll.spend(5)?;
+            let found = (agreement(face), face);
+            // The lower number of two that agree alike.
+            let is_better = |best: (f64, u32)| found.0.total_cmp(&best.0).then(best.1.cmp(&found.1)).is_gt();
+            if best.is_none_or(is_better) {
+                best = Some(found);
+            }
+        }
+        *adopted = best.map_or(NOT_DRAWN, |(_, face)| face);
     }
+    Ok(())
 }
 
 /// Leaves out the clusters that no face uses.

@@ -3,8 +3,12 @@ use std::collections::BTreeSet;
 use nalgebra::{Point3, Vector3};
 use serde_json::Value;
 
-use super::{NOT_DRAWN, Preview, glb, preview};
-use crate::geometry::Mesh;
+use super::{NOT_DRAWN, Preview, glb};
+use crate::geometry::{Mesh, Poll};
+
+fn preview(mesh: &Mesh, max_triangles: usize) -> Preview {
+    super::preview(mesh, max_triangles, &Poll::never()).expect("not interrupted")
+}
 
 /// A sphere of quads cut in two: `2·n` meridians, `n` rings of faces, each quad one face of the "file".
 fn sphere(radius_mm: f64, n: u32) -> Mesh {

@@ -1,7 +1,11 @@
 //! The header of a PLY file: text in any of the three line endings, whatever the body is.
 
 use crate::geometry::mesh_io::error::{MeshError, Position};
-use crate::geometry::mesh_io::text::{Line, Lines, excerpt};
+use crate::geometry::mesh_io::text::{Line, Lines, excerpt, parsed};
+use crate::geometry::poll::Poll;
+
+/// Most elements and properties of a header together; real files have some dozens.
+const MAX_DECLARED: usize = 10_000;
 
 /// How the body is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,16 +100,21 @@ impl Element {
 }
 
 impl Header {
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, MeshError> {
-        let mut lines = Lines::new(bytes, 1);
-        let mut encoding = None;
+    pub(super) fn parse(bytes: &[u8], poll: &Poll<'_>) -> Result<Self, MeshError> {
+        let mut lines = Lines::new(bytes, 1, poll);
+        let (mut encoding, mut declared) = (None, 0);
         let mut elements: Vec<Element> = Vec::new();
         expect_line(&mut lines, b"ply", "\"ply\"")?;
         loop {
             let Some(line) = lines.next() else {
                 return Err(MeshError::Truncated { at: lines.at(), expected: "\"end_header\"" });
             };
-            let words: Vec<&[u8]> = line.tokens().collect();
+            // No line but a comment has more words.
+            let words: Vec<&[u8]> = line.tokens().take(6).collect();
+            declared += usize::from(matches!(words[..], [b"element" | b"property", ..]));
+            if declared > MAX_DECLARED {
+                return Err(MeshError::TooLarge { at: line.at(), what: "elements and properties", limit: MAX_DECLARED });
+            }
             match words[..] {
                 [b"format", name, b"1.0"] if encoding.is_none() => encoding = Some(parse_encoding(name, line)?),
                 [b"comment" | b"obj_info", ..] | [] => {}
@@ -170,8 +179,7 @@ fn parse_encoding(name: &[u8], line: Line<'_>) -> Result<Encoding, MeshError> {
 }
 
 fn parse_element(name: &[u8], count: &[u8], line: Line<'_>) -> Result<Element, MeshError> {
-    let count = std::str::from_utf8(count).ok().and_then(|text| text.parse().ok());
-    let count = count.ok_or_else(|| syntax(line, "a number of records"))?;
+    let count = parsed(count).ok_or_else(|| syntax(line, "a number of records"))?;
     Ok(Element { name: name.to_vec(), count, properties: Vec::new(), at: line.at() })
 }
 

@@ -5,6 +5,8 @@
 mod header;
 mod values;
 
+use std::ops::Range;
+
 use self::header::{Element, Header, Kind, Property, Scalar};
 use self::values::Values;
 use super::error::{MeshError, Position};
@@ -12,36 +14,37 @@ use super::soup::Soup;
 
 /// Reads the elements `vertex` and `face`; passes over all others.
 pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
-    let header = Header::parse(bytes)?;
+    let poll = soup.poll;
+    let header = Header::parse(bytes, poll)?;
     header.check_counts(bytes.len())?;
-    let mut values = Values::new(bytes, &header);
+    let mut values = Values::new(bytes, &header, poll);
     let mut vertices = None;
     for element in &header.elements {
         match element.name.as_slice() {
             b"vertex" => vertices = Some(read_vertices(element, &mut values, soup)?),
             b"face" => {
-                let vertices = vertices.as_deref().ok_or_else(|| MeshError::Syntax {
+                let vertices = vertices.clone().ok_or_else(|| MeshError::Syntax {
                     at: element.at,
                     expected: "the element vertex before the element face",
                     found: "none".into(),
                 })?;
-                read_faces(element, &mut values, vertices, soup)?;
+                read_faces(element, &mut values, &vertices, soup)?;
             }
             _ => skip_records(element, &mut values)?,
         }
     }
-    values.finish()
+    values.finish(poll)
 }
 
-/// Number in the soup of each vertex of the file.
-fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>) -> Result<Vec<u32>, MeshError> {
+/// Numbers in the soup of the vertices of an element.
+fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>) -> Result<Range<u32>, MeshError> {
     let is_axis = |p: &Property, axis: &[u8]| p.name == axis && matches!(p.kind, Kind::Scalar(_));
     let axes = [b"x", b"y", b"z"].map(|axis| element.properties.iter().position(|p| is_axis(p, axis)));
     let [Some(_), Some(_), Some(_)] = axes else {
         let found = element.property_names();
         return Err(MeshError::Syntax { at: element.at, expected: "the properties x, y, z of vertex", found });
     };
-    let mut vertices = Vec::with_capacity(element.count as usize);
+    let first = soup.vertices() as u32;
     for _ in 0..element.count {
         values.begin_record("a vertex")?;
         let at = values.at();
@@ -52,12 +55,12 @@ fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>
                 (_, kind) => skip_property(kind, values)?,
             }
         }
-        vertices.push(soup.vertex(xyz, at)?);
+        soup.vertex(xyz, at)?;
     }
-    Ok(vertices)
+    Ok(first..soup.vertices() as u32)
 }
 
-fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &[u32], soup: &mut Soup<'_>) -> Result<(), MeshError> {
+fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>, soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let is_corners = |name: &[u8]| name == b"vertex_indices" || name == b"vertex_index";
     if element.count > 0 && !element.properties.iter().any(|p| is_corners(&p.name) && matches!(p.kind, Kind::List { .. })) {
         let found = element.property_names();
@@ -84,7 +87,7 @@ fn read_corners(
     count: Scalar,
     item: Scalar,
     values: &mut Values<'_>,
-    vertices: &[u32],
+    vertices: &Range<u32>,
     corners: &mut Vec<u32>,
 ) -> Result<(), MeshError> {
     let at = values.at();
@@ -96,13 +99,13 @@ fn read_corners(
     for _ in 0..length {
         let at = values.at();
         let index = values.next(item)?;
-        corners.push(*vertex(index, vertices).ok_or_else(|| bad_index(index, vertices.len(), at))?);
+        corners.push(vertex(index, vertices).ok_or_else(|| bad_index(index, vertices.len(), at))?);
     }
     Ok(())
 }
 
-fn vertex(index: f64, vertices: &[u32]) -> Option<&u32> {
-    (index >= 0.0 && index.fract() == 0.0).then(|| vertices.get(index as usize))?
+fn vertex(index: f64, vertices: &Range<u32>) -> Option<u32> {
+    (index >= 0.0 && index.fract() == 0.0 && index < vertices.len() as f64).then(|| vertices.start + index as u32)
 }
 
 fn bad_index(index: f64, vertices: usize, at: Position) -> MeshError {

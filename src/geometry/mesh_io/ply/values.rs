@@ -3,23 +3,24 @@
 use super::header::{Encoding, Header, Scalar};
 use crate::geometry::mesh_io::error::{MeshError, Position};
 use crate::geometry::mesh_io::text::{Lines, Tokens, number};
+use crate::geometry::poll::Poll;
 
 /// Where the next number comes from.
 pub(super) enum Values<'a> {
     /// One record a line.
     Text { lines: Lines<'a>, tokens: Tokens<'a> },
     /// Records one after the other.
-    Binary { bytes: &'a [u8], at: usize, big_endian: bool },
+    Binary { bytes: &'a [u8], at: usize, big_endian: bool, poll: &'a Poll<'a> },
 }
 
 impl<'a> Values<'a> {
-    pub(super) fn new(bytes: &'a [u8], header: &Header) -> Self {
+    pub(super) fn new(bytes: &'a [u8], header: &Header, poll: &'a Poll<'a>) -> Self {
         match header.encoding {
             Encoding::Ascii => {
-                let lines = Lines::new(&bytes[header.body_at..], header.body_line);
-                Self::Text { lines, tokens: Tokens::default() }
+                let lines = Lines::new(&bytes[header.body_at..], header.body_line, poll);
+                Self::Text { lines, tokens: Tokens::of(&[], poll) }
             }
-            encoding => Self::Binary { bytes, at: header.body_at, big_endian: encoding == Encoding::BigEndian },
+            encoding => Self::Binary { bytes, at: header.body_at, big_endian: encoding == Encoding::BigEndian, poll },
         }
     }
 
@@ -34,7 +35,7 @@ impl<'a> Values<'a> {
     /// Goes to the next line that is not blank; what is left of the last one is not declared and is passed over.
     pub(super) fn begin_record(&mut self, what: &'static str) -> Result<(), MeshError> {
         if let Self::Text { lines, tokens } = self {
-            let record = lines.by_ref().find(|line| !line.text.trim_ascii().is_empty());
+            let record = lines.by_ref().find(|line| line.tokens().next().is_some());
             *tokens = record.ok_or(MeshError::Truncated { at: lines.at(), expected: what })?.tokens();
         }
         Ok(())
@@ -44,7 +45,8 @@ impl<'a> Values<'a> {
     pub(super) fn next(&mut self, scalar: Scalar) -> Result<f64, MeshError> {
         match self {
             Self::Text { lines, tokens } => number(next_token(lines, tokens)?, lines.at()),
-            Self::Binary { bytes, at, big_endian } => {
+            Self::Binary { bytes, at, big_endian, poll } => {
+                poll.spend(5)?;
                 let value = decode(bytes, *at, scalar, *big_endian);
                 let value = value.ok_or(MeshError::Truncated { at: Position::Byte(*at as u64), expected: "a number" })?;
                 *at += scalar.size_bytes();
@@ -67,7 +69,8 @@ impl<'a> Values<'a> {
     pub(super) fn skip(&mut self, scalar: Scalar, count: u64) -> Result<(), MeshError> {
         match self {
             Self::Text { lines, tokens } => (0..count).try_for_each(|_| next_token(lines, tokens).map(drop)),
-            Self::Binary { bytes, at, .. } => {
+            Self::Binary { bytes, at, poll, .. } => {
+                poll.spend(5)?;
                 let left = (bytes.len() - *at) as u64;
                 let size = count.saturating_mul(scalar.size_bytes() as u64);
                 if size > left {
@@ -81,13 +84,13 @@ impl<'a> Values<'a> {
 
     /// Refuses what comes after the last declared record: the header promised less than the file holds. White space, and
     /// in binary files what is too short for a face, is padding.
-    pub(super) fn finish(self) -> Result<(), MeshError> {
+    pub(super) fn finish(self, poll: &Poll<'_>) -> Result<(), MeshError> {
         const SHORTEST_FACE_BYTES: usize = 4;
         let (rest, padding) = match &self {
             Self::Text { lines, .. } => (lines.rest(), 0),
             Self::Binary { bytes, at, .. } => (&bytes[*at..], SHORTEST_FACE_BYTES - 1),
         };
-        if rest.len() <= padding || rest.trim_ascii().is_empty() {
+        if rest.len() <= padding || poll.position(rest, |byte| !byte.is_ascii_whitespace()).is_none() {
             return Ok(());
         }
         Err(MeshError::TrailingData { at: self.at(), bytes: rest.len() as u64 })
