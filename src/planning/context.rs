@@ -3,8 +3,9 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::estimate::Allowance;
 use super::sequence::Roadmaps;
-use crate::geometry::SimdLevel;
+use crate::geometry::{Interrupted, SimdLevel};
 
 /// The stages of a plan, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -82,19 +83,26 @@ impl Observer for Silent {
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Cancel flag, observer, vector instructions and what was kept of earlier plans, for one plan.
+impl From<Interrupted> for Cancelled {
+    fn from(_: Interrupted) -> Self {
+        Self
+    }
+}
+
+/// Cancel flag, observer, vector instructions, what was kept of earlier plans and what may be taken, for one plan.
 pub struct Context<'a> {
     cancel: &'a AtomicBool,
     observer: &'a dyn Observer,
     simd_level: SimdLevel,
     roadmaps: Option<&'a Roadmaps>,
+    allowance: Allowance,
 }
 
 impl<'a> Context<'a> {
     /// A context that stops once `cancel` is true.
     #[must_use]
     pub fn new(cancel: &'a AtomicBool, observer: &'a dyn Observer) -> Self {
-        Self { cancel, observer, simd_level: SimdLevel::widest(), roadmaps: None }
+        Self { cancel, observer, simd_level: SimdLevel::widest(), roadmaps: None, allowance: Allowance::default() }
     }
 
     /// Sets the vector instructions, which change how fast a plan is made and nothing else.
@@ -107,6 +115,17 @@ impl<'a> Context<'a> {
     #[must_use]
     pub fn with_roadmaps(self, roadmaps: &'a Roadmaps) -> Self {
         Self { roadmaps: Some(roadmaps), ..self }
+    }
+
+    /// Makes a context for a plan that is refused, before anything is allocated for it, if it would take more.
+    #[must_use]
+    pub fn with_allowance(self, allowance: Allowance) -> Self {
+        Self { allowance, ..self }
+    }
+
+    /// Limits of memory and time of the plan.
+    pub(super) fn allowance(&self) -> &Allowance {
+        &self.allowance
     }
 
     /// Roadmaps of cells that were planned for before.

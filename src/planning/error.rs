@@ -24,6 +24,12 @@ impl PlanError {
     }
 }
 
+impl From<Vec<FieldError>> for PlanError {
+    fn from(errors: Vec<FieldError>) -> Self {
+        Self::BadParams(errors)
+    }
+}
+
 impl From<Cancelled> for PlanError {
     fn from(_: Cancelled) -> Self {
         Self::Cancelled

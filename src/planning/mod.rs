@@ -4,6 +4,7 @@ pub mod candidates;
 mod cause;
 pub mod context;
 mod error;
+pub mod estimate;
 pub mod grade;
 mod input;
 pub mod method;
@@ -32,5 +33,6 @@ mod view_planning_problem;
 pub mod visibility;
 
 pub use error::PlanError;
+pub use estimate::{Allowance, Estimate};
 pub use input::PlanInput;
 pub use pipeline::{Tabulated, plan, resting, tabulate};

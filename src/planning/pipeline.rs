@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use super::candidates::{self, Candidate, Scope};
 use super::context::{Cancelled, Context, Stage};
 use super::error::PlanError;
+use super::estimate::Estimate;
 use super::input::PlanInput;
 use super::min_time;
 use super::missed;
@@ -158,9 +159,11 @@ struct Tables {
 impl SampledPart {
     fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
         params.check().map_err(PlanError::BadParams)?;
+        ctx.check()?;
+        Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
         let mut params = resolve(params, input);
         ctx.begin(Stage::Surface)?;
-        let surface = requirements::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
+        let surface = requirements::sampled(input.mesh, &params, params.seed, ctx)?;
         let asked_area_mm2 = asked_area_mm2(&surface)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
         params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);

@@ -37,12 +37,12 @@ pub fn measured(
     params.check().map_err(PlanError::BadParams)?;
     let mut params = params.clone();
     params.visibility.engine = Engine::Rays;
-    let surface = requirements::sampled(input.mesh, &params, params.seed).map_err(PlanError::BadParams)?;
+    let never = AtomicBool::new(false);
+    let ctx = Context::new(&never, &Silent);
+    let surface = requirements::sampled(input.mesh, &params, params.seed, &ctx)?;
     let asked_area_mm2 = asked_area_mm2(&surface)?;
     let plate = input.cell.map(|cell| placement::plate(cell, table_from_part));
     let occluders = Occluders::new([input.mesh].into_iter().chain(input.fixture).chain(&plate));
-    let never = AtomicBool::new(false);
-    let ctx = Context::new(&never, &Silent);
     let usable = vec![true; views.len()];
     let table = visibility::cast(&surface, views, &usable, input.scanner, &occluders, &params, &ctx)?;
     let rows: Vec<_> = table.rows.iter().collect();

@@ -19,6 +19,8 @@ use std::collections::HashMap;
 
 use nalgebra::Point3;
 
+use super::context::Context;
+use super::error::PlanError;
 use super::grade::Grade;
 use super::params::{InterestParams, PlanParams};
 use super::surface::{self, RegionFinder, Surface};
@@ -94,10 +96,10 @@ pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
 /// The samples of a part, after [`surface::resolve`], with what is asked of them.
 ///
 /// # Errors
-/// The errors of [`surface::sample`] and [`Requirements::new`].
-pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64) -> Result<Surface, Vec<FieldError>> {
-    let mut surface = surface::sample(mesh, &params.part, &params.regions, seed)?;
-    surface.requirements = Requirements::new(mesh, &surface, params)?;
+/// The errors of [`surface::sample_for`] and [`Requirements::new`].
+pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64, ctx: &Context<'_>) -> Result<Surface, PlanError> {
+    let mut surface = surface::sample_for(mesh, &params.part, &params.regions, seed, ctx)?;
+    surface.requirements = Requirements::new(mesh, &surface, params).map_err(PlanError::BadParams)?;
     Ok(surface)
 }
 

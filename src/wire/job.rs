@@ -88,17 +88,20 @@ impl JobRequest {
     }
 
     fn check_echo(&self, findings: &mut Findings) {
-        findings
-            .require(self.labels.len() <= 32, "/labels", || format!("has {} entries; allowed are up to 32", self.labels.len()));
-        for (key, value) in &self.labels {
-            text(findings, "/labels", key, 1, 64);
-            text(findings, &format!("/labels/{}", key.replace('~', "~0").replace('/', "~1")), value, 0, 256);
-        }
+        check_labels(findings, &self.labels);
         for (pointer, value) in [("/part_number", &self.part_number), ("/serial", &self.serial)] {
             if let Some(value) = value {
                 text(findings, pointer, value, 0, 128);
             }
         }
+    }
+}
+
+fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
+    findings.require(labels.len() <= 32, "/labels", || format!("has {} entries; allowed are up to 32", labels.len()));
+    for (key, value) in labels {
+        text(findings, "/labels", key, 1, 64);
+        text(findings, &format!("/labels/{}", key.replace('~', "~0").replace('/', "~1")), value, 0, 256);
     }
 }
 
@@ -178,7 +181,7 @@ pub struct Job {
     pub scanner: Named<ScannerSpec>,
     /// Parameters, defaults filled in.
     pub params: PlanParams,
-    /// Labels, as given.
+    /// Labels, as given, or as `PUT /jobs/{id}/labels` left them.
     pub labels: BTreeMap<String, String>,
     /// Part number, as given.
     pub part_number: Option<String>,
@@ -206,7 +209,8 @@ pub struct Job {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
-    /// Why it failed.
+    /// Why it failed; with the code `job_unreadable`, why its stored request cannot be shown: then `cell`, `scanner` and
+    /// `params` are defaults.
     pub problem: Option<JobProblem>,
     /// SHA-256 of `plan.json`, once it succeeded.
     pub plan_sha256: Option<String>,
@@ -225,12 +229,80 @@ pub struct JobFile {
     pub size_bytes: u64,
 }
 
-/// One page of jobs, newest first.
+/// A job in a list: how it stands, without what it was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobListItem {
+    /// Its id.
+    pub id: JobId,
+    /// Where it stands.
+    pub state: JobState,
+    /// The mesh planned for.
+    pub mesh_id: MeshId,
+    /// Name of the cell.
+    pub cell: String,
+    /// Name of the scanner; counts when `cell` is `"none"`.
+    pub scanner: String,
+    /// Labels.
+    pub labels: BTreeMap<String, String>,
+    /// Part number, as given.
+    pub part_number: Option<String>,
+    /// Serial number, as given.
+    pub serial: Option<String>,
+    /// Higher goes first.
+    pub priority: i32,
+    /// Stage of planning, while it runs.
+    pub stage: Option<String>,
+    /// Share of the work that is done, 0 to 1; never falls within an attempt.
+    pub fraction: f64,
+    /// Its place in the queue from 1, while it is queued.
+    pub queue_position: Option<u64>,
+    /// How often it was started.
+    pub attempts: u32,
+    /// When it was accepted, UTC.
+    #[schema(format = DateTime)]
+    pub created_at: String,
+    /// When its last attempt began, UTC.
+    #[schema(format = DateTime)]
+    pub started_at: Option<String>,
+    /// When it ended, UTC.
+    #[schema(format = DateTime)]
+    pub ended_at: Option<String>,
+    /// Seconds spent in each stage so far.
+    pub timings: BTreeMap<String, f64>,
+    /// Why it failed.
+    pub problem: Option<JobProblem>,
+    /// SHA-256 of `plan.json`, once it succeeded.
+    pub plan_sha256: Option<String>,
+    /// The files that came out, by name; each is at `/jobs/{id}/files/{name}`.
+    pub results: Vec<JobFile>,
+}
+
+/// One page of jobs, newest first. A page ends early where its entries would take more than 4 MiB.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobPage {
     /// The jobs.
-    pub items: Vec<Job>,
+    pub items: Vec<JobListItem>,
     /// Token of the next page; absent on the last one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next_page_token: Option<String>,
+}
+
+/// Labels of a job, all of them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct JobLabels {
+    /// At most 32, keys of 1 to 64 and values of up to 256 characters.
+    pub labels: BTreeMap<String, String>,
+}
+
+impl JobLabels {
+    /// Checks ranges.
+    ///
+    /// # Errors
+    /// All fields at fault.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        check_labels(&mut findings, &self.labels);
+        findings.into_result()
+    }
 }

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use crate::geometry::mesh_io::ReadMesh;
 
 /// Facts of a mesh, and what a user should know before planning on it. Counts are after polygons were cut into fans.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeshHealth {
     /// `stl_binary`, `stl_ascii`, `obj` or `ply`, by the file's content.
     pub format: String,
@@ -43,7 +43,7 @@ pub struct MeshHealth {
 }
 
 /// Axis-aligned bounding box, part frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BoxMm {
     /// Lowest corner.
     pub min: [f64; 3],
@@ -63,6 +63,17 @@ pub struct MeshNote {
 }
 
 impl MeshHealth {
+    /// The report in place of a stored one that cannot be read.
+    #[must_use]
+    pub fn unreadable(reason: &str) -> Self {
+        let note = MeshNote {
+            code: "health_unreadable".to_owned(),
+            detail: format!("the stored health report cannot be read: {reason}"),
+            remedy: "delete the mesh and upload it again for a new report; jobs read its file, not the report".to_owned(),
+        };
+        Self { warnings: vec![note], ..Self::default() }
+    }
+
     /// The report of a mesh that was read.
     #[must_use]
     pub fn new(read: &ReadMesh) -> Self {

@@ -21,6 +21,7 @@ pub mod program;
 pub mod report;
 pub mod scanner_facts;
 mod spec;
+mod storage;
 pub mod study;
 mod system;
 mod tally;
@@ -28,13 +29,14 @@ pub mod viewpoints;
 
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};
-pub use job::{Job, JobFile, JobPage, JobRequest, JobState};
+pub use job::{Job, JobFile, JobLabels, JobListItem, JobPage, JobRequest, JobState};
 pub use json::{ParseError, parse, pointer_of};
 pub use json_file::json_file_bytes;
 pub use mesh::{Mesh, MeshPage};
 pub use mesh_health::MeshHealth;
 pub use problem::{JobProblem, Problem, ProblemField, problem_type};
 pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
+pub use storage::{DamagedItem, Retention, RetentionPolicy, RetentionReason, RetiredJob, RetiredMesh, Storage};
 pub use system::{Health, Readiness, ReadinessCheck, Version};
 
 #[cfg(test)]

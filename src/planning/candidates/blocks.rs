@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Point3, Vector3};
 
 use super::Scope;
+use crate::cell::Scanner;
 use crate::geometry::Aabb;
 
 /// A box of the part, table frame, mm.
@@ -15,14 +16,19 @@ pub(super) struct PartBlock {
     pub(super) half_extent: Vector3<f64>,
 }
 
+/// Number of boxes that a bounding box is divided into, along each axis.
+pub(in crate::planning) fn counts(extent_mm: &Vector3<f64>, scanner: &Scanner) -> Vector3<f64> {
+    // A billionth of slack: a part of exactly one cube must not become two blocks by rounding.
+    extent_mm.map(|edge_mm| (edge_mm / scanner.block_cube_mm - 1e-9).ceil().max(1.0))
+}
+
 /// Blocks of the part, ordered by x, then y, then z.
 pub(super) fn split(scope: &Scope<'_>) -> Vec<PartBlock> {
     // Patch corners, not samples, span the bounding box.
     let corners = scope.surface.patches.iter().flat_map(|patch| patch.corners_mm);
     let aabb = corners.fold(Aabb::empty(), |aabb, corner| aabb.with(&scope.table_from_part.point(&corner)));
     let extent = aabb.extent_mm();
-    // A billionth of slack: a part of exactly one cube must not become two blocks by rounding.
-    let counts = extent.map(|edge_mm| (edge_mm / scope.scanner.block_cube_mm - 1e-9).ceil().max(1.0));
+    let counts = counts(&extent, scope.scanner);
     let edge = extent.component_div(&counts);
     let cell_of = |p: &Point3<f64>| {
         let p = scope.table_from_part.point(p);

@@ -20,7 +20,7 @@ pub(super) fn aims(
 }
 
 /// Points of the unit sphere.
-fn directions(small_deg: f64, large_deg: f64) -> Vec<Vector3<f64>> {
+pub(super) fn directions(small_deg: f64, large_deg: f64) -> Vec<Vector3<f64>> {
     // Slack against rounding of the grid: 180° and 360° themselves are never a step.
     const SLACK_DEG: f64 = 1e-9;
     let steps =

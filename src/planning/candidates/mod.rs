@@ -38,6 +38,7 @@ use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 pub(in crate::planning) use aim::looking_along;
 use aim::{Aim, Placed, views_of_an_aim};
+pub(in crate::planning) use blocks::counts as block_counts;
 pub(in crate::planning) use even::spiral;
 
 pub use label::Label;
@@ -138,9 +139,9 @@ impl CandidateSet {
 }
 
 /// Largest number of candidates of one job.
-const MAX_CANDIDATES: usize = 50_000;
+pub(in crate::planning) const MAX_CANDIDATES: usize = 50_000;
 /// Largest number of pairs of candidate and sample: bounds the visibility matrix to 2.2 GB.
-const MAX_PAIRS: usize = 1_000_000_000;
+pub(in crate::planning) const MAX_PAIRS: usize = 1_000_000_000;
 /// Even directions by default around a part of one block (`DEFAULT.md`).
 const EVEN_DIRECTIONS: usize = 150;
 /// Views that are proposed for one that `targeted` may keep.
@@ -149,14 +150,45 @@ const PROPOSED: usize = 3;
 /// Fills in what [`CandidateParams`] leaves to the part: even directions, as many as half of the table has room for.
 #[must_use]
 pub fn resolve(scope: &Scope<'_>, params: &CandidateParams) -> CandidateParams {
-    let views = views_of_an_aim(params) * blocks::split(scope).len();
-    let directions = (max_candidates(scope.surface) / 2 / views).clamp(4, EVEN_DIRECTIONS) as u32;
+    let directions = even_directions(params, blocks::split(scope).len(), scope.surface.sample_mm.len());
     CandidateParams { even_directions: params.even_directions.or(Some(directions)), ..params.clone() }
 }
 
+/// Even directions that are looked from where the job does not say.
+fn even_directions(params: &CandidateParams, blocks: usize, samples: usize) -> u32 {
+    (max_candidates(samples) / 2 / (views_of_an_aim(params) * blocks).max(1)).clamp(4, EVEN_DIRECTIONS) as u32
+}
+
+/// Upper bound on the candidates that the strategies of `params` give for so many blocks and samples; `targeted` left out.
+#[must_use]
+pub(in crate::planning) fn expected(params: &CandidateParams, blocks: usize, samples: usize) -> usize {
+    let aims = |strategy: &Strategy| match strategy {
+        Strategy::Ellipsoid => ellipsoid::directions(params.step_small_deg, params.step_large_deg).len().saturating_mul(blocks),
+        Strategy::Even => {
+            let directions = params.even_directions.unwrap_or_else(|| even_directions(params, blocks, samples));
+            even::directions_a_block(directions, blocks).saturating_mul(blocks)
+        }
+        Strategy::FacetNormal => params.facet_normals as usize,
+        Strategy::SurfacePoints => params.surface_points as usize,
+        Strategy::Volume => params.volume_points as usize,
+        Strategy::Reach => params.reach_directions as usize,
+        Strategy::Iterative => iterative::count(params),
+        Strategy::Targeted => 0,
+    };
+    let all = params.strategies.iter().map(aims).fold(0, usize::saturating_add);
+    all.saturating_mul(views_of_an_aim(params)).saturating_add(params.poses.len())
+}
+
+/// Upper bound on the candidates that `targeted` proposes; their rolls are solved for.
+#[must_use]
+pub(in crate::planning) fn expected_targeted(params: &CandidateParams) -> usize {
+    let views = params.standoffs_mm.len() * (1 + 4 * params.tilts_deg.len());
+    if params.uses(Strategy::Targeted) { PROPOSED * params.targeted_max as usize * views } else { 0 }
+}
+
 /// Candidates that a job may have.
-fn max_candidates(surface: &Surface) -> usize {
-    MAX_CANDIDATES.min(MAX_PAIRS / surface.sample_mm.len().max(1))
+fn max_candidates(samples: usize) -> usize {
+    MAX_CANDIDATES.min(MAX_PAIRS / samples.max(1))
 }
 
 /// Generates the candidates of every strategy in `params` that knows the part alone, and drops those that no cell could
@@ -212,7 +244,7 @@ pub fn aimed_at_open(
     already: usize,
     ctx: &Context<'_>,
 ) -> Result<CandidateSet, Cancelled> {
-    let room = max_candidates(scope.surface).saturating_sub(already) / views_of_an_aim(params);
+    let room = max_candidates(scope.surface.sample_mm.len()).saturating_sub(already) / views_of_an_aim(params);
     let aims = targeted::aims(scope, open, room.min(PROPOSED * params.targeted_max as usize), ctx)?;
     judged(scope, params, &aims, ctx)
 }
@@ -230,10 +262,17 @@ fn given_pose(scope: &Scope<'_>, part_from_scanner: &Pose<Part, ScannerFrame>) -
 }
 
 fn refuse_too_many(candidates: usize, scope: &Scope<'_>) -> Result<(), PlanError> {
-    if candidates <= max_candidates(scope.surface) {
+    check_count(candidates, scope.surface.sample_mm.len())
+}
+
+/// Refuses more candidates than a job may have that has so many samples.
+///
+/// # Errors
+/// [`PlanError::BadParams`].
+pub(in crate::planning) fn check_count(candidates: usize, samples: usize) -> Result<(), PlanError> {
+    if candidates <= max_candidates(samples) {
         return Ok(());
     }
-    let samples = scope.surface.sample_mm.len();
     let detail = format!(
         "and its steps, counts and rolls give {candidates} candidates for {samples} samples; allowed are {MAX_CANDIDATES} \
          candidates and {MAX_PAIRS} pairs: take larger steps, fewer samples (part.samples_per_mm2), or look at the part's unit"

@@ -137,7 +137,7 @@ pub(in crate::planning) fn certify(
     setups: &[SetupViews<'_>],
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
-    let second = SecondSampling::new(input, params, setups)?;
+    let second = SecondSampling::new(input, params, setups, ctx)?;
     let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.silent())?;
     let (samples, total_area_mm2) = (second.asked_area_mm2.len(), second.surface.area_where(|_| true));
     let independent = Independent { samples, asked_area_mm2: second.asked_mm2, total_area_mm2, measured_area_mm2 };
@@ -157,11 +157,16 @@ struct SecondSampling<'a> {
 }
 
 impl<'a> SecondSampling<'a> {
-    fn new(input: &'a PlanInput<'a>, params: &PlanParams, setups: &'a [SetupViews<'a>]) -> Result<Self, PlanError> {
+    fn new(
+        input: &'a PlanInput<'a>,
+        params: &PlanParams,
+        setups: &'a [SetupViews<'a>],
+        ctx: &Context<'_>,
+    ) -> Result<Self, PlanError> {
         let mut params = params.clone();
         params.selection.objective = Objective::Coverage;
         let seed = split_mix(params.seed ^ SECOND_SAMPLES);
-        let surface = requirements::sampled(input.mesh, &params, seed).map_err(PlanError::BadParams)?;
+        let surface = requirements::sampled(input.mesh, &params, seed, ctx)?;
         let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
         let asked_area_mm2: Vec<f64> = (0..surface.sample_mm.len()).map(area_mm2).collect();
         let asked_mm2 = asked_area_mm2.iter().sum();

@@ -98,28 +98,29 @@ pub(super) struct Exchange<'a> {
 impl Exchange<'_> {
     /// Meets the same goals with as few views as are found.
     pub(super) fn fewer(&self, rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
-        let mut best = self.remove_redundant(rows);
+        let mut best = self.remove_redundant(rows, ctx)?;
         while best.len() > 1 && budget.left > 0 {
             let Some(start) = self.remove_one(&best) else { break };
             let found = self.run(start, budget, ctx)?;
             if CoverState::new(self, &found).deficit() > 0 || !self.overlap.connects(&found) {
                 break;
             }
-            best = self.remove_redundant(found);
+            best = self.remove_redundant(found, ctx)?;
         }
         Ok(best)
     }
 
     /// Removes redundant views, the last first, as long as the goals stay met.
-    fn remove_redundant(&self, mut rows: Vec<usize>) -> Vec<usize> {
+    fn remove_redundant(&self, mut rows: Vec<usize>, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
         for at in (0..rows.len()).rev() {
+            ctx.check()?;
             let mut fewer = rows.clone();
             fewer.remove(at);
             if !fewer.is_empty() && CoverState::new(self, &fewer).deficit() == 0 && self.overlap.connects(&fewer) {
                 rows = fewer;
             }
         }
-        rows
+        Ok(rows)
     }
 
     /// Removes the view whose loss leaves the smallest deficit.

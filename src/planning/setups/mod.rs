@@ -106,7 +106,7 @@ fn measured_from(
     let mut coarse = params.clone();
     coarse.part.samples_per_mm2 = Some(SAMPLES / input.mesh.area_mm2());
     coarse.part.patch_edge_mm = Some(f64::INFINITY);
-    let surface = surface::sample(input.mesh, &coarse.part, &coarse.regions, coarse.seed).map_err(PlanError::BadParams)?;
+    let surface = surface::sample_for(input.mesh, &coarse.part, &coarse.regions, coarse.seed, ctx)?;
     let grid = CandidateParams {
         step_small_deg: 15.0,
         step_large_deg: 30.0,

@@ -6,6 +6,8 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::context::Context;
+use super::error::PlanError;
 use super::params::{PartParams, RegionParams};
 use super::random::split_mix;
 use super::requirements::Requirements;
@@ -24,6 +26,9 @@ const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
 const SAMPLES_BY_DEFAULT: f64 = 50_000.0;
 /// Largest number of patches or samples of one part: bounds memory to about 8 GiB.
 const MAX_SAMPLES: f64 = 40e6;
+
+/// Patches, or samples, between two looks at whether to go on.
+const PATCHES_PER_LOOK: usize = 4096;
 
 /// Dense number of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -106,9 +111,33 @@ pub fn resolve(params: &PartParams, mesh: &Mesh) -> PartParams {
 /// # Errors
 /// A patch edge or a density that would give more than 40 million samples; an excluded group that the file lacks.
 pub fn sample(mesh: &Mesh, params: &PartParams, regions: &RegionParams, seed: u64) -> Result<Surface, Vec<FieldError>> {
+    cut(mesh, params, regions, seed, || Ok(()))
+}
+
+/// Cuts patches and samples; given up when the job is cancelled.
+///
+/// # Errors
+/// Those of [`sample`]; [`PlanError::Cancelled`].
+pub fn sample_for(
+    mesh: &Mesh,
+    params: &PartParams,
+    regions: &RegionParams,
+    seed: u64,
+    ctx: &Context<'_>,
+) -> Result<Surface, PlanError> {
+    cut(mesh, params, regions, seed, || Ok(ctx.check()?))
+}
+
+fn cut<E: From<Vec<FieldError>>>(
+    mesh: &Mesh,
+    params: &PartParams,
+    regions: &RegionParams,
+    seed: u64,
+    check: impl Fn() -> Result<(), E>,
+) -> Result<Surface, E> {
     let params = resolve(params, mesh);
     let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
-    refuse_too_many(mesh, edge_mm, density)?;
+    refuse_too_many(mesh, &params)?;
     let excluded = regions
         .exclude
         .iter()
@@ -121,42 +150,54 @@ pub fn sample(mesh: &Mesh, params: &PartParams, regions: &RegionParams, seed: u6
         let normal = mesh.scaled_normal(face).normalize().map(rounded);
         stack.push(mesh.corners(face));
         while let Some(corners) = stack.pop() {
+            if surface.patches.len().is_multiple_of(PATCHES_PER_LOOK) {
+                check()?;
+            }
             match halves(&corners, edge_mm) {
                 Some([first, second]) => stack.extend([second, first]),
                 None => push_patch(&mut surface, corners, face as u32, normal, density, seed),
             }
         }
     }
-    surface.asked = (0..surface.sample_mm.len())
-        .map(|sample| {
-            let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
-            !excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample]))
-        })
-        .collect();
+    let asked = |sample: usize| {
+        if sample.is_multiple_of(PATCHES_PER_LOOK) {
+            check()?;
+        }
+        let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
+        Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample])))
+    };
+    surface.asked = (0..surface.sample_mm.len()).map(asked).collect::<Result<_, E>>()?;
     Ok(surface)
 }
 
-fn refuse_too_many(mesh: &Mesh, edge_mm: f64, density: f64) -> Result<(), Vec<FieldError>> {
-    let area_mm2 = mesh.area_mm2();
-    let refuse = |pointer: &str, value: f64, count: f64| {
+/// Upper bounds on the patches and samples of a part, after [`resolve`]; about twice as many as it is.
+#[must_use]
+pub(super) fn expected(mesh: &Mesh, params: &PartParams) -> [f64; 2] {
+    let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
+    let (mut patches, mut area_mm2) = (0.0, 0.0);
+    for face in 0..mesh.faces.len() {
+        let (longest_mm, face_mm2) = (longest_edge_mm(&mesh.corners(face)), mesh.face_area_mm2(face));
+        // Bisection leaves patches of at least about e²/8, except along slivers, where it halves the length.
+        let cuts = if longest_mm > edge_mm { 2.0 * longest_mm / edge_mm } else { 0.0 };
+        patches += 1.0 + cuts + 8.0 * face_mm2 / (edge_mm * edge_mm);
+        area_mm2 += face_mm2;
+    }
+    [patches, patches + density * area_mm2]
+}
+
+fn refuse_too_many(mesh: &Mesh, params: &PartParams) -> Result<(), Vec<FieldError>> {
+    let refuse = |name: &str, value: Option<f64>, count: f64| {
+        let value = value.unwrap_or(f64::INFINITY);
         Err(vec![FieldError {
-            pointer: pointer.into(),
+            pointer: format!("/part/{name}"),
             detail: format!("is {value}, which gives about {count:.0} samples on this part; allowed are {MAX_SAMPLES:.0}"),
         }])
     };
-    // Bisection leaves patches of at least about e²/8, except along slivers, where it halves the length.
-    let patches: f64 = (0..mesh.faces.len())
-        .map(|face| {
-            let longest_mm = longest_edge_mm(&mesh.corners(face));
-            let cuts = if longest_mm > edge_mm { 2.0 * longest_mm / edge_mm } else { 0.0 };
-            1.0 + cuts + 8.0 * mesh.face_area_mm2(face) / (edge_mm * edge_mm)
-        })
-        .sum();
+    let [patches, samples] = expected(mesh, params);
     if patches > MAX_SAMPLES {
-        return refuse("/part/patch_edge_mm", edge_mm, patches);
+        return refuse("patch_edge_mm", params.patch_edge_mm, patches);
     }
-    let samples = patches + density * area_mm2;
-    if samples > MAX_SAMPLES { refuse("/part/samples_per_mm2", density, samples) } else { Ok(()) }
+    if samples > MAX_SAMPLES { refuse("samples_per_mm2", params.samples_per_mm2, samples) } else { Ok(()) }
 }
 
 fn longest_edge_mm(corners: &[Point3<f64>; 3]) -> f64 {

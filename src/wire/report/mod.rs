@@ -51,7 +51,7 @@ pub struct ReportInput<'a> {
 /// # Errors
 /// [`Cancelled`].
 pub fn html(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
-    let scene = renderer::Scene::new(input.mesh, &input.outcome.surface);
+    let scene = renderer::Scene::new(input.mesh, &input.outcome.surface, ctx)?;
     let body = [
         sections::header(input),
         "<main>\n".to_owned(),

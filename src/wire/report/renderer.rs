@@ -13,7 +13,8 @@ use super::depth_buffer::DepthBuffer;
 use super::image::Image;
 use super::palette::{Ink, MissGroup};
 use super::shading::{Lamp, Shading};
-use crate::geometry::{Mesh, assess};
+use crate::geometry::{Mesh, Poll, is_closed};
+use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::{Patch, Surface};
 
 /// Samples a pixel along each axis.
@@ -31,10 +32,13 @@ pub(super) struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     /// The scene of a part; `surface` must be that of `mesh`.
-    pub(super) fn new(mesh: &'a Mesh, surface: &'a Surface) -> Self {
-        let health = assess(mesh);
-        let open = !health.watertight || health.inconsistent_edges > 0;
-        Self { surface, shading: Shading::new(mesh), open }
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn new(mesh: &'a Mesh, surface: &'a Surface, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let stop = || ctx.check().is_err();
+        let open = !is_closed(mesh, &Poll::new(&stop))?;
+        Ok(Self { surface, shading: Shading::new(mesh), open })
     }
 
     /// The picture that `camera` takes, each surface sample in its ink. The background is transparent.

@@ -1,3 +1,5 @@
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::camera::Camera;
@@ -7,6 +9,7 @@ use super::palette::{Ink, MissGroup};
 use super::quantise::quantise;
 use super::renderer::Scene;
 use crate::geometry::{Mesh, Pose};
+use crate::planning::context::{Context, Silent};
 use crate::planning::params::{PartParams, RegionParams};
 use crate::planning::plan::Grade;
 use crate::planning::surface::{self, Surface};
@@ -26,6 +29,11 @@ fn mesh_of(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
 fn surface_of(mesh: &Mesh, patch_edge_mm: f64) -> Surface {
     let params = PartParams { patch_edge_mm: Some(patch_edge_mm), samples_per_mm2: Some(0.0001), ..PartParams::default() };
     surface::sample(mesh, &params, &RegionParams::default(), 0).expect("a surface")
+}
+
+fn scene_of<'a>(mesh: &'a Mesh, surface: &'a Surface) -> Scene<'a> {
+    let cancel = AtomicBool::new(false);
+    Scene::new(mesh, surface, &Context::new(&cancel, &Silent)).expect("not cancelled")
 }
 
 /// Looks along +z of the part from its origin, 100 pixels focal length, 80 × 80 pixels.
@@ -54,7 +62,7 @@ fn a_square_covers_exactly_its_pixels() {
     let (vertices, faces) = square(20.0, 100.0);
     let mesh = mesh_of(&vertices, &faces);
     let surface = surface_of(&mesh, 1000.0);
-    let image = Scene::new(&mesh, &surface).render(&camera(), &[INK_A; 2]);
+    let image = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 2]);
     for (x, y) in (0..80).flat_map(|x| (0..80).map(move |y| (x, y))) {
         let inside = (20..60).contains(&x) && (20..60).contains(&y);
         let border = x == 19 || y == 19 || x == 60 || y == 60;
@@ -73,7 +81,7 @@ fn the_nearer_surface_is_seen_in_either_order() {
         let surface = surface_of(&mesh, 1000.0);
         let near_first = order[0][0][2] < 120.0;
         let inks = if near_first { [INK_A, INK_A, INK_SHADOW, INK_SHADOW] } else { [INK_SHADOW, INK_SHADOW, INK_A, INK_A] };
-        let image = Scene::new(&mesh, &surface).render(&camera(), &inks);
+        let image = scene_of(&mesh, &surface).render(&camera(), &inks);
         assert_eq!(ink_of(pixel(&image, 40, 40), &[INK_A, INK_SHADOW]), INK_A);
         assert_eq!(ink_of(pixel(&image, 25, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
     }
@@ -85,11 +93,11 @@ fn inner_sides_are_told_apart_and_coincident_sheets_show_the_facing_one() {
     let away = faces.map(|[a, b, c]| [a, c, b]);
     let open = mesh_of(&vertices, &away);
     let surface = surface_of(&open, 1000.0);
-    let image = Scene::new(&open, &surface).render(&camera(), &[INK_A; 2]);
+    let image = scene_of(&open, &surface).render(&camera(), &[INK_A; 2]);
     assert_eq!(pixel(&image, 40, 40)[..3], Ink::Back.rgb());
     let sheet = mesh_of(&vertices, &[away[0], away[1], faces[0], faces[1]]);
     let surface = surface_of(&sheet, 1000.0);
-    let image = Scene::new(&sheet, &surface).render(&camera(), &[INK_A; 4]);
+    let image = scene_of(&sheet, &surface).render(&camera(), &[INK_A; 4]);
     assert!((22..58).all(|x| ink_of(pixel(&image, x, 33), &[INK_A, Ink::Back]) == INK_A));
 }
 
@@ -101,7 +109,7 @@ fn what_reaches_behind_the_camera_is_cut_and_not_folded_over() {
         &[[0, 1, 2], [0, 2, 3]],
     );
     let surface = surface_of(&floor, 5000.0);
-    let image = Scene::new(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]);
+    let image = scene_of(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]);
     assert!((0..38).all(|y| pixel(&image, 40, y)[3] == 0), "nothing above the horizon");
     assert!((44..80).all(|y| pixel(&image, 40, y)[3] == 255), "the floor below it");
 }
@@ -111,7 +119,7 @@ fn misses_show_through_what_hides_them_and_nothing_else_does() {
     let ((hidden, faces), (front, _)) = (square(10.0, 150.0), square(30.0, 100.0));
     let mesh = mesh_of(&[front, hidden].concat(), &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
     let surface = surface_of(&mesh, 1000.0);
-    let scene = Scene::new(&mesh, &surface);
+    let scene = scene_of(&mesh, &surface);
     let plain = scene.render(&camera(), &[Ink::ByOthers; 4]);
     let through = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, INK_SHADOW, INK_SHADOW]);
     assert_eq!(pixel(&through, 20, 40), pixel(&plain, 20, 40), "beside the hidden square");
@@ -135,7 +143,7 @@ fn corners_on_edges_leave_no_pinholes() {
     faces.extend(along.windows(2).map(|pair| [pair[0], pair[1], 3]));
     let mesh = mesh_of(&with_corners, &faces);
     let surface = surface_of(&mesh, 1000.0);
-    let scene = Scene::new(&mesh, &surface);
+    let scene = scene_of(&mesh, &surface);
     let inks = vec![INK_A; surface.sample_mm.len()];
     for turn in 0..12 {
         let rotation = UnitQuaternion::from_euler_angles(0.31, -0.22, 0.47 * f64::from(turn));
@@ -159,7 +167,7 @@ fn each_sample_colours_its_own_part_of_a_patch() {
     let params = PartParams { patch_edge_mm: Some(1000.0), samples_per_mm2: Some(0.5), ..PartParams::default() };
     let surface = surface::sample(&mesh, &params, &RegionParams::default(), 0).expect("a surface");
     let inks: Vec<Ink> = surface.sample_mm.iter().map(|p| if p.x < 0.0 { INK_A } else { INK_SHADOW }).collect();
-    let image = Scene::new(&mesh, &surface).render(&camera(), &inks);
+    let image = scene_of(&mesh, &surface).render(&camera(), &inks);
     assert_eq!(ink_of(pixel(&image, 30, 35), &[INK_A, INK_SHADOW]), INK_A);
     assert_eq!(ink_of(pixel(&image, 50, 35), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }

@@ -18,6 +18,9 @@ use crate::planning::plan::{Cause, Grade, PlannedView, Verdict, share};
 use crate::planning::stations::Station;
 use crate::planning::visibility::Row;
 
+/// Most views with a picture of their own; a page with more is slow to make and to open.
+pub(super) const MOST_PICTURES: usize = 100;
+
 const GRADES: [Ink; 4] = [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D)];
 
 /// The part from three sides, as the whole plan measures it.
@@ -73,8 +76,9 @@ pub(super) fn chosen(input: &ReportInput<'_>, scene: &Scene<'_>, ctx: &Context<'
     Ok(format!(
         "<section>\n<h2>The chosen views</h2>\n<p>Each picture shows the part from the viewpoint itself, with the scanner’s \
          baseline level. Blue is what this view measures, by its own grade; grey is left to other views. The dashed line is the \
-         field that both cameras and the projector share at best focus.</p>\n{}<div class=\"views\" style=\"margin-top:14px\">\n{}\
+         field that both cameras and the projector share at best focus.{}</p>\n{}<div class=\"views\" style=\"margin-top:14px\">\n{}\
          </div>\n</section>\n",
+        if views.len() > MOST_PICTURES { format!(" The first {MOST_PICTURES} views have pictures.") } else { String::new() },
         legend(input, scene, &[GRADES.as_slice(), &[Ink::ByOthers]].concat()),
         cards.concat()
     ))
@@ -93,11 +97,12 @@ fn card(input: &ReportInput<'_>, scene: &Scene<'_>, position: usize, view: &Plan
     if let Some(cause) = view.rejected {
         details.push(("rejected", format!("measures nothing: {}", words::cause_name(cause))));
     }
+    let picture = if position < MOST_PICTURES { pictures::from_view(input, scene, view, row) } else { String::new() };
     let rows: Vec<String> = details.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{value}</dd>")).collect();
     format!(
         "<figure>{}<figcaption><div class=\"head\"><h3>View {} <span class=\"chip\">{}</span></h3>\
          <span class=\"soft\">candidate {}</span></div>\n<dl class=\"details\">{}</dl></figcaption></figure>\n",
-        pictures::from_view(input, scene, view, row),
+        picture,
         view.id.0,
         view.label.as_str(),
         view.candidate.0,

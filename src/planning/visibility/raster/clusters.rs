@@ -6,11 +6,13 @@
 //! when a whole cluster faces away. Memory: about 18 bytes a triangle; at
 //! worst, where no two triangles of a cluster share a vertex, 45.
 
+use std::cell::Cell;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::pinhole::{LANES, PixelLanes};
-use crate::geometry::{Aabb, Mesh, outward_faces};
+use crate::geometry::{Aabb, Mesh, Poll, outward_faces};
 
 /// Stands for no triangle.
 pub(super) const NO_TRIANGLE: u32 = u32::MAX;
@@ -96,7 +98,7 @@ impl Clusters {
             Aabb { min: aabb.min.inf(&own.min), max: aabb.max.sup(&own.max) }
         });
         let centre_mm = if order.is_empty() { Point3::origin() } else { aabb.centre() };
-        let soup = Soup::new(meshes, centre_mm);
+        let soup = Soup::new(meshes, centre_mm, check)?;
         let cluster = |triangles: &[u32]| {
             check()?;
             Ok(soup.cluster(triangles))
@@ -148,14 +150,14 @@ struct Soup<'a> {
 }
 
 impl<'a> Soup<'a> {
-    fn new(meshes: &[&'a Mesh], centre_mm: Point3<f64>) -> Self {
+    fn new<E>(meshes: &[&'a Mesh], centre_mm: Point3<f64>, check: &impl Fn() -> Result<(), E>) -> Result<Self, E> {
         let mut first = 0;
         let meshes = meshes.iter().map(|mesh| {
-            let entry = (first, *mesh, outward_faces(mesh));
+            let entry = (first, *mesh, outward(mesh, check)?);
             first += mesh.faces.len() as u32;
-            entry
+            Ok(entry)
         });
-        Self { meshes: meshes.collect(), centre_mm }
+        Ok(Self { meshes: meshes.collect::<Result<_, E>>()?, centre_mm })
     }
 
     fn cluster(&self, triangles: &[u32]) -> Cluster {
@@ -198,6 +200,14 @@ impl<'a> Soup<'a> {
         cluster.vertices = vertices.chunks(LANES).map(batch).collect();
         cluster
     }
+}
+
+/// [`outward_faces`], given up when `check` fails.
+fn outward<E>(mesh: &Mesh, check: &impl Fn() -> Result<(), E>) -> Result<Vec<bool>, E> {
+    let failed = Cell::new(None);
+    let stop = || check().map_err(|error| failed.set(Some(error))).is_err();
+    let outward = outward_faces(mesh, &Poll::new(&stop));
+    failed.into_inner().map_or_else(|| Ok(outward.unwrap_or_default()), Err)
 }
 
 /// Loads up to 16 vertices by axis.

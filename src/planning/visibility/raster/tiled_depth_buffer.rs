@@ -165,7 +165,7 @@ impl TiledDepthBuffer {
         culled.with_min_len(pass.grain).try_for_each(|(clusters, (ranges, back_ranges))| {
             ctx.check()?;
             pass.level.run(Cull { clusters, ranges, back_ranges, pass });
-            Ok(())
+            Ok::<_, Cancelled>(())
         })?;
         self.clipped.clear();
         let clipper = Clipper::new(pass);

@@ -1,0 +1,88 @@
+//! Bytes that a plan and its result files hold at once at most. What each term is stands in `src/ARCHITECTURE.md`, "What a
+//! plan holds in memory".
+
+use super::{Counts, Shares, exchanges, keeps_quality};
+use crate::geometry::Mesh;
+use crate::planning::input::PlanInput;
+use crate::planning::params::{PlanParams, Solver};
+
+/// Bytes that the process holds beside the plan.
+const PROGRAM: f64 = 32e6;
+/// A patch; with the keys of its corners where it is missed.
+const PATCH: f64 = 120.0;
+const PATCH_OF_SPOT: f64 = 110.0;
+/// A sample: in the surface, in the engine, in the sums of choosing, and in the buffers of a thread.
+const SAMPLE: f64 = 38.0;
+const SAMPLE_OF_ENGINE: f64 = 32.0;
+const SAMPLE_OF_SUMS: f64 = 40.0;
+const SAMPLE_OF_THREAD: f64 = 6.0;
+/// Depth maps that a thread draws, for each sample that is measured.
+const MAP_OF_SAMPLE: f64 = 100.0;
+/// A candidate beside its row.
+const CANDIDATE: f64 = 2000.0;
+/// An exchange of a view for a candidate: its deficit twice and what it adds.
+const EXCHANGE: f64 = 24.0;
+/// Nodes of branch and bound that are open at once, and a pair of row and class in one.
+const NODES: f64 = 40.0;
+const PAIR_OF_NODE: f64 = 4.0;
+/// Pairs with which branch and bound is not begun.
+const MAX_PAIRS_OF_NODE: f64 = 30e6;
+/// A picture in the report, as often as it is copied, and how many there are at most.
+const PICTURE: f64 = 400e3;
+const MAX_PICTURES: f64 = 106.0;
+/// A triangle: with its source face; in the tree of rays; in the clusters of the raster engine; while these are made; in the
+/// box trees of collision tests; in the files that list faces.
+const TRIANGLE: f64 = 16.0;
+const TRIANGLE_OF_RAYS: f64 = 76.0;
+const TRIANGLE_OF_CLUSTERS: f64 = 9.0;
+const TRIANGLE_GROWING: f64 = 140.0;
+const TRIANGLE_OF_COLLISION: f64 = 130.0;
+const FACE_OF_FILES: f64 = 150.0;
+/// A vertex: of the mesh, and again of the tree of rays; in a cluster, where neighbours share most.
+const VERTEX: f64 = 24.0;
+const VERTEX_OF_CLUSTERS: f64 = 12.0;
+const CLUSTERS_A_VERTEX: f64 = 1.5;
+
+pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, threads: f64) -> Shares {
+    let Counts { patches, samples, candidates, views, measured, .. } = *counts;
+    let row = samples * if keeps_quality(params) { 0.125 + 2.0 * measured } else { 0.125 };
+    // What candidates measure under an error is held beside what they measure.
+    let rows = if params.robust.select { 3.0 } else { 1.0 };
+    let nodes = match params.selection.solver {
+        Solver::Certified => NODES * PAIR_OF_NODE * (measured * counts.pairs()).min(MAX_PAIRS_OF_NODE),
+        Solver::Greedy | Solver::Lazy | Solver::Local => 0.0,
+    };
+    let exchange = if exchanges(params) { EXCHANGE * candidates } else { 0.0 };
+    // The surface that is planned on, the one that the outcome gets, and the one of the second samples.
+    let surfaces = 3.0 * (PATCH * patches + SAMPLE * samples);
+    let of_threads = threads * samples * (SAMPLE_OF_THREAD + MAP_OF_SAMPLE * measured);
+    Shares {
+        triangles: PROGRAM + triangles(input, counts.setups),
+        samples: surfaces + PATCH_OF_SPOT * patches + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS) * samples + of_threads,
+        candidates: candidates * (CANDIDATE + rows * row) + nodes,
+        views: views * (row + exchange) + views.min(MAX_PICTURES) * PICTURE,
+    }
+}
+
+/// Bytes that grow with triangles and vertices of the meshes.
+fn triangles(input: &PlanInput<'_>, setups: f64) -> f64 {
+    let (part, fixture) = (size(input.mesh), input.fixture.map_or([0.0; 2], size));
+    let [triangles, vertices] = [0, 1].map(|of| part[of] + fixture[of]);
+    let rays = |[triangles, vertices]: [f64; 2]| TRIANGLE_OF_RAYS * triangles + VERTEX * vertices;
+    let vertices_of_clusters = (CLUSTERS_A_VERTEX * vertices).min(3.0 * triangles);
+    let clusters = TRIANGLE_OF_CLUSTERS * triangles + VERTEX_OF_CLUSTERS * vertices_of_clusters;
+    let collision = input.cell.map_or(0.0, |cell| {
+        let bodies: f64 = cell.surfaces().iter().map(|mesh| mesh.faces.len() as f64).sum();
+        TRIANGLE_OF_COLLISION * (setups * triangles + bodies)
+    });
+    let meshes = TRIANGLE * triangles + VERTEX * vertices;
+    // The part alone, for remedies; with several setups also for what is seen in any of them.
+    let alone = if setups > 1.0 { 2.0 } else { 1.0 } * rays(part);
+    let for_a_while = (TRIANGLE_GROWING * triangles).max(FACE_OF_FILES * part[0]);
+    meshes + setups * (rays([triangles, vertices]) + clusters) + alone + collision + for_a_while
+}
+
+/// Triangles and vertices.
+fn size(mesh: &Mesh) -> [f64; 2] {
+    [mesh.faces.len() as f64, mesh.vertices_mm.len() as f64]
+}

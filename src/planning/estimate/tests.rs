@@ -1,0 +1,81 @@
+use super::*;
+use crate::planning::params::CandidateParams;
+use crate::testing::{box_mesh, nominal_scanner};
+
+fn estimate_of(mesh: &Mesh, params: &PlanParams) -> Estimate {
+    let scanner = nominal_scanner();
+    Estimate::of(&PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None }, params, 2)
+}
+
+fn refusal(mesh: &Mesh, params: &PlanParams, allowed: &Allowance) -> (String, String) {
+    match estimate_of(mesh, params).check(allowed) {
+        Err(PlanError::BadParams(errors)) => (errors[0].pointer.clone(), errors[0].detail.clone()),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn counts_are_those_of_the_box() {
+    let counts = estimate_of(&box_mesh([0.0; 3], [1000.0; 3]), &PlanParams::default()).counts;
+    // Eight blocks of 125 mm along each edge, 296 of 512 at the surface.
+    assert_eq!((counts.blocks_along, counts.triangles), ([8.0; 3], 12.0));
+    assert!((296.0..=384.0).contains(&counts.blocks), "{counts:?}");
+    assert!(counts.samples >= 50_000.0 && counts.views >= 184.0 && counts.views < 400.0, "{counts:?}");
+    let small = estimate_of(&box_mesh([0.0; 3], [100.0; 3]), &PlanParams::default()).counts;
+    assert_eq!((small.blocks, small.candidates), (1.0, 600.0));
+}
+
+#[test]
+fn more_of_anything_never_takes_less() {
+    let mesh = box_mesh([0.0; 3], [300.0; 3]);
+    let base = estimate_of(&mesh, &PlanParams::default());
+    let with = |change: &dyn Fn(&mut PlanParams)| {
+        let mut params = PlanParams::default();
+        change(&mut params);
+        estimate_of(&mesh, &params)
+    };
+    for more in [
+        with(&|params| params.part.samples_per_mm2 = Some(5.0)),
+        with(&|params| params.part.patch_edge_mm = Some(1.0)),
+        with(&|params| params.candidates.rolls_deg = vec![0.0, 30.0, 60.0, 90.0]),
+        with(&|params| params.candidates.even_directions = Some(600)),
+        with(&|params| params.setups = 2),
+        with(&|params| params.robust.select = true),
+        with(&|params| params.selection.solver = Solver::Certified),
+    ] {
+        assert!(more.bytes.sum() > base.bytes.sum() && more.core_secs.sum() >= base.core_secs.sum(), "{more:?}, {base:?}");
+    }
+}
+
+#[test]
+fn what_is_refused_names_figure_limit_and_parameter() {
+    let free = Allowance::default();
+    let (pointer, detail) = refusal(&box_mesh([0.0; 3], [100_000.0, 1.0, 1.0]), &PlanParams::default(), &free);
+    assert!(pointer == "/part" && detail.contains("100000 × 1 × 1 mm") && detail.contains("right unit?"), "{detail}");
+    let cube = box_mesh([0.0; 3], [100.0; 3]);
+    assert_eq!(estimate_of(&cube, &PlanParams::default()).check(&free), Ok(()));
+    let gibibyte = Allowance { bytes: 1_073_741_824.0, ..free };
+    let mut dense = PlanParams::default();
+    dense.part.samples_per_mm2 = Some(300.0);
+    let (pointer, detail) = refusal(&cube, &dense, &gibibyte);
+    assert_eq!(pointer, "/part/samples_per_mm2");
+    assert!(detail.contains("GiB of memory") && detail.contains("1.0 GiB (limits.job_memory_bytes"), "{detail}");
+    let mut fine = PlanParams::default();
+    fine.part.patch_edge_mm = Some(0.2);
+    assert_eq!(refusal(&cube, &fine, &gibibyte).0, "/part/patch_edge_mm");
+    let mut many = PlanParams::default();
+    many.candidates.even_directions = Some(9_000);
+    let second = Allowance { core_secs: 1.0, ..free };
+    let (pointer, detail) = refusal(&cube, &many, &second);
+    assert!(pointer == "/candidates" && detail.contains("1 s (limits.job_secs, --max-secs)"), "{detail}");
+}
+
+#[test]
+fn candidates_that_no_job_may_have_are_refused_before_samples_are_made() {
+    let params = PlanParams {
+        candidates: CandidateParams { step_small_deg: 1.0, step_large_deg: 1.0, ..CandidateParams::ellipsoid() },
+        ..PlanParams::default()
+    };
+    let (pointer, detail) = refusal(&box_mesh([0.0; 3], [100.0; 3]), &params, &Allowance::default());
+    assert!(pointer == "/candidates/strategies" && detail.contains("allowed are 50000 candidates"), "{detail}");
+}
