@@ -10,13 +10,14 @@ use tokio_util::task::TaskTracker;
 
 use super::error::{Error, Fault};
 use super::jobs::{self, Runner};
+use super::maintenance::maintain;
 use super::options::Options;
 use super::run::{self, Planner};
 use super::store::{OpenError, Store};
 use crate::wire::{JobState, ReadinessCheck};
 
-/// Uploads at the same time; each holds one of the threads that may block, of which there are 512.
-const UPLOADS: usize = 64;
+/// Requests whose cells and meshes are looked up and built at the same time; others wait for them.
+const RESOLVING: usize = 4;
 /// The store is tried this often.
 const PROBE_EVERY: Duration = Duration::from_secs(1);
 
@@ -29,7 +30,9 @@ pub(super) struct Inner {
     pub(super) options: Options,
     pub(super) runner: Runner,
     /// Meshes that may be parsed at the same time.
-    pub(super) parsing: Semaphore,
+    pub(super) parsing: Arc<Semaphore>,
+    /// Requests that may be looked up and checked at the same time.
+    pub(super) resolving: Arc<Semaphore>,
     /// Uploads that may come in at the same time.
     pub(super) uploads: Arc<Semaphore>,
     /// When the store was last seen to be writable, or not.
@@ -54,15 +57,16 @@ impl App {
     pub async fn open_with(options: Options, planner: Planner) -> Result<Self, OpenError> {
         let store = Store::open(&options.data_dir).await?;
         let runner = Runner::new(&options, planner)?;
-        let parsing = Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into));
+        let parsing = Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into)));
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let (uploads, probed) = (Arc::new(Semaphore::new(UPLOADS)), Mutex::default());
-        let app = Self(Arc::new(Inner { store, options, runner, parsing, uploads, probed, stopping, tasks }));
+        let (uploads, resolving) = (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(RESOLVING)));
+        let inner = Inner { store, options, runner, parsing, resolving, uploads, probed: Mutex::default(), stopping, tasks };
+        let app = Self(Arc::new(inner));
         app.recover().await?;
         for _ in 0..app.0.options.concurrent_jobs.max(1) {
             app.0.tasks.spawn(jobs::work(app.clone()));
         }
-        app.0.tasks.spawn(prune(app.clone()));
+        app.0.tasks.spawn(maintain(app.clone()));
         Ok(app)
     }
 
@@ -72,6 +76,16 @@ impl App {
         self.0.runner.interrupt();
         self.0.tasks.close();
         self.0.tasks.wait().await;
+    }
+
+    /// Closes the store, so that a copy of its folder is a backup. Nothing can be asked any more.
+    pub async fn close(&self) {
+        if let Err(error) = self.0.store.close().await {
+            tracing::warn!(
+                error = &error as &dyn std::error::Error,
+                "the database was not closed; its log is read at the next start"
+            );
+        }
     }
 
     /// Cancelled once the service stops.
@@ -92,6 +106,7 @@ impl App {
         vec![
             check("not_stopping", !self.0.stopping.is_cancelled()),
             check("storage", self.is_writable().await),
+            check("free_space", self.check_space(0).is_ok()),
             check("planning", self.0.runner.is_alive()),
         ]
     }
@@ -136,19 +151,5 @@ impl App {
     #[must_use]
     pub fn data_dir(&self) -> &Path {
         &self.0.options.data_dir
-    }
-}
-
-/// Drops old events every hour.
-async fn prune(app: App) {
-    let mut every_hour = tokio::time::interval(Duration::from_secs(3600));
-    loop {
-        tokio::select! {
-            () = app.0.stopping.cancelled() => return,
-            _ = every_hour.tick() => {}
-        }
-        if let Err(error) = app.0.store.prune_events(app.0.options.event_retention_hours).await {
-            tracing::warn!(error = &error as &dyn std::error::Error, "old events could not be dropped");
-        }
     }
 }

@@ -113,6 +113,40 @@ pub enum Error {
     /// The disk is full.
     #[error("the disk has no room for it")]
     StorageFull,
+    /// The disk is nearly full, and what is left is kept for jobs that run.
+    #[error(
+        "the disk has {free_bytes} bytes left of which {floor_bytes} are kept for jobs that run (store.min_free_bytes, \
+         store.min_free_share); delete jobs and meshes or make room"
+    )]
+    StorageLow {
+        /// Free space.
+        free_bytes: u64,
+        /// Free space that is kept.
+        floor_bytes: u64,
+    },
+    /// Another process holds the database, or the machine is short of something for a moment.
+    #[error("the store cannot be used at the moment: {0}")]
+    StorageBusy(Fault),
+    /// A file of the store is missing or does not have the bytes that its name stands for.
+    #[error("file {sha256} of the store is {}; upload the same mesh or plan the same job again, or restore a backup",
+        if *missing { "missing" } else { "damaged" })]
+    FileDamaged {
+        /// Its name: the hash of the bytes that it should have.
+        sha256: String,
+        /// It is not there at all.
+        missing: bool,
+    },
+    /// The job's label keeps it from being deleted.
+    #[error("job {job} has the label {label:?}, which keeps it from being deleted; take the label off first")]
+    JobHeld {
+        /// The job.
+        job: JobId,
+        /// The key of the label.
+        label: String,
+    },
+    /// What the request names could not be looked up and checked in time.
+    #[error("what the request names could not be looked up and checked in time; nothing was changed")]
+    TooSlow,
     /// The server is about to stop.
     #[error("the server is about to stop")]
     Draining,
@@ -130,9 +164,6 @@ pub enum Fault {
     /// A file could not be read or written.
     #[error("a file of the store failed")]
     File(#[source] Arc<std::io::Error>),
-    /// A file of the store is not what its name says.
-    #[error("file {0} of the store is damaged")]
-    Damaged(String),
     /// A row holds what cannot be read.
     #[error("a row of the store cannot be read: {0}")]
     Row(String),
@@ -141,11 +172,60 @@ pub enum Fault {
     Task(String),
 }
 
+impl Error {
+    /// Whether the same may succeed later without anybody changing the request: for want of room, of file descriptors or
+    /// of the database's lock, or after a fault of the disk that was not for good.
+    #[must_use]
+    pub fn is_transient(&self) -> bool {
+        matches!(self, Self::StorageFull | Self::StorageLow { .. } | Self::StorageBusy(_))
+    }
+}
+
+/// Primary result codes of SQLite that say nothing lasting about the database (<https://www.sqlite.org/rescode.html>): BUSY,
+/// LOCKED, NOMEM, IOERR, CANTOPEN, PROTOCOL.
+const SQLITE_TRANSIENT: [u32; 6] = [5, 6, 7, 10, 14, 15];
+const SQLITE_FULL: u32 = 13;
+
+fn is_transient_of_database(error: &sqlx::Error) -> bool {
+    match error {
+        sqlx::Error::Io(error) => is_transient_io(error),
+        sqlx::Error::PoolTimedOut => true,
+        error => sqlite_code(error).is_some_and(|code| SQLITE_TRANSIENT.contains(&code)),
+    }
+}
+
+/// The primary result code: the low byte of the extended one.
+fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
+    let code: u32 = error.as_database_error()?.code()?.parse().ok()?;
+    Some(code & 0xff)
+}
+
+/// Whether an error of the operating system says nothing lasting about the file: too many are open, in the process or on
+/// the machine, the disk has no room, or a read or write failed.
+pub(super) fn is_transient_io(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind;
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) || is_shortage(error)
+}
+
+#[cfg(unix)]
+fn is_shortage(error: &std::io::Error) -> bool {
+    use rustix::io::Errno;
+    let shortages = [Errno::MFILE, Errno::NFILE, Errno::NOMEM, Errno::IO, Errno::AGAIN].map(Errno::raw_os_error);
+    error.raw_os_error().is_some_and(|code| shortages.contains(&code))
+}
+
+#[cfg(not(unix))]
+fn is_shortage(_: &std::io::Error) -> bool {
+    false
+}
+
 impl From<sqlx::Error> for Error {
     fn from(error: sqlx::Error) -> Self {
-        const SQLITE_FULL: &str = "13";
-        if error.as_database_error().and_then(|e| e.code()).as_deref() == Some(SQLITE_FULL) {
+        if sqlite_code(&error) == Some(SQLITE_FULL) {
             return Self::StorageFull;
+        }
+        if is_transient_of_database(&error) {
+            return Self::StorageBusy(Fault::Database(Arc::new(error)));
         }
         Fault::Database(Arc::new(error)).into()
     }
@@ -156,6 +236,7 @@ impl From<std::io::Error> for Error {
         use std::io::ErrorKind;
         match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Self::StorageFull,
+            _ if is_transient_io(&error) => Self::StorageBusy(Fault::File(Arc::new(error))),
             _ => Fault::File(Arc::new(error)).into(),
         }
     }
@@ -172,3 +253,6 @@ impl From<tokio::task::JoinError> for Error {
         Fault::Task(error.to_string()).into()
     }
 }
+
+#[cfg(test)]
+mod tests;

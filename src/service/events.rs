@@ -34,7 +34,7 @@ impl App {
     pub async fn events(&self, job: Option<JobId>, after: Option<i64>) -> Result<EventStream, Error> {
         let live = self.0.store.listen();
         if let Some(job) = job {
-            self.0.store.job(job).await?;
+            self.0.store.job_state(job).await?;
         }
         let missed = match after {
             Some(after) => self.0.store.is_pruned_after(after).await?,
@@ -65,7 +65,7 @@ impl EventStream {
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn is_over(&self) -> Result<bool, Error> {
         match self.job {
-            Some(job) if self.past.is_empty() => Ok(self.app.job(job).await?.state.is_ended()),
+            Some(job) if self.past.is_empty() => Ok(self.app.job_state(job).await?.is_ended()),
             _ => Ok(false),
         }
     }
@@ -81,7 +81,7 @@ impl EventStream {
                 return Ok(None);
             }
             if let Some(event) = self.past.pop_front() {
-                self.last = event.id;
+                self.last = self.last.max(event.id);
                 self.ended = self.job.is_some() && is_last(event.kind);
                 return Ok(Some(event));
             }
@@ -105,8 +105,9 @@ impl EventStream {
 
     async fn catch_up(&mut self) -> Result<(), Error> {
         let batch = self.app.0.store.events_after(self.job, self.last, BATCH).await?;
-        self.behind = batch.len() == BATCH as usize;
-        self.past.extend(batch);
+        self.behind = batch.is_full;
+        self.last = batch.through;
+        self.past.extend(batch.events);
         Ok(())
     }
 }

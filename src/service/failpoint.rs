@@ -1,11 +1,10 @@
-//! Named points at which a test may have the process die, as if it had been killed or had lost its power.
+//! Named points at which a test may have the process die, as if it had been killed or had lost its power, or hang.
 //!
-//! `VANTAGE_FAILPOINT=name` aborts the process when it comes to that point; without the variable a point costs one
-//! comparison. Points: `upload.before_rename`, `upload.after_rename`, `upload.committed`, `job.before_insert`,
+//! `VANTAGE_FAILPOINT=name` aborts the process when it comes to that point, `VANTAGE_FAILPOINT=name:hang` has the thread
+//! stay there for ever. Only builds with debug assertions, or with the feature `failpoints`, have the points; in others
+//! the variable means nothing. Points: `upload.before_rename`, `upload.after_rename`, `upload.committed`, `job.before_insert`,
 //! `job.inserted`, `job.claimed`, `stage.<name>` for each planning stage as it begins, `artifact.before_rename`,
 //! `artifact.written`, `result.before_commit`, `result.committed`, `cancel.before_commit`, `cancel.committed`.
-
-use std::sync::OnceLock;
 
 /// Every point, for tests that walk through all of them.
 pub const NAMES: [&str; 21] = [
@@ -32,12 +31,26 @@ pub const NAMES: [&str; 21] = [
     "cancel.committed",
 ];
 
-/// Dies here, if this is the point that the environment names. No destructor runs and no buffer is flushed.
+/// Dies or hangs here, if this is the point that the environment names. No destructor runs and no buffer is flushed.
+#[cfg(any(debug_assertions, feature = "failpoints"))]
 pub(crate) fn hit(group: &str, name: &str) {
-    static ARMED: OnceLock<Option<String>> = OnceLock::new();
+    static ARMED: std::sync::OnceLock<Option<String>> = std::sync::OnceLock::new();
     let armed = ARMED.get_or_init(|| std::env::var("VANTAGE_FAILPOINT").ok());
-    if armed.as_deref().and_then(|armed| armed.split_once('.')) == Some((group, name)) {
-        eprintln!("failpoint {group}.{name}: the process dies here");
-        std::process::abort();
+    let Some(armed) = armed.as_deref() else { return };
+    let (point, hangs) = armed.strip_suffix(":hang").map_or((armed, false), |point| (point, true));
+    if point.split_once('.') != Some((group, name)) {
+        return;
     }
+    if hangs {
+        eprintln!("failpoint {group}.{name}: the thread hangs here");
+        loop {
+            std::thread::park();
+        }
+    }
+    eprintln!("failpoint {group}.{name}: the process dies here");
+    std::process::abort();
 }
+
+/// Nothing, in a build without failpoints.
+#[cfg(not(any(debug_assertions, feature = "failpoints")))]
+pub(crate) fn hit(_group: &str, _name: &str) {}

@@ -17,22 +17,26 @@ use super::options::Options;
 use super::run::{Artifact, Planner, RunError, RunInput};
 use super::store::{Attempt, Outcome};
 use super::submit::run_input;
+use crate::planning::Allowance;
 use crate::planning::context::{Context, Observer, Stage};
 use crate::planning::sequence::Roadmaps;
 use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
 
 /// Progress is told at most this often, the beginning of a stage always.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
-/// How long to wait after the store failed.
+/// How long to wait after the store failed, at first; then twice as long each time, up to the longest.
 const STORE_RETRY: Duration = Duration::from_secs(1);
+const LONGEST_STORE_RETRY: Duration = Duration::from_secs(10);
 
 /// Codes of a failed job's problem, with their titles.
-pub const FAILURE_CODES: [(&str, &str); 6] = [
+pub const FAILURE_CODES: [(&str, &str); 8] = [
     ("job_input_invalid", "The job's input cannot be planned with"),
+    ("job_too_long", "Planning took too long"),
     ("no_plan", "No plan is possible"),
     ("job_panicked", "Planning broke off"),
     ("job_attempts_exhausted", "The server died in every attempt at this job"),
-    ("storage_full", "The disk is full"),
+    ("job_unreadable", "The stored job cannot be read by this version"),
+    ("file_damaged", "A stored file is damaged"),
     ("internal", "The server is at fault"),
 ];
 
@@ -44,6 +48,10 @@ pub(super) struct Runner {
     queue_grew: Notify,
     /// For the next job in the same cell.
     roadmaps: Arc<Roadmaps>,
+    /// Memory that a job may need.
+    memory_bytes: u64,
+    /// Time that it may be planned.
+    limit: Option<Duration>,
 }
 
 impl Runner {
@@ -51,8 +59,11 @@ impl Runner {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.planning_threads)
             .thread_name(|index| format!("planning-{index}"))
+            .start_handler(|_| yield_to_answers())
             .build()?;
-        Ok(Self { pool, planner, running: Mutex::default(), queue_grew: Notify::new(), roadmaps: Arc::default() })
+        let (memory_bytes, limit) = (options.job_memory_bytes, options.job_limit);
+        let (running, queue_grew, roadmaps) = (Mutex::default(), Notify::new(), Arc::default());
+        Ok(Self { pool, planner, running, queue_grew, roadmaps, memory_bytes, limit })
     }
 
     /// Says that there is a job in the queue.
@@ -82,12 +93,32 @@ impl Runner {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Plans on the pool.
+    /// What a job may take, all threads of the pool together.
+    fn allowance(&self) -> Allowance {
+        let core_secs = self.limit.map_or(f64::INFINITY, |limit| limit.as_secs_f64() * self.pool.current_num_threads() as f64);
+        Allowance { bytes: self.memory_bytes as f64, core_secs }
+    }
+
+    /// Plans on the pool, no longer than is allowed.
     async fn plan(&self, input: RunInput, cancel: Arc<AtomicBool>, observer: Arc<Tracker>) -> Result<Vec<Artifact>, Ended> {
+        let planning = self.begin(input, Arc::clone(&cancel), observer);
+        tokio::pin!(planning);
+        let Some(limit) = self.limit else { return planning.await };
+        if let Ok(ended) = tokio::time::timeout(limit, &mut planning).await {
+            return ended;
+        }
+        let was_cancelled = cancel.swap(true, Ordering::Relaxed);
+        match planning.await {
+            Err(Ended::With(RunError::Cancelled)) if !was_cancelled => Err(Ended::TooLong(limit)),
+            ended => ended,
+        }
+    }
+
+    async fn begin(&self, input: RunInput, cancel: Arc<AtomicBool>, observer: Arc<Tracker>) -> Result<Vec<Artifact>, Ended> {
         let (sender, receiver) = oneshot::channel();
-        let (planner, roadmaps) = (self.planner.clone(), Arc::clone(&self.roadmaps));
+        let (planner, roadmaps, allowance) = (self.planner.clone(), Arc::clone(&self.roadmaps), self.allowance());
         self.pool.spawn(move || {
-            let context = Context::new(&cancel, &*observer).with_roadmaps(&roadmaps);
+            let context = Context::new(&cancel, &*observer).with_roadmaps(&roadmaps).with_allowance(allowance);
             // Nothing that the closure touches is used again after a panic.
             let ended = catch_unwind(AssertUnwindSafe(|| planner(&input, &context)));
             drop(observer);
@@ -102,10 +133,20 @@ impl Runner {
     }
 }
 
+/// Lowers the priority of this thread (Linux has one for each thread), so that the threads that answer go first.
+fn yield_to_answers() {
+    const NICE: i32 = 10;
+    if let Err(error) = rustix::process::setpriority_process(Some(rustix::thread::gettid()), NICE) {
+        tracing::debug!(%error, "the planning threads keep their priority");
+    }
+}
+
 /// How an attempt ended without files.
 enum Ended {
     With(RunError),
     Panicked(String),
+    /// Not within the time allowed.
+    TooLong(Duration),
 }
 
 fn panic_text(panic: &(dyn Any + Send)) -> String {
@@ -116,6 +157,7 @@ fn panic_text(panic: &(dyn Any + Send)) -> String {
 /// Works on the queue until the service stops.
 pub(super) async fn work(app: App) {
     let stopping = app.stopping();
+    let mut pause = STORE_RETRY;
     while !stopping.is_cancelled() {
         match app.0.store.claim().await {
             Ok(Some(attempt)) => app.attempt(attempt).await,
@@ -125,9 +167,12 @@ pub(super) async fn work(app: App) {
             },
             Err(error) => {
                 tracing::error!(error = &error as &dyn std::error::Error, "the queue cannot be read");
-                tokio::time::sleep(STORE_RETRY).await;
+                app.pause(pause).await;
+                pause = (pause * 2).min(LONGEST_STORE_RETRY);
+                continue;
             }
         }
+        pause = STORE_RETRY;
     }
 }
 
@@ -149,19 +194,21 @@ impl App {
         let cancel = Arc::new(AtomicBool::new(false));
         self.0.runner.lock().insert(attempt.id, cancel.clone());
         // A cancellation or a stop between the claim and the line above has not seen the flag.
-        let cancelled = self.0.store.job(attempt.id).await.is_ok_and(|job| job.state == JobState::Cancelling);
+        let cancelled = self.0.store.job_state(attempt.id).await.is_ok_and(|state| state == JobState::Cancelling);
         cancel.fetch_or(cancelled || self.0.stopping.is_cancelled(), Ordering::Relaxed);
         let began = Instant::now();
+        let flag = Arc::clone(&cancel);
         let (result, timings) = self.plan(&attempt, cancel).await;
-        let state = {
-            let _no_sweep = self.0.store.hold_files().await;
-            let outcome = match result {
-                Ok(artifacts) => self.keep(artifacts, &timings).await,
-                Err(outcome) => outcome,
-            };
-            self.conclude(attempt.id, outcome, &timings).await
+        // Interrupted though the service goes on: for want of something that may be there in a moment.
+        let waits = matches!(result, Err(Outcome::Interrupted));
+        let state = match result {
+            Ok(artifacts) => self.keep(attempt.id, artifacts, &timings, &flag).await,
+            Err(outcome) => self.conclude(attempt.id, outcome, &timings).await,
         };
         self.0.runner.lock().remove(&attempt.id);
+        if waits {
+            self.pause(STORE_RETRY).await;
+        }
         let seconds = began.elapsed().as_secs_f64();
         metrics::counter!("vantage_attempts_total", "state" => state.map_or("unknown", JobState::as_str)).increment(1);
         metrics::histogram!("vantage_attempt_seconds").record(seconds);
@@ -172,7 +219,10 @@ impl App {
     async fn plan(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Result<Vec<Artifact>, Outcome>, BTreeMap<String, f64>) {
         let input = match run_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
             Ok(input) => input,
-            Err(error) => return (Err(Outcome::Failed(internal(&error))), BTreeMap::new()),
+            Err(error) => {
+                tracing::error!(error = &error as &dyn std::error::Error, "a stored job cannot be read; it fails");
+                return (Err(Outcome::Failed(failure("job_unreadable", error.to_string(), Vec::new()))), BTreeMap::new());
+            }
         };
         let (updates, told) = mpsc::unbounded_channel();
         let teller = tokio::spawn(tell(self.clone(), attempt.id, told));
@@ -185,20 +235,56 @@ impl App {
         let result = result.map_err(|ended| match ended {
             Ended::With(RunError::Cancelled) if self.0.stopping.is_cancelled() => Outcome::Interrupted,
             Ended::With(RunError::Cancelled) => Outcome::Cancelled,
+            Ended::With(RunError::Unavailable(reason)) => {
+                tracing::warn!(reason, "the attempt is put off");
+                Outcome::Interrupted
+            }
             ended => Outcome::Failed(why(ended)),
         });
         (result, timings)
     }
 
-    async fn keep(&self, mut artifacts: Vec<Artifact>, timings: &BTreeMap<String, f64>) -> Outcome {
+    /// Stores the files of an attempt and ends it. While the disk is full, or the store cannot be used for another reason
+    /// that may pass, it waits: what has been planned is not thrown away.
+    async fn keep(
+        &self,
+        id: JobId,
+        mut artifacts: Vec<Artifact>,
+        timings: &BTreeMap<String, f64>,
+        cancel: &AtomicBool,
+    ) -> Option<JobState> {
         match serde_json::to_vec_pretty(timings) {
             Ok(bytes) => artifacts.push(Artifact { name: "timings.json", bytes }),
-            Err(error) => return Outcome::Failed(internal(&error.into())),
+            Err(error) => return self.conclude(id, Outcome::Failed(internal(&error.into())), timings).await,
         }
-        match self.0.store.put_files(artifacts.into_iter().map(|a| (a.name, a.bytes)).collect()).await {
-            Ok(files) => Outcome::Succeeded(files),
-            Err(Error::StorageFull) => Outcome::Failed(failure("storage_full", Error::StorageFull.to_string(), Vec::new())),
-            Err(error) => Outcome::Failed(internal(&error)),
+        let artifacts = Arc::new(artifacts);
+        let mut pause = STORE_RETRY;
+        let outcome = loop {
+            match self.0.store.put_artifacts(Arc::clone(&artifacts)).await {
+                // What is stored is kept until its rows are written.
+                Ok(stored) => return self.conclude(id, Outcome::Succeeded(stored.files.clone()), timings).await,
+                Err(error) if error.is_transient() => {
+                    tracing::warn!(error = &error as &dyn std::error::Error, "results wait until they can be stored");
+                }
+                Err(error) => break Outcome::Failed(internal(&error)),
+            }
+            self.pause(pause).await;
+            pause = (pause * 2).min(LONGEST_STORE_RETRY);
+            if self.0.stopping.is_cancelled() {
+                break Outcome::Interrupted;
+            }
+            if cancel.load(Ordering::Relaxed) {
+                break Outcome::Cancelled;
+            }
+        };
+        self.conclude(id, outcome, timings).await
+    }
+
+    /// Waits, but not beyond the service's end.
+    async fn pause(&self, pause: Duration) {
+        tokio::select! {
+            () = self.0.stopping.cancelled() => {}
+            () = tokio::time::sleep(pause) => {}
         }
     }
 
@@ -208,12 +294,14 @@ impl App {
         loop {
             match self.0.store.end_attempt(id, &outcome, &timings).await {
                 Ok(state) => return Some(state),
+                // It was deleted, or its row is not one any more: nobody waits for its end.
+                Err(Error::JobNotFound(_)) => return None,
                 Err(error) => tracing::error!(error = &error as &dyn std::error::Error, "the end of a job cannot be written"),
             }
             if self.0.stopping.is_cancelled() {
                 return None;
             }
-            tokio::time::sleep(STORE_RETRY).await;
+            self.pause(STORE_RETRY).await;
         }
     }
 }
@@ -221,14 +309,26 @@ impl App {
 fn why(ended: Ended) -> JobProblem {
     match ended {
         Ended::Panicked(text) => failure("job_panicked", format!("a fault of the program: {text}"), Vec::new()),
+        Ended::TooLong(limit) => failure("job_too_long", too_long(limit), Vec::new()),
         Ended::With(error @ RunError::BadInput(_)) => {
             let detail = error.to_string();
             let RunError::BadInput(errors) = error else { return failure("job_input_invalid", detail, Vec::new()) };
             failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
         }
         Ended::With(RunError::NoPlan(reasons)) => failure("no_plan", reasons, Vec::new()),
-        Ended::With(error @ (RunError::Damaged(_) | RunError::Cancelled)) => failure("internal", error.to_string(), Vec::new()),
+        Ended::With(RunError::Damaged(reason)) => failure("file_damaged", reason, Vec::new()),
+        Ended::With(error @ (RunError::Unavailable(_) | RunError::Cancelled)) => {
+            failure("internal", error.to_string(), Vec::new())
+        }
     }
+}
+
+fn too_long(limit: Duration) -> String {
+    format!(
+        "it was not planned within the {} s that limits.job_secs allows; plan a simpler mesh, take a larger part.patch_edge_mm \
+         or fewer candidates (larger candidates.step_small_deg, fewer rolls_deg), or raise the setting",
+        limit.as_secs_f64()
+    )
 }
 
 fn internal(error: &Error) -> JobProblem {
@@ -236,7 +336,8 @@ fn internal(error: &Error) -> JobProblem {
     failure("internal", error.to_string(), Vec::new())
 }
 
-fn failure(code: &str, detail: String, errors: Vec<ProblemField>) -> JobProblem {
+/// The problem of a failed job, by its code.
+pub(super) fn failure(code: &str, detail: String, errors: Vec<ProblemField>) -> JobProblem {
     let title = FAILURE_CODES.iter().find(|(known, _)| *known == code).map_or("", |(_, title)| title);
     JobProblem { kind: problem_type(code), title: title.to_owned(), detail, code: code.to_owned(), errors }
 }

@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 
 use super::store::hex;
 use crate::cell::{Cell, CollisionScene, PoseSpec, Scanner};
-use crate::geometry::{self, Mesh};
+use crate::geometry::{self, Mesh, Poll};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
@@ -109,7 +109,8 @@ impl PlanJob<'_> {
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
         let programs = self.programs(plan, &document);
-        let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES);
+        let stop = || ctx.check().is_err();
+        let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput {
             outcome,
             mesh: self.mesh,

@@ -2,17 +2,19 @@
 //! on a thread of the planning pool.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
-use sha2::{Digest, Sha256};
-
+use super::error::is_transient_io;
+use super::hashed::Hashed;
 pub use super::plan_job::Artifact;
 use super::plan_job::PlanJob;
-use super::store::hex;
 use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
-use crate::geometry::mesh_io::{self, Limits};
-use crate::geometry::{LengthUnit, Mesh};
+use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
+use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
@@ -67,9 +69,12 @@ pub enum RunError {
     /// Nothing can be planned, with the reasons.
     #[error("{0}")]
     NoPlan(String),
-    /// A file of the store cannot be read, or is not what it was.
+    /// A file of the store is missing, or is not what it was.
     #[error("{0}")]
     Damaged(String),
+    /// The machine is short of something for a moment; the same may succeed later.
+    #[error("{0}")]
+    Unavailable(String),
 }
 
 impl From<PlanError> for RunError {
@@ -88,19 +93,56 @@ fn below(pointer: &str, errors: Vec<FieldError>) -> RunError {
     RunError::BadInput(moved.collect())
 }
 
+/// How long to wait before a file is tried again that the machine could not give for the moment.
+const READ_AGAIN: Duration = Duration::from_millis(500);
+
 impl MeshSource {
-    /// Reads the mesh, after a check that the file is the one that was uploaded.
+    /// Reads the mesh, and checks that the file is the one that was uploaded, until `stop` says to give up.
     ///
     /// # Errors
-    /// [`RunError::Damaged`], and [`RunError::BadInput`] at `pointer`.
-    pub fn read(&self, pointer: &str, max_triangles: usize) -> Result<Mesh, RunError> {
-        let bytes = std::fs::read(&self.path).map_err(|error| RunError::Damaged(format!("mesh {}: {error}", self.sha256)))?;
-        if hex(&Sha256::digest(&bytes)) != self.sha256 {
-            return Err(RunError::Damaged(format!("mesh {} is not what was uploaded", self.sha256)));
+    /// [`RunError::Damaged`], [`RunError::Unavailable`], [`RunError::Cancelled`], and [`RunError::BadInput`] at `pointer`.
+    pub fn read(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, RunError> {
+        let (poll, limits) = (Poll::new(stop), Limits { max_triangles });
+        let unread = |error: io::Error| self.unread(&error);
+        let file = File::open(&self.path).map_err(unread)?;
+        let length_bytes = file.metadata().map_err(unread)?.len();
+        let mut file = Hashed::new(file);
+        let read = mesh_io::read_from(&mut file, length_bytes, Some(self.unit), &limits, &poll);
+        let sha256 = file.finish(&poll).map_err(unread)?.ok_or(RunError::Cancelled)?;
+        if sha256 != self.sha256 {
+            let reason = "is not what was uploaded; upload the same file again and start another job";
+            return Err(RunError::Damaged(format!("the stored file of mesh {} {reason}", self.sha256)));
         }
-        let read = mesh_io::read(&bytes, Some(self.unit), &Limits { max_triangles });
-        read.map(|read| read.mesh)
-            .map_err(|error| RunError::BadInput(vec![FieldError { pointer: pointer.to_owned(), detail: error.to_string() }]))
+        match read {
+            Ok(read) => Ok(read.mesh),
+            Err(ReadError::Io(error)) => Err(unread(error)),
+            Err(ReadError::Mesh(MeshError::Interrupted)) => Err(RunError::Cancelled),
+            Err(ReadError::Mesh(error)) => {
+                Err(RunError::BadInput(vec![FieldError { pointer: pointer.to_owned(), detail: error.to_string() }]))
+            }
+        }
+    }
+
+    fn unread(&self, error: &io::Error) -> RunError {
+        let reason = format!("mesh {}: {error}", self.sha256);
+        if is_transient_io(error) { RunError::Unavailable(reason) } else { RunError::Damaged(reason) }
+    }
+
+    /// Reads the mesh within a run: while the process is out of file descriptors, or the disk fails for the moment, it
+    /// tries again until the job is cancelled.
+    fn read_in(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, RunError> {
+        loop {
+            match self.read(pointer, max_triangles, stop) {
+                Err(RunError::Unavailable(reason)) => {
+                    if stop() {
+                        return Err(RunError::Cancelled);
+                    }
+                    tracing::warn!(reason, "a mesh cannot be read at the moment; it is tried again");
+                    std::thread::sleep(READ_AGAIN);
+                }
+                read => return read,
+            }
+        }
     }
 }
 
@@ -109,10 +151,14 @@ impl MeshSource {
 /// # Errors
 /// [`RunError`].
 pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunError> {
-    let mesh = input.mesh.read("/mesh_id", input.max_triangles)?;
-    let fixture = input.fixture.as_ref().map(|f| f.read("/params/part/fixture_mesh", input.max_triangles)).transpose()?;
-    let cell = input.cell.as_ref().map(|cell| cell.build(&RunLibrary(input)));
-    let cell = cell.transpose().map_err(|errors| below("/cell", errors))?;
+    let stop = || ctx.check().is_err();
+    let read = |source: &MeshSource, pointer: &str| source.read_in(pointer, input.max_triangles, &stop);
+    let mesh = read(&input.mesh, "/mesh_id")?;
+    let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
+    let cell = input.cell.as_ref().map(|cell| cell.build(&RunLibrary { input, stop: &stop })).transpose();
+    // A body's mesh that was given up is no fault of the cell's.
+    ctx.check().map_err(PlanError::from)?;
+    let cell = cell.map_err(|errors| below("/cell", errors))?;
     let scanner = match &cell {
         Some(cell) => cell.scanner.clone(),
         None => input.scanner.build().map_err(|errors| below("/scanner", errors))?,
@@ -132,7 +178,11 @@ pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunErro
 
 /// The meshes that a run brings with it. Its specifications are written out, so that a preset that changes between two
 /// versions changes no accepted job.
-pub struct RunLibrary<'a>(pub &'a RunInput);
+struct RunLibrary<'a> {
+    input: &'a RunInput,
+    /// Returns true to give up reading.
+    stop: &'a dyn Fn() -> bool,
+}
 
 impl SpecLibrary for RunLibrary<'_> {
     fn scanner(&self, _: &str) -> Result<ScannerSpec, NotFound> {
@@ -151,9 +201,10 @@ impl SpecLibrary for RunLibrary<'_> {
         Err(NotFound::Unknown)
     }
 
-    fn mesh(&self, name: &str) -> Result<Mesh, NotFound> {
-        let source = self.0.body_meshes.get(name).ok_or(NotFound::Unknown)?;
-        source.read("/cell", self.0.max_triangles).map_err(|error| NotFound::Unusable(error.to_string()))
+    fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
+        let source = self.input.body_meshes.get(name).ok_or(NotFound::Unknown)?;
+        let read = source.read_in("/cell", self.input.max_triangles, self.stop);
+        read.map(Arc::new).map_err(|error| NotFound::Unusable(error.to_string()))
     }
 
     fn names(&self, _: SpecKind) -> Vec<String> {

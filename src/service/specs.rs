@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use super::app::App;
 use super::error::Error;
 use super::library::Library;
-use super::store::{Precondition, Put, StoredSpec, blocking, hex};
+use super::store::{Precondition, Put, StoredSpec, hex};
 use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, preset_text};
 use crate::wire::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 
@@ -110,9 +110,10 @@ impl App {
         let collection = T::COLLECTION;
         refuse_preset(collection, name)?;
         check_name(collection, name, spec.name())?;
-        let (app, name, library) = (self.clone(), name.to_owned(), self.library().await?);
+        self.check_space(0)?;
+        let body = self.resolved(None, move |library| check(&spec, library)).await?;
+        let (app, name) = (self.clone(), name.to_owned());
         self.to_the_end(async move {
-            let body = blocking(move || check(&spec, &library)).await?;
             let Put { created, etag } = app.0.store.put_spec(collection, &name, &body, &only_if).await?;
             Ok(SpecEntry { body, etag, created })
         })

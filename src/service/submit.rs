@@ -2,14 +2,17 @@
 //! a later change of a cell changes no accepted job.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::error::Error;
+use super::error::{Error, Fault};
 use super::library::Library;
 use super::run::{MeshSource, RunInput};
-use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking};
+use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking, read_leniently};
 use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary};
 use crate::wire::{Job, JobPage, JobRequest, JobState, MeshId};
 
@@ -35,13 +38,28 @@ struct StoredInput {
     body_meshes: BTreeMap<String, MeshFile>,
 }
 
+/// Tells the thread that looks things up when nobody waits for it any more.
+struct GivenUp(Arc<AtomicBool>);
+
+impl Drop for GivenUp {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 impl App {
-    /// Accepts a job. With an idempotency key that was used for the same request, gives the answer of then.
+    /// Accepts a job. With an idempotency key that was used for the same request, gives the answer of then. What the request
+    /// names is looked up and checked within `limit`; when that is over, or nobody waits any more, there is no job.
     ///
     /// # Errors
-    /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`],
-    /// [`Error::StorageFull`], [`Error::Internal`].
-    pub async fn submit(&self, request: JobRequest, idempotency_key: Option<&str>) -> Result<Job, Error> {
+    /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`],
+    /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn submit(
+        &self,
+        request: JobRequest,
+        idempotency_key: Option<&str>,
+        limit: Option<Duration>,
+    ) -> Result<Job, Error> {
         let canonical = format!("POST /api/v1/jobs {}", serde_json::to_string(&request)?);
         let idempotency = idempotency_key.map(|key| IdempotencyKey::new(key, &canonical));
         if let Some(key) = &idempotency
@@ -50,19 +68,45 @@ impl App {
             return Ok(answer);
         }
         self.check_open()?;
-        let (app, library) = (self.clone(), self.library().await?);
+        self.check_space(0)?;
+        let resolve = move |library: &Library| {
+            let (input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
+            Ok((request, serde_json::to_string(&input)?, meshes))
+        };
+        let (request, input, meshes) = self.resolved(limit, resolve).await?;
+        let app = self.clone();
         self.to_the_end(async move {
-            let (request, input, meshes) = blocking(move || {
-                let (input, meshes) = resolve(&request, &library).map_err(Error::Invalid)?;
-                Ok((request, serde_json::to_string(&input)?, meshes))
-            })
-            .await?;
             let queue_limit = app.0.options.max_queued_jobs;
             let job = app.0.store.submit(NewJob { request, input, meshes, idempotency, queue_limit }).await?;
             app.0.runner.wake();
             Ok(job)
         })
         .await
+    }
+
+    /// Looks things up in the library, on a thread that may block; a few requests at a time. The thread stops at the next
+    /// mesh once nobody waits for it.
+    pub(super) async fn resolved<T: Send + 'static>(
+        &self,
+        limit: Option<Duration>,
+        resolve: impl FnOnce(&Library) -> Result<T, Error> + Send + 'static,
+    ) -> Result<T, Error> {
+        let given_up = GivenUp(Arc::default());
+        let (app, flag) = (self.clone(), Arc::clone(&given_up.0));
+        let work = async {
+            let one_of_few = app.0.resolving.clone().acquire_owned().await.map_err(|_| Error::Draining)?;
+            blocking(move || {
+                let _one_of_few = one_of_few;
+                let library = Library::new(app, flag);
+                let resolved = resolve(&library);
+                library.fault().map_or(resolved, Err)
+            })
+            .await
+        };
+        match limit {
+            None => work.await,
+            Some(limit) => tokio::time::timeout(limit, work).await.map_err(|_| Error::TooSlow)?,
+        }
     }
 
     /// A page of jobs, newest first.
@@ -97,7 +141,7 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let used = std::mem::take(&mut lookup.used);
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
-            let part_name = library.part_name(&request.mesh_id.to_string());
+            let part_name = library.part_name(request.mesh_id);
             Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes }, used.into_iter().collect()))
         }
         _ => Err(errors),
@@ -118,7 +162,7 @@ impl Lookup<'_> {
     fn mesh(&mut self, pointer: &str, id: &str) -> Option<MeshFile> {
         // Ids are compared in their one spelling.
         let id = id.parse::<MeshId>().ok();
-        match id.and_then(|id| self.library.source(&id.to_string()).map(|source| (id, source))) {
+        match id.and_then(|id| self.library.source(id).map(|source| (id, source))) {
             Some((id, source)) => {
                 self.used.insert(id);
                 Some(MeshFile { sha256: source.sha256.clone(), unit: source.unit.as_str().to_owned() })
@@ -211,9 +255,12 @@ fn mesh_of(shape: &ShapeSpec) -> Option<&String> {
 
 /// The input of a started job.
 pub(super) fn run_input(attempt: &Attempt, files: &Files, max_triangles: usize) -> Result<RunInput, Error> {
-    let input: StoredInput = serde_json::from_str(&attempt.input)?;
+    let (input, left_out): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(Fault::Row)?;
+    if !left_out.is_empty() {
+        tracing::warn!(fields = left_out.join(", "), "fields that this version does not know are left out of a job's input");
+    }
     let source = |file: MeshFile| -> Result<MeshSource, Error> {
-        let unit = file.unit.parse().map_err(|_| super::error::Fault::Row(format!("unit {:?}", file.unit)))?;
+        let unit = file.unit.parse().map_err(|_| Fault::Row(format!("unit {:?}", file.unit)))?;
         Ok(MeshSource { path: files.path(&file.sha256), sha256: file.sha256, unit })
     };
     let body_meshes = input.body_meshes.into_iter().map(|(name, file)| Ok((name, source(file)?)));

@@ -1,5 +1,6 @@
 //! Looking at jobs and their results, waiting for a job's end, cancelling and deleting it.
 
+use std::io::Read;
 use std::time::Duration;
 
 use tokio::sync::broadcast::error::RecvError;
@@ -7,8 +8,8 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
-use super::store::blocking;
-use crate::wire::{Job, JobFile, JobId};
+use super::store::{Encoding, ResultFile};
+use crate::wire::{Job, JobId, JobLabels, JobState};
 
 impl App {
     /// One job.
@@ -17,6 +18,14 @@ impl App {
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn job(&self, id: JobId) -> Result<Job, Error> {
         self.0.store.job(id).await
+    }
+
+    /// Where a job stands.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::Internal`].
+    pub async fn job_state(&self, id: JobId) -> Result<JobState, Error> {
+        self.0.store.job_state(id).await
     }
 
     /// One job, once it has ended, or as it is after `wait`.
@@ -28,9 +37,8 @@ impl App {
         // Listening begins before the first look, so that no end is missed between the two.
         let mut events = self.0.store.listen();
         loop {
-            let job = self.0.store.job(id).await?;
-            if job.state.is_ended() {
-                return Ok(job);
+            if self.0.store.job_state(id).await?.is_ended() {
+                return self.0.store.job(id).await;
             }
             let next = async {
                 loop {
@@ -42,7 +50,7 @@ impl App {
                 }
             };
             tokio::select! {
-                () = self.0.stopping.cancelled() => return Ok(job),
+                () = self.0.stopping.cancelled() => return self.0.store.job(id).await,
                 looked_again = timeout_at(until, next) => if !matches!(looked_again, Ok(true)) {
                     return self.0.store.job(id).await;
                 },
@@ -67,26 +75,71 @@ impl App {
     /// Deletes an ended job and its results.
     ///
     /// # Errors
-    /// [`Error::JobNotFound`], [`Error::JobNotEnded`], [`Error::Internal`].
+    /// [`Error::JobNotFound`], [`Error::JobNotEnded`], [`Error::JobHeld`], [`Error::Internal`].
     pub async fn delete_job(&self, id: JobId) -> Result<(), Error> {
         let app = self.clone();
-        self.to_the_end(async move { app.0.store.delete_job(id).await }).await
+        self.to_the_end(async move { app.0.store.delete_job(id, &app.0.options.retention.hold_label, None).await }).await
     }
 
-    /// What is known of one of a job's files, and nothing read yet.
+    /// Replaces a job's labels. What its files echo stays as it was submitted.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn put_labels(&self, id: JobId, labels: JobLabels) -> Result<Job, Error> {
+        labels.check().map_err(Error::Invalid)?;
+        let app = self.clone();
+        self.to_the_end(async move { app.0.store.put_labels(id, &labels.labels).await }).await
+    }
+
+    /// One of a job's results; nothing of its file is read yet.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
-    pub async fn result(&self, id: JobId, name: &str) -> Result<JobFile, Error> {
-        self.0.store.result(id, name).await
+    pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
+        Ok(ResultBody { app: self.clone(), file: self.0.store.result(id, name).await? })
+    }
+}
+
+/// A result of a job, to be read.
+#[derive(Clone)]
+pub struct ResultBody {
+    app: App,
+    file: ResultFile,
+}
+
+impl ResultBody {
+    /// SHA-256 of the result, lower-case hexadecimal.
+    #[must_use]
+    pub fn sha256(&self) -> &str {
+        &self.file.result.sha256
     }
 
-    /// The bytes of a job's file, checked against its hash.
+    /// Size of what [`ResultBody::open`] reads, packed or not.
+    #[must_use]
+    pub fn size_bytes(&self, packed: bool) -> u64 {
+        if packed { self.file.file_bytes } else { self.file.result.size_bytes }
+    }
+
+    /// It is stored compressed (gzip), and can be had so.
+    #[must_use]
+    pub fn is_packed(&self) -> bool {
+        self.file.encoding == Encoding::Gzip
+    }
+
+    /// Opens it, once its file has been compared with its hash; as it is stored where `packed`, else as the result itself.
+    /// Reading blocks.
     ///
     /// # Errors
-    /// [`Error::Internal`].
-    pub async fn read(&self, file: &JobFile) -> Result<Vec<u8>, Error> {
-        let (files, sha256) = (self.0.store.files().clone(), file.sha256.clone());
-        blocking(move || files.read(&sha256)).await
+    /// [`Error::FileDamaged`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn open(&self, packed: bool) -> Result<Box<dyn Read + Send>, Error> {
+        self.app.0.store.open_result(&self.file, !packed).await
+    }
+
+    /// Its bytes.
+    ///
+    /// # Errors
+    /// [`Error::FileDamaged`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn read(&self) -> Result<Vec<u8>, Error> {
+        self.app.0.store.read_result(&self.file).await
     }
 }

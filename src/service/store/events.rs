@@ -7,8 +7,12 @@ use sqlx::{Row, SqliteConnection};
 use tokio::sync::broadcast;
 
 use super::Store;
-use crate::service::error::Error;
+use super::stored::{VERSION, read_leniently};
+use crate::service::error::{Error, Fault};
 use crate::wire::{EventKind, JobEvent, JobId, JobState};
+
+/// Events dropped in one transaction.
+const PRUNED_AT_ONCE: i64 = 2000;
 
 /// What an event says beyond the job and its kind.
 pub(super) struct Saying<'a> {
@@ -17,6 +21,16 @@ pub(super) struct Saying<'a> {
     pub stage: Option<&'a str>,
     pub fraction: f64,
     pub code: Option<&'a str>,
+}
+
+/// Events read from the database.
+pub(crate) struct EventBatch {
+    /// The events, in order; without those that cannot be read.
+    pub events: Vec<Arc<JobEvent>>,
+    /// Number of the last one that was looked at.
+    pub through: i64,
+    /// There may be more.
+    pub is_full: bool,
 }
 
 impl Saying<'_> {
@@ -61,7 +75,7 @@ impl Store {
     }
 
     /// At most `limit` events after number `after`, of one job or of all, in order.
-    pub(crate) async fn events_after(&self, job: Option<JobId>, after: i64, limit: u32) -> Result<Vec<Arc<JobEvent>>, Error> {
+    pub(crate) async fn events_after(&self, job: Option<JobId>, after: i64, limit: u32) -> Result<EventBatch, Error> {
         let rows = match job {
             Some(job) => sqlx::query("SELECT id, at, body FROM event WHERE job_id = ?3 AND id > ?1 ORDER BY id LIMIT ?2")
                 .bind(after)
@@ -71,7 +85,8 @@ impl Store {
         }
         .fetch_all(&self.reader)
         .await?;
-        rows.iter().map(read).collect()
+        let through = rows.last().map_or(Ok(after), |row| row.try_get("id"))?;
+        Ok(EventBatch { events: rows.iter().filter_map(read).collect(), through, is_full: rows.len() == limit as usize })
     }
 
     /// Number of the newest event that ever was; 0 before the first.
@@ -89,39 +104,54 @@ impl Store {
         Ok(pruned_through.is_some_and(|pruned| after < pruned))
     }
 
-    /// Drops events older than `hours`, but for those of jobs that have not ended.
+    /// Drops events older than `hours`, but for those of jobs that have not ended; a few at a time, so that nobody who
+    /// writes waits long.
     pub(crate) async fn prune_events(&self, hours: u32) -> Result<(), Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = sqlx::Connection::begin_with(&mut *writer, "BEGIN IMMEDIATE").await?;
+        // Times rise with the numbers, so the newest old one is found from the other end.
         let newest: Option<i64> = sqlx::query_scalar(
-            "SELECT max(id) FROM event
-             WHERE at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' hours')
-               AND job_id NOT IN (SELECT id FROM job WHERE state IN ('queued', 'running', 'cancelling'))",
+            "SELECT id FROM event WHERE at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' hours') ORDER BY id DESC LIMIT 1",
         )
         .bind(hours)
-        .fetch_one(&mut *tx)
+        .fetch_optional(&self.reader)
         .await?;
-        if let Some(newest) = newest {
+        let Some(newest) = newest else { return Ok(()) };
+        loop {
+            let mut tx = self.writer.begin().await?;
+            let through: Option<i64> = sqlx::query_scalar(
+                "SELECT max(id) FROM (SELECT id FROM event WHERE id <= ?1
+                   AND job_id NOT IN (SELECT id FROM job WHERE state IN ('queued', 'running', 'cancelling')) ORDER BY id LIMIT ?2)",
+            )
+            .bind(newest)
+            .bind(PRUNED_AT_ONCE)
+            .fetch_one(&mut *tx)
+            .await?;
+            let Some(through) = through else { return Ok(()) };
             sqlx::query(
                 "DELETE FROM event WHERE id <= ?1
                    AND job_id NOT IN (SELECT id FROM job WHERE state IN ('queued', 'running', 'cancelling'))",
             )
-            .bind(newest)
+            .bind(through)
             .execute(&mut *tx)
             .await?;
             sqlx::query("INSERT OR REPLACE INTO event_retention (only_row, pruned_through) VALUES (1, ?1)")
-                .bind(newest)
+                .bind(through)
                 .execute(&mut *tx)
                 .await?;
+            tx.commit().await?;
         }
-        tx.commit().await?;
-        Ok(())
     }
 }
 
-fn read(row: &SqliteRow) -> Result<Arc<JobEvent>, Error> {
-    let mut event: JobEvent = serde_json::from_str(&row.try_get::<String, _>("body")?)?;
-    event.id = row.try_get("id")?;
-    event.at = row.try_get("at")?;
-    Ok(Arc::new(event))
+/// An event, or nothing where its row cannot be read.
+fn read(row: &SqliteRow) -> Option<Arc<JobEvent>> {
+    let event = || -> Result<JobEvent, Error> {
+        let (mut event, _): (JobEvent, _) = read_leniently(VERSION, &row.try_get::<String, _>("body")?).map_err(Fault::Row)?;
+        event.id = row.try_get("id")?;
+        event.at = row.try_get("at")?;
+        Ok(event)
+    };
+    event()
+        .inspect_err(|error| tracing::warn!(error = error as &dyn std::error::Error, "an event cannot be read"))
+        .ok()
+        .map(Arc::new)
 }

@@ -1,21 +1,44 @@
 //! Content-addressed files: a file's name is the SHA-256 of its bytes, so it never changes and is never half there.
 //! Written as temporary file → fsync → rename → fsync of the directory. All of this blocks.
+//!
+//! A file is checked against its name before its bytes are given out, and again once its size or time of change differ
+//! or [`CHECK_LASTS`] is over. A file that fails is never given out; storing the same bytes again puts it right.
 
+use std::collections::HashMap;
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
 
 use sha2::{Digest, Sha256};
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
-use crate::service::error::{Error, Fault};
+use crate::service::error::Error;
 use crate::service::failpoint;
+
+/// How long a file that was checked is trusted.
+const CHECK_LASTS: Duration = Duration::from_secs(3600);
+/// Checked files that are remembered; beyond that all are forgotten.
+const MAX_CHECKED: usize = 100_000;
+/// Bytes read at a time.
+const PIECE_BYTES: usize = 256 * 1024;
 
 /// The folder of content-addressed files and the one of unfinished ones, on the same file system.
 #[derive(Clone, Debug)]
 pub(crate) struct Files {
     files: PathBuf,
     unfinished: PathBuf,
+    swept: PathBuf,
+    checked: Arc<Mutex<HashMap<String, Checked>>>,
+}
+
+/// What a file was like when it was last checked.
+#[derive(Clone, Copy, Debug)]
+struct Checked {
+    at: Instant,
+    size_bytes: u64,
+    modified: Option<SystemTime>,
 }
 
 /// A finished file that has no name yet; gone when dropped.
@@ -35,42 +58,70 @@ pub(crate) struct Receiver {
     size_bytes: u64,
 }
 
+/// A file found in a folder of the store.
+#[derive(Clone, Debug)]
+pub(crate) struct Found {
+    /// Its name: the hash of its bytes.
+    pub sha256: String,
+    /// When it was last written.
+    pub modified: SystemTime,
+}
+
 impl Files {
     /// Opens the folders below `data`, and clears what an earlier process left unfinished.
     pub(crate) fn open(data: &Path) -> io::Result<Self> {
-        let (files, unfinished) = (data.join("files"), data.join("unfinished"));
-        fs::create_dir_all(&files)?;
-        if unfinished.exists() {
-            fs::remove_dir_all(&unfinished)?;
+        let files = Self::at(data);
+        fs::create_dir_all(&files.files)?;
+        if files.unfinished.exists() {
+            fs::remove_dir_all(&files.unfinished)?;
         }
-        fs::create_dir_all(&unfinished)?;
+        fs::create_dir_all(&files.unfinished)?;
         File::open(data)?.sync_all()?;
-        Ok(Self { files, unfinished })
+        Ok(files)
+    }
+
+    /// The folders below `data`, as they are.
+    pub(crate) fn at(data: &Path) -> Self {
+        let (files, unfinished, swept) = (data.join("files"), data.join("unfinished"), data.join("swept"));
+        Self { files, unfinished, swept, checked: Arc::default() }
     }
 
     /// Begins to receive a file.
     pub(crate) fn receive(&self) -> io::Result<Receiver> {
-        Ok(Receiver { file: NamedTempFile::new_in(&self.unfinished)?, hash: Sha256::new(), size_bytes: 0 })
+        Ok(Receiver { file: self.begin()?, hash: Sha256::new(), size_bytes: 0 })
     }
 
-    /// Stores `bytes`; returns their SHA-256.
-    pub(crate) fn put(&self, bytes: &[u8]) -> io::Result<String> {
+    /// A new file without a name. Made by hand, since tempfile's own way hides the error's number, by which a shortage of file
+    /// descriptors is told from a disk that is not there.
+    fn begin(&self) -> io::Result<NamedTempFile> {
+        let path = self.unfinished.join(uuid::Uuid::now_v7().to_string());
+        let file = File::options().read(true).write(true).create_new(true).open(&path)?;
+        Ok(NamedTempFile::from_parts(file, TempPath::try_from_path(path)?))
+    }
+
+    /// A finished file of these bytes.
+    pub(crate) fn write(&self, bytes: &[u8]) -> io::Result<Received> {
         let mut receiver = self.receive()?;
         receiver.write(bytes)?;
         let received = receiver.finish()?;
         failpoint::hit("artifact", "before_rename");
-        let sha256 = received.sha256.clone();
-        self.adopt(received)?;
-        Ok(sha256)
+        Ok(received)
     }
 
-    /// Gives a received file its name. A file that is there already stays as it is.
-    pub(crate) fn adopt(&self, received: Received) -> io::Result<PathBuf> {
+    /// Gives a received file its name. A file that is there already stays as it is, unless it is damaged.
+    pub(crate) fn adopt(&self, received: Received) -> Result<PathBuf, Error> {
         let path = self.path(&received.sha256);
         let folder = path.parent().unwrap_or(&self.files);
-        if !path.exists() {
-            fs::create_dir_all(folder)?;
-            received.file.persist(&path).map_err(|e| e.error)?;
+        fs::create_dir_all(folder)?;
+        match self.check(&received.sha256) {
+            Ok(_) => {}
+            Err(Error::FileDamaged { missing, .. }) => {
+                if !missing {
+                    tracing::warn!(file = received.sha256, "a damaged file of the store is replaced by a good one");
+                }
+                received.file.persist(&path).map_err(|error| error.error)?;
+            }
+            Err(error) => return Err(error),
         }
         // Also for a file that was there: another upload may have named it and not come to this line yet.
         File::open(folder)?.sync_all()?;
@@ -83,36 +134,134 @@ impl Files {
         self.files.join(sha256.get(..2).unwrap_or_default()).join(sha256)
     }
 
+    /// The file, open for reading, after its bytes were checked against its name.
+    pub(crate) fn check(&self, sha256: &str) -> Result<File, Error> {
+        let damaged = |missing| Error::FileDamaged { sha256: sha256.to_owned(), missing };
+        let mut file = match File::open(self.path(sha256)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(damaged(true)),
+            opened => opened?,
+        };
+        let about = file.metadata()?;
+        let now = Checked { at: Instant::now(), size_bytes: about.len(), modified: about.modified().ok() };
+        if self.is_checked(sha256, &now) {
+            return Ok(file);
+        }
+        if hash_of(&mut file)? != sha256 {
+            self.lock().remove(sha256);
+            return Err(damaged(false));
+        }
+        io::Seek::rewind(&mut file)?;
+        let mut checked = self.lock();
+        if checked.len() >= MAX_CHECKED {
+            checked.clear();
+        }
+        checked.insert(sha256.to_owned(), now);
+        Ok(file)
+    }
+
+    fn is_checked(&self, sha256: &str, now: &Checked) -> bool {
+        self.lock().get(sha256).is_some_and(|before| {
+            before.size_bytes == now.size_bytes && before.modified == now.modified && before.at.elapsed() < CHECK_LASTS
+        })
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, HashMap<String, Checked>> {
+        // Entries are put in whole.
+        self.checked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The bytes of a file, checked against its name.
     pub(crate) fn read(&self, sha256: &str) -> Result<Vec<u8>, Error> {
-        let bytes = fs::read(self.path(sha256))?;
-        if hex(&Sha256::digest(&bytes)) == sha256 { Ok(bytes) } else { Err(Fault::Damaged(sha256.to_owned()).into()) }
+        let mut bytes = Vec::new();
+        self.check(sha256)?.read_to_end(&mut bytes)?;
+        Ok(bytes)
     }
 
     /// Removes a file that nothing refers to any more.
     pub(crate) fn remove(&self, sha256: &str) -> io::Result<()> {
-        match fs::remove_file(self.path(sha256)) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-            _ => Ok(()),
-        }
+        absent_is_fine(fs::remove_file(self.path(sha256)))
     }
 
-    /// Hashes of all files.
-    pub(crate) fn list(&self) -> io::Result<Vec<String>> {
-        let mut names = Vec::new();
-        for folder in fs::read_dir(&self.files)? {
-            for file in fs::read_dir(folder?.path())? {
-                names.extend(file?.file_name().into_string());
+    /// Moves a file that nothing refers to into the folder of swept files, where somebody may still look for it.
+    pub(crate) fn sweep(&self, sha256: &str) -> io::Result<()> {
+        fs::create_dir_all(&self.swept)?;
+        let swept = self.swept.join(sha256);
+        absent_is_fine(fs::rename(self.path(sha256), &swept))?;
+        // Its age in that folder counts from now.
+        absent_is_fine(File::open(swept).and_then(|file| file.set_modified(SystemTime::now())))
+    }
+
+    /// Files of the store.
+    pub(crate) fn list(&self) -> io::Result<Vec<Found>> {
+        let mut found = Vec::new();
+        for folder in read_dir(&self.files)? {
+            found.extend(list_folder(&folder?.path())?);
+        }
+        Ok(found)
+    }
+
+    /// Whether there is any file.
+    pub(crate) fn is_empty(&self) -> io::Result<bool> {
+        for folder in read_dir(&self.files)? {
+            if fs::read_dir(folder?.path())?.next().is_some() {
+                return Ok(false);
             }
         }
-        Ok(names)
+        Ok(true)
+    }
+
+    /// Files that were swept.
+    pub(crate) fn list_swept(&self) -> io::Result<Vec<Found>> {
+        list_folder(&self.swept)
+    }
+
+    /// Removes a swept file for good.
+    pub(crate) fn remove_swept(&self, sha256: &str) -> io::Result<()> {
+        absent_is_fine(fs::remove_file(self.swept.join(sha256)))
     }
 
     /// Whether a file can be written and synced now.
     pub(crate) fn probe(&self) -> io::Result<()> {
-        let mut file = NamedTempFile::new_in(&self.unfinished)?;
-        file.write_all(b"probe")?;
+        let mut file = self.begin()?;
+        file.as_file_mut().write_all(b"probe")?;
         file.as_file().sync_all()
+    }
+}
+
+/// The entries of a folder, none where it is absent.
+fn read_dir(folder: &Path) -> io::Result<Box<dyn Iterator<Item = io::Result<fs::DirEntry>>>> {
+    match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Box::new(std::iter::empty())),
+        entries => Ok(Box::new(entries?)),
+    }
+}
+
+fn list_folder(folder: &Path) -> io::Result<Vec<Found>> {
+    let mut found = Vec::new();
+    for entry in read_dir(folder)? {
+        let entry = entry?;
+        // A file may go between the listing and the look at it.
+        let (Ok(about), Ok(sha256)) = (entry.metadata(), entry.file_name().into_string()) else { continue };
+        found.push(Found { sha256, modified: about.modified()? });
+    }
+    Ok(found)
+}
+
+fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
+    match result {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// SHA-256 of what a file holds from where it is read on.
+fn hash_of(file: &mut File) -> io::Result<String> {
+    let (mut hash, mut piece) = (Sha256::new(), vec![0; PIECE_BYTES]);
+    loop {
+        match file.read(&mut piece)? {
+            0 => return Ok(hex(&hash.finalize())),
+            count => hash.update(&piece[..count]),
+        }
     }
 }
 
@@ -121,7 +270,7 @@ impl Receiver {
     pub(crate) fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.hash.update(bytes);
         self.size_bytes += bytes.len() as u64;
-        self.file.write_all(bytes)
+        self.file.as_file_mut().write_all(bytes)
     }
 
     /// Syncs what was received.

@@ -6,7 +6,8 @@ use sqlx::{Row, SqliteConnection};
 
 use super::files::hex;
 use super::now;
-use crate::service::error::Error;
+use super::stored::{VERSION, read_leniently};
+use crate::service::error::{Error, Fault};
 use crate::wire::Job;
 
 /// A key and what it was used for.
@@ -24,16 +25,20 @@ impl IdempotencyKey {
 
     /// The answer that was given to this request before.
     pub(super) async fn replay(&self, tx: &mut SqliteConnection) -> Result<Option<Job>, Error> {
-        sqlx::query("DELETE FROM idempotency WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')")
-            .execute(&mut *tx)
-            .await?;
+        forget_old(&mut *tx).await?;
+        self.answer(tx).await
+    }
+
+    /// The answer that was given to this request within a day.
+    pub(super) async fn answer(&self, connection: &mut SqliteConnection) -> Result<Option<Job>, Error> {
         let row =
-            sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1").bind(&self.key).fetch_optional(tx).await?;
+            sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1 AND created_at >= strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')").bind(&self.key).fetch_optional(connection).await?;
         let Some(row) = row else { return Ok(None) };
         if row.try_get::<String, _>("fingerprint")? != self.fingerprint {
             return Err(Error::IdempotencyMismatch);
         }
-        Ok(Some(serde_json::from_str(&row.try_get::<String, _>("answer")?)?))
+        let (answer, _) = read_leniently(VERSION, &row.try_get::<String, _>("answer")?).map_err(Fault::Row)?;
+        Ok(Some(answer))
     }
 
     /// Keeps the answer.
@@ -46,4 +51,12 @@ impl IdempotencyKey {
             .await?;
         Ok(())
     }
+}
+
+/// Forgets keys that are older than a day.
+pub(super) async fn forget_old(tx: &mut SqliteConnection) -> Result<(), Error> {
+    sqlx::query("DELETE FROM idempotency WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')")
+        .execute(tx)
+        .await?;
+    Ok(())
 }

@@ -9,16 +9,21 @@
 //! ```
 //! Every change appends its event in the same transaction.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection, Row, SqliteConnection};
+use std::collections::BTreeMap;
 
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection};
+
+use super::artifacts::{self, ResultFile};
 use super::events::{self, Saying};
 use super::idempotency::IdempotencyKey;
-use super::pages::Page;
+use super::stored::{VERSION, read_leniently};
 use super::{Store, now, parsed};
+use crate::cell::Named;
 use crate::service::error::Error;
 use crate::service::failpoint;
-use crate::wire::{EventKind, Job, JobFile, JobId, JobPage, JobProblem, JobRequest, JobState, MeshId};
+use crate::service::jobs::failure;
+use crate::wire::{EventKind, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId};
 
 /// A job to be accepted.
 pub(crate) struct NewJob {
@@ -45,7 +50,7 @@ pub(crate) struct Attempt {
 #[derive(Clone, Debug)]
 pub(crate) enum Outcome {
     /// With these files, all of them stored.
-    Succeeded(Vec<JobFile>),
+    Succeeded(Vec<ResultFile>),
     /// Without a result.
     Failed(JobProblem),
     /// Since its cancel flag was raised.
@@ -54,24 +59,16 @@ pub(crate) enum Outcome {
     Interrupted,
 }
 
-/// Which jobs are listed.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct JobFilter {
-    pub state: Option<JobState>,
-    /// Key, and value if given.
-    pub label: Option<(String, Option<String>)>,
-    pub part_number: Option<String>,
-}
-
 /// `SELECT` of everything that [`read`] needs.
 macro_rules! select_job {
     () => {
-        "SELECT id, state, request, priority, stage, fraction, attempts, timings, problem, created_at, started_at, ended_at,
-            CASE WHEN state = 'queued' THEN (SELECT count(*) FROM job AS other WHERE other.state = 'queued'
+        "SELECT id, state, mesh_id, part_number, serial, cell, scanner, labels, version, request, priority, stage, fraction, attempts,
+            timings, problem, created_at, started_at, ended_at,
+            CASE WHEN state = 'queued' THEN (SELECT count(*) FROM job AS other INDEXED BY job_queue WHERE other.state = 'queued'
                 AND (other.priority > job.priority OR (other.priority = job.priority AND other.id <= job.id))) END AS position,
             (SELECT json_group_array(json_object('name', name, 'sha256', sha256, 'size_bytes', size_bytes))
                 FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results
-         FROM job "
+         FROM job LEFT JOIN job_body ON job_body.job_id = job.id "
     };
 }
 
@@ -79,8 +76,7 @@ impl Store {
     /// Accepts a job, its idempotency key and its first event in one transaction; or gives the answer that the same
     /// request got before.
     pub(crate) async fn submit(&self, new: NewJob) -> Result<Job, Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         if let Some(key) = &new.idempotency
             && let Some(answer) = key.replay(&mut tx).await?
         {
@@ -97,7 +93,7 @@ impl Store {
         if let Some(key) = &new.idempotency {
             key.keep(&mut tx, &job).await?;
         }
-        tx.commit().await?;
+        let _in_order = tx.commit_and_hold().await?;
         failpoint::hit("job", "inserted");
         self.tell(event);
         Ok(job)
@@ -105,40 +101,17 @@ impl Store {
 
     /// The answer given to this request before, if any.
     pub(crate) async fn replay(&self, key: &IdempotencyKey) -> Result<Option<Job>, Error> {
-        key.replay(&mut *self.writer.lock().await).await
+        key.answer(&mut *self.reader.acquire().await?).await
     }
 
     /// One job.
     pub(crate) async fn job(&self, id: JobId) -> Result<Job, Error> {
-        let row = sqlx::query(concat!(select_job!(), "WHERE id = ?1"))
-            .bind(id.to_string())
-            .fetch_optional(&self.reader)
-            .await?
-            .ok_or(Error::JobNotFound(id))?;
-        read(&row)
+        fetch(&mut *self.reader.acquire().await?, id).await
     }
 
-    /// A page of jobs, newest first.
-    pub(crate) async fn jobs(&self, filter: &JobFilter, page: &Page) -> Result<JobPage, Error> {
-        let (label, value) = filter.label.clone().unzip();
-        let rows = sqlx::query(concat!(
-            select_job!(),
-            "WHERE id < ?1 AND (?3 IS NULL OR state = ?3) AND (?4 IS NULL OR part_number = ?4)
-                AND (?5 IS NULL OR EXISTS
-                    (SELECT 1 FROM json_each(job.labels) AS label WHERE label.key = ?5 AND (?6 IS NULL OR label.value = ?6)))
-             ORDER BY id DESC LIMIT ?2"
-        ))
-        .bind(&page.before)
-        .bind(page.limit())
-        .bind(filter.state.map(JobState::as_str))
-        .bind(&filter.part_number)
-        .bind(label)
-        .bind(value.flatten())
-        .fetch_all(&self.reader)
-        .await?;
-        let mut items = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let next_page_token = page.cut(&mut items, |job| job.id.to_string());
-        Ok(JobPage { items, next_page_token })
+    /// Where a job stands.
+    pub(crate) async fn job_state(&self, id: JobId) -> Result<JobState, Error> {
+        state_of(&mut *self.reader.acquire().await?, id).await
     }
 
     /// Jobs in each state.
@@ -148,35 +121,58 @@ impl Store {
         Ok(count.unsigned_abs())
     }
 
-    /// Starts an attempt at the next job in the queue: highest priority first, then oldest.
+    /// Starts an attempt at the next job in the queue: highest priority first, then oldest. A job whose row cannot be read
+    /// fails with the reason, and the next one is looked at.
     pub(crate) async fn claim(&self) -> Result<Option<Attempt>, Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        loop {
+            match self.claim_next().await? {
+                Claimed::Attempt(attempt) => return Ok(Some(*attempt)),
+                Claimed::Unreadable => {}
+                Claimed::Nothing => return Ok(None),
+            }
+        }
+    }
+
+    async fn claim_next(&self) -> Result<Claimed, Error> {
+        let mut tx = self.writer.begin().await?;
         let row = sqlx::query(concat!(
             "UPDATE job SET state = 'running', attempts = attempts + 1, stage = NULL, fraction = 0, timings = '{}', started_at = ",
             now!(),
-            "WHERE id = (SELECT id FROM job WHERE state = 'queued' ORDER BY priority DESC, id LIMIT 1)
-             RETURNING id, request, input, attempts"
+            "WHERE id = (SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id LIMIT 1) RETURNING id, attempts"
         ))
         .fetch_optional(&mut *tx)
         .await?;
-        let Some(row) = row else { return Ok(None) };
-        let attempt = Attempt {
-            id: parsed("job.id", &row.try_get::<String, _>("id")?)?,
-            request: serde_json::from_str(&row.try_get::<String, _>("request")?)?,
-            input: row.try_get("input")?,
-            number: row.try_get("attempts")?,
+        let Some(row) = row else { return Ok(Claimed::Nothing) };
+        let text: String = row.try_get("id")?;
+        let Ok(id) = text.parse::<JobId>() else {
+            tracing::error!(job = text, "a job's id cannot be read; the job fails");
+            sqlx::query(concat!("UPDATE job SET state = 'failed', ended_at = ", now!(), " WHERE id = ?1"))
+                .bind(text)
+                .execute(&mut *tx)
+                .await?;
+            tx.commit().await?;
+            return Ok(Claimed::Unreadable);
         };
-        let event = events::append(&mut tx, attempt.id, Saying::state(EventKind::Started, JobState::Running)).await?;
-        tx.commit().await?;
+        let (claimed, event) = match body_of(&mut tx, id).await? {
+            Ok((request, input)) => {
+                let number = row.try_get("attempts")?;
+                let event = events::append(&mut tx, id, Saying::state(EventKind::Started, JobState::Running)).await?;
+                (Claimed::Attempt(Box::new(Attempt { id, request, input, number })), event)
+            }
+            Err(reason) => {
+                tracing::error!(job = %id, reason, "a stored job cannot be read; it fails");
+                let problem = unreadable(reason);
+                (Claimed::Unreadable, end(&mut tx, id, EventKind::Failed, JobState::Failed, Some(&problem)).await?)
+            }
+        };
+        let _in_order = tx.commit_and_hold().await?;
         self.tell(event);
-        Ok(Some(attempt))
+        Ok(claimed)
     }
 
     /// Records how far a running job is. A job that does not run stays as it is.
     pub(crate) async fn progress(&self, id: JobId, stage: &str, fraction: f64, timings: &str) -> Result<(), Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let state: Option<String> = sqlx::query_scalar(
             "UPDATE job SET stage = ?2, fraction = ?3, timings = ?4 WHERE id = ?1 AND state IN ('running', 'cancelling')
              RETURNING state",
@@ -188,19 +184,22 @@ impl Store {
         .fetch_optional(&mut *tx)
         .await?;
         let Some(state) = state else { return Ok(()) };
-        let state = parsed("job.state", &state)?;
+        let state = read_state(&state).unwrap_or(JobState::Running);
         let saying = Saying { kind: EventKind::Progress, state, stage: Some(stage), fraction, code: None };
         let event = events::append(&mut tx, id, saying).await?;
-        tx.commit().await?;
+        let _in_order = tx.commit_and_hold().await?;
         self.tell(event);
         Ok(())
     }
 
-    /// Ends an attempt. A job whose cancellation was asked for becomes `cancelled`, whatever its attempt came to.
+    /// Ends an attempt. A job whose cancellation was asked for becomes `cancelled`, whatever its attempt came to. A job that
+    /// has ended stays as it is: a commit may have reached the disk though it was answered with an error.
     pub(crate) async fn end_attempt(&self, id: JobId, outcome: &Outcome, timings: &str) -> Result<JobState, Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let before = state_of(&mut tx, id).await?;
+        if before.is_ended() || before == JobState::Queued {
+            return Ok(before);
+        }
         let (kind, after) = match (before, outcome) {
             (JobState::Cancelling, _) | (_, Outcome::Cancelled) => (EventKind::Cancelled, JobState::Cancelled),
             (_, Outcome::Succeeded(_)) => (EventKind::Succeeded, JobState::Succeeded),
@@ -209,7 +208,7 @@ impl Store {
         };
         let mut problem = None;
         match outcome {
-            Outcome::Succeeded(files) if after == JobState::Succeeded => insert_files(&mut tx, id, files).await?,
+            Outcome::Succeeded(files) if after == JobState::Succeeded => artifacts::insert(&mut tx, id, files).await?,
             Outcome::Failed(why) if after == JobState::Failed => problem = Some(why),
             _ => {}
         }
@@ -222,7 +221,7 @@ impl Store {
             .bind(uncounted)
             .execute(&mut *tx)
             .await?;
-        tx.commit().await?;
+        let _in_order = tx.commit_and_hold().await?;
         failpoint::hit("result", "committed");
         self.tell(event);
         Ok(after)
@@ -230,8 +229,7 @@ impl Store {
 
     /// Asks for a job's cancellation: at once when it is queued, else its attempt has to see it.
     pub(crate) async fn cancel(&self, id: JobId) -> Result<Job, Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let event = match state_of(&mut tx, id).await? {
             JobState::Queued => end(&mut tx, id, EventKind::Cancelled, JobState::Cancelled, None).await?,
             JobState::Running => {
@@ -243,28 +241,28 @@ impl Store {
         };
         let job = fetch(&mut tx, id).await?;
         failpoint::hit("cancel", "before_commit");
-        tx.commit().await?;
+        let _in_order = tx.commit_and_hold().await?;
         failpoint::hit("cancel", "committed");
         self.tell(event);
         Ok(job)
     }
 
-    /// Deletes an ended job and its results.
-    pub(crate) async fn delete_job(&self, id: JobId) -> Result<(), Error> {
+    /// Deletes an ended job and its results, unless it has a label of the key `hold`. `why` is told with the event.
+    pub(crate) async fn delete_job(&self, id: JobId, hold: &str, why: Option<&str>) -> Result<(), Error> {
         let orphans = {
-            let mut writer = self.writer.lock().await;
-            let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+            let mut tx = self.writer.begin().await?;
             let state = state_of(&mut tx, id).await?;
             if !state.is_ended() {
                 return Err(Error::JobNotEnded { job: id, state });
             }
-            let orphans: Vec<String> = sqlx::query_scalar("SELECT sha256 FROM artifact WHERE job_id = ?1")
+            check_hold(&mut tx, id, hold).await?;
+            let orphans: Vec<String> = sqlx::query_scalar("SELECT file_sha256 FROM artifact WHERE job_id = ?1")
                 .bind(id.to_string())
                 .fetch_all(&mut *tx)
                 .await?;
             sqlx::query("DELETE FROM job WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
-            let event = events::append(&mut tx, id, Saying::state(EventKind::Deleted, state)).await?;
-            tx.commit().await?;
+            let event = events::append(&mut tx, id, Saying { code: why, ..Saying::state(EventKind::Deleted, state) }).await?;
+            let _in_order = tx.commit_and_hold().await?;
             self.tell(event);
             orphans
         };
@@ -274,13 +272,16 @@ impl Store {
     /// Puts the jobs of a process that died in order: those that ran start again, or fail after `max_attempts`; those
     /// that were being cancelled are cancelled. Returns how many were found.
     pub(crate) async fn recover(&self, max_attempts: u32, exhausted: &JobProblem) -> Result<usize, Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let rows = sqlx::query("SELECT id, state, attempts FROM job WHERE state IN ('running', 'cancelling') ORDER BY id")
             .fetch_all(&mut *tx)
             .await?;
         for row in &rows {
-            let id = parsed("job.id", &row.try_get::<String, _>("id")?)?;
+            let text: String = row.try_get("id")?;
+            let Ok(id) = text.parse::<JobId>() else {
+                tracing::error!(job = text, "a job's id cannot be read; the job is left as it is");
+                continue;
+            };
             let state: JobState = parsed("job.state", &row.try_get::<String, _>("state")?)?;
             let attempts: u32 = row.try_get("attempts")?;
             let (kind, after, problem) = match state {
@@ -294,40 +295,63 @@ impl Store {
         Ok(rows.len())
     }
 
-    /// The hash of one of a job's results.
-    pub(crate) async fn result(&self, id: JobId, name: &str) -> Result<JobFile, Error> {
-        let job = self.job(id).await?;
-        if job.state != JobState::Succeeded {
-            return Err(Error::NoResults { job: id, state: job.state });
-        }
-        let file = job.results.into_iter().find(|file| file.name == name);
-        file.ok_or_else(|| Error::NoSuchResult { job: id, name: name.to_owned() })
-    }
-
-    /// Stores files that no row names yet; [`Store::hold_files`] keeps them until one does.
-    pub(crate) async fn put_files(&self, artifacts: Vec<(&'static str, Vec<u8>)>) -> Result<Vec<JobFile>, Error> {
-        let files = self.files.clone();
-        super::blocking(move || {
-            artifacts
-                .into_iter()
-                .map(|(name, bytes)| {
-                    let sha256 = files.put(&bytes)?;
-                    failpoint::hit("artifact", "written");
-                    Ok(JobFile { name: name.to_owned(), sha256, size_bytes: bytes.len() as u64 })
-                })
-                .collect()
-        })
-        .await
-    }
-
-    /// Keeps files from being swept while the guard lives.
-    pub(crate) async fn hold_files(&self) -> tokio::sync::RwLockReadGuard<'_, ()> {
-        self.sweep.read().await
+    /// Replaces a job's labels. What its files echo stays as it was submitted.
+    pub(crate) async fn put_labels(&self, id: JobId, labels: &BTreeMap<String, String>) -> Result<Job, Error> {
+        let mut tx = self.writer.begin().await?;
+        state_of(&mut tx, id).await?;
+        sqlx::query("UPDATE job SET labels = ?2 WHERE id = ?1")
+            .bind(id.to_string())
+            .bind(serde_json::to_string(labels)?)
+            .execute(&mut *tx)
+            .await?;
+        sqlx::query("DELETE FROM job_label WHERE job_id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
+        insert_labels(&mut tx, id, labels).await?;
+        let job = fetch(&mut tx, id).await?;
+        tx.commit().await?;
+        Ok(job)
     }
 }
 
+/// What came of a look at the queue.
+enum Claimed {
+    Attempt(Box<Attempt>),
+    Unreadable,
+    Nothing,
+}
+
+/// What a job was asked for and is planned with; or why that cannot be read.
+async fn body_of(tx: &mut SqliteConnection, id: JobId) -> Result<Result<(JobRequest, String), String>, Error> {
+    let row = sqlx::query("SELECT version, request, input FROM job_body WHERE job_id = ?1")
+        .bind(id.to_string())
+        .fetch_optional(&mut *tx)
+        .await?;
+    let Some(row) = row else { return Ok(Err("its request is not in the database".to_owned())) };
+    let request = read_leniently::<JobRequest>(row.try_get("version")?, &row.try_get::<String, _>("request")?);
+    let input: String = row.try_get("input")?;
+    Ok(request.map(|(request, left_out)| {
+        if !left_out.is_empty() {
+            tracing::warn!(job = %id, fields = left_out.join(", "), "fields that this version does not know are left out");
+        }
+        (request, input)
+    }))
+}
+
+fn unreadable(reason: String) -> JobProblem {
+    failure("job_unreadable", reason, Vec::new())
+}
+
+async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result<(), Error> {
+    let held: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM job_label WHERE job_id = ?1 AND key = ?2)")
+        .bind(id.to_string())
+        .bind(label)
+        .fetch_one(tx)
+        .await?;
+    if held { Err(Error::JobHeld { job: id, label: label.to_owned() }) } else { Ok(()) }
+}
+
 async fn check_room(tx: &mut SqliteConnection, limit: u64) -> Result<(), Error> {
-    let queued: i64 = sqlx::query_scalar("SELECT count(*) FROM job WHERE state = 'queued'").fetch_one(tx).await?;
+    let queued: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM job INDEXED BY job_queue WHERE state = 'queued'").fetch_one(tx).await?;
     let queued = queued.unsigned_abs();
     if queued >= limit { Err(Error::QueueFull { queued }) } else { Ok(()) }
 }
@@ -349,18 +373,27 @@ async fn check_meshes(tx: &mut SqliteConnection, meshes: &[MeshId]) -> Result<()
 async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<(), Error> {
     let request = &new.request;
     sqlx::query(
-        "INSERT INTO job (id, state, mesh_id, request, input, part_number, labels, priority)
-         VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7)",
+        "INSERT INTO job (id, state, mesh_id, part_number, serial, cell, scanner, labels, priority)
+         VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
     )
     .bind(id.to_string())
     .bind(request.mesh_id.to_string())
-    .bind(serde_json::to_string(request)?)
-    .bind(&new.input)
     .bind(&request.part_number)
+    .bind(&request.serial)
+    .bind(name_of(&request.cell, |cell| &cell.name))
+    .bind(name_of(&request.scanner, |scanner| &scanner.name))
     .bind(serde_json::to_string(&request.labels)?)
     .bind(request.priority)
     .execute(&mut *tx)
     .await?;
+    sqlx::query("INSERT INTO job_body (job_id, version, request, input) VALUES (?1, ?2, ?3, ?4)")
+        .bind(id.to_string())
+        .bind(VERSION)
+        .bind(serde_json::to_string(request)?)
+        .bind(&new.input)
+        .execute(&mut *tx)
+        .await?;
+    insert_labels(tx, id, &request.labels).await?;
     for mesh in &new.meshes {
         sqlx::query("INSERT OR IGNORE INTO job_mesh (job_id, mesh_id) VALUES (?1, ?2)")
             .bind(id.to_string())
@@ -371,17 +404,23 @@ async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<()
     Ok(())
 }
 
-async fn insert_files(tx: &mut SqliteConnection, id: JobId, files: &[JobFile]) -> Result<(), Error> {
-    for file in files {
-        sqlx::query("INSERT INTO artifact (job_id, name, sha256, size_bytes) VALUES (?1, ?2, ?3, ?4)")
+async fn insert_labels(tx: &mut SqliteConnection, id: JobId, labels: &BTreeMap<String, String>) -> Result<(), Error> {
+    for (key, value) in labels {
+        sqlx::query("INSERT INTO job_label (key, value, job_id) VALUES (?1, ?2, ?3)")
+            .bind(key)
+            .bind(value)
             .bind(id.to_string())
-            .bind(&file.name)
-            .bind(&file.sha256)
-            .bind(i64::try_from(file.size_bytes).unwrap_or(i64::MAX))
             .execute(&mut *tx)
             .await?;
     }
     Ok(())
+}
+
+fn name_of<'a, T>(named: &'a Named<T>, own: impl Fn(&'a T) -> &'a String) -> &'a str {
+    match named {
+        Named::Name(name) => name,
+        Named::Inline(spec) => own(spec),
+    }
 }
 
 /// Takes a job out of its attempt or out of the queue.
@@ -408,10 +447,11 @@ async fn end(
     events::append(tx, id, Saying { kind, state: after, stage: None, fraction, code: problem.map(|p| p.code.as_str()) }).await
 }
 
+/// A state that cannot be read counts as failed, so that the job can be deleted.
 async fn state_of(tx: &mut SqliteConnection, id: JobId) -> Result<JobState, Error> {
     let state: Option<String> =
         sqlx::query_scalar("SELECT state FROM job WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
-    parsed("job.state", &state.ok_or(Error::JobNotFound(id))?)
+    Ok(read_state(&state.ok_or(Error::JobNotFound(id))?).unwrap_or(JobState::Failed))
 }
 
 async fn fetch(tx: &mut SqliteConnection, id: JobId) -> Result<Job, Error> {
@@ -419,31 +459,54 @@ async fn fetch(tx: &mut SqliteConnection, id: JobId) -> Result<Job, Error> {
     read(&row.ok_or(Error::JobNotFound(id))?)
 }
 
+/// A job's state; or, where it cannot be read, the problem to show with the job.
+pub(super) fn read_state(text: &str) -> Result<JobState, JobProblem> {
+    text.parse().map_err(|_| unreadable(format!("its state {text:?} is not one that this version knows")))
+}
+
+/// Why a job failed, as it was stored.
+pub(super) fn read_problem(text: Option<String>) -> Option<JobProblem> {
+    let text = text?;
+    let read = read_leniently(VERSION, &text).map(|(problem, _)| problem);
+    Some(read.unwrap_or_else(|reason| unreadable(format!("why it failed was stored and cannot be read: {reason}"))))
+}
+
+/// What a row says. A request that cannot be read is shown with its defaults and the reason as `problem`, so that such a job
+/// can still be looked at, cancelled and deleted.
 fn read(row: &SqliteRow) -> Result<Job, Error> {
-    let request: JobRequest = serde_json::from_str(&row.try_get::<String, _>("request")?)?;
+    let text = |column: &str| row.try_get::<Option<String>, _>(column).ok().flatten();
+    let (state, mesh_id) = (read_state(&text("state").unwrap_or_default()), text("mesh_id").unwrap_or_default());
+    let request = match (text("request"), row.try_get("version")) {
+        (Some(request), Ok(version)) => read_leniently::<JobRequest>(version, &request).map(|(request, _)| request),
+        _ => Err("its request is not in the database".to_owned()),
+    };
+    let (request, unreadable_request) = match request {
+        Ok(request) => (request, None),
+        Err(reason) => (JobRequest::new(parsed("job.mesh_id", &mesh_id)?), Some(unreadable(reason))),
+    };
     let results: Vec<JobFile> = serde_json::from_str(&row.try_get::<String, _>("results")?)?;
-    let problem: Option<String> = row.try_get("problem")?;
     let position: Option<i64> = row.try_get("position")?;
+    let problem = read_problem(text("problem")).or(unreadable_request);
     Ok(Job {
         id: parsed("job.id", &row.try_get::<String, _>("id")?)?,
-        state: parsed("job.state", &row.try_get::<String, _>("state")?)?,
+        state: state.as_ref().copied().unwrap_or(JobState::Failed),
         mesh_id: request.mesh_id,
         cell: request.cell,
         scanner: request.scanner,
         params: request.params,
-        labels: request.labels,
-        part_number: request.part_number,
-        serial: request.serial,
-        priority: request.priority,
-        stage: row.try_get("stage")?,
+        labels: text("labels").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        part_number: text("part_number"),
+        serial: text("serial"),
+        priority: row.try_get("priority")?,
+        stage: text("stage"),
         fraction: row.try_get("fraction")?,
         queue_position: position.map(i64::unsigned_abs),
         attempts: row.try_get("attempts")?,
         created_at: row.try_get("created_at")?,
-        started_at: row.try_get("started_at")?,
-        ended_at: row.try_get("ended_at")?,
-        timings: serde_json::from_str(&row.try_get::<String, _>("timings")?)?,
-        problem: problem.map(|text| serde_json::from_str(&text)).transpose()?,
+        started_at: text("started_at"),
+        ended_at: text("ended_at"),
+        timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        problem: state.err().or(problem),
         plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
         results,
     })

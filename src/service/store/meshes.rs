@@ -1,7 +1,8 @@
 //! Rows of uploaded meshes.
 
+use serde_json::Value;
+use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Connection, Row};
 
 use super::files::Received;
 use super::pages::Page;
@@ -29,8 +30,8 @@ impl Store {
     /// Stores a mesh. The same file with the same unit and name is the same mesh: uploading it again gives it back.
     pub(crate) async fn add_mesh(&self, new: NewMesh) -> Result<Mesh, Error> {
         let NewMesh { received, unit, name, health } = new;
-        let _no_sweep = self.sweep.read().await;
         let (sha256, size_bytes) = (received.sha256.clone(), received.size_bytes);
+        let _hold = self.held.hold(vec![sha256.clone()]).await;
         let files = self.files.clone();
         blocking(move || {
             failpoint::hit("upload", "before_rename");
@@ -39,8 +40,7 @@ impl Store {
             Ok(())
         })
         .await?;
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let same = sqlx::query(concat!(
             "SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh ",
             "WHERE sha256 = ?1 AND unit = ?2 AND name IS ?3"
@@ -90,16 +90,8 @@ impl Store {
         .fetch_all(&self.reader)
         .await?;
         let mut items = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let next_page_token = page.cut(&mut items, |mesh| mesh.id.to_string());
+        let next_page_token = page.cut(&mut items, |mesh| mesh.id.to_string())?;
         Ok(MeshPage { items, next_page_token })
-    }
-
-    /// All meshes.
-    pub(crate) async fn all_meshes(&self) -> Result<Vec<Mesh>, Error> {
-        let rows = sqlx::query("SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh")
-            .fetch_all(&self.reader)
-            .await?;
-        rows.iter().map(read).collect()
     }
 
     /// The hash of the preview made for a mesh earlier.
@@ -113,23 +105,26 @@ impl Store {
 
     /// Keeps the preview made for a mesh; returns its hash.
     pub(crate) async fn keep_preview(&self, id: MeshId, bytes: Vec<u8>) -> Result<String, Error> {
-        let _no_sweep = self.sweep.read().await;
         let files = self.files.clone();
-        let sha256 = blocking(move || Ok(files.put(&bytes)?)).await?;
-        let mut writer = self.writer.lock().await;
+        let received = blocking(move || Ok(files.write(&bytes)?)).await?;
+        let sha256 = received.sha256.clone();
+        let _hold = self.held.hold(vec![sha256.clone()]).await;
+        let files = self.files.clone();
+        blocking(move || files.adopt(received)).await?;
+        let mut tx = self.writer.begin().await?;
         let kept = sqlx::query("UPDATE mesh SET preview = ?2 WHERE id = ?1")
             .bind(id.to_string())
             .bind(&sha256)
-            .execute(&mut *writer)
+            .execute(&mut *tx)
             .await?;
+        tx.commit().await?;
         if kept.rows_affected() == 0 { Err(Error::MeshNotFound(id)) } else { Ok(sha256) }
     }
 
     /// Deletes a mesh that no unfinished job needs.
     pub(crate) async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
         let orphans = {
-            let mut writer = self.writer.lock().await;
-            let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+            let mut tx = self.writer.begin().await?;
             let in_use: bool = sqlx::query_scalar(
                 "SELECT EXISTS (SELECT 1 FROM job_mesh JOIN job ON job.id = job_mesh.job_id
                  WHERE job_mesh.mesh_id = ?1 AND job.state IN ('queued', 'running', 'cancelling'))",
@@ -161,6 +156,17 @@ fn read(row: &SqliteRow) -> Result<Mesh, Error> {
         sha256: row.try_get("sha256")?,
         size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
         created_at: row.try_get("created_at")?,
-        health: serde_json::from_str(&row.try_get::<String, _>("health")?)?,
+        // The mesh is none the worse for a report that cannot be read.
+        health: read_health(&row.try_get::<String, _>("health")?).unwrap_or_else(|reason| MeshHealth::unreadable(&reason)),
     })
+}
+
+/// A stored health report. Facts that the version which stored it did not know are empty.
+pub(super) fn read_health(text: &str) -> Result<MeshHealth, String> {
+    let mut facts = serde_json::to_value(MeshHealth::default()).map_err(|error| error.to_string())?;
+    let stored: serde_json::Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    if let Value::Object(facts) = &mut facts {
+        facts.extend(stored);
+    }
+    serde_json::from_value(facts).map_err(|error| error.to_string())
 }

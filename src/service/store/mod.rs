@@ -2,32 +2,47 @@
 //! the rows refer to. A function that returns has its change on the disk.
 //!
 //! Order of writes: a file is there before a row names it, and its row is gone before it is removed; so a crash leaves
-//! at most files that nothing names, and those are swept when the store is opened.
+//! at most files that nothing names. Those are moved to `swept/` once they are old enough, and removed from there later.
 
+mod artifacts;
+mod backup;
 mod events;
 mod files;
+mod held;
 mod idempotency;
+mod identity;
+mod job_list;
 mod jobs;
 mod meshes;
 mod pages;
+mod retention;
+mod scrub;
 mod specs;
+mod stored;
+mod sweep;
+mod writer;
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
-use tokio::sync::{Mutex, RwLock, broadcast};
+use tokio::sync::broadcast;
 
+pub(crate) use artifacts::{Encoding, ResultFile};
+pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use files::{Files, Received, hex};
 pub(crate) use idempotency::IdempotencyKey;
-pub(crate) use jobs::{Attempt, JobFilter, NewJob, Outcome};
+pub(crate) use job_list::JobFilter;
+pub(crate) use jobs::{Attempt, NewJob, Outcome};
 pub(crate) use meshes::{MeshFile, NewMesh};
 pub(crate) use pages::Page;
+pub(crate) use retention::{Due, Policy};
 pub use specs::Precondition;
 pub(crate) use specs::{Put, StoredSpec};
+pub(crate) use stored::read_leniently;
 
 use super::error::{Error, Fault};
 use crate::wire::JobEvent;
@@ -44,6 +59,8 @@ pub(crate) use now;
 const FEED_LENGTH: usize = 1024;
 /// Connections that read.
 const READERS: u32 = 4;
+/// Name of the database in the folder of a store.
+const DATABASE: &str = "vantage.db";
 
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -59,6 +76,34 @@ pub enum OpenError {
         /// Why.
         #[source]
         source: std::io::Error,
+    },
+    /// There are files, and no database that names them.
+    #[error(
+        "{path} holds files of a store but its database vantage.db is missing or empty; nothing was changed. Put the database \
+         back (with vantage.db-wal, if there is one), or restore a backup with `vantage restore`, or choose another folder \
+         with --data; to give the stored files up, move everything out of {path}"
+    )]
+    DatabaseMissing {
+        /// The folder.
+        path: String,
+    },
+    /// The database is that of another folder.
+    #[error(
+        "the database in {path} belongs to the files of another folder: its id is not the one in store-id; nothing was \
+         changed. Put the right database back, or restore a backup with `vantage restore`; if these files do belong to it, \
+         remove store-id"
+    )]
+    DatabaseOfAnother {
+        /// The folder.
+        path: String,
+    },
+    /// The database file is damaged.
+    #[error("the database {path} is damaged ({findings}); nothing was changed. Restore a backup with `vantage restore`")]
+    DatabaseDamaged {
+        /// The database.
+        path: String,
+        /// What SQLite found.
+        findings: String,
     },
     /// The database cannot be used.
     #[error("cannot open the database")]
@@ -76,13 +121,13 @@ pub enum OpenError {
 
 /// The open store.
 pub(crate) struct Store {
+    data: PathBuf,
     reader: SqlitePool,
-    writer: Mutex<SqliteConnection>,
+    writer: writer::Writer,
     files: Files,
     feed: broadcast::Sender<Arc<JobEvent>>,
-    /// Held for reading from the moment a file gets its name until a row refers to it, for writing while files that no
-    /// row refers to are removed.
-    sweep: RwLock<()>,
+    held: held::HeldFiles,
+    damage: scrub::Findings,
     _in_use: File,
 }
 
@@ -91,22 +136,33 @@ impl Store {
     pub(crate) async fn open(data: &Path) -> Result<Self, OpenError> {
         let folder = |source| OpenError::Folder { path: data.display().to_string(), source };
         std::fs::create_dir_all(data).map_err(folder)?;
-        let in_use = File::create(data.join("in-use")).map_err(folder)?;
-        in_use.try_lock().map_err(|_| OpenError::InUse(data.display().to_string()))?;
-        let files = Files::open(data).map_err(folder)?;
-        let options = SqliteConnectOptions::new()
-            .filename(data.join("vantage.db"))
-            .create_if_missing(true)
-            .foreign_keys(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full);
-        let mut writer = SqliteConnection::connect_with(&options).await?;
+        let in_use = lock(data)?;
+        let database = data.join(DATABASE);
+        let files = Files::at(data);
+        identity::check_file(data, &files, &database)?;
+        let options = connect_options(&database).create_if_missing(true);
+        let mut writer = open_database(&options, &database).await?;
+        identity::check_tables(data, &files, &mut writer).await?;
         migrator().run_direct(None, &mut writer, false).await?;
-        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options).await?;
-        let (feed, _) = broadcast::channel(FEED_LENGTH);
-        let store = Self { reader, writer: Mutex::new(writer), files, feed, sweep: RwLock::new(()), _in_use: in_use };
-        store.sweep_files().await?;
-        Ok(store)
+        identity::check_id(data, &files, &mut writer).await?;
+        let files = Files::open(data).map_err(folder)?;
+        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.clone()).await?;
+        Ok(Self {
+            data: data.to_owned(),
+            reader,
+            writer: writer::Writer::new(options, writer),
+            files,
+            feed: broadcast::channel(FEED_LENGTH).0,
+            held: held::HeldFiles::default(),
+            damage: scrub::Findings::default(),
+            _in_use: in_use,
+        })
+    }
+
+    /// Puts everything into the database file and closes it: from then on a copy of the folder is a backup.
+    pub(crate) async fn close(&self) -> Result<(), Error> {
+        self.reader.close().await;
+        self.writer.close().await
     }
 
     /// The files.
@@ -114,49 +170,66 @@ impl Store {
         &self.files
     }
 
-    /// Whether rows and files can be written now.
+    /// Sizes of the database and its write-ahead log on the disk.
+    pub(crate) fn database_bytes(&self) -> u64 {
+        let size = |name: &str| std::fs::metadata(self.data.join(name)).map_or(0, |about| about.len());
+        size(DATABASE) + size("vantage.db-wal")
+    }
+
+    /// Checks that rows and files can be written now.
     pub(crate) async fn probe(&self) -> Result<(), Error> {
         let files = self.files.clone();
         blocking(move || Ok(files.probe()?)).await?;
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
-        sqlx::query("DELETE FROM idempotency WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')")
-            .execute(&mut *tx)
-            .await?;
+        let mut tx = self.writer.begin().await?;
+        idempotency::forget_old(&mut tx).await?;
         tx.commit().await?;
-        Ok(())
-    }
-
-    /// Removes every file that no row names: what a crash left between file and row.
-    async fn sweep_files(&self) -> Result<(), Error> {
-        let files = self.files.clone();
-        let candidates = blocking(move || Ok(files.list()?)).await?;
-        self.remove_unreferenced(candidates).await
-    }
-
-    /// Removes those of the files that no row names.
-    async fn remove_unreferenced(&self, candidates: Vec<String>) -> Result<(), Error> {
-        let _alone = self.sweep.write().await;
-        for sha256 in candidates {
-            let referenced: bool = sqlx::query_scalar(
-                "SELECT EXISTS (SELECT 1 FROM mesh WHERE sha256 = ?1 OR preview = ?1)
-                     OR EXISTS (SELECT 1 FROM artifact WHERE sha256 = ?1)",
-            )
-            .bind(&sha256)
-            .fetch_one(&self.reader)
-            .await?;
-            if !referenced {
-                let files = self.files.clone();
-                blocking(move || Ok(files.remove(&sha256)?)).await?;
-            }
-        }
         Ok(())
     }
 }
 
+/// Takes the folder for this process.
+fn lock(data: &Path) -> Result<File, OpenError> {
+    let in_use =
+        File::create(data.join("in-use")).map_err(|source| OpenError::Folder { path: data.display().to_string(), source })?;
+    in_use.try_lock().map_err(|_| OpenError::InUse(data.display().to_string()))?;
+    Ok(in_use)
+}
+
+fn connect_options(database: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(database)
+        .foreign_keys(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+}
+
+/// Opens the database and has SQLite check it.
+async fn open_database(options: &SqliteConnectOptions, path: &Path) -> Result<SqliteConnection, OpenError> {
+    const CORRUPT: [&str; 2] = ["11", "26"];
+    let damaged = |findings: String| OpenError::DatabaseDamaged { path: path.display().to_string(), findings };
+    let checked = async {
+        let mut connection = SqliteConnection::connect_with(options).await?;
+        let findings: Vec<String> = sqlx::query_scalar("PRAGMA quick_check(10)").fetch_all(&mut connection).await?;
+        Ok::<_, sqlx::Error>((connection, findings))
+    };
+    match checked.await {
+        Ok((connection, findings)) if findings == ["ok"] => Ok(connection),
+        Ok((_, findings)) => Err(damaged(findings.join("; "))),
+        Err(error) => match error.as_database_error().and_then(|error| error.code()) {
+            Some(code) if CORRUPT.contains(&code.as_ref()) => Err(damaged(error.to_string())),
+            _ => Err(error.into()),
+        },
+    }
+}
+
 fn migrator() -> Migrator {
-    let first = include_str!("migrations/0001_first.sql");
-    Migrator::with_migrations(vec![Migration::new(1, "first".into(), MigrationType::Simple, first.into_sql_str(), false)])
+    let migration = |version, name: &'static str, sql: &'static str| {
+        Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
+    };
+    Migrator::with_migrations(vec![
+        migration(1, "first", include_str!("migrations/0001_first.sql")),
+        migration(2, "growth", include_str!("migrations/0002_growth.sql")),
+    ])
 }
 
 /// Runs what blocks on a thread that may be blocked.

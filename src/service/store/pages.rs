@@ -1,6 +1,7 @@
 //! Pages of listings, newest first, by keyset: the token holds the last id of the page and a digest of the listing's
 //! filters, so that a token cannot be used on another listing.
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::files::hex;
@@ -19,6 +20,8 @@ pub(crate) struct Page {
 /// Above every id.
 const FIRST: &str = "~";
 const DIGEST_LENGTH: usize = 16;
+/// JSON of the entries of one page.
+const MAX_PAGE_BYTES: usize = 4 << 20;
 
 impl Page {
     /// The page of `size` entries that `token` asks for, in the listing with these `filters`.
@@ -39,12 +42,20 @@ impl Page {
         i64::from(self.size) + 1
     }
 
-    /// Cuts the extra row off and makes the next page's token.
-    pub(crate) fn cut<T>(&self, rows: &mut Vec<T>, id: impl Fn(&T) -> String) -> Option<String> {
-        if rows.len() <= self.size as usize {
-            return None;
+    /// Cuts the page after its last entry, and before it takes more than [`MAX_PAGE_BYTES`]; makes the next page's token.
+    pub(crate) fn cut<T: Serialize>(&self, rows: &mut Vec<T>, id: impl Fn(&T) -> String) -> Result<Option<String>, Error> {
+        let (mut bytes, mut length) = (0, 0);
+        for row in rows.iter().take(self.size as usize) {
+            bytes += serde_json::to_vec(row)?.len();
+            if length > 0 && bytes > MAX_PAGE_BYTES {
+                break;
+            }
+            length += 1;
         }
-        rows.truncate(self.size as usize);
-        rows.last().map(|last| format!("{}.{}", id(last), self.filters))
+        if rows.len() <= length {
+            return Ok(None);
+        }
+        rows.truncate(length);
+        Ok(rows.last().map(|last| format!("{}.{}", id(last), self.filters)))
     }
 }

@@ -1,7 +1,7 @@
 //! Rows of stored hardware specifications. A version is never given twice for a name, also after a deletion: it is
 //! taken from one counter for all.
 
-use sqlx::{Connection, Row, SqliteConnection};
+use sqlx::{Row, SqliteConnection};
 
 use super::Store;
 use crate::service::error::Error;
@@ -71,6 +71,16 @@ impl Store {
         rows.iter().map(read).collect()
     }
 
+    /// Names of the specifications of a kind, sorted; `limit` at most.
+    pub(crate) async fn spec_names(&self, kind: SpecCollection, limit: u32) -> Result<Vec<String>, Error> {
+        let names = sqlx::query_scalar("SELECT name FROM spec WHERE kind = ?1 ORDER BY name LIMIT ?2")
+            .bind(kind.as_str())
+            .bind(limit)
+            .fetch_all(&self.reader)
+            .await?;
+        Ok(names)
+    }
+
     /// Stores a specification. Replacing one needs [`Precondition::Match`].
     pub(crate) async fn put_spec(
         &self,
@@ -79,8 +89,7 @@ impl Store {
         body: &str,
         only_if: &Precondition,
     ) -> Result<Put, Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let now = etag_now(&mut tx, kind, name).await?;
         if !only_if.holds(now.as_deref()) {
             return Err(Error::PreconditionFailed(now));
@@ -107,8 +116,7 @@ impl Store {
 
     /// Deletes a specification.
     pub(crate) async fn delete_spec(&self, kind: SpecCollection, name: &str, only_if: &Precondition) -> Result<(), Error> {
-        let mut writer = self.writer.lock().await;
-        let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+        let mut tx = self.writer.begin().await?;
         let now = etag_now(&mut tx, kind, name).await?;
         if now.is_none() {
             return Err(Error::SpecNotFound { kind, name: name.to_owned() });

@@ -1,0 +1,42 @@
+//! Which errors pass by themselves.
+
+use sqlx::{Connection, Executor, SqliteConnection};
+
+use super::*;
+
+#[test]
+fn shortages_of_the_machine_are_transient() {
+    for code in [24, 23, 5, 28] {
+        let error = Error::from(std::io::Error::from_raw_os_error(code));
+        assert!(error.is_transient(), "errno {code}: {error}");
+    }
+    for code in [2, 13, 20] {
+        let error = Error::from(std::io::Error::from_raw_os_error(code));
+        assert!(!error.is_transient(), "errno {code}: {error}");
+    }
+    assert!(Error::StorageFull.is_transient());
+    assert!(!Error::Draining.is_transient());
+    assert!(!Error::FileDamaged { sha256: "ab".to_owned(), missing: true }.is_transient());
+    assert!(Error::from(sqlx::Error::PoolTimedOut).is_transient());
+}
+
+/// The errors that SQLite itself gives, with their extended codes.
+#[tokio::test]
+async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let url = format!("sqlite://{}?mode=rwc", folder.path().join("a.db").display());
+    let mut one = SqliteConnection::connect(&url).await.expect("a database");
+    one.execute("PRAGMA busy_timeout = 0; CREATE TABLE a (b UNIQUE); BEGIN EXCLUSIVE").await.expect("locked");
+    let mut other = SqliteConnection::connect(&url).await.expect("a connection");
+    other.execute("PRAGMA busy_timeout = 0").await.expect("set");
+    let locked = Error::from(other.execute("INSERT INTO a VALUES (1)").await.expect_err("locked"));
+    assert!(locked.is_transient(), "{locked:?}");
+    one.execute("COMMIT; INSERT INTO a VALUES (1)").await.expect("written");
+    for wrong in ["INSERT INTO a VALUES (1)", "INSERT INTO nothing VALUES (1)"] {
+        let error = Error::from(other.execute(wrong).await.expect_err("refused"));
+        assert!(!error.is_transient(), "{error:?}");
+    }
+    let nowhere = format!("sqlite://{}?mode=ro", folder.path().join("none/b.db").display());
+    let cannot_open = Error::from(SqliteConnection::connect(&nowhere).await.expect_err("no such file"));
+    assert!(cannot_open.is_transient(), "{cannot_open:?}");
+}

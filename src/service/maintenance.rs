@@ -1,0 +1,161 @@
+//! What the service does to its store by itself while it serves: events, orphans, retention, a look for damage. Nothing of
+//! it delays the start.
+
+use std::time::Duration;
+
+use super::app::App;
+use super::error::Error;
+use super::store::{Due, Policy};
+use crate::wire::{DamagedItem, Retention, RetentionPolicy, RetiredJob, RetiredMesh, Storage};
+
+/// Time between two rounds.
+const ROUND: Duration = Duration::from_secs(3600);
+/// Jobs and meshes that an answer lists.
+const MAX_LISTED: usize = 1000;
+
+const HOUR_SECS: u64 = 3600;
+
+/// Works until the service stops.
+pub(super) async fn maintain(app: App) {
+    let stopping = app.stopping();
+    tokio::select! {
+        () = stopping.cancelled() => {}
+        _ = async { tokio::join!(rounds(&app), scrub(&app)) } => {}
+    }
+}
+
+/// Rounds of everything that is soon done.
+async fn rounds(app: &App) {
+    let mut rounds = tokio::time::interval(ROUND);
+    loop {
+        rounds.tick().await;
+        app.round().await;
+    }
+}
+
+/// Reads every stored file, which may take hours, and again after a while.
+async fn scrub(app: &App) {
+    let hours = app.0.options.scrub_hours;
+    if hours == 0 {
+        return std::future::pending().await;
+    }
+    let mut rounds = tokio::time::interval(Duration::from_secs(u64::from(hours) * HOUR_SECS));
+    rounds.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        rounds.tick().await;
+        log("the look at the store's files", app.0.store.scrub_files().await);
+    }
+}
+
+fn log(what: &str, result: Result<(), Error>) {
+    if let Err(error) = result {
+        tracing::warn!(error = &error as &dyn std::error::Error, "{what} broke off; it is tried again within the hour");
+    }
+}
+
+impl App {
+    /// One round of everything that is soon done.
+    async fn round(&self) {
+        let (store, options) = (&self.0.store, &self.0.options);
+        let hours = |hours: u32| Duration::from_secs(u64::from(hours) * HOUR_SECS);
+        log("the look at the store's rows", store.scrub_rows().await);
+        log("dropping old events", store.prune_events(options.event_retention_hours).await);
+        let swept = store.sweep(hours(options.orphan_hours), hours(options.swept_hours)).await;
+        log("the sweep of files", swept.map(drop));
+        log("retention", self.retire().await.map(drop));
+        metrics::gauge!("vantage_store_damaged").set(store.damage().len() as f64);
+    }
+
+    fn policy(&self) -> Result<Policy, Error> {
+        let retention = &self.0.options.retention;
+        let max_bytes = if retention.max_disk_share > 0.0 {
+            (self.space()?.0.total_bytes as f64 * retention.max_disk_share) as u64
+        } else {
+            0
+        };
+        Ok(Policy {
+            job_days: retention.job_days,
+            jobs_per_part: retention.jobs_per_part,
+            unused_mesh_days: retention.unused_mesh_days,
+            max_bytes,
+            hold_label: retention.hold_label.clone(),
+        })
+    }
+
+    /// What the policy of retention would let go now.
+    ///
+    /// # Errors
+    /// [`Error::Internal`], [`Error::StorageBusy`].
+    pub async fn retention(&self) -> Result<Retention, Error> {
+        let due = self.0.store.due(&self.policy()?).await?;
+        Ok(self.told(&due))
+    }
+
+    /// Lets go what the policy of retention lets go. A job that somebody holds or deletes meanwhile is passed over.
+    ///
+    /// # Errors
+    /// [`Error::Internal`], [`Error::StorageBusy`].
+    pub async fn retire(&self) -> Result<Retention, Error> {
+        let app = self.clone();
+        self.to_the_end(async move {
+            let due = app.0.store.due(&app.policy()?).await?;
+            let mut gone = Due::default();
+            for (id, reason, size_bytes) in due.jobs {
+                match app.0.store.delete_job(id, &app.0.options.retention.hold_label, Some(reason.code())).await {
+                    Ok(()) => gone.jobs.push((id, reason, size_bytes)),
+                    Err(Error::JobHeld { .. } | Error::JobNotFound(_) | Error::JobNotEnded { .. }) => {}
+                    Err(error) => return Err(error),
+                }
+            }
+            for (id, size_bytes) in due.meshes {
+                match app.0.store.delete_mesh(id).await {
+                    Ok(()) => gone.meshes.push((id, size_bytes)),
+                    Err(Error::MeshNotFound(_) | Error::MeshInUse(_)) => {}
+                    Err(error) => return Err(error),
+                }
+            }
+            if gone != Due::default() {
+                tracing::info!(jobs = gone.jobs.len(), meshes = gone.meshes.len(), "retention let go");
+            }
+            Ok(app.told(&gone))
+        })
+        .await
+    }
+
+    fn told(&self, due: &Due) -> Retention {
+        let retention = &self.0.options.retention;
+        let jobs = due.jobs.iter().take(MAX_LISTED).map(|&(id, reason, size_bytes)| RetiredJob { id, reason, size_bytes });
+        let meshes = due.meshes.iter().take(MAX_LISTED).map(|&(id, size_bytes)| RetiredMesh { id, size_bytes });
+        Retention {
+            policy: RetentionPolicy {
+                job_days: retention.job_days,
+                jobs_per_part: retention.jobs_per_part,
+                unused_mesh_days: retention.unused_mesh_days,
+                max_disk_share: retention.max_disk_share,
+                hold_label: retention.hold_label.clone(),
+            },
+            job_count: due.jobs.len() as u64,
+            mesh_count: due.meshes.len() as u64,
+            size_bytes: due.jobs.iter().map(|job| job.2).chain(due.meshes.iter().map(|mesh| mesh.1)).sum(),
+            jobs: jobs.collect(),
+            meshes: meshes.collect(),
+        }
+    }
+
+    /// Room, sizes and known damage.
+    ///
+    /// # Errors
+    /// [`Error::Internal`], [`Error::StorageBusy`].
+    pub async fn storage(&self) -> Result<Storage, Error> {
+        let (space, floor_bytes) = self.space()?;
+        let damaged = self.0.store.damage().into_iter().map(|damage| DamagedItem { name: damage.name, reason: damage.reason });
+        Ok(Storage {
+            free_bytes: space.free_bytes,
+            total_bytes: space.total_bytes,
+            floor_bytes,
+            database_bytes: self.0.store.database_bytes(),
+            files_bytes: self.0.store.stored_bytes().await?,
+            damaged: damaged.collect(),
+        })
+    }
+}

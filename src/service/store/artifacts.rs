@@ -1,0 +1,189 @@
+//! Result files of jobs. Text is compressed once, when it is stored, and kept in that form alone: whoever takes gzip gets
+//! the file as it lies, for others it is unpacked piece by piece.
+
+use std::io::{self, Read, Write};
+use std::sync::Arc;
+
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use sha2::{Digest, Sha256};
+use sqlx::{Row, SqliteConnection};
+
+use super::files::hex;
+use super::held::Hold;
+use super::{Store, blocking};
+use crate::service::error::{Error, Fault};
+use crate::service::failpoint;
+use crate::service::run::Artifact;
+use crate::wire::{JobFile, JobId, JobState};
+
+/// Smaller results are kept as they are.
+const MIN_COMPRESSED_BYTES: usize = 1024;
+/// zlib's level: 62 MB of JSON take a second at 3 and three at 6, for a tenth less.
+const LEVEL: Compression = Compression::new(3);
+
+/// How a stored file holds its result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    /// Byte for byte.
+    Identity,
+    /// Compressed (RFC 1952).
+    Gzip,
+}
+
+impl Encoding {
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Identity => "identity",
+            Self::Gzip => "gzip",
+        }
+    }
+}
+
+/// A result and the file that holds it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ResultFile {
+    /// The result: its name, hash and size.
+    pub result: JobFile,
+    /// Hash of the stored file.
+    pub file_sha256: String,
+    /// Size of the stored file.
+    pub file_bytes: u64,
+    /// How the file holds the result.
+    pub encoding: Encoding,
+}
+
+/// Results on the disk that no row names yet; they are kept while this lives.
+#[derive(Debug)]
+pub(crate) struct StoredArtifacts {
+    /// The results.
+    pub files: Vec<ResultFile>,
+    _hold: Hold,
+}
+
+/// A result in the form in which it is stored.
+struct Packed {
+    result: JobFile,
+    bytes: Vec<u8>,
+    sha256: String,
+    encoding: Encoding,
+}
+
+impl Store {
+    /// Stores results that no row names yet.
+    pub(crate) async fn put_artifacts(&self, artifacts: Arc<Vec<Artifact>>) -> Result<StoredArtifacts, Error> {
+        let packed = blocking(move || artifacts.iter().map(pack).collect::<Result<Vec<_>, Error>>()).await?;
+        let hold = self.held.hold(packed.iter().map(|packed| packed.sha256.clone()).collect()).await;
+        let files = self.files.clone();
+        let files = blocking(move || {
+            let stored = packed.into_iter().map(|packed| {
+                files.adopt(files.write(&packed.bytes)?)?;
+                failpoint::hit("artifact", "written");
+                let Packed { result, bytes, sha256, encoding } = packed;
+                Ok(ResultFile { result, file_sha256: sha256, file_bytes: bytes.len() as u64, encoding })
+            });
+            stored.collect::<Result<Vec<_>, Error>>()
+        })
+        .await?;
+        Ok(StoredArtifacts { files, _hold: hold })
+    }
+
+    /// One of a job's results and the file that holds it.
+    pub(crate) async fn result(&self, id: JobId, name: &str) -> Result<ResultFile, Error> {
+        let state = self.job_state(id).await?;
+        if state != JobState::Succeeded {
+            return Err(Error::NoResults { job: id, state });
+        }
+        let row = sqlx::query(
+            "SELECT name, sha256, size_bytes, file_sha256, file_bytes, encoding FROM artifact WHERE job_id = ?1 AND name = ?2",
+        )
+        .bind(id.to_string())
+        .bind(name)
+        .fetch_optional(&self.reader)
+        .await?;
+        let row = row.ok_or_else(|| Error::NoSuchResult { job: id, name: name.to_owned() })?;
+        let encoding = match row.try_get::<String, _>("encoding")?.as_str() {
+            "identity" => Encoding::Identity,
+            "gzip" => Encoding::Gzip,
+            other => return Err(Fault::Row(format!("artifact.encoding {other:?}")).into()),
+        };
+        Ok(ResultFile {
+            result: JobFile {
+                name: row.try_get("name")?,
+                sha256: row.try_get("sha256")?,
+                size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
+            },
+            file_sha256: row.try_get("file_sha256")?,
+            file_bytes: row.try_get::<i64, _>("file_bytes")?.unsigned_abs(),
+            encoding,
+        })
+    }
+
+    /// Opens the stored file of a result, checked; it reads as the result itself where `unpacked`.
+    pub(crate) async fn open_result(&self, file: &ResultFile, unpacked: bool) -> Result<Box<dyn Read + Send>, Error> {
+        let (files, file) = (self.files.clone(), file.clone());
+        blocking(move || {
+            let opened = files.check(&file.file_sha256)?;
+            Ok(match file.encoding {
+                Encoding::Gzip if unpacked => Box::new(GzDecoder::new(opened)) as Box<dyn Read + Send>,
+                _ => Box::new(opened),
+            })
+        })
+        .await
+    }
+
+    /// The bytes of a result.
+    pub(crate) async fn read_result(&self, file: &ResultFile) -> Result<Vec<u8>, Error> {
+        let mut reader = self.open_result(file, true).await?;
+        let size_bytes = usize::try_from(file.result.size_bytes).unwrap_or_default();
+        blocking(move || {
+            let mut bytes = Vec::with_capacity(size_bytes);
+            reader.read_to_end(&mut bytes)?;
+            Ok(bytes)
+        })
+        .await
+    }
+}
+
+/// Names the results of a job.
+pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[ResultFile]) -> Result<(), Error> {
+    for file in files {
+        sqlx::query(
+            "INSERT INTO artifact (job_id, name, sha256, size_bytes, file_sha256, file_bytes, encoding)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+        )
+        .bind(id.to_string())
+        .bind(&file.result.name)
+        .bind(&file.result.sha256)
+        .bind(i64::try_from(file.result.size_bytes).unwrap_or(i64::MAX))
+        .bind(&file.file_sha256)
+        .bind(i64::try_from(file.file_bytes).unwrap_or(i64::MAX))
+        .bind(file.encoding.as_str())
+        .execute(&mut *tx)
+        .await?;
+    }
+    Ok(())
+}
+
+/// The form in which a result is stored. The same bytes always come to the same form.
+fn pack(artifact: &Artifact) -> Result<Packed, Error> {
+    let bytes = &artifact.bytes;
+    let sha256 = hex(&Sha256::digest(bytes));
+    let result = JobFile { name: artifact.name.to_owned(), sha256: sha256.clone(), size_bytes: bytes.len() as u64 };
+    if bytes.len() >= MIN_COMPRESSED_BYTES {
+        let compressed = compress(bytes)?;
+        if compressed.len() < bytes.len() / 10 * 9 {
+            let sha256 = hex(&Sha256::digest(&compressed));
+            return Ok(Packed { result, bytes: compressed, sha256, encoding: Encoding::Gzip });
+        }
+    }
+    Ok(Packed { result, bytes: bytes.clone(), sha256, encoding: Encoding::Identity })
+}
+
+fn compress(bytes: &[u8]) -> io::Result<Vec<u8>> {
+    // Without a name or a time, so that the same bytes stay the same bytes.
+    let mut encoder = GzEncoder::new(Vec::with_capacity(bytes.len() / 4), LEVEL);
+    encoder.write_all(bytes)?;
+    encoder.finish()
+}

@@ -1,0 +1,130 @@
+//! Lists of jobs: pages of what is known of each, without what it was asked for. Every filter has its index, and the cost
+//! of a page grows with the page, not with the number of stored jobs; places in the queue are counted once a page.
+
+use std::collections::HashMap;
+
+use futures_util::TryStreamExt;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite};
+
+use super::Store;
+use super::jobs::{read_problem, read_state};
+use super::pages::Page;
+use super::stored::{VERSION, read_leniently};
+use crate::service::error::Error;
+use crate::wire::{JobFile, JobListItem, JobPage, JobState};
+
+/// Which jobs are listed.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct JobFilter {
+    pub state: Option<JobState>,
+    /// Key, and value if given.
+    pub label: Option<(String, Option<String>)>,
+    pub part_number: Option<String>,
+}
+
+impl Store {
+    /// A page of jobs, newest first.
+    pub(crate) async fn jobs(&self, filter: &JobFilter, page: &Page) -> Result<JobPage, Error> {
+        let rows = query(filter, page).build().fetch_all(&self.reader).await?;
+        let mut items: Vec<JobListItem> = rows.iter().filter_map(read).collect();
+        // A row that cannot be read at all is left out; the page after it begins where this one ended.
+        let next_page_token = page.cut(&mut items, |job| job.id.to_string())?;
+        if items.iter().any(|job| job.state == JobState::Queued) {
+            let places = self.queue_places(&items).await?;
+            for job in &mut items {
+                job.queue_position = places.get(&job.id.to_string()).copied();
+            }
+        }
+        Ok(JobPage { items, next_page_token })
+    }
+
+    /// Places in the queue, from 1, of those jobs that are in it.
+    async fn queue_places(&self, jobs: &[JobListItem]) -> Result<HashMap<String, u64>, Error> {
+        let wanted: Vec<String> = jobs.iter().filter(|job| job.state == JobState::Queued).map(|job| job.id.to_string()).collect();
+        let mut places: HashMap<String, u64> = HashMap::with_capacity(wanted.len());
+        let mut queue = sqlx::query_scalar::<_, String>(
+            "SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id",
+        )
+        .fetch(&self.reader);
+        let (wanted, mut place): (std::collections::HashSet<_>, u64) = (wanted.into_iter().collect(), 0);
+        while let Some(id) = queue.try_next().await? {
+            place += 1;
+            if wanted.contains(&id) {
+                places.insert(id, place);
+            }
+            if places.len() == wanted.len() {
+                break;
+            }
+        }
+        Ok(places)
+    }
+}
+
+/// The page's query. A label is looked up first, in its own index; the other filters have theirs.
+fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new(
+        "SELECT job.id, state, mesh_id, part_number, serial, cell, scanner, labels, priority, stage, fraction, attempts, timings,
+            problem, created_at, started_at, ended_at,
+            (SELECT json_group_array(json_object('name', name, 'sha256', sha256, 'size_bytes', size_bytes))
+                FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results
+         FROM ",
+    );
+    let order = match &filter.label {
+        None => {
+            query.push("job WHERE job.id < ").push_bind(page.before.clone());
+            "job.id"
+        }
+        Some((key, value)) => {
+            query.push("job_label AS label CROSS JOIN job ON job.id = label.job_id WHERE label.key = ").push_bind(key.clone());
+            if let Some(value) = value {
+                query.push(" AND label.value = ").push_bind(value.clone());
+            }
+            query.push(" AND label.job_id < ").push_bind(page.before.clone());
+            "label.job_id"
+        }
+    };
+    if let Some(state) = filter.state {
+        query.push(" AND state = ").push_bind(state.as_str());
+    }
+    if let Some(part_number) = &filter.part_number {
+        query.push(" AND part_number = ").push_bind(part_number.clone());
+    }
+    query.push(" ORDER BY ").push(order).push(" DESC LIMIT ").push_bind(page.limit());
+    query
+}
+
+/// What a row says; fields that cannot be read are left empty, and a row whose id cannot be read is left out.
+fn read(row: &SqliteRow) -> Option<JobListItem> {
+    let text = |column: &str| row.try_get::<Option<String>, _>(column).ok().flatten();
+    let id = text("id")?;
+    let Ok(id) = id.parse() else {
+        tracing::warn!(id, "a job is left out of a list: its id cannot be read");
+        return None;
+    };
+    let state = read_state(&text("state").unwrap_or_default());
+    let results: Vec<JobFile> =
+        text("results").and_then(|json| read_leniently(VERSION, &json).ok()).map_or_else(Vec::new, |read| read.0);
+    Some(JobListItem {
+        id,
+        state: state.as_ref().copied().unwrap_or(JobState::Failed),
+        mesh_id: text("mesh_id")?.parse().ok()?,
+        cell: text("cell").unwrap_or_default(),
+        scanner: text("scanner").unwrap_or_default(),
+        labels: text("labels").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        part_number: text("part_number"),
+        serial: text("serial"),
+        priority: row.try_get("priority").unwrap_or_default(),
+        stage: text("stage"),
+        fraction: row.try_get("fraction").unwrap_or_default(),
+        queue_position: None,
+        attempts: row.try_get("attempts").unwrap_or_default(),
+        created_at: text("created_at").unwrap_or_default(),
+        started_at: text("started_at"),
+        ended_at: text("ended_at"),
+        timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        problem: state.err().or_else(|| read_problem(text("problem"))),
+        plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        results,
+    })
+}

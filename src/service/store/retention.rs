@@ -1,0 +1,152 @@
+//! What a policy lets go: ended jobs that are too old or too many for their part, meshes that nothing uses any more, and
+//! the oldest jobs while the store takes more of the disk than it may. A job with the label of a hold is never let go.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sqlx::Row;
+
+use super::Store;
+use crate::service::error::Error;
+use crate::wire::{JobId, MeshId, RetentionReason};
+
+/// What is kept, and how long.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Policy {
+    /// Ended jobs older than this are let go; 0 keeps them.
+    pub job_days: u32,
+    /// Of each part (its part number, else its mesh) this many ended jobs are kept; 0 keeps all.
+    pub jobs_per_part: u32,
+    /// Meshes that no job refers to are let go this long after their upload; 0 keeps them.
+    pub unused_mesh_days: u32,
+    /// Bytes that results may take; the oldest ended jobs go first. 0 for no limit.
+    pub max_bytes: u64,
+    /// Key of the label that keeps a job.
+    pub hold_label: String,
+}
+
+impl Policy {
+    fn keeps_everything(&self) -> bool {
+        self.job_days == 0 && self.jobs_per_part == 0 && self.unused_mesh_days == 0 && self.max_bytes == 0
+    }
+}
+
+/// What the policy lets go.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Due {
+    /// Jobs, why, and the bytes of their files; the oldest first.
+    pub jobs: Vec<(JobId, RetentionReason, u64)>,
+    /// Meshes, and the bytes of their files.
+    pub meshes: Vec<(MeshId, u64)>,
+}
+
+/// An ended job that no label holds.
+struct Ended {
+    id: JobId,
+    part: String,
+    is_old: bool,
+    size_bytes: u64,
+}
+
+impl Store {
+    /// What the policy lets go now.
+    pub(crate) async fn due(&self, policy: &Policy) -> Result<Due, Error> {
+        if policy.keeps_everything() {
+            return Ok(Due::default());
+        }
+        let ended = self.ended_jobs(policy).await?;
+        let mut reasons = BTreeMap::new();
+        for job in ended.iter().filter(|job| job.is_old) {
+            reasons.insert(job.id, RetentionReason::Age);
+        }
+        if policy.jobs_per_part > 0 {
+            let mut kept: BTreeMap<&str, u32> = BTreeMap::new();
+            for job in ended.iter().rev() {
+                let count = kept.entry(&job.part).or_default();
+                *count += 1;
+                if *count > policy.jobs_per_part {
+                    reasons.entry(job.id).or_insert(RetentionReason::Count);
+                }
+            }
+        }
+        if policy.max_bytes > 0 {
+            let gone: u64 = ended.iter().filter(|job| reasons.contains_key(&job.id)).map(|job| job.size_bytes).sum();
+            let mut taken = self.stored_bytes().await?.saturating_sub(gone);
+            for job in &ended {
+                if taken <= policy.max_bytes {
+                    break;
+                }
+                if let std::collections::btree_map::Entry::Vacant(place) = reasons.entry(job.id) {
+                    place.insert(RetentionReason::Disk);
+                    taken = taken.saturating_sub(job.size_bytes);
+                }
+            }
+        }
+        let jobs = ended.iter().filter_map(|job| reasons.get(&job.id).map(|reason| (job.id, *reason, job.size_bytes))).collect();
+        let meshes = if policy.unused_mesh_days > 0 { self.unused_meshes(policy.unused_mesh_days).await? } else { Vec::new() };
+        Ok(Due { jobs, meshes })
+    }
+
+    /// Ended jobs without a hold, the oldest first.
+    async fn ended_jobs(&self, policy: &Policy) -> Result<Vec<Ended>, Error> {
+        let rows = sqlx::query(
+            "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
+                ?1 > 0 AND ended_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
+                (SELECT coalesce(sum(file_bytes), 0) FROM artifact WHERE job_id = job.id) AS size_bytes
+             FROM job WHERE ended_at IS NOT NULL
+                AND NOT EXISTS (SELECT 1 FROM job_label WHERE job_id = job.id AND key = ?2) ORDER BY id",
+        )
+        .bind(policy.job_days)
+        .bind(&policy.hold_label)
+        .fetch_all(&self.reader)
+        .await?;
+        let read = |row: &sqlx::sqlite::SqliteRow| -> Result<Option<Ended>, Error> {
+            // A row whose id cannot be read can be named to nobody.
+            let Ok(id) = row.try_get::<String, _>("id")?.parse() else { return Ok(None) };
+            let size_bytes = row.try_get::<i64, _>("size_bytes")?.unsigned_abs();
+            Ok(Some(Ended { id, part: row.try_get("part")?, is_old: row.try_get("is_old")?, size_bytes }))
+        };
+        rows.iter().filter_map(|row| read(row).transpose()).collect()
+    }
+
+    async fn unused_meshes(&self, days: u32) -> Result<Vec<(MeshId, u64)>, Error> {
+        let rows = sqlx::query(
+            "SELECT id, size_bytes FROM mesh
+             WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days')
+                AND NOT EXISTS (SELECT 1 FROM job_mesh WHERE mesh_id = mesh.id) ORDER BY id",
+        )
+        .bind(days)
+        .fetch_all(&self.reader)
+        .await?;
+        let read = |row: &sqlx::sqlite::SqliteRow| -> Result<Option<(MeshId, u64)>, Error> {
+            let Ok(id) = row.try_get::<String, _>("id")?.parse() else { return Ok(None) };
+            Ok(Some((id, row.try_get::<i64, _>("size_bytes")?.unsigned_abs())))
+        };
+        let unused: Vec<(MeshId, u64)> = rows.iter().filter_map(|row| read(row).transpose()).collect::<Result<_, _>>()?;
+        let named = self.meshes_of_specs().await?;
+        Ok(unused.into_iter().filter(|(id, _)| !named.contains(&id.to_string())).collect())
+    }
+
+    /// Ids of meshes that stored specifications name.
+    async fn meshes_of_specs(&self) -> Result<BTreeSet<String>, Error> {
+        let ids: Vec<String> = sqlx::query_scalar(
+            "SELECT node.value FROM spec, json_tree(CASE WHEN json_valid(spec.body) THEN spec.body ELSE '{}' END) AS node
+             WHERE node.key = 'mesh' AND node.type = 'text'",
+        )
+        .fetch_all(&self.reader)
+        .await?;
+        Ok(ids.into_iter().map(|id| id.to_lowercase()).collect())
+    }
+
+    /// Bytes of all files that rows name; a file that several name counts once.
+    pub(crate) async fn stored_bytes(&self) -> Result<u64, Error> {
+        let bytes: i64 = sqlx::query_scalar(
+            "SELECT coalesce(sum(bytes), 0) FROM (
+                SELECT max(bytes) AS bytes FROM (
+                    SELECT sha256, size_bytes AS bytes FROM mesh UNION ALL SELECT file_sha256, file_bytes FROM artifact)
+                GROUP BY sha256)",
+        )
+        .fetch_one(&self.reader)
+        .await?;
+        Ok(bytes.unsigned_abs())
+    }
+}

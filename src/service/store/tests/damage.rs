@@ -1,0 +1,225 @@
+//! Orphans, missing and foreign databases, damaged files: nothing is lost, and what is wrong is named.
+
+use std::time::Duration;
+
+use super::super::sweep::Swept;
+use super::*;
+
+/// Stores a file that no row names.
+fn put_orphan(store: &Store, bytes: &[u8]) -> String {
+    let received = store.files().write(bytes).expect("a file");
+    let sha256 = received.sha256.clone();
+    store.files().adopt(received).expect("its name");
+    sha256
+}
+
+const NOW: Duration = Duration::ZERO;
+const LONG: Duration = Duration::from_secs(3600);
+
+#[tokio::test]
+async fn what_a_crash_left_between_file_and_row_is_moved_away_once_it_is_old() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    let orphan = put_orphan(&opened.store, b"nobody's");
+    std::fs::write(opened.folder.path().join("unfinished/half"), b"ha").expect("a file");
+    let opened = opened.reopen().await;
+    let store = &opened.store;
+    assert_eq!(stored_files(&opened), 2, "opening removes nothing");
+    assert_eq!(std::fs::read_dir(opened.folder.path().join("unfinished")).expect("a folder").count(), 0);
+    assert_eq!(store.sweep(LONG, LONG).await.expect("too young"), Swept::default());
+    assert_eq!(store.sweep(NOW, LONG).await.expect("old enough"), Swept { moved: 1, removed: 0 });
+    assert_eq!(store.files().list().expect("a list").iter().map(|file| &file.sha256).collect::<Vec<_>>(), [&mesh.sha256]);
+    assert_eq!(std::fs::read(opened.folder.path().join("swept").join(orphan)).expect("kept"), b"nobody's");
+    assert_eq!(store.sweep(NOW, NOW).await.expect("older still"), Swept { moved: 0, removed: 1 });
+}
+
+#[tokio::test]
+async fn a_file_that_somebody_is_about_to_name_is_not_swept() {
+    let opened = open().await;
+    add_mesh(&opened.store, b"one").await;
+    let orphan = put_orphan(&opened.store, b"soon somebody's");
+    let hold = opened.store.held.hold(vec![orphan.clone()]).await;
+    assert_eq!(opened.store.sweep(NOW, LONG).await.expect("held"), Swept::default());
+    opened.store.remove_unreferenced(vec![orphan.clone()]).await.expect("held");
+    assert_eq!(stored_files(&opened), 2);
+    drop(hold);
+    assert_eq!(opened.store.sweep(NOW, LONG).await.expect("free").moved, 1);
+}
+
+#[tokio::test]
+async fn a_database_that_names_no_file_has_none_swept() {
+    let opened = open().await;
+    put_orphan(&opened.store, b"whose?");
+    assert_eq!(opened.store.sweep(NOW, NOW).await.expect("nothing"), Swept::default());
+    assert_eq!(stored_files(&opened), 1);
+}
+
+/// Opens the store again after `change` was done to its folder.
+async fn reopened(opened: Opened, change: impl FnOnce(&std::path::Path)) -> (Result<Store, OpenError>, tempfile::TempDir) {
+    let Opened { store, folder } = opened;
+    store.close().await.expect("closed");
+    drop(store);
+    change(folder.path());
+    (Store::open(folder.path()).await, folder)
+}
+
+#[tokio::test]
+async fn a_store_without_its_database_is_not_touched() {
+    for change in [
+        (|data| std::fs::remove_file(data.join(DATABASE)).expect("removed")) as fn(&std::path::Path),
+        |data| std::fs::write(data.join(DATABASE), b"").expect("emptied"),
+        |data| {
+            std::fs::remove_file(data.join(DATABASE)).expect("removed");
+            std::fs::remove_file(data.join("store-id")).expect("removed");
+        },
+    ] {
+        let opened = open().await;
+        let mesh = add_mesh(&opened.store, b"one").await;
+        let (result, folder) = reopened(opened, change).await;
+        assert!(matches!(result.err().expect("refused"), OpenError::DatabaseMissing { .. }));
+        assert_eq!(std::fs::read(Files::at(folder.path()).path(&mesh.sha256)).expect("there"), b"one");
+        // And a second time, after the first has left what it left.
+        assert!(matches!(Store::open(folder.path()).await, Err(OpenError::DatabaseMissing { .. })));
+    }
+}
+
+#[tokio::test]
+async fn the_database_of_another_store_is_refused() {
+    let other = open().await;
+    add_mesh(&other.store, b"other").await;
+    other.store.close().await.expect("closed");
+    let opened = open().await;
+    add_mesh(&opened.store, b"one").await;
+    let database = other.folder.path().join(DATABASE);
+    let (result, _folder) = reopened(opened, |data| {
+        std::fs::copy(database, data.join(DATABASE)).expect("copied");
+    })
+    .await;
+    assert!(matches!(result.err().expect("refused"), OpenError::DatabaseOfAnother { .. }));
+    // Fresh and without anything in it, beside files that lost their id.
+    let fresh = open().await;
+    fresh.store.close().await.expect("closed");
+    let opened = open().await;
+    add_mesh(&opened.store, b"one").await;
+    let database = fresh.folder.path().join(DATABASE);
+    let (result, _folder) = reopened(opened, |data| {
+        std::fs::copy(database, data.join(DATABASE)).expect("copied");
+        std::fs::remove_file(data.join("store-id")).expect("removed");
+    })
+    .await;
+    assert!(matches!(result.err().expect("refused"), OpenError::DatabaseMissing { .. }));
+}
+
+#[tokio::test]
+async fn a_damaged_database_is_named_and_refused() {
+    let opened = open().await;
+    for bytes in [b"one", b"two", b"six"] {
+        add_mesh(&opened.store, bytes).await;
+    }
+    let (result, _folder) = reopened(opened, |data| {
+        let path = data.join(DATABASE);
+        let mut bytes = std::fs::read(&path).expect("it");
+        for page in bytes.chunks_mut(4096).skip(2) {
+            page[..64].fill(0xa5);
+        }
+        std::fs::write(path, bytes).expect("damaged");
+    })
+    .await;
+    let error = result.err().expect("refused");
+    assert!(matches!(&error, OpenError::DatabaseDamaged { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn a_closed_store_is_whole_in_its_database_file_alone() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    opened.store.close().await.expect("closed");
+    let copy = tempfile::tempdir().expect("a folder");
+    std::fs::copy(opened.folder.path().join(DATABASE), copy.path().join(DATABASE)).expect("copied");
+    let store = Store::open(copy.path()).await.expect("a store");
+    assert_eq!(store.mesh(mesh.id).await.expect("there").sha256, mesh.sha256);
+}
+
+#[tokio::test]
+async fn a_damaged_file_is_not_given_out_and_is_healed_by_the_same_upload() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    let files = opened.store.files();
+    assert!(files.check(&mesh.sha256).is_ok());
+    for damage in [Some(&b"onE"[..]), Some(b""), None] {
+        match damage {
+            Some(bytes) => std::fs::write(files.path(&mesh.sha256), bytes).expect("damage"),
+            None => std::fs::remove_file(files.path(&mesh.sha256)).expect("gone"),
+        }
+        let error = files.check(&mesh.sha256).expect_err("found");
+        assert!(
+            matches!(&error, Error::FileDamaged { sha256, missing } if *sha256 == mesh.sha256 && *missing == damage.is_none())
+        );
+        opened.store.scrub_files().await.expect("a look");
+        assert_eq!(opened.store.damage().len(), 1);
+        assert_eq!(add_mesh(&opened.store, b"one").await.id, mesh.id);
+        assert_eq!(files.read(&mesh.sha256).expect("healed"), b"one");
+        opened.store.scrub_files().await.expect("a look");
+        assert_eq!(opened.store.damage(), []);
+    }
+}
+
+/// Everything that a store holds, for a comparison.
+async fn content(data: &Path) -> (Vec<crate::wire::Mesh>, Vec<JobId>) {
+    let store = Store::open(data).await.expect("a store");
+    let page = Page::new(100, None, "").expect("a page");
+    let meshes = store.meshes(&page).await.expect("meshes").items;
+    for mesh in &meshes {
+        store.files().read(&mesh.sha256).expect("its file");
+    }
+    let jobs = store.jobs(&JobFilter::default(), &page).await.expect("jobs").items;
+    store.close().await.expect("closed");
+    (meshes, jobs.iter().map(|job| job.id).collect())
+}
+
+#[tokio::test]
+async fn a_backup_of_a_store_at_work_is_a_store() {
+    let opened = open().await;
+    let store = &opened.store;
+    let (mesh, other) = (add_mesh(store, b"one").await, add_mesh(store, b"two").await);
+    let job = submit(store, mesh.id).await;
+    store.claim().await.expect("the queue").expect("a job");
+    succeed(store, job, vec![("plan.json", b"{}".to_vec())]).await;
+    let to = tempfile::tempdir().expect("a folder");
+    let (backup_dir, restored) = (to.path().join("backup"), to.path().join("restored"));
+    let report = backup(opened.folder.path(), &backup_dir).await.expect("a backup");
+    assert_eq!((report.files, report.copied), (3, 3));
+
+    // Again, after something was deleted and something came: only that is copied, and what is gone goes.
+    store.delete_mesh(other.id).await.expect("deleted");
+    let third = add_mesh(store, b"three").await;
+    let report = backup(opened.folder.path(), &backup_dir).await.expect("a backup");
+    assert_eq!((report.files, report.copied), (3, 1));
+    assert!(!Files::at(&backup_dir).path(&other.sha256).exists());
+
+    assert_eq!(restore(&backup_dir, &restored).await.expect("restored").files, 3);
+    let (meshes, jobs) = content(&restored).await;
+    assert_eq!((meshes.len(), jobs), (2, vec![job]));
+    assert!(meshes.iter().any(|kept| kept.id == third.id));
+    // The backup serves as a store itself; and nothing is restored over a store.
+    assert_eq!(content(&backup_dir).await.1, [job]);
+    assert!(matches!(restore(&backup_dir, &restored).await, Err(BackupError::NotEmpty(_))));
+    assert!(matches!(restore(&to.path().join("nothing"), &restored).await, Err(BackupError::NoStore(_))));
+    let foreign = open().await;
+    assert!(matches!(backup(foreign.folder.path(), &backup_dir).await, Err(BackupError::OfAnother(_))));
+}
+
+#[tokio::test]
+async fn a_backup_names_what_is_damaged() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await;
+    let to = tempfile::tempdir().expect("a folder");
+    backup(opened.folder.path(), &to.path().join("good")).await.expect("a backup");
+    std::fs::write(opened.store.files().path(&mesh.sha256), b"onE").expect("damage");
+    for damaged in [backup(opened.folder.path(), &to.path().join("bad")).await.expect_err("damaged"), {
+        std::fs::write(Files::at(&to.path().join("good")).path(&mesh.sha256), b"").expect("damage");
+        restore(&to.path().join("good"), &to.path().join("restored")).await.expect_err("damaged")
+    }] {
+        assert!(matches!(&damaged, BackupError::Damaged(files) if *files == [mesh.sha256.clone()]), "{damaged}");
+    }
+}
