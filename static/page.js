@@ -6,10 +6,10 @@ const jobs = new Map();
 const meshNames = new Map();
 let nextPage = null;
 
-// The key lies in a cookie of this session, so that links and the event stream carry it too; the server takes it from
-// the cookie for reading only.
-const key = () => document.cookie.split("; ").find((pair) => pair.startsWith("vantage_key="))?.slice("vantage_key=".length);
-const keepKey = (value) => { document.cookie = `vantage_key=${value}; path=/; SameSite=Strict`; };
+// The key is exchanged for a session: its cookie, which no script can read, goes with links, the event stream and every
+// request. The header says that this page asks; no other site's page can send it.
+const asPage = { "X-Vantage-Session": "1" };
+const signedIn = "vantage-signed-in";
 
 class Refused extends Error {
   constructor(problem) {
@@ -18,34 +18,54 @@ class Refused extends Error {
   }
 }
 
-async function ask(path, options = {}) {
-  const headers = new Headers(options.headers);
-  if (key()) headers.set("Authorization", `Bearer ${key()}`);
-  const response = await fetch(api + path, { ...options, headers });
-  if (response.status === 401) {
-    await askForKey();
-    return ask(path, options);
-  }
+async function answer(path, options) {
+  const response = await fetch(api + path, { ...options, headers: { ...asPage, ...options.headers } });
   if (!response.ok) {
     throw new Refused(await response.json().catch(() => ({ title: `${response.status} ${response.statusText}` })));
   }
   return response.status === 204 ? null : response.json();
 }
 
-let asking = null;
-function askForKey() {
-  asking ??= new Promise((resolve) => {
+async function ask(path, options = {}) {
+  try {
+    return await answer(path, options);
+  } catch (error) {
+    if (!["key_missing", "key_wrong", "session_ended"].includes(error.code)) throw error;
+    await signIn();
+    return ask(path, options);
+  }
+}
+
+let signingIn = null;
+function signIn() {
+  signingIn ??= keyFromUser()
+    .then((key) => answer("/session", { method: "POST", headers: { Authorization: `Bearer ${key}` } }))
+    .then(() => { localStorage.setItem(signedIn, "1"); showSignOut(); byId("key-problem").textContent = ""; })
+    .catch((error) => { byId("key-problem").textContent = error.message; })
+    .finally(() => { signingIn = null; });
+  return signingIn;
+}
+
+function keyFromUser() {
+  return new Promise((resolve) => {
     const dialog = byId("key-dialog");
     dialog.addEventListener("close", () => {
-      keepKey(byId("key-form").elements.key.value.trim());
+      const key = byId("key-form").elements.key.value.trim();
       byId("key-form").reset();
-      asking = null;
-      resolve();
+      resolve(key);
     }, { once: true });
     dialog.addEventListener("cancel", (event) => event.preventDefault());
     dialog.showModal();
   });
-  return asking;
+}
+
+const showSignOut = () => { byId("sign-out").hidden = !localStorage.getItem(signedIn); };
+
+async function signOut() {
+  localStorage.removeItem(signedIn);
+  // A session that is over already is as good.
+  await answer("/session", { method: "DELETE" }).catch(() => null);
+  location.reload();
 }
 
 const element = (name, attributes, ...children) => {
@@ -222,6 +242,8 @@ async function choices() {
 
 byId("start").addEventListener("submit", start);
 byId("start").elements.cell.addEventListener("change", chooseCell);
+byId("sign-out").addEventListener("click", signOut);
+showSignOut();
 byId("more").addEventListener("click", () => guarded(() => list(nextPage)));
 await guarded(choices);
 await guarded(() => list());

@@ -1,13 +1,16 @@
 //! Who may ask: with a key configured, everything under `/api` needs it as a bearer token. Health, metrics, version, the
 //! page, the documentation and the list of problems need none: they hold nothing of any part.
 //!
-//! A browser cannot put a header on a link or an event stream, so reading (`GET`, `HEAD`) also works with the key in the
-//! cookie that the page sets. Changing never does: a cookie is sent along with other sites' requests.
+//! A browser cannot put a header on a link or an event stream, and a page that keeps the key keeps it within reach of
+//! every script. So the page exchanges the key for a session, whose cookie no script can read and no other site's page
+//! sends along (`HttpOnly`, `SameSite=Strict`). Reading works with the cookie alone. Changing also needs the header
+//! `X-Vantage-Session`: a page of another origin cannot send it without asking us first (CORS), and we never agree.
 
 use std::fmt;
+use std::time::Instant;
 
 use axum::extract::{Request, State};
-use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
+use axum::http::header::{AUTHORIZATION, COOKIE, HOST, HeaderName, ORIGIN};
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -18,8 +21,10 @@ use super::extract::text;
 use super::problem::{Code, Problem};
 use super::router::Site;
 
-/// Name of the cookie.
-const COOKIE_NAME: &str = "vantage_key";
+/// Name of the cookie that holds a session's id.
+pub(super) const COOKIE_NAME: &str = "vantage_session";
+/// Header without which a session changes nothing.
+const SESSION_HEADER: HeaderName = HeaderName::from_static("x-vantage-session");
 
 /// The server's key. It is not shown.
 #[derive(Clone, PartialEq, Eq, Deserialize)]
@@ -27,7 +32,7 @@ const COOKIE_NAME: &str = "vantage_key";
 pub struct ApiKey(String);
 
 impl ApiKey {
-    /// Whether it can be sent in a header and in a cookie, and is long enough to be a secret.
+    /// Whether it can be sent in a header, and is long enough to be a secret.
     #[must_use]
     pub fn is_usable(&self) -> bool {
         (16..=256).contains(&self.0.len()) && self.0.bytes().all(|c| c.is_ascii_graphic() && c != b';' && c != b',')
@@ -47,40 +52,57 @@ impl fmt::Debug for ApiKey {
     }
 }
 
-/// Lets a request with the key through.
+/// Lets a request with the key through, or with a session that the key began.
 pub(super) async fn require_key(State(site): State<Site>, request: Request, next: Next) -> Response {
-    let Some(key) = &site.options.api_key else { return next.run(request).await };
-    match presented(request.method(), request.headers()) {
-        Some(presented) if key.is(presented) => next.run(request).await,
-        Some(_) => refuse(Code::KeyWrong, "the key is not the one this server was configured with"),
-        None => refuse(Code::KeyMissing, "send the server's key as Authorization: Bearer …"),
+    match check(&site, request.method(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => {
+            let mut response = problem.into_response();
+            response.headers_mut().insert("www-authenticate", HeaderValue::from_static("Bearer"));
+            response
+        }
     }
 }
 
-fn refuse(code: Code, detail: &str) -> Response {
-    let mut response = Problem::new(code, detail).into_response();
-    response.headers_mut().insert("www-authenticate", HeaderValue::from_static("Bearer"));
-    response
+fn check(site: &Site, method: &Method, headers: &HeaderMap) -> Result<(), Problem> {
+    let Some(key) = &site.options.api_key else { return Ok(()) };
+    if let Some(presented) = bearer(headers) {
+        let wrong = || Problem::new(Code::KeyWrong, "the key is not the one this server was configured with");
+        return if key.is(presented) { Ok(()) } else { Err(wrong()) };
+    }
+    let missing = |detail: &str| Err(Problem::new(Code::KeyMissing, detail));
+    let Some(session) = session(headers) else {
+        return missing("send the server's key as Authorization: Bearer …");
+    };
+    if !site.sessions.is_open(session, Instant::now()) {
+        return Err(Problem::new(Code::SessionEnded, "the session of the cookie is over; begin another with the key"));
+    }
+    if is_change(method) && !headers.contains_key(SESSION_HEADER) {
+        return missing("with a session, a request that changes something also has to carry the header X-Vantage-Session");
+    }
+    Ok(())
 }
 
-fn presented<'a>(method: &Method, headers: &'a HeaderMap) -> Option<&'a str> {
-    let bearer = text(headers, &AUTHORIZATION).and_then(|value| {
-        let (scheme, token) = value.split_once(' ')?;
-        scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
-    });
-    let may_use_cookie = matches!(*method, Method::GET | Method::HEAD);
-    bearer.or_else(|| if may_use_cookie { cookie(headers) } else { None })
+/// The token in `Authorization`.
+pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = text(headers, &AUTHORIZATION)?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-fn cookie(headers: &HeaderMap) -> Option<&str> {
-    let pairs = text(headers, &COOKIE)?.split(';').filter_map(|pair| pair.trim().split_once('='));
-    pairs.filter(|(name, _)| *name == COOKIE_NAME).map(|(_, value)| value).next()
+/// The session's id in the cookie. HTTP/2 may send a header for each pair.
+pub(super) fn session(headers: &HeaderMap) -> Option<&str> {
+    let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(name, _)| *name == COOKIE_NAME).map(|(_, value)| value)
+}
+
+fn is_change(method: &Method) -> bool {
+    !matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS)
 }
 
 /// Refuses a change that a page of another site asks a browser for: without a key, reaching the port is all it takes.
 pub(super) async fn refuse_cross_site(request: Request, next: Next) -> Response {
-    let changes = !matches!(*request.method(), Method::GET | Method::HEAD | Method::OPTIONS);
-    if changes && is_cross_site(request.headers()) {
+    if is_change(request.method()) && is_cross_site(request.headers()) {
         return Problem::new(Code::CrossSite, "the request comes from a page of another site").into_response();
     }
     next.run(request).await
@@ -92,6 +114,6 @@ fn is_cross_site(headers: &HeaderMap) -> bool {
     }
     // Browsers that do not say it send the page's origin.
     let Some(origin) = text(headers, &ORIGIN) else { return false };
-    let host = headers.get("host").and_then(|host| host.to_str().ok()).unwrap_or_default();
+    let host = text(headers, &HOST).unwrap_or_default();
     origin.split_once("://").is_none_or(|(_, origin_host)| !origin_host.eq_ignore_ascii_case(host))
 }

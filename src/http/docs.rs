@@ -1,13 +1,15 @@
 //! The interface described for people: Swagger UI out of the binary, and the list of problems.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use axum::extract::Path;
 use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE};
-use axum::http::{HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Redirect, Response};
 use utoipa_swagger_ui::Config;
 
+use super::packed::Packed;
 use super::problem::{Code, Problem};
 
 /// Swagger UI sets styles from its scripts and has pictures as data.
@@ -21,25 +23,43 @@ pub(super) async fn redirect() -> Redirect {
 }
 
 /// The documentation.
-pub(super) async fn index() -> Result<Response, Problem> {
-    ui("index.html")
+pub(super) async fn index(headers: HeaderMap) -> Result<Response, Problem> {
+    ui("index.html", &headers)
 }
 
 /// A file of the documentation. The document lies beside it, since the one under `/api` may need the key.
-pub(super) async fn file(Path(name): Path<String>) -> Result<Response, Problem> {
+pub(super) async fn file(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
     if name == "openapi.json" {
-        return Ok(axum::Json(super::openapi()).into_response());
+        return Ok(DOCUMENT.answer(&headers));
     }
-    ui(&name)
+    ui(&name, &headers)
 }
 
-fn ui(name: &str) -> Result<Response, Problem> {
-    let config = Arc::new(Config::from("/docs/openapi.json").try_it_out_enabled(true).persist_authorization(true));
-    let nothing = || Problem::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
-    let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(nothing)?;
-    let kind = HeaderValue::from_str(&file.content_type).unwrap_or(HeaderValue::from_static("application/octet-stream"));
-    let headers = [(CONTENT_TYPE, kind), (CONTENT_SECURITY_POLICY, UI_POLICY)];
-    Ok((StatusCode::OK, headers, file.bytes.into_owned()).into_response())
+/// The OpenAPI document.
+pub(super) static DOCUMENT: LazyLock<Packed> = LazyLock::new(|| {
+    // Strings, numbers and maps with string keys: it cannot fail.
+    Packed::new(serde_json::to_vec(&super::openapi()).unwrap_or_default(), "application/json".to_owned())
+});
+
+/// Files of Swagger UI that were asked for.
+static UI: LazyLock<Mutex<BTreeMap<String, Arc<Packed>>>> = LazyLock::new(Mutex::default);
+
+fn ui(name: &str, headers: &HeaderMap) -> Result<Response, Problem> {
+    let known = UI.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned();
+    let file = match known {
+        Some(file) => file,
+        None => {
+            let config = Arc::new(Config::from("/docs/openapi.json").try_it_out_enabled(true).persist_authorization(true));
+            let nothing = || Problem::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
+            let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(nothing)?;
+            let file = Arc::new(Packed::new(file.bytes.into_owned(), file.content_type));
+            UI.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), Arc::clone(&file));
+            file
+        }
+    };
+    let mut response = file.answer(headers);
+    response.headers_mut().insert(CONTENT_SECURITY_POLICY, UI_POLICY);
+    Ok(response)
 }
 
 /// Kinds of problem

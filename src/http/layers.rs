@@ -16,7 +16,9 @@ use tower_http::timeout::TimeoutBody;
 use tracing::Instrument;
 use uuid::Uuid;
 
+use super::client::Client;
 use super::extract::text;
+use super::places::Full;
 use super::problem::{self, Code, Problem};
 use super::router::Site;
 
@@ -33,9 +35,11 @@ pub(super) async fn observe(State(site): State<Site>, request: Request, next: Ne
     let path = request.uri().path().to_owned();
     let method = request.method().clone();
     let route = request.extensions().get::<MatchedPath>().map_or("none".to_owned(), |route| route.as_str().to_owned());
-    let span = tracing::info_span!("request", %id, %method, path);
+    let span = tracing::info_span!("request", %id, %method, path, client = tracing::field::Empty);
     let idle = site.options.body_idle_timeout;
-    let request = request.map(|body| Body::new(TimeoutBody::new(idle, body)));
+    let (parts, body) = request.into_parts();
+    span.record("client", tracing::field::display(Client::of(&parts, &site.options.trusted_proxies).address));
+    let request = Request::from_parts(parts, Body::new(TimeoutBody::new(idle, body)));
     let response = next.run(request).instrument(span.clone()).await;
     let _entered = span.enter();
     let mut response = problem::finish(response, &path, &id);
@@ -44,6 +48,22 @@ pub(super) async fn observe(State(site): State<Site>, request: Request, next: Ne
     super::metrics::count_request(&method, &route, status, seconds);
     tracing::debug!(status, seconds, "answered");
     response
+}
+
+/// What is answered in places of the reserve: whether the server lives, whether it takes work, and its numbers.
+const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+
+/// Refuses everything but probes on a connection that has a place of the reserve, and lets it end.
+pub(super) async fn keep_reserve(request: Request, next: Next) -> Response {
+    let Some(full) = request.extensions().get::<Full>().copied() else { return next.run(request).await };
+    if PROBES.contains(&request.uri().path()) {
+        return next.run(request).await;
+    }
+    let detail = match full {
+        Full::Address => "this address has as many connections as one may have (server.max_connections_per_address)",
+        Full::Server => "the server has as many connections as it may have (server.max_connections)",
+    };
+    Problem::new(full.code(), detail).into_response()
 }
 
 /// The client's own id, where it is one that can be written to a log; else a new one.

@@ -1,7 +1,7 @@
 //! Which form an answer takes: by `?format=` where given, else by `Accept` (RFC 9110, section 12.5.1).
 
 use axum::http::HeaderMap;
-use axum::http::header::ACCEPT;
+use axum::http::header::{ACCEPT, ACCEPT_ENCODING};
 
 use super::problem::{Code, Problem};
 
@@ -71,4 +71,18 @@ impl<'a> Range<'a> {
 fn weight(ranges: &[Range<'_>], form: &Form) -> u16 {
     let fitting = ranges.iter().filter_map(|range| range.exactness(form.media_type).map(|exactness| (exactness, range.weight)));
     fitting.max_by_key(|(exactness, _)| *exactness).map_or(0, |(_, weight)| weight)
+}
+
+/// Whether the client takes an answer compressed with gzip (RFC 9110, section 12.5.3).
+pub(super) fn takes_gzip(headers: &HeaderMap) -> bool {
+    let accept = headers.get_all(ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
+    let codings = accept.flat_map(|value| value.split(',')).filter_map(|coding| {
+        let mut parts = coding.split(';').map(str::trim);
+        let name = parts.next()?.to_ascii_lowercase();
+        let quality = parts.find_map(|parameter| parameter.strip_prefix("q=").or_else(|| parameter.strip_prefix("Q=")));
+        Some((name, quality.map_or(Some(1.0_f32), |q| q.parse().ok())? > 0.0))
+    });
+    let codings: Vec<(String, bool)> = codings.collect();
+    let named = |name: &str| codings.iter().find(|(coding, _)| coding == name).map(|(_, taken)| *taken);
+    named("gzip").or_else(|| named("x-gzip")).or_else(|| named("*")).unwrap_or(false)
 }

@@ -6,10 +6,11 @@ use utoipa::ToSchema;
 use utoipa::openapi::link::Link;
 use utoipa::openapi::path::{Operation, Parameter};
 use utoipa::openapi::schema::{AdditionalProperties, Schema, SchemaType, Type};
-use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityScheme};
+use utoipa::openapi::security::{ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi, PathItem, Ref, RefOr, ResponseBuilder, SecurityRequirement};
 
 use super::problem::PROBLEM_JSON;
+use crate::cell::{Presets, SpecLibrary as _};
 use crate::wire;
 
 /// The document's frame; the routes add themselves.
@@ -44,6 +45,62 @@ pub(super) enum Unit {
     Cm,
     M,
     Inch,
+}
+
+/// Token of a page: the last id of the page before, and a digest of the listing that it is of.
+#[derive(ToSchema)]
+#[schema(value_type = String, pattern = "^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\\.[0-9a-f]{16}$")]
+#[expect(dead_code, reason = "only its schema is used; tokens are read by the store")]
+pub(super) struct PageToken(String);
+
+/// Forms of a result that is a document.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
+pub(super) enum JsonForm {
+    Json,
+}
+
+/// Forms of a result that is a list.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
+pub(super) enum ListForm {
+    Json,
+    Csv,
+}
+
+/// Forms of the report.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
+pub(super) enum ReportForm {
+    Html,
+    Text,
+}
+
+/// Forms of a result that is bytes.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
+pub(super) enum BinaryForm {
+    Bin,
+}
+
+/// Forms of a program.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
+pub(super) enum Dialect {
+    Json,
+    Csv,
+    Hans,
+    Urscript,
+    Rapid,
+    Krl,
+    KrlDat,
+    Fanuc,
+    Robodk,
 }
 
 /// Bytes.
@@ -84,15 +141,19 @@ pub(super) fn complete(openapi: &mut OpenApi) {
             add_problems(operation);
             operation.parameters.iter_mut().flatten().for_each(forbid_null);
             if path.starts_with("/api/") {
-                let keys = [SecurityRequirement::default(), SecurityRequirement::new::<_, _, &str>("key", [])];
-                operation.security = Some(keys.into());
+                let schemes = ["key", "session"].map(|scheme| SecurityRequirement::new::<_, _, &str>(scheme, []));
+                operation.security = Some([SecurityRequirement::default()].into_iter().chain(schemes).collect());
             }
         }
     }
     add_links(openapi);
+    add_examples(openapi);
     let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, where it has one.")).build();
     let components = openapi.components.get_or_insert_default();
     components.add_security_scheme("key", SecurityScheme::Http(key));
+    let about = "A browser's session. What changes something also needs the header `X-Vantage-Session`, with any value.";
+    let session = ApiKeyValue::with_description(super::auth::COOKIE_NAME, about);
+    components.add_security_scheme("session", SecurityScheme::ApiKey(ApiKey::Cookie(session)));
     let combined: Vec<String> = components.schemas.values().flat_map(combined_names).collect();
     for name in combined {
         if let Some(RefOr::T(Schema::Object(object))) = components.schemas.get_mut(&name) {
@@ -156,6 +217,58 @@ fn name_of(schema: &RefOr<Schema>) -> Option<String> {
 fn open_up(additional: &mut Option<Box<AdditionalProperties<Schema>>>) {
     if matches!(additional.as_deref(), Some(AdditionalProperties::FreeForm(false))) {
         *additional = None;
+    }
+}
+
+/// A tetrahedron of 20 mm, to be uploaded as it stands; the example of `Content-Digest` is its own.
+const EXAMPLE_MESH: &str = "solid tetrahedron
+facet normal 0 0 0
+outer loop vertex 0 0 0 vertex 0 20 0 vertex 20 0 0 endloop endfacet
+facet normal 0 0 0
+outer loop vertex 0 0 0 vertex 20 0 0 vertex 0 0 20 endloop endfacet
+facet normal 0 0 0
+outer loop vertex 0 0 0 vertex 0 0 20 vertex 0 20 0 endloop endfacet
+facet normal 0 0 0
+outer loop vertex 20 0 0 vertex 0 20 0 vertex 0 0 20 endloop endfacet
+endsolid tetrahedron
+";
+
+/// Name under which the examples of specifications are stored.
+const EXAMPLE_NAME: &str = "mine";
+
+/// Shows bodies that are accepted as they stand.
+fn add_examples(openapi: &mut OpenApi) {
+    let named = |spec: Option<serde_json::Value>| {
+        let mut spec = spec?;
+        spec["name"] = EXAMPLE_NAME.into();
+        Some(spec)
+    };
+    let presets = [
+        ("scanners", as_json(Presets.scanner("transcan-c-nominal"))),
+        ("robots", as_json(Presets.robot("ur5e"))),
+        ("turntables", as_json(Presets.turntable("minas-a6-500"))),
+        ("cells", as_json(Presets.cell("e05-transcan"))),
+    ];
+    for (collection, spec) in presets {
+        let item = openapi.paths.paths.get_mut(&format!("/api/v1/{collection}/{{name}}"));
+        show(item.and_then(|item| item.put.as_mut()), named(spec));
+    }
+    let meshes = openapi.paths.paths.get_mut("/api/v1/meshes");
+    show(meshes.and_then(|item| item.post.as_mut()), Some(EXAMPLE_MESH.into()));
+}
+
+fn as_json<T: serde::Serialize, E>(spec: Result<T, E>) -> Option<serde_json::Value> {
+    spec.ok().and_then(|spec| serde_json::to_value(spec).ok())
+}
+
+/// Gives the body of an operation an example.
+fn show(operation: Option<&mut Operation>, example: Option<serde_json::Value>) {
+    if let Some(RefOr::T(body)) = operation.and_then(|operation| operation.request_body.as_mut()) {
+        for content in body.content.values_mut() {
+            if let RefOr::T(content) = content {
+                content.example.clone_from(&example);
+            }
+        }
     }
 }
 

@@ -1,12 +1,14 @@
 //! The page at `/`: files of `static/`, out of the binary.
 
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
 use axum::extract::Path;
-use axum::http::header::{CONTENT_TYPE, ETAG};
-use axum::http::{HeaderMap, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use rust_embed::RustEmbed;
 
-use super::extract::is_known;
+use super::packed::Packed;
 use super::problem::{Code, Problem};
 
 #[derive(RustEmbed)]
@@ -24,13 +26,12 @@ pub(super) async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Resul
 }
 
 fn serve(name: &str, headers: &HeaderMap) -> Result<Response, Problem> {
-    let file = Files::get(name).ok_or_else(|| Problem::new(Code::NoSuchRoute, format!("there is no file {name:?}")))?;
-    let hash = file.metadata.sha256_hash();
-    let etag = format!("\"{}\"", hash.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
-    if is_known(headers, &etag) {
-        return Ok((StatusCode::NOT_MODIFIED, [(ETAG, etag)]).into_response());
-    }
-    Ok(([(CONTENT_TYPE, media_type(name).to_owned()), (ETAG, etag)], file.data).into_response())
+    static PACKED: LazyLock<BTreeMap<String, Packed>> = LazyLock::new(|| {
+        let named = Files::iter().filter_map(|name| Files::get(&name).map(|file| (name, file)));
+        named.map(|(name, file)| (name.to_string(), Packed::new(file.data.into_owned(), media_type(&name).to_owned()))).collect()
+    });
+    let file = PACKED.get(name).ok_or_else(|| Problem::new(Code::NoSuchRoute, format!("there is no file {name:?}")))?;
+    Ok(file.answer(headers))
 }
 
 fn media_type(name: &str) -> &'static str {

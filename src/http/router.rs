@@ -7,15 +7,16 @@ use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
 use tower_http::catch_panic::CatchPanicLayer;
-use tower_http::compression::CompressionLayer;
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::options::Options;
-use super::routes::{cells, events, jobs, meshes, results, robots, scanners, system, turntables};
-use super::{auth, docs, layers, openapi, page};
+use super::routes::{cells, events, jobs, meshes, results, robots, scanners, session, storage, system, turntables};
+use super::sessions::Sessions;
+use super::shares::{self, Shares};
+use super::{auth, docs, hosts, layers, openapi, page};
 use crate::service::App;
 
 /// What every handler may use.
@@ -25,6 +26,10 @@ pub(super) struct Site {
     pub app: App,
     /// How it is offered.
     pub options: Arc<Options>,
+    /// What clients hold for long.
+    pub shares: Arc<Shares>,
+    /// Browsers that have shown the key.
+    pub sessions: Arc<Sessions>,
 }
 
 /// Answers that begin at once.
@@ -40,16 +45,20 @@ fn quick() -> OpenApiRouter<Site> {
         .routes(routes!(turntables::get, turntables::put, turntables::delete))
         .routes(routes!(cells::list))
         .routes(routes!(cells::get, cells::put, cells::delete))
-        .routes(routes!(jobs::create, jobs::list))
+        .routes(routes!(jobs::list))
         .routes(routes!(jobs::delete))
+        .routes(routes!(jobs::put_labels))
+        .routes(routes!(storage::storage))
         .routes(routes!(jobs::cancel))
         .routes(routes!(events::all))
         .routes(routes!(events::of_job))
-        .merge(large())
+        .routes(routes!(session::begin, session::end))
+        .routes(routes!(system::openapi))
+        .merge(stored())
 }
 
-/// Answers that are large and that compression makes small. None of them has a tag that is sent back in `If-Match`.
-fn large() -> OpenApiRouter<Site> {
+/// Results: stored compressed, and streamed as they are stored to whoever takes that.
+fn stored() -> OpenApiRouter<Site> {
     OpenApiRouter::new()
         .routes(routes!(results::plan))
         .routes(routes!(results::program))
@@ -63,18 +72,27 @@ fn large() -> OpenApiRouter<Site> {
         .routes(routes!(results::report))
         .routes(routes!(results::coverage_bin))
         .routes(routes!(results::file))
-        .routes(routes!(system::openapi))
-        .layer(CompressionLayer::new())
 }
 
-/// Answers that wait: for an upload, for a job, for work on a mesh.
+/// Answers that wait for work on a mesh, and those that limit their own time.
 fn slow() -> OpenApiRouter<Site> {
     OpenApiRouter::new()
-        .routes(routes!(meshes::upload))
         .routes(routes!(meshes::file))
         .routes(routes!(meshes::preview))
-        .routes(routes!(jobs::get))
-        .layer(DefaultBodyLimit::disable())
+        // Looking up may be given up, but once a job is on its way to the disk its answer is waited for: else a 503 could
+        // be a job.
+        .routes(routes!(jobs::create))
+        .routes(routes!(storage::retention, storage::apply_retention))
+}
+
+/// Answers that wait for an upload.
+fn uploads() -> OpenApiRouter<Site> {
+    OpenApiRouter::new().routes(routes!(meshes::upload)).layer(DefaultBodyLimit::disable())
+}
+
+/// Answers that may wait for a job.
+fn waits() -> OpenApiRouter<Site> {
+    OpenApiRouter::new().routes(routes!(jobs::get))
 }
 
 /// What needs no key.
@@ -95,15 +113,16 @@ fn pages() -> Router<Site> {
         .route("/docs", get(docs::redirect))
         .route("/docs/", get(docs::index))
         .route("/docs/{file}", get(docs::file))
-        .layer(CompressionLayer::new())
 }
 
 fn documented(site: Option<&Site>) -> OpenApiRouter<Site> {
-    let mut api = OpenApiRouter::new().merge(quick()).merge(slow());
+    let mut api = OpenApiRouter::new().merge(quick()).merge(slow()).merge(uploads()).merge(waits());
     if let Some(site) = site {
         api = OpenApiRouter::new()
             .merge(quick().layer(from_fn_with_state(site.clone(), layers::limit_time)))
             .merge(slow())
+            .merge(uploads().layer(from_fn_with_state(site.clone(), shares::upload)))
+            .merge(waits().layer(from_fn_with_state(site.clone(), shares::wait)))
             .layer(from_fn_with_state(site.clone(), auth::require_key));
     }
     OpenApiRouter::with_openapi(openapi::ApiDoc::openapi()).nest("/api/v1", api).merge(open())
@@ -111,12 +130,14 @@ fn documented(site: Option<&Site>) -> OpenApiRouter<Site> {
 
 /// The router that serves `app`.
 pub fn router(app: App, options: Options) -> Router {
-    let site = Site { app, options: Arc::new(options) };
+    let site = Site { app, options: Arc::new(options), shares: Arc::default(), sessions: Arc::default() };
     let (router, _) = documented(Some(&site)).split_for_parts();
     router
         .merge(pages())
         .layer(CatchPanicLayer::custom(layers::panicked))
         .layer(from_fn(auth::refuse_cross_site))
+        .layer(from_fn_with_state(site.clone(), hosts::check))
+        .layer(from_fn(layers::keep_reserve))
         .layer(from_fn_with_state(site.clone(), layers::observe))
         .with_state(site)
 }

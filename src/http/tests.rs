@@ -1,5 +1,6 @@
 //! Negotiation and the guarded socket, which the routes' tests reach only in part.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::http::HeaderMap;
@@ -56,7 +57,7 @@ const STALL: Duration = Duration::from_millis(400);
 
 fn guarded(buffer: usize) -> (DuplexStream, Guarded<DuplexStream>) {
     let (client, server) = tokio::io::duplex(buffer);
-    (client, Guarded::new(server, PREFACE, STALL))
+    (client, Guarded::new(server, PREFACE, STALL, Arc::default()))
 }
 
 /// Cut off not before its time, and not much later, on a busy machine.
@@ -125,4 +126,34 @@ async fn a_client_that_takes_its_answer_slowly_is_not() {
     let began = Instant::now();
     guarded.write_all(&[0; 64]).await.expect("taken");
     assert!(began.elapsed() > STALL);
+}
+
+#[tokio::test]
+async fn what_is_still_being_sent_does_not_take_the_answer_away() {
+    let (mut client, mut guarded) = guarded(64);
+    let sending = tokio::spawn(async move {
+        for _ in 0..8 {
+            client.write_all(&[0; 64]).await.expect("it is read");
+        }
+        client.shutdown().await.expect("the end");
+        let mut answer = String::new();
+        client.read_to_string(&mut answer).await.expect("the answer");
+        answer
+    });
+    guarded.write_all(b"refused").await.expect("written");
+    guarded.shutdown().await.expect("closed");
+    assert_eq!(sending.await.expect("sent"), "refused");
+}
+
+#[tokio::test]
+async fn a_client_that_goes_on_sending_is_not_listened_to_for_long() {
+    let (mut client, mut guarded) = guarded(64);
+    tokio::spawn(async move {
+        while client.write_all(&[0; 8]).await.is_ok() {
+            tokio::time::sleep(STALL / 8).await;
+        }
+    });
+    let began = Instant::now();
+    guarded.shutdown().await.expect("closed");
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
 }

@@ -5,6 +5,7 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use super::job_id;
+use crate::http::client::Client;
 use crate::http::events::answer;
 use crate::http::extract::Params;
 use crate::http::problem::Problem;
@@ -20,13 +21,18 @@ use crate::http::router::Site;
     path = "/events",
     tag = "events",
     operation_id = "follow_all",
-    params(("Last-Event-ID" = Option<u32>, Header, description = "Id of the last event seen.")),
+    params(("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event seen.")),
     responses((status = 200, description = "The stream; it does not end.", content_type = "text/event-stream",
         body = inline(super::super::openapi::ServerSentEvent)))
 )]
-pub(in crate::http) async fn all(State(site): State<Site>, headers: HeaderMap, params: Params) -> Result<Response, Problem> {
+pub(in crate::http) async fn all(
+    State(site): State<Site>,
+    client: Client,
+    headers: HeaderMap,
+    params: Params,
+) -> Result<Response, Problem> {
     params.end()?;
-    answer(&site.app, None, &headers).await
+    answer(&site, client, None, &headers).await
 }
 
 /// Follow a job to its end
@@ -39,7 +45,7 @@ pub(in crate::http) async fn all(State(site): State<Site>, headers: HeaderMap, p
     operation_id = "follow_job",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job."),
-        ("Last-Event-ID" = Option<u32>, Header, description = "Id of the last event seen."),
+        ("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event seen."),
     ),
     responses(
         (status = 200, description = "The stream.", content_type = "text/event-stream",
@@ -50,9 +56,10 @@ pub(in crate::http) async fn all(State(site): State<Site>, headers: HeaderMap, p
 pub(in crate::http) async fn of_job(
     State(site): State<Site>,
     Path(id): Path<String>,
+    client: Client,
     headers: HeaderMap,
     params: Params,
 ) -> Result<Response, Problem> {
     params.end()?;
-    answer(&site.app, Some(job_id(&id)?), &headers).await
+    answer(&site, client, Some(job_id(&id)?), &headers).await
 }

@@ -11,7 +11,7 @@ use crate::http::extract::{IdempotencyKey, Json, Params};
 use crate::http::problem::{Code, Problem};
 use crate::http::router::Site;
 use crate::service::JobQuery;
-use crate::wire::{Job, JobPage, JobRequest, JobState};
+use crate::wire::{Job, JobLabels, JobPage, JobRequest, JobState};
 
 /// A look at a job is worth while after this time.
 const LOOK_AGAIN_SECS: &str = "2";
@@ -46,7 +46,8 @@ pub(in crate::http) async fn create(
     Json(request): Json<JobRequest>,
 ) -> Result<Accepted, Problem> {
     params.end()?;
-    let job = site.app.submit(request, key.as_ref().map(|IdempotencyKey(key)| key.as_str())).await?;
+    let limit = Some(site.options.request_timeout);
+    let job = site.app.submit(request, key.as_ref().map(|IdempotencyKey(key)| key.as_str()), limit).await?;
     Ok(accepted(job))
 }
 
@@ -56,6 +57,9 @@ fn accepted(job: Job) -> Accepted {
 }
 
 /// List jobs, newest first
+///
+/// How each stands, without what it was asked for: that is at `/jobs/{id}`. A page ends early, with a token, where its
+/// entries would take more than 4 MiB.
 #[utoipa::path(
     get,
     path = "/jobs",
@@ -66,7 +70,7 @@ fn accepted(job: Job) -> Accepted {
         ("label" = Option<String>, Query, description = "Only jobs with this label: `key` or `key=value`."),
         ("part_number" = Option<String>, Query, description = "Only jobs with this part number."),
         ("page_size" = Option<u32>, Query, description = "Entries of a page.", minimum = 1, maximum = 1000),
-        ("page_token" = Option<String>, Query, description = "`next_page_token` of the page before, with the same filters."),
+        ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the page before, with the same filters."),
     ),
     responses((status = 200, description = "A page of jobs.", body = JobPage))
 )]
@@ -136,6 +140,29 @@ pub(in crate::http) async fn cancel(
 ) -> Result<Accepted, Problem> {
     params.end()?;
     Ok(accepted(site.app.cancel(job_id(&id)?).await?))
+}
+
+/// Replace a job's labels
+///
+/// For finding it, and for a hold: a job with the label that `retention.hold_label` names (`hold`) is never deleted. What
+/// its plan and program echo stays as it was submitted.
+#[utoipa::path(
+    put,
+    path = "/jobs/{id}/labels",
+    tag = "jobs",
+    operation_id = "put_job_labels",
+    params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
+    request_body = JobLabels,
+    responses((status = 200, description = "The job with its new labels.", body = Job))
+)]
+pub(in crate::http) async fn put_labels(
+    State(site): State<Site>,
+    Path(id): Path<String>,
+    params: Params,
+    Json(labels): Json<JobLabels>,
+) -> Result<axum::Json<Job>, Problem> {
+    params.end()?;
+    Ok(axum::Json(site.app.put_labels(job_id(&id)?, labels).await?))
 }
 
 /// Delete an ended job and its results

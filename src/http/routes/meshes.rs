@@ -9,9 +9,8 @@ use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use futures_util::StreamExt;
-use tokio_util::io::ReaderStream;
 
-use super::{immutable, mesh_id, not_modified};
+use super::{immutable, mesh_id, not_modified, streamed};
 use crate::geometry::LengthUnit;
 use crate::http::extract::{Pace, Params, broken, check_encoding, has_stalled, text, too_slow};
 use crate::http::problem::{Code, Problem};
@@ -34,7 +33,7 @@ const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
     params(
         ("unit" = inline(super::super::openapi::Unit), Query, description = "Unit of the file's coordinates; none of the formats says it."),
         ("name" = Option<String>, Query, description = "Name for reports and lists.", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, format = "content-digest", example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:", pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
+        ("Content-Digest" = Option<String>, Header, example = "sha-256=:UlyIVPZkKMF2W79h/j+NOtwd0gzmxKMkNC3h9hDeLdI=:", pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused when it is another."),
     ),
     request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(
@@ -53,7 +52,7 @@ pub(in crate::http) async fn upload(
     check_encoding(request.headers())?;
     check_length(request.headers(), site.app.options().max_upload_bytes)?;
     let announced = announced_sha256(request.headers())?;
-    let upload = site.app.receive().await?;
+    let upload = site.app.receive(announced_length(request.headers())).await?;
     let finished = if is_multipart(request.headers()) {
         receive_form(upload, request, &site, announced.as_deref()).await?
     } else {
@@ -63,12 +62,14 @@ pub(in crate::http) async fn upload(
     Ok((StatusCode::CREATED, [(LOCATION, format!("/api/v1/meshes/{}", mesh.id))], axum::Json(mesh)))
 }
 
+/// The announced length of the body; 0 where it is not announced.
+fn announced_length(headers: &HeaderMap) -> u64 {
+    text(headers, &CONTENT_LENGTH).and_then(|value| value.parse().ok()).unwrap_or_default()
+}
+
 fn check_length(headers: &HeaderMap, limit: u64) -> Result<(), Problem> {
-    let announced = text(headers, &CONTENT_LENGTH).and_then(|value| value.parse::<u64>().ok());
-    match announced {
-        Some(bytes) if bytes > limit => {
-            Err(Problem::new(Code::TooLarge, format!("the file has {bytes} bytes; allowed are {limit}")))
-        }
+    match announced_length(headers) {
+        bytes if bytes > limit => Err(Problem::new(Code::TooLarge, format!("the file has {bytes} bytes; allowed are {limit}"))),
         _ => Ok(()),
     }
 }
@@ -130,7 +131,7 @@ fn broken_form(error: &MultipartError) -> Problem {
     operation_id = "list_meshes",
     params(
         ("page_size" = Option<u32>, Query, description = "Entries of a page.", minimum = 1, maximum = 1000),
-        ("page_token" = Option<String>, Query, description = "`next_page_token` of the page before."),
+        ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the page before."),
     ),
     responses((status = 200, description = "A page of meshes.", body = MeshPage))
 )]
@@ -198,12 +199,11 @@ pub(in crate::http) async fn file(
     params: Params,
 ) -> Result<Response, Problem> {
     params.end()?;
-    let (mesh, path) = site.app.mesh_file(mesh_id(&id)?).await?;
+    let mesh = site.app.mesh(mesh_id(&id)?).await?;
     if let Some(response) = not_modified(&headers, &mesh.sha256) {
         return Ok(response);
     }
-    let file = tokio::fs::File::open(path).await.map_err(crate::service::Error::from)?;
-    let body = Body::from_stream(ReaderStream::new(file));
+    let body = streamed(Box::new(site.app.open_mesh(&mesh).await?));
     // A file that somebody uploaded must never be shown as a page of ours.
     let attachment = HeaderValue::from_static("attachment");
     let length = HeaderValue::from(mesh.size_bytes);

@@ -3,17 +3,18 @@
 use std::collections::BTreeMap;
 
 use axum::extract::{Path, State};
-use axum::http::header::CONTENT_SECURITY_POLICY;
+use axum::http::header::{CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, VARY};
 use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
 
-use super::{immutable, job_id, not_modified};
+use super::{immutable, job_id, not_modified, streamed};
 use crate::http::extract::Params;
-use crate::http::negotiate::{Form, choose};
+use crate::http::negotiate::{Form, choose, takes_gzip};
+use crate::http::openapi::{BinaryForm, Dialect, JsonForm, ListForm, ReportForm};
 use crate::http::problem::{Code, Problem};
 use crate::http::router::Site;
-use crate::service::Error;
 use crate::service::plan_job::REFUSED_FILE;
+use crate::service::{Error, ResultBody};
 use crate::wire::JobId;
 use crate::wire::coverage::CoverageListing;
 use crate::wire::missed::MissedListing;
@@ -77,20 +78,31 @@ async fn answer(
     params.end()?;
     let id = job_id(id)?;
     // Whether there is such a job goes before the form: who asks for the wrong form of nothing is told of the nothing.
-    site.app.job(id).await?;
+    site.app.job_state(id).await?;
     let form = choose(headers, asked.as_deref(), forms)?;
     let file = match site.app.result(id, form.file).await {
         Err(Error::NoSuchResult { .. }) => return Err(absent(site, id, form.file).await),
         found => found?,
     };
-    if let Some(response) = not_modified(headers, &file.sha256) {
+    give(&file, headers, form.media_type).await
+}
+
+/// The answer that a result is, as it is stored where the client takes that.
+async fn give(file: &ResultBody, headers: &HeaderMap, media_type: &'static str) -> Result<Response, Problem> {
+    if let Some(response) = not_modified(headers, file.sha256()) {
         return Ok(response);
     }
-    let bytes = site.app.read(&file).await?;
-    let mut response = (immutable(&file.sha256, form.media_type), bytes).into_response();
-    response.headers_mut().insert("vary", HeaderValue::from_static("accept"));
-    if form.media_type == HTML {
-        response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
+    let packed = file.is_packed() && takes_gzip(headers);
+    let body = streamed(file.open(packed).await?);
+    let mut response = (immutable(file.sha256(), media_type), body).into_response();
+    let about = response.headers_mut();
+    about.insert(CONTENT_LENGTH, file.size_bytes(packed).into());
+    about.insert(VARY, HeaderValue::from_static("accept, accept-encoding"));
+    if packed {
+        about.insert(CONTENT_ENCODING, HeaderValue::from_static("gzip"));
+    }
+    if media_type == HTML {
+        about.insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
     }
     Ok(response)
 }
@@ -99,7 +111,7 @@ async fn answer(
 async fn absent(site: &Site, id: JobId, name: &str) -> Problem {
     let refused = async {
         let file = site.app.result(id, REFUSED_FILE).await.ok()?;
-        let bytes = site.app.read(&file).await.ok()?;
+        let bytes = file.read().await.ok()?;
         serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
     };
     match refused.await {
@@ -111,7 +123,7 @@ async fn absent(site: &Site, id: JobId, name: &str) -> Problem {
 macro_rules! result {
     (
         $(#[doc = $doc:literal])+
-        $name:ident, $id:literal, $path:literal, $forms:ident, $parameter:literal [$($form:literal),+],
+        $name:ident, $id:literal, $path:literal, $forms:ident, $parameter:literal $choice:ident,
         $(($media:literal, $body:ty)),+
     ) => {
         $(#[doc = $doc])+
@@ -122,7 +134,7 @@ macro_rules! result {
             operation_id = $id,
             params(
                 ("id" = uuid::Uuid, Path, description = "Id of the job."),
-                ($parameter = Option<String>, Query, description = concat!("Form of the answer, before `Accept`: one of", $(" `", $form, "`"),+, ".")),
+                ($parameter = inline(Option<$choice>), Query, description = "Form of the answer, before `Accept`."),
             ),
             responses(
                 (status = 200, description = "The result; it never changes.", content($(($body = $media)),+),
@@ -143,67 +155,67 @@ macro_rules! result {
 
 result! {
     /// The plan
-    plan, "get_plan", "/jobs/{id}/plan", PLAN, "format" ["json"], ("application/json", PlanDocument)
+    plan, "get_plan", "/jobs/{id}/plan", PLAN, "format" JsonForm, ("application/json", PlanDocument)
 }
 result! {
     /// The robot program
     ///
     /// As neutral JSON, as a table, or in the language of a controller (`params.dialects`). KUKA's has two files, `krl` and
     /// `krl_dat`. A language in which the program cannot be said has none: `result_not_found` with the reason.
-    program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" Dialect,
     ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
     ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
     ("text/x-python", String)
 }
 result! {
     /// The robot program of the second setup
-    program_2, "get_program_2", "/jobs/{id}/program-2", PROGRAM_2, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    program_2, "get_program_2", "/jobs/{id}/program-2", PROGRAM_2, "dialect" Dialect,
     ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
     ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
     ("text/x-python", String)
 }
 result! {
     /// The robot program of the third setup
-    program_3, "get_program_3", "/jobs/{id}/program-3", PROGRAM_3, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    program_3, "get_program_3", "/jobs/{id}/program-3", PROGRAM_3, "dialect" Dialect,
     ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
     ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
     ("text/x-python", String)
 }
 result! {
     /// The robot program of the fourth setup
-    program_4, "get_program_4", "/jobs/{id}/program-4", PROGRAM_4, "dialect" ["json", "csv", "hans", "urscript", "rapid", "krl", "krl_dat", "fanuc", "robodk"],
+    program_4, "get_program_4", "/jobs/{id}/program-4", PROGRAM_4, "dialect" Dialect,
     ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
     ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
     ("text/x-python", String)
 }
 result! {
     /// The chosen viewpoints
-    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format" ["json", "csv"],
+    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format" ListForm,
     ("application/json", ViewpointsDocument), ("text/csv", String)
 }
 result! {
     /// What is covered, and how well
-    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format" ["json", "csv"],
+    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format" ListForm,
     ("application/json", CoverageListing), ("text/csv", String)
 }
 result! {
     /// What is missed, and why
-    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" ["json"], ("application/json", MissedListing)
+    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" JsonForm, ("application/json", MissedListing)
 }
 result! {
     /// Seconds spent in each stage
-    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" ["json"], ("application/json", super::super::openapi::StageSeconds)
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" JsonForm, ("application/json", super::super::openapi::StageSeconds)
 }
 result! {
     /// The report for people
-    report, "get_report", "/jobs/{id}/report", REPORT, "format" ["html", "text"],
+    report, "get_report", "/jobs/{id}/report", REPORT, "format" ReportForm,
     ("text/html", String), ("text/plain", String)
 }
 result! {
     /// One byte a face of the preview
     ///
     /// The best grade by area majority, or why the face is missed.
-    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format" ["bin"],
+    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format" BinaryForm,
     ("application/octet-stream", super::super::openapi::Bytes)
 }
 
@@ -234,9 +246,6 @@ pub(in crate::http) async fn file(
     params.end()?;
     let id = job_id(&id)?;
     let file = site.app.result(id, &name).await?;
-    if let Some(response) = not_modified(&headers, &file.sha256) {
-        return Ok(response);
-    }
     let media_type = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
         "json" => JSON,
         "csv" => CSV,
@@ -244,10 +253,5 @@ pub(in crate::http) async fn file(
         "txt" | "cps" | "script" | "mod" | "src" | "dat" | "ls" | "py" => TEXT,
         _ => BYTES,
     };
-    let bytes = site.app.read(&file).await?;
-    let mut response = (immutable(&file.sha256, media_type), bytes).into_response();
-    if media_type == HTML {
-        response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
-    }
-    Ok(response)
+    give(&file, &headers, media_type).await
 }

@@ -65,7 +65,7 @@ macro_rules! collection {
                 tag = "specifications",
                 operation_id = $put_id,
                 params(
-                    ("name" = String, Path, description = "Its name, as in the body.", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
+                    ("name" = String, Path, description = "Its name, as in the body.", example = "mine", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
                     ("If-Match" = Option<String>, Header, description = "Tag of the version to be replaced."),
                     ("If-None-Match" = inline(Option<super::super::super::openapi::AnyVersion>), Header, description = "`*`: only if there is none."),
                 ),
@@ -98,7 +98,7 @@ macro_rules! collection {
                 tag = "specifications",
                 operation_id = $delete_id,
                 params(
-                    ("name" = String, Path, description = "Its name."),
+                    ("name" = String, Path, description = "Its name.", example = "mine"),
                     ("If-Match" = Option<String>, Header, description = "Tag of the version to be deleted."),
                 ),
                 responses((status = 204, description = "It is gone."))

@@ -1,10 +1,11 @@
 //! Questions about the server itself.
 
 use axum::extract::State;
+use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
-use axum::response::IntoResponse;
-use utoipa::openapi::OpenApi;
+use axum::response::{IntoResponse, Response};
 
+use crate::http::docs::DOCUMENT;
 use crate::http::extract::Params;
 use crate::http::problem::{Code, Problem};
 use crate::http::router::Site;
@@ -81,7 +82,7 @@ pub(in crate::http) async fn metrics(State(site): State<Site>) -> Result<impl In
     operation_id = "openapi",
     responses((status = 200, description = "OpenAPI 3.1.", body = Object))
 )]
-pub(in crate::http) async fn openapi(params: Params) -> Result<axum::Json<OpenApi>, Problem> {
+pub(in crate::http) async fn openapi(headers: HeaderMap, params: Params) -> Result<Response, Problem> {
     params.end()?;
-    Ok(axum::Json(crate::http::openapi()))
+    Ok(DOCUMENT.answer(&headers))
 }

@@ -1,0 +1,55 @@
+//! Whose request it is, behind proxies and in front of them.
+
+use axum::http::Request;
+
+use super::*;
+
+const PROXY: &str = "10.0.0.1";
+const INNER: &str = "127.0.0.1";
+
+fn ip(text: &str) -> IpAddr {
+    text.parse().expect("an address")
+}
+
+fn client(peer: &str, headers: &[(&str, &str)]) -> Client {
+    let mut request = Request::builder().extension(Peer(ip(peer)));
+    for (name, value) in headers {
+        request = request.header(*name, *value);
+    }
+    let (parts, ()) = request.body(()).expect("a request").into_parts();
+    Client::of(&parts, &[ip(PROXY), ip(INNER)])
+}
+
+#[test]
+fn the_last_address_that_is_not_a_proxy_counts() {
+    for (forwarded, address) in [
+        ("192.168.1.7", "192.168.1.7"),
+        // What the client wrote itself stands first.
+        ("1.1.1.1, 192.168.1.7", "192.168.1.7"),
+        ("192.168.1.7, 10.0.0.1", "192.168.1.7"),
+        ("192.168.1.7:4711", "192.168.1.7"),
+        ("2001:db8::1", "2001:db8::1"),
+        ("[2001:db8::1]", "2001:db8::1"),
+        ("[2001:db8::1]:4711", "2001:db8::1"),
+        ("::ffff:192.168.1.7", "192.168.1.7"),
+        ("10.0.0.1", "10.0.0.1"),
+        // Nobody is believed beyond what cannot be read.
+        ("192.168.1.7, unknown", INNER),
+        ("192.168.1.7, _hidden, 10.0.0.1", "10.0.0.1"),
+        ("", INNER),
+    ] {
+        assert_eq!(client(INNER, &[("x-forwarded-for", forwarded)]).address, ip(address), "{forwarded:?}");
+    }
+    let spread = [("x-forwarded-for", "1.1.1.1"), ("x-forwarded-for", "192.168.1.7, 10.0.0.1")];
+    assert_eq!(client(INNER, &spread).address, ip("192.168.1.7"));
+}
+
+#[test]
+fn whoever_is_not_a_proxy_speaks_for_itself() {
+    let headers = [("x-forwarded-for", "192.168.1.7"), ("x-forwarded-proto", "https")];
+    assert_eq!(client("192.168.1.9", &headers), Client { address: ip("192.168.1.9"), is_https: false });
+    assert!(client(PROXY, &headers).is_https);
+    assert!(!client(PROXY, &[("x-forwarded-proto", "http")]).is_https);
+    assert!(!client(PROXY, &[("x-forwarded-proto", "https, http")]).is_https);
+    assert!(!client(PROXY, &[]).is_https);
+}
