@@ -15,7 +15,7 @@ use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
     Cell, CellSpec, CollisionScene, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
 };
-use crate::geometry::{LengthUnit, Mesh};
+use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
 use crate::planning::{PlanInput, recheck, resting};
@@ -235,7 +235,7 @@ impl Against {
         let expected = expected.flatten();
         let clearance_mm = plan.as_ref().map_or(MIN_CLEARANCE_MM, |plan| plan.params.motion.clearance_mm) - ROUNDING_MM;
         let table_from_part = expected.as_ref().map(|expected| expected.table_from_part);
-        let read = |path: &PathBuf| files::mesh(path, self.unit).map(|(read, _)| read.mesh);
+        let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never()).map(|(read, _)| read.mesh);
         let part = self.mesh.as_ref().map(read).transpose()?;
         let fixture = self.fixture.as_ref().map(read).transpose()?;
         let scene = match &part {

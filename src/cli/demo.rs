@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use super::serve::{open, runtime, serve};
-use super::{CliError, failed, telemetry};
+use super::serve::{open, run_to_the_end, serve};
+use super::{CliError, failed, open_files, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
@@ -42,7 +42,8 @@ pub fn run(args: &DemoArgs) -> Result<(), CliError> {
     ];
     let mut settings = Settings::load(None, &flags).map_err(|error| CliError::BadInput(error.to_string()))?;
     telemetry::start(&settings.telemetry)?;
-    runtime()?.block_on(async {
+    open_files::fit(&mut settings);
+    run_to_the_end(async {
         let server = bind(&mut settings).await?;
         let app = open(&settings).await?;
         println!("Open http://{} in a browser. Ctrl-C ends the demo.", server.address());
@@ -74,11 +75,11 @@ async fn show(app: App) {
 async fn plan_sample(app: &App) -> Result<Job, Box<dyn std::error::Error + Send + Sync>> {
     let mesh = tokio::task::spawn_blocking(|| demo_parts::base(TRIANGLES)).await??;
     let stl = write_stl(&mesh);
-    let mut upload = app.receive().await?;
+    let mut upload = app.receive(stl.len() as u64).await?;
     upload.write(Bytes::from(stl)).await?;
     let about = MeshUpload { unit: LengthUnit::Millimetre, name: Some("sample base".to_owned()) };
     let mesh = app.add_mesh(upload.finish(None).await?, about).await?;
-    let job = app.submit(JobRequest::new(mesh.id), None).await?;
+    let job = app.submit(JobRequest::new(mesh.id), None, None).await?;
     loop {
         let job = app.job_when_ended(job.id, Duration::from_secs(3600)).await?;
         if job.state.is_ended() || app.stopping().is_cancelled() {

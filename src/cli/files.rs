@@ -1,17 +1,18 @@
 //! Files that commands read: specifications and parameters in TOML or JSON, meshes, and messages that say what is wrong
 //! in them and where.
 
+use std::fs::File;
 use std::path::Path;
+use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use sha2::{Digest, Sha256};
 
 use super::CliError;
 use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
-use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh};
-use crate::geometry::{LengthUnit, Mesh};
-use crate::service::hex;
+use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
+use crate::geometry::{LengthUnit, Mesh, Poll};
+use crate::service::Hashed;
 
 /// Finds specifications among the presets, else as files; meshes as files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -41,8 +42,9 @@ impl SpecLibrary for FileLibrary {
         Presets.cell(name).or_else(|_| Self::file(name))
     }
 
-    fn mesh(&self, name: &str) -> Result<Mesh, NotFound> {
-        mesh(existing(name)?, Some(LengthUnit::Millimetre)).map(|(read, _)| read.mesh).map_err(unusable)
+    fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
+        let read = mesh(existing(name)?, Some(LengthUnit::Millimetre), &Poll::never());
+        read.map(|(read, _)| Arc::new(read.mesh)).map_err(unusable)
     }
 
     fn names(&self, kind: SpecKind) -> Vec<String> {
@@ -127,20 +129,23 @@ pub fn findings(what: &str, errors: &[FieldError]) -> CliError {
 /// A mesh file, with the SHA-256 of its bytes in lower-case hexadecimal.
 ///
 /// # Errors
-/// Unreadable, or no usable mesh.
-pub fn mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), CliError> {
-    let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
-    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-    Ok((mesh_of(path, &bytes, unit)?, hex(&Sha256::digest(&bytes))))
+/// Unreadable, or not a usable mesh; [`CliError::Cancelled`] once `poll` says to stop.
+pub fn mesh(path: &Path, unit: Option<LengthUnit>, poll: &Poll<'_>) -> Result<(ReadMesh, String), CliError> {
+    let refuse = |error: std::io::Error| CliError::BadInput(format!("{}: {error}", path.display()));
+    let mut file = Hashed::new(File::open(path).map_err(refuse)?);
+    let length_bytes = path.metadata().map_err(refuse)?.len();
+    let read = mesh_io::read_from(&mut file, length_bytes, unit, &Limits::default(), poll);
+    let read = read.map_err(|error| unusable_mesh(path, &error))?;
+    let sha256 = file.finish(poll).map_err(refuse)?.ok_or_else(|| unusable_mesh(path, &MeshError::Interrupted.into()))?;
+    Ok((read, sha256))
 }
 
-/// The mesh that a file's bytes are.
-///
-/// # Errors
-/// No usable mesh; where its unit is missing, with the option that gives it.
-pub fn mesh_of(path: &Path, bytes: &[u8], unit: Option<LengthUnit>) -> Result<ReadMesh, CliError> {
-    mesh_io::read(bytes, unit, &Limits::default()).map_err(|error| {
-        let option = if error == MeshError::UnitMissing { " with --unit" } else { "" };
-        CliError::BadInput(format!("{}: {error}{option}", path.display()))
-    })
+/// What a file that is not a usable mesh ends a command with; where its unit is missing, with the option that gives it.
+#[must_use]
+pub fn unusable_mesh(path: &Path, error: &ReadError) -> CliError {
+    match error {
+        ReadError::Mesh(MeshError::Interrupted) => CliError::Cancelled("interrupted; nothing was written".into()),
+        ReadError::Mesh(MeshError::UnitMissing) => CliError::BadInput(format!("{}: {error} with --unit", path.display())),
+        _ => CliError::BadInput(format!("{}: {error}", path.display())),
+    }
 }

@@ -1,12 +1,12 @@
 //! `vantage inspect FILE`: what a part is, what is wrong with it, and what to do about it; or what a scanner sees.
 
 use std::fmt::Write as _;
-use std::fs;
+use std::fs::{self, File};
 use std::path::PathBuf;
 
 use super::{CliError, files, inspect_scanner};
-use crate::geometry::LengthUnit;
-use crate::geometry::mesh_io::{MeshError, ReadMesh, recognise};
+use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, recognise};
+use crate::geometry::{LengthUnit, Poll};
 use crate::wire::MeshHealth;
 
 /// Look at a mesh or a scanner: what it is, and what is wrong with it.
@@ -45,14 +45,12 @@ pub fn run(args: &InspectArgs) -> Result<(), CliError> {
 /// What `run` prints.
 pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
-    let bytes = fs::read(&args.file).map_err(|error| bad_input(&error))?;
-    // Text that is no mesh is taken for a scanner's specification, whose reader says what it misses.
-    if recognise(&bytes) == Err(MeshError::UnknownFormat)
-        && let Ok(text) = std::str::from_utf8(&bytes)
-    {
-        return inspect_scanner::render(text, args.json).map_err(|error| bad_input(&error));
-    }
-    let mesh = files::mesh_of(&args.file, &bytes, args.unit)?;
+    let mut file = File::open(&args.file).map_err(|error| bad_input(&error))?;
+    let length_bytes = file.metadata().map_err(|error| bad_input(&error))?.len();
+    let mesh = match mesh_io::read_from(&mut file, length_bytes, args.unit, &Limits::default(), &Poll::never()) {
+        Ok(mesh) => mesh,
+        Err(error) => return of_scanner(args).unwrap_or_else(|| Err(files::unusable_mesh(&args.file, &error))),
+    };
     let report = MeshHealth::new(&mesh);
     if args.json {
         let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report })
@@ -60,6 +58,14 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
         return Ok(json + "\n");
     }
     Ok(table(&args.file.display().to_string(), &mesh, &report))
+}
+
+/// The report of a text that is not a mesh, which is taken for a scanner's specification: its reader says what it misses.
+fn of_scanner(args: &InspectArgs) -> Option<Result<String, CliError>> {
+    let text = fs::read_to_string(&args.file).ok()?;
+    let is_text = recognise(text.as_bytes()) == Err(MeshError::UnknownFormat);
+    let render = || inspect_scanner::render(&text, args.json);
+    is_text.then(|| render().map_err(|error| CliError::BadInput(format!("{}: {error}", args.file.display()))))
 }
 
 fn table(name: &str, mesh: &ReadMesh, report: &MeshHealth) -> String {

@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use self::signals::Signals;
+use self::signals::on_signals;
 
+pub mod backup;
 pub mod check;
 pub mod demo;
 mod features;
@@ -14,6 +15,8 @@ pub mod files;
 pub mod healthcheck;
 pub mod inspect;
 pub mod inspect_scanner;
+mod limits;
+mod open_files;
 mod out;
 pub mod part;
 pub mod plan;
@@ -55,6 +58,8 @@ enum Command {
     Program(program::ProgramArgs),
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
+    Backup(backup::BackupArgs),
+    Restore(backup::RestoreArgs),
     Completions(CompletionsArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
 }
@@ -114,6 +119,8 @@ impl Cli {
             Command::Program(args) => program::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
+            Command::Backup(args) => backup::run_backup(&args),
+            Command::Restore(args) => backup::run_restore(&args),
             Command::Completions(CompletionsArgs { shell }) => {
                 clap_complete::generate(shell, &mut Self::command(), "vantage", &mut std::io::stdout());
                 Ok(())
@@ -127,16 +134,7 @@ impl Cli {
 fn raised_by_signal() -> Result<Arc<AtomicBool>, CliError> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(|e| failed("the runtime", &e))?;
-    let mut signals = runtime.block_on(async { Signals::listen() })?;
-    std::thread::spawn(move || {
-        runtime.block_on(async {
-            signals.next().await;
-            raised.store(true, Ordering::Relaxed);
-            signals.next().await;
-            std::process::exit(EXIT_INTERRUPTED);
-        });
-    });
+    on_signals(move |_| raised.store(true, Ordering::Relaxed), None)?;
     Ok(flag)
 }
 

@@ -1,18 +1,19 @@
 //! `vantage plan`: the pipeline of the server without a server.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde_json::Value;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
 use super::files::{self, FileLibrary};
+use super::limits::LimitArgs;
 use super::progress::Progress;
 use super::{CliError, features, out};
 use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
-use crate::geometry::LengthUnit;
 use crate::geometry::mesh_io::ReadMesh;
+use crate::geometry::{LengthUnit, Poll};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
@@ -64,6 +65,8 @@ pub struct PlanArgs {
     /// Threads to plan with, 0 to 1024; the plan does not depend on it. 0: all cores.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
     threads: u16,
+    #[command(flatten)]
+    limits: LimitArgs,
     /// A label that plan and program carry.
     #[arg(long = "label", value_name = "KEY=VALUE")]
     labels: Vec<String>,
@@ -84,8 +87,9 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
-    let (part, part_sha256) = load_mesh(&args.mesh, args.unit)?;
-    let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(Path::new(path), args.unit)).transpose()?;
+    out::prepare(&args.out)?;
+    let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
+    let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(Path::new(path), args.unit, cancel)).transpose()?;
     let job = PlanJob {
         mesh: &part.mesh,
         fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
@@ -96,19 +100,20 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         params: &params,
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
     };
-    out::prepare(&args.out)?;
     let pool = pool(args.threads)?;
     let progress = Progress::start();
-    let result = pool.install(|| {
+    let planned = || {
         // One plan orders views, and tries remedies, many times in its cell.
         let roadmaps = Roadmaps::default();
-        let ctx = Context::new(cancel, &progress).with_roadmaps(&roadmaps);
+        let allowance = args.limits.allowance(rayon::current_num_threads());
+        let ctx = Context::new(cancel, &progress).with_roadmaps(&roadmaps).with_allowance(allowance);
         let outcome = job.plan(&ctx)?;
         let artifacts = job.render(&outcome, &ctx)?;
-        Ok((outcome, artifacts))
-    });
+        Ok::<_, PlanError>((outcome, artifacts))
+    };
+    let result = args.limits.within(cancel, || pool.install(planned).map_err(explain));
     let seconds = progress.finish();
-    let (outcome, mut artifacts) = result.map_err(explain)?;
+    let (outcome, mut artifacts) = result?;
     let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
     artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
     artifacts.push(Artifact { name: "ovp.json", bytes: json_file_bytes(&log) });
@@ -117,8 +122,8 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
 }
 
 /// The mesh, after what is suspicious about it was told: a wrong unit is better seen before an hour than after.
-pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>) -> Result<(ReadMesh, String), CliError> {
-    let (read, sha256) = files::mesh(path, unit)?;
+pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>, cancel: &AtomicBool) -> Result<(ReadMesh, String), CliError> {
+    let (read, sha256) = files::mesh(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)))?;
     for warning in read.health.warnings() {
         eprintln!("{}: {warning}\n  → {}", path.display(), warning.remedy());
     }

@@ -93,8 +93,8 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let params = load_params(args.params.as_deref(), &args.sets)?;
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
-    let (part, part_sha256) = load_mesh(mesh, args.unit)?;
-    let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit)).transpose()?;
+    let (part, part_sha256) = load_mesh(mesh, args.unit, cancel)?;
+    let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit, cancel)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
     let input = PlanInput { mesh: &part.mesh, fixture, part_sha256: &part_sha256, scanner: &scanner, cell: cell.as_ref() };
     out::prepare(&args.out)?;

@@ -2,12 +2,15 @@
 //! keys are refused; an error names the key, the layer it comes from and what is allowed.
 
 mod layers;
+pub mod machine;
+mod server;
 
-use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::Deserialize;
+
+pub use server::ServerSettings;
 
 use crate::cell::Findings;
 use crate::{http, service};
@@ -18,41 +21,19 @@ use crate::{http, service};
 pub struct Settings {
     /// Addresses, keys and times.
     pub server: ServerSettings,
-    /// Sizes.
+    /// Sizes and numbers.
     pub limits: LimitSettings,
     /// What is kept.
     pub store: StoreSettings,
+    /// What is let go, and when.
+    pub retention: RetentionSettings,
     /// How jobs are worked on.
     pub planning: PlanningSettings,
     /// What is logged.
     pub telemetry: TelemetrySettings,
 }
 
-/// Addresses, keys and times of the HTTP side.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ServerSettings {
-    /// Address and port.
-    pub listen: SocketAddr,
-    /// Take requests from other machines without a key.
-    pub insecure: bool,
-    /// The key that everything under `/api` asks for.
-    pub api_key: Option<http::ApiKey>,
-    /// Connections at the same time.
-    pub max_connections: u32,
-    /// Streams at the same time on one HTTP/2 connection.
-    pub http2_max_streams: u32,
-    /// Time for a request's headers.
-    pub header_timeout_secs: f64,
-    /// Time for the next piece of a body.
-    pub body_idle_timeout_secs: f64,
-    /// Time until an answer begins.
-    pub request_timeout_secs: f64,
-    /// Time for open requests after SIGTERM.
-    pub drain_timeout_secs: f64,
-}
-
-/// Sizes.
+/// Sizes and numbers.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LimitSettings {
@@ -60,10 +41,20 @@ pub struct LimitSettings {
     pub upload_bytes: u64,
     /// Largest JSON body.
     pub json_bytes: u64,
+    /// Uploads at the same time.
+    pub uploads_at_once: u32,
+    /// Uploads at the same time of one client.
+    pub uploads_at_once_per_address: u32,
     /// Most triangles of a mesh.
     pub mesh_triangles: u64,
     /// Jobs that may wait.
     pub queued_jobs: u64,
+    /// Time to make out what an uploaded mesh is.
+    pub parse_secs: f64,
+    /// Memory that a job may need; 0 for a share of the machine's.
+    pub job_memory_bytes: u64,
+    /// Time that a job may be planned; 0 for no limit.
+    pub job_secs: f64,
 }
 
 /// What is kept.
@@ -74,6 +65,32 @@ pub struct StoreSettings {
     pub data_dir: PathBuf,
     /// Events of ended jobs are kept this long.
     pub event_retention_hours: u32,
+    /// Free space that uploads and new jobs leave on the disk, unless `min_free_share` of it is less.
+    pub min_free_bytes: u64,
+    /// Share of the disk that they leave free, unless `min_free_bytes` is less.
+    pub min_free_share: f64,
+    /// Files that nothing refers to are moved to `swept/` once they are this old.
+    pub orphan_hours: u32,
+    /// Swept files are removed after this time.
+    pub swept_hours: u32,
+    /// Every stored file is compared with its hash this often; 0 for never.
+    pub scrub_hours: u32,
+}
+
+/// What is let go, and when.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RetentionSettings {
+    /// Ended jobs older than this are deleted; 0 keeps them.
+    pub job_days: u32,
+    /// Of each part this many ended jobs are kept; 0 keeps all.
+    pub jobs_per_part: u32,
+    /// Unused meshes are deleted this long after their upload; 0 keeps them.
+    pub unused_mesh_days: u32,
+    /// Share of the disk that stored files may take; 0 for no limit.
+    pub max_disk_share: f64,
+    /// Key of the label that keeps a job from being deleted.
+    pub hold_label: String,
 }
 
 /// How jobs are worked on.
@@ -152,30 +169,44 @@ impl Settings {
         let mut whole = |pointer: &str, value: u64, low: f64, high: f64| findings.range(pointer, value as f64, low, high, "");
         whole("/limits/upload_bytes", self.limits.upload_bytes, 1024.0, 1_099_511_627_776.0);
         whole("/limits/json_bytes", self.limits.json_bytes, 1024.0, 1_073_741_824.0);
+        whole("/limits/uploads_at_once", self.limits.uploads_at_once.into(), 1.0, 256.0);
+        whole("/limits/uploads_at_once_per_address", self.limits.uploads_at_once_per_address.into(), 1.0, 256.0);
         whole("/limits/mesh_triangles", self.limits.mesh_triangles, 1.0, 1e9);
         whole("/limits/queued_jobs", self.limits.queued_jobs, 1.0, 1e6);
         whole("/store/event_retention_hours", self.store.event_retention_hours.into(), 1.0, 87_600.0);
+        whole("/store/min_free_bytes", self.store.min_free_bytes, 0.0, 1e15);
+        whole("/store/orphan_hours", self.store.orphan_hours.into(), 1.0, 87_600.0);
+        whole("/store/swept_hours", self.store.swept_hours.into(), 1.0, 87_600.0);
+        whole("/store/scrub_hours", self.store.scrub_hours.into(), 0.0, 87_600.0);
+        whole("/retention/job_days", self.retention.job_days.into(), 0.0, 36_500.0);
+        whole("/retention/jobs_per_part", self.retention.jobs_per_part.into(), 0.0, 1e6);
+        whole("/retention/unused_mesh_days", self.retention.unused_mesh_days.into(), 0.0, 36_500.0);
         whole("/planning/threads", self.planning.threads.into(), 0.0, 1024.0);
         whole("/planning/concurrent_jobs", self.planning.concurrent_jobs.into(), 1.0, 64.0);
         whole("/planning/max_attempts", self.planning.max_attempts.into(), 1.0, 100.0);
+        findings.range("/store/min_free_share", self.store.min_free_share, 0.0, 0.9, "");
+        findings.range("/retention/max_disk_share", self.retention.max_disk_share, 0.0, 1.0, "");
+        let label = &self.retention.hold_label;
+        findings.require((1..=64).contains(&label.chars().count()), "/retention/hold_label", || {
+            format!("has {} characters; allowed are 1 to 64", label.chars().count())
+        });
+        findings.range("/limits/parse_secs", self.limits.parse_secs, 1.0, 3600.0, "s");
+        let zero_or_more = |value: f64, least: f64| if value == 0.0 { least } else { value };
+        let memory = zero_or_more(self.limits.job_memory_bytes as f64, MIN_JOB_MEMORY_BYTES);
+        findings.require(memory >= MIN_JOB_MEMORY_BYTES, "/limits/job_memory_bytes", || {
+            format!("is {memory:.0}; allowed is 0, for a share of the machine's memory, or {MIN_JOB_MEMORY_BYTES} or more")
+        });
+        let secs = zero_or_more(self.limits.job_secs, 1.0);
+        findings.require((1.0..=MAX_JOB_SECS).contains(&secs), "/limits/job_secs", || {
+            format!("is {secs} s; allowed is 0, for no limit, or 1 to {MAX_JOB_SECS} s")
+        });
         findings.into_result()
     }
 
     /// What the HTTP side is told.
     #[must_use]
     pub fn http(&self) -> http::Options {
-        let server = &self.server;
-        http::Options {
-            listen: server.listen,
-            api_key: server.api_key.clone(),
-            max_connections: server.max_connections as usize,
-            http2_max_streams: server.http2_max_streams,
-            header_timeout: Duration::from_secs_f64(server.header_timeout_secs),
-            body_idle_timeout: Duration::from_secs_f64(server.body_idle_timeout_secs),
-            request_timeout: Duration::from_secs_f64(server.request_timeout_secs),
-            drain_timeout: Duration::from_secs_f64(server.drain_timeout_secs),
-            max_json_bytes: usize::try_from(self.limits.json_bytes).unwrap_or(usize::MAX),
-        }
+        self.server.http(&self.limits)
     }
 
     /// What the service is told.
@@ -187,31 +218,46 @@ impl Settings {
             concurrent_jobs: self.planning.concurrent_jobs as usize,
             max_attempts: self.planning.max_attempts,
             max_queued_jobs: self.limits.queued_jobs,
+            max_uploads: self.limits.uploads_at_once as usize,
             max_upload_bytes: self.limits.upload_bytes,
             max_triangles: usize::try_from(self.limits.mesh_triangles).unwrap_or(usize::MAX),
+            parse_limit: Duration::from_secs_f64(self.limits.parse_secs),
+            job_memory_bytes: match self.limits.job_memory_bytes {
+                0 => job_memory_bytes(self.planning.concurrent_jobs),
+                bytes => bytes,
+            },
+            job_limit: (self.limits.job_secs > 0.0).then(|| Duration::from_secs_f64(self.limits.job_secs)),
             event_retention_hours: self.store.event_retention_hours,
+            min_free_bytes: self.store.min_free_bytes,
+            min_free_share: self.store.min_free_share,
+            orphan_hours: self.store.orphan_hours,
+            swept_hours: self.store.swept_hours,
+            scrub_hours: self.store.scrub_hours,
+            retention: service::RetentionOptions {
+                job_days: self.retention.job_days,
+                jobs_per_part: self.retention.jobs_per_part,
+                unused_mesh_days: self.retention.unused_mesh_days,
+                max_disk_share: self.retention.max_disk_share,
+                hold_label: self.retention.hold_label.clone(),
+            },
         }
     }
 }
 
-impl ServerSettings {
-    fn check(&self, findings: &mut Findings) {
-        findings.range("/server/max_connections", self.max_connections.into(), 1.0, 1e5, "");
-        findings.range("/server/http2_max_streams", self.http2_max_streams.into(), 1.0, 1e4, "");
-        findings.range("/server/header_timeout_secs", self.header_timeout_secs, 0.1, 600.0, "s");
-        findings.range("/server/body_idle_timeout_secs", self.body_idle_timeout_secs, 0.1, 600.0, "s");
-        findings.range("/server/request_timeout_secs", self.request_timeout_secs, 0.1, 600.0, "s");
-        findings.range("/server/drain_timeout_secs", self.drain_timeout_secs, 0.0, 600.0, "s");
-        if let Some(key) = &self.api_key {
-            findings.require(key.is_usable(), "/server/api_key", || {
-                "has to be 16 to 256 visible ASCII characters without ; and ,".to_owned()
-            });
-        }
-        let guarded = self.listen.ip().is_loopback() || self.insecure || self.api_key.is_some();
-        findings.require(guarded, "/server/listen", || {
-            format!("is {}, which other machines reach; set server.api_key, or say --insecure to let everybody in", self.listen)
-        });
-    }
+/// Share of the machine's memory that planning may need; the rest is for what the estimate does not know, and for others.
+const PLANNING_SHARE: u64 = 60;
+/// What a job may need where the system does not say what it has.
+const JOB_MEMORY_BYTES: u64 = 4 << 30;
+/// Less than this is not enough for any job.
+const MIN_JOB_MEMORY_BYTES: f64 = 268_435_456.0;
+/// A week.
+const MAX_JOB_SECS: f64 = 604_800.0;
+
+/// Memory that each of so many jobs may need that are planned at the same time.
+#[must_use]
+pub fn job_memory_bytes(concurrent_jobs: u32) -> u64 {
+    let jobs = u64::from(concurrent_jobs.max(1));
+    machine::memory_bytes().map_or(JOB_MEMORY_BYTES, |bytes| bytes / 100 * PLANNING_SHARE / jobs)
 }
 
 #[cfg(test)]

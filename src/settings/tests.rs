@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use super::*;
 
 fn load(file: Option<&str>, environment: &[(&str, &str)], flags: &Flags) -> Result<Settings, SettingsError> {
@@ -54,6 +56,24 @@ fn a_fault_names_key_layer_and_range() {
 }
 
 #[test]
+fn limits_of_jobs_are_shares_of_the_machine_unless_they_are_given() {
+    let service = |file: &str| load(Some(file), &[], &Vec::new()).expect("settings").service();
+    let defaults = service("");
+    assert_eq!((defaults.parse_limit, defaults.job_limit), (Duration::from_secs(60), Some(Duration::from_secs(3600))));
+    let halves = service("[planning]\nconcurrent_jobs = 2\n");
+    assert!(defaults.job_memory_bytes.abs_diff(2 * halves.job_memory_bytes) <= 2, "{defaults:?}, {halves:?}");
+    if let Some(bytes) = machine::memory_bytes() {
+        assert!((bytes / 2..bytes).contains(&defaults.job_memory_bytes));
+    }
+    let given = service("[limits]\njob_memory_bytes = 1073741824\njob_secs = 0\nparse_secs = 5\n");
+    assert_eq!((given.job_memory_bytes, given.job_limit, given.parse_limit), (1 << 30, None, Duration::from_secs(5)));
+    let text = refusal(Some("[limits]\njob_memory_bytes = 5\njob_secs = 0.5\nparse_secs = 0\n"), &[], &Vec::new());
+    for key in ["limits.job_memory_bytes", "limits.job_secs", "limits.parse_secs"] {
+        assert!(text.contains(key), "{key} is not in {text}");
+    }
+}
+
+#[test]
 fn every_fault_is_told_at_once() {
     let file = "[limits]\nupload_bytes = 1\nqueued_jobs = 0\n[planning]\nconcurrent_jobs = 0\n";
     assert_eq!(refusal(Some(file), &[], &Vec::new()).lines().count(), 3);
@@ -71,4 +91,24 @@ fn other_machines_need_a_key_or_the_word() {
     assert!(!format!("{settings:?}").contains("0012345"));
     let text = refusal(None, &[open, ("VANTAGE_SERVER__API_KEY", "too-short")], &Vec::new());
     assert!(text.contains("server.api_key") && !text.contains("too-short"), "{text}");
+}
+
+#[test]
+fn lists_are_lists_in_files_and_texts_with_commas_in_the_environment() {
+    let file = "[server]\nhosts = [\"Planner\", \"planner.plant.example\"]\ntrusted_proxies = [\"10.0.0.1\", \"::1\"]\n";
+    let in_environment =
+        [("VANTAGE_SERVER__HOSTS", "Planner, planner.plant.example"), ("VANTAGE_SERVER__TRUSTED_PROXIES", "10.0.0.1,::1")];
+    for settings in [load(Some(file), &[], &Vec::new()), load(None, &in_environment, &Vec::new())] {
+        let http = settings.expect("settings").http();
+        assert_eq!(http.hosts, ["planner", "planner.plant.example"]);
+        assert_eq!(http.trusted_proxies.iter().map(ToString::to_string).collect::<Vec<_>>(), ["10.0.0.1", "::1"]);
+    }
+    let none = load(None, &[("VANTAGE_SERVER__HOSTS", "")], &Vec::new()).expect("settings");
+    assert!(none.server.hosts.is_empty());
+    for host in ["http://planner", "planner:8080", "planner/", ".plant", "plant.", "a b"] {
+        let text = refusal(None, &[("VANTAGE_SERVER__HOSTS", host)], &Vec::new());
+        assert!(text.contains("server.hosts") && text.contains(host), "{text}");
+    }
+    let text = refusal(None, &[("VANTAGE_SERVER__TRUSTED_PROXIES", "10.0.0.0/8")], &Vec::new());
+    assert!(text.contains("server.trusted_proxies") && text.contains("10.0.0.0/8"), "{text}");
 }

@@ -1,0 +1,133 @@
+//! The settings of the HTTP side, and what is allowed of them.
+
+use std::net::{IpAddr, SocketAddr};
+use std::time::Duration;
+
+use serde::{Deserialize, Deserializer};
+
+use super::LimitSettings;
+use crate::cell::Findings;
+use crate::http::{self, Quota};
+
+/// Addresses, keys, names, numbers and times of the HTTP side.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServerSettings {
+    /// Address and port.
+    pub listen: SocketAddr,
+    /// Take requests from other machines without a key.
+    pub insecure: bool,
+    /// The key that everything under `/api` asks for.
+    pub api_key: Option<http::ApiKey>,
+    /// Names of the server beside its addresses and `localhost`.
+    #[serde(deserialize_with = "list")]
+    pub hosts: Vec<String>,
+    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are believed.
+    #[serde(deserialize_with = "list")]
+    pub trusted_proxies: Vec<IpAddr>,
+    /// Connections at the same time.
+    pub max_connections: u32,
+    /// Connections at the same time from one address.
+    pub max_connections_per_address: u32,
+    /// Event streams at the same time.
+    pub max_event_streams: u32,
+    /// Event streams at the same time of one client.
+    pub max_event_streams_per_address: u32,
+    /// Answers that wait for a job's end at the same time.
+    pub max_waits: u32,
+    /// Answers that wait for a job's end at the same time, of one client.
+    pub max_waits_per_address: u32,
+    /// Streams at the same time on one HTTP/2 connection.
+    pub http2_max_streams: u32,
+    /// Time for a request's headers.
+    pub header_timeout_secs: f64,
+    /// Time after which a connection without a request is closed.
+    pub idle_timeout_secs: f64,
+    /// Time for the next piece of a body.
+    pub body_idle_timeout_secs: f64,
+    /// Time until an answer begins.
+    pub request_timeout_secs: f64,
+    /// Time for open requests and jobs after SIGTERM.
+    pub drain_timeout_secs: f64,
+}
+
+impl ServerSettings {
+    /// What the HTTP side is told.
+    pub(super) fn http(&self, limits: &LimitSettings) -> http::Options {
+        let quota = |total: u32, per_address: u32| Quota { total: total as usize, per_address: per_address as usize };
+        http::Options {
+            listen: self.listen,
+            api_key: self.api_key.clone(),
+            hosts: self.hosts.iter().map(|host| host.to_ascii_lowercase()).collect(),
+            trusted_proxies: self.trusted_proxies.iter().map(IpAddr::to_canonical).collect(),
+            max_connections: self.max_connections as usize,
+            max_connections_per_address: self.max_connections_per_address as usize,
+            event_streams: quota(self.max_event_streams, self.max_event_streams_per_address),
+            uploads: quota(limits.uploads_at_once, limits.uploads_at_once_per_address),
+            waits: quota(self.max_waits, self.max_waits_per_address),
+            http2_max_streams: self.http2_max_streams,
+            header_timeout: Duration::from_secs_f64(self.header_timeout_secs),
+            idle_timeout: Duration::from_secs_f64(self.idle_timeout_secs),
+            body_idle_timeout: Duration::from_secs_f64(self.body_idle_timeout_secs),
+            request_timeout: Duration::from_secs_f64(self.request_timeout_secs),
+            max_json_bytes: usize::try_from(limits.json_bytes).unwrap_or(usize::MAX),
+        }
+    }
+
+    pub(super) fn check(&self, findings: &mut Findings) {
+        let mut count = |pointer: &str, value: u32, high: f64| findings.range(pointer, value.into(), 1.0, high, "");
+        count("/server/max_connections", self.max_connections, 1e5);
+        count("/server/max_connections_per_address", self.max_connections_per_address, 1e5);
+        count("/server/max_event_streams", self.max_event_streams, 1e5);
+        count("/server/max_event_streams_per_address", self.max_event_streams_per_address, 1e5);
+        count("/server/max_waits", self.max_waits, 1e5);
+        count("/server/max_waits_per_address", self.max_waits_per_address, 1e5);
+        count("/server/http2_max_streams", self.http2_max_streams, 1e4);
+        findings.range("/server/header_timeout_secs", self.header_timeout_secs, 0.1, 600.0, "s");
+        findings.range("/server/idle_timeout_secs", self.idle_timeout_secs, 0.1, 86_400.0, "s");
+        findings.range("/server/body_idle_timeout_secs", self.body_idle_timeout_secs, 0.1, 600.0, "s");
+        findings.range("/server/request_timeout_secs", self.request_timeout_secs, 0.1, 600.0, "s");
+        findings.range("/server/drain_timeout_secs", self.drain_timeout_secs, 0.0, 600.0, "s");
+        self.check_access(findings);
+    }
+
+    fn check_access(&self, findings: &mut Findings) {
+        if let Some(key) = &self.api_key {
+            findings.require(key.is_usable(), "/server/api_key", || {
+                "has to be 16 to 256 visible ASCII characters without ; and ,".to_owned()
+            });
+        }
+        if let Some(host) = self.hosts.iter().find(|host| !is_host_name(host)) {
+            findings.push("/server/hosts", format!("has {host:?}, which is not a host name without scheme and port"));
+        }
+        let guarded = self.listen.ip().is_loopback() || self.insecure || self.api_key.is_some();
+        findings.require(guarded, "/server/listen", || {
+            format!("is {}, which other machines reach; set server.api_key, or say --insecure to let everybody in", self.listen)
+        });
+    }
+}
+
+fn is_host_name(text: &str) -> bool {
+    let plain = |c: u8| c.is_ascii_alphanumeric() || matches!(c, b'-' | b'_' | b'.');
+    (1..=253).contains(&text.len()) && text.bytes().all(plain) && !text.starts_with('.') && !text.ends_with('.')
+}
+
+/// A list, or a text with commas between its entries, as the environment has it.
+fn list<'de, T, D>(deserializer: D) -> Result<Vec<T>, D::Error>
+where
+    T: std::str::FromStr<Err: std::fmt::Display>,
+    D: Deserializer<'de>,
+{
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "a list of texts, or one text with commas between the entries")]
+    enum Written {
+        List(Vec<String>),
+        Text(String),
+    }
+    let entries = match Written::deserialize(deserializer)? {
+        Written::List(entries) => entries,
+        Written::Text(text) => text.split(',').map(|entry| entry.trim().to_owned()).filter(|entry| !entry.is_empty()).collect(),
+    };
+    let parse = |entry: &String| entry.parse().map_err(|error| serde::de::Error::custom(format!("{entry:?}: {error}")));
+    entries.iter().map(parse).collect()
+}
