@@ -2,6 +2,7 @@
 
 mod architecture;
 mod arms;
+mod bounds;
 mod candidate_rounds;
 mod candidate_study;
 mod certified_figures;

@@ -14,7 +14,7 @@ fn a_doubtful_mesh_is_told_before_planning_and_sigterm_cancels_with_4() {
     // So many samples and directions that planning lasts.
     let fine = [
         "candidates.strategies=[\"ellipsoid\"]",
-        "part.samples_per_mm2=100",
+        "part.samples_per_mm2=5",
         "candidates.step_small_deg=2",
         "candidates.step_large_deg=2",
     ];

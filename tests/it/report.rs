@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use vantage::cell::{Contact, Posture, Separation};
-use vantage::geometry::{Mesh, NOT_DRAWN, Part, Pose, ScannerFrame, preview};
+use vantage::geometry::{Mesh, NOT_DRAWN, Part, Poll, Pose, ScannerFrame, preview};
 use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
@@ -306,6 +306,20 @@ fn pictures_decode_and_stay_small() {
 }
 
 #[test]
+fn of_very_many_views_the_first_hundred_have_pictures() {
+    let mesh = sphere();
+    let mut outcome = sphere_outcome(&mesh);
+    let views = outcome.plan.views.len();
+    outcome.plan.views = (0..130).map(|view| outcome.plan.views[view % views].clone()).collect();
+    outcome.measured_by_view = (0..130).map(|view| outcome.measured_by_view[view % views].clone()).collect();
+    let page = page(&mesh, &outcome, "sphere", &Echo::default());
+    well_formed(&page).expect("well-formed");
+    assert_eq!(data_uris(&page).len(), 3 + 100 + 3);
+    assert_eq!(page.matches("<h3>View ").count(), 130, "every view has its figures");
+    assert!(page.contains("The first 100 views have pictures."));
+}
+
+#[test]
 fn a_view_shows_what_it_measures_where_it_looks() {
     let mesh = sphere();
     let outcome = sphere_outcome(&mesh);
@@ -370,7 +384,7 @@ fn preview_bytes_tell_the_same_story_on_fewer_faces() {
     let mesh = sphere();
     let outcome = sphere_outcome(&mesh);
     let shares = |max_triangles: usize| {
-        let preview = preview(&mesh, max_triangles);
+        let preview = preview(&mesh, max_triangles, &Poll::never()).expect("not interrupted");
         let bytes = coverage::bin(&outcome, &preview);
         assert_eq!(bytes.len(), preview.faces.len());
         assert!(preview.face_of_triangle.iter().all(|face| *face != NOT_DRAWN));

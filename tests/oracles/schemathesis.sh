@@ -27,13 +27,9 @@ for _ in $(seq 100); do
     sleep 0.1
 done
 
-# A mesh to be found among the ids that are made up.
-mesh=$(PYTHONPATH=$folder "$VANTAGE_ORACLE_PYTHON" -m schemathesis_hooks "$address" "$key")
-
 # It keeps a cache where it runs.
 cd "$work"
-SCHEMATHESIS_HOOKS=schemathesis_hooks PYTHONPATH=$folder VANTAGE_ORACLE_MESH=$mesh \
-    "$VANTAGE_ORACLE_PYTHON" -m schemathesis.cli --config-file "$folder/schemathesis.toml" \
+"$VANTAGE_ORACLE_PYTHON" -m schemathesis.cli --config-file "$folder/schemathesis.toml" \
     run "$address/api/v1/openapi.json" --header "Authorization: Bearer $key" "$@"
 
 # Nothing that was sent may have been the server's fault.

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::body::{Body, to_bytes};
-use axum::http::{HeaderMap, Method, Request, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, Method, Request, StatusCode};
 use serde_json::{Value, json};
 use tower::ServiceExt as _;
-use vantage::http;
+use vantage::http::{self, Quota};
 use vantage::planning::context::{Context, Stage};
 use vantage::service::run::{Artifact, RunError, RunInput};
 use vantage::service::{self, App, Planner};
@@ -56,7 +56,7 @@ fn planner() -> Planner {
         match input.echo.labels.get("do").map(String::as_str) {
             Some("panic") => panic!("as asked"),
             Some("no_plan") => return Err(RunError::NoPlan("nothing is in reach".into())),
-            Some("bad_input") => input.mesh.read("/mesh_id", 1).map(drop)?,
+            Some("bad_input") => input.mesh.read("/mesh_id", 1, &|| false).map(drop)?,
             Some("wait") => wait_for_cancel(ctx)?,
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
@@ -82,26 +82,48 @@ pub(super) fn http_options() -> http::Options {
     http::Options {
         listen: ([127, 0, 0, 1], 0).into(),
         api_key: None,
+        hosts: Vec::new(),
+        trusted_proxies: vec![[0, 0, 0, 0].into()],
         max_connections: 16,
+        max_connections_per_address: 16,
+        event_streams: Quota { total: 4, per_address: 3 },
+        uploads: Quota { total: 4, per_address: 3 },
+        waits: Quota { total: 4, per_address: 3 },
         http2_max_streams: 16,
         header_timeout: Duration::from_secs(10),
+        idle_timeout: Duration::from_secs(10),
         body_idle_timeout: Duration::from_millis(500),
         request_timeout: Duration::from_secs(30),
-        drain_timeout: Duration::from_secs(1),
         max_json_bytes: 64 * 1024,
     }
 }
 
-pub(super) fn service_options() -> service::Options {
+pub(crate) fn service_options() -> service::Options {
     service::Options {
         data_dir: std::path::PathBuf::new(),
         planning_threads: 2,
         concurrent_jobs: 1,
         max_attempts: 3,
         max_queued_jobs: 100,
+        max_uploads: 4,
         max_upload_bytes: 1 << 20,
         max_triangles: 10_000,
+        parse_limit: Duration::from_secs(60),
+        job_memory_bytes: 4 << 30,
+        job_limit: None,
         event_retention_hours: 1,
+        min_free_bytes: 0,
+        min_free_share: 0.0,
+        orphan_hours: 1,
+        swept_hours: 1,
+        scrub_hours: 0,
+        retention: service::RetentionOptions {
+            job_days: 0,
+            jobs_per_part: 0,
+            unused_mesh_days: 0,
+            max_disk_share: 0.0,
+            hold_label: "hold".to_owned(),
+        },
     }
 }
 
@@ -129,7 +151,13 @@ impl Api {
         panic!("something is left in {}", unfinished.display());
     }
 
-    pub(super) async fn raw(&self, request: Request<Body>) -> axum::response::Response {
+    /// The answer to a request, which is for `localhost` unless it says another host.
+    pub(super) async fn raw(&self, mut request: Request<Body>) -> axum::response::Response {
+        request.headers_mut().entry("host").or_insert(HeaderValue::from_static("localhost"));
+        self.as_it_is(request).await
+    }
+
+    pub(super) async fn as_it_is(&self, request: Request<Body>) -> axum::response::Response {
         self.router.clone().oneshot(request).await.expect("an answer")
     }
 

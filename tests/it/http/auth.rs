@@ -3,6 +3,7 @@
 use super::api::{Api, http_options, service_options};
 
 const KEY: &str = "0123456789abcdef-key";
+const RIGHT: &str = "Bearer 0123456789abcdef-key";
 
 async fn guarded() -> Api {
     let key: vantage::http::ApiKey = serde_json::from_value(serde_json::json!(KEY)).expect("a key");
@@ -23,7 +24,6 @@ fn operations() -> Vec<(String, String)> {
 #[tokio::test]
 async fn every_route_under_api_asks_for_the_key() {
     let api = guarded().await;
-    let right = format!("Bearer {KEY}");
     let mut asked = 0;
     for (method, path) in operations() {
         let none = api.send(&method, &path, &[], "").await;
@@ -41,7 +41,7 @@ async fn every_route_under_api_asks_for_the_key() {
             assert_eq!(answer.status, 401, "{method} {path} {wrong:?}");
         }
         if path != "/api/v1/events" {
-            let answer = api.send(&method, &path, &[("authorization", &right)], "").await;
+            let answer = api.send(&method, &path, &[("authorization", RIGHT)], "").await;
             assert_ne!(answer.status, 401, "{method} {path}");
         }
     }
@@ -50,16 +50,79 @@ async fn every_route_under_api_asks_for_the_key() {
     api.send("PATCH", "/api/v1/jobs", &[], "").await.problem("key_missing");
 }
 
+/// Begins a session; returns what the browser is told to keep.
+async fn begin_session(api: &Api, headers: &[(&str, &str)]) -> String {
+    let answer = api.send("POST", "/api/v1/session", &[&[("authorization", RIGHT)], headers].concat(), "").await;
+    assert_eq!(answer.status, 204);
+    answer.header("set-cookie").to_owned()
+}
+
+/// What the browser sends back.
+fn sent_back(set_cookie: &str) -> String {
+    format!("other=1; {}; vantage_key={KEY}", set_cookie.split(';').next().expect("a pair"))
+}
+
 #[tokio::test]
-async fn the_cookie_serves_for_reading_only() {
+async fn a_session_is_begun_with_the_key_and_holds_nothing_of_it() {
     let api = guarded().await;
-    let cookie = format!("other=1; vantage_key={KEY}");
-    assert_eq!(api.send("GET", "/api/v1/jobs", &[("cookie", &cookie)], "").await.status, 200);
-    assert_eq!(api.send("HEAD", "/api/v1/jobs", &[("cookie", &cookie)], "").await.status, 200);
-    for (method, path) in operations().into_iter().filter(|(method, path)| method != "GET" && path.starts_with("/api/")) {
-        api.send(&method, &path, &[("cookie", &cookie)], "").await.problem("key_missing");
+    let set_cookie = begin_session(&api, &[]).await;
+    let (pair, rest) = set_cookie.split_once(';').expect("attributes");
+    let id = pair.strip_prefix("vantage_session=").expect("the cookie");
+    assert!(id.len() == 64 && id.bytes().all(|c| c.is_ascii_hexdigit()), "{set_cookie}");
+    assert_eq!(rest, " Path=/; HttpOnly; SameSite=Strict");
+    assert_ne!(begin_session(&api, &[]).await, set_cookie);
+    // Behind a proxy that speaks TLS the cookie goes over TLS only; in front of one nobody is believed.
+    assert!(begin_session(&api, &[("x-forwarded-proto", "https")]).await.contains("; Secure"));
+    for wrong in ["Bearer x", "Basic x"] {
+        assert_eq!(api.send("POST", "/api/v1/session", &[("authorization", wrong)], "").await.status, 401);
     }
-    api.send("GET", "/api/v1/jobs", &[("cookie", "vantage_key=wrong")], "").await.problem("key_wrong");
+    // A session begins no other, and the key itself is no cookie any more.
+    let cookie = sent_back(&set_cookie);
+    let answer = api.send("POST", "/api/v1/session", &[("cookie", &cookie), ("x-vantage-session", "1")], "").await;
+    answer.problem("key_missing");
+    let key = format!("vantage_key={KEY}");
+    api.send("GET", "/api/v1/jobs", &[("cookie", &key)], "").await.problem("key_missing");
+}
+
+#[tokio::test]
+async fn a_session_reads_and_changes_with_its_header_only() {
+    let api = guarded().await;
+    let cookie = sent_back(&begin_session(&api, &[]).await);
+    for method in ["GET", "HEAD"] {
+        assert_eq!(api.send(method, "/api/v1/jobs", &[("cookie", &cookie)], "").await.status, 200);
+    }
+    let changes = operations().into_iter().filter(|(method, path)| method != "GET" && path.starts_with("/api/"));
+    for (method, path) in changes.filter(|(_, path)| path != "/api/v1/session") {
+        api.send(&method, &path, &[("cookie", &cookie)], "").await.problem("key_missing");
+        let with_header = api.send(&method, &path, &[("cookie", &cookie), ("x-vantage-session", "1")], "").await;
+        assert_ne!(with_header.status, 401, "{method} {path}");
+        let of_other_site = [("cookie", cookie.as_str()), ("x-vantage-session", "1"), ("sec-fetch-site", "cross-site")];
+        api.send(&method, &path, &of_other_site, "").await.problem("cross_site");
+    }
+}
+
+#[tokio::test]
+async fn a_session_ends_when_asked_to() {
+    let api = guarded().await;
+    let (cookie, other) = (sent_back(&begin_session(&api, &[]).await), sent_back(&begin_session(&api, &[]).await));
+    api.send("DELETE", "/api/v1/session", &[("cookie", &cookie)], "").await.problem("key_missing");
+    let ended = api.send("DELETE", "/api/v1/session", &[("cookie", &cookie), ("x-vantage-session", "1")], "").await;
+    assert_eq!(ended.status, 204);
+    assert_eq!(ended.header("set-cookie"), "vantage_session=; Path=/; HttpOnly; SameSite=Strict; Max-Age=0");
+    let over = api.send("GET", "/api/v1/jobs", &[("cookie", &cookie)], "").await;
+    over.problem("session_ended");
+    assert_eq!(over.header("www-authenticate"), "Bearer");
+    assert_eq!(api.send("GET", "/api/v1/jobs", &[("cookie", &other)], "").await.status, 200);
+    api.send("GET", "/api/v1/jobs", &[("cookie", "vantage_session=made-up")], "").await.problem("session_ended");
+}
+
+#[tokio::test]
+async fn a_server_without_a_key_needs_no_sessions() {
+    let api = Api::start().await;
+    for method in ["POST", "DELETE"] {
+        assert_eq!(api.send(method, "/api/v1/session", &[], "").await.status, 204);
+    }
+    assert_eq!(api.send("POST", "/api/v1/session", &[], "").await.header("set-cookie"), "");
 }
 
 #[tokio::test]

@@ -90,6 +90,82 @@ fn every_operation_says_what_can_go_wrong() {
     }
 }
 
+/// The schema of a parameter of an operation.
+fn parameter(document: &serde_json::Value, path: &str, method: &str, name: &str) -> serde_json::Value {
+    let operation = &document["paths"][path][method];
+    let found = operation["parameters"].as_array().expect("parameters").iter().find(|parameter| parameter["name"] == name);
+    found.unwrap_or_else(|| panic!("{method} {path} has no {name}"))["schema"].clone()
+}
+
+#[tokio::test]
+async fn the_document_lists_the_forms_that_there_are() {
+    let api = Api::start().await;
+    let job = api.job("").await;
+    api.ended(&job).await;
+    let document = document();
+    let mut asked = 0;
+    for path in document["paths"].as_object().expect("paths").keys().filter(|path| path.starts_with("/api/v1/jobs/{id}/")) {
+        let of_form = |parameter: &&serde_json::Value| parameter["name"] == "format" || parameter["name"] == "dialect";
+        let parameters = document["paths"][path]["get"]["parameters"].as_array();
+        let Some(form) = parameters.and_then(|parameters| parameters.iter().find(of_form)) else { continue };
+        let url = format!("{}?{}", path.replace("{id}", &job), form["name"].as_str().expect("a name"));
+        for value in form["schema"]["enum"].as_array().expect("an enum") {
+            let status = api.get(&format!("{url}={}", value.as_str().expect("text"))).await.status.as_u16();
+            // Of several setups there is one here.
+            assert!(status == 200 || (status == 404 && path.contains("program-")), "{url}={value}: {status}");
+            asked += 1;
+        }
+        // A form that is not listed is named with those that are.
+        let detail = api.get(&format!("{url}=none")).await.problem("not_acceptable")["detail"].to_string();
+        assert_eq!(detail.matches(" (").count(), form["schema"]["enum"].as_array().expect("an enum").len(), "{detail}");
+    }
+    assert!(asked > 40, "{asked}");
+}
+
+#[tokio::test]
+async fn page_tokens_are_as_the_document_says() {
+    let api = Api::start().await;
+    for unit in ["mm", "cm"] {
+        api.send("POST", &format!("/api/v1/meshes?unit={unit}"), &[], super::api::cube(10.0)).await.ok(201);
+    }
+    let token = api.get("/api/v1/meshes?page_size=1").await.ok(200)["next_page_token"].as_str().expect("more").to_owned();
+    let document = document();
+    for path in ["/api/v1/meshes", "/api/v1/jobs"] {
+        let pattern = parameter(&document, path, "get", "page_token")["pattern"].as_str().expect("a pattern").to_owned();
+        assert_eq!(pattern, r"^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\.[0-9a-f]{16}$");
+    }
+    let (id, digest) = token.split_once('.').expect("a dot");
+    let is_hex = |text: &str, length: usize| text.len() == length && text.bytes().all(|c| matches!(c, b'0'..=b'9' | b'a'..=b'f'));
+    assert_eq!(id.split('-').map(str::len).collect::<Vec<_>>(), [8, 4, 4, 4, 12]);
+    assert!(id.split('-').all(|part| is_hex(part, part.len())) && is_hex(digest, 16), "{token}");
+}
+
+#[tokio::test]
+async fn the_example_of_an_upload_can_be_uploaded() {
+    let api = Api::start().await;
+    let upload = &document()["paths"]["/api/v1/meshes"]["post"];
+    let example =
+        upload["requestBody"]["content"]["application/octet-stream"]["example"].as_str().expect("an example").to_owned();
+    let digest =
+        upload["parameters"].as_array().expect("parameters").iter().find(|parameter| parameter["name"] == "Content-Digest");
+    let digest = digest.expect("the digest")["example"].as_str().expect("an example").to_owned();
+    let mesh = api.send("POST", "/api/v1/meshes?unit=mm", &[("content-digest", &digest)], example).await.ok(201);
+    assert_eq!(mesh["health"]["watertight"], true, "{mesh}");
+}
+
+#[tokio::test]
+async fn an_event_s_id_may_be_as_large_as_ids_become() {
+    let api = Api::start().await;
+    let schema = parameter(&document(), "/api/v1/events", "get", "Last-Event-ID");
+    assert_eq!((&schema["format"], &schema["minimum"]), (&"int64".into(), &0.into()));
+    let (job, last) = (api.job("").await, i64::MAX.to_string());
+    api.ended(&job).await;
+    for last in [&last, "2147483648", "4294967296"] {
+        let headers = [("last-event-id", last)];
+        assert_eq!(api.send("GET", &format!("/api/v1/jobs/{job}/events"), &headers, "").await.status, 204, "{last}");
+    }
+}
+
 #[tokio::test]
 async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
     let api = Api::start().await;
@@ -107,6 +183,9 @@ async fn the_pages_load_nothing_from_elsewhere_and_run_nothing_inline() {
         let known = api.send("GET", &format!("/assets/{asset}"), &[("if-none-match", answer.header("etag"))], "").await;
         assert_eq!(known.status, 304);
     }
+    // The key is exchanged for a session, which no script can read.
+    let script = api.get("/assets/page.js").await.text();
+    assert!(script.contains("/session") && !script.contains("document.cookie"));
     api.get("/assets/nothing.js").await.problem("no_such_route");
     api.get("/assets/..%2fCargo.toml").await.problem("no_such_route");
 

@@ -101,13 +101,13 @@ async fn whoever_comes_back_gets_what_was_missed() {
 async fn a_listener_hears_past_and_present_once_and_in_order() {
     let api = Api::start().await;
     let job = api.job("wait").await;
-    api.running(&job).await;
     let mut listener = Listener::open(&api, &format!("/api/v1/jobs/{job}/events"), None).await;
-    assert_eq!(listener.next().await.expect("the past").kind, "queued");
+    let past = [listener.next().await, listener.next().await, listener.next().await];
+    assert_eq!(past.map(|event| event.expect("the past").kind), ["queued", "started", "progress"]);
     api.post_json(&format!("/api/v1/jobs/{job}/cancel"), &json!(null)).await.ok(202);
     let told = listener.rest().await;
     let kinds: Vec<&str> = told.iter().map(|event| event.kind.as_str()).collect();
-    assert_eq!(kinds, ["started", "progress", "cancelling", "cancelled"]);
+    assert_eq!(kinds, ["cancelling", "cancelled"]);
 }
 
 #[tokio::test]

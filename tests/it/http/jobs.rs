@@ -146,6 +146,25 @@ async fn a_job_that_cannot_be_planned_says_why_and_harms_no_other() {
 }
 
 #[tokio::test]
+async fn a_job_that_takes_too_long_fails_with_the_time_and_the_setting() {
+    let limit = Some(Duration::from_millis(300));
+    let api = Api::start_with(vantage::service::Options { job_limit: limit, ..service_options() }, http_options()).await;
+    let began = Instant::now();
+    let job = api.job("wait").await;
+    let ended = api.ended(&job).await;
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+    assert_eq!((&ended["state"], &ended["problem"]["code"]), (&json!("failed"), &json!("job_too_long")), "{ended}");
+    let detail = ended["problem"]["detail"].as_str().expect("a text");
+    assert!(detail.contains("0.3 s that limits.job_secs allows") && detail.contains("part.patch_edge_mm"), "{detail}");
+    // One that is quick enough, and one that is cancelled in time, are none of its concern.
+    let quick = api.job("").await;
+    assert_eq!(api.ended(&quick).await["state"], "succeeded");
+    let cancelled = api.job("wait").await;
+    api.post_json(&format!("/api/v1/jobs/{cancelled}/cancel"), &json!(null)).await.ok(202);
+    assert_eq!(api.ended(&cancelled).await["state"], "cancelled");
+}
+
+#[tokio::test]
 async fn a_running_job_is_cancelled_within_two_seconds() {
     let api = Api::start().await;
     let job = api.job("wait").await;

@@ -4,6 +4,8 @@ use std::io::{Read, Write};
 use std::time::{Duration, Instant};
 
 use super::process::Server;
+use crate::http::api::cube;
+use crate::support::failpoints;
 
 /// Samples enough to keep one thread busy for a while.
 const LONG: &str = r#"{"part": {"samples_per_mm2": 60, "patch_edge_mm": 0.5}}"#;
@@ -33,7 +35,7 @@ fn sigterm_ends_it_in_order_and_the_next_process_goes_on() {
     let (long, short) = (long["id"].as_str().expect("an id"), short["id"].as_str().expect("an id"));
     server.wait_for_stage(long, "visibility");
     let mut events = server.connect();
-    write!(events, "GET /api/v1/events HTTP/1.1\r\nhost: x\r\n\r\n").expect("a request");
+    write!(events, "GET /api/v1/events HTTP/1.1\r\nhost: localhost\r\n\r\n").expect("a request");
     // A long-poll that is open is answered, and a stream that is open ends.
     let address = server.url(&format!("/api/v1/jobs/{long}?wait=60s"));
     let poll = std::thread::spawn(move || ureq::get(address).call().map(|response| response.status().as_u16()));
@@ -60,12 +62,70 @@ fn a_second_signal_ends_it_at_once() {
     let mut server = Server::start(data.path(), &[("VANTAGE_SERVER__DRAIN_TIMEOUT_SECS", "60")]);
     // A request whose body does not come keeps the first signal from ending it.
     let mut open = server.connect();
-    write!(open, "POST /api/v1/meshes?unit=mm HTTP/1.1\r\nhost: x\r\ncontent-length: 100\r\n\r\nsolid").expect("sent");
+    write!(open, "POST /api/v1/meshes?unit=mm HTTP/1.1\r\nhost: localhost\r\ncontent-length: 100\r\n\r\nsolid").expect("sent");
     std::thread::sleep(Duration::from_millis(300));
     server.signal("TERM");
     std::thread::sleep(Duration::from_millis(500));
     server.signal("TERM");
     assert_eq!(server.end(Duration::from_secs(5)).code(), Some(130));
+}
+
+/// A server of which one thread hangs, with a job or an upload that waits for it.
+fn hanging(data: &std::path::Path, failpoint: &str) -> Server {
+    let server = Server::start(data, &[("VANTAGE_SERVER__DRAIN_TIMEOUT_SECS", "2"), ("VANTAGE_FAILPOINT", failpoint)]);
+    if failpoint.starts_with("upload.") {
+        let mut open = server.connect();
+        let body = cube(60.0);
+        let length = body.len();
+        write!(open, "POST /api/v1/meshes?unit=mm HTTP/1.1\r\nhost: localhost\r\ncontent-length: {length}\r\n\r\n{body}")
+            .expect("sent");
+        std::thread::spawn(move || open.read_to_end(&mut Vec::new()));
+    } else {
+        let mesh = server.upload().expect("a mesh");
+        server.submit(&mesh, "{}").expect("a job");
+    }
+    let until = Instant::now() + Duration::from_secs(60);
+    while !server.log().contains("hangs here") {
+        assert!(Instant::now() < until, "{}", server.log());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    server
+}
+
+/// A thread that blocks, one that plans, and one that writes results.
+const HANGS: [&str; 3] = ["upload.before_rename:hang", "stage.visibility:hang", "artifact.before_rename:hang"];
+
+#[test]
+fn a_thread_that_hangs_does_not_keep_it_from_ending_in_time() {
+    if !failpoints() {
+        return;
+    }
+    for failpoint in HANGS {
+        let data = tempfile::tempdir().expect("a folder");
+        let mut server = hanging(data.path(), failpoint);
+        let asked = Instant::now();
+        server.signal("TERM");
+        let status = server.end(Duration::from_secs(20));
+        assert_eq!(status.code(), Some(0), "{failpoint}");
+        assert!(asked.elapsed() < Duration::from_secs(4), "{failpoint}: {:?}", asked.elapsed());
+    }
+}
+
+#[test]
+fn a_second_signal_ends_it_at_once_also_while_a_thread_hangs() {
+    if !failpoints() {
+        return;
+    }
+    for failpoint in HANGS {
+        let data = tempfile::tempdir().expect("a folder");
+        let mut server = hanging(data.path(), failpoint);
+        server.signal("TERM");
+        std::thread::sleep(Duration::from_millis(500));
+        let asked = Instant::now();
+        server.signal("INT");
+        assert_eq!(server.end(Duration::from_secs(20)).code(), Some(130), "{failpoint}");
+        assert!(asked.elapsed() < Duration::from_secs(1), "{failpoint}: {:?}", asked.elapsed());
+    }
 }
 
 #[test]

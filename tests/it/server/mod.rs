@@ -1,9 +1,18 @@
 //! The real program on a real socket: how it begins and ends, what it survives, what it does not put up with.
 
 mod commands;
+mod database;
+mod disk;
+mod fairness;
+mod faults;
+mod heavy;
 mod hostile;
+mod hosts;
 mod kill;
+mod kills;
 mod life;
 mod oracle_browser;
 mod oracle_schemathesis;
 pub(crate) mod process;
+mod rows;
+mod shortage;

@@ -7,8 +7,14 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use tempfile::NamedTempFile;
 
 use crate::http::api::cube;
+
+/// What a job asks for that does not have to take long, in a build for tests either: few views, few samples, a ray each.
+pub(super) const QUICK: &str = r#"{"candidates": {"strategies": ["ellipsoid"], "rolls_deg": [0], "step_small_deg": 90, "step_large_deg": 90},
+    "part": {"patch_edge_mm": 20, "samples_per_mm2": 0.01}, "visibility": {"engine": "rays"}, "missed": {"remedies": 0},
+    "selection": {"max_views": 1}}"#;
 
 /// The program, with nothing of the environment that could change it.
 pub(crate) fn vantage() -> Command {
@@ -22,27 +28,79 @@ pub(crate) fn vantage() -> Command {
 /// A running server; killed when dropped.
 pub(crate) struct Server {
     child: Child,
+    log: NamedTempFile,
     pub(crate) address: SocketAddr,
 }
 
 impl Server {
     /// Starts a server on a free port, with the store in `data`.
     pub(crate) fn start(data: &Path, environment: &[(&str, &str)]) -> Self {
-        let mut child = spawn(data, environment);
+        Self::listening(spawn(vantage(), data, environment))
+    }
+
+    /// Starts a server that may have only so many files open, as the shell's `ulimit` takes it.
+    pub(super) fn start_with_open_files(ulimit: &str, data: &Path, environment: &[(&str, &str)]) -> Self {
+        let program = vantage();
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("ulimit {ulimit} && exec \"$0\" \"$@\"")]).arg(program.get_program());
+        for (name, _) in program.get_envs() {
+            shell.env_remove(name);
+        }
+        Self::listening(spawn(shell, data, environment))
+    }
+
+    fn listening((mut child, log): (Child, NamedTempFile)) -> Self {
         let mut line = String::new();
         BufReader::new(child.stdout.take().expect("its output")).read_line(&mut line).expect("a line");
         let address = line.trim().rsplit_once("http://").expect("an address").1.parse().expect("an address");
-        Self { child, address }
+        Self { child, log, address }
     }
 
     /// Starts a server that dies of what it finds in its store, and waits for that.
     pub(super) fn start_and_die(data: &Path, environment: &[(&str, &str)]) {
         let address = ([127, 0, 0, 1], 0).into();
-        let mut server = Self { child: spawn(data, environment), address };
+        let (child, log) = spawn(vantage(), data, environment);
+        let mut server = Self { child, log, address };
         assert!(!server.end(Duration::from_secs(60)).success());
     }
 
-    pub(super) fn url(&self, path: &str) -> String {
+    /// Starts a server that refuses its store; what it says on standard error.
+    pub(super) fn refusal(data: &Path) -> String {
+        let mut command = vantage();
+        command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
+        let output = command.stdin(Stdio::null()).output().expect("a process");
+        assert!(!output.status.success());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+
+    /// Ends it in order.
+    pub(super) fn stop(mut self) {
+        self.signal("TERM");
+        assert!(self.end(Duration::from_secs(60)).success());
+    }
+
+    /// The status of a request, its `Retry-After`, and its body; whatever the status is.
+    pub(super) fn ask(&self, method: &str, path: &str, body: &[u8]) -> (u16, Option<String>, Value) {
+        let agent: ureq::Agent = ureq::Agent::config_builder().http_status_as_error(false).build().into();
+        let request =
+            ureq::http::Request::builder().method(method).uri(self.url(path)).header("content-type", "application/json");
+        let mut answer = agent.run(request.body(body.to_vec()).expect("a request")).expect("an answer");
+        let retry_after = answer.headers().get("retry-after").map(|value| value.to_str().expect("text").to_owned());
+        let bytes = answer.body_mut().with_config().limit(1 << 30).read_to_vec().expect("a body");
+        (answer.status().as_u16(), retry_after, serde_json::from_slice(&bytes).unwrap_or(Value::Null))
+    }
+
+    /// What it has logged.
+    pub(super) fn log(&self) -> String {
+        std::fs::read_to_string(self.log.path()).expect("the log")
+    }
+
+    /// Its process id.
+    pub(crate) fn process(&self) -> u32 {
+        self.child.id()
+    }
+
+    pub(crate) fn url(&self, path: &str) -> String {
         format!("http://{}{path}", self.address)
     }
 
@@ -50,6 +108,30 @@ impl Server {
         let stream = TcpStream::connect(self.address).expect("a connection");
         stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a timeout");
         stream
+    }
+
+    /// Connects from the loopback address 127.0.0.`last`, as another client.
+    pub(super) fn connect_from(&self, last: u8) -> TcpStream {
+        use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, connect, socket_with};
+        let socket = socket_with(AddressFamily::INET, SocketType::STREAM, SocketFlags::CLOEXEC, None).expect("a socket");
+        bind(&socket, &SocketAddr::from(([127, 0, 0, last], 0))).expect("an address of the loopback");
+        connect(&socket, &self.address).expect("a connection");
+        let stream = TcpStream::from(socket);
+        stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a timeout");
+        stream
+    }
+
+    /// The answer to a request from 127.0.0.`last`, read to the end of the connection.
+    pub(super) fn asked_from(&self, last: u8, method: &str, path: &str, body: &str) -> String {
+        let mut stream = self.connect_from(last);
+        let length = body.len();
+        let head =
+            format!("{method} {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\ncontent-length: {length}\r\n\r\n");
+        // The server may answer and close before it has all.
+        let _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(body.as_bytes()));
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
     }
 
     /// Sends `bytes`, and reads until the server closes.
@@ -103,8 +185,13 @@ impl Server {
         }
     }
 
+    /// Number of the process.
+    pub(super) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     pub(super) fn signal(&self, name: &str) {
-        let sent = Command::new("kill").args([&format!("-{name}"), &self.child.id().to_string()]).status();
+        let sent = Command::new("kill").args([&format!("-{name}"), &self.id().to_string()]).status();
         assert!(sent.expect("kill").success());
     }
 
@@ -121,11 +208,12 @@ impl Server {
     }
 }
 
-fn spawn(data: &Path, environment: &[(&str, &str)]) -> Child {
-    let mut command = vantage();
+fn spawn(mut command: Command, data: &Path, environment: &[(&str, &str)]) -> (Child, NamedTempFile) {
+    let log = NamedTempFile::new().expect("a file");
     command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
     command.env("VANTAGE_PLANNING__THREADS", "1").envs(environment.iter().copied());
-    command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("a process")
+    command.stdout(Stdio::piped()).stderr(log.reopen().expect("the log"));
+    (command.spawn().expect("a process"), log)
 }
 
 impl Drop for Server {

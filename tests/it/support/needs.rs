@@ -38,6 +38,15 @@ pub(crate) fn long_asked() -> bool {
     std::env::var_os("VANTAGE_TESTS").is_some_and(|tests| tests == "long")
 }
 
+/// Whether the program was built with the points at which a test may kill or hang it.
+pub(crate) fn failpoints() -> bool {
+    let built_in = cfg!(any(debug_assertions, feature = "failpoints"));
+    if !built_in {
+        say("skipped: needs failpoints, which this build is without (debug assertions, or the feature failpoints)");
+    }
+    built_in
+}
+
 fn installed(variable: &str, what: &str) -> Option<PathBuf> {
     if let Some(program) = std::env::var_os(variable) {
         return Some(PathBuf::from(program));

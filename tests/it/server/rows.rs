@@ -1,0 +1,119 @@
+//! Stores with something wrong in them: a server refuses what it would harm, and otherwise serves all the rest.
+
+use super::database;
+use super::process::{QUICK, Server};
+
+/// A store with a mesh and an ended job; their ids.
+fn used_store(data: &std::path::Path) -> (String, String) {
+    let server = Server::start(data, &[]);
+    let mesh = server.upload().expect("a mesh");
+    let job = server.submit(&mesh, QUICK).expect("a job")["id"].as_str().expect("an id").to_owned();
+    server.ended(&job);
+    server.stop();
+    (mesh["id"].as_str().expect("an id").to_owned(), job)
+}
+
+fn files(data: &std::path::Path) -> usize {
+    let folders = std::fs::read_dir(data.join("files")).expect("the folder");
+    folders.map(|folder| std::fs::read_dir(folder.expect("an entry").path()).expect("a folder").count()).sum()
+}
+
+#[test]
+fn a_missing_or_empty_database_beside_files_is_refused_and_nothing_is_deleted() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (mesh, job) = used_store(data.path());
+    let (database, aside) = (data.path().join("vantage.db"), data.path().join("aside.db"));
+    let before = files(data.path());
+    std::fs::rename(&database, &aside).expect("moved");
+    for make in [|_: &std::path::Path| {}, |database: &std::path::Path| std::fs::write(database, b"").expect("written")] {
+        make(&database);
+        let said = Server::refusal(data.path());
+        assert!(said.contains("vantage.db is missing or empty") && said.contains("vantage restore"), "{said}");
+        assert_eq!(files(data.path()), before);
+    }
+    for log in ["vantage.db", "vantage.db-wal", "vantage.db-shm"] {
+        let _ = std::fs::remove_file(data.path().join(log));
+    }
+    // Stopping had put everything into the one file: it alone is all that was lost.
+    std::fs::rename(&aside, &database).expect("put back");
+    let server = Server::start(data.path(), &[]);
+    assert_eq!(server.job(&job)["state"], "succeeded");
+    assert_eq!(server.ask("GET", &format!("/api/v1/meshes/{mesh}/file"), b"").0, 200);
+}
+
+#[test]
+fn orphans_are_never_removed_at_a_start() {
+    let data = tempfile::tempdir().expect("a folder");
+    used_store(data.path());
+    let orphan = data.path().join("files/ab").join("ab".repeat(32));
+    std::fs::create_dir_all(orphan.parent().expect("a folder")).expect("made");
+    std::fs::write(&orphan, b"somebody's").expect("written");
+    let server = Server::start(data.path(), &[]);
+    server.get("/readyz").expect("ready");
+    assert!(orphan.exists());
+    drop(server);
+    // Old ones are moved away while it serves, and stay to be had.
+    let old = std::time::SystemTime::now() - std::time::Duration::from_secs(48 * 3600);
+    std::fs::File::options().write(true).open(&orphan).and_then(|file| file.set_modified(old)).expect("aged");
+    let _server = Server::start(data.path(), &[]);
+    for _ in 0..500 {
+        if !orphan.exists() {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert_eq!(std::fs::read(data.path().join("swept").join("ab".repeat(32))).expect("swept"), b"somebody's");
+}
+
+#[test]
+fn one_unreadable_row_stops_nothing_else() {
+    let data = tempfile::tempdir().expect("a folder");
+    let server = Server::start(data.path(), &[]);
+    let mesh = server.upload().expect("a mesh");
+    let long = server.submit(&mesh, r#"{"part": {"samples_per_mm2": 60, "patch_edge_mm": 0.5}}"#).expect("a job");
+    let ids: Vec<String> =
+        (0..3).map(|_| server.submit(&mesh, QUICK).expect("a job")["id"].as_str().expect("an id").to_owned()).collect();
+    server.wait_for_stage(long["id"].as_str().expect("an id"), "visibility");
+    server.ask("POST", &format!("/api/v1/jobs/{}/cancel", long["id"].as_str().expect("an id")), b"");
+    server.signal("KILL");
+    drop(server);
+    database::execute(
+        data.path(),
+        [
+            format!("UPDATE job SET state = 'queued', ended_at = NULL WHERE id IN ('{}', '{}', '{}')", ids[0], ids[1], ids[2]),
+            format!("UPDATE job_body SET request = '{{\"mesh_id\"' WHERE job_id = '{}'", ids[0]),
+            format!("UPDATE job_body SET input = 'nothing' WHERE job_id = '{}'", ids[1]),
+        ],
+    );
+    let server = Server::start(data.path(), &[]);
+    for id in &ids[..2] {
+        let job = server.ended(id);
+        assert_eq!((&job["state"], &job["problem"]["code"]), (&"failed".into(), &"job_unreadable".into()), "{job}");
+    }
+    assert_eq!(server.ended(&ids[2])["state"], "succeeded");
+    assert_eq!(server.get("/api/v1/jobs").expect("a list")["items"].as_array().expect("a list").len(), 4);
+    for id in &ids[..2] {
+        assert_eq!(server.ask("DELETE", &format!("/api/v1/jobs/{id}"), b"").0, 204);
+    }
+}
+
+#[test]
+fn a_damaged_mesh_file_is_refused_with_the_reason_until_it_is_uploaded_again() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (mesh, _) = used_store(data.path());
+    let server = Server::start(data.path(), &[]);
+    let sha256 = server.get(&format!("/api/v1/meshes/{mesh}")).expect("it")["sha256"].as_str().expect("a hash").to_owned();
+    let path = data.path().join("files").join(&sha256[..2]).join(&sha256);
+    let mut bytes = std::fs::read(&path).expect("the file");
+    bytes[100] ^= 1;
+    std::fs::write(&path, bytes).expect("damaged");
+    let (status, _, problem) = server.ask("GET", &format!("/api/v1/meshes/{mesh}/file"), b"");
+    assert_eq!((status, &problem["code"]), (500, &"file_damaged".into()), "{problem}");
+    assert!(problem["detail"].as_str().expect("text").contains(&sha256), "{problem}");
+    let job = server.submit(&server.get(&format!("/api/v1/meshes/{mesh}")).expect("it"), QUICK).expect("a job");
+    let job = server.ended(job["id"].as_str().expect("an id"));
+    assert_eq!((&job["state"], &job["problem"]["code"]), (&"failed".into(), &"file_damaged".into()), "{job}");
+    // The same upload puts it right.
+    assert_eq!(server.upload().expect("the mesh")["id"], mesh.as_str());
+    assert_eq!(server.ask("GET", &format!("/api/v1/meshes/{mesh}/file"), b"").0, 200);
+}
