@@ -6,6 +6,7 @@ pub mod geometry;
 pub mod http;
 pub mod planning;
 pub mod program;
+pub mod report;
 pub mod service;
 pub mod settings;
 #[cfg(test)]

@@ -4,6 +4,7 @@
 mod axis;
 mod body;
 mod body_meshes;
+mod closed_list;
 pub mod collision;
 mod field_error;
 mod halton;
@@ -21,6 +22,7 @@ pub mod urdf;
 pub use axis::{Axes, Axis, AxisSpec, Configuration, joint_distance_rad};
 pub use body::{Body, LinkBody, Shape};
 pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
+pub(crate) use closed_list::closed_list;
 pub use collision::{CollisionScene, Contact, Separation};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};

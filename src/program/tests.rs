@@ -39,7 +39,7 @@ fn job() -> Job {
     let listed: Vec<_> =
         stations.iter().enumerate().map(|(i, found)| (ViewId(i as u32), found.as_deref().expect("reached"))).collect();
     let params = PlanParams::default();
-    let ordered = order(&listed, &cell, &scene, &params, false, &ctx).expect("not cancelled");
+    let ordered = order(&listed, &cell, &scene, &params, None, false, &ctx).expect("not cancelled");
     let plan_sha256 = "ab".repeat(32);
     let program = compile(&ordered.sequence, 0, &cell, &plan_sha256, &params);
     let views = poses.into_iter().enumerate().map(|(i, pose)| (ViewId(i as u32), pose)).collect();

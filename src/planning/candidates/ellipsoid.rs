@@ -5,7 +5,7 @@
 use nalgebra::Vector3;
 
 use super::{Aim, Scope, blocks};
-use crate::planning::error::PlanError;
+use crate::planning::context::PlanError;
 use crate::planning::params::CandidateParams;
 
 pub(super) fn aims(

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::aim::semi_axes_mm;
 use super::blocks::{self, PartBlock};
 use super::{Aim, EVEN_DIRECTIONS, Scope};
-use crate::planning::error::PlanError;
+use crate::planning::context::PlanError;
 use crate::planning::params::{CandidateParams, Hemisphere};
 
 /// Directions of a block at least: with two rolls as many views as the thesis's 54.

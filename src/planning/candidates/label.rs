@@ -3,37 +3,27 @@
 
 use nalgebra::Vector3;
 
-/// Side of the part that a viewpoint looks at ([`crate::planning::method::candidates`]).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Label {
-    /// Polar angle up to 60°.
-    Top,
-    /// Polar angle from 150°.
-    Bottom,
-    /// Azimuth sector around +x.
-    Right,
-    /// Azimuth sector around +y.
-    Back,
-    /// Azimuth sector around −x.
-    Left,
-    /// Azimuth sector around −y.
-    Front,
+use crate::cell::closed_list;
+
+closed_list! {
+    /// Side of the part that a viewpoint looks at ([`crate::planning::method::candidates`]).
+    pub enum Label {
+        /// Polar angle up to 60°.
+        Top = "top",
+        /// Polar angle from 150°.
+        Bottom = "bottom",
+        /// Azimuth sector around +x.
+        Right = "right",
+        /// Azimuth sector around +y.
+        Back = "back",
+        /// Azimuth sector around −x.
+        Left = "left",
+        /// Azimuth sector around −y.
+        Front = "front",
+    }
 }
 
 impl Label {
-    /// Name in files and answers.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Top => "top",
-            Self::Bottom => "bottom",
-            Self::Right => "right",
-            Self::Back => "back",
-            Self::Left => "left",
-            Self::Front => "front",
-        }
-    }
-
     /// The side that a viewpoint in direction `u` from its block looks at; `u` in the table frame. Sector borders
     /// belong to the sector that starts there, counter-clockwise.
     #[must_use]

@@ -30,11 +30,10 @@ mod targeted;
 mod tests;
 mod volume;
 
-use super::context::{Cancelled, Context};
-use super::error::PlanError;
+use super::context::{Cancelled, Context, PlanError};
 use super::params::{CandidateParams, Strategy};
 use super::surface::Surface;
-use crate::cell::{Cell, Scanner};
+use crate::cell::{Cell, Scanner, closed_list};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 pub(in crate::planning) use aim::looking_along;
 use aim::{Aim, Placed, views_of_an_aim};
@@ -48,41 +47,25 @@ pub use targeted::OpenSamples;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CandidateId(pub u32);
 
-/// Reason for which a candidate was dropped before selection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Rejection {
-    /// A device or the viewpoint lies below the plate's plane.
-    BelowTable,
-    /// Inside the part.
-    InsidePart,
-    /// Inside an obstacle, at every table angle.
-    InsideObstacle,
-    /// Out of the robot's reach at every table angle.
-    Unreachable,
-    /// Reached, but something collides at every station.
-    Collision,
-    /// Duplicate of a candidate with a lower number.
-    Duplicate,
-    /// Measures nothing that is asked for.
-    MeasuresNothing,
-    /// Aimed at what was uncovered, and not among the fewest that cover most of it.
-    NotNeeded,
-}
-
-impl Rejection {
-    /// Name in files and answers.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::BelowTable => "below_table",
-            Self::InsidePart => "inside_part",
-            Self::InsideObstacle => "inside_obstacle",
-            Self::Unreachable => "unreachable",
-            Self::Collision => "collision",
-            Self::Duplicate => "duplicate",
-            Self::MeasuresNothing => "measures_nothing",
-            Self::NotNeeded => "not_needed",
-        }
+closed_list! {
+    /// Reason for which a candidate was dropped before selection.
+    pub enum Rejection {
+        /// A device or the viewpoint lies below the plate's plane.
+        BelowTable = "below_table",
+        /// Inside the part.
+        InsidePart = "inside_part",
+        /// Inside an obstacle, at every table angle.
+        InsideObstacle = "inside_obstacle",
+        /// Out of the robot's reach at every table angle.
+        Unreachable = "unreachable",
+        /// Reached, but something collides at every station.
+        Collision = "collision",
+        /// Duplicate of a candidate with a lower number.
+        Duplicate = "duplicate",
+        /// Measures nothing that is asked for.
+        MeasuresNothing = "measures_nothing",
+        /// Aimed at what was uncovered, and not among the fewest that cover most of it.
+        NotNeeded = "not_needed",
     }
 }
 

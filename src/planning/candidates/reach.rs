@@ -12,8 +12,7 @@ use super::spread::widest;
 use super::{Aim, Scope, blocks, even};
 use crate::cell::{Axes, Cell};
 use crate::geometry::{Pose, ScannerFrame, Table, plate_from_placed};
-use crate::planning::context::Context;
-use crate::planning::error::PlanError;
+use crate::planning::context::{Context, PlanError};
 use crate::planning::params::{CandidateParams, Hemisphere};
 
 /// Directions that are tried for one that is wanted.

@@ -3,8 +3,8 @@
 
 use super::{Counts, Shares, exchanges, keeps_quality};
 use crate::geometry::Mesh;
-use crate::planning::input::PlanInput;
 use crate::planning::params::{PlanParams, Solver};
+use crate::planning::scene::PlanInput;
 
 /// Bytes that the process holds beside the plan.
 const PROGRAM: f64 = 32e6;

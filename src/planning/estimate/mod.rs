@@ -13,10 +13,9 @@ mod secs;
 mod tests;
 
 use super::candidates::{self, MAX_CANDIDATES, MAX_PAIRS};
-use super::error::PlanError;
-use super::input::PlanInput;
+use super::context::{Allowance, PlanError};
 use super::params::{Objective, PlanParams, SelectionGoal, Solver};
-use super::pipeline::resting;
+use super::scene::{PlanInput, resting};
 use super::surface;
 use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
 
@@ -26,22 +25,6 @@ const ADDED_OF_FIELD: f64 = 0.6;
 const VIEWS_OF_A_BLOCK: f64 = 40.0;
 /// Largest share of a part's samples that a view measures; of a large part it measures what twice its field holds.
 const MAX_MEASURED: f64 = 0.4;
-
-/// Limits of memory and time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Allowance {
-    /// Bytes held at once.
-    pub bytes: f64,
-    /// Seconds of one core.
-    pub core_secs: f64,
-}
-
-impl Default for Allowance {
-    /// No limits.
-    fn default() -> Self {
-        Self { bytes: f64::INFINITY, core_secs: f64::INFINITY }
-    }
-}
 
 /// Memory and time of a plan.
 #[derive(Clone, Copy, Debug, PartialEq)]

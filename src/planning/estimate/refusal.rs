@@ -1,8 +1,8 @@
 //! Refusals, and what their authors are told: the figure, what is allowed, and the parameter that changes most of it.
 
-use super::{Allowance, Counts, Estimate, Shares};
+use super::{Counts, Estimate, Shares};
 use crate::planning::candidates;
-use crate::planning::error::PlanError;
+use crate::planning::context::{Allowance, PlanError};
 
 /// Longest part, in block cubes of the scanner: 21 m where the cube has 140 mm.
 const MAX_BLOCKS_ALONG: f64 = 150.0;

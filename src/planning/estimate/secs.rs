@@ -1,8 +1,8 @@
 //! Seconds of one core that a plan and its result files take, roughly: what was measured on usual parts, by what it grows with.
 
 use super::{Counts, Shares, exchanges};
-use crate::planning::input::PlanInput;
 use crate::planning::params::{Engine, PlanParams};
+use crate::planning::scene::PlanInput;
 
 /// A pair of candidate and sample, by depth maps and by rays.
 const PAIR: f64 = 15e-9;

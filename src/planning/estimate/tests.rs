@@ -4,7 +4,7 @@ use crate::testing::{box_mesh, nominal_scanner};
 
 fn estimate_of(mesh: &Mesh, params: &PlanParams) -> Estimate {
     let scanner = nominal_scanner();
-    Estimate::of(&PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None }, params, 2)
+    Estimate::of(&PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None }, params, 2)
 }
 
 fn refusal(mesh: &Mesh, params: &PlanParams, allowed: &Allowance) -> (String, String) {

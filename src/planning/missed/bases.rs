@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::spot_samples::{Progress, SpotSamples};
+use super::spot_samples::{FirstFailures, SpotSamples};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::visibility::{Optics, Probe};
@@ -22,7 +22,7 @@ pub(super) fn shortlist(
     optics: &Optics,
     rays: &RayScene,
     ctx: &Context<'_>,
-) -> Result<Vec<(usize, Progress)>, Cancelled> {
+) -> Result<Vec<(usize, FirstFailures)>, Cancelled> {
     let probe = |candidate: usize| ctx.check().map(|()| Probe::new(optics, &poses[candidate], rays));
     let considered: Vec<usize> =
         (0..poses.len()).step_by(poses.len().div_ceil(MAX_CONSIDERED).max(1)).filter(|c| keep(*c)).collect();
@@ -38,7 +38,7 @@ pub(super) fn shortlist(
 }
 
 /// The fewest of a shortlist, greedily, that between them get furthest at every sample; then the furthest overall.
-pub(super) fn choose(shortlist: &[(usize, Progress)]) -> Vec<usize> {
+pub(super) fn choose(shortlist: &[(usize, FirstFailures)]) -> Vec<usize> {
     let Some((first, rest)) = shortlist.split_first() else { return Vec::new() };
     let furthest = rest.iter().fold(first.1.clone(), |furthest, (_, progress)| furthest.or_further(progress));
     let mut left: Vec<(usize, u64)> = shortlist.iter().map(|(candidate, p)| (*candidate, p.as_far_as(&furthest))).collect();

@@ -7,15 +7,14 @@
 
 mod bases;
 mod limit;
+pub(super) mod obstructions;
 mod opening;
 mod proposals;
-mod remedy;
 mod search;
 mod spot_samples;
 mod spots;
 #[cfg(test)]
 mod tests;
 
-pub use remedy::{Remedy, RemedyKind, RemedyView};
 pub(super) use search::{CanExecute, MissAnalysis, explain};
 pub(super) use spots::stands_on;

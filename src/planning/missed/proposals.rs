@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
-use super::spot_samples::Progress;
+use super::spot_samples::FirstFailures;
 use crate::cell::Scanner;
 use crate::geometry::{Part, Pose, ScannerFrame};
 
@@ -38,7 +38,7 @@ pub(super) struct Proposal {
 /// A proposal, and how far it gets.
 pub(super) struct Tried {
     pub(super) proposal: Proposal,
-    pub(super) progress: Progress,
+    pub(super) progress: FirstFailures,
 }
 
 /// Makes proposals for one spot.

@@ -9,7 +9,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::proposals::{Proposal, ProposalSource, Tried};
-use super::remedy::{Remedy, RemedyKind, RemedyView};
 use super::spot_samples::SpotSamples;
 use super::spots::{self, Spot};
 use super::{bases, limit, opening};
@@ -18,7 +17,7 @@ use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table};
 use crate::planning::candidates::Candidate;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::{Hemisphere, PlanParams};
-use crate::planning::plan::{Cause, MissedCause, MissedSpot, Verdict};
+use crate::planning::plan::{Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView, Verdict};
 use crate::planning::setups;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Occluders, Optics, Probe, Row};

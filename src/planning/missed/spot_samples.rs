@@ -9,7 +9,7 @@ use crate::planning::visibility::{Probe, ones};
 const MAX_TRIED: usize = 64;
 /// Samples of a spot on which what works is confirmed.
 const MAX_CONFIRMED: usize = 8192;
-/// Progress of a view at a sample that it measures; one that fails has the number of the cause.
+/// Number for a sample that the view measures; for one that fails it is the number of the cause.
 const MEASURED: u8 = u8::MAX;
 
 /// Position, normal, and kind of what is asked of a sample.
@@ -25,11 +25,11 @@ pub(super) struct SpotSamples {
     pub(super) total_mm2: f64,
 }
 
-/// Progress of a view at each sample: the step at which it fails.
+/// First failing cause of a view at each sample.
 #[derive(Clone)]
-pub(super) struct Progress(Vec<u8>);
+pub(super) struct FirstFailures(Vec<u8>);
 
-impl Progress {
+impl FirstFailures {
     /// Bits of the samples that it measures.
     pub(super) fn measured(&self) -> u64 {
         self.bits(|step, _| step == MEASURED)
@@ -88,8 +88,8 @@ impl SpotSamples {
     }
 
     /// Progress of a view, shadows included.
-    pub(super) fn progress(&self, probe: &Probe<'_>) -> Progress {
-        Progress(
+    pub(super) fn progress(&self, probe: &Probe<'_>) -> FirstFailures {
+        FirstFailures(
             self.points
                 .iter()
                 .map(|(p, normal, kind)| probe.measure(p, normal, *kind).map_or_else(|cause| cause as u8, |_| MEASURED))
@@ -103,7 +103,7 @@ impl SpotSamples {
             Ok(_) => MEASURED,
             Err(cause) => cause as u8,
         };
-        Progress(self.points.iter().map(step).collect()).sum()
+        FirstFailures(self.points.iter().map(step).collect()).sum()
     }
 
     /// Area of the samples whose bits are set.

@@ -4,25 +4,26 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::knob::params;
 use crate::cell::Findings;
-use crate::planning::grade::Grade;
+use crate::planning::verdict::Grade;
 
 /// Largest number of regions of interest and features of one job.
 const MAX_REGIONS: usize = 10_000;
 
-/// Regions that are excluded, of interest, or toleranced.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields, expecting = "an object")]
-pub struct RegionParams {
-    /// Regions that are not asked for, since clamped, resting or of no interest. A face is left out when any of these regions
-    /// holds it (face list, name), or holds the sample (the others).
-    pub exclude: Vec<Region>,
-    /// Regions with a weight, a target or limits of their own.
-    pub interest: Vec<InterestParams>,
-    /// Toleranced features; what they ask of the measurement follows from `noise`.
-    pub features: Vec<FeatureParams>,
-    /// The expected noise of a measured point, against which features are held.
-    pub noise: NoiseParams,
+params! {
+    /// Regions that are excluded, of interest, or toleranced.
+    RegionParams {
+        /// Regions that are not asked for, since clamped, resting or of no interest. A face is left out when any of these regions
+        /// holds it (face list, name), or holds the sample (the others).
+        exclude: Vec<Region> = Vec::new();
+        /// Regions with a weight, a target or limits of their own.
+        interest: Vec<InterestParams> = Vec::new();
+        /// Toleranced features; what they ask of the measurement follows from `noise`.
+        features: Vec<FeatureParams> = Vec::new();
+        /// The expected noise of a measured point, against which features are held.
+        noise: NoiseParams = NoiseParams::default();
+    }
 }
 
 /// A region of the part, in part coordinates.
@@ -78,70 +79,63 @@ pub enum Region {
     },
 }
 
-/// A region of interest. Where several hold a sample, the greatest weight and the strictest limits count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object")]
-pub struct InterestParams {
-    /// Name in plan and report. Default: `interest` and its number.
-    #[serde(default)]
-    pub name: Option<String>,
-    /// The region of the surface.
-    pub region: Region,
-    /// Weight of its area in the score, 0 to 100; elsewhere it is 1. The target of the plan counts true area.
-    /// Default 1.
-    #[serde(default = "one")]
-    pub weight: f64,
-    /// Share of its area that is to be measured, 0 to 1, beside the plan's own target. Default: none of its own.
-    #[serde(default)]
-    pub target: Option<f64>,
-    /// Largest angle between surface normal and camera ray here, degrees, 1 to 89.9. Default: the job's.
-    #[serde(default)]
-    pub camera_deg: Option<f64>,
-    /// Largest angle between surface normal and projector ray here, degrees, 1 to 89.9. Default: the job's.
-    #[serde(default)]
-    pub projector_deg: Option<f64>,
-    /// Count only area that is measured at this grade or better here. Default: `selection.min_grade`.
-    #[serde(default)]
-    pub min_grade: Option<Grade>,
+params! {
+    /// A region of interest. Where several hold a sample, the greatest weight and the strictest limits count.
+    required InterestParams {
+        /// Name in plan and report. Default: `interest` and its number.
+        #[serde(default)]
+        name: Option<String>;
+        /// The region of the surface.
+        region: Region;
+        /// Weight of its area in the score; elsewhere it is 1. The target of the plan counts true area. Default: 1.
+        #[serde(default = "one")]
+        weight: f64, [0.0, 100.0] "";
+        /// Share of its area that is to be measured, beside the plan's own target. Default: none of its own.
+        #[serde(default)]
+        target: Option<f64>, [0.0, 1.0] "";
+        /// Largest angle between surface normal and camera ray here, degrees. Default: the job's.
+        #[serde(default)]
+        camera_deg: Option<f64>, [1.0, 89.9] "°";
+        /// Largest angle between surface normal and projector ray here, degrees. Default: the job's.
+        #[serde(default)]
+        projector_deg: Option<f64>, [1.0, 89.9] "°";
+        /// Count only area that is measured at this grade or better here. Default: `selection.min_grade`.
+        #[serde(default)]
+        min_grade: Option<Grade>;
+    }
 }
 
-/// A toleranced feature: one line of a `features.json` or CSV.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object")]
-pub struct FeatureParams {
-    /// Name in plan and report. Default: `feature` and its number.
-    #[serde(default)]
-    pub name: Option<String>,
-    /// The region that has to keep the tolerance.
-    pub region: Region,
-    /// Width of the tolerance zone, mm, 0.001 to 100.
-    pub tolerance_mm: f64,
-    /// Largest distance between measured points on the surface, mm, 0.01 to 100. Default: none.
-    #[serde(default)]
-    pub point_spacing_mm: Option<f64>,
-    /// Share of its area that is to be measured so well, 0 to 1. Default: the plan's own target alone.
-    #[serde(default)]
-    pub target: Option<f64>,
+params! {
+    /// A toleranced feature: one line of a `features.json` or CSV.
+    required FeatureParams {
+        /// Name in plan and report. Default: `feature` and its number.
+        #[serde(default)]
+        name: Option<String>;
+        /// The region that has to keep the tolerance.
+        region: Region;
+        /// Width of the tolerance zone, mm.
+        tolerance_mm: f64, [0.001, 100.0] "mm";
+        /// Largest distance between measured points on the surface, mm. Default: none.
+        #[serde(default)]
+        point_spacing_mm: Option<f64>, [0.01, 100.0] "mm";
+        /// Share of its area that is to be measured so well. Default: the plan's own target alone.
+        #[serde(default)]
+        target: Option<f64>, [0.0, 1.0] "";
+    }
 }
 
-/// The expected noise of a measured point: see [`crate::planning::requirements`] for the formula.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields, expecting = "an object")]
-pub struct NoiseParams {
-    /// Standard deviation across a surface that is seen straight on at the best focus, mm, 0.0001 to 10. Default: 0.0117,
-    /// a third of the scanner's single-shot accuracy of 0.035 mm (Table 4.3), which is taken as three sigma.
-    pub best_mm: f64,
-    /// Relative increase of the noise at the ends of the working depth, 0 to 100. Default 1: twice as much; taken, since no
-    /// figure is known for this scanner.
-    pub depth_gain: f64,
-    /// Share of the tolerance that the expanded uncertainty to both sides, four sigma, may take, 0.01 to 1. Default 0.3, which
-    /// VDA Volume 5 recommends for a measurement process.
-    pub budget: f64,
-}
-
-impl Default for NoiseParams {
-    fn default() -> Self {
-        Self { best_mm: 0.035 / 3.0, depth_gain: 1.0, budget: 0.3 }
+params! {
+    /// The expected noise of a measured point: see [`crate::planning::surface::requirements`] for the formula.
+    NoiseParams {
+        /// Standard deviation across a surface that is seen straight on at the best focus, mm. The default is a third of the
+        /// scanner's single-shot accuracy of 0.035 mm (Table 4.3), which is taken as three sigma.
+        best_mm: f64 = 0.035 / 3.0, [1e-4, 10.0] "mm";
+        /// Relative increase of the noise at the ends of the working depth. The default, twice as much, is taken, since no
+        /// figure is known for this scanner.
+        depth_gain: f64 = 1.0, [0.0, 100.0] "";
+        /// Share of the tolerance that the expanded uncertainty to both sides, four sigma, may take. The default is what
+        /// VDA Volume 5 recommends for a measurement process.
+        budget: f64 = 0.3, [0.01, 1.0] "";
     }
 }
 
@@ -164,37 +158,22 @@ impl RegionParams {
         for (index, feature) in self.features.iter().enumerate() {
             feature.check(&format!("/regions/features/{index}"), findings);
         }
-        findings.range("/regions/noise/best_mm", self.noise.best_mm, 1e-4, 10.0, "mm");
-        findings.range("/regions/noise/depth_gain", self.noise.depth_gain, 0.0, 100.0, "");
-        findings.range("/regions/noise/budget", self.noise.budget, 0.01, 1.0, "");
+        self.check_ranges("/regions", findings);
+        self.noise.check_ranges("/regions/noise", findings);
     }
 }
 
 impl InterestParams {
     fn check(&self, at: &str, findings: &mut Findings) {
         self.region.check(&format!("{at}/region"), findings);
-        findings.range(format!("{at}/weight"), self.weight, 0.0, 100.0, "");
-        if let Some(target) = self.target {
-            findings.range(format!("{at}/target"), target, 0.0, 1.0, "");
-        }
-        for (field, limit) in [("camera_deg", self.camera_deg), ("projector_deg", self.projector_deg)] {
-            if let Some(deg) = limit {
-                findings.range(format!("{at}/{field}"), deg, 1.0, 89.9, "°");
-            }
-        }
+        self.check_ranges(at, findings);
     }
 }
 
 impl FeatureParams {
     fn check(&self, at: &str, findings: &mut Findings) {
         self.region.check(&format!("{at}/region"), findings);
-        findings.range(format!("{at}/tolerance_mm"), self.tolerance_mm, 0.001, 100.0, "mm");
-        if let Some(spacing_mm) = self.point_spacing_mm {
-            findings.range(format!("{at}/point_spacing_mm"), spacing_mm, 0.01, 100.0, "mm");
-        }
-        if let Some(target) = self.target {
-            findings.range(format!("{at}/target"), target, 0.0, 1.0, "");
-        }
+        self.check_ranges(at, findings);
     }
 }
 

@@ -1,10 +1,10 @@
-//! Formulation of the selection, overlap for registration, and the range checks of
-//! these knobs.
+//! Formulation of the selection, overlap for registration, and the checks of these parameters.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::SelectionParams;
+use super::knob::params;
 use crate::cell::Findings;
 
 /// Formulation that is solved.
@@ -21,31 +21,27 @@ pub enum SelectionGoal {
     BestCoverage,
 }
 
-/// Chosen views form a connected graph whose edges join views that measure at least so much asked area together. At most
-/// one of the two is given; with neither, nothing is asked for.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(default, deny_unknown_fields, expecting = "an object")]
-pub struct OverlapParams {
-    /// Shared asked area, mm², above 0 to 1 000 000 000.
-    pub min_area_mm2: Option<f64>,
-    /// Shared asked area as a share of what the view that measures less of the two measures, above 0 to 1.
-    pub min_share: Option<f64>,
+params! {
+    /// Chosen views form a connected graph whose edges join views that measure at least so much asked area together. At most
+    /// one of the two is given; with neither, nothing is asked for.
+    OverlapParams {
+        /// Shared asked area, mm².
+        min_area_mm2: Option<f64> = None, [1e-6, 1e9] "mm²";
+        /// Shared asked area as a share of what the view that measures less of the two measures.
+        min_share: Option<f64> = None, [1e-6, 1.0] "";
+    }
 }
 
-pub(super) fn check(params: &SelectionParams, findings: &mut Findings) {
-    let overlap = &params.overlap;
-    if let Some(area_mm2) = overlap.min_area_mm2 {
-        findings.range("/selection/overlap/min_area_mm2", area_mm2, 1e-6, 1e9, "mm²");
+impl SelectionParams {
+    pub(super) fn check(&self, findings: &mut Findings) {
+        self.check_ranges("/selection", findings);
+        let overlap = &self.overlap;
+        overlap.check_ranges("/selection/overlap", findings);
+        findings.require(overlap.min_area_mm2.is_none() || overlap.min_share.is_none(), "/selection/overlap/min_share", || {
+            "is given beside min_area_mm2; give one of the two".into()
+        });
+        findings.require(self.goal != SelectionGoal::BestCoverage || self.max_views.is_some(), "/selection/max_views", || {
+            "is not given; best_coverage needs the number of views".into()
+        });
     }
-    if let Some(share) = overlap.min_share {
-        findings.range("/selection/overlap/min_share", share, 1e-6, 1.0, "");
-    }
-    findings.require(overlap.min_area_mm2.is_none() || overlap.min_share.is_none(), "/selection/overlap/min_share", || {
-        "is given beside min_area_mm2; give one of the two".into()
-    });
-    findings.range("/selection/view_cost_mm2_per_s", params.view_cost_mm2_per_s, 0.0, 1e6, "mm²/s");
-    findings.range("/selection/work_limit", f64::from(params.work_limit), 1.0, 1e7, "million pairs");
-    findings.require(params.goal != SelectionGoal::BestCoverage || params.max_views.is_some(), "/selection/max_views", || {
-        "is not given; best_coverage needs the number of views".into()
-    });
 }

@@ -72,35 +72,19 @@ pub struct Choice {
     pub score: f64,
 }
 
-/// The rule that ended the selection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StopReason {
-    /// The target share was reached.
-    Target,
-    /// The best view would add less than `selection.min_growth`.
-    Growth,
-    /// `selection.max_views` views were chosen.
-    MaxViews,
-    /// No candidate's score is positive.
-    NoGain,
-    /// The target was met only of the area that views with a path measure; others were tried in place of those without.
-    NoPath,
-}
-
-impl StopReason {
-    /// Every rule.
-    pub const ALL: [Self; 5] = [Self::Target, Self::Growth, Self::MaxViews, Self::NoGain, Self::NoPath];
-
-    /// Name in files and answers.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Target => "target",
-            Self::Growth => "growth",
-            Self::MaxViews => "max_views",
-            Self::NoGain => "no_gain",
-            Self::NoPath => "no_path",
-        }
+crate::cell::closed_list! {
+    /// The rule that ended the selection.
+    pub enum StopReason {
+        /// The target share was reached.
+        Target = "target",
+        /// The best view would add less than `selection.min_growth`.
+        Growth = "growth",
+        /// `selection.max_views` views were chosen.
+        MaxViews = "max_views",
+        /// No candidate's score is positive.
+        NoGain = "no_gain",
+        /// The target was met only of the area that views with a path measure; others were tried in place of those without.
+        NoPath = "no_path",
     }
 }
 

@@ -115,7 +115,7 @@ impl Sequence {
 /// to twelve views the tour is the shortest over the moves this stage knows, beyond that it comes with a bound. Runs on the
 /// caller's rayon pool; the result does not depend on the number of threads.
 ///
-/// With `require_all`, a view without a path ends the search at once with an empty sequence: for callers who rather choose other
+/// `roadmaps` are of cells that were planned for before. With `require_all`, a view without a path ends the search at once with an empty sequence: for callers who rather choose other
 /// views than leave some out.
 ///
 /// # Errors
@@ -125,10 +125,11 @@ pub fn order(
     cell: &Cell,
     scene: &CollisionScene,
     params: &PlanParams,
+    roadmaps: Option<&Roadmaps>,
     require_all: bool,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
-    let routes = Routes::new(cell, scene, &params.motion);
+    let routes = Routes::new(cell, scene, &params.motion).with_roadmaps(roadmaps);
     let mut graph = StationGraph::connected_to_home(stations, &routes, ctx)?;
     let no_path = std::mem::take(&mut graph.no_path);
     if require_all && !no_path.is_empty() {

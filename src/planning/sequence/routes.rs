@@ -59,11 +59,17 @@ pub(super) struct Routes<'a> {
     pub(super) moves: Moves<'a>,
     /// Made by [`Routes::build_roadmap`].
     network: OnceLock<Network>,
+    /// Roadmaps of cells that were planned for before.
+    roadmaps: Option<&'a Roadmaps>,
 }
 
 impl<'a> Routes<'a> {
     pub(super) fn new(cell: &'a Cell, scene: &'a CollisionScene, motion: &MotionParams) -> Self {
-        Self { cell, moves: Moves::new(cell, scene, motion), network: OnceLock::new() }
+        Self { cell, moves: Moves::new(cell, scene, motion), network: OnceLock::new(), roadmaps: None }
+    }
+
+    pub(super) fn with_roadmaps(self, roadmaps: Option<&'a Roadmaps>) -> Self {
+        Self { roadmaps, ..self }
     }
 
     pub(super) fn cell(&self) -> &Cell {
@@ -93,7 +99,7 @@ impl<'a> Routes<'a> {
     pub(super) fn build_roadmap(&self, ctx: &Context<'_>) -> Result<(), Cancelled> {
         if self.network.get().is_none() {
             let own = Roadmaps::default();
-            let roadmap = ctx.roadmaps().unwrap_or(&own).of(self.cell, ctx)?;
+            let roadmap = self.roadmaps.unwrap_or(&own).of(self.cell, ctx)?;
             self.network.get_or_init(|| Network::new(roadmap, self.moves.scene));
         }
         Ok(())

@@ -79,7 +79,7 @@ impl Room {
         let flag = AtomicBool::new(cancelled);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
         let ctx = Context::new(&flag, &Silent);
-        pool.install(|| bounded(order(&listed, &self.cell, &self.scene, params, false, &ctx)?, &self.cell, params, &ctx))
+        pool.install(|| bounded(order(&listed, &self.cell, &self.scene, params, None, false, &ctx)?, &self.cell, params, &ctx))
     }
 
     /// Re-checks every segment at half a degree, its times and its limits, from the sequence alone.

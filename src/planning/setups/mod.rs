@@ -14,11 +14,9 @@ mod tests;
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::candidates::{self, Scope};
-use super::context::Context;
-use super::error::PlanError;
-use super::input::PlanInput;
+use super::context::{Context, PlanError};
 use super::params::{CandidateParams, Hemisphere, PlanParams};
-use super::planning_scene::PlanningScene;
+use super::scene::{PlanInput, PlanningScene};
 use super::surface;
 use super::visibility::{self, Occluders, SampleSet};
 use crate::cell::Scanner;
@@ -127,8 +125,7 @@ fn measured_from(
         taken.for_each(|(_, row)| measured.insert_all(row.measured()));
         measured
     };
-    let area_mm2 = |sample: usize| if surface.asked[sample] { surface.sample_area_mm2(sample) } else { 0.0 };
-    Ok(Reachable { by_pose: pool.iter().map(seen_in).collect(), area_mm2: (0..surface.sample_mm.len()).map(area_mm2).collect() })
+    Ok(Reachable { by_pose: pool.iter().map(seen_in).collect(), area_mm2: surface.asked_area_mm2() })
 }
 
 /// Returns true if the viewpoint and all devices stand above the plate's plane.

@@ -7,7 +7,7 @@ use crate::testing::{box_mesh, nominal_scanner};
 
 fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Part>> {
     let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let mut params = PlanParams::default();
     params.part.table_from_part = Some(PoseSpec::from(&super::super::resting(mesh)));
     change(&mut params);
@@ -52,7 +52,7 @@ fn given_poses_alone_are_chosen_from() {
 fn a_fixture_holds_one_setup() {
     let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
     let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
-    let input = PlanInput { mesh: &mesh, fixture: Some(&mesh), part_sha256: "", scanner: &scanner, cell: None };
+    let input = PlanInput { mesh: &mesh, fixture: Some(&mesh), part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let params = PlanParams { setups: 2, ..PlanParams::default() };
     let refused = poses(&input, &params, &Context::new(&cancel, &Silent)).err().unwrap_or_else(|| panic!("refused"));
     assert!(refused.to_string().contains("/setups"), "{refused}");

@@ -2,12 +2,11 @@
 
 use super::steps::steps;
 use super::{Series, StudyCase};
-use crate::planning::context::{Context, Stage};
-use crate::planning::error::PlanError;
-use crate::planning::input::PlanInput;
+use crate::planning::context::{Context, PlanError, Stage};
 use crate::planning::params::{PlanParams, ScoreParams, SelectionParams, Solver, TargetOf};
 use crate::planning::pipeline::{Tabulated, tabulate};
 use crate::planning::plan::share;
+use crate::planning::scene::PlanInput;
 use crate::planning::selection::{self, CoverProblem, coverable_mm2};
 use crate::planning::visibility::{self, Row};
 

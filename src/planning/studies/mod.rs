@@ -13,10 +13,9 @@ mod steps;
 #[cfg(test)]
 mod tests;
 
-use super::context::Context;
-use super::error::PlanError;
-use super::input::PlanInput;
+use super::context::{Context, PlanError};
 use super::params::{Objective, PlanParams, ScoreParams, Strategy};
+use super::scene::PlanInput;
 use super::selection::StopReason;
 use ground::StudyBase;
 

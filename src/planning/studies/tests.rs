@@ -29,7 +29,7 @@ fn coarse() -> PlanParams {
 
 fn found(study: Study, params: &PlanParams) -> Result<StudyResult, PlanError> {
     let (mesh, scanner) = (trough(), nominal_scanner());
-    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     run(study, &input, params, 12, &Context::new(&AtomicBool::new(false), &Silent))
 }
 

@@ -6,19 +6,19 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::context::Context;
-use super::error::PlanError;
+use super::context::{Context, PlanError};
 use super::params::{PartParams, RegionParams};
 use super::random::split_mix;
-use super::requirements::Requirements;
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
 mod region_finder;
+pub mod requirements;
 #[cfg(test)]
 mod tests;
 
-pub(super) use region_finder::RegionFinder;
+use region_finder::RegionFinder;
+use requirements::Requirements;
 
 /// Default patch edge as a share of the bounding box's diagonal.
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
@@ -90,11 +90,29 @@ impl Surface {
         self.patch_of(sample).sample_area_mm2()
     }
 
+    /// Area of each sample, 0 where it is not asked for.
+    #[must_use]
+    pub fn asked_area_mm2(&self) -> Vec<f64> {
+        let area = |sample: usize| if self.asked[sample] { self.sample_area_mm2(sample) } else { 0.0 };
+        (0..self.sample_mm.len()).map(area).collect()
+    }
+
     /// Sum of the areas of the samples that `keep` accepts, in sample order.
     #[must_use]
     pub fn area_where(&self, keep: impl Fn(usize) -> bool) -> f64 {
         (0..self.sample_mm.len()).filter(|sample| keep(*sample)).map(|sample| self.sample_area_mm2(sample)).sum()
     }
+}
+
+/// Refuses a surface of which nothing is asked for.
+///
+/// # Errors
+/// [`PlanError::BadParams`] at `/regions/exclude`.
+pub(super) fn check_asked(asked_area_mm2: &[f64]) -> Result<(), PlanError> {
+    if asked_area_mm2.iter().any(|area_mm2| *area_mm2 > 0.0) {
+        return Ok(());
+    }
+    Err(PlanError::param("/regions/exclude", "leaves nothing of the part to measure; exclude less".into()))
 }
 
 /// Fills in what [`PartParams`] leaves to the size of the part.

@@ -16,10 +16,10 @@ use std::convert::Infallible;
 
 use rayon::prelude::*;
 
-use super::cause::Cause;
 use super::context::{Cancelled, Context};
 use super::params::{Engine, Objective, PlanParams};
 use super::surface::Surface;
+use super::verdict::Cause;
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, RayScene, ScannerFrame};
 

@@ -10,9 +10,9 @@ use super::VisibilityMatrix;
 use super::row::{QualityScale, Row};
 use super::view::{Optics, SHADOWS, View};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
-use crate::planning::cause::Cause;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::surface::Surface;
+use crate::planning::verdict::Cause;
 
 /// Words of samples a block: 1024 samples, about 3 ms of rays, the interval at which cancelling is noticed.
 const BLOCK_WORDS: usize = 16;

@@ -6,10 +6,10 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::geometry::Mesh;
 use crate::planning::context::Silent;
-use crate::planning::grade::Grade;
 use crate::planning::params::{FeatureParams, InterestParams, NoiseParams, PartParams, Region, RegionParams};
-use crate::planning::requirements::Requirements;
+use crate::planning::surface::requirements::Requirements;
 use crate::planning::surface::sample;
+use crate::planning::verdict::Grade;
 use crate::testing::{box_mesh, nominal_scanner};
 
 /// A scanner above the origin that looks straight down from `height_mm`, its baseline along x.

@@ -8,9 +8,9 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::cell::{Lens, Scanner};
 use crate::geometry::{Part, Pose, ScannerFrame};
-use crate::planning::cause::Cause;
 use crate::planning::params::{PlanParams, ScoreAngle};
-use crate::planning::requirements::{Requirement, Requirements};
+use crate::planning::surface::requirements::{Requirement, Requirements};
+use crate::planning::verdict::Cause;
 
 /// Causes by device where it does not see a sample.
 pub(super) const SHADOWS: [Cause; 3] = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector];
@@ -38,7 +38,7 @@ pub struct Optics {
     incidence_min: Vec<IncidenceMin>,
     /// Smallest focal length of the cameras, pixels.
     focal_px: f64,
-    /// σ_F and g of [`crate::planning::requirements`].
+    /// σ_F and g of [`crate::planning::surface::requirements`].
     noise_best_mm: f64,
     noise_depth_gain: f64,
 }

@@ -85,7 +85,7 @@ impl std::str::FromStr for Dialect {
         Self::ALL
             .into_iter()
             .find(|dialect| dialect.as_str() == name)
-            .ok_or_else(|| format!("{name:?} is no dialect; there are {}", Self::ALL.map(Self::as_str).join(", ")))
+            .ok_or_else(|| format!("unknown dialect {name:?}; known are {}", Self::ALL.map(Self::as_str).join(", ")))
     }
 }
 

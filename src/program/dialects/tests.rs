@@ -193,7 +193,7 @@ fn dialects_are_found_by_name() {
         assert_eq!(dialect.as_str().parse(), Ok(dialect));
     }
     let refused = "karel".parse::<Dialect>().expect_err("none");
-    assert_eq!(refused, "\"karel\" is no dialect; there are hans, urscript, rapid, krl, fanuc, robodk, csv");
+    assert_eq!(refused, "unknown dialect \"karel\"; known are hans, urscript, rapid, krl, fanuc, robodk, csv");
 }
 
 #[test]

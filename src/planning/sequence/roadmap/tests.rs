@@ -71,14 +71,7 @@ fn roadmaps_are_kept_and_change_no_sequence() {
     room.stations = stations;
     let roadmaps = Roadmaps::default();
     let ordered = |roadmaps: Option<&Roadmaps>| {
-        with_ctx(2, |ctx| {
-            let silent = ctx.silent();
-            let ctx = match roadmaps {
-                Some(roadmaps) => silent.with_roadmaps(roadmaps),
-                None => silent,
-            };
-            order(&room.listed(), &room.cell, &room.scene, &params, false, &ctx).expect("not cancelled")
-        })
+        with_ctx(2, |ctx| order(&room.listed(), &room.cell, &room.scene, &params, roadmaps, false, ctx).expect("not cancelled"))
     };
     let alone = ordered(None);
     assert!(!alone.sequence.visits.is_empty());

@@ -1,0 +1,243 @@
+//! The outcome: from chosen views to the verdict of every sample, coverage with its denominators, and the causes of what is
+//! missed.
+
+mod coverage;
+mod verdicts;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rayon::prelude::*;
+
+use super::candidates::Rejection;
+use super::context::{Cancelled, Context, PlanError};
+use super::missed::{self, CanExecute, MissAnalysis};
+use super::params::{SelectionParams, TargetOf};
+use super::plan::{
+    CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, SetupPlan, Stance, StopReason, Verdict,
+    ViewId, share,
+};
+use super::problem::{ChosenViews, ViewPlanningProblem};
+use super::selection::coverable_mm2;
+use super::sequence::Ordered;
+use super::stations::StationFailure;
+use super::visibility::{self, Occluders, Row};
+
+/// Causes that are named where no plan is possible.
+const NAMED_CAUSES: usize = 3;
+
+/// A solved problem: chosen views, with what became of each.
+struct Solution<'a> {
+    problem: &'a ViewPlanningProblem<'a>,
+    chosen: &'a ChosenViews,
+    /// Setups in which views are taken, ascending; the first where there are none.
+    used: Vec<usize>,
+    /// Chosen candidates to which no path was found.
+    no_path: BTreeSet<usize>,
+    /// Candidates that were given up for want of a path, chosen or not.
+    all_excluded: BTreeSet<usize>,
+    /// Samples that each chosen view measures, with its quality; none where it has no path.
+    measuring: Vec<Row>,
+}
+
+/// Assembles the outcome of a selection, ordered, setup by setup, when there is a cell. `excluded` are candidates that were
+/// given up for want of a path; `occluders` and `can_execute` are for the remedies of what is missed.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn assemble(
+    problem: ViewPlanningProblem<'_>,
+    chosen: &ChosenViews,
+    ordered: Vec<Ordered>,
+    excluded: &BTreeSet<usize>,
+    occluders: &Occluders,
+    can_execute: Option<&CanExecute<'_>>,
+    ctx: &Context<'_>,
+) -> Result<Outcome, Cancelled> {
+    let solution = Solution::new(&problem, chosen, &ordered, excluded);
+    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded);
+    let coverage = coverage::of(&problem, &solution.measuring, &verdicts);
+    let missed = missed::explain(&solution.miss_analysis(occluders, can_execute), &verdicts, ctx)?;
+    let plan = solution.plan(ordered, coverage, missed);
+    let measured_by_view = solution.measuring;
+    Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None })
+}
+
+impl<'a> Solution<'a> {
+    fn new(
+        problem: &'a ViewPlanningProblem<'a>,
+        chosen: &'a ChosenViews,
+        ordered: &[Ordered],
+        excluded: &BTreeSet<usize>,
+    ) -> Self {
+        let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| problem.candidates_behind(chosen, &o.no_path)).collect();
+        let measured = |kept: &usize| if no_path.contains(kept) { Row::default() } else { graded(problem, *kept) };
+        let measuring = chosen.kept.par_iter().map(measured).collect();
+        let all_excluded = excluded.union(&no_path).copied().collect();
+        let used: BTreeSet<usize> = chosen.kept.iter().map(|kept| problem.candidates.kept[*kept].setup).collect();
+        let used = if used.is_empty() { vec![0] } else { used.into_iter().collect() };
+        Self { problem, chosen, used, no_path, all_excluded, measuring }
+    }
+
+    fn plan(&self, ordered: Vec<Ordered>, coverage: Coverage, missed: Vec<MissedCause>) -> Plan {
+        let Self { problem, chosen, .. } = self;
+        Plan {
+            part: PartFacts {
+                sha256: problem.input.part_sha256.to_owned(),
+                triangles: problem.input.mesh.faces.len(),
+                area_mm2: problem.input.mesh.area_mm2(),
+                aabb: problem.input.mesh.aabb(),
+            },
+            table_from_part: problem.reach.is_some().then_some(problem.setups[self.used[0]]),
+            candidates: candidate_counts(problem),
+            views: self.views(&ordered, &coverage),
+            missed,
+            stopped_because: match chosen.selection.stopped_because {
+                ended_by if self.all_excluded.is_empty() => ended_by,
+                ended_by => stopped_because(ended_by, &coverage, &problem.params.selection),
+            },
+            bound: chosen.selection.bound,
+            setups: self.setups(ordered),
+            obstructions: Vec::new(),
+            coverage,
+            params: problem.params.clone(),
+        }
+    }
+
+    fn setups(&self, ordered: Vec<Ordered>) -> Vec<SetupPlan> {
+        let Self { problem, chosen, measuring, .. } = self;
+        let mut sequences: Vec<_> = ordered.into_iter().map(|ordered| Some(ordered.sequence)).collect();
+        let asked_mm2 = |rows: &[&Row]| coverable_mm2(rows, &problem.asked_area_mm2);
+        let plan = |setup: &usize| {
+            let is_here = |kept: usize| problem.candidates.kept[kept].setup == *setup;
+            let views: Vec<_> = (0..chosen.kept.len()).filter(|view| is_here(chosen.kept[*view])).collect();
+            let usable: Vec<_> = problem.usable().into_iter().filter(|kept| is_here(*kept)).collect();
+            SetupPlan {
+                table_from_part: problem.setups[*setup],
+                coverable_area_mm2: asked_mm2(&problem.rows(&usable)),
+                measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[*view]).collect::<Vec<_>>()),
+                views: views.into_iter().map(|view| ViewId(view as u32)).collect(),
+                sequence: sequences.get_mut(*setup).and_then(Option::take),
+            }
+        };
+        self.used.iter().map(plan).collect()
+    }
+
+    fn views(&self, ordered: &[Ordered], coverage: &Coverage) -> Vec<PlannedView> {
+        let Self { problem, chosen, used, no_path, .. } = self;
+        let station = |view: ViewId| {
+            let mut visits = ordered.iter().flat_map(|ordered| &ordered.sequence.visits);
+            visits.find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
+        };
+        let curve = &coverage.curve_area_mm2;
+        let gain_mm2 = |number: usize| if number == 0 { curve[0] } else { curve[number] - curve[number - 1] };
+        let choices = chosen.kept.iter().zip(&chosen.selection.choices).enumerate();
+        choices
+            .map(|(number, (kept, choice))| {
+                let (id, candidate) = (ViewId(number as u32), &problem.candidates.kept[*kept]);
+                let station = station(id);
+                PlannedView {
+                    id,
+                    candidate: candidate.id,
+                    setup: used.iter().position(|setup| *setup == candidate.setup).unwrap_or_default(),
+                    label: candidate.label,
+                    part_from_scanner: candidate.part_from_scanner,
+                    gain_of_asked: share(gain_mm2(number), coverage.asked_area_mm2),
+                    score: choice.score,
+                    station,
+                    stance: station.zip(problem.input.cell).map(|(station, cell)| Stance::of(&cell.robot, &station, None)),
+                    rejected: no_path.contains(kept).then_some(Cause::NoPath),
+                }
+            })
+            .collect()
+    }
+
+    fn miss_analysis<'c>(&'c self, occluders: &'c Occluders, can_execute: Option<&'c CanExecute<'c>>) -> MissAnalysis<'c> {
+        let Self { problem, all_excluded, .. } = self;
+        let kept = &problem.candidates.kept;
+        MissAnalysis {
+            mesh: problem.input.mesh,
+            surface: &problem.surface,
+            scanner: problem.input.scanner,
+            params: problem.params,
+            setups: &problem.setups,
+            occluders,
+            candidates: kept,
+            rows: &problem.matrix.rows,
+            choosable: (0..kept.len()).map(|kept| problem.blocked(kept).is_none() && !all_excluded.contains(&kept)).collect(),
+            can_execute,
+        }
+    }
+}
+
+/// Samples that a kept candidate measures, with its quality.
+fn graded(problem: &ViewPlanningProblem<'_>, kept: usize) -> Row {
+    let pose = &problem.candidates.kept[kept].part_from_scanner;
+    visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, &problem.matrix.rows[kept])
+}
+
+/// A selection that met its target among the views that have a path has not met it when what the given-up views would
+/// have measured counts too, as it does in the coverable area.
+fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &SelectionParams) -> StopReason {
+    /// Sums of areas in another order.
+    const SUM_SLACK: f64 = 4e-9;
+    let reached = match params.target_of {
+        TargetOf::Coverable => coverage.of_coverable(),
+        TargetOf::Asked => coverage.of_asked(),
+        TargetOf::Total => coverage.of_total(),
+    };
+    let short = reached < params.target - SUM_SLACK;
+    if ended_by == StopReason::Target && short { StopReason::NoPath } else { ended_by }
+}
+
+fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
+    let mut rejected: BTreeMap<Rejection, usize> = BTreeMap::new();
+    let blocked = (0..problem.candidates.kept.len()).filter_map(|kept| problem.blocked(kept));
+    let by_cell = blocked.map(|blocked| match blocked {
+        StationFailure::Unreachable => Rejection::Unreachable,
+        StationFailure::Collision => Rejection::Collision,
+    });
+    for reason in problem.candidates.rejected.iter().map(|(_, reason)| *reason).chain(by_cell) {
+        *rejected.entry(reason).or_default() += 1;
+    }
+    CandidateCounts { generated: problem.candidates.generated, kept: problem.usable().len(), rejected }
+}
+
+/// The error of a problem of which no candidate measures anything, with the causes that keep them from it.
+pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>) -> PlanError {
+    let counts = candidate_counts(problem);
+    let dropped: Vec<_> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
+    let verdicts = verdicts::of(problem, &[], &BTreeSet::new());
+    let area_of = |cause: Cause| -> f64 {
+        (0..verdicts.len()).filter(|s| verdicts[*s] == Verdict::Missed(cause)).map(|s| problem.asked_area_mm2[s]).sum()
+    };
+    let mut causes: Vec<_> = Cause::ALL.map(|cause| (cause, area_of(cause))).into();
+    causes.retain(|(_, area_mm2)| *area_mm2 > 0.0);
+    causes.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let asked_mm2: f64 = problem.asked_area_mm2.iter().sum();
+    let named: Vec<_> = causes
+        .iter()
+        .take(NAMED_CAUSES)
+        .map(|(cause, area)| format!("{} {:.0} % of the area", cause.as_str(), 100.0 * area / asked_mm2))
+        .collect();
+    let dropped = if dropped.is_empty() { "none".to_owned() } else { dropped.join(", ") };
+    PlanError::NoPlan(format!(
+        "of {} candidates {} were usable (dropped: {dropped}), and none measures anything worth a view; causes: {}",
+        counts.generated,
+        counts.kept,
+        named.join(", ")
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_met_without_the_given_up_views_is_not_called_met() {
+        let params = SelectionParams::default();
+        let covered = |measured_area_mm2| Coverage { measured_area_mm2, coverable_area_mm2: 100.0, ..Coverage::default() };
+        assert_eq!(stopped_because(StopReason::Target, &covered(98.5), &params), StopReason::Target);
+        assert_eq!(stopped_because(StopReason::Target, &covered(95.0), &params), StopReason::NoPath);
+        assert_eq!(stopped_because(StopReason::Growth, &covered(95.0), &params), StopReason::Growth);
+    }
+}

@@ -1,0 +1,93 @@
+//! Coverage of the chosen views on samples that they were not chosen on.
+
+use super::share;
+use crate::planning::params::PoseErrorParams;
+
+/// Coverage of the chosen views on a second set of samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Certificate {
+    /// Coverage with the poses as planned.
+    pub independent: Independent,
+    /// Coverage with poses that are off; with `robust.pose_error`.
+    pub robust: Option<Robust>,
+}
+
+/// Coverage on a second set of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Independent {
+    /// Samples of the second set.
+    pub samples: usize,
+    /// Area of those that are asked for.
+    pub asked_area_mm2: f64,
+    /// Whole surface.
+    pub total_area_mm2: f64,
+    /// Asked area that the chosen views measure.
+    pub measured_area_mm2: f64,
+}
+
+impl Independent {
+    /// Measured share of the asked area.
+    #[must_use]
+    pub fn of_asked(&self) -> f64 {
+        share(self.measured_area_mm2, self.asked_area_mm2)
+    }
+
+    /// Measured share of the whole surface.
+    #[must_use]
+    pub fn of_total(&self) -> f64 {
+        share(self.measured_area_mm2, self.total_area_mm2)
+    }
+}
+
+/// Coverage with poses that are off, on the second set of samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robust {
+    /// The error.
+    pub pose_error: PoseErrorParams,
+    /// Every view off by an error of its own.
+    pub views: Drawn,
+    /// The part off as a whole.
+    pub part: Drawn,
+}
+
+/// Measured share of the asked area in a number of draws.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drawn {
+    /// Share with no error.
+    pub nominal: f64,
+    /// Share in each draw, ascending; at least one.
+    of_asked: Vec<f64>,
+}
+
+impl Drawn {
+    pub(in crate::planning) fn new(nominal: f64, mut of_asked: Vec<f64>) -> Self {
+        of_asked.sort_by(f64::total_cmp);
+        Self { nominal, of_asked }
+    }
+
+    /// Number of draws.
+    #[must_use]
+    pub fn draws(&self) -> usize {
+        self.of_asked.len()
+    }
+
+    /// The least.
+    #[must_use]
+    pub fn worst(&self) -> f64 {
+        self.of_asked[0]
+    }
+
+    /// The mean.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        self.of_asked.iter().sum::<f64>() / self.of_asked.len() as f64
+    }
+
+    /// The 5th percentile: linear between the draws on both sides of it.
+    #[must_use]
+    pub fn p5(&self) -> f64 {
+        let place = 0.05 * (self.of_asked.len() - 1) as f64;
+        let (below, above) = (self.of_asked[place.floor() as usize], self.of_asked[place.ceil() as usize]);
+        below + (above - below) * place.fract()
+    }
+}

@@ -1,0 +1,259 @@
+//! The result of planning: an immutable value from which every file and every answer is rendered. Types alone; later rooms
+//! make them.
+
+mod certificate;
+mod obstruction;
+mod remedy;
+
+pub use certificate::{Certificate, Drawn, Independent, Robust};
+use nalgebra::{Point3, Vector3};
+pub use obstruction::{Advice, Obstruction};
+pub use remedy::{Remedy, RemedyKind, RemedyView};
+
+use super::candidates::{CandidateId, Label, Rejection};
+use super::params::PlanParams;
+pub use super::selection::{Bound, StopReason, ViewId};
+use super::sequence::{Leg, Sequence};
+use super::stations::Station;
+use super::surface::Surface;
+pub use super::verdict::{Cause, Grade, Verdict};
+use super::visibility::Row;
+use crate::cell::{Posture, Robot};
+use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
+
+/// A plan. Everything needed to write `plan.json`; no clock, no thread count.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The part that was planned for.
+    pub part: PartFacts,
+    /// Pose of the part on the table; present with a cell.
+    pub table_from_part: Option<Pose<Table, Part>>,
+    /// Every knob that was in force, defaults resolved.
+    pub params: PlanParams,
+    /// Numbers of candidates, kept and rejected.
+    pub candidates: CandidateCounts,
+    /// Area that the chosen views measure.
+    pub coverage: Coverage,
+    /// The chosen views, in the order chosen.
+    pub views: Vec<PlannedView>,
+    /// The ways in which the part lies while views are taken, in that order; at least one.
+    pub setups: Vec<SetupPlan>,
+    /// Pairs of bodies that keep the cell from candidates, the one that keeps it from most first.
+    pub obstructions: Vec<Obstruction>,
+    /// Missed area by cause, in the order of [`Cause`].
+    pub missed: Vec<MissedCause>,
+    /// The rule that ended the selection.
+    pub stopped_because: StopReason,
+    /// Bound of the views, or of the area, of the best choice from the same candidates.
+    pub bound: Bound,
+}
+
+/// Views and sequence of one setup.
+#[derive(Clone, Debug)]
+pub struct SetupPlan {
+    /// Pose of the part in this setup.
+    pub table_from_part: Pose<Table, Part>,
+    /// The views taken, in the order chosen.
+    pub views: Vec<ViewId>,
+    /// Asked area that some kept candidate of this setup measures.
+    pub coverable_area_mm2: f64,
+    /// Asked area that its views measure.
+    pub measured_area_mm2: f64,
+    /// Order and paths; present with a cell.
+    pub sequence: Option<Sequence>,
+}
+
+impl Plan {
+    /// The sequences of all setups, one after another.
+    pub fn sequences(&self) -> impl Iterator<Item = &Sequence> {
+        self.setups.iter().filter_map(|setup| setup.sequence.as_ref())
+    }
+
+    /// Views in the order visited, each with the move that leads to it.
+    pub fn visits(&self) -> impl Iterator<Item = &(ViewId, Leg)> {
+        self.sequences().flat_map(|sequence| &sequence.visits)
+    }
+}
+
+/// Facts of the planned part.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartFacts {
+    /// SHA-256 of the uploaded file, lower-case hexadecimal.
+    pub sha256: String,
+    /// Triangles planned on.
+    pub triangles: usize,
+    /// Surface area.
+    pub area_mm2: f64,
+    /// Bounding box, part frame.
+    pub aabb: Aabb,
+}
+
+/// Numbers of candidates.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CandidateCounts {
+    /// Generated.
+    pub generated: usize,
+    /// Kept for selection.
+    pub kept: usize,
+    /// Dropped, by reason.
+    pub rejected: std::collections::BTreeMap<Rejection, usize>,
+}
+
+/// Areas and shares of what is measured. Sums run over samples ([`crate::planning::method::coverage`]).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Coverage {
+    /// Whole surface.
+    pub total_area_mm2: f64,
+    /// All faces but excluded regions.
+    pub asked_area_mm2: f64,
+    /// Asked area that at least one kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// Asked area that at least one kept candidate measures, the cell's reach ignored.
+    pub optically_coverable_area_mm2: f64,
+    /// Asked area that at least one chosen view measures.
+    pub measured_area_mm2: f64,
+    /// Measured area by grade A, B, C, D.
+    pub grade_area_mm2: [f64; 4],
+    /// Measured area after 1, 2, … views.
+    pub curve_area_mm2: Vec<f64>,
+    /// Coverage of each region of interest and feature.
+    pub regions: Vec<RegionCoverage>,
+    /// Coverage on samples that the views were not chosen on: the figure to trust.
+    pub independent: Independent,
+    /// Coverage on these samples with poses that are off; with `robust.pose_error`.
+    pub robust: Option<Robust>,
+    /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
+    pub pixel_set_area_mm2: Option<f64>,
+}
+
+/// Coverage of a region, counting only what is measured as well as is asked there.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RegionCoverage {
+    /// Its name.
+    pub name: String,
+    /// Its asked area.
+    pub asked_area_mm2: f64,
+    /// Part of the asked area that some kept candidate measures.
+    pub coverable_area_mm2: f64,
+    /// Part of the asked area that the chosen views measure.
+    pub measured_area_mm2: f64,
+    /// Share of the asked area that was to be measured.
+    pub target: Option<f64>,
+}
+
+impl Coverage {
+    /// Measured share of the asked area; 0 when nothing is asked.
+    #[must_use]
+    pub fn of_asked(&self) -> f64 {
+        share(self.measured_area_mm2, self.asked_area_mm2)
+    }
+
+    /// Measured share of the coverable area.
+    #[must_use]
+    pub fn of_coverable(&self) -> f64 {
+        share(self.measured_area_mm2, self.coverable_area_mm2)
+    }
+
+    /// Measured share of the whole surface.
+    #[must_use]
+    pub fn of_total(&self) -> f64 {
+        share(self.measured_area_mm2, self.total_area_mm2)
+    }
+}
+
+/// `part / whole`, 0 where there is no whole.
+pub(crate) fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+/// One chosen view.
+#[derive(Clone, Debug)]
+pub struct PlannedView {
+    /// Number in the order chosen.
+    pub id: ViewId,
+    /// The candidate it was.
+    pub candidate: CandidateId,
+    /// Setup of the plan that it is taken in, from 0.
+    pub setup: usize,
+    /// Side of the part that it looks at.
+    pub label: Label,
+    /// Its pose.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Share of the asked area that it added when chosen.
+    pub gain_of_asked: f64,
+    /// Its score when chosen.
+    pub score: f64,
+    /// Station from which the cell takes it; `None` without a cell, or when rejected.
+    pub station: Option<Station>,
+    /// Posture, singularity and clearance of the arm there.
+    pub stance: Option<Stance>,
+    /// Cause for which it measures nothing, if so.
+    pub rejected: Option<Cause>,
+}
+
+/// Posture, singularity and clearance of an arm at a station.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stance {
+    /// Arm configuration.
+    pub posture: Posture,
+    /// Distance from singularity, 0 at one ([`crate::cell::Kinematics::singularity_margin`]).
+    pub singularity_margin: f64,
+    /// Distance of the two bodies that are nearest to each other, mm; `None` where all are farther apart than a clearance
+    /// may be asked for.
+    pub clearance_mm: Option<f64>,
+}
+
+impl Stance {
+    /// Evaluates a robot at a station.
+    #[must_use]
+    pub fn of(robot: &Robot, station: &Station, clearance_mm: Option<f64>) -> Self {
+        let joints_rad = &station.joints_rad;
+        Self {
+            posture: robot.kinematics.posture(joints_rad),
+            singularity_margin: robot.kinematics.singularity_margin(joints_rad),
+            clearance_mm,
+        }
+    }
+}
+
+/// Area missed for one cause.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MissedCause {
+    /// The cause.
+    pub cause: Cause,
+    /// Area of its samples.
+    pub area_mm2: f64,
+    /// Connected spots, largest first.
+    pub spots: Vec<MissedSpot>,
+}
+
+/// A connected patch of surface missed for one cause.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MissedSpot {
+    /// Missed area in it.
+    pub area_mm2: f64,
+    /// Area-weighted centre, part frame.
+    pub centre_mm: Point3<f64>,
+    /// Size of the box around it along the part's axes, whole patches counted.
+    pub extent_mm: Vector3<f64>,
+    /// Faces of the uploaded file that it touches, ascending.
+    pub source_faces: Vec<u32>,
+    /// Remedy; `None` where none was sought: only the largest spots are tried.
+    pub remedy: Option<Remedy>,
+}
+
+/// A plan and what is known of each sample: input of reports, listings and pictures.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The plan.
+    pub plan: Plan,
+    /// Patches and samples planned on.
+    pub surface: Surface,
+    /// Verdict on each sample.
+    pub verdicts: Vec<Verdict>,
+    /// Samples that each chosen view measures, with its quality at each.
+    pub measured_by_view: Vec<Row>,
+    /// Number of chosen views that hit each triangle planned on with a pixel of each device; with
+    /// `visibility.pixel_set`.
+    pub pixel_views: Option<Vec<u32>>,
+}

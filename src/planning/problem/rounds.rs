@@ -1,0 +1,136 @@
+//! The candidates in rounds: those of the strategies that know the part alone, with their stations and what they measure;
+//! then those that build on that, examined in the same way and added. What no candidate that the cell can use measures
+//! counts as uncovered.
+
+use super::evaluated::{EvaluatedCandidates, is_usable};
+use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::planning::candidates::{self, CandidateSet, OpenSamples, Rejection, Scope};
+use crate::planning::context::{Cancelled, Context, PlanError, Stage};
+use crate::planning::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
+use crate::planning::scene::PlanningScene;
+use crate::planning::selection::{self, CoverProblem};
+use crate::planning::visibility::{self, Occluders, VisibilityMatrix};
+
+/// A targeted view is worth keeping for this share of the open area.
+const MIN_GAIN_OF_OPEN: f64 = 0.001;
+
+/// Inputs that all rounds share.
+pub(super) struct Rounds<'a> {
+    pub(super) scope: Scope<'a>,
+    pub(super) params: &'a PlanParams,
+    pub(super) occluders: &'a Occluders,
+    pub(super) scene: Option<&'a PlanningScene<'a>>,
+    /// Area of each sample, 0 where it is not asked for.
+    pub(super) asked_area_mm2: &'a [f64],
+}
+
+impl Rounds<'_> {
+    /// Runs every round that the strategies ask for.
+    ///
+    /// # Errors
+    /// The errors of [`candidates::generate`].
+    pub(super) fn run(&self, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
+        let params = &self.params.candidates;
+        ctx.begin(Stage::Candidates)?;
+        let mut evaluated = self.evaluate(candidates::generate(&self.scope, params, ctx)?, ctx)?;
+        let rounds = if params.uses(Strategy::Iterative) { params.iterative_rounds } else { 0 };
+        for round in 0..rounds {
+            ctx.begin(Stage::Candidates)?;
+            let best = self.best_so_far(&evaluated, ctx)?;
+            let more = candidates::around_best(&self.scope, params, &best, round, ctx)?;
+            evaluated.append(self.evaluate(more, ctx)?);
+        }
+        if params.uses(Strategy::Targeted) {
+            let targeted = self.targeted(&evaluated, ctx)?;
+            evaluated.append(targeted);
+        }
+        evaluated.drop_what_measures_nothing(self.asked_area_mm2);
+        Ok(evaluated)
+    }
+
+    /// Evaluates candidates: their stations, and the samples that each measures.
+    fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
+        let candidates = self.scene.iter().fold(candidates, |candidates, scene| scene.drop_inside_obstacles(candidates));
+        let poses: Vec<_> = candidates.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+        ctx.begin(Stage::Stations)?;
+        let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;
+        ctx.begin(Stage::Visibility)?;
+        let usable: Vec<bool> = (0..poses.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
+        let (surface, scanner) = (self.scope.surface, self.scope.scanner);
+        let matrix = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
+        Ok(EvaluatedCandidates { candidates, matrix, reach })
+    }
+
+    /// The views that greedy would take for plain area.
+    fn best_so_far(
+        &self,
+        evaluated: &EvaluatedCandidates,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Pose<Part, ScannerFrame>>, Cancelled> {
+        let target = self.params.selection.target;
+        let params = SelectionParams { target, max_views: self.params.selection.max_views, ..for_area() };
+        let best = self.fewest(evaluated, true, self.asked_area_mm2, &params, ctx)?;
+        Ok(best.into_iter().map(|kept| evaluated.candidates.kept[kept].part_from_scanner).collect())
+    }
+
+    /// Views of what is open, as few as it takes. Those that the cell cannot take are added for what is then still open:
+    /// they tell that reach, and not the part's shape, is what is missing.
+    fn targeted(&self, so_far: &EvaluatedCandidates, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
+        ctx.begin(Stage::Candidates)?;
+        let mut area_mm2 = self.asked_area_mm2.to_vec();
+        so_far.usable().for_each(|kept| close(&mut area_mm2, &so_far.matrix, kept));
+        let samples: Vec<u32> = (0_u32..).zip(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
+        let incidence_max_rad = [0, 1, 2].map(|d| self.params.limits.incidence_max_rad(&self.scope.scanner.devices[d]));
+        let open = OpenSamples { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
+        let (already, params) = (so_far.candidates.generated, &self.params.candidates);
+        let mut proposed = self.evaluate(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
+        let mut needed = vec![false; proposed.candidates.kept.len()];
+        let mut left = params.targeted_max;
+        for usable in [true, false] {
+            let params = SelectionParams { min_growth: MIN_GAIN_OF_OPEN, max_views: Some(left), ..for_area() };
+            for kept in self.fewest(&proposed, usable, &area_mm2, &params, ctx)? {
+                close(&mut area_mm2, &proposed.matrix, kept);
+                needed[kept] = true;
+                left -= 1;
+            }
+        }
+        proposed.drop_where(|kept| (!needed[kept]).then_some(Rejection::NotNeeded));
+        Ok(proposed)
+    }
+
+    /// Kept candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
+    fn fewest(
+        &self,
+        evaluated: &EvaluatedCandidates,
+        usable: bool,
+        area_mm2: &[f64],
+        params: &SelectionParams,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<usize>, Cancelled> {
+        let all = 0..evaluated.candidates.kept.len();
+        let among: Vec<usize> = all.filter(|kept| is_usable(evaluated.reach.as_ref(), *kept) == usable).collect();
+        if among.is_empty() || params.max_views == Some(0) {
+            return Ok(Vec::new());
+        }
+        let rows = among.iter().map(|kept| &evaluated.matrix.rows[*kept]).collect();
+        let cover = CoverProblem::new(rows, area_mm2, area_mm2.iter().sum(), params);
+        let choices = selection::greedily(&cover, params, &self.params.score, ctx)?;
+        Ok(choices.iter().map(|choice| among[choice.row]).collect())
+    }
+}
+
+/// Greedy for all the area that can be had.
+fn for_area() -> SelectionParams {
+    SelectionParams {
+        solver: Solver::Greedy,
+        objective: Objective::Coverage,
+        target: 1.0,
+        target_of: TargetOf::Coverable,
+        ..SelectionParams::default()
+    }
+}
+
+/// Marks the samples measured by `kept` as covered.
+fn close(area_mm2: &mut [f64], matrix: &VisibilityMatrix, kept: usize) {
+    matrix.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
+}

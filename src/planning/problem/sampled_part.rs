@@ -1,0 +1,109 @@
+//! A part in samples, and the way from there to the view planning problem.
+
+use super::evaluated::EvaluatedCandidates;
+use super::robust_rows::{self, VisibilityInput};
+use super::rounds::Rounds;
+use crate::geometry::{Part, Pose, Table};
+use crate::planning::candidates::{self, Scope};
+use crate::planning::context::{Context, PlanError, Stage};
+use crate::planning::estimate::Estimate;
+use crate::planning::params::PlanParams;
+use crate::planning::scene::{self, PlanInput, PlanningScene};
+use crate::planning::setups::{self, Setup};
+use crate::planning::surface::{Surface, check_asked, requirements};
+use crate::planning::visibility::{Occluders, Row};
+
+/// A part in samples, before it is known how it lies.
+pub(in crate::planning) struct SampledPart {
+    /// Defaults resolved.
+    pub(in crate::planning) params: PlanParams,
+    pub(in crate::planning) surface: Surface,
+    /// Area of each sample, 0 where it is not asked for.
+    pub(in crate::planning) asked_area_mm2: Vec<f64>,
+    /// The part without a plate; with several setups, since none of their plates stands in all.
+    alone: Option<Occluders>,
+}
+
+/// The candidates of all setups.
+pub(in crate::planning) struct EvaluatedSetups {
+    pub(in crate::planning) evaluated: EvaluatedCandidates,
+    /// Rows that views are chosen by where they shall tolerate errors, see [`robust_rows::rows`].
+    pub(in crate::planning) robust_rows: Option<Vec<Row>>,
+}
+
+impl SampledPart {
+    /// Cuts the part into patches and samples, once the estimate of the plan is within its allowance.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
+        params.check().map_err(PlanError::BadParams)?;
+        ctx.check()?;
+        Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
+        let mut params = scene::resolve(params, input);
+        ctx.begin(Stage::Surface)?;
+        let surface = requirements::sampled(input.mesh, &params, params.seed, ctx)?;
+        let asked_area_mm2 = surface.asked_area_mm2();
+        check_asked(&asked_area_mm2)?;
+        let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
+        params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);
+        let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
+        Ok(Self { params, surface, asked_area_mm2, alone })
+    }
+
+    /// The setups to plan in, with everything that hides a sample or hinders the robot in each.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn setups<'a>(
+        &'a self,
+        input: &PlanInput<'a>,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Setup<'a>>, PlanError> {
+        let poses = setups::poses(input, &self.params, ctx)?.into_iter();
+        let setup = |table_from_part| {
+            let plate = input.cell.map(|cell| scene::plate(cell, &table_from_part));
+            let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
+            let occluders = Occluders::interruptible(occluders, ctx)?;
+            input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
+            let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part)).transpose()?;
+            Ok(Setup { table_from_part, occluders, scene })
+        };
+        poses.map(setup).collect()
+    }
+
+    /// Every candidate with its stations and what it measures, the setups' candidates one after another.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn evaluate(
+        &self,
+        input: &PlanInput<'_>,
+        setups: &[Setup<'_>],
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedSetups, PlanError> {
+        let mut all =
+            EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
+        for (number, setup) in setups.iter().enumerate() {
+            let scope = scope(input, &self.surface, setup.table_from_part, self.params.seed);
+            let (params, occluders, scene) = (&self.params, &setup.occluders, setup.scene.as_ref());
+            let rounds = Rounds { scope, params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 };
+            let evaluated = rounds.run(ctx)?.in_setup(number);
+            let visibility = VisibilityInput { surface: &self.surface, scanner: input.scanner, occluders, params };
+            if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
+                all.robust_rows.get_or_insert_default().extend(rows);
+            }
+            all.evaluated.append(evaluated);
+        }
+        Ok(all)
+    }
+
+    /// Occluders of views of any setup: with several, the part alone. A plate hides nothing from above it.
+    pub(in crate::planning) fn occluders<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a Occluders {
+        self.alone.as_ref().filter(|_| setups.len() > 1).unwrap_or(&setups[0].occluders)
+    }
+}
+
+fn scope<'a>(input: &PlanInput<'a>, surface: &'a Surface, table_from_part: Pose<Table, Part>, seed: u64) -> Scope<'a> {
+    Scope { part: input.mesh, surface, scanner: input.scanner, cell: input.cell, table_from_part, seed }
+}

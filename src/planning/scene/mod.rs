@@ -1,0 +1,129 @@
+//! The planning scene: a cell with the part on its plate, and everything that a plan asks of the two. The input of a plan and
+//! its defaults stand here too, since both depend on the presence of a cell.
+
+mod defaults;
+mod input;
+mod placement;
+
+pub(super) use defaults::resolve;
+pub use defaults::resting;
+pub use input::PlanInput;
+pub(super) use placement::{check as check_placement, plate};
+
+use super::candidates::{Candidate, CandidateSet, Rejection};
+use super::context::{Cancelled, Context, PlanError};
+use super::params::PlanParams;
+use super::selection::ViewId;
+use super::sequence::{self, Ordered, Permits, Roadmaps};
+use super::stations::{self, Station, StationFailure};
+use crate::cell::{Cell, CollisionScene, Configuration, Contact, Separation};
+use crate::geometry::{Part, Pose, ScannerFrame, Table};
+
+/// Largest separation that is measured, mm: as far as a clearance may be asked for.
+const MAX_SEPARATION_MM: f64 = 200.0;
+
+/// Stations of every kept candidate, or why it has none.
+pub(super) type Reach = Vec<Result<Vec<Station>, StationFailure>>;
+
+/// A cell with the part on its plate.
+pub(super) struct PlanningScene<'a> {
+    cell: &'a Cell,
+    scene: CollisionScene,
+    table_from_part: Pose<Table, Part>,
+    params: &'a PlanParams,
+    roadmaps: Option<&'a Roadmaps>,
+}
+
+impl<'a> PlanningScene<'a> {
+    /// # Errors
+    /// [`PlanError::BadParams`] when part or fixture meets what stands around or below the table.
+    pub(super) fn new(
+        cell: &'a Cell,
+        input: &PlanInput<'a>,
+        params: &'a PlanParams,
+        table_from_part: Pose<Table, Part>,
+    ) -> Result<Self, PlanError> {
+        let clearance_mm = params.motion.clearance_mm;
+        let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
+        match scene.placement_contact() {
+            Some(contact) => {
+                let detail = format!("lets {contact} meet; move the part, or what it meets");
+                Err(PlanError::param("/part/table_from_part", detail))
+            }
+            None => Ok(Self { cell, scene, table_from_part, params, roadmaps: input.roadmaps }),
+        }
+    }
+
+    /// Drops candidates that lie inside a standing body at every table angle.
+    pub(super) fn drop_inside_obstacles(&self, mut generated: CandidateSet) -> CandidateSet {
+        let inside = |candidate: &Candidate| {
+            stations::inside_obstacle(&candidate.part_from_scanner, self.cell, &self.scene, &self.table_from_part)
+        };
+        let (dropped, kept): (Vec<_>, Vec<_>) = generated.kept.into_iter().partition(inside);
+        generated.rejected.extend(dropped.iter().map(|candidate| (candidate.id, Rejection::InsideObstacle)));
+        generated.kept = kept;
+        generated
+    }
+
+    /// Stations of every view.
+    pub(super) fn reach(&self, views: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Reach, Cancelled> {
+        stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
+    }
+
+    /// Returns true if the cell can execute this one view: from a station free of collision, to which a path leads.
+    pub(super) fn can_execute(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
+        let ctx = ctx.silent();
+        let reach = self.reach(&[*view], &ctx)?;
+        let Some(Ok(stations)) = reach.first() else { return Ok(false) };
+        Ok(self.order(&[(ViewId(0), stations)], false, &ctx)?.no_path.is_empty())
+    }
+
+    /// Order and paths through `views`; see [`sequence::order`].
+    pub(super) fn order(
+        &self,
+        views: &[(ViewId, &[Station])],
+        require_all: bool,
+        ctx: &Context<'_>,
+    ) -> Result<Ordered, Cancelled> {
+        sequence::order(views, self.cell, &self.scene, self.params, self.roadmaps, require_all, ctx)
+    }
+
+    /// Adds the bound to a sequence; see [`sequence::bounded`].
+    pub(super) fn bounded(&self, ordered: Ordered, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
+        sequence::bounded(ordered, self.cell, self.params, ctx)
+    }
+
+    /// Rolls views of a sequence; see [`sequence::roll`].
+    pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut Permits<'_>) -> Result<Ordered, Cancelled> {
+        sequence::roll(ordered, self.cell, &self.scene, self.params, permits, ctx)
+    }
+
+    /// The two bodies that keep the cell from a view, and the segment on which they do: the straight way to the first of its
+    /// stations, or, where it has none, a single place: the station nearest to home that the arm could take but for
+    /// collision. `None` where it takes the view, or could not reach it.
+    pub(super) fn where_it_fails(
+        &self,
+        view: &Pose<Part, ScannerFrame>,
+        stations: &[Station],
+    ) -> Option<(Contact, [Configuration; 2])> {
+        let ends = match stations.first() {
+            Some(station) => [self.cell.home_rad, station.configuration()],
+            None => [stations::nearest_ik_solution(view, self.cell, &self.scene, &self.table_from_part)?; 2],
+        };
+        Some((self.scene.check_segment(&ends[0], &ends[1])?, ends))
+    }
+
+    /// Configuration on a segment at which two bodies are nearest to or deepest in each other.
+    pub(super) fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2]) -> Option<(Configuration, Separation)> {
+        self.scene.nearest_on(bodies, ends, MAX_SEPARATION_MM)
+    }
+
+    /// Distance of what is nearest to each other at a station; `None` beyond [`MAX_SEPARATION_MM`].
+    pub(super) fn clearance_mm(&self, station: &Station) -> Option<f64> {
+        self.scene.nearest(&station.configuration(), MAX_SEPARATION_MM).map(|separation| separation.distance_mm)
+    }
+
+    pub(super) fn cell(&self) -> &Cell {
+        self.cell
+    }
+}

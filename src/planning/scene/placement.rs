@@ -1,0 +1,69 @@
+//! Checks of the part's placement: poses are refused that would make every figure of a plan meaningless. The plate hides what
+//! lies behind it from below. Table frame, millimetres.
+
+use nalgebra::{Point3, Vector3};
+
+use super::PlanInput;
+use crate::cell::Cell;
+use crate::geometry::{Mesh, Part, Pose, Table};
+use crate::planning::context::PlanError;
+
+/// Depth to which a part may reach into the plate: more than meshes and poses are rounded by.
+const SUNK_MM: f64 = 0.1;
+/// Height above the plate at which the lowest point may be without a fixture.
+const FLOATING_MM: f64 = 1.0;
+/// Distance below its upper face at which the plate occludes, so that it does not hide what rests on it.
+const BELOW_FACE_MM: f64 = 0.05;
+/// Triangles of the disc.
+const SECTORS: u32 = 96;
+
+/// Refuses a part that reaches into the plate, floats above it or stands beside it.
+///
+/// # Errors
+/// [`PlanError::BadParams`] at `/part/table_from_part`.
+pub(in crate::planning) fn check(
+    cell: &Cell,
+    input: &PlanInput<'_>,
+    table_from_part: &Pose<Table, Part>,
+) -> Result<(), PlanError> {
+    let refuse = |detail: String| Err(PlanError::param("/part/table_from_part", detail));
+    let radius_mm = cell.turntable.plate_radius_mm;
+    let vertices = || input.mesh.vertices_mm.iter().map(|p| table_from_part.point(p));
+    let lowest_mm = |points: &mut dyn Iterator<Item = Point3<f64>>| points.map(|p| p.z).fold(f64::INFINITY, f64::min);
+    let over_plate_mm = lowest_mm(&mut vertices().filter(|p| p.xy().coords.norm() <= radius_mm));
+    if over_plate_mm < -SUNK_MM {
+        return refuse(format!("sinks the part {:.3} mm into the plate; allowed is {SUNK_MM} mm", -over_plate_mm));
+    }
+    if input.fixture.is_some() {
+        return Ok(());
+    }
+    let bottom_mm = lowest_mm(&mut vertices());
+    if bottom_mm > FLOATING_MM {
+        return refuse(format!(
+            "leaves the part {bottom_mm:.3} mm above the plate; allowed is {FLOATING_MM} mm without a fixture (part.fixture_mesh)"
+        ));
+    }
+    let standing: Vec<_> = vertices().filter(|p| p.z <= bottom_mm + FLOATING_MM).map(|p| p.xy().coords).collect();
+    let middle = standing.iter().sum::<nalgebra::Vector2<f64>>() / standing.len() as f64;
+    if middle.norm() > radius_mm {
+        return refuse(format!(
+            "stands the part {:.1} mm from the table's axis, beside the plate (radius {radius_mm} mm)",
+            middle.norm()
+        ));
+    }
+    Ok(())
+}
+
+/// The plate's upper face as an occluder, in the part frame.
+pub(in crate::planning) fn plate(cell: &Cell, table_from_part: &Pose<Table, Part>) -> Mesh {
+    let part_from_table = table_from_part.inverse();
+    let rim = |sector: u32| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(sector) / f64::from(SECTORS)).sin_cos();
+        Vector3::new(cos, sin, 0.0) * cell.turntable.plate_radius_mm
+    };
+    let down = Vector3::new(0.0, 0.0, -BELOW_FACE_MM);
+    let points = (0..SECTORS).map(rim).chain([Vector3::zeros()]);
+    let vertices_mm = points.map(|p| part_from_table.point(&Point3::from(p + down))).collect();
+    let faces: Vec<_> = (0..SECTORS).map(|sector| [SECTORS, sector, (sector + 1) % SECTORS]).collect();
+    Mesh { vertices_mm, source_face: (0..SECTORS).collect(), faces, groups: Vec::new() }
+}

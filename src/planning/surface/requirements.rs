@@ -1,0 +1,211 @@
+//! Requirements of each sample beyond being measured at all: a weight, incidence limits, a grade, and for toleranced
+//! features a limit of the expected noise and of the distance between points.
+//!
+//! **Expected noise** of a point at depth z, seen under the incidence i against the direction to the viewpoint:
+//!
+//! σ(z, i) = σ_F · (1 + g · ((z − F) / D)²) / cos i
+//!
+//! with F the best focus, D the half range of the working depth on that side of F, σ_F `noise.best_mm` and g
+//! `noise.depth_gain`. It has the shape that Prieto found for range sensors (F. Prieto, T. Redarce, P. Boulanger, R. Lepage
+//! 1999, *CAD-based range sensor placement for optimum 3D data acquisition*): U-shaped in distance with its least value at
+//! the focus, and growing without bound towards grazing incidence, here as the footprint of a pixel does. A feature of
+//! tolerance T is measured where 4 σ ≤ `noise.budget` · T: the expanded uncertainty, k = 2, to both sides (JCGM 100:2008,
+//! 6.2; VDA Volume 5). The distance between its points is z / (f · cos i), f the smallest focal length of the cameras in
+//! pixels. Features of a finer tolerance count more in the score: the coarsest tolerance of the job over their own.
+//!
+//! Memory: one byte a sample. Cost: O(samples · regions), once.
+
+use std::collections::HashMap;
+
+use nalgebra::Point3;
+
+use super::{RegionFinder, Surface, sample_for};
+use crate::cell::FieldError;
+use crate::geometry::Mesh;
+use crate::planning::context::{Context, PlanError};
+use crate::planning::params::{InterestParams, PlanParams};
+use crate::planning::verdict::Grade;
+
+#[cfg(test)]
+mod tests;
+
+/// Largest weight of a finer tolerance beside the coarsest.
+const MAX_WEIGHT: f64 = 100.0;
+/// Standard deviations that an expanded uncertainty of k = 2 spans to both sides.
+const SIGMAS: f64 = 4.0;
+
+/// Requirements of some samples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Requirement {
+    /// Numbers of the regions that hold them: regions of interest, then features.
+    pub regions: Vec<usize>,
+    /// Weight of their area in the score.
+    pub weight: f64,
+    /// Own limit of the cameras' incidence, rad.
+    pub camera_max_rad: Option<f64>,
+    /// Own limit of the projector's incidence, rad.
+    pub projector_max_rad: Option<f64>,
+    /// Worst grade that counts.
+    pub min_grade: Option<Grade>,
+    /// Largest expected noise, mm.
+    pub noise_max_mm: Option<f64>,
+    /// Largest distance between measured points, mm.
+    pub spacing_max_mm: Option<f64>,
+}
+
+/// Requirements by sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Requirements {
+    /// The kinds that there are; the first is what is asked outside all regions.
+    pub kinds: Vec<Requirement>,
+    /// Kind of each sample; empty where all are of the first.
+    of_sample: Vec<u8>,
+}
+
+impl Default for Requirements {
+    /// A requirement of nothing beyond being measured.
+    fn default() -> Self {
+        Self { kinds: vec![Requirement { weight: 1.0, ..Requirement::default() }], of_sample: Vec::new() }
+    }
+}
+
+/// A region with a name and a target of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedRegion {
+    /// Name in plan and report.
+    pub name: String,
+    /// Share of its asked area that is to be measured.
+    pub target: Option<f64>,
+}
+
+/// The regions of a job in the order of their numbers.
+#[must_use]
+pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
+    let named = |name: &Option<String>, kind: &str, index: usize| name.clone().unwrap_or_else(|| format!("{kind} {}", index + 1));
+    let interest = params.regions.interest.iter().enumerate();
+    let features = params.regions.features.iter().enumerate();
+    interest
+        .map(|(index, region)| NamedRegion { name: named(&region.name, "interest", index), target: region.target })
+        .chain(
+            features.map(|(index, feature)| NamedRegion { name: named(&feature.name, "feature", index), target: feature.target }),
+        )
+        .collect()
+}
+
+/// The samples of a part, after [`super::resolve`], with what is asked of them.
+///
+/// # Errors
+/// The errors of [`sample_for`] and [`Requirements::new`].
+pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64, ctx: &Context<'_>) -> Result<Surface, PlanError> {
+    let mut surface = sample_for(mesh, &params.part, &params.regions, seed, ctx)?;
+    surface.requirements = Requirements::new(mesh, &surface, params).map_err(PlanError::BadParams)?;
+    Ok(surface)
+}
+
+impl Requirements {
+    /// Applies `params` to the samples of `surface`.
+    ///
+    /// # Errors
+    /// Regions that the mesh does not have; more than 255 ways in which regions overlap.
+    pub fn new(mesh: &Mesh, surface: &Surface, params: &PlanParams) -> Result<Self, Vec<FieldError>> {
+        let mut requirements = Self::default();
+        requirements.kinds[0].min_grade = params.selection.min_grade;
+        let (interest, features) = (&params.regions.interest, &params.regions.features);
+        if interest.is_empty() && features.is_empty() {
+            return Ok(requirements);
+        }
+        let interest = interest.iter().enumerate().map(|(i, region)| (format!("/regions/interest/{i}/region"), &region.region));
+        let features = features.iter().enumerate().map(|(i, region)| (format!("/regions/features/{i}/region"), &region.region));
+        let finders =
+            interest.chain(features).map(|(at, region)| RegionFinder::new(mesh, region, &at)).collect::<Result<Vec<_>, _>>()?;
+        let mut kind_of: HashMap<Vec<usize>, u8> = HashMap::from([(Vec::new(), 0)]);
+        for (sample, p) in surface.sample_mm.iter().enumerate() {
+            let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
+            let kind = match kind_of.entry(holding(&finders, source_face, p)) {
+                std::collections::hash_map::Entry::Occupied(known) => *known.get(),
+                std::collections::hash_map::Entry::Vacant(new) => {
+                    let kind = u8::try_from(requirements.kinds.len()).map_err(|_| too_many_overlaps())?;
+                    requirements.kinds.push(Requirement::of_regions(new.key(), params));
+                    *new.insert(kind)
+                }
+            };
+            requirements.of_sample.push(kind);
+        }
+        Ok(requirements)
+    }
+
+    /// Number of a sample's kind.
+    #[must_use]
+    pub fn kind(&self, sample: usize) -> u8 {
+        self.of_sample.get(sample).copied().unwrap_or(0)
+    }
+
+    /// The requirement of a sample.
+    #[must_use]
+    pub fn of(&self, sample: usize) -> &Requirement {
+        &self.kinds[usize::from(self.kind(sample))]
+    }
+
+    /// Returns true if any sample has to be measured well, not only at all.
+    #[must_use]
+    pub fn any_requires_quality(&self) -> bool {
+        self.kinds.iter().any(Requirement::requires_quality)
+    }
+}
+
+fn holding(finders: &[RegionFinder<'_>], source_face: u32, p: &Point3<f64>) -> Vec<usize> {
+    (0..finders.len()).filter(|region| finders[*region].holds(source_face, p)).collect()
+}
+
+fn too_many_overlaps() -> Vec<FieldError> {
+    let detail = "and /regions/features overlap in more than 255 ways; use fewer or disjoint regions".to_owned();
+    vec![FieldError { pointer: "/regions/interest".to_owned(), detail }]
+}
+
+impl Requirement {
+    /// Returns true if being measured is not enough.
+    #[must_use]
+    pub fn requires_quality(&self) -> bool {
+        self.min_grade.is_some_and(|grade| grade != Grade::D) || self.noise_max_mm.is_some() || self.spacing_max_mm.is_some()
+    }
+
+    /// Combines a set of regions: the greatest weight, the strictest limits.
+    fn of_regions(regions: &[usize], params: &PlanParams) -> Self {
+        let (interest, features) = (&params.regions.interest, &params.regions.features);
+        let coarsest_mm = features.iter().map(|feature| feature.tolerance_mm).fold(0.0, f64::max);
+        let mut requirement = Self { regions: regions.to_vec(), weight: f64::NEG_INFINITY, ..Self::default() };
+        for &region in regions {
+            match region.checked_sub(interest.len()) {
+                None => requirement.tighten(&interest[region]),
+                Some(feature) => {
+                    let feature = &features[feature];
+                    let noise_max_mm = params.regions.noise.budget * feature.tolerance_mm / SIGMAS;
+                    requirement.weight = requirement.weight.max((coarsest_mm / feature.tolerance_mm).min(MAX_WEIGHT));
+                    requirement.noise_max_mm = stricter(requirement.noise_max_mm, Some(noise_max_mm));
+                    requirement.spacing_max_mm = stricter(requirement.spacing_max_mm, feature.point_spacing_mm);
+                }
+            }
+        }
+        // A is the least grade: the better of two is the stricter.
+        requirement.min_grade = requirement.min_grade.or(params.selection.min_grade);
+        requirement
+    }
+
+    fn tighten(&mut self, interest: &InterestParams) {
+        self.weight = self.weight.max(interest.weight);
+        self.camera_max_rad = stricter(self.camera_max_rad, interest.camera_deg.map(f64::to_radians));
+        self.projector_max_rad = stricter(self.projector_max_rad, interest.projector_deg.map(f64::to_radians));
+        self.min_grade = match (self.min_grade, interest.min_grade) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        };
+    }
+}
+
+/// The smaller of two limits, where there are any.
+fn stricter(a: Option<f64>, b: Option<f64>) -> Option<f64> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.min(b)),
+        (a, b) => a.or(b),
+    }
+}

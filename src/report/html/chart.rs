@@ -1,0 +1,99 @@
+//! Coverage after each view, as an inline SVG: measured share of the asked area over the number of views, with the coverable
+//! share as a ceiling. Colours come from the page, so that the chart follows light and dark themes.
+
+use std::fmt::Write;
+
+use super::markup::{number, percent};
+use crate::planning::plan::{Coverage, share};
+
+const WIDTH: f64 = 680.0;
+const HEIGHT: f64 = 300.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 24.0;
+const TOP: f64 = 20.0;
+const BOTTOM: f64 = 52.0;
+/// Max labels along the axis of views.
+const MAX_TICKS: usize = 12;
+
+/// The chart; empty if no view was chosen.
+pub(super) fn curve(coverage: &Coverage) -> String {
+    let shares: Vec<f64> = coverage.curve_area_mm2.iter().map(|area_mm2| share(*area_mm2, coverage.asked_area_mm2)).collect();
+    let Some(last) = shares.last() else { return String::new() };
+    let chart = Chart { views: shares.len() };
+    let mut svg = format!(
+        "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"Measured share of the asked area after \
+         each of {} views, ending at {}\">\n",
+        shares.len(),
+        percent(*last)
+    );
+    chart.axes(&mut svg);
+    chart.ceiling(&mut svg, share(coverage.coverable_area_mm2, coverage.asked_area_mm2));
+    chart.line(&mut svg, &shares);
+    svg.push_str("</svg>\n");
+    svg
+}
+
+struct Chart {
+    views: usize,
+}
+
+// Writing to a String cannot fail; `let _ =` below says so.
+impl Chart {
+    fn x(&self, view: usize) -> f64 {
+        LEFT + (WIDTH - LEFT - RIGHT) * view as f64 / self.views as f64
+    }
+
+    fn y(share: f64) -> f64 {
+        TOP + (HEIGHT - TOP - BOTTOM) * (1.0 - share)
+    }
+
+    fn axes(&self, svg: &mut String) {
+        let right = WIDTH - RIGHT;
+        for fifth in 0..=5 {
+            let share = f64::from(fifth) / 5.0;
+            let y = Self::y(share);
+            let _ = writeln!(svg, "<line class=\"grid\" x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\"/>");
+            let (x, y) = (LEFT - 8.0, y + 4.0);
+            let _ = writeln!(svg, "<text x=\"{x}\" y=\"{y:.1}\" text-anchor=\"end\">{}</text>", number(share * 100.0, 0));
+        }
+        let step = self.views.div_ceil(MAX_TICKS);
+        for view in (0..=self.views).step_by(step) {
+            let (x, y) = (self.x(view), Self::y(0.0) + 18.0);
+            let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{view}</text>");
+        }
+        let (x, y) = ((LEFT + right) / 2.0, HEIGHT - 12.0);
+        let _ = writeln!(svg, "<text class=\"axis\" x=\"{x}\" y=\"{y}\" text-anchor=\"middle\">number of views</text>");
+        let y = Self::y(0.5);
+        let _ = writeln!(
+            svg,
+            "<text class=\"axis\" transform=\"translate(18 {y:.1}) rotate(-90)\" text-anchor=\"middle\">measured, % of the asked \
+             area</text>"
+        );
+    }
+
+    fn ceiling(&self, svg: &mut String, coverable: f64) {
+        let (y, right) = (Self::y(coverable), WIDTH - RIGHT);
+        let _ = writeln!(svg, "<line class=\"ceiling\" x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\"/>");
+        let y = y + 16.0;
+        let _ = writeln!(svg, "<text x=\"{}\" y=\"{y:.1}\">coverable {}</text>", LEFT + 6.0, percent(coverable));
+    }
+
+    fn line(&self, svg: &mut String, shares: &[f64]) {
+        let points: Vec<(f64, f64)> =
+            std::iter::once(&0.0).chain(shares).enumerate().map(|(view, share)| (self.x(view), Self::y(*share))).collect();
+        let path: Vec<String> = points.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect();
+        let _ = writeln!(svg, "<polyline class=\"curve\" points=\"{}\"/>", path.join(" "));
+        for ((x, y), (share, views)) in points[1..].iter().zip(shares.iter().zip(1usize..)) {
+            let _ = writeln!(
+                svg,
+                "<circle class=\"curve\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\"><title>{views}: {}</title></circle>",
+                percent(*share)
+            );
+        }
+        if let (Some((x, y)), Some(share)) = (points.last(), shares.last()) {
+            let (x, y) = (x - 2.0, y + 20.0);
+            let _ =
+                writeln!(svg, "<text class=\"value\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"end\">{}</text>", percent(*share));
+        }
+    }
+}

@@ -1,0 +1,212 @@
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::camera::Camera;
+use super::image::Image;
+use super::markup::{area, duration, escape, number};
+use super::palette::{Ink, MissGroup};
+use super::quantise::quantise;
+use super::renderer::Scene;
+use crate::geometry::{Mesh, Pose};
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::{PartParams, RegionParams};
+use crate::planning::plan::Grade;
+use crate::planning::surface::{self, Surface};
+
+const INK_A: Ink = Ink::Measured(Grade::A);
+const INK_SHADOW: Ink = Ink::Missed(MissGroup::Shadow);
+
+fn mesh_of(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Mesh {
+    Mesh {
+        vertices_mm: vertices.iter().map(|p| Point3::from(*p)).collect(),
+        faces: faces.to_vec(),
+        source_face: (0..).take(faces.len()).collect(),
+        groups: Vec::new(),
+    }
+}
+
+fn surface_of(mesh: &Mesh, patch_edge_mm: f64) -> Surface {
+    let params = PartParams { patch_edge_mm: Some(patch_edge_mm), samples_per_mm2: Some(0.0001), ..PartParams::default() };
+    surface::sample(mesh, &params, &RegionParams::default(), 0).expect("a surface")
+}
+
+fn scene_of<'a>(mesh: &'a Mesh, surface: &'a Surface) -> Scene<'a> {
+    let cancel = AtomicBool::new(false);
+    Scene::new(mesh, surface, &Context::new(&cancel, &Silent)).expect("not cancelled")
+}
+
+/// Looks along +z of the part from its origin, 100 pixels focal length, 80 × 80 pixels.
+fn camera() -> Camera {
+    Camera { camera_from_part: Pose::identity(), size_px: [80, 80], focal_px: 100.0, centre_px: [40.0, 40.0] }
+}
+
+fn pixel(image: &Image, x: usize, y: usize) -> [u8; 4] {
+    image.rgba[y * image.size_px[0] + x]
+}
+
+/// The ink whose colour, dimmed to any brightness, is nearest to a pixel's.
+fn ink_of(pixel: [u8; 4], among: &[Ink]) -> Ink {
+    let unit = |rgb: [u8; 3]| Vector3::from(rgb.map(f64::from)).normalize();
+    let hue = unit([pixel[0], pixel[1], pixel[2]]);
+    *among.iter().max_by(|a, b| unit(a.rgb()).dot(&hue).total_cmp(&unit(b.rgb()).dot(&hue))).expect("inks")
+}
+
+/// A square of ±`half` at depth z that faces the origin, as two triangles.
+fn square(half: f64, z: f64) -> ([[f64; 3]; 4], [[u32; 3]; 2]) {
+    ([[-half, -half, z], [-half, half, z], [half, half, z], [half, -half, z]], [[0, 1, 2], [0, 2, 3]])
+}
+
+#[test]
+fn a_square_covers_exactly_its_pixels() {
+    let (vertices, faces) = square(20.0, 100.0);
+    let mesh = mesh_of(&vertices, &faces);
+    let surface = surface_of(&mesh, 1000.0);
+    let image = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 2]);
+    for (x, y) in (0..80).flat_map(|x| (0..80).map(move |y| (x, y))) {
+        let inside = (20..60).contains(&x) && (20..60).contains(&y);
+        let border = x == 19 || y == 19 || x == 60 || y == 60;
+        let opacity = pixel(&image, x, y)[3];
+        assert!(border || opacity == if inside { 255 } else { 0 }, "opacity {opacity} at {x}, {y}");
+    }
+    assert_eq!(ink_of(pixel(&image, 40, 40), &[INK_A, INK_SHADOW]), INK_A);
+}
+
+#[test]
+fn the_nearer_surface_is_seen_in_either_order() {
+    let ((far, faces), (near, _)) = (square(30.0, 150.0), square(10.0, 100.0));
+    for order in [[far, near], [near, far]] {
+        let vertices: Vec<[f64; 3]> = order.concat();
+        let mesh = mesh_of(&vertices, &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
+        let surface = surface_of(&mesh, 1000.0);
+        let near_first = order[0][0][2] < 120.0;
+        let inks = if near_first { [INK_A, INK_A, INK_SHADOW, INK_SHADOW] } else { [INK_SHADOW, INK_SHADOW, INK_A, INK_A] };
+        let image = scene_of(&mesh, &surface).render(&camera(), &inks);
+        assert_eq!(ink_of(pixel(&image, 40, 40), &[INK_A, INK_SHADOW]), INK_A);
+        assert_eq!(ink_of(pixel(&image, 25, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
+    }
+}
+
+#[test]
+fn inner_sides_are_told_apart_and_coincident_sheets_show_the_facing_one() {
+    let (vertices, faces) = square(20.0, 100.0);
+    let away = faces.map(|[a, b, c]| [a, c, b]);
+    let open = mesh_of(&vertices, &away);
+    let surface = surface_of(&open, 1000.0);
+    let image = scene_of(&open, &surface).render(&camera(), &[INK_A; 2]);
+    assert_eq!(pixel(&image, 40, 40)[..3], Ink::Back.rgb());
+    let sheet = mesh_of(&vertices, &[away[0], away[1], faces[0], faces[1]]);
+    let surface = surface_of(&sheet, 1000.0);
+    let image = scene_of(&sheet, &surface).render(&camera(), &[INK_A; 4]);
+    assert!((22..58).all(|x| ink_of(pixel(&image, x, 33), &[INK_A, Ink::Back]) == INK_A));
+}
+
+#[test]
+fn what_reaches_behind_the_camera_is_cut_and_not_folded_over() {
+    // A floor 10 mm below the camera (+y is down), from behind it to far ahead.
+    let floor = mesh_of(
+        &[[-500.0, 10.0, -300.0], [500.0, 10.0, -300.0], [500.0, 10.0, 900.0], [-500.0, 10.0, 900.0]],
+        &[[0, 1, 2], [0, 2, 3]],
+    );
+    let surface = surface_of(&floor, 5000.0);
+    let image = scene_of(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]);
+    assert!((0..38).all(|y| pixel(&image, 40, y)[3] == 0), "nothing above the horizon");
+    assert!((44..80).all(|y| pixel(&image, 40, y)[3] == 255), "the floor below it");
+}
+
+#[test]
+fn misses_show_through_what_hides_them_and_nothing_else_does() {
+    let ((hidden, faces), (front, _)) = (square(10.0, 150.0), square(30.0, 100.0));
+    let mesh = mesh_of(&[front, hidden].concat(), &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
+    let surface = surface_of(&mesh, 1000.0);
+    let scene = scene_of(&mesh, &surface);
+    let plain = scene.render(&camera(), &[Ink::ByOthers; 4]);
+    let through = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, INK_SHADOW, INK_SHADOW]);
+    assert_eq!(pixel(&through, 20, 40), pixel(&plain, 20, 40), "beside the hidden square");
+    let (seen, covered) = (pixel(&through, 40, 40), pixel(&plain, 40, 40));
+    assert!(seen[0] > seen[1] + 30, "the hidden miss reddens {covered:?} to {seen:?}");
+    let resting = Ink::Missed(MissGroup::Resting);
+    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]);
+    assert_eq!(pixel(&stands, 40, 40), covered, "what the part stands on does not darken it");
+    let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]);
+    assert_eq!(ink_of(pixel(&measured, 40, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
+}
+
+#[test]
+fn corners_on_edges_leave_no_pinholes() {
+    // A square whose diagonal is one long edge below and many short ones above, as some files have it.
+    let (vertices, _) = square(37.0, 100.0);
+    let mut with_corners = vertices.to_vec();
+    with_corners.extend((1..40).map(|i| [f64::from(i) * 1.85 - 37.0, f64::from(i) * 1.85 - 37.0, 100.0]));
+    let along: Vec<u32> = std::iter::once(0).chain(4..43).chain([2]).collect();
+    let mut faces = vec![[0, 1, 2]];
+    faces.extend(along.windows(2).map(|pair| [pair[0], pair[1], 3]));
+    let mesh = mesh_of(&with_corners, &faces);
+    let surface = surface_of(&mesh, 1000.0);
+    let scene = scene_of(&mesh, &surface);
+    let inks = vec![INK_A; surface.sample_mm.len()];
+    for turn in 0..12 {
+        let rotation = UnitQuaternion::from_euler_angles(0.31, -0.22, 0.47 * f64::from(turn));
+        let camera_from_part = Pose::claim(Isometry3::from_parts(nalgebra::Translation3::new(0.7, -0.4, 12.3), rotation));
+        let image = scene.render(&Camera::fitted(camera_from_part, [640, 480], &mesh.vertices_mm), &inks);
+        // Within a row, opaque pixels must be one run.
+        for row in image.rgba.chunks(640) {
+            let first = row.iter().position(|pixel| pixel[3] == 255);
+            let last = row.iter().rposition(|pixel| pixel[3] == 255);
+            if let (Some(first), Some(last)) = (first, last) {
+                assert!(row[first..=last].iter().all(|pixel| pixel[3] == 255), "a pinhole at turn {turn}");
+            }
+        }
+    }
+}
+
+#[test]
+fn each_sample_colours_its_own_part_of_a_patch() {
+    let (vertices, faces) = square(20.0, 100.0);
+    let mesh = mesh_of(&vertices, &faces);
+    let params = PartParams { patch_edge_mm: Some(1000.0), samples_per_mm2: Some(0.5), ..PartParams::default() };
+    let surface = surface::sample(&mesh, &params, &RegionParams::default(), 0).expect("a surface");
+    let inks: Vec<Ink> = surface.sample_mm.iter().map(|p| if p.x < 0.0 { INK_A } else { INK_SHADOW }).collect();
+    let image = scene_of(&mesh, &surface).render(&camera(), &inks);
+    assert_eq!(ink_of(pixel(&image, 30, 35), &[INK_A, INK_SHADOW]), INK_A);
+    assert_eq!(ink_of(pixel(&image, 50, 35), &[INK_A, INK_SHADOW]), INK_SHADOW);
+}
+
+#[test]
+fn a_fitted_camera_shows_the_whole_part_and_little_else() {
+    let vertices: Vec<Point3<f64>> = [[-30.0, -5.0, 400.0], [70.0, 45.0, 500.0], [10.0, 20.0, 450.0]].map(Point3::from).to_vec();
+    let camera = Camera::fitted(Pose::identity(), [640, 480], &vertices);
+    let pixels: Vec<[f64; 2]> = vertices.iter().filter_map(|p| camera.pixel(p)).collect();
+    let span = |axis: usize| {
+        let values = pixels.iter().map(|p| p[axis]);
+        (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max))
+    };
+    let ((left, right), (top, bottom)) = (span(0), span(1));
+    assert!(left > 0.0 && top > 0.0 && right < 640.0 && bottom < 480.0);
+    assert!((right - left - 0.9 * 640.0).abs() < 1e-6 || (bottom - top - 0.9 * 480.0).abs() < 1e-6);
+    assert!((left + right - 640.0).abs() < 1e-6 && (top + bottom - 480.0).abs() < 1e-6);
+    let direction = camera.direction(pixels[0]);
+    assert!((direction * 400.0 - vertices[0].coords).norm() < 1e-6);
+}
+
+#[test]
+fn few_colours_survive_and_many_become_a_palette() {
+    let few: Vec<[u8; 4]> = [[0; 4], [27, 95, 168, 255], [240, 110, 17, 255], [27, 95, 168, 127]].repeat(50);
+    let indexed = quantise(&few);
+    assert!(few.iter().zip(&indexed.indices).all(|(pixel, index)| indexed.palette[*index as usize] == *pixel));
+    let many: Vec<[u8; 4]> = (0..=255u8).flat_map(|r| (0..=255u8).map(move |g| [r, g, r / 2 + g / 2, 255])).collect();
+    let indexed = quantise(&many);
+    assert_eq!(indexed.palette.len(), 256);
+    let off = |(pixel, index): (&[u8; 4], &u8)| (0..4).map(|c| pixel[c].abs_diff(indexed.palette[*index as usize][c])).max();
+    let worst = many.iter().zip(&indexed.indices).filter_map(off).max();
+    assert!(worst < Some(24), "{worst:?}");
+}
+
+#[test]
+fn markup_neutralises_text_and_reads_numbers_out() {
+    assert_eq!(escape("<b a='1'>\"&\u{7}\u{202e}\n"), "&lt;b a=&#39;1&#39;&gt;&quot;&amp;\u{fffd}\u{fffd} ");
+    assert_eq!(number(-1_234_567.891, 1), "−1\u{202f}234\u{202f}567.9");
+    assert_eq!((number(-0.001, 1), number(999.0, 0)), ("0.0".into(), "999".into()));
+    assert_eq!((area(12.34), area(12345.6)), ("12.3\u{a0}mm²".into(), "12\u{202f}346\u{a0}mm²".into()));
+    assert_eq!((duration(42.04), duration(143.2)), ("42.0\u{a0}s".into(), "2\u{a0}min 23\u{a0}s".into()));
+}

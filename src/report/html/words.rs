@@ -1,0 +1,114 @@
+//! Plain words for causes, stop rules and grades, filled with the values of the scanner and the job.
+
+use super::markup::{escape, number, percent};
+use crate::cell::Scanner;
+use crate::planning::params::{PlanParams, TargetOf};
+use crate::planning::plan::{Cause, Remedy, RemedyKind, StopReason};
+use crate::wire::words::remedy_sentence;
+
+/// Names a cause in a few words.
+pub(super) fn cause_name(cause: Cause) -> &'static str {
+    match cause {
+        Cause::ExcludedResting => "The part stands on it",
+        Cause::Facing => "Faces away",
+        Cause::Depth => "Outside the working depth",
+        Cause::FrameLeft => "Outside the left image",
+        Cause::FrameRight => "Outside the right image",
+        Cause::FrameProjector => "Outside the projected field",
+        Cause::IncidenceLeft => "Too oblique for the left camera",
+        Cause::IncidenceRight => "Too oblique for the right camera",
+        Cause::IncidenceProjector => "Too oblique for the projector",
+        Cause::ShadowLeft => "Hidden from the left camera",
+        Cause::ShadowRight => "Hidden from the right camera",
+        Cause::ShadowProjector => "In the projector’s shadow",
+        Cause::BelowGrade => "Not measured well enough",
+        Cause::Unreachable => "Out of the robot’s reach",
+        Cause::Collision => "Collision",
+        Cause::NoPath => "No safe path found",
+        Cause::NotChosen => "Measurable, but no view chosen",
+    }
+}
+
+/// Explains a cause.
+pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams) -> String {
+    match cause {
+        Cause::ExcludedResting => {
+            "This surface lies on the turntable. It can be measured only with the part placed another way.".into()
+        }
+        Cause::Facing => "The surface is turned away from a camera or from the projector.".into(),
+        Cause::Depth => format!(
+            "The surface is nearer than {} mm or farther than {} mm along the viewing axis, where images are out of focus.",
+            number(scanner.near_mm, 0),
+            number(scanner.far_mm, 0)
+        ),
+        Cause::FrameLeft => "The point falls outside the image of the left camera.".into(),
+        Cause::FrameRight => "The point falls outside the image of the right camera.".into(),
+        Cause::FrameProjector => "The projector’s pattern does not reach the point.".into(),
+        Cause::IncidenceLeft => {
+            format!("The left camera sees the surface too obliquely: {}.", limit(params.limits.camera_deg, scanner, 0))
+        }
+        Cause::IncidenceRight => {
+            format!("The right camera sees the surface too obliquely: {}.", limit(params.limits.camera_deg, scanner, 1))
+        }
+        Cause::IncidenceProjector => {
+            format!("The projector hits the surface too obliquely: {}.", limit(params.limits.projector_deg, scanner, 2))
+        }
+        Cause::ShadowLeft => "The part itself or its fixture hides the point from the left camera.".into(),
+        Cause::ShadowRight => "The part itself or its fixture hides the point from the right camera.".into(),
+        Cause::ShadowProjector => "The part itself or its fixture hides the point from the projector.".into(),
+        Cause::BelowGrade => "The point is seen, but not well enough: its grade, noise or density misses the requirement.".into(),
+        Cause::Unreachable => "Viewpoints that would measure it are out of the robot’s reach at every table angle.".into(),
+        Cause::Collision => format!(
+            "At every viewpoint that would measure it, the robot or the scanner would collide, or come closer than {} mm.",
+            number(params.motion.clearance_mm, 1)
+        ),
+        Cause::NoPath => "Viewpoints would measure it, but no collision-free path to them was found.".into(),
+        Cause::NotChosen => "A viewpoint that was considered measures it, but the selection ended before choosing it.".into(),
+    }
+}
+
+fn limit(limit_deg: Option<f64>, scanner: &Scanner, device: usize) -> String {
+    let deg = limit_deg.unwrap_or_else(|| scanner.devices[device].incidence_max_rad.to_degrees());
+    format!("more than {}° from the surface’s normal", number(deg, 1))
+}
+
+/// Describes the remedy for a spot: its kind in a word or two, then the plan's own sentence.
+pub(super) fn remedy(remedy: &Remedy) -> String {
+    let kind = match remedy.kind {
+        RemedyKind::View => "One more view",
+        RemedyKind::Roll => "Another roll",
+        RemedyKind::Tilt => "Another tilt",
+        RemedyKind::Standoff => "Another distance",
+        RemedyKind::Setup => "Another setup",
+        RemedyKind::Limit => "A larger limit",
+        RemedyKind::None => "None found",
+    };
+    format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy_sentence(remedy)))
+}
+
+/// Explains the rule that ended the selection of views.
+pub(super) fn stop(reason: StopReason, params: &PlanParams) -> String {
+    let rules = &params.selection;
+    match reason {
+        StopReason::Target => {
+            let whole = match rules.target_of {
+                TargetOf::Coverable => "coverable area",
+                TargetOf::Asked => "asked area",
+                TargetOf::Total => "whole surface",
+            };
+            format!("The target was reached: {} of the {whole}.", percent(rules.target))
+        }
+        StopReason::Growth => {
+            format!("The next best view would have added less than {} of the asked area.", percent(rules.min_growth))
+        }
+        StopReason::MaxViews => match rules.max_views {
+            Some(limit) => format!("The limit of {limit} views was reached."),
+            None => "The limit of views was reached.".into(),
+        },
+        StopReason::NoGain => "No further view would have added anything worth its cost.".into(),
+        StopReason::NoPath => {
+            "The target was reached only on the area of the views with a collision-free path; no path to the others was found."
+                .into()
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! Pages, pictures, charts and text about a plan, made for people. Nothing here decides anything.
+
+pub mod html;
+pub mod study;
+pub mod text;

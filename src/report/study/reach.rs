@@ -1,0 +1,135 @@
+//! Reach of cell layouts: a table, a heat map and a summary.
+
+use std::fmt::Write;
+
+use super::svg::Svg;
+use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, best};
+use crate::report::html::markup::number;
+
+const CELL: [f64; 2] = [92.0, 34.0];
+const LEFT: f64 = 86.0;
+const TOP: f64 = 44.0;
+const BELOW: f64 = 64.0;
+/// Shades for shares from 0 to 1: light to dark of one hue, which also reads in grey (C. Brewer, *ColorBrewer*, Blues).
+const SHADES: [&str; 6] = ["#eff3ff", "#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c"];
+/// First shade on which text is light.
+const FIRST_DARK_SHADE: usize = 4;
+
+/// Layouts and their reach.
+pub struct ReachInput<'a> {
+    /// Layouts that were compared.
+    pub layouts: &'a Layouts,
+    /// Results, mounting by mounting, height by height, foot by foot.
+    pub found: &'a [Layout],
+    /// Name of the cell.
+    pub cell_name: &'a str,
+}
+
+fn share(layout: &Layout) -> Option<f64> {
+    layout.reached.map(|reached| reached.directions as f64 / (ELEVATIONS * AZIMUTHS) as f64)
+}
+
+/// The table, one row per layout.
+#[must_use]
+pub fn csv(input: &ReachInput<'_>) -> String {
+    let mut text = String::from("mounting,foot_mm,table_mm,fits,elevations,elevations_of,directions,directions_of\n");
+    for layout in input.found {
+        let label = &input.layouts.mountings[layout.mounting].label;
+        let reached = layout.reached;
+        let count = |get: fn(crate::planning::studies::reach::Reached) -> usize| {
+            reached.map_or(String::new(), |reached| get(reached).to_string())
+        };
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "\"{label}\",{},{},{},{},{ELEVATIONS},{},{}",
+            layout.foot_mm,
+            layout.table_mm,
+            reached.is_some(),
+            count(|reached| reached.elevations),
+            count(|reached| reached.directions),
+            ELEVATIONS * AZIMUTHS
+        );
+    }
+    text
+}
+
+/// The heat map for each mounting: share of the directions reached, by foot and height of the table.
+#[must_use]
+pub fn svg(input: &ReachInput<'_>) -> String {
+    let Layouts { foot_mm, table_mm, mountings, .. } = input.layouts;
+    let block = TOP + CELL[1] * table_mm.len() as f64 + BELOW;
+    let title = format!("{}: share of the viewing hemisphere reached", input.cell_name);
+    let spoken = best_words(input);
+    let width = (LEFT + CELL[0] * foot_mm.len() as f64 + 40.0).max(520.0);
+    let mut svg = Svg::new(width, 40.0 + block * mountings.len() as f64, &title, &format!("{title}. {spoken}"));
+    for (index, mounting) in mountings.iter().enumerate() {
+        let top = 30.0 + block * index as f64;
+        svg.text(16.0, top + 30.0, "strong", &format!("Flange {}", mounting.label));
+        svg.upwards(24.0, top + TOP + 0.5 * CELL[1] * table_mm.len() as f64, "plate above foot, mm");
+        let layouts = input.found.iter().filter(|layout| layout.mounting == index);
+        for (place, layout) in layouts.enumerate() {
+            let (row, column) = (place / foot_mm.len(), place % foot_mm.len());
+            field(&mut svg, layout, [LEFT + CELL[0] * column as f64, top + TOP + CELL[1] * row as f64]);
+        }
+        for (row, table_mm) in table_mm.iter().enumerate() {
+            svg.text(LEFT - 8.0, top + TOP + CELL[1] * (row as f64 + 0.5) + 4.0, "end", &number(*table_mm, 0));
+        }
+        let foot = top + TOP + CELL[1] * table_mm.len() as f64;
+        for (column, foot_mm) in foot_mm.iter().enumerate() {
+            svg.text(LEFT + CELL[0] * (column as f64 + 0.5), foot + 18.0, "middle", &number(*foot_mm, 0));
+        }
+        svg.text(LEFT + 0.5 * CELL[0] * foot_mm.len() as f64, foot + 38.0, "middle", "foot to the table's axis, mm");
+    }
+    svg.finish()
+}
+
+fn field(svg: &mut Svg, layout: &Layout, at: [f64; 2]) {
+    let size = [CELL[0] - 2.0, CELL[1] - 2.0];
+    let middle = [at[0] + 0.5 * CELL[0], at[1] + 0.5 * CELL[1] + 4.0];
+    match share(layout) {
+        None => {
+            svg.rest(at, size);
+            svg.text(middle[0], middle[1], "middle", "does not fit");
+        }
+        Some(share) => {
+            let shade = ((share * SHADES.len() as f64) as usize).min(SHADES.len() - 1);
+            svg.bar(SHADES[shade], at, size);
+            let class = if shade >= FIRST_DARK_SHADE { "middle light" } else { "middle dark" };
+            svg.text(middle[0], middle[1], class, &format!("{} %", number(100.0 * share, 0)));
+        }
+    }
+}
+
+/// Describes the best layout, and the cell as it is.
+#[must_use]
+pub fn text(input: &ReachInput<'_>, own: Option<&Layout>) -> String {
+    let mut text = String::new();
+    if let Some(words) = own.map(|own| words(input, own)) {
+        let _ = writeln!(text, "as it is: {words}");
+    }
+    let _ = writeln!(text, "{}", best_words(input));
+    text
+}
+
+fn best_words(input: &ReachInput<'_>) -> String {
+    best(input.found).map_or_else(|| "no layout fits".into(), |layout| format!("best: {}", words(input, layout)))
+}
+
+fn words(input: &ReachInput<'_>, layout: &Layout) -> String {
+    let label = &input.layouts.mountings[layout.mounting].label;
+    let place = format!(
+        "foot {} mm from the axis, plate {} mm above the foot, flange {label}",
+        number(layout.foot_mm, 0),
+        number(layout.table_mm, 0)
+    );
+    match layout.reached {
+        None => format!("{place}: does not fit"),
+        Some(reached) => format!(
+            "{place}: {} of {ELEVATIONS} elevations, {} of {} directions",
+            reached.elevations,
+            reached.directions,
+            ELEVATIONS * AZIMUTHS
+        ),
+    }
+}

@@ -1,0 +1,245 @@
+//! A plan as stable readable text: what golden files hold, what diffs show, what the log gets. Numbers are rounded so
+//! that the last bit of a float never shows; a pose is given by its origin and two axes, since a quaternion near w = 0
+//! changes its sign for nothing. mm, mm², s and degrees.
+
+use std::fmt::{self, Write};
+
+use nalgebra::{Point3, Vector3};
+
+use crate::geometry::Pose;
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, share};
+use crate::planning::sequence::{Leg, Sequence};
+use crate::planning::stations::Station;
+use crate::wire::words::{advice_sentence, changed_params, fixed, remedy_sentence, treated_spots};
+
+/// The text. Same plan, same text; every line ends with a newline.
+#[must_use]
+pub fn text(plan: &Plan) -> String {
+    let mut out = String::new();
+    // Writing to a String cannot fail.
+    let _ = write_plan(&mut out, plan);
+    out
+}
+
+fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
+    write_part(out, plan)?;
+    write_params(out, &plan.params)?;
+    write_candidates(out, plan)?;
+    write_coverage(out, &plan.coverage)?;
+    write_setups(out, plan)?;
+    writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
+    write_bound(out, &plan.bound)?;
+    write_views(out, plan)?;
+    plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
+    write_obstructions(out, &plan.obstructions)?;
+    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
+}
+
+fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {
+    let part = &plan.part;
+    writeln!(out, "part {}", part.sha256)?;
+    writeln!(out, "  {} triangles, {} mm²", part.triangles, fixed(part.area_mm2, 1))?;
+    writeln!(out, "  box {} to {} mm", point(&part.aabb.min), point(&part.aabb.max))?;
+    if let Some(table_from_part) = &plan.table_from_part {
+        writeln!(out, "  on the table: {}", pose(table_from_part))?;
+    }
+    Ok(())
+}
+
+/// Lists the setups where there are several: poses of the part, and the area that each gives.
+fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
+    if plan.setups.len() < 2 {
+        return Ok(());
+    }
+    writeln!(out, "\nsetups")?;
+    plan.setups.iter().enumerate().try_for_each(|(number, setup)| {
+        let asked_mm2 = plan.coverage.asked_area_mm2;
+        let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
+        let (views, lies) = (setup.views.len(), pose(&setup.table_from_part));
+        writeln!(out, "  {number}: {views} views measure {measured} of the asked area, of {coverable} that they could; {lies}")
+    })
+}
+
+fn write_params(out: &mut String, params: &PlanParams) -> fmt::Result {
+    writeln!(out, "\nparameters that differ from the defaults")?;
+    let changed = changed_params(params);
+    if changed.is_empty() {
+        writeln!(out, "  none")?;
+    }
+    changed.iter().try_for_each(|(key, value)| writeln!(out, "  {key} = {value}"))
+}
+
+fn write_candidates(out: &mut String, plan: &Plan) -> fmt::Result {
+    let counts = &plan.candidates;
+    writeln!(out, "\ncandidates: {} generated, {} kept", counts.generated, counts.kept)?;
+    counts.rejected.iter().try_for_each(|(reason, count)| writeln!(out, "  rejected, {}: {count}", reason.as_str()))
+}
+
+fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
+    writeln!(out, "\ncoverage")?;
+    for (name, area_mm2) in [
+        ("whole surface", coverage.total_area_mm2),
+        ("asked", coverage.asked_area_mm2),
+        ("coverable, reach ignored", coverage.optically_coverable_area_mm2),
+        ("coverable", coverage.coverable_area_mm2),
+        ("measured", coverage.measured_area_mm2),
+    ] {
+        writeln!(out, "  {name:<24} {:>12} mm²", fixed(area_mm2, 1))?;
+    }
+    for (name, fraction) in [
+        ("measured of asked", coverage.of_asked()),
+        ("measured of coverable", coverage.of_coverable()),
+        ("measured of total", coverage.of_total()),
+    ] {
+        writeln!(out, "  {name:<24} {:>12} %", percent(fraction))?;
+    }
+    for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.grade_area_mm2) {
+        writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
+    }
+    write_certificate(out, coverage)
+}
+
+fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
+    let independent = &coverage.independent;
+    writeln!(out, "\non {} samples that no view was chosen on: the figure to trust", independent.samples)?;
+    writeln!(out, "  measured of asked        {:>12} %", percent(independent.of_asked()))?;
+    writeln!(out, "  measured of total        {:>12} %", percent(independent.of_total()))?;
+    let Some(robust) = &coverage.robust else { return Ok(()) };
+    let (angle_deg, shift_mm) = (robust.pose_error.angle_deg, robust.pose_error.translation_mm);
+    writeln!(out, "\nmeasured of asked there, poses off by {angle_deg}° and {shift_mm} mm")?;
+    for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part)] {
+        write!(out, "  {name:<12} {:>4} draws: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
+        let [worst, p5, mean] = [drawn.worst(), drawn.p5(), drawn.mean()].map(percent);
+        writeln!(out, ", worst {worst} %, 5th percentile {p5} %, mean {mean} %")?;
+    }
+    Ok(())
+}
+
+fn write_bound(out: &mut String, bound: &Bound) -> fmt::Result {
+    writeln!(out, "bound: no fewer than {}, gap {}", counted(bound.views_lower as usize, "view"), bound.gap)?;
+    if let (Some(upper), Some(gap)) = (bound.of_asked_upper, bound.gap_of_asked) {
+        writeln!(out, "bound: no more than {} % of asked, gap {} %", percent(upper), percent(gap))?;
+    }
+    Ok(())
+}
+
+fn write_views(out: &mut String, plan: &Plan) -> fmt::Result {
+    writeln!(out, "\nviews, in the order chosen: {}", plan.views.len())?;
+    for (view, measured_mm2) in plan.views.iter().zip(&plan.coverage.curve_area_mm2) {
+        writeln!(out, "  {:>3}  candidate {}, {}", view.id.0, view.candidate.0, view.label.as_str())?;
+        write!(out, "       adds {} % of asked, in all ", percent(view.gain_of_asked))?;
+        write!(out, "{} %", percent(share(*measured_mm2, plan.coverage.asked_area_mm2)))?;
+        writeln!(out, "; score {} mm²", fixed(view.score, 1))?;
+        writeln!(out, "       {}", pose(&view.part_from_scanner))?;
+        if let Some(station) = &view.station {
+            writeln!(out, "       {}", station_text(station))?;
+        }
+        if let Some(cause) = view.rejected {
+            writeln!(out, "       rejected, measures nothing: {}", cause.as_str())?;
+        }
+    }
+    Ok(())
+}
+
+fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
+    writeln!(out, "\nsequence, from home")?;
+    for (view, leg) in &sequence.visits {
+        writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
+    }
+    writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
+    writeln!(out, "  the table turns {} s of these", fixed(sequence.turning_secs(), 1))?;
+    let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.lower_bound_secs].map(|secs| fixed(secs, 1));
+    let [moving, ordered, lower_bound] = secs;
+    writeln!(out, "  moving {moving} s in all, stations moved along the table's angle and rolled")?;
+    match sequence.is_shortest() {
+        true => writeln!(out, "  ordered with {ordered} s, the least over the stations and moves considered"),
+        false => writeln!(out, "  ordered with {ordered} s, at least {lower_bound} s over the stations and moves considered"),
+    }
+}
+
+/// Lists the pairs of bodies that keep the cell from most candidates.
+fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Result {
+    const SHOWN: usize = 5;
+    if !obstructions.is_empty() {
+        writeln!(out, "\nin the way of candidates")?;
+    }
+    for Obstruction { bodies, without_station, without_path, separation, advice, .. } in obstructions.iter().take(SHOWN) {
+        write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
+        match separation {
+            Some(separation) if separation.distance_mm < 0.0 => {
+                write!(out, "; {} mm deep at {} in the base", fixed(-separation.distance_mm, 1), point(&separation.place_mm))?
+            }
+            Some(separation) => {
+                write!(out, "; {} mm apart at {} in the base", fixed(separation.distance_mm, 1), point(&separation.place_mm))?
+            }
+            None => {}
+        }
+        writeln!(out, "\n       {}", advice_sentence(advice))?;
+    }
+    match obstructions.len() {
+        more if more > SHOWN => writeln!(out, "  and {} more", counted(more - SHOWN, "pair")),
+        _ => Ok(()),
+    }
+}
+
+fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -> fmt::Result {
+    writeln!(out, "\nmissed")?;
+    if missed.is_empty() {
+        writeln!(out, "  nothing")?;
+    }
+    for cause in missed {
+        write!(out, "  {:<20} {:>10} mm²", cause.cause.as_str(), fixed(cause.area_mm2, 1))?;
+        write!(out, " {:>6} % of asked, {}", percent(share(cause.area_mm2, asked_area_mm2)), counted(cause.spots.len(), "spot"))?;
+        match cause.spots.first() {
+            Some(spot) => writeln!(out, ", largest {} mm² at {}", fixed(spot.area_mm2, 1), point(&spot.centre_mm))?,
+            None => writeln!(out)?,
+        }
+    }
+    write_spots(out, missed)
+}
+
+/// The largest spots of all with what would cure them.
+fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
+    let treated = treated_spots(missed);
+    if !treated.is_empty() {
+        writeln!(out, "\nlargest missed spots, and what was tried and works")?;
+    }
+    for (cause, spot, remedy) in treated {
+        write!(out, "  {:<20} {:>10} mm²", cause.as_str(), fixed(spot.area_mm2, 1))?;
+        let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
+        writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
+        writeln!(out, "       {}", remedy_sentence(remedy))?;
+    }
+    Ok(())
+}
+
+fn leg_text(leg: &Leg) -> String {
+    format!("{} s, {} between", fixed(leg.duration_secs, 1), counted(leg.via_rad.len(), "point"))
+}
+
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+fn station_text(station: &Station) -> String {
+    let joints = station.joints_rad.map(|j| fixed(j.to_degrees(), 1)).join(" ");
+    format!("table {}°, joints {joints}°", fixed(station.table_angle_rad.to_degrees(), 1))
+}
+
+fn pose<To, From>(pose: &Pose<To, From>) -> String {
+    let (x, z) = (pose.direction(&Vector3::x()), pose.direction(&Vector3::z()));
+    format!("at {} mm, x {}, z {}", point(&pose.origin_mm()), axis(&x), axis(&z))
+}
+
+fn axis(v: &Vector3<f64>) -> String {
+    format!("({} {} {})", fixed(v.x, 3), fixed(v.y, 3), fixed(v.z, 3))
+}
+
+fn point(p: &Point3<f64>) -> String {
+    format!("({} {} {})", fixed(p.x, 1), fixed(p.y, 1), fixed(p.z, 1))
+}
+
+fn percent(fraction: f64) -> String {
+    fixed(fraction * 100.0, 2)
+}
