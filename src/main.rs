@@ -1,4 +1,4 @@
-//! The `vantage` binary: reads the command line and hands over.
+//! The `vantage` binary: parses the command line and runs the command.
 
 use std::process::ExitCode;
 

@@ -1,30 +1,30 @@
-//! `vantage backup` and `vantage restore`: copies of a store, and stores from copies.
+//! `vantage backup` and `vantage restore`: copy a server's store, and make a store from the copy.
 
 use std::path::PathBuf;
 
-use super::serve::run_to_the_end;
+use super::serve::run_to_completion;
 use super::{CliError, failed};
 use crate::service::{BackupReport, backup, restore};
 
-/// Copy a server's store; the server may be working on it.
+/// Back up a server's store; the server may be running.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "The backup is itself the folder of a store: vantage.db, files and store-id. Into the same folder
-again, only what is new is copied. Every file is compared with its hash on the way.
+#[command(after_help = "A backup has the layout of a store: vantage.db, files and store-id. A later backup to the same folder
+copies the database and only new files. The hash of every file is checked as it is copied.
 
 Example:
   vantage backup --data /var/lib/vantage --to /mnt/backup/vantage")]
 pub struct BackupArgs {
-    /// Folder of the store.
+    /// Data folder of the server.
     #[arg(long, value_name = "DIR", default_value = "vantage-data")]
     data: PathBuf,
-    /// Folder of the backup; made if need be.
+    /// Folder of the backup; created if it does not exist.
     #[arg(long, value_name = "DIR")]
     to: PathBuf,
 }
 
-/// Make a store from a backup.
+/// Restore a store from a backup.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "The database and every file are checked. The folder of the store has to be new or empty.
+#[command(after_help = "The database and every file are checked. The new data folder must be empty or not exist.
 
 Example:
   vantage restore --from /mnt/backup/vantage --data /var/lib/vantage")]
@@ -32,7 +32,7 @@ pub struct RestoreArgs {
     /// Folder of the backup.
     #[arg(long, value_name = "DIR")]
     from: PathBuf,
-    /// Folder of the store; made if need be.
+    /// Data folder of the new store; created if it does not exist.
     #[arg(long, value_name = "DIR", default_value = "vantage-data")]
     data: PathBuf,
 }
@@ -42,7 +42,7 @@ pub struct RestoreArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
-    run_to_the_end(async {
+    run_to_completion(async {
         let report = backup(&args.data, &args.to).await.map_err(|error| failed("the backup", &error))?;
         println!("{} backed up to {}: {}", args.data.display(), args.to.display(), summary(&report));
         Ok(())
@@ -54,7 +54,7 @@ pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
 /// # Errors
 /// [`CliError`].
 pub fn run_restore(args: &RestoreArgs) -> Result<(), CliError> {
-    run_to_the_end(async {
+    run_to_completion(async {
         let report = restore(&args.from, &args.data).await.map_err(|error| failed("the restore", &error))?;
         println!("{} restored from {}: {}", args.data.display(), args.from.display(), summary(&report));
         println!("Start the server with: vantage serve --data {}", args.data.display());

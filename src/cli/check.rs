@@ -1,5 +1,5 @@
-//! `vantage check`: whether a specification, parameters, a plan or a program can be used, and if not what is wrong where.
-//! Each file says by its content what it is.
+//! `vantage check`: checks specifications, parameters, plans and programs, and names each finding with its place. The kind
+//! of a file is recognised by its content.
 
 mod plan;
 
@@ -16,14 +16,15 @@ use crate::cell::{
     Cell, CellSpec, CollisionScene, FieldError, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
 };
 use crate::geometry::{LengthUnit, Mesh, Poll};
+use crate::planning::certificate::recheck;
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
-use crate::planning::{PlanInput, recheck, resting};
+use crate::planning::{PlanInput, resting};
 use crate::program::{self, Expected, Finding, Program};
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 
-/// Taken off the plan's clearance, mm: angles that went through a file are not the planner's to the last digit.
+/// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
 const ROUNDING_MM: f64 = 0.01;
 
 /// Check specifications, parameters, plans and programs.
@@ -33,28 +34,28 @@ const ROUNDING_MM: f64 = 0.01;
   vantage check plan/plan.json plan/program.json
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
 
-Without --cell a program is checked for its shape and ranges only. Exit codes: 0 nothing found, 2 something found.")]
+Without --cell only structure and ranges of a program are checked. Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
-    /// Files: TOML or JSON; what each is shows from its content.
+    /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Cell to derive limits, times, collisions and poses with: a preset's name, or a TOML or JSON file.
+    /// Cell to recompute limits, times, collisions and poses with: name of a preset, or a TOML or JSON file.
     #[arg(long)]
     cell: Option<String>,
     #[command(flatten)]
-    against: Against,
+    reference: ReferenceArgs,
 }
 
-/// What a program is checked against beside the cell.
+/// Files that a program is checked against, besides the cell.
 #[derive(Clone, Debug, clap::Args)]
-pub(super) struct Against {
-    /// Plan that a program must carry out.
+pub(super) struct ReferenceArgs {
+    /// Plan that the program has to carry out.
     #[arg(long, requires = "cell")]
     pub(super) plan: Option<PathBuf>,
-    /// Part, for collisions, and with --plan for what the scans measure: STL, OBJ or PLY.
+    /// Part, STL, OBJ or PLY: for collisions, and with --plan for the area that the scans measure.
     #[arg(long, requires = "cell")]
     pub(super) mesh: Option<PathBuf>,
-    /// Fixture, for collisions, in the part's coordinates and unit.
+    /// Fixture, in the part's coordinates and unit: for collisions.
     #[arg(long, requires = "mesh")]
     fixture: Option<PathBuf>,
     /// Unit of the meshes: mm, cm, m or inch.
@@ -62,23 +63,24 @@ pub(super) struct Against {
     unit: Option<LengthUnit>,
 }
 
-/// What [`Against`] names, read.
-pub(super) struct Ground {
+/// Contents of the files of [`ReferenceArgs`].
+pub(super) struct Reference {
     /// The plan.
     pub(super) plan: Option<PlanDocument>,
-    /// What it asks of the program.
+    /// Requirements of the plan on the program.
     pub(super) expected: Option<Expected>,
-    /// The part and what holds it.
+    /// The part.
     part: Option<Mesh>,
+    /// The fixture that holds it.
     fixture: Option<Mesh>,
-    /// The cell, with the part where there is one.
+    /// The cell, with the part if there is one.
     pub(super) scene: CollisionScene,
 }
 
-/// Checks every file; prints one line for each that is sound.
+/// Checks every file; prints one line for each without findings.
 ///
 /// # Errors
-/// [`CliError::BadInput`] with every finding of every file, one a line.
+/// [`CliError::BadInput`] with every finding of every file, one per line.
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let cell = args.cell.as_deref().map(cell).transpose()?;
     let mut wrong = Vec::new();
@@ -92,13 +94,13 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     if wrong.is_empty() { Ok(()) } else { Err(CliError::BadInput(wrong.join("\n"))) }
 }
 
-/// The cell: a preset's, or a file's.
+/// Loads a cell: a preset or a file.
 pub(super) fn cell(name: &str) -> Result<Cell, CliError> {
     let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
     spec.build(&FileLibrary).map_err(|errors| files::findings(name, &errors))
 }
 
-/// What the file is, in words, when nothing is wrong with it.
+/// Describes the file in words, if there are no findings.
 fn check(path: &Path, args: &CheckArgs, cell: Option<&Cell>) -> Result<String, CliError> {
     let shown = path.display().to_string();
     let value = files::value(path)?;
@@ -136,10 +138,10 @@ fn read<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
     files::from_value(value, what)
 }
 
-/// How much was checked.
+/// Extent of the checks, in words.
 fn depth(cell: Option<&Cell>) -> String {
     cell.map_or_else(
-        || " (shape and ranges; with --cell also motion)".to_owned(),
+        || " (structure and ranges checked; with --cell motion too)".to_owned(),
         |cell| format!(", sound in cell {}", cell.name),
     )
 }
@@ -154,7 +156,7 @@ enum Kind {
     Program,
 }
 
-/// By schema name, else by a field that only this kind has, else by parameter sections alone.
+/// Recognises the kind: by the schema's name, else by a field that only this kind has, else by sections of parameters.
 fn kind(value: &Value) -> Option<Kind> {
     let table = value.as_object()?;
     let has = |key: &str| table.contains_key(key);
@@ -175,19 +177,19 @@ fn kind(value: &Value) -> Option<Kind> {
     }
 }
 
-/// What a plan with a cell asks of the program of a setup.
+/// Requirements of a plan with a cell on the program of a setup.
 fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Option<Expected> {
     let cell = document.cell.as_ref()?;
-    let lies = document.setups.get(setup);
-    let table_from_part = lies.map_or(&cell.table_from_part, |lies| &lies.table_from_part).pose();
-    let is_here = |id: u32| lies.is_none_or(|lies| lies.viewpoints.contains(&id));
+    let placed = document.setups.get(setup);
+    let table_from_part = placed.map_or(&cell.table_from_part, |placed| &placed.table_from_part).pose();
+    let is_here = |id: u32| placed.is_none_or(|placed| placed.viewpoints.contains(&id));
     let visited = document.viewpoints.iter().filter(|view| view.station.is_some() && is_here(view.id));
     let views = visited.map(|view| (ViewId(view.id), view.part_from_scanner.pose())).collect();
     let table_alone = document.params.motion.table == TableMotion::Alone;
     Some(Expected { plan_sha256, table_from_part, table_alone, views })
 }
 
-/// The share of the asked area that the program's scans measure, where plan and part are at hand.
+/// Checks a program; returns the share of the asked area that its scans measure, if plan and part are given.
 fn check_program(
     document: &ProgramDocument,
     shown: &str,
@@ -196,24 +198,31 @@ fn check_program(
 ) -> Result<Option<f64>, CliError> {
     let program = document.program().map_err(|errors| files::findings(shown, &errors))?;
     let Some(cell) = cell else { return Ok(None) };
-    let ground = args.against.ground(cell, document.setup)?;
-    let found = program::check(&program, cell, &ground.scene, ground.expected.as_ref());
+    let reference = args.reference.load(cell, document.setup)?;
+    let found = program::check(&program, cell, &reference.scene, reference.expected.as_ref());
     if !found.is_empty() {
         return Err(faults(shown, &found));
     }
-    let Some((measured, planned)) = ground.shares(&program, cell)? else { return Ok(None) };
+    let Some((measured, planned)) = reference.shares(&program, cell)? else { return Ok(None) };
     match program::off_coverage(measured, planned) {
         Some(fault) => Err(faults(shown, &[Finding { step: None, fault }])),
         None => Ok(Some(measured)),
     }
 }
 
-impl Ground {
-    /// What the program's scans measure of the asked area, and what the plan says of its setup.
+impl Reference {
+    /// Shares of the asked area: measured by the program's scans, and stated by the plan for the setup.
     fn shares(&self, program: &Program, cell: &Cell) -> Result<Option<(f64, f64)>, CliError> {
         let (Some(plan), Some(expected), Some(part)) = (&self.plan, &self.expected, &self.part) else { return Ok(None) };
         let fixture = self.fixture.as_ref();
-        let input = PlanInput { mesh: part, fixture, part_sha256: &plan.part.sha256, scanner: &cell.scanner, cell: Some(cell) };
+        let input = PlanInput {
+            mesh: part,
+            fixture,
+            part_sha256: &plan.part.sha256,
+            scanner: &cell.scanner,
+            cell: Some(cell),
+            roadmaps: None,
+        };
         let views = program::scan_poses(program, cell, &expected.table_from_part);
         let measured = recheck::measured(&input, &plan.params, &expected.table_from_part, &views)
             .map_err(|error| CliError::BadInput(error.to_string()))?;
@@ -222,15 +231,15 @@ impl Ground {
     }
 }
 
-/// Every finding on a line of its own.
+/// Error that lists every finding on a line of its own.
 pub(super) fn faults(shown: &str, found: &[Finding]) -> CliError {
     let lines: Vec<_> = found.iter().map(|finding| format!("{shown}: {finding}")).collect();
     CliError::BadInput(lines.join("\n"))
 }
 
-impl Against {
-    /// Reads what is named, for the program of `setup`.
-    pub(super) fn ground(&self, cell: &Cell, setup: usize) -> Result<Ground, CliError> {
+impl ReferenceArgs {
+    /// Reads the files, for the program of `setup`.
+    pub(super) fn load(&self, cell: &Cell, setup: usize) -> Result<Reference, CliError> {
         let (plan, expected) = self.plan.as_deref().map(|path| read_plan(path, setup)).transpose()?.unzip();
         let expected = expected.flatten();
         let clearance_mm = plan.as_ref().map_or(MIN_CLEARANCE_MM, |plan| plan.params.motion.clearance_mm) - ROUNDING_MM;
@@ -245,7 +254,7 @@ impl Against {
                 CollisionScene::new(cell, part, fixture.as_ref(), &table_from_part, clearance_mm)
             }
         };
-        Ok(Ground { plan, expected, part, fixture, scene })
+        Ok(Reference { plan, expected, part, fixture, scene })
     }
 }
 

@@ -1,11 +1,11 @@
-//! `vantage demo`: a server in a folder of its own, with a sample part that is planned at once.
+//! `vantage demo`: runs a server in a temporary folder and plans a sample part in it.
 
 use std::net::SocketAddr;
 use std::time::Duration;
 
 use bytes::Bytes;
 
-use super::serve::{open, run_to_the_end, serve};
+use super::serve::{open, run_to_completion, serve};
 use super::{CliError, failed, open_files, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
@@ -14,17 +14,17 @@ use crate::service::{App, MeshUpload};
 use crate::settings::{Flags, Settings};
 use crate::wire::{Job, JobRequest, JobState};
 
-/// Triangles of the sample part, about.
+/// Approximate number of triangles of the sample part.
 const TRIANGLES: usize = 20_000;
 
-/// Run a server with a sample part, planned at once; nothing is kept.
+/// Run a server with a sample part that is planned right away; nothing is kept.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Opens no browser; it prints the address to open. Ctrl-C ends it and removes its folder.
+#[command(after_help = "Prints the address to open in a browser. Ctrl-C stops the server and deletes its temporary folder.
 
 Example:
   vantage demo")]
 pub struct DemoArgs {
-    /// Port; a free one is taken when it is in use.
+    /// Port to listen on; if it is in use, a free one is taken.
     #[arg(long, default_value_t = 8080)]
     port: u16,
 }
@@ -42,8 +42,8 @@ pub fn run(args: &DemoArgs) -> Result<(), CliError> {
     ];
     let mut settings = Settings::load(None, &flags).map_err(|error| CliError::BadInput(error.to_string()))?;
     telemetry::start(&settings.telemetry)?;
-    open_files::fit(&mut settings);
-    run_to_the_end(async {
+    open_files::raise_limit(&mut settings);
+    run_to_completion(async {
         let server = bind(&mut settings).await?;
         let app = open(&settings).await?;
         println!("Open http://{} in a browser. Ctrl-C ends the demo.", server.address());
@@ -52,7 +52,7 @@ pub fn run(args: &DemoArgs) -> Result<(), CliError> {
     })
 }
 
-/// Listens on the port asked for, or on a free one.
+/// Listens on the requested port, or on a free one if it is in use.
 async fn bind(settings: &mut Settings) -> Result<Server, CliError> {
     match Server::bind(&settings.http()).await {
         Err(ServeError::Bind { source, .. }) if source.kind() == std::io::ErrorKind::AddrInUse => {
@@ -66,7 +66,7 @@ async fn bind(settings: &mut Settings) -> Result<Server, CliError> {
 
 async fn show(app: App) {
     match plan_sample(&app).await {
-        Ok(job) if job.state == JobState::Succeeded => println!("The sample part is planned: its report is on the page."),
+        Ok(job) if job.state == JobState::Succeeded => println!("The sample part is planned; the page links its report."),
         Ok(job) => println!("The sample part is {}: {}", job.state.as_str(), job.problem.map(|p| p.detail).unwrap_or_default()),
         Err(error) => eprintln!("the sample part: {error}"),
     }

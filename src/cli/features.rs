@@ -1,15 +1,15 @@
-//! A list of toleranced features, as `--features` takes it: JSON, an array or an object with `features`, of what
-//! `regions.features` holds; or CSV with the columns `name`, `region`, `tolerance_mm` and, where wanted, `point_spacing_mm`
-//! and `target`. In CSV a region is its kind and what it takes, mm, by blanks:
+//! Lists of toleranced features, as read by `--features`: JSON, an array of the entries of `regions.features` or an object
+//! with that array as `features`; or CSV with the columns `name`, `region`, `tolerance_mm`, and optionally
+//! `point_spacing_mm` and `target`. In CSV a region is its kind and its values, in mm, separated by blanks:
 //!
 //! | region | |
 //! | --- | --- |
-//! | `name bore` | a group of the file |
-//! | `faces 12 40-57` | faces of the file, from 0 |
-//! | `box x y z x y z` | two corners |
-//! | `sphere x y z radius` | |
-//! | `half_space x y z nx ny nz` | a point of its plane, its outward direction |
-//! | `plane x y z nx ny nz within` | and the distance to either side |
+//! | `name bore` | a group in the file |
+//! | `faces 12 40-57` | faces of the file, counted from 0 |
+//! | `box x y z x y z` | its two opposite corners |
+//! | `sphere x y z radius` | its centre and radius |
+//! | `half_space x y z nx ny nz` | a point on its plane, its outward normal |
+//! | `plane x y z nx ny nz within` | a point, the normal, and the distance to either side |
 
 use std::path::Path;
 
@@ -24,10 +24,10 @@ mod tests;
 
 const COLUMNS: [&str; 5] = ["name", "region", "tolerance_mm", "point_spacing_mm", "target"];
 
-/// Reads a list.
+/// Reads a list of features.
 ///
 /// # Errors
-/// [`CliError::BadInput`] that names the file, the line and what is allowed there.
+/// [`CliError::BadInput`] with the file, the line and the allowed values.
 pub(super) fn read(path: &Path) -> Result<Vec<FeatureParams>, CliError> {
     let shown = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
@@ -48,7 +48,7 @@ fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
 
 fn csv(text: &str) -> Result<Vec<FeatureParams>, String> {
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
-    let (_, header) = lines.next().ok_or("is empty; the first line names the columns")?;
+    let (_, header) = lines.next().ok_or("is empty; the first line must name the columns")?;
     let columns: Vec<&str> = header.split(',').map(str::trim).collect();
     if let Some(unknown) = columns.iter().find(|column| !COLUMNS.contains(column)) {
         return Err(format!("has a column {unknown:?}; allowed are {}", COLUMNS.join(", ")));
@@ -97,16 +97,16 @@ fn region(text: &str) -> Result<Region, String> {
     })
 }
 
-/// Face numbers and ranges of them.
+/// Parses face numbers and ranges of them.
 fn faces(text: &str) -> Result<Vec<u32>, String> {
-    /// Most faces that one line names.
-    const MOST: usize = 10_000_000;
+    /// Maximum number of faces on one line.
+    const MAX_FACES: usize = 10_000_000;
     let mut faces = Vec::new();
     for part in text.split_whitespace() {
         let wrong = || format!("region faces has {part:?}; allowed are numbers from 0 and ranges such as 40-57");
         let (first, last) = part.split_once('-').unwrap_or((part, part));
         let (first, last): (u32, u32) = (first.parse().map_err(|_| wrong())?, last.parse().map_err(|_| wrong())?);
-        if first > last || (last - first) as usize >= MOST - faces.len() {
+        if first > last || (last - first) as usize >= MAX_FACES - faces.len() {
             return Err(wrong());
         }
         faces.extend(first..=last);

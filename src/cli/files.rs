@@ -1,5 +1,4 @@
-//! Files that commands read: specifications and parameters in TOML or JSON, meshes, and messages that say what is wrong
-//! in them and where.
+//! Input files of commands: specifications and parameters in TOML or JSON, and meshes; errors say what is wrong and where.
 
 use std::fs::File;
 use std::path::Path;
@@ -12,9 +11,9 @@ use super::CliError;
 use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh, Poll};
-use crate::service::Hashed;
+use crate::service::HashingReader;
 
-/// Finds specifications among the presets, else as files; meshes as files in millimetres.
+/// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FileLibrary;
 
@@ -52,7 +51,7 @@ impl SpecLibrary for FileLibrary {
     }
 }
 
-/// The path, if anything is there.
+/// Path of an existing file or folder.
 fn existing(path: &str) -> Result<&Path, NotFound> {
     let path = Path::new(path);
     if path.exists() { Ok(path) } else { Err(NotFound::Unknown) }
@@ -62,10 +61,10 @@ fn unusable(error: CliError) -> NotFound {
     NotFound::Unusable(error.to_string())
 }
 
-/// A specification by a preset's name or a file's path.
+/// Loads a specification by the name of a preset or the path of a file.
 ///
 /// # Errors
-/// Neither a preset nor a readable file of this shape.
+/// Neither a preset nor a readable file of the right structure.
 pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Result<T, NotFound>) -> Result<T, CliError> {
     if let Ok(preset) = preset {
         return Ok(preset);
@@ -73,22 +72,22 @@ pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Result<T, N
     if !Path::new(name).exists() {
         let known = Presets.names(kind).join(", ");
         return Err(CliError::BadInput(format!(
-            "--{kind} {name}: is no file and no preset; presets are {known}",
+            "--{kind} {name}: no such file or preset; the presets are {known}",
             kind = kind.as_str()
         )));
     }
     from_value(value(Path::new(name))?, name)
 }
 
-/// A TOML or JSON file as a value: JSON when it begins with a brace.
+/// Reads a TOML or JSON file as a value; a file that begins with a brace is JSON.
 ///
 /// # Errors
-/// Unreadable, or neither.
+/// A file that cannot be read, or is neither.
 pub fn value(path: &Path) -> Result<Value, CliError> {
     let refuse = |error: String| CliError::BadInput(format!("{}: {error}", path.display()));
     let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
     let text = String::from_utf8(bytes).ok().filter(|text| !text.contains('\0'));
-    let text = text.ok_or_else(|| refuse("is no TOML or JSON text".to_owned()))?;
+    let text = text.ok_or_else(|| refuse("not a TOML or JSON file".to_owned()))?;
     let read = if text.trim_start().starts_with('{') {
         serde_json::from_str(&text).map_err(|error| error.to_string())
     } else {
@@ -97,7 +96,7 @@ pub fn value(path: &Path) -> Result<Value, CliError> {
     read.map_err(refuse)
 }
 
-/// What is wrong with a TOML file, on one line.
+/// Describes the error in a TOML file, on one line.
 fn toml_fault(text: &str, error: &toml::de::Error) -> String {
     let before = error.span().and_then(|span| text.get(..span.start));
     let place = before.map(|before| {
@@ -107,10 +106,10 @@ fn toml_fault(text: &str, error: &toml::de::Error) -> String {
     format!("{}{}", error.message().trim_end().replace('\n', ", "), place.unwrap_or_default())
 }
 
-/// A value as `T`; errors carry the JSON pointer.
+/// Converts a value to `T`; errors carry the JSON pointer.
 ///
 /// # Errors
-/// Another shape.
+/// A value of another structure.
 pub fn from_value<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
     serde_path_to_error::deserialize(value).map_err(|error| {
         let pointer: String =
@@ -119,20 +118,20 @@ pub fn from_value<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, Cl
     })
 }
 
-/// Every finding on a line of its own.
+/// Error that lists every finding on a line of its own.
 #[must_use]
 pub fn findings(what: &str, errors: &[FieldError]) -> CliError {
     let lines: Vec<_> = errors.iter().map(|error| format!("{what}: {error}")).collect();
     CliError::BadInput(lines.join("\n"))
 }
 
-/// A mesh file, with the SHA-256 of its bytes in lower-case hexadecimal.
+/// Reads a mesh file, and the SHA-256 of its bytes in lower-case hexadecimal.
 ///
 /// # Errors
-/// Unreadable, or not a usable mesh; [`CliError::Cancelled`] once `poll` says to stop.
+/// A file that cannot be read or is not a usable mesh; [`CliError::Cancelled`] once `poll` says to stop.
 pub fn mesh(path: &Path, unit: Option<LengthUnit>, poll: &Poll<'_>) -> Result<(ReadMesh, String), CliError> {
     let refuse = |error: std::io::Error| CliError::BadInput(format!("{}: {error}", path.display()));
-    let mut file = Hashed::new(File::open(path).map_err(refuse)?);
+    let mut file = HashingReader::new(File::open(path).map_err(refuse)?);
     let length_bytes = path.metadata().map_err(refuse)?.len();
     let read = mesh_io::read_from(&mut file, length_bytes, unit, &Limits::default(), poll);
     let read = read.map_err(|error| unusable_mesh(path, &error))?;
@@ -140,7 +139,7 @@ pub fn mesh(path: &Path, unit: Option<LengthUnit>, poll: &Poll<'_>) -> Result<(R
     Ok((read, sha256))
 }
 
-/// What a file that is not a usable mesh ends a command with; where its unit is missing, with the option that gives it.
+/// Error for a file that is not a usable mesh; if its unit is missing, the error names the option that gives it.
 #[must_use]
 pub fn unusable_mesh(path: &Path, error: &ReadError) -> CliError {
     match error {

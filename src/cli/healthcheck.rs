@@ -1,4 +1,4 @@
-//! `vantage healthcheck`: whether a server answers, for containers that hold no other program to ask with.
+//! `vantage healthcheck`: asks a server whether it is healthy; for containers that have no other HTTP client.
 
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::CliError;
 
-/// Ask a server whether it is well; exit code 0 if it is, 1 if not.
+/// Ask a server whether it is healthy; exit code 0 if it is, 1 if not.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage healthcheck --url http://127.0.0.1:8080")]
@@ -16,13 +16,13 @@ pub struct HealthcheckArgs {
     url: String,
 }
 
-/// Longest wait for each step.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Timeout of each step: connect, write, read.
+const STEP_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`CliError::BadInput`] for another kind of address, [`CliError::Failed`] when the server is not well.
+/// [`CliError::BadInput`] for an address that is not HTTP, [`CliError::Failed`] if the server is not healthy.
 pub fn run(args: &HealthcheckArgs) -> Result<(), CliError> {
     let host = args.url.strip_prefix("http://").map(|rest| rest.trim_end_matches('/'));
     let host = host.filter(|host| !host.is_empty() && !host.contains(['/', '\r', '\n', ' ']));
@@ -36,10 +36,10 @@ pub fn run(args: &HealthcheckArgs) -> Result<(), CliError> {
 
 fn ask(host: &str) -> std::io::Result<String> {
     let with_port = if host.rsplit_once(':').is_some() { host.to_owned() } else { format!("{host}:80") };
-    let address = with_port.to_socket_addrs()?.next().ok_or_else(|| std::io::Error::other("the name has no address"))?;
-    let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    let address = with_port.to_socket_addrs()?.next().ok_or_else(|| std::io::Error::other("the host name has no address"))?;
+    let mut stream = TcpStream::connect_timeout(&address, STEP_TIMEOUT)?;
+    stream.set_read_timeout(Some(STEP_TIMEOUT))?;
+    stream.set_write_timeout(Some(STEP_TIMEOUT))?;
     write!(stream, "GET /healthz HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")?;
     let mut answer = Vec::new();
     stream.take(4096).read_to_end(&mut answer)?;

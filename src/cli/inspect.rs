@@ -1,57 +1,57 @@
-//! `vantage inspect FILE`: what a part is, what is wrong with it, and what to do about it; or what a scanner sees.
+//! `vantage inspect FILE`: describes a mesh, with its defects and their remedies; or describes a scanner.
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::path::PathBuf;
 
 use super::{CliError, files, inspect_scanner};
-use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, recognise};
+use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
-use crate::wire::MeshHealth;
+use crate::wire::MeshHealthReport;
 
-/// Look at a mesh or a scanner: what it is, and what is wrong with it.
+/// Describe a mesh and its defects, or a scanner and its field of view.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage inspect part.stl --unit mm
   vantage inspect config/scanners/transcan-c.toml --json")]
 pub struct InspectArgs {
-    /// The file to look at; its format is found by content
+    /// File to inspect; its format is recognised by its content.
     pub file: PathBuf,
-    /// Unit of length the mesh is drawn in: mm, cm, m or inch
+    /// Unit of the coordinates in the mesh: mm, cm, m or inch.
     #[arg(long)]
     pub unit: Option<LengthUnit>,
-    /// Print JSON instead of a table
+    /// Print JSON instead of a table.
     #[arg(long)]
     pub json: bool,
 }
 
-/// The report as JSON, with the unit that the file was taken to be in.
+/// Report as JSON, with the unit in which the file was read.
 #[derive(serde::Serialize)]
 struct Inspected<'a> {
     unit: &'a str,
     #[serde(flatten)]
-    health: &'a MeshHealth,
+    health: &'a MeshHealthReport,
 }
 
 /// Prints the report of the file.
 ///
 /// # Errors
-/// [`CliError::BadInput`] when the file cannot be read, with the place in it.
+/// [`CliError::BadInput`] if the file cannot be read, with the position in it.
 pub fn run(args: &InspectArgs) -> Result<(), CliError> {
     print!("{}", report(args)?);
     Ok(())
 }
 
-/// What `run` prints.
+/// Text that `run` prints.
 pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
     let mut file = File::open(&args.file).map_err(|error| bad_input(&error))?;
     let length_bytes = file.metadata().map_err(|error| bad_input(&error))?.len();
     let mesh = match mesh_io::read_from(&mut file, length_bytes, args.unit, &Limits::default(), &Poll::never()) {
         Ok(mesh) => mesh,
-        Err(error) => return of_scanner(args).unwrap_or_else(|| Err(files::unusable_mesh(&args.file, &error))),
+        Err(error) => return scanner_report(args).unwrap_or_else(|| Err(files::unusable_mesh(&args.file, &error))),
     };
-    let report = MeshHealth::new(&mesh);
+    let report = MeshHealthReport::new(&mesh);
     if args.json {
         let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report })
             .map_err(|error| bad_input(&error))?;
@@ -60,15 +60,15 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     Ok(table(&args.file.display().to_string(), &mesh, &report))
 }
 
-/// The report of a text that is not a mesh, which is taken for a scanner's specification: its reader says what it misses.
-fn of_scanner(args: &InspectArgs) -> Option<Result<String, CliError>> {
+/// Report of a text that is not a mesh. It is read as a scanner's specification, whose reader says what is missing.
+fn scanner_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
     let text = fs::read_to_string(&args.file).ok()?;
-    let is_text = recognise(text.as_bytes()) == Err(MeshError::UnknownFormat);
+    let is_text = detect_format(text.as_bytes()) == Err(MeshError::UnknownFormat);
     let render = || inspect_scanner::render(&text, args.json);
     is_text.then(|| render().map_err(|error| CliError::BadInput(format!("{}: {error}", args.file.display()))))
 }
 
-fn table(name: &str, mesh: &ReadMesh, report: &MeshHealth) -> String {
+fn table(name: &str, mesh: &ReadMesh, report: &MeshHealthReport) -> String {
     let size = mesh.health.aabb.extent_mm();
     let (min, max) = (report.bbox_mm.min, report.bbox_mm.max);
     let span = |axis: usize| format!("{:.3} … {:.3}", min[axis], max[axis]);

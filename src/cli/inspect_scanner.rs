@@ -1,4 +1,5 @@
-//! `vantage inspect SCANNER.toml`: what a scanner sees and where it measures, beside what its specification states.
+//! `vantage inspect SCANNER.toml`: a scanner's fields of view and measurement volume, compared with the boxes stated in its
+//! specification.
 
 use std::fmt::Write as _;
 
@@ -6,10 +7,10 @@ use super::CliError;
 use crate::cell::ScannerSpec;
 use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, ScannerFacts, StatedBox, VolumeFacts};
 
-/// The facts of the scanner that `text` specifies: as lines to read, or as JSON.
+/// Describes the scanner that `text` specifies, as text or as JSON.
 ///
 /// # Errors
-/// [`CliError::BadInput`] when `text` is not TOML of a scanner, or names every field that is out of range.
+/// [`CliError::BadInput`] if `text` is not the TOML of a scanner, or with every field that is out of range.
 pub fn render(text: &str, json: bool) -> Result<String, CliError> {
     let neither = |error| CliError::BadInput(format!("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): {error}"));
     let spec: ScannerSpec = toml::from_str(text).map_err(neither)?;
@@ -48,12 +49,12 @@ fn describe(facts: &ScannerFacts) -> String {
     }
     match &facts.volume {
         Some(volume) => describe_volume(&mut out, volume),
-        None => out += "\nmeasurement volume: none about best focus\n",
+        None => out += "\nmeasurement volume: none around best focus\n",
     }
     out
 }
 
-/// Writing to a string cannot fail.
+/// Appends a line; writing to a string cannot fail.
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
     let _ = writeln!(out, "{text}");
 }
@@ -93,7 +94,7 @@ fn describe_depth_of_field(out: &mut String, facts: &DepthOfFieldFacts) {
     line(
         out,
         format_args!(
-            "working    front {front:>5.1} mm, rear {rear:.1} mm: that of a lens whose circle of confusion times f-number is {by_front:.4} mm (front) and {by_rear:.4} mm (rear)"
+            "working    front {front:>5.1} mm, rear {rear:.1} mm: equivalent to a circle of confusion times f-number of {by_front:.4} mm (front) and {by_rear:.4} mm (rear)"
         ),
     );
 }
@@ -103,7 +104,7 @@ fn describe_volume(out: &mut String, volume: &VolumeFacts) {
     line(
         out,
         format_args!(
-            "\nmeasurement volume: {:.3} l, {} corners; what distortion bends (up to {:.2} mm) is left out",
+            "\nmeasurement volume: {:.3} l, {} corners; curvature due to lens distortion (up to {:.2} mm) is neglected",
             volume.volume_mm3 / 1e6,
             volume.vertices_mm.len(),
             volume.bow_mm
@@ -115,10 +116,9 @@ fn describe_volume(out: &mut String, volume: &VolumeFacts) {
     for stated in &volume.stated {
         describe_box(out, stated);
     }
-    *out += "A stated box may reach outside: the polytope here is what all three devices see at every depth at once,\n\
-             while a box from a plane drawing takes the mean width over the depth, and a practical one what is worth\n\
-             scanning. Planning tests every point against the devices themselves; practical volume and block cube only\n\
-             steer where viewpoints are tried.\n";
+    *out += "A stated box may extend beyond this volume, which all three devices see at every depth: a box from a drawing has\n\
+             the mean width over the depth, and a practical box the range that is worth scanning. Planning tests every\n\
+             point against the devices themselves; practical volume and block cube only guide where viewpoints are tried.\n";
 }
 
 fn describe_box(out: &mut String, stated: &StatedBox) {

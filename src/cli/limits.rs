@@ -1,4 +1,4 @@
-//! How long a command may plan and how much memory it may need.
+//! Limits on the time and the memory that a command may use for planning.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -8,36 +8,36 @@ use super::CliError;
 use crate::planning::Allowance;
 use crate::settings::job_memory_bytes;
 
-/// What planning may take.
+/// Limits on time and memory.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct LimitArgs {
-    /// Give up after so many seconds, 1 to 604800, or at once where planning would take far longer. 0: no limit.
+    /// Maximum planning time, 1 to 604800 s; a plan that would take far longer is refused at once. 0 for no limit.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = secs)]
     max_secs: f64,
-    /// Refuse a plan that would need more memory than so many MiB, 256 or more. 0: 60 % of the machine's memory.
+    /// Maximum memory in MiB, 256 or more; a plan that would need more is refused at once. 0 for 60 % of the machine's memory.
     #[arg(long, value_name = "MIB", default_value_t = 0, value_parser = mebibytes)]
     max_memory: u64,
 }
 
 fn secs(text: &str) -> Result<f64, String> {
-    let secs = text.parse().map_err(|_| "has to be a number".to_owned())?;
+    let secs = text.parse().map_err(|_| "must be a number".to_owned())?;
     if secs == 0.0 || (1.0..=604_800.0).contains(&secs) { Ok(secs) } else { Err("allowed is 0, or 1 to 604800".to_owned()) }
 }
 
 fn mebibytes(text: &str) -> Result<u64, String> {
-    let mib = text.parse().map_err(|_| "has to be a whole number".to_owned())?;
+    let mib = text.parse().map_err(|_| "must be a whole number".to_owned())?;
     if mib == 0 || (256..1 << 40).contains(&mib) { Ok(mib) } else { Err("allowed is 0, or 256 and more".to_owned()) }
 }
 
 impl LimitArgs {
-    /// The same for planning on so many threads.
+    /// Allowance for planning on `threads` threads.
     pub(super) fn allowance(&self, threads: usize) -> Allowance {
         let core_secs = if self.max_secs > 0.0 { self.max_secs * threads as f64 } else { f64::INFINITY };
         let bytes = if self.max_memory > 0 { self.max_memory << 20 } else { job_memory_bytes(1) };
         Allowance { bytes: bytes as f64, core_secs }
     }
 
-    /// Does some work that ends when `cancel` is raised, and raises it when the time is up.
+    /// Runs `work`, which ends when `cancel` is raised, and raises `cancel` when the time is up.
     pub(super) fn within<T>(&self, cancel: &AtomicBool, work: impl FnOnce() -> Result<T, CliError>) -> Result<T, CliError> {
         if self.max_secs == 0.0 {
             return work();
@@ -58,8 +58,8 @@ impl LimitArgs {
         });
         match result {
             Err(CliError::Cancelled(_)) if late.load(Ordering::Relaxed) => Err(CliError::BadInput(format!(
-                "it was not planned within the {} s that --max-secs allows; plan a simpler mesh, take a larger part.patch_edge_mm or \
-                 fewer candidates (larger candidates.step_small_deg, fewer rolls_deg), or allow more",
+                "planning took longer than the {} s that --max-secs allows; use a simpler mesh, a larger part.patch_edge_mm or \
+                 fewer candidates (larger candidates.step_small_deg, fewer rolls_deg), or raise the limit",
                 self.max_secs
             ))),
             result => result,
@@ -75,7 +75,7 @@ mod tests {
         LimitArgs { max_secs, max_memory: 0 }
     }
 
-    /// Waits to be cancelled, a minute at most.
+    /// Waits to be cancelled, for up to a minute.
     fn wait(cancel: &AtomicBool) -> Result<(), CliError> {
         for _ in 0..12_000 {
             if cancel.load(Ordering::Relaxed) {

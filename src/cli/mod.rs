@@ -1,4 +1,4 @@
-//! Floor 11, the command line: one binary, `vantage`, and what each of its commands ends with.
+//! Floor 11, the command line: one binary, `vantage`, its commands and their exit codes.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,11 +36,11 @@ mod telemetry;
     version,
     max_term_width = 110,
     after_help = "Examples:
-  vantage demo                                     a server with a sample part, planned at once
+  vantage demo                                     start a server with a sample part that is already being planned
   vantage plan part.stl --unit mm --out plan       plan a part without a server
-  vantage serve --data /var/lib/vantage            the server, at http://127.0.0.1:8080
+  vantage serve --data /var/lib/vantage            start the server at http://127.0.0.1:8080
 
-Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted."
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -64,28 +64,28 @@ enum Command {
     Healthcheck(healthcheck::HealthcheckArgs),
 }
 
-/// Print completions for a shell.
+/// Print a completion script for a shell.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   vantage completions bash > /etc/bash_completion.d/vantage")]
 struct CompletionsArgs {
-    /// The shell.
+    /// Shell to complete for.
     shell: clap_complete::Shell,
 }
 
-/// Why a command ends without its result; each kind has its exit code (contract: 2, 3, 4).
+/// Error that ends a command; each kind has its own exit code (contract: 2, 3, 4).
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CliError {
-    /// The machine is at fault: an address in use, a disk that cannot be written, a server that does not answer.
+    /// System error: an address in use, a disk that cannot be written to, a server that does not answer.
     #[error("{0}")]
     Failed(String),
-    /// What was given cannot be used.
+    /// Input that cannot be used.
     #[error("{0}")]
     BadInput(String),
-    /// No plan is possible, with the reasons.
+    /// Planning that found no plan, with the reasons.
     #[error("{0}")]
     NoPlan(String),
-    /// The user interrupted it.
+    /// Interruption by the user.
     #[error("{0}")]
     Cancelled(String),
 }
@@ -104,7 +104,7 @@ impl CliError {
 }
 
 impl Cli {
-    /// Does what the command line says.
+    /// Runs the command.
     ///
     /// # Errors
     /// [`CliError`].
@@ -130,7 +130,7 @@ impl Cli {
     }
 }
 
-/// A flag that the first ctrl-c or SIGTERM raises; the second ends the process.
+/// Flag that the first ctrl-c or SIGTERM raises; a second signal ends the process.
 fn raised_by_signal() -> Result<Arc<AtomicBool>, CliError> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = flag.clone();
@@ -138,10 +138,10 @@ fn raised_by_signal() -> Result<Arc<AtomicBool>, CliError> {
     Ok(flag)
 }
 
-/// What a shell reports of a process that ctrl-c ended.
+/// Exit code that a shell reports for a process ended by ctrl-c.
 const EXIT_INTERRUPTED: i32 = 130;
 
-/// An error with its causes on one line.
+/// Joins an error and its causes on one line.
 fn failed(what: &str, error: &(dyn std::error::Error + 'static)) -> CliError {
     let causes = std::iter::successors(Some(error), |error| error.source());
     let causes: Vec<String> = causes.map(ToString::to_string).collect();

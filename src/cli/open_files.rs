@@ -1,20 +1,20 @@
-//! How many files the process may have open: as many as the system allows it, and connections no more than leave some
-//! for the database and for jobs. Every connection is a file, so that clients could else take them all.
+//! Limit of open files: raised as far as the system allows, and the limit of connections lowered to leave some files for the
+//! database and for jobs. Every connection is an open file, so clients could otherwise take them all.
 
 use crate::http::RESERVED_CONNECTIONS;
 use crate::settings::Settings;
 
-/// Files that the database, the log and the runtime have open.
-const OF_THE_STORE: u64 = 32;
-/// Files left for jobs and whatever else comes.
-const SPARE: u64 = 64;
-/// A connection is one, and the file that its answer is read from another.
-const PER_CONNECTION: u64 = 2;
-/// Fewer connections than this are no server.
+/// Files that the database, the log and the runtime keep open.
+const STORE_FILES: u64 = 32;
+/// Files left for jobs and everything else.
+const SPARE_FILES: u64 = 64;
+/// Files of a connection: its socket, and the file that its response is read from.
+const FILES_PER_CONNECTION: u64 = 2;
+/// Minimum number of connections, however few files may be open.
 const MIN_CONNECTIONS: u64 = 8;
 
-/// Raises the process's limit as far as it may, and lowers `server.max_connections` to what fits below it.
-pub(super) fn fit(settings: &mut Settings) {
+/// Raises the limit of open files to the hard limit, and lowers `server.max_connections` to what fits below it.
+pub(super) fn raise_limit(settings: &mut Settings) {
     let Some(limit) = raised() else { return };
     let wanted = settings.server.max_connections;
     let fitting = fitting(limit, settings.limits.uploads_at_once.into());
@@ -23,19 +23,19 @@ pub(super) fn fit(settings: &mut Settings) {
             open_files = limit,
             max_connections = fewer,
             wanted,
-            "the system allows few open files: fewer connections than server.max_connections are taken; raise the hard limit"
+            "the system allows few open files, so fewer connections than server.max_connections are taken; raise the hard limit"
         );
         settings.server.max_connections = fewer;
     }
 }
 
-/// Connections for which there is room below `limit` open files.
+/// Number of connections that fit below `limit` open files.
 fn fitting(limit: u64, uploads: u64) -> u64 {
-    let others = OF_THE_STORE + SPARE + RESERVED_CONNECTIONS as u64 + uploads;
-    (limit.saturating_sub(others) / PER_CONNECTION).max(MIN_CONNECTIONS)
+    let others = STORE_FILES + SPARE_FILES + RESERVED_CONNECTIONS as u64 + uploads;
+    (limit.saturating_sub(others) / FILES_PER_CONNECTION).max(MIN_CONNECTIONS)
 }
 
-/// The limit after the attempt to raise it; `None` when there is none.
+/// Limit after the attempt to raise it; `None` if there is none.
 #[cfg(unix)]
 fn raised() -> Option<u64> {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -46,7 +46,7 @@ fn raised() -> Option<u64> {
     match setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum }) {
         Ok(()) => maximum,
         Err(error) => {
-            tracing::warn!(%error, ?current, ?maximum, "the limit of open files cannot be raised");
+            tracing::warn!(%error, ?current, ?maximum, "the limit of open files could not be raised");
             current
         }
     }

@@ -1,4 +1,4 @@
-//! The folder that a command writes its results to: made and tried before the work begins, and no file of it half written.
+//! Output folder of a command: created and tested before the work begins; its files are written atomically.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -6,18 +6,17 @@ use std::path::Path;
 use super::CliError;
 use crate::service::plan_job::Artifact;
 
-/// Written and removed again, to see that the folder can be written to.
+/// File that is written and removed to test that the folder is writable.
 const PROBE: &str = ".vantage-probe";
 
-/// Makes the folder and tries to write in it.
+/// Creates the folder and tests that it is writable.
 ///
 /// # Errors
-/// [`CliError::BadInput`] where the path is, or leads through, something else; [`CliError::Failed`] where the machine
-/// refuses.
+/// [`CliError::BadInput`] if the path is, or leads through, a file; [`CliError::Failed`] if the system refuses.
 pub(super) fn prepare(out: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(out).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
-            CliError::BadInput(format!("--out {}: is or lies below a file; name a folder", out.display()))
+            CliError::BadInput(format!("--out {}: is a file, or below a file; name a folder", out.display()))
         }
         _ => refused(out, &error),
     })?;
@@ -25,7 +24,7 @@ pub(super) fn prepare(out: &Path) -> Result<(), CliError> {
     std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| refused(out, &error))
 }
 
-/// Writes every file under another name first, so that none is ever seen half written.
+/// Writes every file under a temporary name first, so that none is ever seen half written.
 ///
 /// # Errors
 /// [`CliError::Failed`].
@@ -33,7 +32,7 @@ pub(super) fn write(out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> 
     artifacts.iter().try_for_each(|artifact| write_file(&out.join(artifact.name), &artifact.bytes))
 }
 
-/// Writes one file under another name first.
+/// Writes a file under a temporary name first, then renames it.
 ///
 /// # Errors
 /// [`CliError::Failed`].
@@ -41,7 +40,7 @@ pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
     let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let part = path.with_file_name(format!(".{name}.part"));
     std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, path)).map_err(|error| {
-        // It may not be there at all.
+        // It may not exist.
         let _ = std::fs::remove_file(&part);
         refused(path, &error)
     })

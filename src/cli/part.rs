@@ -12,12 +12,12 @@ use crate::geometry::mesh_io::write_stl;
 #[command(after_help = "Example:
   vantage part base --triangles 50000 --out base.stl")]
 pub struct PartArgs {
-    /// Which part: base (121 × 73 × 37 mm consumer product) or figurine (150 mm tall)
+    /// Part to write: base (121 × 73 × 37 mm, a consumer product) or figurine (150 mm tall).
     pub part: DemoPart,
-    /// About how many triangles it should have
+    /// Approximate number of triangles.
     #[arg(long, default_value_t = DEFAULT_TRIANGLES)]
     pub triangles: usize,
-    /// The STL file to write
+    /// STL file to write.
     #[arg(long)]
     pub out: PathBuf,
 }
@@ -25,7 +25,7 @@ pub struct PartArgs {
 /// Writes the part.
 ///
 /// # Errors
-/// [`CliError::BadInput`] when the count is out of range or the file cannot be written.
+/// [`CliError::BadInput`] if the number is out of range or the file cannot be written.
 pub fn run(args: &PartArgs) -> Result<(), CliError> {
     let mesh = args.part.mesh(args.triangles).map_err(|error| CliError::BadInput(error.to_string()))?;
     let write = fs::write(&args.out, write_stl(&mesh));

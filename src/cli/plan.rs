@@ -1,4 +1,4 @@
-//! `vantage plan`: the pipeline of the server without a server.
+//! `vantage plan`: plans a part with the server's pipeline, without a server.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,60 +20,62 @@ use crate::planning::params::PlanParams;
 use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
-use crate::wire::json_file_bytes;
 use crate::wire::ovp::OvpDocument;
-use crate::wire::plan::PlanDocument;
+use crate::wire::plan::{PlanDocument, RemedyDocument};
+use crate::wire::{json_file_bytes, parameters};
 
-/// Plan viewpoints, motion and robot program for a part.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
+const EXAMPLES: &str = "Examples:
   vantage plan part.stl --unit mm --out plan
   vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
   vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
 
-Files written to --out: plan.json, program.json, timings.json, report.html, report.txt, coverage.csv, listings, and
-ovp.json, a log that the public benchmark of viewpoint planning reads.
-Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted.")]
+Files written to --out: plan.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
+spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning.
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted.";
+
+/// Plan viewpoints, motion and a robot program for a part.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\nParameters for --set:\n{}", parameters::help()))]
 pub struct PlanArgs {
-    /// The part: STL, OBJ or PLY.
+    /// Part: an STL, OBJ or PLY file.
     mesh: PathBuf,
-    /// Unit of the file's coordinates: mm, cm, m or inch.
+    /// Unit of the coordinates in the file: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
-    /// Cell: a preset's name, a TOML or JSON file, or `none` to plan viewpoints alone.
+    /// Cell: name of a preset, a TOML or JSON file, or `none` to plan viewpoints only.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
-    /// Scanner for `--cell none`: a preset's name or a file.
+    /// Scanner, with `--cell none` only: name of a preset, or a file [default: transcan-c].
     #[arg(long)]
     scanner: Option<String>,
-    /// Parameters: a TOML or JSON file.
+    /// Planning parameters: a TOML or JSON file.
     #[arg(long)]
     params: Option<PathBuf>,
-    /// One parameter, over the file's: `selection.target=0.99`. The value is JSON, else a string.
+    /// Set one parameter, overriding the file: `selection.target=0.99`. A value that is not JSON is a string. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
-    /// Toleranced features, beside those of `regions.features`: a JSON or CSV file, for example with the lines
-    /// `name,region,tolerance_mm,point_spacing_mm` and `bore,sphere 10 20 30 5,0.05,0.2`.
+    /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. Example of CSV: a header
+    /// `name,region,tolerance_mm,point_spacing_mm` and a line `bore,sphere 10 20 30 5,0.05,0.2`.
     #[arg(long)]
     features: Option<PathBuf>,
-    /// Folder for the results; made if it is not there.
+    /// Folder for the results; created if it does not exist.
     #[arg(long)]
     out: PathBuf,
-    /// Print plan.json to standard output.
+    /// Print plan.json to standard output instead of a summary.
     #[arg(long)]
     json: bool,
-    /// Threads to plan with, 0 to 1024; the plan does not depend on it. 0: all cores.
+    /// Number of threads, 0 to 1024; 0 for all cores. The plan does not depend on it.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
     threads: u16,
     #[command(flatten)]
     limits: LimitArgs,
-    /// A label that plan and program carry.
+    /// Label to record in the plan, the program and the report. Repeatable.
     #[arg(long = "label", value_name = "KEY=VALUE")]
     labels: Vec<String>,
-    /// Part number that plan and program carry.
+    /// Part number to record in the plan, the program and the report.
     #[arg(long)]
     part_number: Option<String>,
-    /// Serial number that plan and program carry.
+    /// Serial number to record in the plan, the program and the report.
     #[arg(long)]
     serial: Option<String>,
 }
@@ -90,6 +92,8 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     out::prepare(&args.out)?;
     let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(Path::new(path), args.unit, cancel)).transpose()?;
+    // Views are ordered, and remedies tried, many times in the same cell.
+    let roadmaps = Roadmaps::default();
     let job = PlanJob {
         mesh: &part.mesh,
         fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
@@ -97,31 +101,30 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         part_sha256: &part_sha256,
         scanner: &scanner,
         cell: cell.as_ref(),
+        roadmaps: Some(&roadmaps),
         params: &params,
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
     };
     let pool = pool(args.threads)?;
     let progress = Progress::start();
     let planned = || {
-        // One plan orders views, and tries remedies, many times in its cell.
-        let roadmaps = Roadmaps::default();
         let allowance = args.limits.allowance(rayon::current_num_threads());
-        let ctx = Context::new(cancel, &progress).with_roadmaps(&roadmaps).with_allowance(allowance);
+        let ctx = Context::new(cancel, &progress).with_allowance(allowance);
         let outcome = job.plan(&ctx)?;
         let artifacts = job.render(&outcome, &ctx)?;
         Ok::<_, PlanError>((outcome, artifacts))
     };
-    let result = args.limits.within(cancel, || pool.install(planned).map_err(explain));
+    let result = args.limits.within(cancel, || pool.install(planned).map_err(to_cli_error));
     let seconds = progress.finish();
     let (outcome, mut artifacts) = result?;
     let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
     artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
     artifacts.push(Artifact { name: "ovp.json", bytes: json_file_bytes(&log) });
     out::write(&args.out, &artifacts)?;
-    report(args, &artifacts)
+    print_summary(args, &artifacts)
 }
 
-/// The mesh, after what is suspicious about it was told: a wrong unit is better seen before an hour than after.
+/// Loads a mesh and prints its warnings: a wrong unit is better noticed before an hour of planning than after.
 pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>, cancel: &AtomicBool) -> Result<(ReadMesh, String), CliError> {
     let (read, sha256) = files::mesh(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)))?;
     for warning in read.health.warnings() {
@@ -130,19 +133,19 @@ pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>, cancel: &AtomicBo
     Ok((read, sha256))
 }
 
-/// The cell that `--cell` names; none for `none`.
+/// Loads the cell that `--cell` names; `None` for `none`.
 pub(super) fn load_cell(name: &str, scanner: Option<&str>) -> Result<Option<Cell>, CliError> {
     if name == "none" {
         return Ok(None);
     }
     if scanner.is_some() {
-        return Err(CliError::BadInput("--scanner goes with --cell none; a cell names its own scanner".into()));
+        return Err(CliError::BadInput("--scanner can only be used with --cell none; a cell has its own scanner".into()));
     }
     let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
     spec.build(&FileLibrary).map(Some).map_err(|errors| files::findings(name, &errors))
 }
 
-/// The cell's scanner, else the one that `--scanner` names.
+/// Loads the scanner: the cell's, else the one that `--scanner` names.
 pub(super) fn load_scanner(cell: Option<&Cell>, name: Option<&str>) -> Result<Scanner, CliError> {
     if let Some(cell) = cell {
         return Ok(cell.scanner.clone());
@@ -152,7 +155,7 @@ pub(super) fn load_scanner(cell: Option<&Cell>, name: Option<&str>) -> Result<Sc
     spec.build().map_err(|errors| files::findings(name, &errors))
 }
 
-/// File first, then every `--set` over it.
+/// Loads the parameter file and applies every `--set` to it.
 pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanParams, CliError> {
     let value = match file {
         Some(path) => files::value(path)?,
@@ -161,7 +164,7 @@ pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanPa
     set_params(value, sets)
 }
 
-/// Every `--set` over `value`.
+/// Applies every `--set` to `value`.
 pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
     for set in sets {
         let (key, text) = set
@@ -175,13 +178,13 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
     Ok(params)
 }
 
-/// Threads to work with; all cores for 0.
+/// Thread pool of `threads` threads; of all cores for 0.
 pub(super) fn pool(threads: u16) -> Result<rayon::ThreadPool, CliError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build();
     pool.map_err(|error| CliError::Failed(format!("--threads: {error}")))
 }
 
-/// The time, RFC 3339, UTC; empty where the machine has none.
+/// Current time in UTC, RFC 3339; empty if it cannot be formatted.
 fn now() -> String {
     let mut text = String::new();
     match SystemTime.format_time(&mut Writer::new(&mut text)) {
@@ -194,10 +197,10 @@ fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), String> {
     let (path, last) = key.rsplit_once('.').map_or((None, key), |(path, last)| (Some(path), last));
     let mut table = value;
     for name in path.into_iter().flat_map(|path| path.split('.')) {
-        let map = table.as_object_mut().ok_or_else(|| format!("{name} lies below a value that has no parts"))?;
+        let map = table.as_object_mut().ok_or_else(|| format!("{name} is inside a value that is not an object"))?;
         table = map.entry(name).or_insert_with(|| Value::Object(serde_json::Map::new()));
     }
-    let map = table.as_object_mut().ok_or_else(|| format!("{last} lies below a value that has no parts"))?;
+    let map = table.as_object_mut().ok_or_else(|| format!("{last} is inside a value that is not an object"))?;
     map.insert(last.to_owned(), new);
     Ok(())
 }
@@ -213,8 +216,8 @@ fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>
         .collect()
 }
 
-/// What ends the command when planning does.
-pub(super) fn explain(error: PlanError) -> CliError {
+/// Error of the command for an error of planning.
+pub(super) fn to_cli_error(error: PlanError) -> CliError {
     match error {
         PlanError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
@@ -222,8 +225,8 @@ pub(super) fn explain(error: PlanError) -> CliError {
     }
 }
 
-/// What a person wants to know at once, or the plan itself for a program.
-fn report(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
+/// Prints a summary for people, or with `--json` the plan itself for programs.
+fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
     let bytes = artifacts.iter().find(|artifact| artifact.name == "plan.json").map_or(&[][..], |artifact| &artifact.bytes);
     if args.json {
         print!("{}", String::from_utf8_lossy(bytes));
@@ -232,25 +235,42 @@ fn report(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
     let plan: PlanDocument = serde_json::from_slice(bytes).map_err(|error| CliError::BadInput(error.to_string()))?;
     let coverage = &plan.coverage;
     println!(
-        "{} views measure {:.2} % of the asked area, {:.2} % of what can be measured (stopped: {}).",
+        "{} views measure {:.2} % of the asked area, {:.2} % of the coverable area (stopped: {}).",
         plan.viewpoints.len(),
         100.0 * coverage.of_asked,
         100.0 * coverage.of_coverable,
         plan.stopped_because
     );
     if let Some(independent) = &coverage.independent {
-        println!("  on samples that no view was chosen on: {:.2} % of the asked area", 100.0 * independent.of_asked);
+        println!("  independent check: {:.2} % of the asked area", 100.0 * independent.of_asked);
     }
     if let Some(robust) = &coverage.robust {
         let worst = [robust.of_asked.worst, robust.part.of_asked.worst].map(|share| 100.0 * share);
-        println!("  with poses off, at worst: {:.2} % (views), {:.2} % (the part)", worst[0], worst[1]);
+        println!("  worst case with pose errors: {:.2} % (views off), {:.2} % (part off)", worst[0], worst[1]);
     }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
         if let Some(remedy) = &missed.remedy {
-            println!("                   its largest spot: {}", remedy.text);
+            println!("                   largest spot: {}", advice(remedy, plan.params.setups));
         }
     }
-    println!("Look at {}", args.out.join("report.html").display());
+    println!("Report: {}", args.out.join("report.html").display());
     Ok(())
+}
+
+/// Advice for a missed spot, on one line; `setups` is the number that the plan allowed.
+pub(super) fn advice(remedy: &RemedyDocument, setups: u32) -> String {
+    let recovers = format!("recovers {:.0} mm² ({:.0} %)", remedy.area_mm2, 100.0 * remedy.of_spot);
+    match remedy.kind.as_str() {
+        "none" if remedy.tried == 1 => "no fix found (the one view tried does not see half of it)".to_owned(),
+        "none" => format!("no fix found (no 8 of the {} views tried see half of it)", remedy.tried),
+        "setup" if setups == 1 => format!("turn the part onto another side and scan again (try --set setups=2): {recovers}"),
+        "setup" => format!("turn the part onto another side and scan again (set part.resting_poses): {recovers}"),
+        "view" => {
+            let views =
+                if remedy.views.len() == 1 { "1 more view".to_owned() } else { format!("{} more views", remedy.views.len()) };
+            format!("{views} would measure it (raise selection.target or selection.max_views): {recovers}")
+        }
+        _ => remedy.text.clone(),
+    }
 }

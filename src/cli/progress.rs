@@ -1,5 +1,5 @@
-//! Progress of a plan on the command line: a bar on a terminal, a plain line a stage elsewhere; and the seconds of each
-//! stage, which the planner itself does not know.
+//! Progress of planning on the command line: a progress bar on a terminal, else one line per stage; and the seconds of each
+//! stage, since the planner itself reads no clock.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -9,13 +9,13 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::planning::context::{Observer, Stage};
 
-/// Seconds of each stage that ran, by name.
-pub type StageSeconds = BTreeMap<&'static str, f64>;
+/// Seconds of each stage that ran, by its name.
+pub type StageTimes = BTreeMap<&'static str, f64>;
 
-/// See the module.
+/// Progress bar and stopwatch of a plan.
 pub struct Progress {
     bar: ProgressBar,
-    running: Mutex<(StageSeconds, Option<(Stage, Instant)>)>,
+    running: Mutex<(StageTimes, Option<(Stage, Instant)>)>,
 }
 
 impl Progress {
@@ -29,9 +29,9 @@ impl Progress {
         Self { bar, running: Mutex::default() }
     }
 
-    /// Ends the last stage; the seconds of each.
+    /// Ends the last stage and returns the seconds of each.
     #[must_use]
-    pub fn finish(self) -> StageSeconds {
+    pub fn finish(self) -> StageTimes {
         self.switch(None);
         self.bar.finish_and_clear();
         self.running.into_inner().unwrap_or_else(PoisonError::into_inner).0

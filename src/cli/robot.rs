@@ -1,4 +1,4 @@
-//! `vantage robot`: a robot's specification from its URDF file.
+//! `vantage robot`: makes a robot's specification from its URDF file.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,48 +16,48 @@ use crate::geometry::{LengthUnit, Mesh};
   vantage robot elfin5.urdf --payload 5 --out elfin5.toml --surfaces elfin5
   vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src --payload 10 --out arm.toml
 
-A URDF has neither payload nor accelerations: give --payload, and --ramp if half a second to full speed is wrong.
-Name the file in a cell's TOML as its robot, or upload it: PUT /api/v1/robots/{name}. With --surfaces the collision
-shapes confirm what capsules alone would call too close: the arm gets into narrower places, and checks there take longer.
-A server takes surfaces as meshes: upload each, and put its id in place of the file's name.")]
+A URDF states neither payload nor accelerations: give --payload, and --ramp unless joints reach full speed in half a second.
+Name the file as the robot in a cell's TOML, or upload it: PUT /api/v1/robots/{name}. With --surfaces near-collisions are
+re-checked on the exact meshes: tighter moves, slower checks. For a server, upload each surface as a mesh and replace the
+file name by its id.")]
 pub struct RobotArgs {
-    /// The URDF file; xacro must be expanded first.
+    /// URDF file; expand xacro first.
     pub urdf: PathBuf,
-    /// The TOML file to write.
+    /// TOML file to write.
     #[arg(long)]
     pub out: PathBuf,
-    /// Also write the links' surfaces into this folder, STL in millimetres, and name them in the specification.
+    /// Write the surfaces of the links to this folder too, as STL in millimetres, and refer to them in the specification.
     #[arg(long, value_name = "DIR")]
     pub surfaces: Option<PathBuf>,
-    /// Name of the robot [default: the file's].
+    /// Name of the robot [default: the name in the file].
     #[arg(long)]
     pub name: Option<String>,
-    /// Link that stands still [default: base_link, else the root].
+    /// Base link, which does not move [default: base_link, else the root].
     #[arg(long)]
     pub base: Option<String>,
-    /// Link that is the flange [default: tool0 or flange, else the end six joints from the base].
+    /// Flange link [default: tool0 or flange, else the link six joints from the base].
     #[arg(long)]
     pub tip: Option<String>,
-    /// Largest mass at the flange, kg.
+    /// Maximum mass at the flange, kg.
     #[arg(long, value_parser = positive)]
     pub payload: f64,
-    /// Time in which a joint comes to its rated speed, s.
+    /// Time in which a joint reaches its rated speed, s.
     #[arg(long, default_value_t = 0.5, value_parser = positive)]
     pub ramp: f64,
-    /// Folder in which `package://NAME` stands for its subfolder NAME [default: the URDF's folder and those above it].
+    /// Folder with a subfolder NAME for each `package://NAME` [default: the URDF's folder, then its parents].
     #[arg(long)]
     pub packages: Option<PathBuf>,
 }
 
 fn positive(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    let number: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err(format!("is {number}; allowed is above 0")) }
 }
 
-/// Reads the URDF and its meshes, writes the specification.
+/// Reads the URDF and its meshes, and writes the specification.
 ///
 /// # Errors
-/// [`CliError::BadInput`] when a file cannot be read or written, or gives no robot.
+/// [`CliError::BadInput`] if a file cannot be read or written, or does not describe a usable robot.
 pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     let at = |path: &Path, error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", path.display()));
     let text = fs::read_to_string(&args.urdf).map_err(|error| at(&args.urdf, &error))?;
@@ -81,16 +81,18 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         return Err(at(&args.urdf, &all.join("; ")));
     }
     let toml = toml::to_string_pretty(&spec).map_err(|error| at(&args.out, &error))?;
-    let text =
-        format!("# From {}. Check limits, speeds and accelerations against the maker's data sheet.\n{toml}", name_of(&args.urdf));
+    let text = format!(
+        "# From {}. Check limits, speeds and accelerations against the manufacturer's data sheet.\n{toml}",
+        name_of(&args.urdf)
+    );
     fs::write(&args.out, text).map_err(|error| at(&args.out, &error))?;
     println!("{}: {}", args.out.display(), summary(&spec));
     Ok(())
 }
 
-/// Writes a link's surface, and gives what names it.
+/// Writes a link's surface; the entry that refers to it.
 fn write_surface(surface: &LinkSurface, index: usize, folder: &Path) -> Result<LinkBodySpec, (PathBuf, std::io::Error)> {
-    // A URDF may name its links as it likes; the number keeps names apart.
+    // Links of a URDF may have any name; the number keeps file names distinct.
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     let name: String = surface.name.chars().map(plain).collect();
     let path = folder.join(format!("{index:02}-{name}.stl"));
@@ -102,9 +104,9 @@ fn write_surface(surface: &LinkSurface, index: usize, folder: &Path) -> Result<L
 fn summary(spec: &RobotSpec) -> String {
     let KinematicsSpec::Chain(chain) = &spec.kinematics else { return spec.name.clone() };
     let form = match chain.build().closed_form() {
-        Some("opw") => "ortho-parallel with a spherical wrist, solved in closed form",
-        Some(_) => "three parallel axes, solved in closed form",
-        None => "of no known form, solved by steps",
+        Some("opw") => "analytic inverse kinematics (ortho-parallel, spherical wrist)",
+        Some(_) => "analytic inverse kinematics (three parallel axes)",
+        None => "iterative inverse kinematics (no known closed form)",
     };
     let surfaces = if spec.surfaces.is_empty() { String::new() } else { format!(", {} surfaces", spec.surfaces.len()) };
     format!("{}, {form}; {} capsules{surfaces}", spec.name, spec.links.len())
@@ -114,7 +116,7 @@ fn name_of(path: &Path) -> String {
     path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// The file behind a name such as `package://NAME/meshes/link.stl`, `file:///…` or `meshes/link.stl`.
+/// Resolves a name such as `package://NAME/meshes/link.stl`, `file:///…` or `meshes/link.stl`.
 fn find_mesh(name: &str, args: &RobotArgs) -> Result<PathBuf, String> {
     if let Some(path) = name.strip_prefix("file://") {
         return Ok(path.into());
@@ -126,10 +128,10 @@ fn find_mesh(name: &str, args: &RobotArgs) -> Result<PathBuf, String> {
         None => home.ancestors().skip(1).collect(),
     };
     let found = folders.iter().map(|folder| folder.join(relative)).find(|path| path.is_file());
-    found.ok_or_else(|| format!("is not below {}; name the folder of the packages with --packages", folders[0].display()))
+    found.ok_or_else(|| format!("was not found below {}; name the folder of the packages with --packages", folders[0].display()))
 }
 
-/// Numbers count as they stand: a URDF's are metres.
+/// Reads a mesh without scaling it: coordinates of a URDF are metres.
 fn read_mesh(path: &Path) -> Result<Mesh, String> {
     let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let read = mesh_io::read(&bytes, Some(LengthUnit::Millimetre), &Limits::default());

@@ -1,5 +1,5 @@
-//! `vantage serve`: the server, until SIGTERM or ctrl-c. The first signal lets what is open end, within
-//! `server.drain_timeout_secs`; the second does not.
+//! `vantage serve`: runs the server until SIGTERM or ctrl-c. After the first signal open requests may finish within
+//! `server.drain_timeout_secs`; a second signal ends the process at once.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -15,28 +15,27 @@ use crate::settings::{Flags, Settings};
 
 /// Run the server.
 #[derive(Debug, Default, clap::Args)]
-#[command(
-    after_help = "Settings come from the built-in defaults, then --config FILE, then the environment (VANTAGE_SERVER__LISTEN
-for server.listen), then these flags. An address that other machines reach needs a key (server.api_key) or --insecure.
+#[command(after_help = "Settings are read from the built-in defaults, then from --config FILE, then from the environment
+(VANTAGE_SERVER__LISTEN for server.listen), then from these flags; later ones override earlier ones. An address that other
+machines can reach needs a key (server.api_key) or --insecure.
 
-SIGTERM and ctrl-c end it within server.drain_timeout_secs, with exit code 0; a second one at once, with 130.
+SIGTERM or ctrl-c stops the server within server.drain_timeout_secs, with exit code 0; a second one at once, with 130.
 
 Examples:
   vantage serve
   vantage serve --data /var/lib/vantage --config /etc/vantage.toml
-  VANTAGE_SERVER__API_KEY=$(openssl rand -hex 16) vantage serve --listen 0.0.0.0:8080"
-)]
+  VANTAGE_SERVER__API_KEY=$(openssl rand -hex 16) vantage serve --listen 0.0.0.0:8080")]
 pub struct ServeArgs {
-    /// Address and port [default: 127.0.0.1:8080].
+    /// Address and port to listen on [default: 127.0.0.1:8080].
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub listen: Option<SocketAddr>,
-    /// Folder of the database and the files; made if need be [default: vantage-data].
+    /// Folder of the database and the files; created if it does not exist [default: vantage-data].
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// File of settings, TOML.
+    /// Settings file, TOML.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Take requests from other machines without a key.
+    /// Accept requests from other machines without a key.
     #[arg(long)]
     pub insecure: bool,
 }
@@ -48,8 +47,8 @@ pub struct ServeArgs {
 pub fn run(args: &ServeArgs) -> Result<(), CliError> {
     let mut settings = settings(args)?;
     telemetry::start(&settings.telemetry)?;
-    open_files::fit(&mut settings);
-    run_to_the_end(async {
+    open_files::raise_limit(&mut settings);
+    run_to_completion(async {
         let server = Server::bind(&settings.http()).await.map_err(|error| CliError::Failed(error.to_string()))?;
         let app = open(&settings).await?;
         println!("Vantage listens on http://{}", server.address());
@@ -65,16 +64,16 @@ fn settings(args: &ServeArgs) -> Result<Settings, CliError> {
     Settings::load(args.config.as_deref(), &flags).map_err(|error| CliError::BadInput(error.to_string()))
 }
 
-/// Threads that block are not waited for any longer than this once everything else has ended.
-const LAST_WAIT: Duration = Duration::from_millis(500);
+/// Maximum wait for blocked threads once everything else has ended.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// Runs on the threads that answer; planning has its own.
-pub(super) fn run_to_the_end(work: impl Future<Output = Result<(), CliError>>) -> Result<(), CliError> {
+/// Runs `work` on the threads that answer requests; planning has its own.
+pub(super) fn run_to_completion(work: impl Future<Output = Result<(), CliError>>) -> Result<(), CliError> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     let runtime = runtime.map_err(|error| failed("the runtime", &error))?;
     let result = runtime.block_on(work);
-    // A thread that hangs would else keep the process for ever. What it does is not promised to anybody yet.
-    runtime.shutdown_timeout(LAST_WAIT);
+    // Otherwise a hanging thread would keep the process alive for ever. Nobody has been promised its result yet.
+    runtime.shutdown_timeout(SHUTDOWN_TIMEOUT);
     result
 }
 
@@ -85,32 +84,32 @@ pub(super) async fn open(settings: &Settings) -> Result<App, CliError> {
     App::open(settings.service()).await.map_err(|error| failed(&format!("the store in {data}"), &error))
 }
 
-/// What the orderly end may take beyond the time for open requests, before the process ends without it.
-const OVERTIME: Duration = Duration::from_secs(1);
+/// Time for an orderly shutdown after the time for open requests; then the process ends without it.
+const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
 
-/// Serves until a signal comes.
+/// Serves until a signal arrives.
 pub(super) async fn serve(server: Server, app: App, settings: &Settings) -> Result<(), CliError> {
     let drain = Duration::from_secs_f64(settings.server.drain_timeout_secs);
-    let asked = CancellationToken::new();
-    let ask = asked.clone();
-    let told = move |signal| {
+    let stop = CancellationToken::new();
+    let on_first = stop.clone();
+    let begin_stop = move |signal| {
         tracing::info!(signal, "stopping");
-        ask.cancel();
+        on_first.cancel();
     };
-    on_signals(told, Some(drain + OVERTIME))?;
+    on_signals(begin_stop, Some(drain + SHUTDOWN_MARGIN))?;
     let router = http::router(app.clone(), settings.http());
     let store = app.clone();
     let stopped = async move {
-        asked.cancelled().await;
+        stop.cancelled().await;
         let deadline = Instant::now() + drain;
-        // Questions are still answered while planning comes to its halt.
+        // Requests are still answered while planning stops.
         if tokio::time::timeout_at(deadline.into(), app.stop()).await.is_err() {
-            tracing::warn!("a job did not halt within server.drain_timeout_secs; it starts again with the next process");
+            tracing::warn!("a job did not stop within server.drain_timeout_secs; it is planned again at the next start");
         }
         deadline
     };
     if !server.run(router, stopped).await {
-        tracing::warn!("some requests were cut off: they did not end within server.drain_timeout_secs");
+        tracing::warn!("some requests were cut off because they did not finish within server.drain_timeout_secs");
     }
     store.close().await;
     Ok(())

@@ -1,13 +1,13 @@
-//! The signals that end a command: ctrl-c, and SIGTERM where there is one. They are waited for on a thread of their own,
-//! so that they are heard also when everything else hangs.
+//! Signals that end a command: ctrl-c, and on Unix SIGTERM. A separate thread waits for them, so they are handled even when
+//! everything else hangs.
 
 use std::time::Duration;
 
 use super::{CliError, EXIT_INTERRUPTED, failed};
 
-/// From now on the first signal does not end the process by itself but is told to `first`; the second ends it at once.
-/// With `patience`, so does the end of that time after the first: the command did not come to its end in it.
-pub(super) fn on_signals(first: impl FnOnce(&'static str) + Send + 'static, patience: Option<Duration>) -> Result<(), CliError> {
+/// Passes the first signal to `first` instead of ending the process; a second signal ends the process at once. With
+/// `grace`, the process also ends if the command has not ended that long after the first signal.
+pub(super) fn on_signals(first: impl FnOnce(&'static str) + Send + 'static, grace: Option<Duration>) -> Result<(), CliError> {
     let (listening, heard) = std::sync::mpsc::channel();
     let wait = move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -17,9 +17,9 @@ pub(super) fn on_signals(first: impl FnOnce(&'static str) + Send + 'static, pati
         });
         match signals {
             Ok((runtime, signals)) => {
-                // The one who asks waits for this.
+                // The caller waits for this.
                 let _ = listening.send(Ok(()));
-                runtime.block_on(end_by(signals, first, patience));
+                runtime.block_on(end_by(signals, first, grace));
             }
             Err(error) => drop(listening.send(Err(error))),
         }
@@ -29,11 +29,11 @@ pub(super) fn on_signals(first: impl FnOnce(&'static str) + Send + 'static, pati
     heard.recv().map_err(|error| failed("the thread for signals", &error))?
 }
 
-async fn end_by(mut signals: Signals, first: impl FnOnce(&'static str), patience: Option<Duration>) {
+async fn end_by(mut signals: Signals, first: impl FnOnce(&'static str), grace: Option<Duration>) {
     first(signals.next().await);
-    let second = tokio::time::timeout(patience.unwrap_or(Duration::MAX), signals.next());
+    let second = tokio::time::timeout(grace.unwrap_or(Duration::MAX), signals.next());
     if second.await.is_err() {
-        tracing::warn!("stopping without what does not end");
+        tracing::warn!("stopping although some work has not ended");
         std::process::exit(0);
     }
     tracing::warn!("stopping at once");
@@ -55,7 +55,7 @@ impl Signals {
         Ok(Self { terminate: listen(SignalKind::terminate(), "SIGTERM")?, interrupt: listen(SignalKind::interrupt(), "SIGINT")? })
     }
 
-    /// The next one, by name.
+    /// Waits for the next signal; its name.
     #[cfg(unix)]
     async fn next(&mut self) -> &'static str {
         tokio::select! {

@@ -1,33 +1,34 @@
-//! `vantage study`: one knob varied, the rest left alone, as table, plots and page; and the reach of a cell's layouts.
+//! `vantage study`: varies one parameter with the others fixed and writes a table, plots and a page; and compares the reach of
+//! layouts of a cell.
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use super::plan::{explain, load_cell, load_mesh, load_params, load_scanner, pool};
+use super::plan::{load_cell, load_mesh, load_params, load_scanner, pool, to_cli_error};
 use super::progress::Progress;
 use super::{CliError, out, reach};
 use crate::geometry::LengthUnit;
 use crate::planning::PlanInput;
 use crate::planning::context::Context;
 use crate::planning::studies::{self, Study};
+use crate::report::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 use crate::service::plan_job::Artifact;
-use crate::wire::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 
-/// What is varied.
+/// Parameter that a study varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Varied {
     /// Weights of coverage (a) and quality (b): a = 1, 0.75, 0.5, 0.25, 0 and b = 1 - a
     Weights,
-    /// Limits of incidence: cameras 85 to 45 degrees, the projector 7.5 less
+    /// Incidence limits: cameras 85 to 45 degrees, projector 7.5 degrees less
     Limits,
     /// Candidate strategies: each alone, then the configured mix
     Candidates,
-    /// Where robot, table and scanner stand in a cell: how much of the viewing hemisphere each layout reaches
+    /// Layouts of robot, table and scanner in a cell: the share of the viewing hemisphere that each reaches
     Reach,
 }
 
-/// Vary the score's weights, the limits of incidence or the candidates, and see what coverage and grades come out; or the
-/// layout of a cell, and see what it reaches.
+/// Vary the weights of the score, the incidence limits or the candidates, and compare coverage and grades; or vary the
+/// layout of a cell, and compare its reach.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage study weights part.stl --unit mm
@@ -35,41 +36,41 @@ enum Varied {
   vantage study candidates part.stl --unit mm --set selection.objective=coverage --at 10
   vantage study reach --cell e05-transcan --foot 350,400,450 --table=-250,-200,-150 --mountings
 
-Files written to --out, each named after the study: .csv, -coverage.svg, -grades.svg and .html with all of them;
-for reach .csv and .svg.
-Exit codes: 0 done, 1 the machine is at fault, 2 bad input, 3 no plan possible, 4 interrupted.")]
+Files written to --out, named after the study: STUDY.csv, STUDY-coverage.svg, STUDY-grades.svg, and STUDY.html with all
+of them; for reach only reach.csv and reach.svg.
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted.")]
 pub struct StudyArgs {
-    /// What to vary.
+    /// Study to run.
     study: Varied,
-    /// The part: STL, OBJ or PLY; `reach` needs none.
+    /// Part: an STL, OBJ or PLY file; not used by `reach`.
     mesh: Option<PathBuf>,
-    /// Unit of the file's coordinates: mm, cm, m or inch.
+    /// Unit of the coordinates in the file: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
-    /// Cell: a preset's name, a TOML or JSON file, or `none` to study viewpoints alone.
+    /// Cell: name of a preset, a TOML or JSON file, or `none` to study viewpoints only.
     #[arg(long, default_value = "none")]
     cell: String,
-    /// Scanner for `--cell none`: a preset's name or a file.
+    /// Scanner, with `--cell none` only: name of a preset, or a file [default: transcan-c].
     #[arg(long)]
     scanner: Option<String>,
-    /// Parameters that are left alone: a TOML or JSON file.
+    /// Parameters that stay fixed: a TOML or JSON file.
     #[arg(long)]
     params: Option<PathBuf>,
-    /// One parameter, over the file's: `selection.objective=coverage`. The value is JSON, else a string.
+    /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
-    /// Most views of a series.
+    /// Maximum number of views in a series.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
     views: u32,
-    /// Number of views at which grades are told.
+    /// Number of views at which grades are compared.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     at: u32,
     #[command(flatten)]
     reach: reach::ReachArgs,
-    /// Folder for the results; made if it is not there.
+    /// Folder for the results; created if it does not exist.
     #[arg(long, default_value = "study")]
     out: PathBuf,
-    /// Threads to use, 0 to 1024; the findings do not depend on it. 0: all cores.
+    /// Number of threads, 0 to 1024; 0 for all cores. The results do not depend on it.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
     threads: u16,
 }
@@ -82,13 +83,13 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let (study, mesh) = match (args.study, &args.mesh) {
         (Varied::Reach, None) => return reach::run(&args.reach, &args.cell, &args.out, args.threads, cancel),
         (Varied::Reach, Some(mesh)) => {
-            let detail = "is not used by `study reach`, which places a cube; give its edge with --cube";
+            let detail = "cannot be used with `study reach`, which places a cube; give the edge of the cube with --cube";
             return Err(CliError::BadInput(format!("{}: {detail}", mesh.display())));
         }
         (Varied::Weights, Some(mesh)) => (Study::Weights, mesh),
         (Varied::Limits, Some(mesh)) => (Study::Limits, mesh),
         (Varied::Candidates, Some(mesh)) => (Study::Candidates, mesh),
-        (_, None) => return Err(CliError::BadInput("names no mesh; give the part's file after the study".into())),
+        (_, None) => return Err(CliError::BadInput("no mesh given; name the part's file after the study".into())),
     };
     let params = load_params(args.params.as_deref(), &args.sets)?;
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
@@ -96,16 +97,23 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let (part, part_sha256) = load_mesh(mesh, args.unit, cancel)?;
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit, cancel)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
-    let input = PlanInput { mesh: &part.mesh, fixture, part_sha256: &part_sha256, scanner: &scanner, cell: cell.as_ref() };
+    let input = PlanInput {
+        mesh: &part.mesh,
+        fixture,
+        part_sha256: &part_sha256,
+        scanner: &scanner,
+        cell: cell.as_ref(),
+        roadmaps: None,
+    };
     out::prepare(&args.out)?;
     let progress = Progress::start();
-    let most_views = args.views.max(args.at);
+    let max_views = args.views.max(args.at);
     let findings =
-        pool(args.threads)?.install(|| studies::run(study, &input, &params, most_views, &Context::new(cancel, &progress)));
-    // The seconds of the stages are no finding.
+        pool(args.threads)?.install(|| studies::run(study, &input, &params, max_views, &Context::new(cancel, &progress)));
+    // The seconds of the stages are not a result.
     let _ = progress.finish();
-    let findings = findings.map_err(explain)?;
-    let told = StudyInput {
+    let findings = findings.map_err(to_cli_error)?;
+    let results = StudyInput {
         findings: &findings,
         params: &params,
         part_name: &mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
@@ -114,13 +122,13 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         at: args.at as usize,
     };
     let names = names(study);
-    out::write(&args.out, &artifacts(&told, names))?;
-    print!("{}", text(&told));
-    println!("Look at {}", args.out.join(names[3]).display());
+    out::write(&args.out, &artifacts(&results, names))?;
+    print!("{}", text(&results));
+    println!("Report: {}", args.out.join(names[3]).display());
     Ok(())
 }
 
-/// Table, plots and page of a study.
+/// File names of a study's table, plots and page.
 fn names(study: Study) -> [&'static str; 4] {
     match study {
         Study::Weights => ["weights.csv", "weights-coverage.svg", "weights-grades.svg", "weights.html"],
@@ -129,7 +137,7 @@ fn names(study: Study) -> [&'static str; 4] {
     }
 }
 
-fn artifacts(told: &StudyInput<'_>, names: [&'static str; 4]) -> Vec<Artifact> {
-    let texts = [csv(told), coverage_svg(told), grades_svg(told), html(told)];
+fn artifacts(results: &StudyInput<'_>, names: [&'static str; 4]) -> Vec<Artifact> {
+    let texts = [csv(results), coverage_svg(results), grades_svg(results), html(results)];
     names.into_iter().zip(texts).map(|(name, text)| Artifact { name, bytes: text.into_bytes() }).collect()
 }

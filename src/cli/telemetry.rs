@@ -1,11 +1,11 @@
-//! The log, on standard error.
+//! Log of the program, on standard error.
 
 use tracing_subscriber::EnvFilter;
 
 use super::CliError;
 use crate::settings::{LogFormat, TelemetrySettings};
 
-/// Begins to log.
+/// Starts logging.
 pub(super) fn start(settings: &TelemetrySettings) -> Result<(), CliError> {
     let filter = EnvFilter::try_new(&settings.log)
         .map_err(|error| CliError::BadInput(format!("telemetry.log {:?}: {error}", settings.log)))?;

@@ -2,10 +2,11 @@ use std::path::PathBuf;
 
 use super::inspect::{InspectArgs, report};
 use super::*;
-use crate::cell::{CellSpec, Named, Presets, SpecLibrary};
+use crate::cell::{CellSpec, Named, PoseSpec, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
 use crate::testing::arm_urdf;
+use crate::wire::plan::{RemedyDocument, RemedyViewDocument};
 
 fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String, CliError> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -123,6 +124,39 @@ fn results_replace_what_was_there_and_leave_no_parts() {
     assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
     let error = out::write(&folder.path().join("gone"), &[artifact(b"")]).expect_err("no folder");
     assert_eq!(error.exit_code(), 1, "{error}");
+}
+
+#[test]
+fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
+    let view = RemedyViewDocument {
+        candidate: 212,
+        roll_deg: 0.0,
+        tilt_deg: 0.0,
+        standoff_mm: 480.0,
+        part_from_scanner: PoseSpec::default(),
+        area_mm2: 30.0,
+    };
+    let remedy = |kind: &str, views: usize| RemedyDocument {
+        kind: kind.to_owned(),
+        text: "tilt candidate 7 by 20°".to_owned(),
+        views: vec![view.clone(); views],
+        table_from_part: None,
+        camera_deg: None,
+        projector_deg: None,
+        area_mm2: 61.1,
+        of_spot: 0.93,
+        tried: 830,
+    };
+    for (kind, views, setups, advice) in [
+        ("none", 0, 1, "no fix found (no 8 of the 830 views tried see half of it)"),
+        ("setup", 1, 1, "turn the part onto another side and scan again (try --set setups=2): recovers 61 mm² (93 %)"),
+        ("setup", 1, 2, "turn the part onto another side and scan again (set part.resting_poses): recovers 61 mm² (93 %)"),
+        ("view", 1, 1, "1 more view would measure it (raise selection.target or selection.max_views): recovers 61 mm² (93 %)"),
+        ("view", 3, 1, "3 more views would measure it (raise selection.target or selection.max_views): recovers 61 mm² (93 %)"),
+        ("tilt", 1, 1, "tilt candidate 7 by 20°"),
+    ] {
+        assert_eq!(plan::advice(&remedy(kind, views), setups), advice);
+    }
 }
 
 #[test]

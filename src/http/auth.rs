@@ -1,10 +1,10 @@
-//! Who may ask: with a key configured, everything under `/api` needs it as a bearer token. Health, metrics, version, the
-//! page, the documentation and the list of problems need none: they hold nothing of any part.
+//! Authentication: with a key configured, everything under `/api` needs it as a bearer token. Health, metrics, version, the
+//! dashboard, the documentation and the list of problems are open: they reveal nothing about any part.
 //!
-//! A browser cannot put a header on a link or an event stream, and a page that keeps the key keeps it within reach of
-//! every script. So the page exchanges the key for a session, whose cookie no script can read and no other site's page
-//! sends along (`HttpOnly`, `SameSite=Strict`). Reading works with the cookie alone. Changing also needs the header
-//! `X-Vantage-Session`: a page of another origin cannot send it without asking us first (CORS), and we never agree.
+//! A browser cannot put a header on a link or an event stream, and a page that stores the key exposes it to every script.
+//! So the dashboard exchanges the key for a session, whose cookie no script can read and no other site's page sends along
+//! (`HttpOnly`, `SameSite=Strict`). A request that only reads needs the cookie alone. One that changes something also needs
+//! the header `X-Vantage-Session`: a page of another origin cannot send it without our consent (CORS), which we never give.
 
 use std::fmt;
 use std::time::Instant;
@@ -17,30 +17,30 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::extract::text;
-use super::problem::{Code, Problem};
-use super::router::Site;
+use super::extract::header_text;
+use super::problem::{ApiError, Code};
+use super::router::ApiState;
 
-/// Name of the cookie that holds a session's id.
+/// Name of the cookie that holds the session id.
 pub(super) const COOKIE_NAME: &str = "vantage_session";
-/// Header without which a session changes nothing.
+/// Header that a request with a session cookie needs to change anything.
 const SESSION_HEADER: HeaderName = HeaderName::from_static("x-vantage-session");
 
-/// The server's key. It is not shown.
+/// The server's key. Its debug form does not show it.
 #[derive(Clone, PartialEq, Eq, Deserialize)]
 #[serde(transparent)]
 pub struct ApiKey(String);
 
 impl ApiKey {
-    /// Whether it can be sent in a header, and is long enough to be a secret.
+    /// True if the key can be sent in a header and is long enough to be a secret.
     #[must_use]
-    pub fn is_usable(&self) -> bool {
+    pub fn is_valid(&self) -> bool {
         (16..=256).contains(&self.0.len()) && self.0.bytes().all(|c| c.is_ascii_graphic() && c != b';' && c != b',')
     }
 
-    /// Compares without telling by its duration how much is equal: digests of the two, all bytes.
+    /// Compares in constant time: all bytes of the two digests.
     #[must_use]
-    pub fn is(&self, presented: &str) -> bool {
+    pub fn matches(&self, presented: &str) -> bool {
         let (own, presented) = (Sha256::digest(&self.0), Sha256::digest(presented));
         own.iter().zip(presented.iter()).fold(0, |differing, (a, b)| differing | (a ^ b)) == 0
     }
@@ -52,45 +52,45 @@ impl fmt::Debug for ApiKey {
     }
 }
 
-/// Lets a request with the key through, or with a session that the key began.
-pub(super) async fn require_key(State(site): State<Site>, request: Request, next: Next) -> Response {
-    match check(&site, request.method(), request.headers()) {
+/// Admits a request that has the key, or a session that was begun with it.
+pub(super) async fn require_key(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+    match check(&state, request.method(), request.headers()) {
         Ok(()) => next.run(request).await,
-        Err(problem) => {
-            let mut response = problem.into_response();
+        Err(error) => {
+            let mut response = error.into_response();
             response.headers_mut().insert("www-authenticate", HeaderValue::from_static("Bearer"));
             response
         }
     }
 }
 
-fn check(site: &Site, method: &Method, headers: &HeaderMap) -> Result<(), Problem> {
-    let Some(key) = &site.options.api_key else { return Ok(()) };
-    if let Some(presented) = bearer(headers) {
-        let wrong = || Problem::new(Code::KeyWrong, "the key is not the one this server was configured with");
-        return if key.is(presented) { Ok(()) } else { Err(wrong()) };
+fn check(state: &ApiState, method: &Method, headers: &HeaderMap) -> Result<(), ApiError> {
+    let Some(key) = &state.options.api_key else { return Ok(()) };
+    if let Some(presented) = bearer_token(headers) {
+        let wrong = || ApiError::new(Code::KeyWrong, "this is not the key that the server was configured with");
+        return if key.matches(presented) { Ok(()) } else { Err(wrong()) };
     }
-    let missing = |detail: &str| Err(Problem::new(Code::KeyMissing, detail));
-    let Some(session) = session(headers) else {
+    let missing = |detail: &str| Err(ApiError::new(Code::KeyMissing, detail));
+    let Some(session) = session_id(headers) else {
         return missing("send the server's key as Authorization: Bearer …");
     };
-    if !site.sessions.is_open(session, Instant::now()) {
-        return Err(Problem::new(Code::SessionEnded, "the session of the cookie is over; begin another with the key"));
+    if !state.sessions.is_open(session, Instant::now()) {
+        return Err(ApiError::new(Code::SessionEnded, "the cookie's session has ended; begin a new one with the key"));
     }
     if is_change(method) && !headers.contains_key(SESSION_HEADER) {
-        return missing("with a session, a request that changes something also has to carry the header X-Vantage-Session");
+        return missing("with a session, a request that changes something also needs the header X-Vantage-Session");
     }
     Ok(())
 }
 
-/// The token in `Authorization`.
-pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
-    let (scheme, token) = text(headers, &AUTHORIZATION)?.split_once(' ')?;
+/// The bearer token in `Authorization`.
+pub(super) fn bearer_token(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = header_text(headers, &AUTHORIZATION)?.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// The session's id in the cookie. HTTP/2 may send a header for each pair.
-pub(super) fn session(headers: &HeaderMap) -> Option<&str> {
+/// The session id in the cookie. HTTP/2 may send one `Cookie` header per pair.
+pub(super) fn session_id(headers: &HeaderMap) -> Option<&str> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
     pairs.find(|(name, _)| *name == COOKIE_NAME).map(|(_, value)| value)
@@ -100,10 +100,10 @@ fn is_change(method: &Method) -> bool {
     !matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS)
 }
 
-/// Refuses a change that a page of another site asks a browser for: without a key, reaching the port is all it takes.
+/// Refuses a change that another site's page makes a browser send: without a key, reaching the port is all it takes.
 pub(super) async fn refuse_cross_site(request: Request, next: Next) -> Response {
     if is_change(request.method()) && is_cross_site(request.headers()) {
-        return Problem::new(Code::CrossSite, "the request comes from a page of another site").into_response();
+        return ApiError::new(Code::CrossSite, "the request was sent by another site's page").into_response();
     }
     next.run(request).await
 }
@@ -112,8 +112,8 @@ fn is_cross_site(headers: &HeaderMap) -> bool {
     if let Some(site) = headers.get("sec-fetch-site") {
         return site != "same-origin" && site != "none";
     }
-    // Browsers that do not say it send the page's origin.
-    let Some(origin) = text(headers, &ORIGIN) else { return false };
-    let host = text(headers, &HOST).unwrap_or_default();
+    // Browsers without Sec-Fetch-Site send the page's origin.
+    let Some(origin) = header_text(headers, &ORIGIN) else { return false };
+    let host = header_text(headers, &HOST).unwrap_or_default();
     origin.split_once("://").is_none_or(|(_, origin_host)| !origin_host.eq_ignore_ascii_case(host))
 }

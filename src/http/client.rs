@@ -1,5 +1,5 @@
-//! Who asks: the address at the other end of the connection, or, when that is a proxy which the settings trust, the one
-//! that the proxy says it asks for.
+//! The client of a request: the address at the other end of the connection or, if that is a trusted proxy, the address on
+//! whose behalf the proxy says it asks.
 
 use std::convert::Infallible;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -8,18 +8,18 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName};
 
-use super::router::Site;
+use super::router::ApiState;
 
 /// The address at the other end of the connection.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peer(pub IpAddr);
 
-/// Who a request comes from.
+/// The client that a request comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Client {
-    /// Whose share of places it takes.
+    /// Address whose quotas the request counts towards.
     pub address: IpAddr,
-    /// Whether it reached the proxy in front by TLS.
+    /// True if the client reached the trusted proxy over TLS.
     pub is_https: bool,
 }
 
@@ -27,8 +27,8 @@ const FORWARDED_FOR: HeaderName = HeaderName::from_static("x-forwarded-for");
 const FORWARDED_PROTO: HeaderName = HeaderName::from_static("x-forwarded-proto");
 
 impl Client {
-    /// The client of a request. Requests that came over no connection, as in tests, are all of one.
-    pub(super) fn of(parts: &Parts, trusted_proxies: &[IpAddr]) -> Self {
+    /// Determines the client of a request. Requests without a connection, as in tests, share one client.
+    pub(super) fn from_parts(parts: &Parts, trusted_proxies: &[IpAddr]) -> Self {
         let peer = parts.extensions.get::<Peer>().map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
         if !trusted_proxies.contains(&peer) {
             return Self { address: peer, is_https: false };
@@ -38,16 +38,16 @@ impl Client {
     }
 }
 
-impl FromRequestParts<Site> for Client {
+impl FromRequestParts<ApiState> for Client {
     type Rejection = Infallible;
 
-    async fn from_request_parts(parts: &mut Parts, site: &Site) -> Result<Self, Infallible> {
-        Ok(Self::of(parts, &site.options.trusted_proxies))
+    async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, Infallible> {
+        Ok(Self::from_parts(parts, &state.options.trusted_proxies))
     }
 }
 
-/// The last address of `X-Forwarded-For` that is not one of the proxies. Each proxy appends whom it was asked by, so what
-/// stands before that address was written by the client and may be anything.
+/// The last address in `X-Forwarded-For` that is not a trusted proxy. Each proxy appends the address it was asked by, so
+/// the entries before that one come from the client and may be anything.
 fn behind(peer: IpAddr, headers: &HeaderMap, trusted_proxies: &[IpAddr]) -> IpAddr {
     let mut nearest = peer;
     for entry in entries(headers, &FORWARDED_FOR).rev() {
@@ -60,20 +60,20 @@ fn behind(peer: IpAddr, headers: &HeaderMap, trusted_proxies: &[IpAddr]) -> IpAd
     nearest
 }
 
-/// The entries of a list that may be spread over several headers.
+/// Entries of a list that may be spread over several headers.
 fn entries<'a>(headers: &'a HeaderMap, name: &HeaderName) -> impl DoubleEndedIterator<Item = &'a str> + use<'a> {
     let lists = headers.get_all(name).iter().filter_map(|value| value.to_str().ok());
     lists.flat_map(|list| list.split(',')).map(str::trim).filter(|entry| !entry.is_empty())
 }
 
-/// An address, with a port or without.
+/// Parses an address, with or without a port.
 fn address(text: &str) -> Option<IpAddr> {
     let plain = text.trim_start_matches('[').trim_end_matches(']');
     let address = plain.parse().ok().or_else(|| text.parse().ok().map(|with_port: SocketAddr| with_port.ip()));
     address.map(canonical)
 }
 
-/// An IPv4 address in its own form also where a socket for both families shows it as IPv6.
+/// Undoes the IPv6 mapping of IPv4 addresses that dual-stack sockets show.
 pub(super) fn canonical(address: IpAddr) -> IpAddr {
     address.to_canonical()
 }

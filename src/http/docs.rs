@@ -1,4 +1,4 @@
-//! The interface described for people: Swagger UI out of the binary, and the list of problems.
+//! Documentation for API users: Swagger UI, embedded in the binary, and the list of problems.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -9,68 +9,68 @@ use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Redirect, Response};
 use utoipa_swagger_ui::Config;
 
-use super::packed::Packed;
-use super::problem::{Code, Problem};
+use super::problem::{ApiError, Code};
+use super::static_response::StaticResponse;
 
-/// Swagger UI sets styles from its scripts and has pictures as data.
+/// Content security policy of Swagger UI, whose scripts set styles and whose images are `data:` URLs.
 const UI_POLICY: HeaderValue = HeaderValue::from_static(
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; frame-ancestors 'none'",
 );
 
-/// To the documentation's folder, so that its relative links hold.
+/// Redirects to the documentation's folder, so that its relative links resolve.
 pub(super) async fn redirect() -> Redirect {
     Redirect::permanent("/docs/")
 }
 
-/// The documentation.
-pub(super) async fn index(headers: HeaderMap) -> Result<Response, Problem> {
+/// Start page of the documentation.
+pub(super) async fn index(headers: HeaderMap) -> Result<Response, ApiError> {
     ui("index.html", &headers)
 }
 
-/// A file of the documentation. The document lies beside it, since the one under `/api` may need the key.
-pub(super) async fn file(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+/// A file of the documentation. The OpenAPI document is served here too, since the one under `/api` may need the key.
+pub(super) async fn file(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {
     if name == "openapi.json" {
-        return Ok(DOCUMENT.answer(&headers));
+        return Ok(DOCUMENT.respond(&headers));
     }
     ui(&name, &headers)
 }
 
 /// The OpenAPI document.
-pub(super) static DOCUMENT: LazyLock<Packed> = LazyLock::new(|| {
-    // Strings, numbers and maps with string keys: it cannot fail.
-    Packed::new(serde_json::to_vec(&super::openapi()).unwrap_or_default(), "application/json".to_owned())
+pub(super) static DOCUMENT: LazyLock<StaticResponse> = LazyLock::new(|| {
+    // Serialising strings, numbers and maps with string keys cannot fail.
+    StaticResponse::new(serde_json::to_vec(&super::openapi()).unwrap_or_default(), "application/json".to_owned())
 });
 
-/// Files of Swagger UI that were asked for.
-static UI: LazyLock<Mutex<BTreeMap<String, Arc<Packed>>>> = LazyLock::new(Mutex::default);
+/// Cache of the Swagger UI files requested so far.
+static UI: LazyLock<Mutex<BTreeMap<String, Arc<StaticResponse>>>> = LazyLock::new(Mutex::default);
 
-fn ui(name: &str, headers: &HeaderMap) -> Result<Response, Problem> {
-    let known = UI.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned();
-    let file = match known {
+fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
+    let cached = UI.lock().unwrap_or_else(PoisonError::into_inner).get(name).cloned();
+    let file = match cached {
         Some(file) => file,
         None => {
             let config = Arc::new(Config::from("/docs/openapi.json").try_it_out_enabled(true).persist_authorization(true));
-            let nothing = || Problem::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
-            let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(nothing)?;
-            let file = Arc::new(Packed::new(file.bytes.into_owned(), file.content_type));
+            let missing = || ApiError::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
+            let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(missing)?;
+            let file = Arc::new(StaticResponse::new(file.bytes.into_owned(), file.content_type));
             UI.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), Arc::clone(&file));
             file
         }
     };
-    let mut response = file.answer(headers);
+    let mut response = file.respond(headers);
     response.headers_mut().insert(CONTENT_SECURITY_POLICY, UI_POLICY);
     Ok(response)
 }
 
-/// Kinds of problem
+/// List the problem codes
 ///
-/// What `type` of a problem points to.
+/// The `type` of a problem links to its row of this list.
 #[utoipa::path(
     get,
     path = "/problems",
     tag = "server",
     operation_id = "problems",
-    responses((status = 200, description = "Every kind of problem, as Markdown.", content_type = "text/markdown", body = String))
+    responses((status = 200, description = "All problem codes with their status and meaning.", content_type = "text/markdown", body = String))
 )]
 pub(super) async fn problems() -> impl IntoResponse {
     ([(CONTENT_TYPE, "text/markdown; charset=utf-8")], super::problem::document())

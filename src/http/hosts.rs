@@ -1,10 +1,10 @@
-//! By which names the server may be asked for. A page of another site cannot read our answers, unless its own name is
-//! made to point at our address (DNS rebinding): then the browser takes us for that site. The browser still says in
-//! `Host` which name it asked for, so without a key only names that are ours are answered.
+//! Host validation against DNS rebinding. Another site's page cannot read our responses, unless that site makes its own
+//! name resolve to our address: then the browser takes us for that site. `Host` still carries the name that the browser
+//! asked for, so without a key only our own names are answered.
 //!
-//! An IP address is always one: nobody can point an address elsewhere, so a page whose origin it is came from us. So are
-//! `localhost` and the names in `server.hosts`. Where a key is configured and `server.hosts` is empty, every name is
-//! accepted: a rebound page has neither the key nor the cookie, which the browser keeps for our real name.
+//! IP addresses are always accepted: nobody can make an address resolve elsewhere, so a page with that origin came from
+//! us. So are `localhost` and the names in `server.hosts`. With a key and an empty `server.hosts`, every name is accepted:
+//! a rebound page has neither the key nor the cookie, which the browser keeps for our real name.
 
 use std::net::Ipv6Addr;
 
@@ -15,19 +15,19 @@ use axum::http::{HeaderMap, Uri, Version};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::options::Options;
-use super::problem::{Code, Problem};
-use super::router::Site;
+use super::options::ServerOptions;
+use super::problem::{ApiError, Code};
+use super::router::ApiState;
 
-/// Refuses a request for a name that is not ours, and one that does not say which name it is for.
-pub(super) async fn check(State(site): State<Site>, request: Request, next: Next) -> Response {
-    match is_for_us(&request, &site.options) {
+/// Refuses a request for a name that is not ours, or that names no host.
+pub(super) async fn check(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+    match check_host(&request, &state.options) {
         Ok(()) => next.run(request).await,
-        Err(problem) => problem.into_response(),
+        Err(error) => error.into_response(),
     }
 }
 
-fn is_for_us(request: &Request, options: &Options) -> Result<(), Problem> {
+fn check_host(request: &Request, options: &ServerOptions) -> Result<(), ApiError> {
     let Some(authority) = authority(request.version(), request.uri(), request.headers())? else { return Ok(()) };
     let host = name(&authority);
     if is_address(host) || host == "localhost" || options.hosts.iter().any(|own| own == host) {
@@ -37,16 +37,16 @@ fn is_for_us(request: &Request, options: &Options) -> Result<(), Problem> {
         return Ok(());
     }
     let detail = format!(
-        "{host:?} is not a name of this server; add it to server.hosts if it is one. \
-         Without that, IP addresses and localhost are answered{}",
+        "{host:?} is not a configured name of this server; if it is one of its names, add it to server.hosts. \
+         IP addresses and localhost are always accepted{}",
         if options.hosts.is_empty() { ", and every name once server.api_key is set" } else { "" }
     );
-    Err(Problem::at(Code::HostNotAllowed, "Host", detail))
+    Err(ApiError::at(Code::HostNotAllowed, "Host", detail))
 }
 
-/// The authority that the request is for, in lower case. HTTP/1.0 need not say one.
-fn authority(version: Version, uri: &Uri, headers: &HeaderMap) -> Result<Option<String>, Problem> {
-    let refuse = |detail: &str| Problem::at(Code::BadRequest, "Host", detail);
+/// The authority that the request is for, in lower case. `None` for HTTP/1.0 without `Host`.
+fn authority(version: Version, uri: &Uri, headers: &HeaderMap) -> Result<Option<String>, ApiError> {
+    let refuse = |detail: &str| ApiError::at(Code::BadRequest, "Host", detail);
     let mut hosts = headers.get_all(HOST).iter();
     let header = match (hosts.next(), hosts.next()) {
         (Some(host), None) => Some(host.to_str().map_err(|_| refuse("is not text"))?.to_ascii_lowercase()),
@@ -56,7 +56,7 @@ fn authority(version: Version, uri: &Uri, headers: &HeaderMap) -> Result<Option<
     let target = uri.authority().map(|authority| authority.as_str().to_ascii_lowercase());
     let authority = match (header, target) {
         (Some(header), Some(target)) if header != target => {
-            return Err(refuse("is not the authority that the request's target names"));
+            return Err(refuse("differs from the authority in the request target"));
         }
         (Some(authority), _) | (None, Some(authority)) => authority,
         (None, None) if version < Version::HTTP_11 => return Ok(None),
@@ -69,7 +69,7 @@ fn authority(version: Version, uri: &Uri, headers: &HeaderMap) -> Result<Option<
     }
 }
 
-/// The host of an authority: without port, and without the dot that may end a name.
+/// The host of an authority: without the port and without the trailing dot of a name.
 fn name(authority: &str) -> &str {
     let end = authority.rfind(']').map_or(0, |bracket| bracket + 1);
     let host = authority[end..].rfind(':').map_or(authority, |colon| &authority[..end + colon]);

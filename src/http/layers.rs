@@ -1,5 +1,5 @@
-//! What happens to every request: its id, its line in log and metrics, problems in their one shape, headers that browsers
-//! need; a limit on how long its body may pause and on how long its answer may take.
+//! Middleware of every request: its id, its entry in the log and the metrics, uniform problem responses, security headers;
+//! time limits on pauses of the body and on the response.
 
 use std::any::Any;
 use std::time::Instant;
@@ -17,28 +17,28 @@ use tracing::Instrument;
 use uuid::Uuid;
 
 use super::client::Client;
-use super::extract::text;
-use super::places::Full;
-use super::problem::{self, Code, Problem};
-use super::router::Site;
+use super::connection_limiter::ExceededLimit;
+use super::extract::header_text;
+use super::problem::{self, ApiError, Code};
+use super::router::ApiState;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
-/// What a page of ours may load: our own files, nothing inline and nothing from elsewhere.
+/// Content security policy of our pages: our own files, nothing inline and nothing from elsewhere.
 const POLICY: HeaderValue = HeaderValue::from_static(
     "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'",
 );
 
-/// The outermost layer.
-pub(super) async fn observe(State(site): State<Site>, request: Request, next: Next) -> Response {
+/// Adds id, log span and metrics to a request, and finishes its response. The outermost layer.
+pub(super) async fn observe(State(state): State<ApiState>, request: Request, next: Next) -> Response {
     let began = Instant::now();
     let id = request_id(request.headers());
     let path = request.uri().path().to_owned();
     let method = request.method().clone();
     let route = request.extensions().get::<MatchedPath>().map_or("none".to_owned(), |route| route.as_str().to_owned());
     let span = tracing::info_span!("request", %id, %method, path, client = tracing::field::Empty);
-    let idle = site.options.body_idle_timeout;
+    let idle = state.options.body_idle_timeout;
     let (parts, body) = request.into_parts();
-    span.record("client", tracing::field::display(Client::of(&parts, &site.options.trusted_proxies).address));
+    span.record("client", tracing::field::display(Client::from_parts(&parts, &state.options.trusted_proxies).address));
     let request = Request::from_parts(parts, Body::new(TimeoutBody::new(idle, body)));
     let response = next.run(request).instrument(span.clone()).await;
     let _entered = span.enter();
@@ -50,26 +50,26 @@ pub(super) async fn observe(State(site): State<Site>, request: Request, next: Ne
     response
 }
 
-/// What is answered in places of the reserve: whether the server lives, whether it takes work, and its numbers.
+/// Paths that are served on reserved connections.
 const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// Refuses everything but probes on a connection that has a place of the reserve, and lets it end.
-pub(super) async fn keep_reserve(request: Request, next: Next) -> Response {
-    let Some(full) = request.extensions().get::<Full>().copied() else { return next.run(request).await };
+/// Refuses everything but probes on a reserved connection, which then closes.
+pub(super) async fn restrict_reserve(request: Request, next: Next) -> Response {
+    let Some(limit) = request.extensions().get::<ExceededLimit>().copied() else { return next.run(request).await };
     if PROBES.contains(&request.uri().path()) {
         return next.run(request).await;
     }
-    let detail = match full {
-        Full::Address => "this address has as many connections as one may have (server.max_connections_per_address)",
-        Full::Server => "the server has as many connections as it may have (server.max_connections)",
+    let detail = match limit {
+        ExceededLimit::Address => "this address has the maximum number of connections open (server.max_connections_per_address)",
+        ExceededLimit::Server => "the server has the maximum number of connections open (server.max_connections)",
     };
-    Problem::new(full.code(), detail).into_response()
+    ApiError::new(limit.code(), detail).into_response()
 }
 
-/// The client's own id, where it is one that can be written to a log; else a new one.
+/// The client's own id if it can be logged safely, else a new one.
 fn request_id(headers: &HeaderMap) -> String {
     let fits = |id: &&str| (1..=128).contains(&id.len()) && id.bytes().all(|c| c.is_ascii_graphic());
-    text(headers, &REQUEST_ID).filter(fits).map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
+    header_text(headers, &REQUEST_ID).filter(fits).map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
 }
 
 fn set_headers(headers: &mut HeaderMap, id: &str) {
@@ -81,27 +81,27 @@ fn set_headers(headers: &mut HeaderMap, id: &str) {
     headers.insert("cross-origin-resource-policy", HeaderValue::from_static("same-origin"));
     headers.entry(CONTENT_SECURITY_POLICY).or_insert(POLICY);
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-cache"));
-    // A compressed answer has other bytes than the tag was made of: it is only equivalent.
+    // The tag is a hash of the uncompressed bytes, so for a compressed response it is only weak.
     if headers.contains_key(CONTENT_ENCODING)
         && let Some(weak) =
-            text(headers, &ETAG).filter(|tag| tag.starts_with('"')).and_then(|tag| format!("W/{tag}").parse().ok())
+            header_text(headers, &ETAG).filter(|tag| tag.starts_with('"')).and_then(|tag| format!("W/{tag}").parse().ok())
     {
         headers.insert(ETAG, weak);
     }
 }
 
-/// Ends an answer that takes too long to begin.
-pub(super) async fn limit_time(State(site): State<Site>, request: Request, next: Next) -> Response {
-    match tokio::time::timeout(site.options.request_timeout, next.run(request)).await {
+/// Answers 503 if the response does not begin within `request_timeout`.
+pub(super) async fn limit_response_time(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+    match tokio::time::timeout(state.options.request_timeout, next.run(request)).await {
         Ok(response) => response,
-        Err(_) => Problem::new(Code::TooSlow, "the server could not answer in time").into_response(),
+        Err(_) => ApiError::new(Code::TooSlow, "the server did not respond in time").into_response(),
     }
 }
 
-/// The answer to a request whose handler panicked.
-pub(super) fn panicked(panic: Box<dyn Any + Send>) -> Response {
+/// The response to a request whose handler panicked.
+pub(super) fn panic_response(panic: Box<dyn Any + Send>) -> Response {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
     tracing::error!(panic = text, "a handler panicked");
-    Problem::new(Code::Internal, "the server could not do this; its log has the cause under this request_id").into_response()
+    ApiError::new(Code::Internal, "the request failed; the server's log has the cause under this request_id").into_response()
 }

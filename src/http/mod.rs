@@ -1,8 +1,11 @@
-//! Floor 9, the service over HTTP: routes, problems, negotiation, and the loop that accepts connections. The only room
-//! that knows axum, and the one that knows which status means what (`problem.rs`).
+//! Floor 9, the HTTP server: routes, problem responses, content negotiation, and the accept loop. The only room that knows
+//! axum, and the only one that maps errors to status codes (`problem.rs`).
 
 mod auth;
 mod client;
+mod connection;
+mod connection_limiter;
+mod dashboard;
 mod docs;
 mod events;
 mod extract;
@@ -12,22 +15,19 @@ mod metrics;
 mod negotiate;
 mod openapi;
 mod options;
-mod packed;
-mod page;
-mod places;
 mod problem;
+mod quotas;
 mod router;
 mod routes;
-mod seated;
 mod serve;
 mod sessions;
-mod shares;
 mod socket;
+mod static_response;
 
 pub use auth::ApiKey;
+pub use connection_limiter::RESERVED_CONNECTIONS;
 pub use metrics::install as install_metrics;
-pub use options::{Options, Quota};
-pub use places::RESERVE as RESERVED_CONNECTIONS;
+pub use options::{Quota, ServerOptions};
 pub use problem::{Code, document as problems_document};
 pub use router::{document as openapi, router};
 pub use serve::{ServeError, Server};

@@ -1,40 +1,47 @@
-//! Which form an answer takes: by `?format=` where given, else by `Accept` (RFC 9110, section 12.5.1).
+//! Content negotiation: by the query parameter where given, else by `Accept` (RFC 9110, section 12.5.1).
 
 use axum::http::HeaderMap;
 use axum::http::header::{ACCEPT, ACCEPT_ENCODING};
 
-use super::problem::{Code, Problem};
+use super::problem::{ApiError, Code};
 
-/// A form of an answer.
+/// A representation of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Form {
-    /// Name in the query.
+pub(super) struct Representation {
+    /// Value of the query parameter.
     pub name: &'static str,
     /// Media type.
     pub media_type: &'static str,
-    /// Name of the file that has it.
+    /// Name of the result file.
     pub file: &'static str,
 }
 
-/// Chooses among `forms`, of which the first is the default.
-pub(super) fn choose<'a>(headers: &HeaderMap, asked: Option<&str>, forms: &'a [Form]) -> Result<&'a Form, Problem> {
+/// Chooses among `offered`, of which the first is the default.
+///
+/// # Errors
+/// `not_acceptable` if none fits.
+pub(super) fn choose<'a>(
+    headers: &HeaderMap,
+    asked: Option<&str>,
+    offered: &'a [Representation],
+) -> Result<&'a Representation, ApiError> {
     if let Some(name) = asked {
-        return forms.iter().find(|form| form.name == name).ok_or_else(|| not_acceptable(&format!("{name:?}"), forms));
+        return offered.iter().find(|offer| offer.name == name).ok_or_else(|| not_acceptable(&format!("{name:?}"), offered));
     }
     let accept: Vec<&str> = headers.get_all(ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     if accept.is_empty() {
-        return forms.first().ok_or_else(|| not_acceptable("nothing", forms));
+        return offered.first().ok_or_else(|| not_acceptable("nothing", offered));
     }
     let accept = accept.join(",");
     let ranges: Vec<Range<'_>> = accept.split(',').filter_map(Range::parse).collect();
-    // The last of equal ones is what max_by gives, so the order is turned: the first form wins.
-    let rated = forms.iter().rev().map(|form| (weight(&ranges, form), form)).filter(|(weight, _)| *weight > 0);
-    rated.max_by_key(|(weight, _)| *weight).map(|(_, form)| form).ok_or_else(|| not_acceptable(&accept, forms))
+    // max_by_key gives the last of equal ones, so the order is reversed: the first representation wins.
+    let rated = offered.iter().rev().map(|offer| (weight(&ranges, offer), offer)).filter(|(weight, _)| *weight > 0);
+    rated.max_by_key(|(weight, _)| *weight).map(|(_, offer)| offer).ok_or_else(|| not_acceptable(&accept, offered))
 }
 
-fn not_acceptable(asked: &str, forms: &[Form]) -> Problem {
-    let offered: Vec<_> = forms.iter().map(|form| format!("{} ({})", form.media_type, form.name)).collect();
-    Problem::new(Code::NotAcceptable, format!("asked for {asked}; this is given as {}", offered.join(", ")))
+fn not_acceptable(asked: &str, offered: &[Representation]) -> ApiError {
+    let offered: Vec<_> = offered.iter().map(|offer| format!("{} ({})", offer.media_type, offer.name)).collect();
+    ApiError::new(Code::NotAcceptable, format!("asked for {asked}; available: {}", offered.join(", ")))
 }
 
 /// One media range of `Accept`.
@@ -54,8 +61,8 @@ impl<'a> Range<'a> {
         (0.0..=1.0).contains(&quality).then_some(Self { kind, subtype, weight: (quality * 1000.0) as u16 })
     }
 
-    /// How exactly the range names the type; `None` when it does not.
-    fn exactness(&self, media_type: &str) -> Option<u8> {
+    /// Specificity with which the range matches the type; `None` if it does not match.
+    fn specificity(&self, media_type: &str) -> Option<u8> {
         let essence = media_type.split(';').next().unwrap_or_default();
         let (kind, subtype) = essence.split_once('/')?;
         match (self.kind, self.subtype) {
@@ -67,14 +74,14 @@ impl<'a> Range<'a> {
     }
 }
 
-/// The weight that the most exact range gives the form; 0 when none names it.
-fn weight(ranges: &[Range<'_>], form: &Form) -> u16 {
-    let fitting = ranges.iter().filter_map(|range| range.exactness(form.media_type).map(|exactness| (exactness, range.weight)));
-    fitting.max_by_key(|(exactness, _)| *exactness).map_or(0, |(_, weight)| weight)
+/// The weight that the most specific range gives the representation; 0 if none matches.
+fn weight(ranges: &[Range<'_>], offer: &Representation) -> u16 {
+    let matching = ranges.iter().filter_map(|range| range.specificity(offer.media_type).map(|found| (found, range.weight)));
+    matching.max_by_key(|(specificity, _)| *specificity).map_or(0, |(_, weight)| weight)
 }
 
-/// Whether the client takes an answer compressed with gzip (RFC 9110, section 12.5.3).
-pub(super) fn takes_gzip(headers: &HeaderMap) -> bool {
+/// True if the client accepts gzip (RFC 9110, section 12.5.3).
+pub(super) fn accepts_gzip(headers: &HeaderMap) -> bool {
     let accept = headers.get_all(ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
     let codings = accept.flat_map(|value| value.split(',')).filter_map(|coding| {
         let mut parts = coding.split(';').map(str::trim);
@@ -83,6 +90,6 @@ pub(super) fn takes_gzip(headers: &HeaderMap) -> bool {
         Some((name, quality.map_or(Some(1.0_f32), |q| q.parse().ok())? > 0.0))
     });
     let codings: Vec<(String, bool)> = codings.collect();
-    let named = |name: &str| codings.iter().find(|(coding, _)| coding == name).map(|(_, taken)| *taken);
+    let named = |name: &str| codings.iter().find(|(coding, _)| coding == name).map(|(_, accepted)| *accepted);
     named("gzip").or_else(|| named("x-gzip")).or_else(|| named("*")).unwrap_or(false)
 }

@@ -1,4 +1,4 @@
-//! The OpenAPI document: its frame, schemas that only it needs, and what the routes' own descriptions cannot say.
+//! The OpenAPI document: its frame, schemas that only it needs, and additions that the routes' attributes cannot express.
 
 use std::collections::BTreeMap;
 
@@ -11,87 +11,76 @@ use utoipa::openapi::{ContentBuilder, OpenApi, PathItem, Ref, RefOr, ResponseBui
 
 use super::problem::PROBLEM_JSON;
 use crate::cell::{Presets, SpecLibrary as _};
-use crate::wire;
+use crate::wire::{self, parameters};
 
-/// The document's frame; the routes add themselves.
+/// Frame of the document; the routes add themselves.
 #[derive(utoipa::OpenApi)]
 #[openapi(
     info(
         title = "Vantage",
-        description = "Plans automated 3D scans: mesh and cell in; viewpoints, proof of coverage, reasons for what is missed, \
-                       collision-free motion and robot program out.\n\nUnits are in the keys. Unknown fields are refused. \
-                       Every answer that is not 2xx or 3xx is a problem (RFC 9457) with a stable `code`.",
+        description = "Plans automated 3D scans: from a mesh and a cell to viewpoints, proof of coverage, causes of missed area, \
+                       collision-free motion and a robot program.\n\nKeys carry their units. Unknown fields are refused. \
+                       Every response other than 2xx and 3xx is a problem (RFC 9457) with a stable `code`.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
         contact()
     ),
     tags(
         (name = "meshes", description = "Parts and fixtures."),
         (name = "specifications", description = "Scanners, robots, turntables and cells."),
-        (name = "jobs", description = "Planning."),
-        (name = "results", description = "What came out of a job."),
-        (name = "events", description = "What happens to jobs, as it happens."),
-        (name = "server", description = "The server itself.")
+        (name = "jobs", description = "Planning jobs."),
+        (name = "results", description = "Results of a job."),
+        (name = "events", description = "Live events of jobs."),
+        (name = "server", description = "Health, metrics, storage and sessions.")
     ),
     components(schemas(wire::Problem, wire::JobEvent))
 )]
 pub(super) struct ApiDoc;
 
-/// Unit of length of a mesh file.
-#[derive(ToSchema)]
-#[schema(rename_all = "lowercase")]
-#[expect(dead_code, reason = "only its schema is used; the geometry room knows no schemas")]
-pub(super) enum Unit {
-    Mm,
-    Cm,
-    M,
-    Inch,
-}
-
-/// Token of a page: the last id of the page before, and a digest of the listing that it is of.
+/// Token of a page: the last id of the previous page, and a digest of the listing.
 #[derive(ToSchema)]
 #[schema(value_type = String, pattern = "^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\\.[0-9a-f]{16}$")]
 #[expect(dead_code, reason = "only its schema is used; tokens are read by the store")]
 pub(super) struct PageToken(String);
 
-/// Forms of a result that is a document.
+/// Formats of a result that is a document.
 #[derive(ToSchema)]
 #[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
-pub(super) enum JsonForm {
+#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
+pub(super) enum JsonFormat {
     Json,
 }
 
-/// Forms of a result that is a list.
+/// Formats of a result that is a list.
 #[derive(ToSchema)]
 #[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
-pub(super) enum ListForm {
+#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
+pub(super) enum ListFormat {
     Json,
     Csv,
 }
 
-/// Forms of the report.
+/// Formats of the report.
 #[derive(ToSchema)]
 #[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
-pub(super) enum ReportForm {
+#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
+pub(super) enum ReportFormat {
     Html,
     Text,
 }
 
-/// Forms of a result that is bytes.
+/// Formats of a binary result.
 #[derive(ToSchema)]
 #[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
-pub(super) enum BinaryForm {
+#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
+pub(super) enum BinaryFormat {
     Bin,
 }
 
-/// Forms of a program.
+/// Formats of a robot program.
 #[derive(ToSchema)]
 #[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; forms are chosen by their names")]
-pub(super) enum Dialect {
+#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
+pub(super) enum ProgramFormat {
     Json,
     Csv,
     Hans,
@@ -103,18 +92,18 @@ pub(super) enum Dialect {
     Robodk,
 }
 
-/// Bytes.
+/// Binary data.
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[expect(dead_code, reason = "only its schema is used")]
 pub(super) struct Bytes(Vec<u8>);
 
-/// Seconds spent in each stage, by its name.
+/// Seconds spent in each stage, by the name of the stage.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "only its schema is used; the file is written by the service")]
 pub(super) struct StageSeconds(BTreeMap<String, f64>);
 
-/// Whatever version there is.
+/// Any existing version.
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "only its schema is used; preconditions are read by hand")]
 pub(super) enum AnyVersion {
@@ -126,15 +115,15 @@ pub(super) enum AnyVersion {
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "only its schema is used; events are written by axum")]
 pub(super) struct ServerSentEvent {
-    /// Number of the event, for `Last-Event-ID`; `reset` has none.
+    /// Number of the event, for `Last-Event-ID`; absent from `reset`.
     id: String,
     /// `queued`, `started`, `progress`, `cancelling`, `succeeded`, `failed`, `cancelled`, `deleted` or `reset`.
     event: String,
-    /// A `JobEvent` as JSON; of `reset` an empty object.
+    /// A `JobEvent` as JSON; an empty object for `reset`.
     data: String,
 }
 
-/// Adds what all routes share, and straightens what the derived schemas cannot express.
+/// Adds what all routes share, and corrects what the derived schemas cannot express.
 pub(super) fn complete(openapi: &mut OpenApi) {
     for (path, item) in &mut openapi.paths.paths {
         for operation in operations(item) {
@@ -148,17 +137,37 @@ pub(super) fn complete(openapi: &mut OpenApi) {
     }
     add_links(openapi);
     add_examples(openapi);
-    let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, where it has one.")).build();
+    let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, if it has one.")).build();
     let components = openapi.components.get_or_insert_default();
     components.add_security_scheme("key", SecurityScheme::Http(key));
-    let about = "A browser's session. What changes something also needs the header `X-Vantage-Session`, with any value.";
+    let about = "A browser's session. Requests that change something also need the header `X-Vantage-Session`, with any value.";
     let session = ApiKeyValue::with_description(super::auth::COOKIE_NAME, about);
     components.add_security_scheme("session", SecurityScheme::ApiKey(ApiKey::Cookie(session)));
+    parameters::add_ranges(&mut components.schemas);
+    components.schemas.values_mut().for_each(drop_links);
     let combined: Vec<String> = components.schemas.values().flat_map(combined_names).collect();
     for name in combined {
         if let Some(RefOr::T(Schema::Object(object))) = components.schemas.get_mut(&name) {
             open_up(&mut object.additional_properties);
         }
+    }
+}
+
+/// Drops links into the source from the descriptions of a schema.
+fn drop_links(schema: &mut RefOr<Schema>) {
+    let clean = |text: &mut Option<String>| text.iter_mut().for_each(|text| *text = parameters::without_links(text));
+    match schema {
+        RefOr::Ref(reference) => reference.description = parameters::without_links(&reference.description),
+        RefOr::T(Schema::Object(object)) => {
+            clean(&mut object.description);
+            object.properties.values_mut().for_each(drop_links);
+        }
+        RefOr::T(Schema::Array(array)) => clean(&mut array.description),
+        RefOr::T(Schema::OneOf(one_of)) => {
+            clean(&mut one_of.description);
+            one_of.items.iter_mut().for_each(drop_links);
+        }
+        RefOr::T(_) => {}
     }
 }
 
@@ -169,14 +178,15 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
 fn add_problems(operation: &mut Operation) {
     let schema = Ref::from_schema_name("Problem");
     let content = ContentBuilder::new().schema(Some(schema)).build();
-    for (status, description) in [("4XX", "The request is refused; `code` says why."), ("5XX", "The server cannot do this now.")]
+    for (status, description) in
+        [("4XX", "The request was refused; `code` says why."), ("5XX", "The server cannot handle the request now.")]
     {
         let response = ResponseBuilder::new().description(description).content(PROBLEM_JSON, content.clone()).build();
         operation.responses.responses.insert(status.to_owned(), response.into());
     }
 }
 
-/// A parameter that need not be given is still never null: there is no way to write that in a path, query or header.
+/// Removes null from an optional parameter: paths, queries and headers cannot express it.
 fn forbid_null(parameter: &mut RefOr<Parameter>) {
     let RefOr::T(parameter) = parameter else { return };
     match &mut parameter.schema {
@@ -197,7 +207,7 @@ fn is_null(schema: &RefOr<Schema>) -> bool {
     matches!(schema, RefOr::T(Schema::Object(object)) if matches!(object.schema_type, SchemaType::Type(Type::Null)))
 }
 
-/// Names of the schemas that are one part of several in an `allOf`.
+/// Names of the schemas that are parts of an `allOf`.
 fn combined_names(schema: &RefOr<Schema>) -> Vec<String> {
     match schema {
         RefOr::T(Schema::AllOf(all_of)) => all_of.items.iter().filter_map(name_of).collect(),
@@ -213,14 +223,14 @@ fn name_of(schema: &RefOr<Schema>) -> Option<String> {
     }
 }
 
-/// A part of an `allOf` cannot refuse the properties of the other parts.
+/// Allows additional properties: a part of an `allOf` cannot refuse those of the other parts.
 fn open_up(additional: &mut Option<Box<AdditionalProperties<Schema>>>) {
     if matches!(additional.as_deref(), Some(AdditionalProperties::FreeForm(false))) {
         *additional = None;
     }
 }
 
-/// A tetrahedron of 20 mm, to be uploaded as it stands; the example of `Content-Digest` is its own.
+/// Example upload: a tetrahedron of 20 mm. The example of `Content-Digest` is its digest.
 const EXAMPLE_MESH: &str = "solid tetrahedron
 facet normal 0 0 0
 outer loop vertex 0 0 0 vertex 0 20 0 vertex 20 0 0 endloop endfacet
@@ -233,10 +243,10 @@ outer loop vertex 20 0 0 vertex 0 20 0 vertex 0 0 20 endloop endfacet
 endsolid tetrahedron
 ";
 
-/// Name under which the examples of specifications are stored.
+/// Name of the example specifications.
 const EXAMPLE_NAME: &str = "mine";
 
-/// Shows bodies that are accepted as they stand.
+/// Adds examples of request bodies that are accepted as they are.
 fn add_examples(openapi: &mut OpenApi) {
     let named = |spec: Option<serde_json::Value>| {
         let mut spec = spec?;
@@ -251,18 +261,18 @@ fn add_examples(openapi: &mut OpenApi) {
     ];
     for (collection, spec) in presets {
         let item = openapi.paths.paths.get_mut(&format!("/api/v1/{collection}/{{name}}"));
-        show(item.and_then(|item| item.put.as_mut()), named(spec));
+        set_example(item.and_then(|item| item.put.as_mut()), named(spec));
     }
     let meshes = openapi.paths.paths.get_mut("/api/v1/meshes");
-    show(meshes.and_then(|item| item.post.as_mut()), Some(EXAMPLE_MESH.into()));
+    set_example(meshes.and_then(|item| item.post.as_mut()), Some(EXAMPLE_MESH.into()));
 }
 
 fn as_json<T: serde::Serialize, E>(spec: Result<T, E>) -> Option<serde_json::Value> {
     spec.ok().and_then(|spec| serde_json::to_value(spec).ok())
 }
 
-/// Gives the body of an operation an example.
-fn show(operation: Option<&mut Operation>, example: Option<serde_json::Value>) {
+/// Adds an example to the request body of an operation.
+fn set_example(operation: Option<&mut Operation>, example: Option<serde_json::Value>) {
     if let Some(RefOr::T(body)) = operation.and_then(|operation| operation.request_body.as_mut()) {
         for content in body.content.values_mut() {
             if let RefOr::T(content) = content {
@@ -272,7 +282,7 @@ fn show(operation: Option<&mut Operation>, example: Option<serde_json::Value>) {
     }
 }
 
-/// Says which answer leads on to which request.
+/// Adds links: which response leads to which request.
 fn add_links(openapi: &mut OpenApi) {
     let mut results = Vec::new();
     for item in openapi.paths.paths.values_mut() {

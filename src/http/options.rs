@@ -1,57 +1,57 @@
-//! What the HTTP side has to be told.
+//! Options of the HTTP server.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use super::auth::ApiKey;
 
-/// Addresses, keys, sizes, numbers and times of the HTTP side.
+/// Addresses, keys, limits and timeouts of the HTTP server.
 #[derive(Clone, Debug)]
-pub struct Options {
-    /// Where to listen.
+pub struct ServerOptions {
+    /// Address and port to listen on.
     pub listen: SocketAddr,
-    /// The key that `/api` asks for as a bearer token; without one nobody is asked.
+    /// Key that `/api` requires as a bearer token; `None` disables authentication.
     pub api_key: Option<ApiKey>,
-    /// Names of the server beside its addresses and `localhost`, in lower case. Empty with a key: any name.
+    /// Names of the server besides its addresses and `localhost`, in lower case. Empty with a key: any name.
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are believed.
+    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are trusted.
     pub trusted_proxies: Vec<IpAddr>,
-    /// Connections at the same time.
+    /// Largest number of concurrent connections.
     pub max_connections: usize,
-    /// Connections at the same time from one address that is not a trusted proxy.
+    /// Largest number of concurrent connections from one address that is not a trusted proxy.
     pub max_connections_per_address: usize,
-    /// Event streams at the same time.
+    /// Limits of concurrent event streams.
     pub event_streams: Quota,
-    /// Uploads at the same time.
+    /// Limits of concurrent uploads.
     pub uploads: Quota,
-    /// Answers that wait for a job's end at the same time.
+    /// Limits of concurrent requests that wait for a job's end.
     pub waits: Quota,
-    /// Streams at the same time on one HTTP/2 connection.
+    /// Largest number of concurrent streams on one HTTP/2 connection.
     pub http2_max_streams: u32,
-    /// The whole of a request's headers has to come within this time.
+    /// Time within which all headers of a request must arrive.
     pub header_timeout: Duration,
-    /// A connection without a request is closed after this time.
+    /// Time after which a connection without a request is closed.
     pub idle_timeout: Duration,
-    /// The next piece of a request's body has to come, and the next piece of an answer be taken, within this time.
+    /// Time within which the next piece of a request body must arrive and the next piece of a response must be taken.
     pub body_idle_timeout: Duration,
-    /// An answer that needs no waiting has to begin within this time.
+    /// Time within which a response that waits for nothing must begin.
     pub request_timeout: Duration,
-    /// Largest JSON body.
+    /// Largest JSON body, bytes.
     pub max_json_bytes: usize,
 }
 
-/// How many of a kind there may be at the same time.
+/// Limits of one kind of resource in concurrent use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quota {
-    /// In all.
+    /// All clients together.
     pub total: usize,
-    /// Of one client.
+    /// One client.
     pub per_address: usize,
 }
 
 #[cfg(test)]
-impl Options {
-    /// What unit tests begin with.
+impl ServerOptions {
+    /// Options for unit tests.
     pub(super) fn for_tests() -> Self {
         let quota = Quota { total: 16, per_address: 16 };
         let long = Duration::from_secs(60);

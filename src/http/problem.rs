@@ -1,8 +1,8 @@
-//! Every answer that is not 2xx or 3xx (RFC 9457), and the only map from errors to status codes.
+//! Problem responses (RFC 9457): every response other than 2xx and 3xx, and the only mapping from errors to status codes.
 //!
-//! A handler gives back a [`Problem`]; what reaches the client is written by [`finish`], which knows the request's path
-//! and id. It also turns answers that others made (no such route, no such method, a rejected header) into problems, so
-//! that none gets out in another shape. The client reads what it can act on; the log gets the whole chain of causes.
+//! A handler returns an [`ApiError`]; [`finish`], which knows the request's path and id, renders it for the client. It also
+//! turns errors of the framework (no such route, no such method, a rejected header) into problems, so that every error
+//! response has the same format. The client gets what it can act on; the log gets the whole chain of causes.
 
 use std::fmt::Write as _;
 
@@ -16,19 +16,19 @@ use crate::wire::{self, ParseError, ProblemField, problem_type};
 
 /// Media type of problems.
 pub(super) const PROBLEM_JSON: &str = "application/problem+json";
-/// What to wait before the next attempt, when the server cannot say better.
+/// Delay before the next attempt that temporary problems suggest, seconds.
 const RETRY_AFTER_SECS: &str = "5";
 
 macro_rules! codes {
     ($($name:ident $code:literal $status:ident $title:literal $meaning:literal;)+) => {
-        /// Kinds of problem. Their names are stable.
+        /// Problem codes. Their names are stable.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Code {
             $(#[doc = $meaning] $name,)+
         }
 
         impl Code {
-            /// Every kind, in the order of the document.
+            /// Every code, in the order of the document.
             pub const ALL: &[Self] = &[$(Self::$name),+];
 
             /// Stable name.
@@ -37,19 +37,19 @@ macro_rules! codes {
                 match self { $(Self::$name => $code),+ }
             }
 
-            /// Status of the answer.
+            /// Status of the response.
             #[must_use]
             pub fn status(self) -> StatusCode {
                 match self { $(Self::$name => StatusCode::$status),+ }
             }
 
-            /// In a few words.
+            /// Short title.
             #[must_use]
             pub fn title(self) -> &'static str {
                 match self { $(Self::$name => $title),+ }
             }
 
-            /// For the document.
+            /// Explanation, for the document.
             fn meaning(self) -> &'static str {
                 match self { $(Self::$name => $meaning),+ }
             }
@@ -58,84 +58,84 @@ macro_rules! codes {
 }
 
 codes! {
-    BadRequest "bad_request" BAD_REQUEST "The request cannot be understood" "The request breaks the rules of HTTP, or one of its headers cannot be read.";
-    BadQuery "bad_query" BAD_REQUEST "The query cannot be read" "A query parameter is unknown, missing or out of range; `errors` names it.";
-    BadJson "bad_json" BAD_REQUEST "The body is no JSON" "The body is no JSON document.";
-    BadBody "bad_body" BAD_REQUEST "The body cannot be read" "The body broke off, is empty, or is no proper multipart message.";
-    BadDigest "bad_digest" BAD_REQUEST "The digest cannot be read" "`Content-Digest` is not `sha-256=:…:` (RFC 9530).";
-    BadIdempotencyKey "bad_idempotency_key" BAD_REQUEST "The Idempotency-Key cannot be used" "An `Idempotency-Key` has 1 to 255 visible ASCII characters.";
-    KeyMissing "key_missing" UNAUTHORIZED "A key is needed" "This server asks for its key: `Authorization: Bearer …`.";
-    KeyWrong "key_wrong" UNAUTHORIZED "The key is not the server's" "The key in `Authorization` is not the server's.";
-    CrossSite "cross_site" FORBIDDEN "Another site's page sent this" "A browser says that a page of another site sent this request, and it would change something.";
-    SessionEnded "session_ended" UNAUTHORIZED "The session is over" "The cookie's session was ended, was not used for 12 hours, or the server was started anew; begin another with `POST /api/v1/session`.";
-    NoSuchRoute "no_such_route" NOT_FOUND "There is nothing at this path" "The path is not one of the API's.";
+    BadRequest "bad_request" BAD_REQUEST "The request is malformed" "The request violates HTTP, or one of its headers is malformed.";
+    BadQuery "bad_query" BAD_REQUEST "The query is invalid" "A query parameter is unknown, missing or out of range; `errors` names it.";
+    BadJson "bad_json" BAD_REQUEST "The body is not valid JSON" "The body is not a valid JSON document.";
+    BadBody "bad_body" BAD_REQUEST "The body cannot be read" "The body ended early, is empty, or is not a valid multipart message.";
+    BadDigest "bad_digest" BAD_REQUEST "The digest is malformed" "`Content-Digest` is not `sha-256=:…:` (RFC 9530).";
+    BadIdempotencyKey "bad_idempotency_key" BAD_REQUEST "The Idempotency-Key is invalid" "An `Idempotency-Key` must be 1 to 255 visible ASCII characters.";
+    KeyMissing "key_missing" UNAUTHORIZED "A key is required" "This server requires its key: `Authorization: Bearer …`.";
+    KeyWrong "key_wrong" UNAUTHORIZED "The key is wrong" "The key in `Authorization` is not this server's key.";
+    CrossSite "cross_site" FORBIDDEN "Cross-site requests may not change anything" "According to the browser, another site's page sent this request, which would change something.";
+    SessionEnded "session_ended" UNAUTHORIZED "The session has ended" "The cookie's session was ended or unused for 12 hours, or the server was restarted; begin a new one with `POST /api/v1/session`.";
+    NoSuchRoute "no_such_route" NOT_FOUND "No such path" "The server has nothing at this path.";
     MeshNotFound "mesh_not_found" NOT_FOUND "No such mesh" "No mesh has this id.";
     JobNotFound "job_not_found" NOT_FOUND "No such job" "No job has this id.";
     SpecNotFound "spec_not_found" NOT_FOUND "No such specification" "Neither a preset nor a stored specification has this name.";
-    ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded and has no such file; for example no program without a cell.";
-    MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not for this path" "The path has other methods; `Allow` names them.";
-    NotAcceptable "not_acceptable" NOT_ACCEPTABLE "It cannot be given in this form" "None of the media types in `Accept`, or not the `format` or `dialect` of the query, is one that this answer comes in; `detail` names those it does.";
-    RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body came too slowly" "No piece of the body came for too long.";
-    MeshInUse "mesh_in_use" CONFLICT "A job needs the mesh" "A job that has not ended needs the mesh.";
+    ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded but has no such file; without a cell, for example, there is no program.";
+    MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
+    NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
+    RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body arrived too slowly" "The body stalled, or arrived below the minimum rate.";
+    MeshInUse "mesh_in_use" CONFLICT "The mesh is in use" "A job that has not ended needs the mesh.";
     JobNotEnded "job_not_ended" CONFLICT "The job has not ended" "Only an ended job can be deleted; cancel it first.";
     JobEnded "job_ended" CONFLICT "The job has ended" "A job that succeeded or failed cannot be cancelled.";
-    JobHeld "job_held" CONFLICT "A label keeps the job" "The job has the label of a hold, which keeps it from being deleted; `PUT /jobs/{id}/labels` without it lets it go.";
-    NoResults "no_results" CONFLICT "The job has no results" "The job has not succeeded: not yet, or not at all. `detail` says how it stands.";
-    SpecIsPreset "spec_is_preset" CONFLICT "A preset cannot be changed" "The name is that of a specification that came with the program.";
-    PreconditionFailed "precondition_failed" PRECONDITION_FAILED "Somebody changed it" "`If-Match` or `If-None-Match` does not hold; read the newest version and try again.";
-    TooLarge "too_large" PAYLOAD_TOO_LARGE "The body is too large" "The body is larger than the server allows; `detail` says how large it may be.";
-    HostNotAllowed "host_not_allowed" MISDIRECTED_REQUEST "The server does not answer to this name" "The host that the request names is not one of the server's; `detail` says which setting allows it.";
-    UnsupportedMediaType "unsupported_media_type" UNSUPPORTED_MEDIA_TYPE "The body is of a type that is not read" "JSON bodies are `application/json`; compressed bodies are not read.";
-    BadShape "bad_shape" UNPROCESSABLE_ENTITY "The body is of another shape" "A field of the body is unknown, missing or of another type; `errors` names it.";
-    InvalidFields "invalid_fields" UNPROCESSABLE_ENTITY "Fields are out of range or inconsistent" "`errors` names every field at fault, what it is and what is allowed.";
-    BadPageToken "bad_page_token" UNPROCESSABLE_ENTITY "The page token cannot be used" "The page token does not come from this listing with these filters.";
-    MeshUnreadable "mesh_unreadable" UNPROCESSABLE_ENTITY "The file is no mesh that can be planned on" "The file is no STL, OBJ or PLY, is damaged, or is beyond the limits; `detail` says where and why.";
-    DigestMismatch "digest_mismatch" UNPROCESSABLE_ENTITY "The digest is not the body's" "The SHA-256 of the body is not the one in `Content-Digest`; it was changed on its way.";
-    IdempotencyMismatch "idempotency_mismatch" UNPROCESSABLE_ENTITY "The Idempotency-Key was used for another request" "The same key came with another request within 24 hours.";
-    PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "Say which version is to be replaced" "The specification exists; send its entity tag in `If-Match`.";
-    TooManyRequests "too_many_requests" TOO_MANY_REQUESTS "The client has its share" "The client's address has as many connections, event streams, uploads or waits open as the server allows one; `detail` says which. Close one, or try again after `Retry-After` seconds.";
+    JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
+    NoResults "no_results" CONFLICT "The job has no results" "The job has not succeeded; `detail` states where it stands.";
+    SpecIsPreset "spec_is_preset" CONFLICT "A preset cannot be changed" "The name belongs to a preset that came with the program.";
+    PreconditionFailed "precondition_failed" PRECONDITION_FAILED "The precondition failed" "`If-Match` or `If-None-Match` does not hold; read the current version and try again.";
+    TooLarge "too_large" PAYLOAD_TOO_LARGE "The body is too large" "The body is larger than the server allows; `detail` states the limit.";
+    HostNotAllowed "host_not_allowed" MISDIRECTED_REQUEST "The server does not answer to this name" "The host of the request is not one of the server's names; `detail` says which setting allows it.";
+    UnsupportedMediaType "unsupported_media_type" UNSUPPORTED_MEDIA_TYPE "The media type is not supported" "JSON bodies must be sent as `application/json`, and no body may be compressed.";
+    BadShape "bad_shape" UNPROCESSABLE_ENTITY "The body has the wrong structure" "A field of the body is unknown, missing or of the wrong type; `errors` names it.";
+    InvalidFields "invalid_fields" UNPROCESSABLE_ENTITY "Fields are out of range or inconsistent" "`errors` lists every field at fault, with its value and what is allowed.";
+    BadPageToken "bad_page_token" UNPROCESSABLE_ENTITY "The page token is invalid" "The page token does not belong to this listing with these filters.";
+    MeshUnreadable "mesh_unreadable" UNPROCESSABLE_ENTITY "The file is not a mesh that can be planned" "The file is not STL, OBJ or PLY, is damaged, or exceeds the limits; `detail` says where and why.";
+    DigestMismatch "digest_mismatch" UNPROCESSABLE_ENTITY "The digest does not match the body" "The SHA-256 of the body differs from the one in `Content-Digest`: the body was changed in transit.";
+    IdempotencyMismatch "idempotency_mismatch" UNPROCESSABLE_ENTITY "The Idempotency-Key was used for another request" "The same key was sent with a different request within 24 hours.";
+    PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "A precondition is required" "The specification exists; send its entity tag in `If-Match`.";
+    TooManyRequests "too_many_requests" TOO_MANY_REQUESTS "The client is at its limit" "The client's address has the maximum number of connections, event streams, uploads or waits open; `detail` says which. Close one, or try again after `Retry-After` seconds.";
     HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request's headers are larger than the server allows.";
-    Internal "internal" INTERNAL_SERVER_ERROR "The server is at fault" "A fault of the server; its log has the cause under `request_id`.";
-    FileDamaged "file_damaged" INTERNAL_SERVER_ERROR "A stored file is damaged" "The file is missing or does not have the bytes that its hash stands for, so it is not given out. Upload the same mesh, or plan the same job again, or restore a backup.";
-    Busy "busy" SERVICE_UNAVAILABLE "The server is busy" "All places for connections, event streams, uploads or waits are taken, the database is locked, or the machine is short of something for the moment; try again after `Retry-After` seconds.";
-    QueueFull "queue_full" SERVICE_UNAVAILABLE "The queue is full" "As many jobs wait as the server allows; try again after `Retry-After` seconds.";
-    Stopping "stopping" SERVICE_UNAVAILABLE "The server is about to stop" "The server takes no more work; try again after `Retry-After` seconds.";
-    NotReady "not_ready" SERVICE_UNAVAILABLE "The server cannot take work" "`errors` names what does not hold.";
-    TooSlow "too_slow" SERVICE_UNAVAILABLE "The answer took too long" "The server could not answer in time; try again after `Retry-After` seconds.";
-    StorageFull "storage_full" INSUFFICIENT_STORAGE "The disk is full" "The server's disk has no room for it, or keeps what is left for jobs that run; try again after `Retry-After` seconds, or delete jobs and meshes.";
+    Internal "internal" INTERNAL_SERVER_ERROR "Internal server error" "The server failed; its log has the cause under `request_id`.";
+    FileDamaged "file_damaged" INTERNAL_SERVER_ERROR "A stored file is damaged" "The file is missing or does not match its hash, so it is not served. Upload the mesh again, plan the job again, or restore a backup.";
+    Busy "busy" SERVICE_UNAVAILABLE "The server is busy" "The maximum number of connections, event streams, uploads or waits is open, the database is locked, or the machine is temporarily short of a resource; try again after `Retry-After` seconds.";
+    QueueFull "queue_full" SERVICE_UNAVAILABLE "The queue is full" "The maximum number of jobs is queued; try again after `Retry-After` seconds.";
+    Stopping "stopping" SERVICE_UNAVAILABLE "The server is shutting down" "The server accepts no new work; try again after `Retry-After` seconds.";
+    NotReady "not_ready" SERVICE_UNAVAILABLE "The server is not ready" "`errors` lists the failed checks.";
+    TooSlow "too_slow" SERVICE_UNAVAILABLE "The response took too long" "The server did not respond in time; try again after `Retry-After` seconds.";
+    StorageFull "storage_full" INSUFFICIENT_STORAGE "The disk is full" "The server's disk has no room left, or keeps it for running jobs; try again after `Retry-After` seconds, or delete jobs and meshes.";
 }
 
-/// A problem, before it is known of which request.
+/// An error response, before its request is known.
 #[derive(Clone, Debug)]
-pub(super) struct Problem {
+pub(super) struct ApiError {
     code: Code,
     detail: String,
     errors: Vec<ProblemField>,
     etag: Option<String>,
-    /// For the log.
+    /// Cause, for the log.
     cause: Option<Error>,
 }
 
-impl Problem {
-    /// A problem of this kind.
+impl ApiError {
+    /// An error with this code.
     pub(super) fn new(code: Code, detail: impl Into<String>) -> Self {
         Self { code, detail: detail.into(), errors: Vec::new(), etag: None, cause: None }
     }
 
-    /// Its kind.
+    /// Code of the error.
     #[cfg(test)]
     pub(super) fn code(&self) -> Code {
         self.code
     }
 
-    /// With one field at fault.
+    /// An error with one field at fault.
     pub(super) fn at(code: Code, pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let detail = detail.into();
         let field = ProblemField { pointer: pointer.into(), detail: detail.clone() };
         Self { errors: vec![field], ..Self::new(code, detail) }
     }
 
-    /// With fields at fault.
+    /// Adds the fields at fault.
     pub(super) fn with_errors(mut self, errors: Vec<ProblemField>) -> Self {
         self.errors = errors;
         self
@@ -147,7 +147,7 @@ impl Problem {
     }
 }
 
-impl From<ParseError> for Problem {
+impl From<ParseError> for ApiError {
     fn from(error: ParseError) -> Self {
         match error {
             ParseError::Syntax(detail) => Self::new(Code::BadJson, detail),
@@ -156,7 +156,7 @@ impl From<ParseError> for Problem {
     }
 }
 
-impl From<Error> for Problem {
+impl From<Error> for ApiError {
     fn from(error: Error) -> Self {
         let detail = error.to_string();
         match error {
@@ -186,18 +186,18 @@ impl From<Error> for Problem {
             cause @ Error::FileDamaged { .. } => Self { cause: Some(cause), ..Self::new(Code::FileDamaged, detail) },
             Error::Draining => Self::new(Code::Stopping, detail),
             cause @ Error::StorageBusy(_) => {
-                let detail = "the store cannot be used at the moment: it is locked, or the machine is short of something";
+                let detail = "the store is temporarily unavailable: it is locked, or the machine is short of a resource";
                 Self { cause: Some(cause), ..Self::new(Code::Busy, detail) }
             }
             cause @ Error::Internal(_) => {
-                let detail = "the server could not do this; its log has the cause under this request_id";
+                let detail = "the request failed; the server's log has the cause under this request_id";
                 Self { cause: Some(cause), ..Self::new(Code::Internal, detail) }
             }
         }
     }
 }
 
-impl IntoResponse for Problem {
+impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         let mut response = self.code.status().into_response();
         response.extensions_mut().insert(self);
@@ -205,88 +205,89 @@ impl IntoResponse for Problem {
     }
 }
 
-/// Writes the problem that an answer carries, or makes one of an answer that somebody else refused the request with.
+/// Renders the error that a response carries, or turns an error response of the framework into a problem.
 pub(super) fn finish(mut response: Response, path: &str, request_id: &str) -> Response {
     let status = response.status();
     if !status.is_client_error() && !status.is_server_error() {
         return response;
     }
-    let problem = response.extensions_mut().remove::<Problem>().unwrap_or_else(|| foreign(status));
-    if problem.code.status().is_server_error() {
-        log(&problem, path);
+    let error = response.extensions_mut().remove::<ApiError>().unwrap_or_else(|| from_status(status));
+    if error.code.status().is_server_error() {
+        log(&error, path);
     }
-    *response.status_mut() = problem.code.status();
+    *response.status_mut() = error.code.status();
     let headers = response.headers_mut();
     headers.remove(CONTENT_LENGTH);
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
-    if is_temporary(problem.code) {
+    if is_temporary(error.code) {
         headers.insert(RETRY_AFTER, HeaderValue::from_static(RETRY_AFTER_SECS));
     }
-    if let Some(etag) = problem.etag.as_deref().and_then(|etag| etag.parse().ok()) {
+    if let Some(etag) = error.etag.as_deref().and_then(|etag| etag.parse().ok()) {
         headers.insert(ETAG, etag);
     }
-    let body = body(problem, path, request_id);
+    let body = body(error, path, request_id);
     *response.body_mut() = Body::from(body);
     response
 }
 
-/// The document of a problem that no request was read for: there is no place for the connection.
+/// The problem document for a connection that was refused before its request was read.
 pub(super) fn without_request(code: Code) -> String {
-    let body = body(Problem::new(code, code.meaning()), "", &uuid::Uuid::now_v7().to_string());
+    let body = body(ApiError::new(code, code.meaning()), "", &uuid::Uuid::now_v7().to_string());
     String::from_utf8_lossy(&body).into_owned()
 }
 
-fn body(problem: Problem, path: &str, request_id: &str) -> Vec<u8> {
+fn body(error: ApiError, path: &str, request_id: &str) -> Vec<u8> {
     let document = wire::Problem {
-        kind: problem_type(problem.code.as_str()),
-        title: problem.code.title().to_owned(),
-        status: problem.code.status().as_u16(),
-        detail: problem.detail,
+        kind: problem_type(error.code.as_str()),
+        title: error.code.title().to_owned(),
+        status: error.code.status().as_u16(),
+        detail: error.detail,
         instance: path.to_owned(),
-        code: problem.code.as_str().to_owned(),
-        errors: problem.errors,
+        code: error.code.as_str().to_owned(),
+        errors: error.errors,
         request_id: request_id.to_owned(),
     };
-    // Strings and a number: it cannot fail.
+    // Serialising strings and a number cannot fail.
     serde_json::to_vec(&document).unwrap_or_default()
 }
 
-/// The problem of an answer that is not ours: axum's and tower's own refusals.
-fn foreign(status: StatusCode) -> Problem {
+/// The error for a response of axum or tower, by its status.
+fn from_status(status: StatusCode) -> ApiError {
     let known = Code::ALL.iter().find(|code| code.status() == status && !is_specific(**code));
     let code = known.copied().unwrap_or(if status.is_client_error() { Code::BadRequest } else { Code::Internal });
-    Problem::new(code, code.meaning())
+    ApiError::new(code, code.meaning())
 }
 
-/// Kinds that a later attempt may not meet again.
+/// True for problems that may have passed by the next attempt.
 fn is_temporary(code: Code) -> bool {
     use Code::{Busy, NotReady, QueueFull, Stopping, StorageFull, TooManyRequests, TooSlow};
     matches!(code, Busy | NotReady | QueueFull | Stopping | StorageFull | TooManyRequests | TooSlow)
 }
 
-/// Kinds that only our own code can mean by their status.
+/// True for codes that a status alone does not imply.
 fn is_specific(code: Code) -> bool {
     matches!(code, Code::KeyMissing | Code::MeshInUse | Code::BadShape | Code::QueueFull | Code::FileDamaged)
 }
 
-fn log(problem: &Problem, path: &str) {
-    match &problem.cause {
-        Some(error) if error.is_transient() => {
-            tracing::warn!(code = problem.code.as_str(), path, error = error as &dyn std::error::Error, "refused");
+fn log(error: &ApiError, path: &str) {
+    let code = error.code.as_str();
+    match &error.cause {
+        Some(cause) if cause.is_transient() => {
+            tracing::warn!(code, path, error = cause as &dyn std::error::Error, "request failed");
         }
-        Some(error) => tracing::error!(code = problem.code.as_str(), path, error = error as &dyn std::error::Error, "refused"),
-        None => tracing::warn!(code = problem.code.as_str(), path, detail = problem.detail, "refused"),
+        Some(cause) => tracing::error!(code, path, error = cause as &dyn std::error::Error, "request failed"),
+        None => tracing::warn!(code, path, detail = error.detail, "request failed"),
     }
 }
 
-/// `api/problems.md`: every kind of problem, for people.
+/// Renders `api/problems.md`: every problem code, for people.
 #[must_use]
 pub fn document() -> String {
     let mut text = String::from(
         "# Problems\n\n\
-         Every answer that is not 2xx or 3xx is `application/problem+json` (RFC 9457) with `type`, `title`, `status`, `detail`,\n\
-         `instance`, `code`, `errors` (`pointer`, `detail`) and `request_id`. `code` is stable; `detail` is for people and may\n\
-         change. `pointer` is a JSON pointer into the request's body, or the name of a query parameter or header.\n\n\
+         Every response other than 2xx and 3xx is `application/problem+json` (RFC 9457) with `type`, `title`, `status`,\n\
+         `detail`, `instance`, `code`, `errors` (`pointer`, `detail`) and `request_id`. `code` is stable; `detail` is for people\n\
+         and may change. `pointer` is a JSON pointer into the request body, or the name of a query parameter or header.\n\n\
          | code | status | meaning |\n| --- | --- | --- |\n",
     );
     for code in Code::ALL {

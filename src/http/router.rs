@@ -1,4 +1,4 @@
-//! Every route, on one screen.
+//! The router: every route, on one screen.
 
 use std::sync::Arc;
 
@@ -12,28 +12,28 @@ use utoipa::openapi::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::options::Options;
+use super::options::ServerOptions;
+use super::quotas::{self, Quotas};
 use super::routes::{cells, events, jobs, meshes, results, robots, scanners, session, storage, system, turntables};
 use super::sessions::Sessions;
-use super::shares::{self, Shares};
-use super::{auth, docs, hosts, layers, openapi, page};
+use super::{auth, dashboard, docs, hosts, layers, openapi};
 use crate::service::App;
 
-/// What every handler may use.
+/// State that every handler shares.
 #[derive(Clone)]
-pub(super) struct Site {
+pub(super) struct ApiState {
     /// The service.
     pub app: App,
-    /// How it is offered.
-    pub options: Arc<Options>,
-    /// What clients hold for long.
-    pub shares: Arc<Shares>,
-    /// Browsers that have shown the key.
+    /// Options of the server.
+    pub options: Arc<ServerOptions>,
+    /// Quotas of the resources that clients hold for long.
+    pub quotas: Arc<Quotas>,
+    /// Sessions of browsers that presented the key.
     pub sessions: Arc<Sessions>,
 }
 
-/// Answers that begin at once.
-fn quick() -> OpenApiRouter<Site> {
+/// Routes whose response begins at once.
+fn quick() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(meshes::list))
         .routes(routes!(meshes::get, meshes::delete))
@@ -57,8 +57,8 @@ fn quick() -> OpenApiRouter<Site> {
         .merge(stored())
 }
 
-/// Results: stored compressed, and streamed as they are stored to whoever takes that.
-fn stored() -> OpenApiRouter<Site> {
+/// Routes of results, which are stored compressed and streamed as stored to clients that accept gzip.
+fn stored() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(results::plan))
         .routes(routes!(results::program))
@@ -74,29 +74,29 @@ fn stored() -> OpenApiRouter<Site> {
         .routes(routes!(results::file))
 }
 
-/// Answers that wait for work on a mesh, and those that limit their own time.
-fn slow() -> OpenApiRouter<Site> {
+/// Routes that wait for work on a mesh, and routes that limit their own time.
+fn slow() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(meshes::file))
         .routes(routes!(meshes::preview))
-        // Looking up may be given up, but once a job is on its way to the disk its answer is waited for: else a 503 could
-        // be a job.
+        // The lookups of a new job may time out, but once it is being stored the response waits for it: else a 503 could
+        // hide an accepted job.
         .routes(routes!(jobs::create))
         .routes(routes!(storage::retention, storage::apply_retention))
 }
 
-/// Answers that wait for an upload.
-fn uploads() -> OpenApiRouter<Site> {
+/// Routes that receive an upload.
+fn uploads() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new().routes(routes!(meshes::upload)).layer(DefaultBodyLimit::disable())
 }
 
-/// Answers that may wait for a job.
-fn waits() -> OpenApiRouter<Site> {
+/// Routes that may wait for a job.
+fn waits() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new().routes(routes!(jobs::get))
 }
 
-/// What needs no key.
-fn open() -> OpenApiRouter<Site> {
+/// Routes that need no key.
+fn open() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
         .routes(routes!(system::healthz))
         .routes(routes!(system::readyz))
@@ -105,41 +105,42 @@ fn open() -> OpenApiRouter<Site> {
         .routes(routes!(docs::problems))
 }
 
-/// Pages for people; no part of the interface.
-fn pages() -> Router<Site> {
+/// Pages for people, which are not part of the API.
+fn pages() -> Router<ApiState> {
     Router::new()
-        .route("/", get(page::index))
-        .route("/assets/{name}", get(page::asset))
+        .route("/", get(dashboard::index))
+        .route("/assets/{name}", get(dashboard::asset))
         .route("/docs", get(docs::redirect))
         .route("/docs/", get(docs::index))
         .route("/docs/{file}", get(docs::file))
 }
 
-fn documented(site: Option<&Site>) -> OpenApiRouter<Site> {
+/// The API with its OpenAPI description; with its middleware if `state` is given.
+fn documented(state: Option<&ApiState>) -> OpenApiRouter<ApiState> {
     let mut api = OpenApiRouter::new().merge(quick()).merge(slow()).merge(uploads()).merge(waits());
-    if let Some(site) = site {
+    if let Some(state) = state {
         api = OpenApiRouter::new()
-            .merge(quick().layer(from_fn_with_state(site.clone(), layers::limit_time)))
+            .merge(quick().layer(from_fn_with_state(state.clone(), layers::limit_response_time)))
             .merge(slow())
-            .merge(uploads().layer(from_fn_with_state(site.clone(), shares::upload)))
-            .merge(waits().layer(from_fn_with_state(site.clone(), shares::wait)))
-            .layer(from_fn_with_state(site.clone(), auth::require_key));
+            .merge(uploads().layer(from_fn_with_state(state.clone(), quotas::limit_uploads)))
+            .merge(waits().layer(from_fn_with_state(state.clone(), quotas::limit_waits)))
+            .layer(from_fn_with_state(state.clone(), auth::require_key));
     }
     OpenApiRouter::with_openapi(openapi::ApiDoc::openapi()).nest("/api/v1", api).merge(open())
 }
 
 /// The router that serves `app`.
-pub fn router(app: App, options: Options) -> Router {
-    let site = Site { app, options: Arc::new(options), shares: Arc::default(), sessions: Arc::default() };
-    let (router, _) = documented(Some(&site)).split_for_parts();
+pub fn router(app: App, options: ServerOptions) -> Router {
+    let state = ApiState { app, options: Arc::new(options), quotas: Arc::default(), sessions: Arc::default() };
+    let (router, _) = documented(Some(&state)).split_for_parts();
     router
         .merge(pages())
-        .layer(CatchPanicLayer::custom(layers::panicked))
+        .layer(CatchPanicLayer::custom(layers::panic_response))
         .layer(from_fn(auth::refuse_cross_site))
-        .layer(from_fn_with_state(site.clone(), hosts::check))
-        .layer(from_fn(layers::keep_reserve))
-        .layer(from_fn_with_state(site.clone(), layers::observe))
-        .with_state(site)
+        .layer(from_fn_with_state(state.clone(), hosts::check))
+        .layer(from_fn(layers::restrict_reserve))
+        .layer(from_fn_with_state(state.clone(), layers::observe))
+        .with_state(state)
 }
 
 /// The OpenAPI document.

@@ -1,8 +1,8 @@
-//! A connection that is closed when its client stalls. hyper limits the time for a request's headers once it knows the
-//! protocol; before that, while it looks for the HTTP/2 preface, and while an answer waits to be taken, it does not.
+//! A socket that is closed when its client stalls. hyper limits the time for a request's headers once it knows the
+//! protocol; it sets no limit before that, while it looks for the HTTP/2 preface, nor while a response waits to be taken.
 //!
-//! It is also closed in two steps. Closing a socket on which something unread lies takes what was written last from the
-//! client: a refused upload would end in a reset instead of the reason. So what still comes is read for a moment.
+//! It also lingers on close. Closing a socket with unread data resets the connection and discards the last bytes written: a
+//! refused upload would end in a reset instead of the response. So incoming data is read for a moment first.
 
 use std::future::Future;
 use std::io;
@@ -15,32 +15,33 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep};
 
-/// Bytes of the HTTP/2 preface: after as many hyper knows the protocol.
+/// Length of the HTTP/2 preface, bytes; after these hyper knows the protocol.
 const PREFACE_LENGTH: usize = 24;
-/// What still comes after the last answer is read for this long, up to so many bytes.
+/// Longest time for which data is read after the last response.
 const LINGER: Duration = Duration::from_secs(1);
-const LINGER_BYTES: usize = 16 << 20;
+/// Largest amount of data that is read after the last response.
+const MAX_LINGER_BYTES: usize = 16 << 20;
 
-/// A stream with a limit on the time for its first bytes, and on the time for which a write makes no headway.
-pub(super) struct Guarded<S> {
+/// A stream with a timeout of its first bytes, and of writes that make no progress.
+pub(super) struct TimeoutStream<S> {
     inner: S,
     until_preface: usize,
     preface_deadline: Pin<Box<Sleep>>,
     write_stall: Duration,
     write_deadline: Pin<Box<Sleep>>,
-    /// Whether a write waits for the client; others look at it.
+    /// True while a write waits for the client; read by the connection limiter.
     writing: Arc<AtomicBool>,
     linger: Option<Linger>,
 }
 
-/// The reading of what still comes after the last answer.
+/// State of the lingering close.
 struct Linger {
     deadline: Pin<Box<Sleep>>,
     read_bytes: usize,
 }
 
-impl<S> Guarded<S> {
-    /// Guards `inner`, and says in `writing` whether a write waits for the client.
+impl<S> TimeoutStream<S> {
+    /// Wraps `inner`, and sets `writing` while a write waits for the client.
     pub(super) fn new(inner: S, preface: Duration, write_stall: Duration, writing: Arc<AtomicBool>) -> Self {
         Self {
             inner,
@@ -53,11 +54,11 @@ impl<S> Guarded<S> {
         }
     }
 
-    /// What came of a write: headway puts the deadline off, none lets it run.
+    /// Updates the deadline by the outcome of a write: progress resets it, a pending write lets it run.
     fn watch_write<T>(&mut self, cx: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if written.is_ready() {
             self.writing.store(false, Ordering::Relaxed);
-            // Whoever is answered has sent a request.
+            // A client that gets a response has sent a request.
             self.until_preface = 0;
             return written;
         }
@@ -65,7 +66,7 @@ impl<S> Guarded<S> {
             self.write_deadline.as_mut().reset(Instant::now() + self.write_stall);
         }
         ready!(self.write_deadline.as_mut().poll(cx));
-        Poll::Ready(Err(stalled("the client takes nothing of its answer")))
+        Poll::Ready(Err(stalled("the client does not read its response")))
     }
 }
 
@@ -73,7 +74,7 @@ fn stalled(what: &'static str) -> io::Error {
     io::Error::new(io::ErrorKind::TimedOut, what)
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Guarded<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for TimeoutStream<S> {
     fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let this = self.get_mut();
         let before = buffer.filled().len();
@@ -81,13 +82,13 @@ impl<S: AsyncRead + Unpin> AsyncRead for Guarded<S> {
         this.until_preface = this.until_preface.saturating_sub(buffer.filled().len() - before);
         if read.is_pending() && this.until_preface > 0 {
             ready!(this.preface_deadline.as_mut().poll(cx));
-            return Poll::Ready(Err(stalled("the client sends no request")));
+            return Poll::Ready(Err(stalled("the client sent no request")));
         }
         read
     }
 }
 
-impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for Guarded<S> {
+impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for TimeoutStream<S> {
     fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let this = self.get_mut();
         let written = Pin::new(&mut this.inner).poll_write(cx, bytes);
@@ -119,10 +120,10 @@ impl<S: AsyncRead + AsyncWrite + Unpin> AsyncWrite for Guarded<S> {
 }
 
 impl Linger {
-    /// Reads until the client closes its side, or until it is enough.
+    /// Reads until the client closes its side, or a limit is reached.
     fn poll<S: AsyncRead + Unpin>(&mut self, inner: &mut S, cx: &mut Context<'_>) -> Poll<()> {
         let mut piece = [0; 8192];
-        while self.read_bytes < LINGER_BYTES {
+        while self.read_bytes < MAX_LINGER_BYTES {
             let mut buffer = ReadBuf::new(&mut piece);
             match Pin::new(&mut *inner).poll_read(cx, &mut buffer) {
                 Poll::Ready(Ok(())) if !buffer.filled().is_empty() => self.read_bytes += buffer.filled().len(),

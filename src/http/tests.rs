@@ -1,4 +1,4 @@
-//! Negotiation and the guarded socket, which the routes' tests reach only in part.
+//! Content negotiation and socket timeouts, which the tests of the routes reach only in part.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,12 +7,12 @@ use axum::http::HeaderMap;
 use axum::http::header::ACCEPT;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
-use super::negotiate::{Form, choose};
-use super::socket::Guarded;
+use super::negotiate::{Representation, choose};
+use super::socket::TimeoutStream;
 
-const FORMS: [Form; 2] = [
-    Form { name: "json", media_type: "application/json", file: "a.json" },
-    Form { name: "csv", media_type: "text/csv; charset=utf-8", file: "a.csv" },
+const OFFERED: [Representation; 2] = [
+    Representation { name: "json", media_type: "application/json", file: "a.json" },
+    Representation { name: "csv", media_type: "text/csv; charset=utf-8", file: "a.csv" },
 ];
 
 fn chosen(accept: &str, asked: Option<&str>) -> Option<&'static str> {
@@ -20,12 +20,12 @@ fn chosen(accept: &str, asked: Option<&str>) -> Option<&'static str> {
     if !accept.is_empty() {
         headers.insert(ACCEPT, accept.parse().expect("a header"));
     }
-    choose(&headers, asked, &FORMS).ok().map(|form| form.name)
+    choose(&headers, asked, &OFFERED).ok().map(|chosen| chosen.name)
 }
 
 #[test]
-fn the_form_follows_accept() {
-    for (accept, form) in [
+fn the_representation_follows_accept() {
+    for (accept, name) in [
         ("", Some("json")),
         ("*/*", Some("json")),
         ("text/csv", Some("csv")),
@@ -42,7 +42,7 @@ fn the_form_follows_accept() {
         ("nonsense", None),
         ("text/csv;q=nan", None),
     ] {
-        assert_eq!(chosen(accept, None), form, "{accept:?}");
+        assert_eq!(chosen(accept, None), name, "{accept:?}");
     }
 }
 
@@ -55,12 +55,12 @@ fn the_query_goes_before_accept() {
 const PREFACE: Duration = Duration::from_millis(200);
 const STALL: Duration = Duration::from_millis(400);
 
-fn guarded(buffer: usize) -> (DuplexStream, Guarded<DuplexStream>) {
+fn guarded(buffer: usize) -> (DuplexStream, TimeoutStream<DuplexStream>) {
     let (client, server) = tokio::io::duplex(buffer);
-    (client, Guarded::new(server, PREFACE, STALL, Arc::default()))
+    (client, TimeoutStream::new(server, PREFACE, STALL, Arc::default()))
 }
 
-/// Cut off not before its time, and not much later, on a busy machine.
+/// Checks that a client was cut off at the limit; later by a margin, for busy machines.
 #[track_caller]
 fn assert_cut_off(error: &std::io::Error, after: Duration, limit: Duration) {
     assert_eq!(error.kind(), std::io::ErrorKind::TimedOut);

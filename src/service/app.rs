@@ -1,4 +1,4 @@
-//! The one value that everything goes through.
+//! The service's entry point: its state, start and stop.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,20 +8,21 @@ use tokio::sync::{Mutex, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::error::{Error, Fault};
+use super::error::{Error, InternalError};
+use super::execute::{Planner, execute};
 use super::jobs::{self, Runner};
 use super::maintenance::maintain;
 use super::options::Options;
-use super::run::{self, Planner};
 use super::store::{OpenError, Store};
+use crate::planning::sequence::Roadmaps;
 use crate::wire::{JobState, ReadinessCheck};
 
-/// Requests whose cells and meshes are looked up and built at the same time; others wait for them.
-const RESOLVING: usize = 4;
-/// The store is tried this often.
-const PROBE_EVERY: Duration = Duration::from_secs(1);
+/// Max requests whose cells and meshes are resolved at the same time; others wait.
+const MAX_RESOLVING: usize = 4;
+/// Min time between two probes of the store.
+const PROBE_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The service. Clones are the same service.
+/// The service. Clones share one state.
 #[derive(Clone)]
 pub struct App(pub(super) Arc<Inner>);
 
@@ -29,28 +30,30 @@ pub(super) struct Inner {
     pub(super) store: Store,
     pub(super) options: Options,
     pub(super) runner: Runner,
-    /// Meshes that may be parsed at the same time.
+    /// Limits the meshes parsed at the same time.
     pub(super) parsing: Arc<Semaphore>,
-    /// Requests that may be looked up and checked at the same time.
+    /// Limits the requests resolved at the same time.
     pub(super) resolving: Arc<Semaphore>,
-    /// Uploads that may come in at the same time.
+    /// Limits the concurrent uploads.
     pub(super) uploads: Arc<Semaphore>,
-    /// When the store was last seen to be writable, or not.
+    /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
     tasks: TaskTracker,
 }
 
 impl App {
-    /// Opens the store, puts in order what an earlier process left, and begins to work on the queue.
+    /// Opens the store, recovers the jobs that an earlier process left unfinished, and starts the workers.
     ///
     /// # Errors
     /// [`OpenError`].
     pub async fn open(options: Options) -> Result<Self, OpenError> {
-        Self::open_with(options, Arc::new(run::run)).await
+        // Kept for the next job in the same cell.
+        let roadmaps = Roadmaps::default();
+        Self::open_with(options, Arc::new(move |input, ctx| execute(input, &roadmaps, ctx))).await
     }
 
-    /// The same, with another planner.
+    /// Opens the service with another planner, for tests.
     ///
     /// # Errors
     /// [`OpenError`].
@@ -59,18 +62,19 @@ impl App {
         let runner = Runner::new(&options, planner)?;
         let parsing = Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into)));
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let (uploads, resolving) = (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(RESOLVING)));
+        let (uploads, resolving) =
+            (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
         let inner = Inner { store, options, runner, parsing, resolving, uploads, probed: Mutex::default(), stopping, tasks };
         let app = Self(Arc::new(inner));
         app.recover().await?;
         for _ in 0..app.0.options.concurrent_jobs.max(1) {
-            app.0.tasks.spawn(jobs::work(app.clone()));
+            app.0.tasks.spawn(jobs::run_worker(app.clone()));
         }
         app.0.tasks.spawn(maintain(app.clone()));
         Ok(app)
     }
 
-    /// Takes no more work, interrupts what is planned (it starts again with the next process) and waits for it.
+    /// Stops the service: takes no more work, interrupts running jobs (the next process starts them again) and waits for them.
     pub async fn stop(&self) {
         self.0.stopping.cancel();
         self.0.runner.interrupt();
@@ -78,29 +82,29 @@ impl App {
         self.0.tasks.wait().await;
     }
 
-    /// Closes the store, so that a copy of its folder is a backup. Nothing can be asked any more.
+    /// Closes the store, so that a copy of its folder is a backup. The service cannot be used afterwards.
     pub async fn close(&self) {
         if let Err(error) = self.0.store.close().await {
             tracing::warn!(
                 error = &error as &dyn std::error::Error,
-                "the database was not closed; its log is read at the next start"
+                "the database was not closed; the next start replays its write-ahead log"
             );
         }
     }
 
-    /// Cancelled once the service stops.
+    /// Token that is cancelled when the service stops.
     #[must_use]
     pub fn stopping(&self) -> CancellationToken {
         self.0.stopping.clone()
     }
 
-    /// The limits that the service was opened with.
+    /// Options that the service was opened with.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.0.options
     }
 
-    /// What must hold to take work, and whether it does.
+    /// Conditions for taking work, each with its current state.
     pub async fn readiness(&self) -> Vec<ReadinessCheck> {
         let check = |name: &str, ok: bool| ReadinessCheck { name: name.to_owned(), ok };
         vec![
@@ -111,23 +115,23 @@ impl App {
         ]
     }
 
-    /// Whether the store can be written. Anybody may ask, and it costs a write: so it is tried once a second at most.
+    /// True if the store can be written. Any client may ask, and a probe costs a write: so there is at most one per second.
     async fn is_writable(&self) -> bool {
         let mut probed = self.0.probed.lock().await;
         if let Some((at, writable)) = *probed
-            && at.elapsed() < PROBE_EVERY
+            && at.elapsed() < PROBE_INTERVAL
         {
             return writable;
         }
         let result = self.0.store.probe().await;
         if let Err(error) = &result {
-            tracing::warn!(error = error as &dyn std::error::Error, "the store cannot be written");
+            tracing::warn!(error = error as &dyn std::error::Error, "the store is not writable");
         }
         *probed = Some((Instant::now(), result.is_ok()));
         result.is_ok()
     }
 
-    /// How many jobs are in each state that is not an end.
+    /// Number of jobs in each state before the end.
     ///
     /// # Errors
     /// [`Error::Internal`].
@@ -139,15 +143,15 @@ impl App {
         Ok(counts)
     }
 
-    /// Carries a change through to its end also when the one who asked goes away.
-    pub(super) async fn to_the_end<T: Send + 'static>(
+    /// Runs a change to completion, even if the caller goes away.
+    pub(super) async fn run_to_completion<T: Send + 'static>(
         &self,
         change: impl Future<Output = Result<T, Error>> + Send + 'static,
     ) -> Result<T, Error> {
-        tokio::spawn(change).await.map_err(|error| Error::from(Fault::Task(error.to_string())))?
+        tokio::spawn(change).await.map_err(|error| Error::from(InternalError::Task(error.to_string())))?
     }
 
-    /// The folder of the store.
+    /// Folder of the store.
     #[must_use]
     pub fn data_dir(&self) -> &Path {
         &self.0.options.data_dir

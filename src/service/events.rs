@@ -1,5 +1,5 @@
-//! Events as a stream: first those of the past from the store, then those of the present; a reader who falls behind is
-//! taken back to the store. So every event comes exactly once and in order, and a slow reader costs no memory.
+//! Event streams: first past events from the store, then live ones; a reader who falls behind goes back to the store. So
+//! every event is delivered exactly once and in order, and a slow reader costs no memory.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -11,10 +11,10 @@ use super::app::App;
 use super::error::Error;
 use crate::wire::{EventKind, JobEvent, JobId};
 
-/// Events read from the store at a time.
+/// Max number of events read from the store at a time.
 const BATCH: u32 = 256;
 
-/// A stream of events, of one job until its end, or of all.
+/// Stream of the events of one job until its end, or of all jobs.
 pub struct EventStream {
     app: App,
     job: Option<JobId>,
@@ -27,12 +27,12 @@ pub struct EventStream {
 }
 
 impl App {
-    /// Events after number `after`; without one, those of a job from its beginning, and those of all jobs from now on.
+    /// Events after number `after`; without it, all events of a job, or of all jobs those from now on.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn events(&self, job: Option<JobId>, after: Option<i64>) -> Result<EventStream, Error> {
-        let live = self.0.store.listen();
+        let live = self.0.store.subscribe();
         if let Some(job) = job {
             self.0.store.job_state(job).await?;
         }
@@ -53,13 +53,13 @@ impl App {
 }
 
 impl EventStream {
-    /// Whether events after the one asked for have been dropped from the store.
+    /// True if events after the requested one have been pruned from the store.
     #[must_use]
-    pub fn missed_some(&self) -> bool {
+    pub fn has_gap(&self) -> bool {
         self.missed
     }
 
-    /// Whether nothing will come: the job has ended and all was seen.
+    /// True if no event will follow: the job has ended and all of its events were read.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Internal`].
@@ -70,7 +70,7 @@ impl EventStream {
         }
     }
 
-    /// The next event; `None` after a job's last one, and when the service stops.
+    /// Waits for the next event; `None` after a job's last one and when the service stops.
     ///
     /// # Errors
     /// [`Error::Internal`].

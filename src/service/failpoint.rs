@@ -1,12 +1,12 @@
-//! Named points at which a test may have the process die, as if it had been killed or had lost its power, or hang.
+//! Failpoints: named places at which a test can make the process die, as if killed or after a power cut, or hang.
 //!
-//! `VANTAGE_FAILPOINT=name` aborts the process when it comes to that point, `VANTAGE_FAILPOINT=name:hang` has the thread
-//! stay there for ever. Only builds with debug assertions, or with the feature `failpoints`, have the points; in others
-//! the variable means nothing. Points: `upload.before_rename`, `upload.after_rename`, `upload.committed`, `job.before_insert`,
+//! `VANTAGE_FAILPOINT=name` aborts the process when it reaches that failpoint, `VANTAGE_FAILPOINT=name:hang` blocks the
+//! thread there forever. Only builds with debug assertions or the feature `failpoints` have them; others ignore the
+//! variable. Failpoints: `upload.before_rename`, `upload.after_rename`, `upload.committed`, `job.before_insert`,
 //! `job.inserted`, `job.claimed`, `stage.<name>` for each planning stage as it begins, `artifact.before_rename`,
 //! `artifact.written`, `result.before_commit`, `result.committed`, `cancel.before_commit`, `cancel.committed`.
 
-/// Every point, for tests that walk through all of them.
+/// Names of all failpoints, for tests that go through them.
 pub const NAMES: [&str; 21] = [
     "upload.before_rename",
     "upload.after_rename",
@@ -31,7 +31,7 @@ pub const NAMES: [&str; 21] = [
     "cancel.committed",
 ];
 
-/// Dies or hangs here, if this is the point that the environment names. No destructor runs and no buffer is flushed.
+/// Aborts or hangs here if the environment names this failpoint. No destructor runs and no buffer is flushed.
 #[cfg(any(debug_assertions, feature = "failpoints"))]
 pub(crate) fn hit(group: &str, name: &str) {
     static ARMED: std::sync::OnceLock<Option<String>> = std::sync::OnceLock::new();
@@ -51,6 +51,6 @@ pub(crate) fn hit(group: &str, name: &str) {
     std::process::abort();
 }
 
-/// Nothing, in a build without failpoints.
+/// Does nothing in a build without failpoints.
 #[cfg(not(any(debug_assertions, feature = "failpoints")))]
 pub(crate) fn hit(_group: &str, _name: &str) {}

@@ -1,5 +1,4 @@
-//! What the service does to its store by itself while it serves: events, orphans, retention, a look for damage. Nothing of
-//! it delays the start.
+//! Background maintenance of the store: pruning of events, sweep of orphans, retention, scrubbing. None of it delays the start.
 
 use std::time::Duration;
 
@@ -8,14 +7,14 @@ use super::error::Error;
 use super::store::{Due, Policy};
 use crate::wire::{DamagedItem, Retention, RetentionPolicy, RetiredJob, RetiredMesh, Storage};
 
-/// Time between two rounds.
-const ROUND: Duration = Duration::from_secs(3600);
-/// Jobs and meshes that an answer lists.
+/// Interval of the maintenance rounds.
+const ROUND_INTERVAL: Duration = Duration::from_secs(3600);
+/// Max jobs, and max meshes, that a response lists.
 const MAX_LISTED: usize = 1000;
 
 const HOUR_SECS: u64 = 3600;
 
-/// Works until the service stops.
+/// Maintains the store until the service stops.
 pub(super) async fn maintain(app: App) {
     let stopping = app.stopping();
     tokio::select! {
@@ -24,16 +23,16 @@ pub(super) async fn maintain(app: App) {
     }
 }
 
-/// Rounds of everything that is soon done.
+/// Runs the short tasks at every interval.
 async fn rounds(app: &App) {
-    let mut rounds = tokio::time::interval(ROUND);
+    let mut rounds = tokio::time::interval(ROUND_INTERVAL);
     loop {
         rounds.tick().await;
         app.round().await;
     }
 }
 
-/// Reads every stored file, which may take hours, and again after a while.
+/// Verifies every stored file, which may take hours, and repeats after the configured interval.
 async fn scrub(app: &App) {
     let hours = app.0.options.scrub_hours;
     if hours == 0 {
@@ -43,26 +42,26 @@ async fn scrub(app: &App) {
     rounds.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         rounds.tick().await;
-        log("the look at the store's files", app.0.store.scrub_files().await);
+        log("scrubbing the files", app.0.store.scrub_files().await);
     }
 }
 
 fn log(what: &str, result: Result<(), Error>) {
     if let Err(error) = result {
-        tracing::warn!(error = &error as &dyn std::error::Error, "{what} broke off; it is tried again within the hour");
+        tracing::warn!(error = &error as &dyn std::error::Error, "{what} failed; it is retried in the next round");
     }
 }
 
 impl App {
-    /// One round of everything that is soon done.
+    /// One round of the short tasks.
     async fn round(&self) {
         let (store, options) = (&self.0.store, &self.0.options);
         let hours = |hours: u32| Duration::from_secs(u64::from(hours) * HOUR_SECS);
-        log("the look at the store's rows", store.scrub_rows().await);
-        log("dropping old events", store.prune_events(options.event_retention_hours).await);
+        log("scrubbing the rows", store.scrub_rows().await);
+        log("pruning old events", store.prune_events(options.event_retention_hours).await);
         let swept = store.sweep(hours(options.orphan_hours), hours(options.swept_hours)).await;
-        log("the sweep of files", swept.map(drop));
-        log("retention", self.retire().await.map(drop));
+        log("sweeping orphaned files", swept.map(drop));
+        log("applying the retention policy", self.apply_retention().await.map(drop));
         metrics::gauge!("vantage_store_damaged").set(store.damage().len() as f64);
     }
 
@@ -82,47 +81,47 @@ impl App {
         })
     }
 
-    /// What the policy of retention would let go now.
+    /// Preview of what the retention policy would delete now.
     ///
     /// # Errors
     /// [`Error::Internal`], [`Error::StorageBusy`].
     pub async fn retention(&self) -> Result<Retention, Error> {
         let due = self.0.store.due(&self.policy()?).await?;
-        Ok(self.told(&due))
+        Ok(self.retention_response(&due))
     }
 
-    /// Lets go what the policy of retention lets go. A job that somebody holds or deletes meanwhile is passed over.
+    /// Applies the retention policy. Skips jobs that are put on hold or deleted meanwhile.
     ///
     /// # Errors
     /// [`Error::Internal`], [`Error::StorageBusy`].
-    pub async fn retire(&self) -> Result<Retention, Error> {
+    pub async fn apply_retention(&self) -> Result<Retention, Error> {
         let app = self.clone();
-        self.to_the_end(async move {
+        self.run_to_completion(async move {
             let due = app.0.store.due(&app.policy()?).await?;
-            let mut gone = Due::default();
+            let mut deleted = Due::default();
             for (id, reason, size_bytes) in due.jobs {
                 match app.0.store.delete_job(id, &app.0.options.retention.hold_label, Some(reason.code())).await {
-                    Ok(()) => gone.jobs.push((id, reason, size_bytes)),
+                    Ok(()) => deleted.jobs.push((id, reason, size_bytes)),
                     Err(Error::JobHeld { .. } | Error::JobNotFound(_) | Error::JobNotEnded { .. }) => {}
                     Err(error) => return Err(error),
                 }
             }
             for (id, size_bytes) in due.meshes {
                 match app.0.store.delete_mesh(id).await {
-                    Ok(()) => gone.meshes.push((id, size_bytes)),
+                    Ok(()) => deleted.meshes.push((id, size_bytes)),
                     Err(Error::MeshNotFound(_) | Error::MeshInUse(_)) => {}
                     Err(error) => return Err(error),
                 }
             }
-            if gone != Due::default() {
-                tracing::info!(jobs = gone.jobs.len(), meshes = gone.meshes.len(), "retention let go");
+            if deleted != Due::default() {
+                tracing::info!(jobs = deleted.jobs.len(), meshes = deleted.meshes.len(), "deleted by the retention policy");
             }
-            Ok(app.told(&gone))
+            Ok(app.retention_response(&deleted))
         })
         .await
     }
 
-    fn told(&self, due: &Due) -> Retention {
+    fn retention_response(&self, due: &Due) -> Retention {
         let retention = &self.0.options.retention;
         let jobs = due.jobs.iter().take(MAX_LISTED).map(|&(id, reason, size_bytes)| RetiredJob { id, reason, size_bytes });
         let meshes = due.meshes.iter().take(MAX_LISTED).map(|&(id, size_bytes)| RetiredMesh { id, size_bytes });
@@ -142,7 +141,7 @@ impl App {
         }
     }
 
-    /// Room, sizes and known damage.
+    /// Disk space, sizes and known damage.
     ///
     /// # Errors
     /// [`Error::Internal`], [`Error::StorageBusy`].

@@ -1,4 +1,4 @@
-//! Meshes: received while hashed, looked into, kept by content.
+//! Meshes: hashed while they are received, parsed and checked, stored by content.
 
 use std::fs::File;
 use std::path::Path;
@@ -10,30 +10,30 @@ use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::task::JoinHandle;
 
 use super::app::App;
-use super::error::{Error, Fault};
-use super::hashed::Hashed;
+use super::error::{Error, InternalError};
+use super::hashing_reader::HashingReader;
 use super::plan_job::PREVIEW_TRIANGLES;
 use super::store::{NewMesh, Page, Received, blocking};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{self, LengthUnit, Poll};
-use crate::wire::{Mesh, MeshHealth, MeshId, MeshPage};
+use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh};
 
-/// Pieces of an upload that may wait for the disk.
-const PIECES_AHEAD: usize = 8;
+/// Max pieces of an upload that wait to be written.
+const MAX_PENDING_PIECES: usize = 8;
 
-/// The free space is looked at again whenever an upload has brought this much.
+/// Received bytes after which an upload checks the free space again.
 const SPACE_CHECK_BYTES: u64 = 16 << 20;
 
-/// An upload under way: pieces go to a thread that hashes and writes them. Dropped, it leaves nothing behind.
+/// An upload in progress: a thread hashes and writes its pieces. If dropped, it leaves nothing behind.
 pub struct Upload {
     pieces: mpsc::Sender<Piece>,
     writer: JoinHandle<Result<Option<Received>, Error>>,
     received_bytes: u64,
     limit_bytes: u64,
     app: App,
-    /// The free space was last looked at when this much had come.
-    looked_at_bytes: u64,
-    _place: OwnedSemaphorePermit,
+    /// Received bytes when the free space was last checked.
+    checked_bytes: u64,
+    _permit: OwnedSemaphorePermit,
 }
 
 enum Piece {
@@ -41,10 +41,10 @@ enum Piece {
     End,
 }
 
-/// An upload that is on the disk, without a name yet.
+/// A complete upload on the disk, not yet stored as a mesh.
 pub struct FinishedUpload(Received);
 
-/// What is said about an uploaded mesh.
+/// Unit and name of an uploaded mesh.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MeshUpload {
     /// Unit of its coordinates.
@@ -54,7 +54,7 @@ pub struct MeshUpload {
 }
 
 impl Upload {
-    /// Takes one more piece.
+    /// Appends a piece.
     ///
     /// # Errors
     /// [`Error::UploadTooLarge`], [`Error::StorageFull`], [`Error::Internal`].
@@ -63,23 +63,23 @@ impl Upload {
         if self.received_bytes > self.limit_bytes {
             return Err(Error::UploadTooLarge { limit_bytes: self.limit_bytes });
         }
-        if self.received_bytes - self.looked_at_bytes >= SPACE_CHECK_BYTES {
-            self.looked_at_bytes = self.received_bytes;
+        if self.received_bytes - self.checked_bytes >= SPACE_CHECK_BYTES {
+            self.checked_bytes = self.received_bytes;
             self.app.check_space(0)?;
         }
         if self.pieces.send(Piece::Bytes(bytes)).await.is_err() {
-            // The thread has ended, with the reason.
+            // The thread has ended, and returns the reason.
             return Err((&mut self.writer).await?.err().unwrap_or_else(ended_early));
         }
         Ok(())
     }
 
-    /// Puts what was received onto the disk; if its SHA-256 was announced, it must be that.
+    /// Finishes the file and syncs it to the disk. If a SHA-256 was announced, it must match.
     ///
     /// # Errors
     /// [`Error::DigestMismatch`], [`Error::StorageFull`], [`Error::Internal`].
     pub async fn finish(self, announced: Option<&str>) -> Result<FinishedUpload, Error> {
-        // When this cannot be sent the thread has ended, and says why below.
+        // If this cannot be sent, the thread has ended and returns the reason below.
         let _ = self.pieces.send(Piece::End).await;
         let received = self.writer.await??.ok_or_else(ended_early)?;
         match announced {
@@ -92,19 +92,19 @@ impl Upload {
 }
 
 fn ended_early() -> Error {
-    Fault::Task("an upload ended early".to_owned()).into()
+    InternalError::Task("an upload ended early".to_owned()).into()
 }
 
 impl App {
-    /// Begins an upload of about so many bytes, once there is a place for it: each holds a thread that writes.
+    /// Begins an upload of about `announced_bytes`, once one of the limited slots is free: each upload holds a thread.
     ///
     /// # Errors
     /// [`Error::Draining`], [`Error::StorageLow`].
     pub async fn receive(&self, announced_bytes: u64) -> Result<Upload, Error> {
         self.check_open()?;
         self.check_space(announced_bytes)?;
-        let place = self.0.uploads.clone().acquire_owned().await.map_err(|_| Error::Draining)?;
-        let (sender, mut pieces) = mpsc::channel(PIECES_AHEAD);
+        let permit = self.0.uploads.clone().acquire_owned().await.map_err(|_| Error::Draining)?;
+        let (sender, mut pieces) = mpsc::channel(MAX_PENDING_PIECES);
         let files = self.0.store.files().clone();
         let writer = tokio::task::spawn_blocking(move || {
             let mut receiver = files.receive()?;
@@ -118,44 +118,44 @@ impl App {
         });
         let limit_bytes = self.0.options.max_upload_bytes;
         let app = self.clone();
-        Ok(Upload { pieces: sender, writer, received_bytes: 0, limit_bytes, app, looked_at_bytes: 0, _place: place })
+        Ok(Upload { pieces: sender, writer, received_bytes: 0, limit_bytes, app, checked_bytes: 0, _permit: permit })
     }
 
-    /// Looks into an upload and keeps it, if it is a mesh.
+    /// Parses and checks an upload, and stores it if it is a usable mesh.
     ///
     /// # Errors
     /// [`Error::MeshUnreadable`], [`Error::StorageFull`], [`Error::Draining`], [`Error::Internal`].
-    pub async fn add_mesh(&self, upload: FinishedUpload, about: MeshUpload) -> Result<Mesh, Error> {
+    pub async fn add_mesh(&self, upload: FinishedUpload, about: MeshUpload) -> Result<UploadedMesh, Error> {
         self.check_open()?;
         let FinishedUpload(received) = upload;
         let limits = Limits { max_triangles: self.0.options.max_triangles };
         let (received, health) = self
-            .wanted(move |poll| {
+            .run_abandonable(move |poll| {
                 let (read, _) = read(received.file.path(), about.unit, &limits, poll)?;
-                Ok((received, MeshHealth::new(&read)))
+                Ok((received, MeshHealthReport::new(&read)))
             })
             .await?;
         let new = NewMesh { received, unit: about.unit.as_str().to_owned(), name: about.name, health };
         let app = self.clone();
-        self.to_the_end(async move { app.0.store.add_mesh(new).await }).await
+        self.run_to_completion(async move { app.0.store.add_mesh(new).await }).await
     }
 
-    /// Work on a mesh that ends when nobody waits for it any more, when the service stops, and when it takes too long. It
-    /// runs on a thread that may block, few at a time.
-    async fn wanted<T: Send + 'static>(
+    /// Runs work on a mesh on a thread that may block, a few at a time. The work is interrupted when the caller goes away, when
+    /// the service stops, and at the time limit.
+    async fn run_abandonable<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Poll<'_>) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
-        let place = Arc::clone(&self.0.parsing).acquire_owned().await.map_err(|_| Error::Draining)?;
-        let (unwanted, limit) = (self.0.stopping.child_token(), self.0.options.parse_limit);
-        // Cancels when this is dropped: when the client has gone.
-        let _wanted = unwanted.clone().drop_guard();
+        let permit = Arc::clone(&self.0.parsing).acquire_owned().await.map_err(|_| Error::Draining)?;
+        let (abandoned, limit) = (self.0.stopping.child_token(), self.0.options.parse_limit);
+        // Dropped, and so cancelling, when the caller goes away.
+        let _guard = abandoned.clone().drop_guard();
         blocking(move || {
-            let _one_of_few = place;
+            let _permit = permit;
             let began = Instant::now();
-            let stop = || unwanted.is_cancelled() || began.elapsed() > limit;
+            let stop = || abandoned.is_cancelled() || began.elapsed() > limit;
             work(&Poll::new(&stop)).map_err(|error| match error {
-                Error::Draining if !unwanted.is_cancelled() => too_slow(limit),
+                Error::Draining if !abandoned.is_cancelled() => timed_out(limit),
                 error => error,
             })
         })
@@ -166,7 +166,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::MeshNotFound`], [`Error::Internal`].
-    pub async fn mesh(&self, id: MeshId) -> Result<Mesh, Error> {
+    pub async fn mesh(&self, id: MeshId) -> Result<UploadedMesh, Error> {
         self.0.store.mesh(id).await
     }
 
@@ -178,16 +178,16 @@ impl App {
         self.0.store.meshes(&Page::new(page_size, page_token, "meshes")?).await
     }
 
-    /// The uploaded file of a mesh, open for reading, once its bytes have been compared with its hash.
+    /// Opens the uploaded file of a mesh, once its bytes have been compared with its hash.
     ///
     /// # Errors
     /// [`Error::FileDamaged`], [`Error::StorageBusy`], [`Error::Internal`].
-    pub async fn open_mesh(&self, mesh: &Mesh) -> Result<File, Error> {
+    pub async fn open_mesh(&self, mesh: &UploadedMesh) -> Result<File, Error> {
         let (files, sha256) = (self.0.store.files().clone(), mesh.sha256.clone());
-        blocking(move || files.check(&sha256)).await
+        blocking(move || files.open_checked(&sha256)).await
     }
 
-    /// A thinned mesh for viewers, as binary glTF, and its SHA-256; made when it is first asked for, and again when it was
+    /// A simplified mesh for viewers, as binary glTF, and its SHA-256. Made on the first request, and again if its file is
     /// damaged.
     ///
     /// # Errors
@@ -210,9 +210,9 @@ impl App {
         let mesh = self.mesh(id).await?;
         let path = self.0.store.files().path(&mesh.sha256);
         let (unit, limits) = (unit_of(&mesh)?, Limits { max_triangles: self.0.options.max_triangles });
-        let bytes = self.wanted(move |poll| preview(&path, &mesh.sha256, unit, &limits, poll)).await?;
+        let bytes = self.run_abandonable(move |poll| preview(&path, &mesh.sha256, unit, &limits, poll)).await?;
         let app = self.clone();
-        self.to_the_end(async move { app.0.store.keep_preview(id, bytes).await }).await
+        self.run_to_completion(async move { app.0.store.put_preview(id, bytes).await }).await
     }
 
     /// Deletes a mesh that no unfinished job needs.
@@ -221,7 +221,7 @@ impl App {
     /// [`Error::MeshNotFound`], [`Error::MeshInUse`], [`Error::Internal`].
     pub async fn delete_mesh(&self, id: MeshId) -> Result<(), Error> {
         let app = self.clone();
-        self.to_the_end(async move { app.0.store.delete_mesh(id).await }).await
+        self.run_to_completion(async move { app.0.store.delete_mesh(id).await }).await
     }
 
     /// Refuses new work once the service stops.
@@ -230,23 +230,23 @@ impl App {
     }
 }
 
-/// The unit that a stored mesh is in.
-pub(super) fn unit_of(mesh: &Mesh) -> Result<LengthUnit, Error> {
-    mesh.unit.parse().map_err(|_| Fault::Row(format!("unit {:?} of mesh {}", mesh.unit, mesh.id)).into())
+/// Unit of a stored mesh's coordinates.
+pub(super) fn unit_of(mesh: &UploadedMesh) -> Result<LengthUnit, Error> {
+    mesh.unit.parse().map_err(|_| InternalError::Row(format!("unit {:?} of mesh {}", mesh.unit, mesh.id)).into())
 }
 
-fn too_slow(limit: Duration) -> Error {
+fn timed_out(limit: Duration) -> Error {
     let secs = limit.as_secs_f64();
     Error::MeshUnreadable(format!(
-        "reading it took longer than the {secs} s that limits.parse_secs allows; simplify the mesh, or raise the setting"
+        "reading the mesh took longer than the {secs} s that limits.parse_secs allows; simplify the mesh, or raise the setting"
     ))
 }
 
-/// The mesh of a file, and the SHA-256 of the file. Told to stop, it ends with [`Error::Draining`].
+/// Reads a mesh file; returns the mesh and the file's SHA-256. Ends with [`Error::Draining`] if `poll` says stop.
 fn read(path: &Path, unit: LengthUnit, limits: &Limits, poll: &Poll<'_>) -> Result<(ReadMesh, String), Error> {
     let file = File::open(path)?;
     let length_bytes = file.metadata()?.len();
-    let mut file = Hashed::new(file);
+    let mut file = HashingReader::new(file);
     let read = mesh_io::read_from(&mut file, length_bytes, Some(unit), limits, poll).map_err(|error| match error {
         ReadError::Io(error) => error.into(),
         ReadError::Mesh(MeshError::Interrupted) => Error::Draining,
@@ -255,7 +255,7 @@ fn read(path: &Path, unit: LengthUnit, limits: &Limits, poll: &Poll<'_>) -> Resu
     Ok((read, file.finish(poll)?.ok_or(Error::Draining)?))
 }
 
-/// The mesh of a file of the store, thinned, as binary glTF.
+/// A simplified mesh of a file of the store, as binary glTF.
 fn preview(path: &Path, sha256: &str, unit: LengthUnit, limits: &Limits, poll: &Poll<'_>) -> Result<Vec<u8>, Error> {
     let (read, found) = read(path, unit, limits, poll)?;
     if found != sha256 {

@@ -1,40 +1,40 @@
-//! Floor 8, the product without HTTP: meshes, specifications, jobs and their results, and what happens to them.
+//! Floor 8, the product without HTTP: meshes, specifications, jobs, results and events.
 //!
-//! [`App`] is the one value that everything goes through. What it has said is done is on the disk. Planning runs on a
-//! pool of threads of its own, parsing and hashing on threads that may block; the threads that answer never do either.
+//! [`App`] is the single entry point. A change that it has acknowledged is on the disk. Planning runs on a thread pool of its
+//! own, parsing and hashing on threads that may block; the threads that answer requests do neither.
 
 mod app;
 mod error;
 mod events;
+pub mod execute;
 mod failpoint;
-mod hashed;
+mod hashing_reader;
 mod jobs;
 mod library;
 mod maintenance;
 mod meshes;
 mod options;
 pub mod plan_job;
-pub mod run;
+mod queries;
 mod space;
 mod specs;
 mod store;
 mod submit;
-mod watch;
 
 pub use app::App;
-pub use error::{Error, Fault};
+pub use error::{Error, InternalError};
 pub use events::EventStream;
+pub use execute::Planner;
 pub use failpoint::NAMES as FAILPOINTS;
-pub(crate) use hashed::Hashed;
+pub(crate) use hashing_reader::HashingReader;
 pub use jobs::FAILURE_CODES;
 pub use meshes::{FinishedUpload, MeshUpload, Upload};
 pub use options::{Options, RetentionOptions};
-pub use run::Planner;
+pub use queries::ResultBody;
 pub use specs::SpecEntry;
 pub(crate) use store::hex;
 pub use store::{BackupError, BackupReport, OpenError, Precondition, backup, restore};
 pub use submit::JobQuery;
-pub use watch::ResultBody;
 
 #[cfg(test)]
 mod tests;

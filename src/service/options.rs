@@ -1,60 +1,60 @@
-//! What the service has to be told when it is opened.
+//! Options of the service, given when it is opened.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Folders, sizes and numbers of the service.
+/// Folders, limits and intervals of the service.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Folder of the store; made if need be.
+    /// Folder of the store; created if needed.
     pub data_dir: PathBuf,
-    /// Threads that plan; 0 for one a core.
+    /// Number of planning threads; 0 for one per core.
     pub planning_threads: usize,
     /// Jobs planned at the same time, on those threads.
     pub concurrent_jobs: usize,
-    /// How often a job is started before the death of the process in it counts as its fault.
+    /// Max attempts at a job: when the process has died in that many, the job fails.
     pub max_attempts: u32,
-    /// Jobs that may wait.
+    /// Max jobs in the queue.
     pub max_queued_jobs: u64,
-    /// Uploads at the same time; each holds a thread that writes.
+    /// Max concurrent uploads; each holds a thread that writes.
     pub max_uploads: usize,
-    /// Largest upload.
+    /// Max size of an upload.
     pub max_upload_bytes: u64,
-    /// Most triangles of a mesh.
+    /// Max number of triangles of a mesh.
     pub max_triangles: usize,
-    /// Time to make out what an uploaded mesh is.
+    /// Max time for parsing and checking an uploaded mesh.
     pub parse_limit: Duration,
-    /// Memory that a job may need.
+    /// Max memory of a job.
     pub job_memory_bytes: u64,
-    /// Time that a job may be planned.
+    /// Max planning time of a job.
     pub job_limit: Option<Duration>,
-    /// Events of ended jobs are kept this long.
+    /// Retention time of the events of ended jobs, hours.
     pub event_retention_hours: u32,
-    /// Free space that uploads and new jobs leave on the disk, unless `min_free_share` is less.
+    /// Free space that uploads and new jobs leave on the disk; the smaller of this and `min_free_share` counts.
     pub min_free_bytes: u64,
-    /// Share of the disk that they leave free, unless `min_free_bytes` is less.
+    /// Free share of the disk that uploads and new jobs leave; the smaller of this and `min_free_bytes` counts.
     pub min_free_share: f64,
-    /// Files that nothing refers to are swept once they are this old.
+    /// Age at which orphaned files are swept, hours.
     pub orphan_hours: u32,
-    /// Swept files are removed after this time.
+    /// Time after which swept files are removed, hours.
     pub swept_hours: u32,
-    /// Every file is compared with its name this often; 0 for never.
+    /// Interval at which every file is compared with its hash, hours; 0 for never.
     pub scrub_hours: u32,
-    /// What is let go, and when.
+    /// Retention policy.
     pub retention: RetentionOptions,
 }
 
-/// The policy by which the store lets go what is no longer needed.
+/// Policy by which the store deletes what is no longer needed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RetentionOptions {
-    /// Ended jobs older than this are deleted; 0 keeps them.
+    /// Age at which ended jobs are deleted, days; 0 keeps them.
     pub job_days: u32,
-    /// Of each part (its part number, else its mesh) this many ended jobs are kept; 0 keeps all.
+    /// Ended jobs kept for each part (its part number, else its mesh); 0 keeps all.
     pub jobs_per_part: u32,
-    /// Meshes that no job and no specification refers to are deleted this long after their upload; 0 keeps them.
+    /// Age at which meshes that no job and no specification refers to are deleted, days since their upload; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Share of the disk that stored files may take; the oldest ended jobs are deleted first. 0 for no limit.
+    /// Max share of the disk for stored files; the oldest ended jobs are deleted first. 0 for no limit.
     pub max_disk_share: f64,
-    /// Key of the label that keeps a job from being deleted.
+    /// Key of the label that protects a job from deletion.
     pub hold_label: String,
 }

@@ -1,4 +1,4 @@
-//! From a part, a cell and parameters to every result file: what the server's jobs and the command line share.
+//! Planning of a part in a cell, with all result files: shared by the server's jobs and the command line.
 
 use std::collections::BTreeMap;
 
@@ -10,20 +10,21 @@ use crate::geometry::{self, Mesh, Poll};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
-use crate::planning::report::text;
+use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
 use crate::program::{Expected, Program, compile};
+use crate::report::html::{self, ReportInput};
+use crate::report::text::text;
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
-use crate::wire::report::{self, ReportInput};
 use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
 
-/// Most triangles of the preview that browsers draw and `coverage.bin` refers to.
+/// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
 pub const PREVIEW_TRIANGLES: usize = 300_000;
 
-/// Files of a setup's program: the neutral one, then those of the dialects.
+/// File names of a setup's program: the neutral one, then those of the dialects.
 macro_rules! program_files {
     ($stem:literal) => {
         [
@@ -40,14 +41,14 @@ macro_rules! program_files {
     };
 }
 
-/// Programs of the setups.
+/// File names of the programs, by setup.
 const PROGRAM_FILES: [[&str; 9]; 4] =
     [program_files!("program"), program_files!("program-2"), program_files!("program-3"), program_files!("program-4")];
 
-/// Why there is no program in some dialects, by file.
+/// File with the reasons why programs in some dialects are missing.
 pub const REFUSED_FILE: &str = "refused.json";
 
-/// A file that came out.
+/// A result file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Artifact {
     /// Its name.
@@ -56,23 +57,25 @@ pub struct Artifact {
     pub bytes: Vec<u8>,
 }
 
-/// Everything that decides what comes out.
+/// Inputs of a planning job.
 pub struct PlanJob<'a> {
     /// The part.
     pub mesh: &'a Mesh,
-    /// What holds it, in the part's coordinates.
+    /// Fixture that holds the part, in the part's coordinates.
     pub fixture: Option<&'a Mesh>,
     /// Name of the part in reports.
     pub part_name: String,
     /// SHA-256 of the part's file.
     pub part_sha256: &'a str,
-    /// The scanner; the cell's own where there is a cell.
+    /// The scanner; the cell's own if there is a cell.
     pub scanner: &'a Scanner,
-    /// The cell; `None` for viewpoints alone.
+    /// The cell; `None` for viewpoints only.
     pub cell: Option<&'a Cell>,
+    /// Roadmaps of cells that were planned for before.
+    pub roadmaps: Option<&'a Roadmaps>,
     /// Parameters.
     pub params: &'a PlanParams,
-    /// What the files echo.
+    /// Fields of the request that the files echo.
     pub echo: Echo,
 }
 
@@ -81,7 +84,7 @@ impl PlanJob<'_> {
     ///
     /// # Errors
     /// [`PlanError`].
-    pub fn run(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
+    pub fn execute(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
         Ok(self.render(&self.plan(ctx)?, ctx)?)
     }
 
@@ -96,6 +99,7 @@ impl PlanJob<'_> {
             part_sha256: self.part_sha256,
             scanner: self.scanner,
             cell: self.cell,
+            roadmaps: self.roadmaps,
         };
         plan(&input, self.params, ctx)
     }
@@ -129,7 +133,7 @@ impl PlanJob<'_> {
             ("coverage.bin", coverage::bin(outcome, &preview)),
             ("missed.json", json_file_bytes(&missed::json(plan))),
             ("report.txt", text(plan).into_bytes()),
-            ("report.html", report::html(&report, ctx)?.into_bytes()),
+            ("report.html", html::render(&report, ctx)?.into_bytes()),
         ];
         let mut refused = BTreeMap::new();
         for (program, names) in programs.iter().zip(PROGRAM_FILES) {
@@ -147,14 +151,14 @@ impl PlanJob<'_> {
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
-    /// The robot program of each setup, where there is a cell; they name the bytes of the plan that they carry out.
+    /// Robot program of each setup, if there is a cell. Each names its plan by the hash of `document`.
     fn programs(&self, plan: &Plan, document: &[u8]) -> Vec<Program> {
         let (Some(cell), plan_sha256) = (self.cell, hex(&Sha256::digest(document))) else { return Vec::new() };
         let compiled = |(setup, sequence)| compile(sequence, setup, cell, &plan_sha256, &plan.params);
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// The program in every dialect, or why not, by file. The linter goes first.
+    /// Program text in every dialect, or the reason why there is none, by file name. The linter checks the program first.
     fn dialects(&self, plan: &Plan, program: &Program, names: &[&'static str]) -> Vec<(&'static str, Result<String, String>)> {
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
         let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);

@@ -1,4 +1,4 @@
-//! Stored hardware specifications beside the presets that ship with the program.
+//! Hardware specifications: stored ones and the presets that ship with the program.
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -6,28 +6,28 @@ use sha2::{Digest, Sha256};
 use super::app::App;
 use super::error::Error;
 use super::library::Library;
-use super::store::{Precondition, Put, StoredSpec, hex};
+use super::store::{Precondition, PutResult, StoredSpec, hex};
 use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, preset_text};
 use crate::wire::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 
-/// A specification as it is given out.
+/// A specification as clients receive it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpecEntry {
     /// Its JSON.
     pub body: String,
     /// Its strong entity tag, quotes included.
     pub etag: String,
-    /// Whether it was just made.
+    /// True if it was just created.
     pub created: bool,
 }
 
-/// A kind of specification: where it is kept, and whether one makes sense.
+/// A kind of specification: its collection and its check.
 pub(crate) trait Spec: Serialize + Send + 'static {
-    /// Where it is kept.
+    /// Collection that it belongs to.
     const COLLECTION: SpecCollection;
-    /// Its own name.
+    /// Name in the specification.
     fn name(&self) -> &str;
-    /// Checks every field, with what it names looked up in `library`.
+    /// Checks every field; names are looked up in `library`.
     fn check(&self, library: &dyn SpecLibrary) -> Result<(), Vec<FieldError>>;
 }
 
@@ -111,10 +111,10 @@ impl App {
         refuse_preset(collection, name)?;
         check_name(collection, name, spec.name())?;
         self.check_space(0)?;
-        let body = self.resolved(None, move |library| check(&spec, library)).await?;
+        let body = self.with_library(None, move |library| check(&spec, library)).await?;
         let (app, name) = (self.clone(), name.to_owned());
-        self.to_the_end(async move {
-            let Put { created, etag } = app.0.store.put_spec(collection, &name, &body, &only_if).await?;
+        self.run_to_completion(async move {
+            let PutResult { created, etag } = app.0.store.put_spec(collection, &name, &body, &only_if).await?;
             Ok(SpecEntry { body, etag, created })
         })
         .await
@@ -127,17 +127,17 @@ impl App {
     pub async fn delete_spec(&self, collection: SpecCollection, name: &str, only_if: Precondition) -> Result<(), Error> {
         refuse_preset(collection, name)?;
         let (app, name) = (self.clone(), name.to_owned());
-        self.to_the_end(async move { app.0.store.delete_spec(collection, &name, &only_if).await }).await
+        self.run_to_completion(async move { app.0.store.delete_spec(collection, &name, &only_if).await }).await
     }
 }
 
-/// The specification's JSON, if it makes sense.
+/// Checks a specification and returns its JSON.
 fn check<T: Spec>(spec: &T, library: &Library) -> Result<String, Error> {
     spec.check(library).map_err(Error::Invalid)?;
     Ok(serde_json::to_string(spec)?)
 }
 
-/// A preset as JSON.
+/// A preset, if there is one of this name.
 fn preset(collection: SpecCollection, name: &str) -> Result<Option<SpecEntry>, Error> {
     let body = match collection {
         SpecCollection::Scanner => Presets.scanner(name).ok().map(|spec| serde_json::to_string(&spec)),
@@ -160,10 +160,12 @@ fn refuse_preset(collection: SpecCollection, name: &str) -> Result<(), Error> {
 fn check_name(collection: SpecCollection, name: &str, own: &str) -> Result<(), Error> {
     let finding = |detail: String| Err(Error::Invalid(vec![FieldError { pointer: "/name".to_owned(), detail }]));
     if !is_spec_name(name) {
-        return finding(format!("{name:?} is no name: 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"));
+        return finding(format!(
+            "{name:?} is not a name: 1 to 64 of a-z, 0-9, '.', '_' and '-', beginning with a letter or digit"
+        ));
     }
     if collection == SpecCollection::Cell && name == "none" {
-        return finding("\"none\" means no cell, and cannot name one".to_owned());
+        return finding("\"none\" is reserved and means no cell".to_owned());
     }
     if own != name {
         return finding(format!("is {own:?}; the path says {name:?}"));

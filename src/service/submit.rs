@@ -1,5 +1,5 @@
-//! Accepting a job: everything it names is looked up and checked first, and what was found is kept with the job, so that
-//! a later change of a cell changes no accepted job.
+//! Submission of jobs: everything that a request names is resolved and checked first, and stored with the job, so that a
+//! later change of a cell does not change accepted jobs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -9,25 +9,25 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::error::{Error, Fault};
+use super::error::{Error, InternalError};
+use super::execute::{JobInput, MeshSource};
 use super::library::Library;
-use super::run::{MeshSource, RunInput};
 use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking, read_leniently};
 use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary};
 use crate::wire::{Job, JobPage, JobRequest, JobState, MeshId};
 
-/// Which jobs are listed.
+/// Filters of a job listing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JobQuery {
-    /// Only in this state.
+    /// State of the jobs.
     pub state: Option<JobState>,
-    /// Only with this label: `key` or `key=value`.
+    /// Label of the jobs: `key` or `key=value`.
     pub label: Option<String>,
-    /// Only with this part number.
+    /// Part number of the jobs.
     pub part_number: Option<String>,
 }
 
-/// What a job is planned with, as it is kept with the job.
+/// Input of a job as stored with it, every name resolved.
 #[derive(Debug, Serialize, Deserialize)]
 struct StoredInput {
     mesh: MeshFile,
@@ -38,18 +38,18 @@ struct StoredInput {
     body_meshes: BTreeMap<String, MeshFile>,
 }
 
-/// Tells the thread that looks things up when nobody waits for it any more.
-struct GivenUp(Arc<AtomicBool>);
+/// Guard that raises its flag when dropped: the caller no longer waits for the lookup.
+struct AbandonGuard(Arc<AtomicBool>);
 
-impl Drop for GivenUp {
+impl Drop for AbandonGuard {
     fn drop(&mut self) {
         self.0.store(true, Ordering::Relaxed);
     }
 }
 
 impl App {
-    /// Accepts a job. With an idempotency key that was used for the same request, gives the answer of then. What the request
-    /// names is looked up and checked within `limit`; when that is over, or nobody waits any more, there is no job.
+    /// Accepts a job. If the idempotency key was used for the same request before, returns the earlier answer. Everything that
+    /// the request names must be resolved within `limit`; after that, or if the caller goes away, no job is created.
     ///
     /// # Errors
     /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`],
@@ -73,9 +73,9 @@ impl App {
             let (input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
             Ok((request, serde_json::to_string(&input)?, meshes))
         };
-        let (request, input, meshes) = self.resolved(limit, resolve).await?;
+        let (request, input, meshes) = self.with_library(limit, resolve).await?;
         let app = self.clone();
-        self.to_the_end(async move {
+        self.run_to_completion(async move {
             let queue_limit = app.0.options.max_queued_jobs;
             let job = app.0.store.submit(NewJob { request, input, meshes, idempotency, queue_limit }).await?;
             app.0.runner.wake();
@@ -84,22 +84,22 @@ impl App {
         .await
     }
 
-    /// Looks things up in the library, on a thread that may block; a few requests at a time. The thread stops at the next
-    /// mesh once nobody waits for it.
-    pub(super) async fn resolved<T: Send + 'static>(
+    /// Runs `resolve` with the library on a thread that may block, for a few requests at a time. Once the caller no longer
+    /// waits, the thread stops at the next mesh.
+    pub(super) async fn with_library<T: Send + 'static>(
         &self,
         limit: Option<Duration>,
         resolve: impl FnOnce(&Library) -> Result<T, Error> + Send + 'static,
     ) -> Result<T, Error> {
-        let given_up = GivenUp(Arc::default());
-        let (app, flag) = (self.clone(), Arc::clone(&given_up.0));
+        let guard = AbandonGuard(Arc::default());
+        let (app, abandoned) = (self.clone(), Arc::clone(&guard.0));
         let work = async {
-            let one_of_few = app.0.resolving.clone().acquire_owned().await.map_err(|_| Error::Draining)?;
+            let permit = app.0.resolving.clone().acquire_owned().await.map_err(|_| Error::Draining)?;
             blocking(move || {
-                let _one_of_few = one_of_few;
-                let library = Library::new(app, flag);
+                let _permit = permit;
+                let library = Library::new(app, abandoned);
                 let resolved = resolve(&library);
-                library.fault().map_or(resolved, Err)
+                library.take_error().map_or(resolved, Err)
             })
             .await
         };
@@ -124,7 +124,7 @@ impl App {
     }
 }
 
-/// Looks up and checks everything that a request names.
+/// Resolves and checks everything that a request names.
 fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<MeshId>), Vec<FieldError>> {
     let mut errors = request.check().err().unwrap_or_default();
     let mut lookup = Lookup { library, errors: &mut errors, used: BTreeSet::new() };
@@ -160,7 +160,7 @@ impl Lookup<'_> {
     }
 
     fn mesh(&mut self, pointer: &str, id: &str) -> Option<MeshFile> {
-        // Ids are compared in their one spelling.
+        // Parsed, so that every spelling of an id is found.
         let id = id.parse::<MeshId>().ok();
         match id.and_then(|id| self.library.source(id).map(|source| (id, source))) {
             Some((id, source)) => {
@@ -188,7 +188,7 @@ impl Lookup<'_> {
         let found = stored(name);
         if found.is_none() {
             let known = self.library.names(kind).join(", ");
-            self.refuse(pointer, format!("no {} is called {name:?}; known are {known}", kind.as_str()));
+            self.refuse(pointer, format!("no {} is named {name:?}; known names are {known}", kind.as_str()));
         }
         found
     }
@@ -198,7 +198,7 @@ impl Lookup<'_> {
         self.built("/scanner", spec.build()).map(|_| spec)
     }
 
-    /// The cell with all it names written out; `None` for `"none"`, and with an error recorded.
+    /// The cell with its devices inlined; `None` for `"none"`, and if an error was recorded.
     fn cell(&mut self, named: &Named<CellSpec>) -> Option<CellSpec> {
         if matches!(named, Named::Name(name) if name == "none") {
             return None;
@@ -206,9 +206,9 @@ impl Lookup<'_> {
         let library = self.library;
         let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name).ok())?;
         self.built("/cell", cell.build(library))?;
-        write_out(&mut cell.scanner, |name| library.scanner(name).ok());
-        write_out(&mut cell.robot, |name| library.robot(name).ok());
-        write_out(&mut cell.turntable, |name| library.turntable(name).ok());
+        inline(&mut cell.scanner, |name| library.scanner(name).ok());
+        inline(&mut cell.robot, |name| library.robot(name).ok());
+        inline(&mut cell.turntable, |name| library.turntable(name).ok());
         Some(cell)
     }
 
@@ -224,7 +224,8 @@ impl Lookup<'_> {
     }
 }
 
-fn write_out<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
+/// Replaces a name by the specification of that name.
+fn inline<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
     if let Named::Name(name) = named
         && let Some(spec) = stored(name)
     {
@@ -232,7 +233,7 @@ fn write_out<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
     }
 }
 
-/// Shapes of a cell whose names are written out, its scanner's left out.
+/// Shapes of a cell with inlined devices, except its scanner's.
 fn shapes_of(cell: &CellSpec) -> impl Iterator<Item = &ShapeSpec> {
     let turntable = match &cell.turntable {
         Named::Inline(turntable) => &turntable.body[..],
@@ -253,18 +254,18 @@ fn mesh_of(shape: &ShapeSpec) -> Option<&String> {
     }
 }
 
-/// The input of a started job.
-pub(super) fn run_input(attempt: &Attempt, files: &Files, max_triangles: usize) -> Result<RunInput, Error> {
-    let (input, left_out): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(Fault::Row)?;
-    if !left_out.is_empty() {
-        tracing::warn!(fields = left_out.join(", "), "fields that this version does not know are left out of a job's input");
+/// Input of a started job.
+pub(super) fn job_input(attempt: &Attempt, files: &Files, max_triangles: usize) -> Result<JobInput, Error> {
+    let (input, unknown): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(InternalError::Row)?;
+    if !unknown.is_empty() {
+        tracing::warn!(fields = unknown.join(", "), "unknown fields of a job's input are ignored");
     }
     let source = |file: MeshFile| -> Result<MeshSource, Error> {
-        let unit = file.unit.parse().map_err(|_| Fault::Row(format!("unit {:?}", file.unit)))?;
+        let unit = file.unit.parse().map_err(|_| InternalError::Row(format!("unit {:?}", file.unit)))?;
         Ok(MeshSource { path: files.path(&file.sha256), sha256: file.sha256, unit })
     };
     let body_meshes = input.body_meshes.into_iter().map(|(name, file)| Ok((name, source(file)?)));
-    Ok(RunInput {
+    Ok(JobInput {
         mesh: source(input.mesh)?,
         part_name: input.part_name,
         fixture: input.fixture.map(source).transpose()?,

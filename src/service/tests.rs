@@ -1,4 +1,4 @@
-//! What the failpoints and failure codes promise about themselves.
+//! Failpoints: each stage has one, each is documented and in the code.
 
 use super::*;
 use crate::planning::context::Stage;

@@ -1,4 +1,4 @@
-//! The layers of the settings, and from which of them a key comes.
+//! The layers of the settings, and the layer that each key comes from.
 
 use std::path::Path;
 
@@ -9,13 +9,17 @@ use super::{Flags, SettingsError};
 
 const PREFIX: &str = "VANTAGE_";
 
-/// Layers read and put over each other.
+/// The merged layers.
 pub(super) struct Layers<'a> {
     config: Config,
     flags: &'a Flags,
 }
 
 impl<'a> Layers<'a> {
+    /// Reads and merges all layers.
+    ///
+    /// # Errors
+    /// A layer that cannot be read or parsed.
     pub(super) fn read(
         file: Option<&Path>,
         environment: impl Iterator<Item = (String, String)>,
@@ -26,7 +30,7 @@ impl<'a> Layers<'a> {
         if let Some(file) = file {
             builder = builder.add_source(File::from(file).format(FileFormat::Toml));
         }
-        // Only names of the form VANTAGE_A__B are settings; others have their own meaning.
+        // Only names of the form VANTAGE_A__B are settings; other VANTAGE_ variables serve other purposes.
         let ours = environment.filter(|(name, _)| name.strip_prefix(PREFIX).is_some_and(|name| name.contains("__")));
         let environment = Environment::with_prefix("VANTAGE").prefix_separator("_").separator("__");
         builder = builder.add_source(environment.source(Some(ours.collect())));
@@ -36,20 +40,20 @@ impl<'a> Layers<'a> {
         Ok(Self { config: builder.build().map_err(|error| refuse(&error))?, flags })
     }
 
-    /// The settings.
+    /// Deserialises the merged settings.
     pub(super) fn settings<T: DeserializeOwned>(&self) -> Result<T, SettingsError> {
         serde_path_to_error::deserialize(self.config.clone()).map_err(|error| {
             let key = error.path().to_string();
             let what = match error.inner() {
                 ConfigError::At { error, .. } => error.to_string(),
-                ConfigError::Type { unexpected, expected, .. } => format!("is {unexpected}; it has to be {expected}"),
+                ConfigError::Type { unexpected, expected, .. } => format!("is {unexpected}, but must be {expected}"),
                 other => other.to_string(),
             };
             SettingsError(vec![format!("{key} ({}): {what}", self.origin(&key))])
         })
     }
 
-    /// The layer that a key comes from.
+    /// Name of the layer that a key comes from.
     pub(super) fn origin(&self, key: &str) -> String {
         if self.flags.iter().any(|(flag, _)| *flag == key) {
             return "a flag".to_owned();

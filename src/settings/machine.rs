@@ -1,9 +1,9 @@
-//! What the machine has.
+//! Resources of the machine.
 
 use std::fs;
 
-/// Bytes of memory that this process may use: the machine's, or less where its control group is limited. `None` where the
-/// system does not say.
+/// Bytes of memory that this process may use: the machine's, or the limit of its control group if that is less. `None` if the
+/// system does not report it.
 #[must_use]
 pub fn memory_bytes() -> Option<u64> {
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| total_bytes(&text));
@@ -12,7 +12,7 @@ pub fn memory_bytes() -> Option<u64> {
     machine.into_iter().chain(limits).min()
 }
 
-/// The total of `/proc/meminfo`.
+/// Parses the total in `/proc/meminfo`.
 fn total_bytes(text: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

@@ -1,5 +1,5 @@
-//! Floor 10, the server's settings: built-in `config/default.toml` < file < `VANTAGE_…__…` environment < flags. Unknown
-//! keys are refused; an error names the key, the layer it comes from and what is allowed.
+//! Floor 10, the server's settings, in order of precedence: built-in `config/default.toml` < file < `VANTAGE_…__…`
+//! environment < flags. Unknown keys are refused; an error names the key, its layer and what is allowed.
 
 mod layers;
 pub mod machine;
@@ -19,122 +19,122 @@ use crate::{http, service};
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Addresses, keys and times.
+    /// Addresses, keys and timeouts.
     pub server: ServerSettings,
-    /// Sizes and numbers.
+    /// Limits of sizes, numbers and times.
     pub limits: LimitSettings,
-    /// What is kept.
+    /// Storage.
     pub store: StoreSettings,
-    /// What is let go, and when.
+    /// Automatic deletion.
     pub retention: RetentionSettings,
-    /// How jobs are worked on.
+    /// Execution of jobs.
     pub planning: PlanningSettings,
-    /// What is logged.
+    /// Logging.
     pub telemetry: TelemetrySettings,
 }
 
-/// Sizes and numbers.
+/// Limits of sizes, numbers and times.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LimitSettings {
-    /// Largest upload.
+    /// Largest upload, bytes.
     pub upload_bytes: u64,
-    /// Largest JSON body.
+    /// Largest JSON body, bytes.
     pub json_bytes: u64,
-    /// Uploads at the same time.
+    /// Largest number of concurrent uploads.
     pub uploads_at_once: u32,
-    /// Uploads at the same time of one client.
+    /// Largest number of concurrent uploads of one client.
     pub uploads_at_once_per_address: u32,
-    /// Most triangles of a mesh.
+    /// Largest number of triangles of a mesh.
     pub mesh_triangles: u64,
-    /// Jobs that may wait.
+    /// Largest number of queued jobs.
     pub queued_jobs: u64,
-    /// Time to make out what an uploaded mesh is.
+    /// Longest time for reading an uploaded mesh.
     pub parse_secs: f64,
-    /// Memory that a job may need; 0 for a share of the machine's.
+    /// Largest estimated memory of a job; 0 for a share of the machine's memory.
     pub job_memory_bytes: u64,
-    /// Time that a job may be planned; 0 for no limit.
+    /// Longest planning time of a job; 0 for no limit.
     pub job_secs: f64,
 }
 
-/// What is kept.
+/// Storage.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StoreSettings {
     /// Folder of the database and the files.
     pub data_dir: PathBuf,
-    /// Events of ended jobs are kept this long.
+    /// Time for which events of ended jobs are kept.
     pub event_retention_hours: u32,
-    /// Free space that uploads and new jobs leave on the disk, unless `min_free_share` of it is less.
+    /// Free space that uploads and new jobs must leave on the disk, unless `min_free_share` of it is less.
     pub min_free_bytes: u64,
-    /// Share of the disk that they leave free, unless `min_free_bytes` is less.
+    /// Share of the disk that they must leave free, unless `min_free_bytes` is less.
     pub min_free_share: f64,
-    /// Files that nothing refers to are moved to `swept/` once they are this old.
+    /// Age at which unreferenced files are moved to `swept/`.
     pub orphan_hours: u32,
-    /// Swept files are removed after this time.
+    /// Time after which swept files are deleted.
     pub swept_hours: u32,
-    /// Every stored file is compared with its hash this often; 0 for never.
+    /// Interval at which every stored file is checked against its hash; 0 for never.
     pub scrub_hours: u32,
 }
 
-/// What is let go, and when.
+/// Automatic deletion.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetentionSettings {
-    /// Ended jobs older than this are deleted; 0 keeps them.
+    /// Age at which ended jobs are deleted; 0 keeps them.
     pub job_days: u32,
-    /// Of each part this many ended jobs are kept; 0 keeps all.
+    /// Number of ended jobs kept per part; 0 keeps all.
     pub jobs_per_part: u32,
-    /// Unused meshes are deleted this long after their upload; 0 keeps them.
+    /// Time after the upload at which unused meshes are deleted; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Share of the disk that stored files may take; 0 for no limit.
+    /// Largest share of the disk that stored files may take; 0 for no limit.
     pub max_disk_share: f64,
-    /// Key of the label that keeps a job from being deleted.
+    /// Key of the label that protects a job from deletion.
     pub hold_label: String,
 }
 
-/// How jobs are worked on.
+/// Execution of jobs.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlanningSettings {
-    /// Threads that plan; 0 for one a core.
+    /// Number of planning threads; 0 for one per core.
     pub threads: u32,
-    /// Jobs planned at the same time.
+    /// Number of jobs planned concurrently.
     pub concurrent_jobs: u32,
-    /// How often a job is started before the death of the server in it counts as its fault.
+    /// Number of attempts after which a job that keeps crashing the server fails.
     pub max_attempts: u32,
 }
 
-/// What is logged.
+/// Logging.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetrySettings {
-    /// Filter of the log.
+    /// Filter of log entries, by level and module.
     pub log: String,
-    /// Form of the log.
+    /// Format of the log.
     pub format: LogFormat,
 }
 
-/// Form of the log.
+/// Format of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LogFormat {
     /// Lines for people.
     Text,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 
-/// What the flags of a command say, by key.
+/// Settings from the flags of a command: keys and values.
 pub type Flags = Vec<(&'static str, String)>;
 
-/// Why the settings cannot be used.
+/// Faults for which the settings cannot be used, one line each.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", .0.join("\n"))]
 pub struct SettingsError(pub Vec<String>);
 
 impl Settings {
-    /// The settings from all layers.
+    /// Loads the settings from all layers.
     ///
     /// # Errors
     /// [`SettingsError`] with a line for each fault.
@@ -142,7 +142,7 @@ impl Settings {
         Self::from_layers(file, std::env::vars(), flags)
     }
 
-    /// The settings from all layers, with the environment given.
+    /// Loads the settings from all layers, with the given environment.
     ///
     /// # Errors
     /// [`SettingsError`] with a line for each fault.
@@ -191,25 +191,25 @@ impl Settings {
             format!("has {} characters; allowed are 1 to 64", label.chars().count())
         });
         findings.range("/limits/parse_secs", self.limits.parse_secs, 1.0, 3600.0, "s");
-        let zero_or_more = |value: f64, least: f64| if value == 0.0 { least } else { value };
+        let zero_or_more = |value: f64, min: f64| if value == 0.0 { min } else { value };
         let memory = zero_or_more(self.limits.job_memory_bytes as f64, MIN_JOB_MEMORY_BYTES);
         findings.require(memory >= MIN_JOB_MEMORY_BYTES, "/limits/job_memory_bytes", || {
-            format!("is {memory:.0}; allowed is 0, for a share of the machine's memory, or {MIN_JOB_MEMORY_BYTES} or more")
+            format!("is {memory:.0}; allowed is 0 (a share of the machine's memory) or at least {MIN_JOB_MEMORY_BYTES}")
         });
         let secs = zero_or_more(self.limits.job_secs, 1.0);
         findings.require((1.0..=MAX_JOB_SECS).contains(&secs), "/limits/job_secs", || {
-            format!("is {secs} s; allowed is 0, for no limit, or 1 to {MAX_JOB_SECS} s")
+            format!("is {secs} s; allowed is 0 (no limit) or 1 to {MAX_JOB_SECS} s")
         });
         findings.into_result()
     }
 
-    /// What the HTTP side is told.
+    /// Options of the HTTP server.
     #[must_use]
-    pub fn http(&self) -> http::Options {
+    pub fn http(&self) -> http::ServerOptions {
         self.server.http(&self.limits)
     }
 
-    /// What the service is told.
+    /// Options of the service.
     #[must_use]
     pub fn service(&self) -> service::Options {
         service::Options {
@@ -244,20 +244,20 @@ impl Settings {
     }
 }
 
-/// Share of the machine's memory that planning may need; the rest is for what the estimate does not know, and for others.
-const PLANNING_SHARE: u64 = 60;
-/// What a job may need where the system does not say what it has.
-const JOB_MEMORY_BYTES: u64 = 4 << 30;
-/// Less than this is not enough for any job.
+/// Percentage of the machine's memory for planning; the rest is for errors of the estimate and for other processes.
+const PLANNING_PERCENT: u64 = 60;
+/// Memory limit of a job if the system does not report its memory, bytes.
+const FALLBACK_JOB_MEMORY_BYTES: u64 = 4 << 30;
+/// Smallest memory limit of a job, bytes.
 const MIN_JOB_MEMORY_BYTES: f64 = 268_435_456.0;
-/// A week.
+/// Largest time limit of a job: a week, seconds.
 const MAX_JOB_SECS: f64 = 604_800.0;
 
-/// Memory that each of so many jobs may need that are planned at the same time.
+/// Default memory limit of each of `concurrent_jobs` jobs, bytes.
 #[must_use]
 pub fn job_memory_bytes(concurrent_jobs: u32) -> u64 {
     let jobs = u64::from(concurrent_jobs.max(1));
-    machine::memory_bytes().map_or(JOB_MEMORY_BYTES, |bytes| bytes / 100 * PLANNING_SHARE / jobs)
+    machine::memory_bytes().map_or(FALLBACK_JOB_MEMORY_BYTES, |bytes| bytes / 100 * PLANNING_PERCENT / jobs)
 }
 
 #[cfg(test)]

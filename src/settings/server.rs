@@ -1,4 +1,4 @@
-//! The settings of the HTTP side, and what is allowed of them.
+//! Settings of the HTTP server and their allowed values.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
@@ -9,53 +9,53 @@ use super::LimitSettings;
 use crate::cell::Findings;
 use crate::http::{self, Quota};
 
-/// Addresses, keys, names, numbers and times of the HTTP side.
+/// Addresses, keys, names, limits and timeouts of the HTTP server.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServerSettings {
-    /// Address and port.
+    /// Address and port to listen on.
     pub listen: SocketAddr,
-    /// Take requests from other machines without a key.
+    /// Accept requests from other machines without a key.
     pub insecure: bool,
-    /// The key that everything under `/api` asks for.
+    /// Key that everything under `/api` requires.
     pub api_key: Option<http::ApiKey>,
-    /// Names of the server beside its addresses and `localhost`.
+    /// Names of the server besides its addresses and `localhost`.
     #[serde(deserialize_with = "list")]
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are believed.
+    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are trusted.
     #[serde(deserialize_with = "list")]
     pub trusted_proxies: Vec<IpAddr>,
-    /// Connections at the same time.
+    /// Largest number of concurrent connections.
     pub max_connections: u32,
-    /// Connections at the same time from one address.
+    /// Largest number of concurrent connections from one address.
     pub max_connections_per_address: u32,
-    /// Event streams at the same time.
+    /// Largest number of concurrent event streams.
     pub max_event_streams: u32,
-    /// Event streams at the same time of one client.
+    /// Largest number of concurrent event streams of one client.
     pub max_event_streams_per_address: u32,
-    /// Answers that wait for a job's end at the same time.
+    /// Largest number of concurrent requests that wait for a job's end.
     pub max_waits: u32,
-    /// Answers that wait for a job's end at the same time, of one client.
+    /// Largest number of concurrent requests of one client that wait for a job's end.
     pub max_waits_per_address: u32,
-    /// Streams at the same time on one HTTP/2 connection.
+    /// Largest number of concurrent streams on one HTTP/2 connection.
     pub http2_max_streams: u32,
-    /// Time for a request's headers.
+    /// Time within which a request's headers must arrive.
     pub header_timeout_secs: f64,
     /// Time after which a connection without a request is closed.
     pub idle_timeout_secs: f64,
-    /// Time for the next piece of a body.
+    /// Time within which the next piece of a body must arrive or be taken.
     pub body_idle_timeout_secs: f64,
-    /// Time until an answer begins.
+    /// Time within which a response must begin.
     pub request_timeout_secs: f64,
-    /// Time for open requests and jobs after SIGTERM.
+    /// Time that open requests and running jobs have to end after SIGTERM.
     pub drain_timeout_secs: f64,
 }
 
 impl ServerSettings {
-    /// What the HTTP side is told.
-    pub(super) fn http(&self, limits: &LimitSettings) -> http::Options {
+    /// Options of the HTTP server.
+    pub(super) fn http(&self, limits: &LimitSettings) -> http::ServerOptions {
         let quota = |total: u32, per_address: u32| Quota { total: total as usize, per_address: per_address as usize };
-        http::Options {
+        http::ServerOptions {
             listen: self.listen,
             api_key: self.api_key.clone(),
             hosts: self.hosts.iter().map(|host| host.to_ascii_lowercase()).collect(),
@@ -74,6 +74,7 @@ impl ServerSettings {
         }
     }
 
+    /// Adds a finding for each value that is not allowed.
     pub(super) fn check(&self, findings: &mut Findings) {
         let mut count = |pointer: &str, value: u32, high: f64| findings.range(pointer, value.into(), 1.0, high, "");
         count("/server/max_connections", self.max_connections, 1e5);
@@ -93,16 +94,22 @@ impl ServerSettings {
 
     fn check_access(&self, findings: &mut Findings) {
         if let Some(key) = &self.api_key {
-            findings.require(key.is_usable(), "/server/api_key", || {
-                "has to be 16 to 256 visible ASCII characters without ; and ,".to_owned()
+            findings.require(key.is_valid(), "/server/api_key", || {
+                "must be 16 to 256 visible ASCII characters, without ; and ,".to_owned()
             });
         }
         if let Some(host) = self.hosts.iter().find(|host| !is_host_name(host)) {
-            findings.push("/server/hosts", format!("has {host:?}, which is not a host name without scheme and port"));
+            findings.push(
+                "/server/hosts",
+                format!("contains {host:?}, which is not a host name; give names without scheme and port"),
+            );
         }
         let guarded = self.listen.ip().is_loopback() || self.insecure || self.api_key.is_some();
         findings.require(guarded, "/server/listen", || {
-            format!("is {}, which other machines reach; set server.api_key, or say --insecure to let everybody in", self.listen)
+            format!(
+                "is {}, which other machines can reach; set server.api_key, or pass --insecure to admit everybody",
+                self.listen
+            )
         });
     }
 }
@@ -112,14 +119,14 @@ fn is_host_name(text: &str) -> bool {
     (1..=253).contains(&text.len()) && text.bytes().all(plain) && !text.starts_with('.') && !text.ends_with('.')
 }
 
-/// A list, or a text with commas between its entries, as the environment has it.
+/// Deserialises a list, or a string with entries separated by commas, as in environment variables.
 fn list<'de, T, D>(deserializer: D) -> Result<Vec<T>, D::Error>
 where
     T: std::str::FromStr<Err: std::fmt::Display>,
     D: Deserializer<'de>,
 {
     #[derive(Deserialize)]
-    #[serde(untagged, expecting = "a list of texts, or one text with commas between the entries")]
+    #[serde(untagged, expecting = "a list of strings, or one string with entries separated by commas")]
     enum Written {
         List(Vec<String>),
         Text(String),

@@ -1,6 +1,6 @@
-//! Angles as they are written.
+//! Angles as documents give them.
 
-/// Degrees, rounded to 10⁻⁹: that moves a scanner at 1 m by 2·10⁻⁸ mm, and 30° reads 30.
+/// Converts to degrees, rounded to 10⁻⁹: this moves a scanner at 1 m by 2·10⁻⁸ mm, and 30° is written as 30.
 pub(crate) fn degrees(angle_rad: f64) -> f64 {
     const PER_DEGREE: f64 = 1e9;
     // Adding 0 turns −0 into 0.

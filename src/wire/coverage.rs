@@ -1,10 +1,10 @@
 //! Verdicts on the surface, face by face: `coverage.json` (schema `vantage.coverage/1`), `coverage.csv` and
-//! `coverage.bin`. Faces are those of the uploaded file, except in `coverage.bin`, whose faces are the preview's.
+//! `coverage.bin`. Faces are those of the uploaded file; only those of `coverage.bin` are the preview's.
 //!
 //! | byte of `coverage.bin` | meaning |
 //! | --- | --- |
-//! | 0, 1, 2, 3 | mostly measured; grade A, B, C, D of most of the measured area |
-//! | 16 + i | mostly missed; number i of the closed list of causes, in its order, for most of the missed area |
+//! | 0, 1, 2, 3 | mostly measured; A, B, C, D is the grade of most of the measured area |
+//! | 16 + i | mostly missed; cause `i` of the closed list, counted from 0, is that of most of the missed area |
 //! | 255 | mostly not asked for |
 
 use serde::{Deserialize, Serialize};
@@ -19,53 +19,53 @@ use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
 #[cfg(test)]
 mod tests;
 
-/// Schema name that the document carries.
+/// Schema name in the document.
 pub const COVERAGE_SCHEMA: &str = "vantage.coverage/1";
 /// First byte that stands for a cause in `coverage.bin`.
 const FIRST_CAUSE: u8 = 16;
 /// Byte of `coverage.bin` for faces that are not asked for.
 const NOT_ASKED: u8 = 255;
-/// A face counts as whole when all but this share of it is alike: sums over samples do not add up to the last bit.
+/// Share from which on a part of a face counts as all of it: sums over samples are not exact to the last bit.
 const WHOLE: f64 = 1.0 - 1e-9;
 
-/// Coverage of the part and a count of its faces.
+/// Coverage of the part, with counts of its faces (`coverage.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CoverageListing {
-    /// `vantage.coverage/1`.
+    /// Schema name, `vantage.coverage/1`.
     pub schema: String,
-    /// The block of the plan.
+    /// Coverage, as in the plan.
     pub coverage: CoverageDocument,
-    /// Faces of the uploaded file, by what became of them.
+    /// Number of faces of the uploaded file, by verdict.
     pub faces: FaceCounts,
     /// Meanings of the bytes of `coverage.bin`.
     pub bytes: Vec<ByteMeaning>,
 }
 
-/// Faces of the uploaded file, by what became of them.
+/// Number of faces of the uploaded file, by verdict.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FaceCounts {
-    /// All that have area.
+    /// Faces that have an area.
     pub total: usize,
-    /// Measured wherever they are asked for.
+    /// Faces measured wherever they are asked for.
     pub measured: usize,
-    /// Measured in part.
+    /// Faces measured in part.
     pub partly_measured: usize,
-    /// Asked for at least in part, and measured nowhere.
+    /// Faces asked for at least in part, and measured nowhere.
     pub missed: usize,
-    /// Not asked for at all.
+    /// Faces not asked for at all.
     pub not_asked: usize,
 }
 
-/// Meaning of one byte of `coverage.bin`.
+/// Meaning of one value of a byte of `coverage.bin`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ByteMeaning {
-    /// The byte.
+    /// Value of the byte.
     pub byte: u8,
-    /// `A` to `D`, a cause of the closed list, or `not_asked`.
+    /// Grade `A` to `D`, cause of a miss, or `not_asked`.
     pub meaning: String,
 }
 
-/// The document of an outcome.
+/// Builds the document of an outcome.
 #[must_use]
 pub fn json(outcome: &Outcome, mesh: &Mesh) -> CoverageListing {
     let mut faces = FaceCounts::default();
@@ -93,13 +93,13 @@ impl FaceCounts {
     }
 }
 
-/// One row a face of the uploaded file, from face 0 on without gaps: number, area, measured share of that area, grade of
-/// most of the measured area, cause of most of the missed area (`not_asked` where nothing of it is asked for). Cells
-/// without a value are empty; a face that was dropped as degenerate has area 0 and no values. With
-/// `visibility.pixel_set` a last column has the number of chosen views that hit the face with a pixel of each device.
+/// The table, one row per face of the uploaded file from face 0 on without gaps: number, area, measured share of that area,
+/// grade of most of the measured area, cause of most of the missed area (`not_asked` where nothing of it is asked for).
+/// Cells without a value are empty; a face that was dropped as degenerate has area 0 and no values. With
+/// `visibility.pixel_set` the last column is the number of chosen views that hit the face with a pixel of each device.
 #[must_use]
 pub fn csv(outcome: &Outcome, mesh: &Mesh) -> String {
-    let pixel_views = outcome.pixel_views.as_ref().map(|views| most_by_source_face(views, mesh));
+    let pixel_views = outcome.pixel_views.as_ref().map(|views| max_by_source_face(views, mesh));
     let mut columns = vec!["face", "area_mm2", "measured_fraction", "best_grade", "reason"];
     columns.extend(pixel_views.is_some().then_some("pixel_views"));
     let mut csv = Csv::new(&columns);
@@ -115,14 +115,14 @@ pub fn csv(outcome: &Outcome, mesh: &Mesh) -> String {
     csv.finish()
 }
 
-/// For each face of the file the greatest of its triangles' values.
-fn most_by_source_face(of_triangles: &[u32], mesh: &Mesh) -> Vec<u32> {
-    let mut most = vec![0; mesh.source_face.iter().max().map_or(0, |last| *last as usize + 1)];
+/// Max of the triangles' values for each face of the file.
+fn max_by_source_face(of_triangles: &[u32], mesh: &Mesh) -> Vec<u32> {
+    let mut max = vec![0; mesh.source_face.iter().max().map_or(0, |last| *last as usize + 1)];
     for (face, value) in mesh.source_face.iter().zip(of_triangles) {
-        let most: &mut u32 = &mut most[*face as usize];
-        *most = (*most).max(*value);
+        let max: &mut u32 = &mut max[*face as usize];
+        *max = (*max).max(*value);
     }
-    most
+    max
 }
 
 fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>) {
@@ -136,7 +136,7 @@ fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>) {
     csv.end_row();
 }
 
-/// `coverage.bin`: one byte a face of `preview`, which must be a preview of the planned mesh.
+/// `coverage.bin`: one byte per face of `preview`, which must be a preview of the planned mesh.
 #[must_use]
 pub fn bin(outcome: &Outcome, preview: &Preview) -> Vec<u8> {
     let mut bytes = vec![NOT_ASKED; preview.faces.len()];
@@ -167,7 +167,7 @@ fn byte_meanings() -> Vec<ByteMeaning> {
     all.map(|(verdict, meaning)| ByteMeaning { byte: byte(verdict), meaning: meaning.to_owned() }).collect()
 }
 
-/// `A` to `D`.
+/// Name of a grade, `A` to `D`.
 pub(crate) fn grade_name(grade: Grade) -> &'static str {
     match grade {
         Grade::A => "A",

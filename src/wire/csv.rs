@@ -1,5 +1,5 @@
-//! Tables as RFC 4180 text. Text cells are quoted where they must be, and kept from being read as a formula by
-//! spreadsheets (OWASP, *CSV Injection*): one that begins with `= + - @`, tab or carriage return gets an apostrophe.
+//! Tables as CSV (RFC 4180). Text cells are quoted where necessary, and cannot be read as formulas by spreadsheets (OWASP,
+//! *CSV Injection*): a cell that begins with `= + - @`, tab or carriage return gets an apostrophe.
 
 use std::fmt::{Display, Write};
 
@@ -13,7 +13,7 @@ pub(crate) struct Csv {
 }
 
 impl Csv {
-    /// A table with a header row; the names are ours and need no quoting.
+    /// Starts a table with a header row; the names are constants and need no quoting.
     pub(crate) fn new(header: &[&str]) -> Self {
         let mut csv = Self { text: String::new(), row_is_empty: true };
         for name in header {
@@ -23,7 +23,7 @@ impl Csv {
         csv
     }
 
-    /// A cell of text that somebody else may have written.
+    /// Adds a cell of text that may come from a user.
     pub(crate) fn text(&mut self, cell: &str) {
         self.separate();
         let guard = if cell.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
@@ -38,14 +38,14 @@ impl Csv {
         }
     }
 
-    /// A number, or a name from a closed list of ours.
+    /// Adds a number, or a name from a closed list.
     pub(crate) fn number(&mut self, cell: impl Display) {
         self.separate();
         // Writing to a String cannot fail.
         let _ = write!(self.text, "{cell}");
     }
 
-    /// A number or name of ours, or an empty cell.
+    /// Adds a number or name, or an empty cell.
     pub(crate) fn optional(&mut self, cell: Option<impl Display>) {
         match cell {
             Some(cell) => self.number(cell),
@@ -59,7 +59,7 @@ impl Csv {
         self.row_is_empty = true;
     }
 
-    /// The table.
+    /// The finished table.
     pub(crate) fn finish(self) -> String {
         self.text
     }

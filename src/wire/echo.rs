@@ -1,11 +1,11 @@
-//! Notes that a user attaches to a job and gets back in job, plan and program.
+//! Labels and numbers that a user attaches to a job and finds again in the job, the plan and the program.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Labels, part number and serial. Left out of documents where they were not given.
+/// Labels, part number and serial number of a job; each is left out if it was not given.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Echo {
     /// Free labels.

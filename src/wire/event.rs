@@ -1,4 +1,4 @@
-//! Events of jobs.
+//! Events of planning jobs.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,21 +10,21 @@ use super::job::JobState;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
-    /// The job was accepted, or put back into the queue after an interruption.
+    /// The job was accepted, or returned to the queue after an interruption.
     Queued,
     /// An attempt began.
     Started,
-    /// A stage began, or moved on.
+    /// A stage began or advanced.
     Progress,
-    /// Somebody asked to cancel it.
+    /// Cancellation was requested.
     Cancelling,
-    /// Its results are there.
+    /// The job succeeded; its results are available.
     Succeeded,
-    /// It ended without a result.
+    /// The job ended with a problem and without a result.
     Failed,
-    /// It was cancelled.
+    /// The job was cancelled.
     Cancelled,
-    /// It was deleted, with its results.
+    /// The job was deleted, with its results.
     Deleted,
 }
 
@@ -45,25 +45,26 @@ impl EventKind {
     }
 }
 
-/// One event. Ids rise by one over all jobs.
+/// An event of a job. Ids increase by one over the events of all jobs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobEvent {
-    /// Its number.
+    /// Number of the event.
     pub id: i64,
-    /// The job it is about.
+    /// Id of the job.
     pub job_id: JobId,
     /// Kind of the event.
     pub kind: EventKind,
-    /// When, UTC.
+    /// Time of the event, UTC.
     #[schema(format = DateTime)]
     pub at: String,
-    /// State of the job after it.
+    /// State of the job after the event.
     pub state: JobState,
     /// Stage of planning, while the job runs.
+    #[schema(value_type = Option<crate::planning::context::Stage>)]
     pub stage: Option<String>,
-    /// Share of the work that is done, 0 to 1.
+    /// Completed share of the work, 0 to 1.
     pub fraction: f64,
-    /// Code of the problem, when the job failed.
+    /// Code of the problem if the job failed, or reason of the deletion if retention deleted it; absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! Typed ids. They are UUIDs of version 7, so that their order is the order of creation.
+//! Typed ids: UUIDs of version 7, so that their order is the order of creation.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,7 +15,7 @@ macro_rules! typed_id {
         pub struct $name(Uuid);
 
         impl $name {
-            /// A new id, later in order than every id made before in this process.
+            /// Generates an id that is later in order than every id generated before in this process.
             #[must_use]
             pub fn generate() -> Self {
                 Self(Uuid::now_v7())
@@ -31,7 +31,7 @@ macro_rules! typed_id {
         impl FromStr for $name {
             type Err = uuid::Error;
 
-            /// Only the hyphenated form is an id, so that each id has one spelling (case aside).
+            /// Parses the hyphenated form only, so that each id has one spelling (case aside).
             fn from_str(text: &str) -> Result<Self, Self::Err> {
                 text.parse::<uuid::fmt::Hyphenated>().map(|id| Self(id.into_uuid()))
             }
@@ -40,10 +40,10 @@ macro_rules! typed_id {
 }
 
 typed_id! {
-    /// An uploaded mesh.
+    /// Id of an uploaded mesh.
     MeshId
 }
 typed_id! {
-    /// A planning job.
+    /// Id of a planning job.
     JobId
 }

@@ -1,4 +1,4 @@
-//! A planning job: what is asked for, and how it stands.
+//! A planning job: its request and its state.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -12,33 +12,33 @@ use super::problem::JobProblem;
 use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec};
 use crate::planning::params::PlanParams;
 
-/// What is to be planned. Unknown fields are refused.
+/// A request for a planning job. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct JobRequest {
-    /// The mesh to plan for.
+    /// Id of the mesh to plan for.
     pub mesh_id: MeshId,
-    /// The cell: a stored name, a specification, or `"none"` for viewpoints alone. Default `e05-transcan`.
+    /// Cell: name of a stored one, a specification, or `"none"` to plan viewpoints only. Default `e05-transcan`.
     #[serde(default = "default_cell")]
     pub cell: Named<CellSpec>,
-    /// The scanner, when `cell` is `"none"`: a stored name or a specification. Default `transcan-c`. A cell has its own.
+    /// Scanner, used if `cell` is `"none"`: name of a stored one, or a specification. Default `transcan-c`. A cell has its own.
     #[serde(default = "default_scanner")]
     pub scanner: Named<ScannerSpec>,
-    /// Parameters of the plan.
+    /// Planning parameters.
     #[serde(default)]
     pub params: PlanParams,
-    /// Labels, echoed in job, plan and program: at most 32, keys of 1 to 64 and values of up to 256 characters.
+    /// Labels, copied to the job, the plan and the program: at most 32, keys of 1 to 64 and values of up to 256 characters.
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
-    /// Part number, echoed likewise.
+    /// Part number, copied like the labels.
     #[serde(default)]
     #[schema(max_length = 128)]
     pub part_number: Option<String>,
-    /// Serial number, echoed likewise.
+    /// Serial number, copied like the labels.
     #[serde(default)]
     #[schema(max_length = 128)]
     pub serial: Option<String>,
-    /// Higher goes first, -100 to 100. Default 0.
+    /// Priority, -100 to 100; jobs with a higher one start first. Default 0.
     #[serde(default)]
     #[schema(minimum = -100, maximum = 100)]
     pub priority: i32,
@@ -53,7 +53,7 @@ fn default_scanner() -> Named<ScannerSpec> {
 }
 
 impl JobRequest {
-    /// A request with every default.
+    /// A request with the default of every field but the mesh.
     #[must_use]
     pub fn new(mesh_id: MeshId) -> Self {
         Self {
@@ -68,16 +68,16 @@ impl JobRequest {
         }
     }
 
-    /// The fields that are echoed.
+    /// The fields that are copied to the plan and the program.
     #[must_use]
     pub fn echo(&self) -> Echo {
         Echo { labels: self.labels.clone(), part_number: self.part_number.clone(), serial: self.serial.clone() }
     }
 
-    /// Checks ranges, the parameters' included; whether what is named exists is for the service to say.
+    /// Checks the ranges of all fields and parameters. The service checks that the mesh, cell and scanner exist.
     ///
     /// # Errors
-    /// All fields at fault.
+    /// All invalid fields.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check_echo(&mut findings);
@@ -98,7 +98,7 @@ impl JobRequest {
 }
 
 fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
-    findings.require(labels.len() <= 32, "/labels", || format!("has {} entries; allowed are up to 32", labels.len()));
+    findings.require(labels.len() <= 32, "/labels", || format!("has {} entries; at most 32 are allowed", labels.len()));
     for (key, value) in labels {
         text(findings, "/labels", key, 1, 64);
         text(findings, &format!("/labels/{}", key.replace('~', "~0").replace('/', "~1")), value, 0, 256);
@@ -108,29 +108,29 @@ fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
 fn text(findings: &mut Findings, pointer: &str, value: &str, low: usize, high: usize) {
     let length = value.chars().count();
     findings.require((low..=high).contains(&length), pointer, || format!("has {length} characters; allowed are {low} to {high}"));
-    findings.require(!value.chars().any(char::is_control), pointer, || "has a control character; none is allowed".into());
+    findings.require(!value.chars().any(char::is_control), pointer, || "has a control character; none are allowed".into());
 }
 
-/// The finding, as one of a part at `prefix`.
+/// The finding, its pointer moved below `prefix`.
 fn below(prefix: &str, error: FieldError) -> FieldError {
     FieldError { pointer: format!("{prefix}{}", error.pointer), detail: error.detail }
 }
 
-/// Where a job stands.
+/// State of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobState {
     /// Waits for its turn.
     Queued,
-    /// Is planned.
+    /// Is being planned.
     Running,
-    /// Is planned, and will stop.
+    /// Is being planned, and stops as soon as possible.
     Cancelling,
-    /// Has results.
+    /// Ended with results.
     Succeeded,
-    /// Ended without a result; `problem` says why.
+    /// Ended without a result; `problem` gives the reason.
     Failed,
-    /// Was cancelled.
+    /// Was cancelled before its end.
     Cancelled,
 }
 
@@ -138,7 +138,7 @@ impl JobState {
     /// Every state.
     pub const ALL: [Self; 6] = [Self::Queued, Self::Running, Self::Cancelling, Self::Succeeded, Self::Failed, Self::Cancelled];
 
-    /// Name in files and answers.
+    /// Name in files and responses.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -151,7 +151,7 @@ impl JobState {
         }
     }
 
-    /// Whether nothing will happen to the job any more.
+    /// Returns true if the job has ended, in whichever way.
     #[must_use]
     pub fn is_ended(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
@@ -162,144 +162,145 @@ impl FromStr for JobState {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL.into_iter().find(|state| state.as_str() == text).ok_or_else(|| format!("no job state is called {text:?}"))
+        Self::ALL.into_iter().find(|state| state.as_str() == text).ok_or_else(|| format!("unknown job state {text:?}"))
     }
 }
 
-/// A job.
+/// A planning job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Job {
-    /// Its id.
+    /// Id of the job.
     pub id: JobId,
-    /// Where it stands.
+    /// State of the job.
     pub state: JobState,
-    /// The mesh planned for.
+    /// Id of the planned mesh.
     pub mesh_id: MeshId,
-    /// The cell, as asked for.
+    /// Cell, as given in the request.
     pub cell: Named<CellSpec>,
-    /// The scanner, as asked for; counts when `cell` is `"none"`.
+    /// Scanner, as given in the request; used only if `cell` is `"none"`.
     pub scanner: Named<ScannerSpec>,
-    /// Parameters, defaults filled in.
+    /// Planning parameters, with defaults filled in.
     pub params: PlanParams,
-    /// Labels, as given, or as `PUT /jobs/{id}/labels` left them.
+    /// Labels, as given in the request or replaced by `PUT /jobs/{id}/labels`.
     pub labels: BTreeMap<String, String>,
-    /// Part number, as given.
+    /// Part number, as given in the request.
     pub part_number: Option<String>,
-    /// Serial number, as given.
+    /// Serial number, as given in the request.
     pub serial: Option<String>,
-    /// Higher goes first.
+    /// Priority, -100 to 100; jobs with a higher one start first.
     pub priority: i32,
-    /// Stage of planning, while it runs: `surface`, `candidates`, `stations`, `visibility`, `selection`, `sequence`,
-    /// `missed`, `report`.
+    /// Stage of planning, while the job runs.
+    #[schema(value_type = Option<crate::planning::context::Stage>)]
     pub stage: Option<String>,
-    /// Share of the work that is done, 0 to 1; never falls within an attempt.
+    /// Completed share of the work, 0 to 1; never falls within an attempt.
     pub fraction: f64,
-    /// Its place in the queue from 1, while it is queued.
+    /// Position in the queue, from 1, while the job is queued.
     pub queue_position: Option<u64>,
-    /// How often it was started.
+    /// Number of times that the job was started.
     pub attempts: u32,
-    /// When it was accepted, UTC.
+    /// Time at which the job was accepted, UTC.
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// When its last attempt began, UTC.
+    /// Start of the last attempt, UTC.
     #[schema(format = DateTime)]
     pub started_at: Option<String>,
-    /// When it ended, UTC.
+    /// Time at which the job ended, UTC.
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
-    /// Why it failed; with the code `job_unreadable`, why its stored request cannot be shown: then `cell`, `scanner` and
-    /// `params` are defaults.
+    /// Reason for the failure of the job. With the code `job_unreadable` the stored request cannot be read, and `cell`, `scanner`
+    /// and `params` are defaults.
     pub problem: Option<JobProblem>,
-    /// SHA-256 of `plan.json`, once it succeeded.
+    /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
-    /// The files that came out, by name; each is at `/jobs/{id}/files/{name}`.
+    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
     pub results: Vec<JobFile>,
 }
 
-/// A file that came out of a job.
+/// A result file of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobFile {
-    /// Its name.
+    /// Name of the file.
     pub name: String,
-    /// SHA-256, lower-case hexadecimal.
+    /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: String,
-    /// Its size.
+    /// Size of the file.
     pub size_bytes: u64,
 }
 
-/// A job in a list: how it stands, without what it was asked for.
+/// A job in a list: its state, without the full request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobListItem {
-    /// Its id.
+    /// Id of the job.
     pub id: JobId,
-    /// Where it stands.
+    /// State of the job.
     pub state: JobState,
-    /// The mesh planned for.
+    /// Id of the planned mesh.
     pub mesh_id: MeshId,
     /// Name of the cell.
     pub cell: String,
-    /// Name of the scanner; counts when `cell` is `"none"`.
+    /// Name of the scanner; used only if `cell` is `"none"`.
     pub scanner: String,
-    /// Labels.
+    /// Labels, as given in the request or replaced by `PUT /jobs/{id}/labels`.
     pub labels: BTreeMap<String, String>,
-    /// Part number, as given.
+    /// Part number, as given in the request.
     pub part_number: Option<String>,
-    /// Serial number, as given.
+    /// Serial number, as given in the request.
     pub serial: Option<String>,
-    /// Higher goes first.
+    /// Priority, -100 to 100; jobs with a higher one start first.
     pub priority: i32,
-    /// Stage of planning, while it runs.
+    /// Stage of planning, while the job runs.
+    #[schema(value_type = Option<crate::planning::context::Stage>)]
     pub stage: Option<String>,
-    /// Share of the work that is done, 0 to 1; never falls within an attempt.
+    /// Completed share of the work, 0 to 1; never falls within an attempt.
     pub fraction: f64,
-    /// Its place in the queue from 1, while it is queued.
+    /// Position in the queue, from 1, while the job is queued.
     pub queue_position: Option<u64>,
-    /// How often it was started.
+    /// Number of times that the job was started.
     pub attempts: u32,
-    /// When it was accepted, UTC.
+    /// Time at which the job was accepted, UTC.
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// When its last attempt began, UTC.
+    /// Start of the last attempt, UTC.
     #[schema(format = DateTime)]
     pub started_at: Option<String>,
-    /// When it ended, UTC.
+    /// Time at which the job ended, UTC.
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
-    /// Why it failed.
+    /// Reason for the failure of the job.
     pub problem: Option<JobProblem>,
-    /// SHA-256 of `plan.json`, once it succeeded.
+    /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
-    /// The files that came out, by name; each is at `/jobs/{id}/files/{name}`.
+    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
     pub results: Vec<JobFile>,
 }
 
-/// One page of jobs, newest first. A page ends early where its entries would take more than 4 MiB.
+/// A page of jobs, newest first. A page ends early where its entries would take more than 4 MiB.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobPage {
-    /// The jobs.
+    /// Jobs on this page.
     pub items: Vec<JobListItem>,
     /// Token of the next page; absent on the last one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next_page_token: Option<String>,
 }
 
-/// Labels of a job, all of them.
+/// The complete labels of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct JobLabels {
-    /// At most 32, keys of 1 to 64 and values of up to 256 characters.
+    /// Labels: at most 32, keys of 1 to 64 and values of up to 256 characters.
     pub labels: BTreeMap<String, String>,
 }
 
 impl JobLabels {
-    /// Checks ranges.
+    /// Checks the number and the lengths of the labels.
     ///
     /// # Errors
-    /// All fields at fault.
+    /// All invalid fields.
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         check_labels(&mut findings, &self.labels);

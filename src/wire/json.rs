@@ -1,4 +1,4 @@
-//! Strict reading of JSON: what is wrong, and at which JSON pointer (RFC 6901).
+//! Strict parsing of JSON; errors name the JSON pointer at fault (RFC 6901).
 
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
@@ -6,20 +6,20 @@ use serde_path_to_error::{Path, Segment};
 /// Reason for which a document is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseError {
-    /// It is no JSON.
+    /// The text is not valid JSON.
     #[error("{0}")]
     Syntax(String),
-    /// It is JSON, of another shape.
+    /// The JSON is valid, but of another shape than expected.
     #[error("{pointer}: {detail}")]
     Shape {
-        /// Where.
+        /// JSON pointer of the value.
         pointer: String,
-        /// Description of the value that was expected.
+        /// Description of the fault.
         detail: String,
     },
 }
 
-/// Reads one JSON document and nothing after it.
+/// Parses one JSON document; anything after it is an error.
 ///
 /// # Errors
 /// [`ParseError`].
@@ -32,7 +32,7 @@ pub fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ParseError> {
 
 fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -> ParseError {
     let inner = error.inner();
-    // A list that is too long, or a number too large, counts as a fault of syntax with serde_json, though it is JSON.
+    // serde_json reports a list that is too long, or a number too large, as a syntax error, though the text is JSON.
     let is_json = inner.is_data() || serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
     if !is_json {
         return ParseError::Syntax(inner.to_string());

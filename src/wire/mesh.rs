@@ -1,19 +1,35 @@
-//! An uploaded mesh and what is known of it.
+//! An uploaded mesh and its facts.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ids::MeshId;
-use super::mesh_health::MeshHealth;
+use super::mesh_health::MeshHealthReport;
+
+/// Unit of length of a mesh file.
+#[derive(ToSchema)]
+#[schema(rename_all = "lowercase")]
+pub enum MeshUnit {
+    /// Millimetres.
+    Mm,
+    /// Centimetres.
+    Cm,
+    /// Metres.
+    M,
+    /// Inches of 25.4 mm.
+    Inch,
+}
 
 /// An uploaded mesh.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Mesh {
-    /// Its id.
+#[schema(as = Mesh)]
+pub struct UploadedMesh {
+    /// Id of the mesh.
     pub id: MeshId,
-    /// Name given at the upload.
+    /// Name given at upload.
     pub name: Option<String>,
-    /// Unit of the file's coordinates: `mm`, `cm`, `m` or `inch`.
+    /// Unit of the file's coordinates.
+    #[schema(value_type = MeshUnit)]
     pub unit: String,
     /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: String,
@@ -22,15 +38,15 @@ pub struct Mesh {
     /// Time of the first upload, UTC.
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// Facts and faults of the mesh.
-    pub health: MeshHealth,
+    /// Health report of the mesh.
+    pub health: MeshHealthReport,
 }
 
-/// One page of meshes, newest first.
+/// A page of meshes, newest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeshPage {
-    /// The meshes.
-    pub items: Vec<Mesh>,
+    /// Meshes on this page.
+    pub items: Vec<UploadedMesh>,
     /// Token of the next page; absent on the last one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next_page_token: Option<String>,

@@ -1,45 +1,58 @@
-//! What a mesh is and what is wrong with it, as answers tell it.
+//! Health report of a mesh.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::geometry::mesh_io::ReadMesh;
 
-/// Facts of a mesh, and what a user should know before planning on it. Counts are after polygons were cut into fans.
+/// Facts of a mesh, and warnings to read before planning on it. Polygons count as the triangles that they were cut into.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct MeshHealth {
-    /// `stl_binary`, `stl_ascii`, `obj` or `ply`, by the file's content.
+#[schema(as = MeshHealth)]
+pub struct MeshHealthReport {
+    /// Format of the file, detected from its content.
+    #[schema(value_type = MeshFile)]
     pub format: String,
-    /// Triangles in the file.
+    /// Number of triangles in the file.
     pub triangles_in_file: usize,
-    /// Triangles kept.
+    /// Number of triangles kept.
     pub triangles: usize,
-    /// Vertices that kept triangles use.
+    /// Number of vertices that kept triangles use.
     pub vertices: usize,
     /// Bounding box of the kept triangles.
     pub bbox_mm: BoxMm,
     /// Area of the kept triangles.
     pub area_mm2: f64,
-    /// Enclosed volume; only where every body is closed and consistently wound.
+    /// Enclosed volume; `null` unless every body is closed and consistently wound.
     pub volume_mm3: Option<f64>,
-    /// Whether every edge belongs to exactly two triangles.
+    /// True if every edge belongs to exactly two triangles.
     pub watertight: bool,
-    /// Connected bodies.
+    /// Number of connected bodies.
     pub bodies: usize,
-    /// Triangles dropped for having no area.
+    /// Number of triangles dropped because they have no area.
     pub degenerate_triangles: usize,
-    /// Kept triangles that are there already.
+    /// Number of kept triangles that repeat another one.
     pub duplicate_triangles: usize,
-    /// Edges of one triangle.
+    /// Number of edges of only one triangle.
     pub boundary_edges: usize,
-    /// Edges of more than two triangles.
+    /// Number of edges of more than two triangles.
     pub non_manifold_edges: usize,
-    /// Edges whose two triangles are wound against each other.
+    /// Number of edges whose two triangles are wound in opposite senses.
     pub inconsistent_edges: usize,
-    /// Closed bodies that were inside out and have been turned.
+    /// Number of closed bodies that were inside out and have been flipped.
     pub flipped_bodies: usize,
-    /// What to know, the gravest first.
+    /// Warnings, the most serious first.
     pub warnings: Vec<MeshNote>,
+}
+
+/// Format of a mesh file.
+#[derive(ToSchema)]
+#[schema(rename_all = "snake_case")]
+#[expect(dead_code, reason = "only its schema is used; the geometry room knows no schemas")]
+enum MeshFile {
+    StlBinary,
+    StlAscii,
+    Obj,
+    Ply,
 }
 
 /// Axis-aligned bounding box, part frame.
@@ -51,19 +64,19 @@ pub struct BoxMm {
     pub max: [f64; 3],
 }
 
-/// One thing to know about a mesh.
+/// A warning about a mesh.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct MeshNote {
-    /// Stable name, for programs.
+    /// Stable code, for programs.
     pub code: String,
-    /// What was found.
+    /// Description of the finding.
     pub detail: String,
-    /// What to do about it.
+    /// Advice on what to do about it.
     pub remedy: String,
 }
 
-impl MeshHealth {
-    /// The report in place of a stored one that cannot be read.
+impl MeshHealthReport {
+    /// Report in place of a stored one that cannot be read.
     #[must_use]
     pub fn unreadable(reason: &str) -> Self {
         let note = MeshNote {
@@ -74,7 +87,7 @@ impl MeshHealth {
         Self { warnings: vec![note], ..Self::default() }
     }
 
-    /// The report of a mesh that was read.
+    /// Report on a mesh that was read.
     #[must_use]
     pub fn new(read: &ReadMesh) -> Self {
         let health = &read.health;

@@ -1,4 +1,4 @@
-//! `missed.json`, schema `vantage.missed/1`: what is not measured, by cause, down to the faces of the uploaded file.
+//! `missed.json`, schema `vantage.missed/1`: missed surface by cause, down to the faces of the uploaded file.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -6,48 +6,48 @@ use utoipa::ToSchema;
 use super::plan::{MissedDocument, RemedyDocument};
 use crate::planning::plan::{MissedCause, MissedSpot, Plan};
 
-/// Schema name that the document carries.
+/// Schema name in the document.
 pub const MISSED_SCHEMA: &str = "vantage.missed/1";
 
-/// The listing.
+/// Missed surface by cause, with every spot (`missed.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MissedListing {
-    /// `vantage.missed/1`.
+    /// Schema name, `vantage.missed/1`.
     pub schema: String,
-    /// All faces but excluded regions.
+    /// Area asked for: all faces outside excluded regions.
     pub asked_area_mm2: f64,
-    /// Asked area that no chosen view measures.
+    /// Part of the asked area that no chosen view measures.
     pub missed_area_mm2: f64,
-    /// One entry a cause, as in the plan, with its spots.
+    /// Missed area of each cause, as in the plan, with its spots.
     pub missed: Vec<MissedEntry>,
 }
 
-/// Area missed for one cause.
+/// Area missed for one cause, with its spots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MissedEntry {
-    /// The entry of the plan.
+    /// Summary, as in the plan.
     #[serde(flatten)]
     pub summary: MissedDocument,
-    /// Its connected spots, largest first.
+    /// Connected spots, largest first.
     pub listing: Vec<SpotDocument>,
 }
 
 /// A connected patch of surface missed for one cause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SpotDocument {
-    /// Missed area in it.
+    /// Missed area of the spot.
     pub area_mm2: f64,
-    /// Its area-weighted centre, part frame.
+    /// Area-weighted centre of the spot, part frame.
     pub centre_mm: [f64; 3],
-    /// Size of the box around it along the part's axes.
+    /// Size of its bounding box along the part's axes.
     pub extent_mm: [f64; 3],
-    /// Faces of the uploaded file that it touches, ascending.
+    /// Faces of the uploaded file that the spot touches, ascending.
     pub faces: Vec<u32>,
-    /// Remedy of the spot; `null` where none was sought.
+    /// Remedy for the spot; `null` if none was searched for.
     pub remedy: Option<RemedyDocument>,
 }
 
-/// The listing of a plan.
+/// Lists the missed surface of a plan.
 #[must_use]
 pub fn json(plan: &Plan) -> MissedListing {
     MissedListing {

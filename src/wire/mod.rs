@@ -1,10 +1,10 @@
-//! Floor 7, what leaves the house: the JSON and CSV shapes of files and answers, versioned, with typed ids; the pages and
-//! pictures made for people. Keys carry their units, degrees and plain arrays live here; unknown fields in a request are
-//! refused with their JSON pointer.
+//! Floor 7, what leaves the house: versioned JSON and CSV documents with typed ids, and the pages and pictures made for people.
+//! Keys carry their units; degrees and plain arrays exist only here; unknown fields in a request are refused with their
+//! JSON pointer.
 
 mod angle;
 pub mod coverage;
-mod csv;
+pub(crate) mod csv;
 pub mod echo;
 mod event;
 mod ids;
@@ -15,25 +15,25 @@ mod mesh;
 mod mesh_health;
 pub mod missed;
 pub mod ovp;
+pub mod parameters;
 pub mod plan;
 mod problem;
 pub mod program;
-pub mod report;
 pub mod scanner_facts;
 mod spec;
 mod storage;
-pub mod study;
 mod system;
 mod tally;
 pub mod viewpoints;
+pub mod words;
 
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};
 pub use job::{Job, JobFile, JobLabels, JobListItem, JobPage, JobRequest, JobState};
 pub use json::{ParseError, parse, pointer_of};
 pub use json_file::json_file_bytes;
-pub use mesh::{Mesh, MeshPage};
-pub use mesh_health::MeshHealth;
+pub use mesh::{MeshPage, MeshUnit, UploadedMesh};
+pub use mesh_health::MeshHealthReport;
 pub use problem::{JobProblem, Problem, ProblemField, problem_type};
 pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 pub use storage::{DamagedItem, Retention, RetentionPolicy, RetentionReason, RetiredJob, RetiredMesh, Storage};

@@ -1,13 +1,13 @@
 //! `ovp.json`: a plan as a log of the public benchmark for optimal viewpoint placement (Gospodnetić, Mosbach, Rauhut,
 //! Hagen 2020, *Flexible surface inspection planning pipeline*; repository gospodnetic/VOB, whose reader names the fields),
-//! so that other planners can be compared with this one. The names and their spelling are the benchmark's. It holds times:
-//! it lies beside `timings.json`, and is no part of what the plan's digest covers.
+//! so that this planner can be compared with others. The names and their spelling are the benchmark's. The file holds times, so
+//! it stands beside `timings.json` and is not covered by the plan's digest.
 //!
-//! The benchmark counts triangles: one is covered once views measure half of its area, of the samples that views were
-//! chosen on. `Percentage` and `CoveragePerVP` are fractions of all triangles, 0 to 1; what each view adds to those before
-//! it, so they add up. `VPC.Count` are the candidates that could be chosen and `DiscardedCount` the others;
-//! `VPSelectionOrder` has their numbers as generated. Beyond the benchmark's fields `Vantage` has the plan's own figures by
-//! area. Cost: samples × views.
+//! The benchmark counts triangles. A triangle is covered once views measure half of its area, on the samples that views were
+//! chosen on. `Percentage` and `CoveragePerVP` are fractions of all triangles, 0 to 1; each view counts what it adds to those
+//! before it, so they add up. `VPC.Count` counts the candidates that could be chosen and `DiscardedCount` the others;
+//! `VPSelectionOrder` numbers candidates in the order of generation. Beyond the benchmark's fields, `Vantage` has the plan's
+//! own figures by area. Cost: samples × views.
 
 use std::collections::BTreeMap;
 
@@ -16,15 +16,15 @@ use serde::{Deserialize, Serialize};
 use crate::cell::{PoseSpec, Scanner};
 use crate::geometry::Mesh;
 use crate::planning::plan::{Outcome, Plan};
-use crate::planning::report::changed_params;
+use crate::wire::words::changed_params;
 
 #[cfg(test)]
 mod tests;
 
-/// Share of a triangle's area from which on it counts as covered.
+/// Min measured share of a triangle's area for the triangle to count as covered.
 const COVERED: f64 = 0.5;
 
-/// The whole document.
+/// The document, `ovp.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OvpDocument {
     /// Log of the run.
@@ -40,7 +40,7 @@ pub struct OvpDocument {
 #[serde(rename_all = "PascalCase")]
 pub struct OvpLog {
     /// The left camera, at the scanner's best focus.
-    pub camera: Camera,
+    pub camera: OvpCamera,
     /// Coverage by the viewpoints together.
     pub coverage: TriangleCoverage,
     /// Fraction of the triangles that each viewpoint adds.
@@ -50,7 +50,7 @@ pub struct OvpLog {
     pub duration: Duration,
     /// The part.
     pub model: Model,
-    /// The solver.
+    /// Name of the solver.
     pub optimization_type: String,
     /// Time of writing, RFC 3339, UTC.
     pub time_stamp: String,
@@ -60,25 +60,25 @@ pub struct OvpLog {
     /// The candidates.
     #[serde(rename = "VPC")]
     pub vpc: Candidates,
-    /// Candidate behind each viewpoint.
+    /// Number of the candidate behind each viewpoint.
     #[serde(rename = "VPSelectionOrder")]
     pub vp_selection_order: Vec<u32>,
-    /// Beyond the benchmark: the plan's own figures.
+    /// The plan's own figures, beyond the benchmark.
     pub vantage: OwnFigures,
 }
 
 /// The left camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
-pub struct Camera {
-    /// Best focus, mm.
+pub struct OvpCamera {
+    /// Distance of best focus, mm.
     #[serde(rename = "DistanceMM")]
     pub distance_mm: f64,
-    /// Focal length, mm; 0 where the size of a pixel is not known.
+    /// Focal length, mm; 0 if the size of a pixel is not known.
     pub focal_length: f64,
-    /// The scanner.
+    /// Name of the scanner.
     pub model: String,
-    /// Size of a pixel, mm; 0 where it is not known.
+    /// Size of a pixel, mm; 0 if it is not known.
     #[serde(rename = "PixSizeMM")]
     pub pix_size_mm: f64,
     /// Image height, pixels.
@@ -87,23 +87,23 @@ pub struct Camera {
     pub res_width: u32,
 }
 
-/// Covered triangles.
+/// Triangles covered.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct TriangleCoverage {
     /// Number of triangles.
     pub in_triangles: usize,
-    /// Fraction of all, 0 to 1.
+    /// Fraction of all triangles, 0 to 1.
     pub percentage: f64,
 }
 
-/// Duration of the run.
+/// Duration of the run, by stage.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct Duration {
-    /// Choosing views.
+    /// Selection of views.
     pub optimization_sec: f64,
-    /// Visibility.
+    /// Computation of visibility.
     pub ray_tracing_sec: f64,
 }
 
@@ -111,11 +111,11 @@ pub struct Duration {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "PascalCase")]
 pub struct Model {
-    /// Triangles.
+    /// Number of triangles.
     pub face_count: usize,
     /// Name of its file.
     pub name: String,
-    /// Vertices.
+    /// Number of vertices.
     pub vertex_count: usize,
 }
 
@@ -125,9 +125,9 @@ pub struct Model {
 pub struct Candidates {
     /// Number of viewpoints that could be chosen.
     pub count: usize,
-    /// The others that were generated.
+    /// Number of the other viewpoints that were generated.
     pub discarded_count: usize,
-    /// The strategies, joined by `+`.
+    /// Names of the strategies, joined by `+`.
     pub functional: String,
     /// Name of the list: the part's file and the strategies.
     pub list_name: String,
@@ -144,7 +144,7 @@ pub struct OwnFigures {
     pub of_coverable: f64,
     /// Measured share of the whole surface.
     pub of_total: f64,
-    /// Measured share of the whole surface, on samples that no view was chosen on.
+    /// Measured share of the whole surface, on the independent samples.
     pub of_total_independent: f64,
 }
 
@@ -154,7 +154,7 @@ pub struct OwnFigures {
 pub struct OptimalViewpoints {
     /// Number of viewpoints.
     pub count: usize,
-    /// In the order chosen.
+    /// The viewpoints, in the order chosen.
     pub list: Vec<Viewpoint>,
 }
 
@@ -163,12 +163,12 @@ pub struct OptimalViewpoints {
 pub struct Viewpoint {
     /// Number in the order chosen.
     pub id: u32,
-    /// Its pose.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: PoseSpec,
 }
 
 impl OvpDocument {
-    /// The log of an outcome. `seconds` are those of the stages, by name; `written_at` is a time as text.
+    /// Builds the log of an outcome. `seconds` holds the time of each stage by name; `written_at` is a time as text.
     #[must_use]
     pub fn new(
         outcome: &Outcome,
@@ -209,10 +209,10 @@ impl OvpDocument {
     }
 }
 
-fn camera(scanner: &Scanner) -> Camera {
+fn camera(scanner: &Scanner) -> OvpCamera {
     let device = &scanner.devices[0];
     let pix_size_mm = device.pixel_pitch_mm.unwrap_or_default();
-    Camera {
+    OvpCamera {
         distance_mm: scanner.best_mm,
         focal_length: device.lens.fx * pix_size_mm,
         model: scanner.name.clone(),
@@ -236,12 +236,12 @@ fn candidates(plan: &Plan, part_name: &str) -> Candidates {
     }
 }
 
-/// Name of a value of a closed list in files.
+/// Name of a value of an enumeration in files.
 fn name(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// For each view the triangles that it covers and those before it do not.
+/// Number of triangles that each view covers and those before it do not.
 fn triangles_added(outcome: &Outcome, mesh: &Mesh) -> Vec<usize> {
     let surface = &outcome.surface;
     let mut open = vec![true; surface.sample_mm.len()];

@@ -1,4 +1,4 @@
-//! `plan.json`, schema `vantage.plan/1`. No clock, no thread count: the same input gives the same bytes.
+//! `plan.json`, schema `vantage.plan/1`. It depends on neither clock nor thread count: the same input gives the same bytes.
 
 mod coverage;
 mod missed;
@@ -22,61 +22,62 @@ use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Bound, Cause, Outcome, Plan, PlannedView, SetupPlan};
 
-/// Schema name that the document carries.
+/// Schema name in the document.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
 
-/// The whole document.
+/// A plan (`plan.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct PlanDocument {
-    /// `vantage.plan/1`.
+    /// Schema name, `vantage.plan/1`.
     pub schema: String,
     /// Version of the planner.
     pub version: String,
-    /// Labels, part number and serial as given with the job.
+    /// Labels, part number and serial number, as given with the job.
     #[serde(flatten)]
     pub echo: Echo,
     /// The planned part.
     pub part: PartDocument,
-    /// The scanner planned for.
+    /// The scanner that was planned for.
     pub scanner: ScannerDocument,
-    /// The cell, `null` for viewpoints alone.
+    /// The cell; `null` for a plan of viewpoints only.
     pub cell: Option<CellDocument>,
-    /// Every knob that was in force.
+    /// Planning parameters, with defaults filled in.
     pub params: PlanParams,
     /// Numbers of candidates.
     pub candidates: CandidatesDocument,
-    /// Area that the chosen views measure.
+    /// Coverage by the chosen views.
     pub coverage: CoverageDocument,
-    /// The ways in which the part lies while views are taken, where there are several; `program.json` is that of the first,
-    /// `program-2.json` that of the second, and so on.
+    /// Setups, if there are several: placements of the part in which views are taken. `program.json` belongs to the first setup,
+    /// `program-2.json` to the second, and so on.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setups: Vec<SetupDocument>,
     /// The chosen views, in the order chosen.
     pub viewpoints: Vec<ViewpointDocument>,
     /// Viewpoint ids in the order visited, setup by setup.
     pub sequence: Vec<u32>,
-    /// Time of a cycle; `null` without a cell.
+    /// Cycle time and its components; `null` without a cell.
     #[serde(default)]
     pub motion: Option<MotionDocument>,
-    /// Pairs of bodies that keep the cell from candidates, the one that keeps it from most first.
+    /// Pairs of bodies that keep the cell from candidates, sorted by the number of candidates, largest first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub obstructions: Vec<ObstructionDocument>,
     /// Missed area by cause.
     pub missed: Vec<MissedDocument>,
-    /// Bound on the views of any choice from the same candidates.
+    /// Bounds on the best selection from the same candidates.
     pub bound: BoundDocument,
-    /// `target`, `growth`, `max_views` or `no_gain`.
+    /// Rule that ended the selection.
+    #[schema(value_type = crate::planning::selection::StopReason)]
     pub stopped_because: String,
 }
 
-/// Facts of the part.
+/// The planned part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct PartDocument {
-    /// SHA-256 of the file.
+    /// SHA-256 of the mesh file.
     pub sha256: String,
-    /// Triangles planned on.
+    /// Number of triangles planned on.
     pub triangles: usize,
     /// Surface area.
     pub area_mm2: f64,
@@ -84,7 +85,7 @@ pub struct PartDocument {
     pub bbox_mm: BoxDocument,
 }
 
-/// An axis-aligned box.
+/// Axis-aligned bounding box.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct BoxDocument {
@@ -94,41 +95,41 @@ pub struct BoxDocument {
     pub max: [f64; 3],
 }
 
-/// The scanner with everything that an independent check of visibility needs.
+/// The scanner, with all data that an independent check of visibility needs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ScannerDocument {
-    /// Name of its specification.
+    /// Name of the scanner specification.
     pub name: String,
     /// Working depth.
     pub depth_mm: DepthDocument,
-    /// Left camera, right camera, projector.
+    /// Left camera, right camera and projector, in this order.
     pub devices: Vec<DeviceDocument>,
 }
 
-/// Working depth along +z of the scanner.
+/// Working depth along +z of the scanner frame, mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct DepthDocument {
-    /// Nearest.
+    /// Nearest depth.
     pub near: f64,
-    /// Best focus.
+    /// Depth of best focus.
     pub best: f64,
-    /// Farthest.
+    /// Farthest depth.
     pub far: f64,
 }
 
-/// One optical device.
+/// A camera or the projector.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct DeviceDocument {
     /// `left`, `right` or `projector`.
     pub name: String,
-    /// Its pose.
+    /// Pose of the device in the scanner frame.
     pub scanner_from_device: PoseSpec,
-    /// Image width.
+    /// Width of the image.
     pub width_px: u32,
-    /// Image height.
+    /// Height of the image.
     pub height_px: u32,
     /// Focal length along u, pixels.
     pub fx: f64,
@@ -138,29 +139,29 @@ pub struct DeviceDocument {
     pub cx: f64,
     /// Principal point, v, pixels.
     pub cy: f64,
-    /// Bouguet's α.
+    /// Skew coefficient α (Bouguet).
     pub skew: f64,
-    /// k1, k2, p1, p2, k3.
+    /// Distortion coefficients k1, k2, p1, p2, k3 (Bouguet).
     pub distortion: [f64; 5],
-    /// Largest incidence in force.
+    /// Max angle of incidence in force.
     pub incidence_max_deg: f64,
 }
 
-/// The cell in force.
+/// The cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct CellDocument {
-    /// Name of its specification.
+    /// Name of the cell specification.
     pub name: String,
-    /// Turntable in the robot's base.
+    /// Pose of the turntable in the robot's base frame.
     pub base_from_table: PoseSpec,
-    /// Part on the table.
+    /// Pose of the part in the table frame.
     pub table_from_part: PoseSpec,
-    /// Scanner on the flange.
+    /// Pose of the scanner in the flange frame.
     pub flange_from_scanner: PoseSpec,
-    /// Name of the robot's specification.
+    /// Name of the robot specification.
     pub robot: String,
-    /// Name of the turntable's specification.
+    /// Name of the turntable specification.
     pub turntable: String,
 }
 
@@ -168,13 +169,13 @@ pub struct CellDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SetupDocument {
-    /// Pose of the part in this setup.
+    /// Pose of the part on the table in this setup.
     pub table_from_part: PoseSpec,
-    /// Ids of the viewpoints taken.
+    /// Ids of the viewpoints taken in this setup.
     pub viewpoints: Vec<u32>,
-    /// Asked area that some kept candidate of this setup measures.
+    /// Asked area that at least one kept candidate of this setup measures.
     pub coverable_area_mm2: f64,
-    /// Asked area that its viewpoints measure.
+    /// Asked area that the viewpoints of this setup measure.
     pub measured_area_mm2: f64,
 }
 
@@ -192,69 +193,74 @@ fn setups(plan: &Plan) -> Vec<SetupDocument> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct CandidatesDocument {
-    /// Generated.
+    /// Candidates generated.
     pub generated: usize,
-    /// Kept for selection.
+    /// Candidates kept for selection.
     pub kept: usize,
-    /// Dropped, by reason.
+    /// Candidates rejected, by reason.
+    #[schema(value_type = BTreeMap<crate::planning::candidates::Rejection, usize>)]
     pub rejected: BTreeMap<String, usize>,
 }
 
-/// One chosen view.
+/// A chosen view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ViewpointDocument {
-    /// Number in the order chosen, from 0.
+    /// Id: its number in the order chosen, from 0.
     pub id: u32,
-    /// Number of the candidate.
+    /// Number of the candidate that was chosen.
     pub candidate: u32,
-    /// `top`, `bottom`, `right`, `back`, `left` or `front`.
+    /// Side of the part that it looks at.
+    #[schema(value_type = crate::planning::candidates::Label)]
     pub label: String,
-    /// Its pose.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: PoseSpec,
     /// Share of the asked area that it added when chosen.
     pub gain_of_asked: f64,
-    /// Its score when chosen, mm².
+    /// Score when it was chosen, mm².
     pub score: f64,
-    /// Station from which the cell takes it.
+    /// Station from which the cell takes the view; `null` without a cell or if the view is rejected.
     pub station: Option<StationDocument>,
-    /// Cause for which it measures nothing, if so.
+    /// Cause for which the view is rejected and measures nothing; `null` if it is not.
+    #[schema(value_type = Option<crate::planning::verdict::Cause>)]
     pub rejected: Option<String>,
 }
 
-/// Table angle and joints, degrees.
+/// Table angle and joint angles at which a view is taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct StationDocument {
-    /// Table angle.
+    /// Table angle, degrees.
     pub table_angle_deg: f64,
-    /// Joints 1 to 6.
+    /// Angles of joints 1 to 6, degrees.
     pub joints_deg: [f64; 6],
     /// Arm configuration: shoulder, elbow and wrist, such as `front, elbow up, no flip`.
     #[serde(default)]
     pub posture: String,
-    /// Distance from a singularity: smallest singular value of the flange's Jacobian, lengths in parts of the arm's; 0 at one.
+    /// Distance from singularity: smallest singular value of the flange's Jacobian, lengths relative to the arm's; 0 at a
+    /// singularity.
     #[serde(default)]
     pub singularity_margin: f64,
-    /// Distance of the two bodies that are nearest to each other, mm; `null` where that is more than 200 mm.
+    /// Distance between the two nearest bodies, mm; `null` if it is more than 200 mm.
     #[serde(default)]
     pub clearance_mm: Option<f64>,
 }
 
-/// Bound on the views of any choice. It holds for the candidates that could be chosen, without what is
-/// asked of overlap, time and quality.
+/// Bounds on the best selection from the same candidates. They ignore the requirements on overlap, time and quality, and
+/// remain valid with them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct BoundDocument {
-    /// No plan over the same candidates reaches the goals with fewer views; where the plan does not reach one, as much of
-    /// it as the plan measures.
+    /// Lower bound on the number of views that reach the goals; a goal that the plan misses counts only as far as the plan
+    /// reaches it.
     pub views_lower: u32,
-    /// Views chosen minus `views_lower`; 0: proved fewest.
+    /// Number of chosen views minus `views_lower`; 0 proves that no selection needs fewer.
     pub gap: u32,
-    /// With `selection.goal` `best_coverage`: no choice of `selection.max_views` views measures a larger share.
+    /// Upper bound on the share of the asked area that `selection.max_views` views measure; present with `selection.goal`
+    /// `best_coverage`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_asked_upper: Option<f64>,
-    /// `of_asked_upper` minus the share that the chosen views measure; 0: proved best.
+    /// `of_asked_upper` minus the share that the chosen views measure; 0 proves that no selection measures more.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap_of_asked: Option<f64>,
 }
@@ -267,7 +273,7 @@ impl From<&Bound> for BoundDocument {
 }
 
 impl PlanDocument {
-    /// The document of an outcome.
+    /// Builds the document of an outcome.
     #[must_use]
     pub fn new(outcome: &Outcome, scanner: &Scanner, cell: Option<CellDocument>, echo: Echo) -> Self {
         let plan = &outcome.plan;
@@ -297,7 +303,7 @@ impl PlanDocument {
         }
     }
 
-    /// The file's bytes: indented JSON with a newline at the end. `plan_sha256` is over these.
+    /// Bytes of the file: indented JSON with a newline at the end. `plan_sha256` is computed over them.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         super::json_file_bytes(self)

@@ -1,16 +1,16 @@
-//! Problems as RFC 9457 writes them.
+//! Problem details (RFC 9457).
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::cell::FieldError;
 
-/// Fault of one field.
+/// An invalid field.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProblemField {
-    /// JSON pointer of the field in the request's body; a query parameter or header by its name.
+    /// JSON pointer of the field in the request body; for a query parameter or a header, its name.
     pub pointer: String,
-    /// Value that was found, and the allowed ones.
+    /// Value that was found, and the allowed values.
     pub detail: String,
 }
 
@@ -20,27 +20,27 @@ impl From<FieldError> for ProblemField {
     }
 }
 
-/// Body of every answer that is not 2xx or 3xx, as `application/problem+json`.
+/// Body of every error response, as `application/problem+json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
     /// Reference to the description of this kind of problem.
     #[serde(rename = "type")]
     #[schema(format = "uri-reference")]
     pub kind: String,
-    /// The kind of problem in a few words.
+    /// Title of this kind of problem.
     pub title: String,
-    /// The HTTP status.
+    /// HTTP status code.
     #[schema(minimum = 400, maximum = 599)]
     pub status: u16,
     /// Description of this occurrence.
     pub detail: String,
     /// Path of the request.
     pub instance: String,
-    /// Stable name of the kind of problem, for programs.
+    /// Stable code of this kind of problem, for programs.
     pub code: String,
-    /// The fields at fault, if any.
+    /// Invalid fields, if any.
     pub errors: Vec<ProblemField>,
-    /// Name of this request in the server's log.
+    /// Id of this request in the server's log.
     pub request_id: String,
 }
 
@@ -51,13 +51,13 @@ pub struct JobProblem {
     #[serde(rename = "type")]
     #[schema(format = "uri-reference")]
     pub kind: String,
-    /// The kind of problem in a few words.
+    /// Title of this kind of problem.
     pub title: String,
     /// Description of this occurrence.
     pub detail: String,
-    /// Stable name of the kind of problem, for programs.
+    /// Stable code of this kind of problem, for programs.
     pub code: String,
-    /// The fields at fault, if any.
+    /// Invalid fields, if any.
     pub errors: Vec<ProblemField>,
 }
 

@@ -1,4 +1,4 @@
-//! `program.json`, schema `vantage.program/1`. Degrees here, radians inside.
+//! `program.json`, schema `vantage.program/1`. Angles are in degrees here, in radians elsewhere.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,85 +10,85 @@ use crate::cell::{Configuration, FieldError, Findings};
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, Step};
 
-/// Schema name that the document carries.
+/// Schema name in the document.
 pub const PROGRAM_SCHEMA: &str = "vantage.program/1";
 
-/// Largest angle that a program may contain, degrees.
-const ANGLE_DEG: f64 = 3600.0;
-/// Longest time, seconds.
-const LONGEST_SECS: f64 = 86_400.0;
+/// Max angle that a program may contain, degrees.
+const MAX_ANGLE_DEG: f64 = 3600.0;
+/// Max duration, seconds.
+const MAX_SECS: f64 = 86_400.0;
 
-/// The whole document.
+/// A robot program (`program.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ProgramDocument {
-    /// `vantage.program/1`.
+    /// Schema name, `vantage.program/1`.
     pub schema: String,
-    /// Labels, part number and serial as given with the job.
+    /// Labels, part number and serial number, as given with the job.
     #[serde(flatten)]
     pub echo: Echo,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,
-    /// Setup of the plan in which the part lies, from 0.
+    /// Number of the plan's setup that the program belongs to, from 0; left out for the first.
     #[serde(default, skip_serializing_if = "is_first")]
     pub setup: usize,
-    /// Name of the robot's specification.
+    /// Name of the robot specification.
     pub robot: String,
-    /// Name of the turntable's specification.
+    /// Name of the turntable specification.
     pub turntable: String,
     /// Joints 1 to 6 and the table angle before the first step and after the last.
     pub home_deg: [f64; 7],
-    /// Steps, one after another.
+    /// Steps, in order.
     pub steps: Vec<StepDocument>,
-    /// Predicted time of all steps.
+    /// Predicted duration of all steps.
     pub cycle_secs: f64,
 }
 
-/// One step.
+/// A step of a program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "op", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
 pub enum StepDocument {
-    /// Arm and table move along straight, synchronised segments in joint space, at rest at every point unless it is said
-    /// otherwise.
+    /// Moves arm and table along straight, synchronised segments in joint space, with a stop at every point unless
+    /// `passed_within_deg` is given.
     MoveJoints {
-        /// Joints 1 to 6 at the end.
+        /// Joints 1 to 6 at the end of the move.
         joints_deg: [f64; 6],
-        /// Table angle at the end.
+        /// Table angle at the end of the move.
         table_angle_deg: f64,
         /// Share of the axes' rated speed and acceleration.
         speed_fraction: f64,
-        /// Joints 1 to 6 and the table angle at points between start and end.
+        /// Joints 1 to 6 and the table angle at each via point.
         via: Vec<[f64; 7]>,
-        /// Predicted time.
+        /// Predicted duration.
         duration_secs: f64,
-        /// Tolerance of any axis at the points between, which are then passed without stopping, each rounded by a
-        /// parabola, as quickly as the axes allow; left out where every point is a stop.
+        /// Blend tolerance at the via points, in each axis: they are passed without a stop on parabolic blends within this
+        /// tolerance, as fast as the axes allow. Left out if every point is a stop.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         passed_within_deg: Option<f64>,
     },
-    /// Everything stands still.
+    /// Waits for everything to stand still.
     Settle {
         /// Duration.
         secs: f64,
     },
-    /// The scanner captures.
+    /// Captures a scan.
     Scan {
-        /// Viewpoint of the plan.
+        /// Id of the viewpoint in the plan.
         viewpoint: u32,
-        /// Projector brightness level.
+        /// Brightness level of the projector.
         brightness: u8,
         /// Duration of the capture.
         capture_secs: f64,
     },
 }
 
-/// Most plans have one setup, which needs no name.
+/// Returns true for the first setup, which the document leaves out: most plans have only one.
 fn is_first(setup: &usize) -> bool {
     *setup == 0
 }
 
 impl ProgramDocument {
-    /// The document of a program.
+    /// Builds the document of a program.
     #[must_use]
     pub fn new(program: &Program, echo: Echo) -> Self {
         Self {
@@ -104,16 +104,16 @@ impl ProgramDocument {
         }
     }
 
-    /// The bytes of `program.json`.
+    /// Bytes of `program.json`.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         json_file_bytes(self)
     }
 
-    /// The program that the document says.
+    /// Converts the document to a program.
     ///
     /// # Errors
-    /// Another schema, a hash that is none, numbers out of range: each with its JSON pointer.
+    /// A wrong schema, an invalid digest, numbers out of range: each with its JSON pointer.
     pub fn program(&self) -> Result<Program, Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check(&mut findings);
@@ -134,7 +134,7 @@ impl ProgramDocument {
             format!("is {:?}; this version reads {PROGRAM_SCHEMA:?}", self.schema)
         });
         let is_sha256 = self.plan_sha256.len() == 64 && self.plan_sha256.bytes().all(|b| b.is_ascii_hexdigit());
-        findings.require(is_sha256, "/plan_sha256", || "is no SHA-256: 64 hexadecimal digits".into());
+        findings.require(is_sha256, "/plan_sha256", || "is not a SHA-256 digest of 64 hexadecimal digits".into());
         angles("/home_deg", &self.home_deg, findings);
         for (index, step) in self.steps.iter().enumerate() {
             step.check(&format!("/steps/{index}"), findings);
@@ -145,7 +145,7 @@ impl ProgramDocument {
 
 fn angles(pointer: &str, angles_deg: &[f64], findings: &mut Findings) {
     for (index, angle) in angles_deg.iter().enumerate() {
-        findings.range(format!("{pointer}/{index}"), *angle, -ANGLE_DEG, ANGLE_DEG, "°");
+        findings.range(format!("{pointer}/{index}"), *angle, -MAX_ANGLE_DEG, MAX_ANGLE_DEG, "°");
     }
 }
 
@@ -154,20 +154,20 @@ impl StepDocument {
         match self {
             Self::MoveJoints { joints_deg, table_angle_deg, speed_fraction, via, duration_secs, passed_within_deg } => {
                 angles(&format!("{pointer}/joints_deg"), joints_deg, findings);
-                findings.range(format!("{pointer}/table_angle_deg"), *table_angle_deg, -ANGLE_DEG, ANGLE_DEG, "°");
+                findings.range(format!("{pointer}/table_angle_deg"), *table_angle_deg, -MAX_ANGLE_DEG, MAX_ANGLE_DEG, "°");
                 findings.range(format!("{pointer}/speed_fraction"), *speed_fraction, 0.001, 1.0, "");
                 for (index, point) in via.iter().enumerate() {
                     angles(&format!("{pointer}/via/{index}"), point, findings);
                 }
-                findings.range(format!("{pointer}/duration_secs"), *duration_secs, 0.0, LONGEST_SECS, "s");
+                findings.range(format!("{pointer}/duration_secs"), *duration_secs, 0.0, MAX_SECS, "s");
                 if let Some(within_deg) = passed_within_deg {
                     findings.range(format!("{pointer}/passed_within_deg"), *within_deg, 0.001, 2.0, "°");
                 }
             }
-            Self::Settle { secs } => findings.range(format!("{pointer}/secs"), *secs, 0.0, LONGEST_SECS, "s"),
+            Self::Settle { secs } => findings.range(format!("{pointer}/secs"), *secs, 0.0, MAX_SECS, "s"),
             Self::Scan { brightness, capture_secs, .. } => {
                 findings.range(format!("{pointer}/brightness"), f64::from(*brightness), 0.0, 9.0, "");
-                findings.range(format!("{pointer}/capture_secs"), *capture_secs, 0.0, LONGEST_SECS, "s");
+                findings.range(format!("{pointer}/capture_secs"), *capture_secs, 0.0, MAX_SECS, "s");
             }
         }
     }

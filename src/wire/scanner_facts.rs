@@ -1,4 +1,4 @@
-//! Facts of a scanner that `vantage inspect` tells, schema `vantage.scanner_facts/1`: rig, depth of field, fields, volume.
+//! Facts of a scanner that `vantage inspect` shows, schema `vantage.scanner_facts/1`: rig, depth of field, fields, volume.
 //! Scanner frame, millimetres and degrees.
 
 use nalgebra::{Point3, Vector3};
@@ -8,66 +8,66 @@ use utoipa::ToSchema;
 use crate::cell::{DepthOfField, DeviceName, Field, MeasurementVolume, OpticalDevice, Scanner, hyperfocal_distance_mm};
 use crate::geometry::box_half_spaces;
 
-/// Schema name that the document carries.
+/// Schema name in the document.
 pub const SCANNER_FACTS_SCHEMA: &str = "vantage.scanner_facts/1";
-/// F-numbers that depth of field is listed for.
+/// F-numbers for which depth of field is listed.
 const F_NUMBERS: [f64; 4] = [4.0, 5.6, 8.0, 11.0];
 /// Circle of confusion of that list, pixels.
 const CIRCLE_PX: f64 = 2.0;
 
-/// The whole document.
+/// Facts of a scanner.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct ScannerFacts {
-    /// `vantage.scanner_facts/1`.
+    /// Schema name, `vantage.scanner_facts/1`.
     pub schema: &'static str,
-    /// Name of the scanner's specification.
+    /// Name of the scanner specification.
     pub name: String,
     /// Distance between the cameras' optical centres.
     pub baseline_mm: f64,
     /// Angle between the cameras' optical axes.
     pub axes_angle_deg: f64,
-    /// Left camera, right camera, projector.
+    /// Left camera, right camera and projector, in this order.
     pub devices: Vec<DeviceFacts>,
-    /// Fields at the nearest, the best and the farthest working depth.
+    /// Fields of view at the nearest, the best and the farthest working depth.
     pub fields: Vec<FieldFacts>,
-    /// Depth of field of the left camera's lens; `null` when its pixel pitch is not given.
+    /// Depth of field of the left camera's lens; `null` if its pixel pitch is not given.
     pub depth_of_field: Option<DepthOfFieldFacts>,
-    /// The measurement volume; `null` when the devices have none about best focus.
+    /// Measurement volume; `null` if the devices share none around best focus.
     pub volume: Option<VolumeFacts>,
 }
 
-/// One device.
+/// A camera or the projector.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct DeviceFacts {
     /// `left`, `right` or `projector`.
     pub name: &'static str,
-    /// Optical centre.
+    /// Position of the optical centre.
     pub centre_mm: [f64; 3],
-    /// Optical axis, unit.
+    /// Direction of the optical axis, a unit vector.
     pub axis: [f64; 3],
     /// Full angles of view along u and v.
     pub field_of_view_deg: [f64; 2],
-    /// Largest incidence.
+    /// Max angle of incidence.
     pub incidence_max_deg: f64,
 }
 
-/// Field at one depth.
+/// Fields of view at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct FieldFacts {
-    /// The depth along z.
+    /// Depth along z.
     pub depth_mm: f64,
-    /// Left camera, right camera, projector.
+    /// Fields of the left camera, the right camera and the projector.
     pub devices: Vec<IntervalFacts>,
-    /// All three.
+    /// Field that all three share.
     pub common: IntervalFacts,
 }
 
-/// From and to on the lines y = 0 and x = 0.
+/// Bounds of a field on the lines y = 0 and x = 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct IntervalFacts {
-    /// Along x at y = 0.
+    /// Bounds along x at y = 0.
     pub x_mm: [f64; 2],
-    /// Along y at x = 0.
+    /// Bounds along y at x = 0.
     pub y_mm: [f64; 2],
 }
 
@@ -76,13 +76,13 @@ pub struct IntervalFacts {
 pub struct DepthOfFieldFacts {
     /// Focal length.
     pub focal_mm: f64,
-    /// Circle of confusion of the list.
+    /// Circle of confusion assumed for `by_f_number`.
     pub circle_mm: f64,
-    /// The list.
+    /// Depth of field at several f-numbers.
     pub by_f_number: Vec<StopFacts>,
-    /// Working depth, front and rear of best focus.
+    /// Working depth in front of best focus and behind it.
     pub working_mm: [f64; 2],
-    /// δ·Fe that would explain the working depth, from its front and from its rear.
+    /// Products of circle of confusion and effective f-number that would explain the working depth in front and behind.
     pub working_blur_mm: [f64; 2],
 }
 
@@ -91,11 +91,11 @@ pub struct DepthOfFieldFacts {
 pub struct StopFacts {
     /// Effective f-number.
     pub f_number: f64,
-    /// Towards the camera.
+    /// Depth of field towards the camera.
     pub front_mm: f64,
-    /// Away from it; `null` for infinite.
+    /// Depth of field away from the camera; `null` if it is infinite.
     pub rear_mm: Option<f64>,
-    /// From this focus distance on it is infinite.
+    /// Hyperfocal distance: `rear_mm` is infinite from this focus distance on.
     pub hyperfocal_mm: f64,
 }
 
@@ -104,44 +104,44 @@ pub struct StopFacts {
 pub struct VolumeFacts {
     /// Volume of the polytope.
     pub volume_mm3: f64,
-    /// Its corners.
+    /// Corners of the polytope.
     pub vertices_mm: Vec<[f64; 3]>,
-    /// Largest bend of a side by distortion at best focus, given away by the polytope.
+    /// Max bow of a side through distortion at best focus, which the polytope leaves out.
     pub bow_mm: f64,
-    /// Largest cuboid by volume, aligned with the scanner and centred on best focus.
+    /// Largest cuboid by volume that is aligned with the scanner and centred on best focus.
     pub largest_cuboid_mm: [f64; 3],
-    /// Edge of the largest such cube.
+    /// Edge of the largest cube of that kind.
     pub largest_cube_mm: f64,
-    /// Boxes of the specification, centred on best focus, against the polytope.
+    /// Boxes of the specification, centred on best focus, compared with the polytope.
     pub stated: Vec<StatedBox>,
 }
 
-/// A box of the specification against the polytope.
+/// A box of the specification compared with the polytope.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct StatedBox {
-    /// `stated`, `practical` or `block_cube`.
+    /// Name of the box: `stated`, `practical` or `block_cube`.
     pub name: &'static str,
     /// Edge lengths.
     pub size_mm: [f64; 3],
-    /// Share of its volume inside the polytope.
+    /// Share of its volume that lies inside the polytope.
     pub inside: f64,
-    /// Corners at which it leaves the polytope.
+    /// Limits that its corners exceed, each with the corner that lies farthest outside.
     pub excess: Vec<Excess>,
 }
 
-/// Excess of a corner of a box over one device's field, or over the working depth.
+/// Excess of a box over the field of one device, or over the working depth.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Excess {
-    /// `left`, `right`, `projector` or `depth`.
+    /// Exceeded limit: `left`, `right`, `projector` or `depth`.
     pub of: &'static str,
-    /// The corner that lies farthest outside.
+    /// Corner that lies farthest outside.
     pub corner_mm: [f64; 3],
-    /// Distance outside, mm.
+    /// Distance by which it lies outside.
     pub outside_mm: f64,
 }
 
 impl ScannerFacts {
-    /// The facts of a scanner.
+    /// Collects the facts of a scanner.
     #[must_use]
     pub fn new(scanner: &Scanner) -> Self {
         let depths = [scanner.near_mm, scanner.best_mm, scanner.far_mm];
@@ -235,7 +235,7 @@ fn stated_box(scanner: &Scanner, volume: &MeasurementVolume, name: &'static str,
     StatedBox { name, size_mm, inside: common_mm3 / size.product(), excess: by_device.chain(by_depth).collect() }
 }
 
-/// The corner farthest outside, if any is.
+/// The corner that lies farthest outside; `None` if none does.
 fn worst(of: &'static str, corners: &[Point3<f64>], outside_mm: impl Fn(&Point3<f64>) -> f64) -> Option<Excess> {
     let far = corners.iter().max_by(|a, b| outside_mm(a).total_cmp(&outside_mm(b)))?;
     let outside_mm = outside_mm(far);

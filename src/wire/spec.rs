@@ -1,4 +1,4 @@
-//! Stored hardware specifications, as listed.
+//! Lists of stored hardware specifications.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -33,13 +33,13 @@ impl SpecCollection {
         }
     }
 
-    /// `scanner`, `robot`, …
+    /// Name of the kind: `scanner`, `robot`, `turntable` or `cell`.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         self.kind().as_str()
     }
 
-    /// Name of the collection: of the route, and of the folder of presets.
+    /// Name of the collection, in routes and as the folder of its presets.
     #[must_use]
     pub fn plural(self) -> &'static str {
         match self {
@@ -51,27 +51,27 @@ impl SpecCollection {
     }
 }
 
-/// Returns true if `name` may name a specification: 1 to 64 of `a-z 0-9 . _ -`, beginning with a letter or digit.
+/// Returns true if `name` is a valid name of a specification: 1 to 64 of `a-z 0-9 . _ -`, beginning with a letter or digit.
 #[must_use]
 pub fn is_spec_name(name: &str) -> bool {
     let allowed = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || b"._-".contains(&c);
     (1..=64).contains(&name.len()) && name.bytes().all(allowed) && name.bytes().next().is_some_and(|c| c.is_ascii_alphanumeric())
 }
 
-/// One entry of a list of specifications.
+/// An entry of a list of specifications.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SpecListItem {
-    /// Its name.
+    /// Name of the specification.
     pub name: String,
-    /// True if it came with the program and cannot be changed.
+    /// True if it is a built-in preset, which cannot be changed.
     pub preset: bool,
-    /// Its entity tag, for `If-Match`.
+    /// Entity tag of the specification, for `If-Match`.
     pub etag: String,
 }
 
-/// All specifications of one kind, by name.
+/// All specifications of one kind, sorted by name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SpecList {
-    /// The entries.
+    /// Entries of the list.
     pub items: Vec<SpecListItem>,
 }

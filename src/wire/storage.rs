@@ -1,45 +1,45 @@
-//! What the store holds, what is wrong with it, and what the policy of retention lets go.
+//! Contents of the store, its damage, and deletions by the retention policy.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::ids::{JobId, MeshId};
 
-/// Room, sizes and damage of the store.
+/// Free space, sizes and damage of the store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Storage {
     /// Free space on the store's disk.
     pub free_bytes: u64,
     /// Size of that disk.
     pub total_bytes: u64,
-    /// Below this much free space uploads and jobs are refused with 507.
+    /// Min free space, below which uploads and jobs are refused with status 507.
     pub floor_bytes: u64,
     /// Size of the database.
     pub database_bytes: u64,
-    /// Size of all stored files.
+    /// Total size of all stored files.
     pub files_bytes: u64,
-    /// What is known to be damaged; empty when all is well.
+    /// Items known to be damaged; empty if there are none.
     pub damaged: Vec<DamagedItem>,
 }
 
-/// Something of the store that is damaged.
+/// A damaged item of the store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DamagedItem {
-    /// `mesh ID`, `job ID` or `file SHA-256`.
+    /// Name of the item: `mesh ID`, `job ID` or `file SHA-256`.
     pub name: String,
-    /// What is wrong with it.
+    /// Description of the damage.
     pub reason: String,
 }
 
-/// Why a job is let go.
+/// Reason for which retention deletes a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RetentionReason {
-    /// It ended longer ago than `retention.job_days`.
+    /// The job ended longer ago than `retention.job_days`.
     Age,
-    /// Its part has more than `retention.jobs_per_part` newer ones.
+    /// The job is not among the newest `retention.jobs_per_part` ended jobs of its part.
     Count,
-    /// The store takes more than `retention.max_disk_share` of its disk.
+    /// Stored files take more than `retention.max_disk_share` of the disk.
     Disk,
 }
 
@@ -55,54 +55,54 @@ impl RetentionReason {
     }
 }
 
-/// The policy of retention, from the server's settings.
+/// Retention policy, from the server's settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RetentionPolicy {
-    /// Ended jobs older than this are let go; 0 keeps them.
+    /// Days after which ended jobs are deleted; 0 keeps them.
     pub job_days: u32,
-    /// Of each part (its part number, else its mesh) this many ended jobs are kept; 0 keeps all.
+    /// Max number of ended jobs kept for each part (by its part number, else by its mesh); 0 keeps all.
     pub jobs_per_part: u32,
-    /// Meshes that no job and no specification refers to are let go this long after their upload; 0 keeps them.
+    /// Days after upload at which meshes that no job and no specification refers to are deleted; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Share of the disk that stored files may take, the oldest ended jobs going first; 0 for no limit.
+    /// Max share of the disk for stored files, beyond which the oldest ended jobs are deleted; 0 for no limit.
     pub max_disk_share: f64,
-    /// Key of the label that keeps a job from being deleted.
+    /// Key of the label that protects a job from deletion.
     pub hold_label: String,
 }
 
-/// What the policy lets go: now, where it was only asked, or in the run that this answers.
+/// Jobs and meshes that retention has just deleted, or, if only asked for, would delete now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Retention {
-    /// The policy.
+    /// Retention policy in force.
     pub policy: RetentionPolicy,
-    /// How many jobs.
+    /// Number of jobs.
     pub job_count: u64,
-    /// How many meshes.
+    /// Number of meshes.
     pub mesh_count: u64,
-    /// Size of their files; files that others share are counted though they stay.
+    /// Size of their files; files shared with items that stay are counted too.
     pub size_bytes: u64,
-    /// The jobs, the oldest first; at most 1000 are listed.
+    /// Jobs, the oldest first; at most 1000 are listed.
     pub jobs: Vec<RetiredJob>,
-    /// The meshes, the oldest first; at most 1000 are listed.
+    /// Meshes, the oldest first; at most 1000 are listed.
     pub meshes: Vec<RetiredMesh>,
 }
 
-/// A job that is let go.
+/// A job that retention deletes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct RetiredJob {
-    /// Its id.
+    /// Id of the job.
     pub id: JobId,
-    /// Why.
+    /// Reason for the deletion.
     pub reason: RetentionReason,
-    /// Size of its files.
+    /// Size of the job's files.
     pub size_bytes: u64,
 }
 
-/// A mesh that is let go.
+/// A mesh that retention deletes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct RetiredMesh {
-    /// Its id.
+    /// Id of the mesh.
     pub id: MeshId,
-    /// Size of its file.
+    /// Size of the mesh's file.
     pub size_bytes: u64,
 }

@@ -1,16 +1,16 @@
-//! Answers about the server itself.
+//! Responses about the server itself.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The process runs.
+/// Liveness of the process.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Health {
     /// Always `ok`.
     pub status: String,
 }
 
-/// One thing that must hold for the server to take work.
+/// A condition that must hold for the server to accept work.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ReadinessCheck {
     /// Subject of the check.
@@ -19,21 +19,21 @@ pub struct ReadinessCheck {
     pub ok: bool,
 }
 
-/// The server takes work.
+/// Readiness of the server to accept work.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Readiness {
-    /// Always `ready`; else the answer is a problem with status 503.
+    /// Always `ready`; otherwise the response is a problem with status 503.
     pub status: String,
-    /// The checks.
+    /// Checks that were made.
     pub checks: Vec<ReadinessCheck>,
 }
 
-/// Name and version of the program that answers.
+/// Name and version of the program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Version {
     /// Name of the program.
     pub name: String,
-    /// Its version.
+    /// Version of the program.
     pub version: String,
     /// Version of the HTTP interface.
     pub api: String,

@@ -1,5 +1,5 @@
-//! Verdicts on a group of patches, by area: the common ground of the face table, the preview's bytes and the
-//! pictures. Cost: O(samples), one tally alive at a time, so that ten million faces need no gigabytes.
+//! Verdicts on a group of patches, by area: the common basis of the face table, the preview's bytes and the
+//! pictures. Cost: O(samples), one tally in memory at a time, so that ten million faces need no gigabytes.
 
 use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
 use crate::planning::surface::Patch;
@@ -9,10 +9,10 @@ mod tests;
 
 const GRADES: [Grade; 4] = [Grade::A, Grade::B, Grade::C, Grade::D];
 
-/// Areas of a group of patches. All add up over samples.
+/// Areas of a group of patches, summed over samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Tally {
-    /// Whole area.
+    /// Total area.
     pub(crate) area_mm2: f64,
     /// Area not asked for.
     pub(crate) not_asked_mm2: f64,
@@ -30,7 +30,7 @@ impl Tally {
         }
     }
 
-    /// Adds a patch: each of its samples stands for an equal share of its area.
+    /// Adds a patch; each of its samples stands for an equal share of its area.
     pub(crate) fn add_patch(&mut self, patch: &Patch, verdicts: &[Verdict]) {
         let share_mm2 = patch.area_mm2 / f64::from(patch.samples);
         let first = patch.first_sample as usize;
@@ -49,17 +49,17 @@ impl Tally {
         self.cause_mm2.iter().sum()
     }
 
-    /// The grade that most of the measured area has; the better one of equals.
+    /// Grade of most of the measured area; the better one on ties.
     pub(crate) fn grade(&self) -> Option<Grade> {
         largest(&self.grade_mm2).map(|index| GRADES[index])
     }
 
-    /// The cause of most of the missed area; the earlier one of equals.
+    /// Cause of most of the missed area; the earlier one on ties.
     pub(crate) fn cause(&self) -> Option<Cause> {
         largest(&self.cause_mm2).map(|index| Cause::ALL[index])
     }
 
-    /// Verdict on most of the area: first of all asked or not, then measured or missed, then grade or cause.
+    /// Verdict on most of the area: first asked or not, then measured or missed, then grade or cause.
     pub(crate) fn majority(&self) -> Verdict {
         let measured_or_missed = if self.measured_mm2() >= self.missed_mm2() {
             self.grade().map(Verdict::Measured)
@@ -73,7 +73,7 @@ impl Tally {
     }
 }
 
-/// Index of the largest positive entry, the first of equals.
+/// Index of the largest positive entry; the first on ties.
 fn largest(areas_mm2: &[f64]) -> Option<usize> {
     let better = |best: Option<usize>, index: usize| match best {
         Some(other) if areas_mm2[other] >= areas_mm2[index] => best,
@@ -83,10 +83,10 @@ fn largest(areas_mm2: &[f64]) -> Option<usize> {
     (0..areas_mm2.len()).fold(None, better)
 }
 
-/// A tally for each group that has patches, in ascending order of its number.
+/// Tallies of all groups that have patches, in ascending order of their numbers.
 pub(crate) fn by_group(outcome: &Outcome, group_of: impl Fn(&Patch) -> u32) -> impl Iterator<Item = (u32, Tally)> {
     let mut order: Vec<(u32, u32)> = outcome.surface.patches.iter().map(group_of).zip(0..).collect();
-    // Patches mostly come in this order already, which this sort takes in one pass.
+    // Patches are mostly in this order already, which this sort handles in one pass.
     order.sort();
     let mut runs = order.into_iter().peekable();
     std::iter::from_fn(move || {

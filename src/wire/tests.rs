@@ -29,7 +29,7 @@ fn the_pointer_names_the_field_at_fault() {
 }
 
 #[test]
-fn json_that_does_not_fit_is_no_fault_of_syntax() {
+fn json_of_another_shape_is_not_a_syntax_error() {
     let cell = |field: &str| format!(r#"{{"mesh_id": "{MESH}", "cell": {{"name": "a", {field}}}}}"#);
     let (pointer, detail) = shape(&cell(r#""base_from_table": {"translation_mm": [1, 2, 3, 4]}"#));
     assert!(pointer.starts_with("/cell/base_from_table/translation_mm"), "{pointer}");
@@ -38,7 +38,7 @@ fn json_that_does_not_fit_is_no_fault_of_syntax() {
 }
 
 #[test]
-fn what_is_no_json_is_told_apart() {
+fn text_that_is_not_json_is_a_syntax_error() {
     let twice = format!(r#"{{"mesh_id": "{MESH}"}} {{}}"#);
     for body in ["", "{", "\u{feff}{}", &twice, "{\"labels\": {\"a\""] {
         assert!(matches!(parse::<JobRequest>(body.as_bytes()), Err(ParseError::Syntax(_))), "{body:.20}");

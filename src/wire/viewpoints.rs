@@ -1,4 +1,4 @@
-//! The chosen views as a listing: `viewpoints.json`, schema `vantage.viewpoints/1`, and `viewpoints.csv`, one row a view
+//! Listing of the chosen views: `viewpoints.json`, schema `vantage.viewpoints/1`, and `viewpoints.csv`, one row per view
 //! in the order chosen.
 
 use serde::{Deserialize, Serialize};
@@ -8,7 +8,7 @@ use super::csv::Csv;
 use super::plan::ViewpointDocument;
 use crate::planning::plan::{Plan, ViewId};
 
-/// Schema name that the document carries.
+/// Schema name in the document.
 pub const VIEWPOINTS_SCHEMA: &str = "vantage.viewpoints/1";
 
 const HEADER: [&str; 23] = [
@@ -37,18 +37,18 @@ const HEADER: [&str; 23] = [
     "rejected",
 ];
 
-/// The listing.
+/// The chosen views (`viewpoints.json`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ViewpointsDocument {
-    /// `vantage.viewpoints/1`.
+    /// Schema name, `vantage.viewpoints/1`.
     pub schema: String,
     /// The chosen views, in the order chosen.
     pub viewpoints: Vec<ViewpointDocument>,
-    /// Their ids in the order visited; empty without a cell.
+    /// Ids of the viewpoints in the order visited; empty without a cell.
     pub sequence: Vec<u32>,
 }
 
-/// The listing of a plan.
+/// Lists the chosen views of a plan.
 #[must_use]
 pub fn json(plan: &Plan) -> ViewpointsDocument {
     ViewpointsDocument {
@@ -58,8 +58,8 @@ pub fn json(plan: &Plan) -> ViewpointsDocument {
     }
 }
 
-/// The listing as a table. The pose is `part_from_scanner`; `visit` counts from 0 in the order visited, `move_secs` and
-/// `via_points` belong to the move that leads to the view. Cells without a value are empty.
+/// The listing as a table. The pose is `part_from_scanner`; `visit` counts from 0 in the order visited; `move_secs` and
+/// `via_points` belong to the move to the view. Cells without a value are empty.
 #[must_use]
 pub fn csv(plan: &Plan) -> String {
     let mut csv = Csv::new(&HEADER);
@@ -83,7 +83,7 @@ pub fn csv(plan: &Plan) -> String {
     csv.finish()
 }
 
-/// Position in the order visited, seconds and points between of the move that leads there.
+/// Position in the order visited, and duration and number of via points of the move to the view.
 fn visit(plan: &Plan, view: ViewId) -> Option<(usize, f64, usize)> {
     let (position, (_, leg)) = plan.visits().enumerate().find(|(_, (visited, _))| *visited == view)?;
     Some((position, leg.duration_secs, leg.via_rad.len()))

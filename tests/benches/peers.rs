@@ -140,7 +140,7 @@ fn heading(rounds: usize) -> String {
     let load = proc("loadavg");
     let load = load.split(' ').nth(1).unwrap_or("unknown");
     format!(
-        "# Visibility beside its peers\n\nWritten by `cargo bench-peers`, which says what each topic measures in its \
+        "# Visibility compared with its peers\n\nWritten by `cargo bench-peers`, which says what each topic measures in its \
          sources beside this file. {cpu}{detail}, {cores} cores, {}. Medians of {rounds} rounds in which everyone takes \
          turns; load of the machine over the five minutes before the end: {load}.\n",
         levels.join(", ")

@@ -98,7 +98,7 @@ impl Report {
         if self.figures.is_empty() {
             return String::new();
         }
-        let mut text = String::from("\n| figure | at least | aim | measured | |\n| --- | --: | --: | --: | --- |\n");
+        let mut text = String::from("\n| figure | required | aim | measured | |\n| --- | --: | --: | --: | --- |\n");
         for Figure { what, demand, measured } in &self.figures {
             let amount = |value: f64| format!("{}{}", number(value), demand.unit);
             let (least, aim) = (amount(demand.least), demand.aim.map_or_else(String::new, amount));

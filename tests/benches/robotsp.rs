@@ -144,7 +144,7 @@ fn column(task: &Task, subset: &[usize], cell: &Cell) -> Column {
     let stations_secs = began.elapsed().as_secs_f64();
     let reached: Vec<_> = stations.iter().filter(|(_, of)| !of.is_empty()).map(|(view, of)| (*view, &of[..])).collect();
     let ctx = Context::new(&never, &Silent);
-    let ordered = order(&reached, cell, &scene, &params, false, &ctx).expect("not cancelled");
+    let ordered = order(&reached, cell, &scene, &params, None, false, &ctx).expect("not cancelled");
     let ordered = bounded(ordered, cell, &params, &ctx).expect("not cancelled");
     let column = Column {
         targets: subset.len(),
@@ -210,7 +210,7 @@ fn report(task: &Task, columns: &[Column]) -> String {
         text += &format!("| {name} |{cells}\n");
     };
     row("**ours: cycle, s**", &|_, column| format!("**{:.1}**", column.sequence.motion_secs()));
-    row("ours: no order of these stations takes less than, s", &|_, column| format!("{:.1}", column.sequence.lower_bound_secs));
+    row("ours: lower bound of the cycle, s", &|_, column| format!("{:.1}", column.sequence.lower_bound_secs));
     row("**ours: wall, s**", &|_, column| format!("**{:.1}**", column.wall_secs));
     row("ours: CPU of all threads, s", &|_, column| format!("{:.1}", column.cpu_secs));
     row("ours: stations", &|_, column| column.stations.to_string());
@@ -232,27 +232,28 @@ fn report(task: &Task, columns: &[Column]) -> String {
     )
 }
 
-const HEAD: &str = "# Sequencing beside RoboTSP
+const HEAD: &str = "# Sequencing compared with RoboTSP
 
 Written by `tests/benches/robotsp.rs`, after `python tests/benches/robotsp.py ROBOTSP RAVEUTILS FOLDER` on checkouts of
 [crigroup/robotsp](https://github.com/crigroup/robotsp) and
-[crigroup/raveutils](https://github.com/crigroup/raveutils): `cargo bench --bench robotsp -- FOLDER`. The 245 holes of the
-panel and the random subsets that its benchmark draws, its Denso VS060 with drill and camera, its speeds and accelerations,
-its home, 10 mm before each hole, eight rotations about the drill. The figures of RoboTSP, GLKH (with 1000, 500 and 100
-trials) and the tour in joint space are those in its `data/benchmarks.hdf5`; its paper is arXiv 1709.09343.
+[crigroup/raveutils](https://github.com/crigroup/raveutils): `cargo bench --bench robotsp -- FOLDER`. The
+task: the 245 holes of the panel and the random subsets of its benchmark, its Denso VS060 with drill and camera, its speeds
+and accelerations, its home position, 10 mm in front of each hole, eight rotations about the drill. The figures of RoboTSP,
+GLKH (with 1000, 500 and 100 trials) and the tour in joint space are those in its `data/benchmarks.hdf5`; its paper is arXiv
+1709.09343.
 ";
 
 const NOTES: &str =
-    "- **Cycle** is the time of all moves from home through every hole and back, at rest at each. Wall is from targets to moves
-  that were checked along their whole length: inverse kinematics, collision, order, moves; the peer counts the same.
-- **Another machine.** The peer's seconds are of its authors' computer, Python 2 and OpenRAVE in one thread.
+    "- **Cycle** is the time of all moves from home through every hole and back, stopping at each. Wall time is from the targets to
+  moves checked along their whole length: inverse kinematics, collision, order, moves; the peer counts the same.
+- **Another machine.** The peer's seconds are from its authors' computer, with Python 2 and OpenRAVE in one thread.
 - **Names of the GLKH rows** are those in the file. The script that filled it runs 100 trials for the row named GLKH1000 and
-  1000 for the row named GLKH100, which their seconds bear out.
-- **The time law** is a little harder on us: all axes start and stop together here, each move as one trapezoid, as a
-  controller's joint move does; OpenRAVE's parabolic smoother lets axes ramp each by itself.
+  1000 for the row named GLKH100, which their times confirm.
+- **The time parameterisation** is slightly slower here: all axes start and stop together, each move as one trapezoid, like a
+  controller's joint move; OpenRAVE's parabolic smoother lets each axis ramp by itself.
 - **Collision.** The same world: base, jig as a mesh, panel and its boxes, drill and camera as the peer's boxes and cylinders.
-  The arm is in capsules around its meshes, which are wider, hence fewer stations; the flange's disc has none. Our moves
-  stay 1 mm clear and are proved so along their whole length; the peer samples, and keeps no clearance.
-- **Whole turns** of joints 4 and 6 are stations of their own here.
-- **The bound** is over the stations that were reached, and takes moves that were not looked at as straight and free.
+  The arm is modelled by capsules around its meshes, which are wider, hence fewer stations; the flange's disc has none. Our
+  moves keep a clearance of 1 mm, proved along their whole length; the peer samples its moves and keeps no clearance.
+- **Full turns** of joints 4 and 6 count as separate stations here.
+- **The lower bound** is over the stations that were reached; moves that were not checked count as straight and free.
 ";

@@ -8,8 +8,8 @@ use vantage::planning::candidates::Rejection;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Objective, PlanParams, Strategy};
 use vantage::planning::plan::Outcome;
-use vantage::planning::report::text;
 use vantage::planning::{PlanInput, plan, tabulate};
+use vantage::report::text::text;
 
 use crate::support::{box_mesh, nominal_scanner, plan_viewpoints};
 
@@ -53,7 +53,7 @@ fn the_floor_of_a_pocket_is_measured_by_targeted_views_alone() {
     let (mesh, scanner) = (pocket(), nominal_scanner());
     let floor = |candidates| {
         let (cancel, params) = (AtomicBool::new(false), params(candidates));
-        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
         let table = tabulate(&input, &params, &Context::new(&cancel, &Silent)).expect("a table");
         let on_floor: Vec<u32> = (0_u32..)
             .zip(&table.surface.sample_mm)
@@ -128,7 +128,8 @@ fn every_strategy_at_once_gives_the_same_plan_on_one_and_two_threads() {
     let planned = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
         let cancel = AtomicBool::new(false);
-        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+        let input =
+            PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
         pool.install(|| plan(&input, &params, &Context::new(&cancel, &Silent))).expect("a plan")
     };
     let (one, two) = (planned(1), planned(2));
@@ -140,7 +141,8 @@ fn every_strategy_at_once_gives_the_same_plan_on_one_and_two_threads() {
 fn with_a_cell_the_default_candidates_all_count_and_every_view_has_a_station() {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let (mesh, cancel) = (pocket(), AtomicBool::new(false));
-    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let input =
+        PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let outcome = plan(&input, &params(CandidateParams::default()), &Context::new(&cancel, &Silent)).expect("a plan");
     counted(&outcome);
     let (plan, coverage) = (&outcome.plan, &outcome.plan.coverage);

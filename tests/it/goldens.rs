@@ -9,14 +9,15 @@ use vantage::geometry::Mesh;
 use vantage::geometry::demo_parts::{self, DEFAULT_TRIANGLES, DemoPartError};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
-use vantage::planning::report::text;
 use vantage::planning::{PlanInput, plan};
+use vantage::report::text::text;
 
 fn hold(name: &str, mesh: Result<Mesh, DemoPartError>) {
     let mesh = mesh.expect("a demo part");
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: name, scanner: &cell.scanner, cell: Some(&cell) };
+    let input =
+        PlanInput { mesh: &mesh, fixture: None, part_sha256: name, scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let outcome = plan(&input, &PlanParams::default(), &Context::new(&cancel, &Silent)).expect("a plan");
     let found = text(&outcome.plan);
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden")).join(format!("{name}.txt"));

@@ -143,7 +143,8 @@ fn every_station_of_a_plan_puts_the_scanner_there_by_the_vendors_urdf() {
     let Some(python) = oracle() else { return };
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let mesh = demo_parts::base(8_000).expect("a part");
-    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let input =
+        PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let cancel = AtomicBool::new(false);
     let plan = plan(
         &input,

@@ -105,7 +105,7 @@ fn ask(python: &Path, mesh_file: &Path, outcome: &Outcome, mesh: &Mesh, scanner:
 /// The poses of every candidate that the plan kept.
 fn candidate_poses(outcome: &Outcome, mesh: &Mesh, scanner: &Scanner) -> Vec<PoseSpec> {
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None, roadmaps: None };
     let table = tabulate(&input, &outcome.plan.params, &Context::new(&cancel, &Silent)).expect("a table");
     assert_eq!(table.candidates.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");
     table.candidates.iter().map(|candidate| PoseSpec::from(&candidate.part_from_scanner)).collect()

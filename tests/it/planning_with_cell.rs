@@ -6,11 +6,12 @@ use nalgebra::{Point3, Vector3};
 use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use vantage::geometry::demo_parts::DemoPart;
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
+use vantage::planning::certificate::recheck;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region, Roll, SelectionGoal};
-use vantage::planning::plan::{Cause, Outcome, Plan, PlannedView, StopReason};
+use vantage::planning::plan::{Advice, Cause, Outcome, Plan, PlannedView, StopReason};
 use vantage::planning::sequence::Sequence;
-use vantage::planning::{PlanError, PlanInput, plan, recheck};
+use vantage::planning::{PlanError, PlanInput, plan};
 use vantage::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError};
 use vantage::program::{check, compile, off_coverage, scan_poses};
 use vantage::wire::echo::Echo;
@@ -24,7 +25,7 @@ fn default_cell() -> Cell {
 
 fn planned(mesh: &Mesh, fixture: Option<&Mesh>, cell: &Cell, params: &PlanParams) -> Result<Outcome, PlanError> {
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh, fixture, part_sha256: "", scanner: &cell.scanner, cell: Some(cell) };
+    let input = PlanInput { mesh, fixture, part_sha256: "", scanner: &cell.scanner, cell: Some(cell), roadmaps: None };
     plan(&input, params, &Context::new(&cancel, &Silent))
 }
 
@@ -140,7 +141,8 @@ fn the_plate_hides_the_underside_from_views_below_it() {
 fn what_the_scans_of_a_program_measure_is_what_the_plan_says() {
     let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
     let Outcome { plan, .. } = planned(&mesh, None, &cell, &quick()).expect("a plan");
-    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let input =
+        PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let lies = plan.table_from_part.expect("a cell");
     let program = compile(plan.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &plan.params);
     let mut poses = scan_poses(&program, &cell, &lies);
@@ -174,7 +176,7 @@ fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() 
     let beam =
         plan.obstructions.iter().find(|found| [&found.bodies.a, &found.bodies.b].into_iter().any(|name| **name == *"beam"));
     let beam = beam.expect("the beam is in the way");
-    assert!(beam.without_station > 0 && beam.help.contains("beam"), "{beam:?}");
+    assert!(beam.without_station > 0 && beam.advice == Advice::MoveObstacle("beam".into()), "{beam:?}");
     let separation = beam.separation.as_ref().expect("of a box it is known");
     assert!(separation.distance_mm < plan.params.motion.clearance_mm && separation.place_mm.z > 400.0, "{separation:?}");
     let scene = CollisionScene::new(&cell, &mesh, None, &plan.table_from_part.expect("a cell"), 5.0);

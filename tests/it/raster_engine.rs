@@ -220,7 +220,14 @@ fn a_plan_has_the_same_bytes_with_every_vector_width() {
     let wanted = PlanDocument::new(&outcome, &scanner, None, Echo::default()).to_bytes();
     let cancel = AtomicBool::new(false);
     for level in SimdLevel::available() {
-        let input = vantage::planning::PlanInput { mesh: &part, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+        let input = vantage::planning::PlanInput {
+            mesh: &part,
+            fixture: None,
+            part_sha256: "",
+            scanner: &scanner,
+            cell: None,
+            roadmaps: None,
+        };
         let ctx = Context::new(&cancel, &Silent).with_simd_level(level);
         let outcome = vantage::planning::plan(&input, &params, &ctx).expect("a plan");
         let bytes = PlanDocument::new(&outcome, &scanner, None, Echo::default()).to_bytes();

@@ -97,7 +97,7 @@ fn thesis_row(name: &str, mesh: &Mesh, weight: f64) -> String {
     let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     (params.score.a, params.score.b, params.selection.target) = (weight, weight, 0.99);
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
     let cancel = AtomicBool::new(false);
     let plan = plan(&input, &params, &Context::new(&cancel, &Silent)).expect("a plan").plan;
     let coverage = &plan.coverage;

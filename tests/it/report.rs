@@ -13,16 +13,16 @@ use vantage::planning::candidates::{CandidateId, Label, Rejection};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Obstruction, Outcome, PartFacts, Plan,
-    PlannedView, Remedy, RemedyKind, RemedyView, SetupPlan, Stance, StopReason, Verdict, ViewId,
+    Advice, Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Obstruction, Outcome,
+    PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupPlan, Stance, StopReason, Verdict, ViewId,
 };
-use vantage::planning::report::text;
 use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
 use vantage::planning::surface::{self, Surface};
 use vantage::planning::visibility::Row;
+use vantage::report::html::{ReportInput, render};
+use vantage::report::text::text;
 use vantage::wire::echo::Echo;
-use vantage::wire::report::{ReportInput, html};
 use vantage::wire::{coverage, missed, viewpoints};
 
 use crate::support::nominal_scanner;
@@ -176,7 +176,7 @@ fn obstruction() -> Obstruction {
         without_path: 1,
         configuration: [0.1; 7],
         separation: Some(separation),
-        help: "move post, or the table away from it".into(),
+        advice: Advice::MoveObstacle("post".into()),
     }
 }
 
@@ -237,7 +237,7 @@ fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String 
     let scanner = nominal_scanner();
     let (cell_name, cycle_secs, flag) = (Some(part_name), Some(143.2), AtomicBool::new(false));
     let input = ReportInput { outcome, mesh, scanner: &scanner, cell_name, cycle_secs, part_name, echo };
-    html(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
+    render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 
 #[test]
@@ -267,11 +267,11 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         "2\u{a0}min 23\u{a0}s",
         "Hidden from the left camera",
         "coverage.csv",
-        "The largest spots, and what would cure them",
+        "The largest spots, and what would fix them",
         "12.0 × 34.5 × 6.0",
         "<b>Another tilt</b>",
         "tilt candidate 7 by 20°: measures 1013.8 mm², 75 % of it",
-        "It is no measurement",
+        "It is not a measurement",
         "not safety-rated",
     ] {
         assert!(page.contains(said), "the page lacks {said:?}");

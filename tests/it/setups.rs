@@ -23,7 +23,7 @@ fn quick(setups: u32) -> PlanParams {
 
 fn planned(mesh: &Mesh, cell: &Cell, params: &PlanParams) -> Outcome {
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell) };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell), roadmaps: None };
     plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
 }
 
@@ -75,7 +75,7 @@ fn the_same_setups_on_one_thread_and_two() {
     let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
     let [one, two] = [1, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| vantage::planning::report::text(&plan_viewpoints(&mesh, &nominal_scanner(), &quick(2)).plan))
+        pool.install(|| vantage::report::text::text(&plan_viewpoints(&mesh, &nominal_scanner(), &quick(2)).plan))
     });
     assert_eq!(one, two);
 }

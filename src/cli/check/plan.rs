@@ -1,5 +1,5 @@
-//! What a plan's document must say whoever wrote it: names of the closed lists, shares that are shares and add up, ids
-//! and sequence that fit each other; and with the cell that every station puts the scanner on its viewpoint.
+//! Checks on the document of a plan, whoever wrote it: names from closed lists, shares in range that add up, ids and sequence
+//! that are consistent; and with the cell, that every station puts the scanner on its viewpoint.
 
 use std::collections::BTreeSet;
 
@@ -10,18 +10,18 @@ use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
 use crate::program;
 use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument};
 
-/// Shares add up to within this.
-const SHARE: f64 = 1e-9;
-/// Areas, as shares of the asked area, are sums in different orders.
-const AREA: f64 = 1e-6;
-/// Angles went through degrees, °.
+/// Tolerance of sums of shares.
+const SHARE_TOLERANCE: f64 = 1e-9;
+/// Tolerance of areas, as a share of the asked area: they are sums in different orders.
+const AREA_TOLERANCE: f64 = 1e-6;
+/// Tolerance of angles, °: they were converted to degrees and back.
 const ROUNDING_DEG: f64 = 1e-6;
-/// Why a chosen view may measure nothing.
+/// Causes for which a chosen view may measure nothing.
 const REJECTED: [Cause; 3] = [Cause::Unreachable, Cause::Collision, Cause::NoPath];
-/// Sides that a view may look at.
+/// Labels of views: the side that a view looks at.
 const LABELS: [Label; 6] = [Label::Top, Label::Bottom, Label::Right, Label::Back, Label::Left, Label::Front];
 
-/// Everything that is wrong with the document.
+/// Checks the document; every finding.
 pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
     let mut findings = Findings::default();
     if let Err(errors) = document.params.check() {
@@ -52,9 +52,9 @@ fn above_zero(pointer: &str, value: f64, unit: &str, findings: &mut Findings) {
     findings.require(is_above, pointer, || format!("is {value} {unit}; allowed is above 0 {unit}"));
 }
 
-/// A share of 0 to 1, to within rounding.
+/// Requires a share of 0 to 1, within rounding.
 fn share(pointer: impl std::fmt::Display, value: f64, findings: &mut Findings) {
-    let is_share = (-SHARE..=1.0 + SHARE).contains(&value);
+    let is_share = (-SHARE_TOLERANCE..=1.0 + SHARE_TOLERANCE).contains(&value);
     findings.require(is_share, pointer, || format!("is {value}; allowed is 0 to 1"));
 }
 
@@ -85,7 +85,7 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
         ("optically_coverable_area_mm2", coverage.optically_coverable_area_mm2, asked_mm2),
     ];
     for (field, area_mm2, whole_mm2) in areas {
-        let fits = (0.0..=whole_mm2 + AREA * asked_mm2).contains(&area_mm2);
+        let fits = (0.0..=whole_mm2 + AREA_TOLERANCE * asked_mm2).contains(&area_mm2);
         findings.require(fits, format!("/coverage/{field}"), || format!("is {area_mm2} mm²; allowed is 0 to {whole_mm2} mm²"));
     }
     let shares = [("of_asked", coverage.of_asked), ("of_coverable", coverage.of_coverable), ("of_total", coverage.of_total)];
@@ -96,7 +96,7 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
         [("of_asked", coverage.of_asked, asked_mm2), ("of_coverable", coverage.of_coverable, coverage.coverable_area_mm2)]
     {
         let derived = if whole_mm2 > 0.0 { coverage.measured_area_mm2 / whole_mm2 } else { 0.0 };
-        findings.require((value - derived).abs() <= AREA, format!("/coverage/{field}"), || {
+        findings.require((value - derived).abs() <= AREA_TOLERANCE, format!("/coverage/{field}"), || {
             format!("is {value}; by measured_area_mm2 it is {derived}")
         });
     }
@@ -128,7 +128,9 @@ fn check_grades(coverage: &CoverageDocument, findings: &mut Findings) {
         share(format!("/coverage/grades/{grade}"), value, findings);
     }
     let (sum, of_asked) = (grades.a + grades.b + grades.c + grades.d, coverage.of_asked);
-    findings.require((sum - of_asked).abs() <= SHARE, "/coverage/grades", || format!("add up to {sum}; of_asked is {of_asked}"));
+    findings.require((sum - of_asked).abs() <= SHARE_TOLERANCE, "/coverage/grades", || {
+        format!("add up to {sum}; of_asked is {of_asked}")
+    });
 }
 
 fn check_curve(coverage: &CoverageDocument, findings: &mut Findings) {
@@ -136,12 +138,15 @@ fn check_curve(coverage: &CoverageDocument, findings: &mut Findings) {
     for (index, value) in coverage.curve.iter().copied().enumerate() {
         let at = format!("/coverage/curve/{index}");
         share(&at, value, findings);
-        findings.require(value >= before - SHARE, at, || format!("is {value}; allowed is the one before, {before}, and more"));
+        findings.require(value >= before - SHARE_TOLERANCE, at, || {
+            format!("is {value}; allowed is the one before, {before}, and more")
+        });
         before = value;
     }
     let of_asked = coverage.of_asked;
-    findings
-        .require((before - of_asked).abs() <= SHARE, "/coverage/curve", || format!("ends at {before}; of_asked is {of_asked}"));
+    findings.require((before - of_asked).abs() <= SHARE_TOLERANCE, "/coverage/curve", || {
+        format!("ends at {before}; of_asked is {of_asked}")
+    });
 }
 
 fn check_bound(document: &PlanDocument, findings: &mut Findings) {
@@ -174,7 +179,7 @@ fn check_views(document: &PlanDocument, findings: &mut Findings) {
     });
 }
 
-/// Where the part is turned over, each viewpoint belongs to one setup.
+/// Requires that each viewpoint belongs to exactly one setup, if the part is turned over.
 fn check_setups(document: &PlanDocument, findings: &mut Findings) {
     let mut taken = BTreeSet::new();
     for (number, setup) in document.setups.iter().enumerate() {
@@ -227,7 +232,7 @@ fn check_missed(document: &PlanDocument, findings: &mut Findings) {
     let coverage = &document.coverage;
     let left_mm2 = coverage.asked_area_mm2 - coverage.measured_area_mm2;
     let missed_mm2: f64 = document.missed.iter().fold(0.0, |sum, missed| sum + missed.area_mm2);
-    findings.require((missed_mm2 - left_mm2).abs() <= AREA * coverage.asked_area_mm2, "/missed", || {
+    findings.require((missed_mm2 - left_mm2).abs() <= AREA_TOLERANCE * coverage.asked_area_mm2, "/missed", || {
         format!("adds up to {missed_mm2} mm²; asked less measured is {left_mm2} mm²")
     });
 }

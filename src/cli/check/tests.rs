@@ -108,7 +108,7 @@ fn a_binary_file_is_refused_in_a_line() {
         let path = folder.0.path().join("part.stl");
         std::fs::write(&path, bytes).expect("writes");
         let found = check(&[&path.display().to_string()]).expect_err("refused");
-        assert!(found.ends_with("part.stl: is no TOML or JSON text"), "{found}");
+        assert!(found.ends_with("part.stl: not a TOML or JSON file"), "{found}");
     }
 }
 

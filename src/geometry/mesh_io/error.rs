@@ -1,10 +1,10 @@
-//! Why a mesh file is refused, with the place in the file.
+//! Errors in mesh files, with their position in the file.
 
 use std::{fmt, io};
 
 use crate::geometry::Interrupted;
 
-/// A place in a file: a line of a text format (from 1), a byte of a binary one (from 0).
+/// A position in a file: a line of a text format (from 1) or a byte of a binary one (from 0).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Position {
     /// Line, counted from 1.
@@ -22,132 +22,132 @@ impl fmt::Display for Position {
     }
 }
 
-/// A mesh file that cannot be read. Every variant has a stable [`code`](Self::code).
+/// Reason for which a mesh file cannot be read. Every variant has a stable [`code`](Self::code).
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// STL, OBJ and PLY do not say their unit, and none was given.
-    #[error("the file does not say its unit of length; give one of mm, cm, m, inch")]
+    /// No unit was given; STL, OBJ and PLY files do not state theirs.
+    #[error("the file does not state its unit of length; give one of mm, cm, m, inch")]
     UnitMissing,
-    /// Zero bytes.
+    /// The file is empty.
     #[error("the file is empty (0 bytes)")]
     EmptyFile,
-    /// Not one of the formats, as far as its content tells.
-    #[error("the content is not a mesh in a format that is read here: STL, OBJ or PLY")]
+    /// The content matches none of the formats.
+    #[error("the content is not a mesh in a supported format: STL, OBJ or PLY")]
     UnknownFormat,
-    /// A known format that is not read.
-    #[error("this is {format}, which is not read; {advice}")]
+    /// A known format that is not supported.
+    #[error("this is {format}, which is not supported; {advice}")]
     FormatNotRead {
-        /// What it is.
+        /// Name of the format.
         format: &'static str,
-        /// What to do instead.
+        /// Advice on what to do instead.
         advice: &'static str,
     },
-    /// Text that is not what its byte order mark says.
+    /// Text that is not valid in the encoding that its byte order mark declares.
     #[error("{at}: the text is not valid {encoding}")]
     Encoding {
-        /// Where.
+        /// Position of the invalid text.
         at: Position,
-        /// The encoding it claims.
+        /// The declared encoding.
         encoding: &'static str,
     },
-    /// Something else than the format asks for.
+    /// Content that the format does not allow at this position.
     #[error("{at}: expected {expected}, found {found}")]
     Syntax {
-        /// Where.
+        /// Position of the content.
         at: Position,
-        /// What the format asks for there.
+        /// Description of what the format requires there.
         expected: &'static str,
-        /// An excerpt of what is there.
+        /// Excerpt of what is there.
         found: String,
     },
     /// The file ends too early.
     #[error("{at}: the file ends where {expected} should follow")]
     Truncated {
-        /// The last place read.
+        /// The last position read.
         at: Position,
-        /// What is missing.
+        /// Description of what is missing.
         expected: &'static str,
     },
     /// A declared number of records does not fit into the file.
-    #[error("{at}: {declared} {what} are declared, which take at least {needed_bytes} bytes, but {present_bytes} follow")]
+    #[error("{at}: {declared} {what} are declared, which take at least {needed_bytes} bytes, but only {present_bytes} follow")]
     CountMismatch {
-        /// Where the number stands.
+        /// Position of the declared number.
         at: Position,
-        /// The number.
+        /// The declared number.
         declared: u64,
-        /// Of what.
+        /// Name of the records.
         what: String,
-        /// Bytes that so many records take at least.
+        /// Min bytes that so many records take.
         needed_bytes: u64,
-        /// Bytes there are.
+        /// Bytes that follow.
         present_bytes: u64,
     },
-    /// The file goes on after the last declared record.
-    #[error("{at}: the file goes on for {bytes} bytes after the last record that its header declares")]
+    /// Data after the last declared record.
+    #[error("{at}: {bytes} bytes follow after the last record that the header declares")]
     TrailingData {
-        /// Where the surplus begins.
+        /// Position of the first surplus byte.
         at: Position,
-        /// Its length.
+        /// Number of surplus bytes.
         bytes: u64,
     },
     /// A coordinate that is not a finite number.
     #[error("{at}: the coordinate {found} is not a finite number")]
     NotFinite {
-        /// Where.
+        /// Position of the coordinate.
         at: Position,
-        /// What is there.
+        /// Excerpt of what is there.
         found: String,
     },
-    /// A coordinate beyond any part.
+    /// A coordinate larger than any part.
     #[error("{at}: the coordinate {value_mm:e} mm is beyond ±{limit_mm:e} mm; check the file and its unit")]
     OutOfRange {
-        /// Where.
+        /// Position of the coordinate.
         at: Position,
         /// The coordinate.
         value_mm: f64,
-        /// The largest allowed.
+        /// Largest absolute value allowed.
         limit_mm: f64,
     },
     /// A face refers to a vertex that does not exist.
     #[error("{at}: a face refers to vertex {index}, but the file has {vertices} vertices{hint}")]
     BadIndex {
-        /// Where.
+        /// Position of the reference.
         at: Position,
-        /// The reference as it stands in the file.
+        /// The index as written in the file.
         index: i64,
-        /// Vertices it could refer to.
+        /// Number of vertices that it could refer to.
         vertices: usize,
-        /// How the format counts.
+        /// Note on how the format counts vertices.
         hint: &'static str,
     },
-    /// A legal file without a surface.
-    #[error("the file holds no surface to scan: {why}")]
+    /// A valid file without a surface.
+    #[error("the file has no surface to scan: {reason}")]
     NoTriangles {
-        /// What it holds instead.
-        why: &'static str,
+        /// Description of what it has instead.
+        reason: &'static str,
     },
-    /// More than the limits allow.
+    /// A limit is exceeded.
     #[error("{at}: more than {limit} {what}; simplify the mesh, or raise the limit")]
     TooLarge {
-        /// Where the limit was passed.
+        /// Position at which the limit is exceeded.
         at: Position,
-        /// Of what.
+        /// Name of the limited items.
         what: &'static str,
         /// The limit.
         limit: usize,
     },
-    /// The caller no longer wants it.
-    #[error("reading was given up before its end")]
+    /// The caller stopped the work.
+    #[error("reading was stopped before its end")]
     Interrupted,
 }
 
-/// Why there is no mesh from a source of bytes.
+/// Reason for which a source of bytes gives no mesh.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The source failed.
     #[error(transparent)]
     Io(#[from] io::Error),
-    /// What came from it is not a mesh that can be used.
+    /// The bytes are not a usable mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -181,7 +181,7 @@ impl MeshError {
         }
     }
 
-    /// Where in the file, for what has a place.
+    /// Position in the file, for errors that have one.
     #[must_use]
     pub fn position(&self) -> Option<Position> {
         match self {

@@ -1,16 +1,17 @@
-//! Mesh files: STL (binary, text), OBJ and PLY (text, both byte orders), recognised by content. What comes out is in
-//! millimetres and in the file's own axes (the part frame), welded, without degenerate triangles, with its health
-//! beside it. What is wrong is said with its line or byte; no allocation trusts a number that the file only claims.
+//! Readers of mesh files: STL (binary, ASCII), OBJ and PLY (ASCII, binary in both byte orders), told apart by their content.
+//! The mesh comes out in millimetres and in the file's own axes (the part frame), welded, without degenerate triangles,
+//! together with its health. Every error names the line or byte at fault; no allocation relies on a count that the file
+//! merely declares.
 //!
-//! Cost: linear in the size of the file; whatever takes long asks every few milliseconds whether to go on. Memory at its
-//! highest: of a binary STL file, which is read piece by piece, 65 bytes a triangle where vertices are shared by six and 135
-//! where none are; of the others the file, 28 to 88 bytes a triangle beside it, then 45 to 135 without it.
+//! Cost: linear in the size of the file; long loops poll every few milliseconds for cancellation. Peak memory: for a binary
+//! STL file, which is read in chunks, 65 bytes per triangle where six triangles share each vertex, 135 where none share any;
+//! for other formats the file and 28 to 88 bytes per triangle, then 45 to 135 bytes per triangle without the file.
 
+mod detect;
 mod error;
 mod obj;
 mod obj_groups;
 mod ply;
-mod recognise;
 mod soup;
 mod stl_ascii;
 mod stl_binary;
@@ -27,7 +28,7 @@ use super::{FaceGroup, LengthUnit, Mesh, Poll};
 pub use error::{MeshError, Position, ReadError};
 pub use stl_binary::write_stl;
 
-/// Formats that are read.
+/// Mesh formats that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
     /// Binary STL.
@@ -41,7 +42,7 @@ pub enum MeshFormat {
 }
 
 impl MeshFormat {
-    /// Name in answers and reports.
+    /// Name in responses and reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -59,10 +60,10 @@ impl fmt::Display for MeshFormat {
     }
 }
 
-/// What one file may ask for.
+/// Limits on the size of a mesh file.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Most triangles (after polygons are cut into fans), and a third of the most vertices.
+    /// Max triangles, counted after polygons are cut into fans; the max number of vertices is three times this.
     pub max_triangles: usize,
 }
 
@@ -77,40 +78,39 @@ impl Default for Limits {
 pub struct ReadMesh {
     /// The mesh, in millimetres.
     pub mesh: Mesh,
-    /// What is good and bad about it.
+    /// Counts, defects and warnings.
     pub health: MeshHealth,
-    /// What the file was.
+    /// Format of the file.
     pub format: MeshFormat,
-    /// The unit it was taken to be in.
+    /// Unit that the file's coordinates were taken to be in.
     pub unit: LengthUnit,
 }
 
-/// Bytes of a source that are taken at a time.
-const PIECE_BYTES: u64 = 1 << 20;
+/// Bytes read from a source at a time.
+const CHUNK_BYTES: u64 = 1 << 20;
 
-/// The format of `bytes`, by their content alone.
+/// Detects the format of `bytes` from their content alone.
 ///
 /// # Errors
 /// [`MeshError::EmptyFile`], [`MeshError::FormatNotRead`], [`MeshError::UnknownFormat`], [`MeshError::Encoding`].
-pub fn recognise(bytes: &[u8]) -> Result<MeshFormat, MeshError> {
+pub fn detect_format(bytes: &[u8]) -> Result<MeshFormat, MeshError> {
     let poll = Poll::never();
-    recognise::recognise(&content(bytes, &poll)?, &poll)
+    detect::detect_format(&content(bytes, &poll)?, &poll)
 }
 
-/// Reads a mesh file. `unit` is what the file is drawn in; none of the formats says it.
+/// Reads a mesh file. `unit` is the unit of its coordinates, which none of the formats states.
 ///
 /// # Errors
-/// Every variant of [`MeshError`] but [`MeshError::Interrupted`]; [`MeshError::UnitMissing`] only after the format was
-/// recognised.
+/// Every variant of [`MeshError`] except [`MeshError::Interrupted`]; [`MeshError::UnitMissing`] only once the format is known.
 pub fn read(bytes: &[u8], unit: Option<LengthUnit>, limits: &Limits) -> Result<ReadMesh, MeshError> {
     parsed(bytes, unit, limits, &Poll::never())?.finished()
 }
 
-/// Reads a mesh file of `length_bytes` from a source of its bytes, until `poll` says to stop. The file is not held in
-/// memory where its format allows that, and never beside the tables that the mesh is welded and judged with.
+/// Reads a mesh file of `length_bytes` from `source` until `poll` says to stop. The file is streamed where its format allows
+/// it, and is never held in memory together with the tables that the mesh is welded and assessed with.
 ///
 /// # Errors
-/// [`ReadError`]; [`MeshError::Interrupted`] when told to stop.
+/// [`ReadError`]; [`MeshError::Interrupted`] when `poll` says to stop.
 pub fn read_from(
     source: &mut dyn Read,
     length_bytes: u64,
@@ -124,11 +124,11 @@ pub fn read_from(
         Some(head) => {
             let unit = unit.ok_or(MeshError::UnitMissing)?;
             let mut soup = Soup::new(unit, limits, poll);
-            stl_binary::read_on(head, source, &mut soup)?;
+            stl_binary::read_records(head, source, &mut soup)?;
             Parsed { format: MeshFormat::StlBinary, unit, soup, groups: Vec::new() }
         }
         None => {
-            while Read::take(&mut *source, PIECE_BYTES).read_to_end(&mut bytes)? > 0 {
+            while Read::take(&mut *source, CHUNK_BYTES).read_to_end(&mut bytes)? > 0 {
                 poll.check().map_err(MeshError::from)?;
             }
             parsed(&bytes, unit, limits, poll)?
@@ -138,7 +138,7 @@ pub fn read_from(
     Ok(parsed.finished()?)
 }
 
-/// What a reader has made of a file, before it is welded and judged.
+/// A parsed file, before its mesh is welded and assessed.
 struct Parsed<'a> {
     format: MeshFormat,
     unit: LengthUnit,
@@ -148,7 +148,7 @@ struct Parsed<'a> {
 
 fn parsed<'a>(bytes: &[u8], unit: Option<LengthUnit>, limits: &'a Limits, poll: &'a Poll<'a>) -> Result<Parsed<'a>, MeshError> {
     let text = content(bytes, poll)?;
-    let format = recognise::recognise(&text, poll)?;
+    let format = detect::detect_format(&text, poll)?;
     let unit = unit.ok_or(MeshError::UnitMissing)?;
     let mut soup = Soup::new(unit, limits, poll);
     let groups = match format {
@@ -157,7 +157,7 @@ fn parsed<'a>(bytes: &[u8], unit: Option<LengthUnit>, limits: &'a Limits, poll: 
         MeshFormat::Obj => obj::read(&text, &mut soup, limits),
         MeshFormat::Ply => ply::read(&text, &mut soup).map(|()| Vec::new()),
     };
-    // To a reader that is told to stop, the file seems to end.
+    // Once stopped, a reader sees the file end and reports that it is truncated.
     poll.check()?;
     Ok(Parsed { format, unit, soup, groups: groups? })
 }
@@ -173,18 +173,18 @@ impl Parsed<'_> {
         let raw = soup.into_mesh(groups);
         if raw.faces.is_empty() {
             return Err(MeshError::NoTriangles {
-                why: if raw.vertices_mm.is_empty() { "it has no faces" } else { "only points" },
+                reason: if raw.vertices_mm.is_empty() { "it has no faces" } else { "it has only points" },
             });
         }
         let (mesh, health) = clean(raw, poll)?;
         if mesh.faces.is_empty() {
-            return Err(MeshError::NoTriangles { why: "every triangle is degenerate (has no area)" });
+            return Err(MeshError::NoTriangles { reason: "every triangle is degenerate (has no area)" });
         }
         Ok(ReadMesh { mesh, health, format, unit })
     }
 }
 
-/// The bytes to read: text without its byte order mark. The header of a binary STL may begin like one.
+/// The bytes to parse: text without its byte order mark. A binary STL stays as it is: its header may begin like such a mark.
 fn content<'b>(bytes: &'b [u8], poll: &Poll<'_>) -> Result<Cow<'b, [u8]>, MeshError> {
     if bytes.is_empty() {
         return Err(MeshError::EmptyFile);

@@ -1,11 +1,11 @@
-//! Wavefront OBJ: `v`, `f`, `g`, `o`; everything else of the format is about looks, curves or points and is passed over.
-//! Two passes over the text: vertices first, because a face may refer to a vertex that comes later.
+//! Wavefront OBJ: `v`, `f`, `g`, `o`; all other statements concern looks, curves or points and are skipped. Two passes over the
+//! text: vertices first, because a face may refer to a vertex that comes later.
 
 use super::Limits;
 use super::error::{MeshError, Position};
 use super::obj_groups::Groups;
 use super::soup::Soup;
-use super::text::{Lines, Tokens, coordinates, excerpt, parsed};
+use super::text::{Lines, Tokens, coordinates, excerpt, parse_token};
 use crate::geometry::FaceGroup;
 use crate::geometry::poll::Poll;
 
@@ -28,7 +28,7 @@ pub(super) fn read(text: &[u8], soup: &mut Soup<'_>, limits: &Limits) -> Result<
                     corners.push(vertex_index(word, vertices_so_far, vertices, at)? as u32);
                 }
                 if corners.len() < 3 {
-                    let found = format!("{} of them", corners.len());
+                    let found = corners.len().to_string();
                     return Err(MeshError::Syntax { at, expected: "at least three corners of a face", found });
                 }
                 groups.add(soup.next_face(), at)?;
@@ -42,7 +42,7 @@ pub(super) fn read(text: &[u8], soup: &mut Soup<'_>, limits: &Limits) -> Result<
     groups.into_face_groups()
 }
 
-/// Puts every vertex of the file into `soup`, in order. A fourth coordinate (weight) or colours may follow the three.
+/// Adds every vertex of the file to `soup`, in order. A fourth coordinate (weight) or colours after the three are ignored.
 fn read_vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let poll = soup.poll;
     let mut lines = LogicalLines::new(text, poll);
@@ -51,7 +51,7 @@ fn read_vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
         match words.next() {
             Some(b"v") => drop(soup.vertex(coordinates(&mut words, at)?, at)?),
             Some(word) if !word[0].is_ascii_alphabetic() => {
-                return Err(MeshError::Syntax { at, expected: "a keyword of OBJ", found: excerpt(word) });
+                return Err(MeshError::Syntax { at, expected: "an OBJ keyword", found: excerpt(word) });
             }
             _ => {}
         }
@@ -59,21 +59,21 @@ fn read_vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     Ok(())
 }
 
-/// Position in the file's list of vertices that the corner `v`, `v/vt`, `v//vn` or `v/vt/vn` refers to.
+/// Index, from 0, of the vertex that the corner `v`, `v/vt`, `v//vn` or `v/vt/vn` refers to.
 fn vertex_index(word: &[u8], so_far: usize, in_file: usize, at: Position) -> Result<usize, MeshError> {
     let digits = word.split(|&b| b == b'/').next().unwrap_or_default();
-    let index = parsed::<i64>(digits).ok_or_else(|| MeshError::Syntax {
+    let index = parse_token::<i64>(digits).ok_or_else(|| MeshError::Syntax {
         at,
         expected: "a corner (vertex number)",
         found: excerpt(word),
     })?;
     let (from_zero, vertices) = if index < 0 { (so_far as i64 + index, so_far) } else { (index - 1, in_file) };
-    let hint = if index < 0 { " before it (negative numbers count back)" } else { " (counted from 1)" };
+    let hint = if index < 0 { " before it (negative indices count backwards)" } else { " (counted from 1)" };
     usize::try_from(from_zero).ok().filter(|&i| i < vertices).ok_or(MeshError::BadIndex { at, index, vertices, hint })
 }
 
-/// Lines with their continuations (`\` at the end) joined, at the place of their first line. One buffer holds whichever
-/// line is joined.
+/// Lines with their continuations (`\` at the end) joined, at the position of their first line. One buffer serves every
+/// joined line.
 struct LogicalLines<'a> {
     lines: Lines<'a>,
     joined: Vec<u8>,
@@ -103,7 +103,7 @@ impl<'a> LogicalLines<'a> {
     }
 }
 
-/// The words of a line before its comment.
+/// Words of a line before its comment.
 fn words<'l>(line: &'l [u8], poll: &'l Poll<'l>) -> Tokens<'l> {
     let end = poll.position(line, |&b| b == b'#').unwrap_or(line.len());
     Tokens::of(&line[..end], poll)

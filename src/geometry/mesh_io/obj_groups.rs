@@ -1,4 +1,4 @@
-//! Named groups of an OBJ file: which are current, and which faces each has got.
+//! Named groups of an OBJ file: the current ones, and the faces of each.
 
 use super::Limits;
 use super::error::{MeshError, Position};
@@ -8,21 +8,21 @@ use crate::geometry::id_table::IdTable;
 use crate::geometry::poll::Poll;
 use crate::geometry::sort::sort_by_key;
 
-/// Most names that a file may give; each takes some hundred bytes.
+/// Max names in a file; each takes some hundred bytes.
 const MAX_NAMES: usize = 1_000_000;
-/// Longest name, in bytes.
+/// Max length of a name.
 const MAX_NAME_BYTES: usize = 1000;
 
-/// See the module.
+/// Groups of the file, and the current ones among them.
 pub(super) struct Groups<'a> {
     limits: &'a Limits,
     poll: &'a Poll<'a>,
     numbers: IdTable,
-    /// By number.
+    /// Groups, indexed by their numbers.
     found: Vec<Group>,
     object: Option<u32>,
     groups: Vec<u32>,
-    /// How often the current groups have changed.
+    /// Number of changes of the current groups so far.
     changes: u64,
     memberships: usize,
 }
@@ -30,7 +30,7 @@ pub(super) struct Groups<'a> {
 struct Group {
     name: Box<[u8]>,
     source_faces: Vec<u32>,
-    /// The change at which it was last named.
+    /// Number of the change at which it was last named.
     named_at: u64,
 }
 
@@ -42,7 +42,7 @@ impl<'a> Groups<'a> {
 
     fn number(&mut self, name: &[u8], at: Position) -> Result<u32, MeshError> {
         if name.len() > MAX_NAME_BYTES {
-            return Err(MeshError::TooLarge { at, what: "bytes of a group's name", limit: MAX_NAME_BYTES });
+            return Err(MeshError::TooLarge { at, what: "bytes in a group name", limit: MAX_NAME_BYTES });
         }
         self.poll.spend(50 + name.len())?;
         let next = self.found.len() as u32;
@@ -50,20 +50,20 @@ impl<'a> Groups<'a> {
         let number = self.numbers.id(&name, next, known, self.poll)?;
         if number == next {
             if self.found.len() >= MAX_NAMES {
-                return Err(MeshError::TooLarge { at, what: "names of groups", limit: MAX_NAMES });
+                return Err(MeshError::TooLarge { at, what: "group names", limit: MAX_NAMES });
             }
             self.found.push(Group { name: name.into(), source_faces: Vec::new(), named_at: 0 });
         }
         Ok(number)
     }
 
-    /// The object from here on; none without a name.
+    /// Sets the current object; an empty name means none.
     pub(super) fn set_object(&mut self, name: &[u8], at: Position) -> Result<(), MeshError> {
         self.object = if name.is_empty() { None } else { Some(self.number(name, at)?) };
         Ok(())
     }
 
-    /// The groups from here on.
+    /// Sets the current groups.
     pub(super) fn set_groups(&mut self, names: Tokens<'_>, at: Position) -> Result<(), MeshError> {
         self.groups.clear();
         self.changes += 1;
@@ -78,14 +78,14 @@ impl<'a> Groups<'a> {
         Ok(sort_by_key(&mut self.groups, |number| u128::from(*number), self.poll)?)
     }
 
-    /// Faces may be in many groups at once; the sum of all is limited, else a small file could ask for much memory.
+    /// Adds a face to the current groups. The sum of all memberships is limited; a small file could demand much memory otherwise.
     pub(super) fn add(&mut self, face: u32, at: Position) -> Result<(), MeshError> {
         let object = self.object.filter(|number| self.groups.binary_search(number).is_err());
         let more = self.groups.len() + usize::from(object.is_some());
         self.memberships += more;
         let limit = self.limits.max_triangles.saturating_mul(2);
         if self.memberships > limit {
-            return Err(MeshError::TooLarge { at, what: "memberships of faces in groups", limit });
+            return Err(MeshError::TooLarge { at, what: "group memberships of faces", limit });
         }
         self.poll.spend(10 * more)?;
         for &number in self.groups.iter().chain(&object) {
@@ -94,7 +94,7 @@ impl<'a> Groups<'a> {
         Ok(())
     }
 
-    /// Those that have faces.
+    /// Groups that have faces.
     pub(super) fn into_face_groups(self) -> Result<Vec<FaceGroup>, MeshError> {
         let mut groups = Vec::new();
         for group in self.found.into_iter().filter(|group| !group.source_faces.is_empty()) {

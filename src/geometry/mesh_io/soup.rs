@@ -1,4 +1,5 @@
-//! Collects the triangles of a file: coordinates to millimetres, equal vertices to one, polygons to fans, within limits.
+//! Triangle soup of a file: coordinates converted to millimetres, equal vertices welded, polygons cut into fans, all within
+//! limits.
 
 use std::hash::Hash;
 
@@ -10,12 +11,12 @@ use crate::geometry::id_table::IdTable;
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::{FaceGroup, Mesh};
 
-/// No part is larger than this (1000 km), and no sum or product below it overflows.
+/// Largest coordinate, 1000 km: no part is larger, and no sum or product of such coordinates overflows.
 const MAX_COORDINATE_MM: f64 = 1e9;
 
-/// What a reader fills. A vertex that is welded when it is added shares its number with those of exactly equal coordinates,
-/// in the order of first appearance: for formats that write every corner out. Of the others the vertices are as the
-/// file has them until [`Soup::weld_equal`], so that its text and a table of its vertices are not held together.
+/// Triangle soup that a reader fills. A vertex added by [`Soup::welded_vertex`] shares its index with the first one of exactly
+/// equal coordinates; this is for formats that write out every corner. Other vertices stay as the file has them until
+/// [`Soup::weld_equal`], so that the file's text and a table of its vertices are not held in memory together.
 pub(super) struct Soup<'a> {
     limits: &'a Limits,
     pub(super) poll: &'a Poll<'a>,
@@ -31,13 +32,13 @@ impl<'a> Soup<'a> {
         Self { limits, poll, unit_mm: unit.mm(), ids: IdTable::new(), mesh, faces_in_file: 0 }
     }
 
-    /// Number of the vertex at `xyz`, in units of the file; every call gives the next one.
+    /// Adds a vertex at `xyz`, in units of the file; returns its index.
     pub(super) fn vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<u32, MeshError> {
         let vertex_mm = self.millimetres(xyz, at)?;
         self.push(vertex_mm, at)
     }
 
-    /// The same, but the number of an exactly equal one that was welded before.
+    /// Adds a vertex like [`Soup::vertex`], unless an exactly equal one was welded before; returns the index of either.
     pub(super) fn welded_vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<u32, MeshError> {
         let vertex_mm = self.millimetres(xyz, at)?;
         self.poll.spend(80)?;
@@ -48,7 +49,7 @@ impl<'a> Soup<'a> {
     }
 
     fn millimetres(&self, xyz: [f64; 3], at: Position) -> Result<Point3<f64>, MeshError> {
-        // Adding zero makes -0 and 0 one vertex.
+        // Adding zero turns -0 into 0, so that both are one vertex.
         let xyz_mm = xyz.map(|value| value * self.unit_mm + 0.0);
         for value_mm in xyz_mm {
             if !value_mm.is_finite() {
@@ -72,7 +73,7 @@ impl<'a> Soup<'a> {
         Ok(next as u32)
     }
 
-    /// The next face of the file, as a fan of triangles around its first corner.
+    /// Adds the next face of the file, as a fan of triangles around its first corner.
     pub(super) fn face(&mut self, corners: &[u32], at: Position) -> Result<(), MeshError> {
         for pair in corners.windows(2).skip(1) {
             if self.mesh.faces.len() >= self.limits.max_triangles {
@@ -86,12 +87,12 @@ impl<'a> Soup<'a> {
         Ok(())
     }
 
-    /// Number that the next face gets.
+    /// Index that the next face of the file gets.
     pub(super) fn next_face(&self) -> u32 {
         self.faces_in_file
     }
 
-    /// How many vertices there are.
+    /// Number of vertices.
     pub(super) fn vertices(&self) -> usize {
         self.mesh.vertices_mm.len()
     }
@@ -101,9 +102,9 @@ impl<'a> Soup<'a> {
         self.weld(bits)
     }
 
-    /// Welds vertices that differ by less than a 32-bit float can say at the size of the part. For STL, which has no
-    /// vertex numbers: CAD systems write one point as 0 here and 1e-17 there, and the part would fall into pieces.
-    /// No vertex moves but onto the first one of its grid cell.
+    /// Welds vertices that differ by less than the resolution of a 32-bit float at the size of the part. This is for STL, which
+    /// has no vertex indices: CAD systems write the same point as 0 in one facet and as 1e-17 in the next, and the part would
+    /// fall to pieces. A vertex moves only onto the first one in its grid cell.
     pub(super) fn weld_float_noise(&mut self) -> Result<(), Interrupted> {
         let mut largest_mm = 0.0_f64;
         for vertex in &self.mesh.vertices_mm {
@@ -117,10 +118,10 @@ impl<'a> Soup<'a> {
         self.weld(|v| [v.x, v.y, v.z].map(|value| (value / cell_mm).round() as i64))
     }
 
-    /// Makes all vertices of one key the first of them.
+    /// Replaces each vertex by the first one with the same key.
     fn weld<K: Hash + Eq>(&mut self, key: impl Fn(&Point3<f64>) -> K) -> Result<(), Interrupted> {
         let vertices_mm = &self.mesh.vertices_mm;
-        // The table of equal vertices is not needed any more; there is room for one.
+        // The table of equal vertices is no longer needed; freeing it first leaves room for the new one.
         self.ids = IdTable::new();
         let mut cells = IdTable::for_items(vertices_mm.len());
         let mut first_of_cell = Vec::with_capacity(vertices_mm.len());
@@ -136,13 +137,13 @@ impl<'a> Soup<'a> {
         Ok(())
     }
 
-    /// What was collected; degenerate triangles and unused vertices are still in it.
+    /// The collected mesh, still with degenerate triangles and unused vertices.
     pub(super) fn into_mesh(self, groups: Vec<FaceGroup>) -> Mesh {
         Mesh { groups, ..self.mesh }
     }
 }
 
-/// Equal for equal coordinates, of which none is -0.
+/// Bits of the coordinates: the same for equal coordinates, since none is -0.
 fn bits(vertex_mm: &Point3<f64>) -> [u64; 3] {
     [vertex_mm.x, vertex_mm.y, vertex_mm.z].map(f64::to_bits)
 }

@@ -1,5 +1,5 @@
-//! ASCII STL: `solid … facet normal … outer loop … vertex …`, several solids a file, keywords in any case. Names are
-//! skipped in whatever encoding, normals are not read (exporters write nonsense for thin triangles).
+//! ASCII STL: `solid … facet normal … outer loop … vertex …`, several solids per file, keywords in any case. Names may be in
+//! any encoding and are skipped; so are normals, since exporters write nonsense for thin triangles.
 
 use super::error::{MeshError, Position};
 use super::soup::Soup;
@@ -27,7 +27,7 @@ pub(super) fn read(text: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     if in_solid { Err(MeshError::Truncated { at: words.at, expected: "\"endsolid\"" }) } else { Ok(()) }
 }
 
-/// The rest of a facet after its keyword.
+/// Reads the rest of a facet, after its keyword.
 fn facet(words: &mut Words<'_>, soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let at = words.at;
     words.skip_line();
@@ -45,7 +45,7 @@ fn facet(words: &mut Words<'_>, soup: &mut Soup<'_>) -> Result<(), MeshError> {
     soup.face(&corners, at)
 }
 
-/// The words of the file, wherever its lines break.
+/// Words of the file, regardless of line breaks.
 struct Words<'a> {
     lines: Lines<'a>,
     tokens: Tokens<'a>,

@@ -1,6 +1,6 @@
-//! Binary STL: 80 bytes of anything, a count, and 50 bytes a triangle (normal, three corners, attribute), little endian.
-//! Normals and attributes are not used: the order of the corners says which side is out. A file of many triangles is read
-//! piece by piece, so that it is never held beside the mesh.
+//! Binary STL: an arbitrary header of 80 bytes, a count, and 50 bytes per triangle (normal, three corners, attribute), little
+//! endian. Normals and attributes are ignored: the order of the corners defines the outer side. A file of many triangles is
+//! read in chunks, so that it is never held in memory together with the mesh.
 
 use std::io::{ErrorKind, Read};
 
@@ -16,10 +16,10 @@ pub(super) const HEAD_BYTES: usize = 84;
 const RECORD_BYTES: usize = 50;
 const CORNERS_AT: usize = 12;
 const HEADER: &[u8] = b"binary STL by vantage, millimetres";
-/// Records that are read at a time.
+/// Records read at a time.
 const RECORDS_AT_ONCE: usize = 1024;
 
-/// Whether the count fits a file of so many bytes exactly.
+/// Returns true if a file of `length_bytes` has exactly the triangles that its `head` declares.
 pub(super) fn length_fits(head: &[u8], length_bytes: u64) -> bool {
     declared(head).is_some_and(|count| needed_bytes(count) == length_bytes)
 }
@@ -33,8 +33,8 @@ pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     add(&records[..count as usize], HEAD_BYTES as u64, soup)
 }
 
-/// Reads every triangle of what follows `head`.
-pub(super) fn read_on(head: &[u8; HEAD_BYTES], source: &mut dyn Read, soup: &mut Soup<'_>) -> Result<(), ReadError> {
+/// Reads every triangle that follows `head` in `source`.
+pub(super) fn read_records(head: &[u8; HEAD_BYTES], source: &mut dyn Read, soup: &mut Soup<'_>) -> Result<(), ReadError> {
     let mut at = HEAD_BYTES as u64;
     let mut left = declared(head).map_or(0, |count| count as usize);
     let mut buffer = vec![[0; RECORD_BYTES]; RECORDS_AT_ONCE.min(left)];
@@ -50,7 +50,7 @@ pub(super) fn read_on(head: &[u8; HEAD_BYTES], source: &mut dyn Read, soup: &mut
     Ok(())
 }
 
-/// Adds the triangles of records, of which the first begins at byte `first`.
+/// Adds the triangles of `records`, the first of which begins at byte `first`.
 fn add(records: &[[u8; RECORD_BYTES]], first: u64, soup: &mut Soup<'_>) -> Result<(), MeshError> {
     for (record, at) in records.iter().zip((first..).step_by(RECORD_BYTES)) {
         let mut corners = [0; 3];
@@ -64,8 +64,8 @@ fn add(records: &[[u8; RECORD_BYTES]], first: u64, soup: &mut Soup<'_>) -> Resul
     Ok(())
 }
 
-/// Writes `mesh` as binary STL in millimetres. Coordinates are rounded to 32 bits, as the format has it; groups and
-/// file faces are not kept. The format ends at 2³² − 1 triangles.
+/// Writes `mesh` as binary STL in millimetres. Coordinates are rounded to 32 bits, as the format requires; groups and source
+/// faces are lost. The format holds up to 2³² − 1 triangles; any beyond that are dropped.
 #[must_use]
 pub fn write_stl(mesh: &Mesh) -> Vec<u8> {
     let count = u32::try_from(mesh.faces.len()).unwrap_or(u32::MAX);
@@ -91,7 +91,7 @@ fn needed_bytes(count: u32) -> u64 {
     HEAD_BYTES as u64 + u64::from(count) * RECORD_BYTES as u64
 }
 
-/// Nothing is allocated or read before the count is known to fit. Less than a record of surplus is padding.
+/// Checks the declared count before anything is read or allocated. A surplus shorter than a record is padding.
 fn check_length(bytes: &[u8], count: u32) -> Result<(), MeshError> {
     let (needed, present) = (needed_bytes(count), bytes.len() as u64);
     let payload = |length: u64| length.saturating_sub(HEAD_BYTES as u64);

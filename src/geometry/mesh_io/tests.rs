@@ -35,7 +35,7 @@ fn stl_text(mesh: &Mesh) -> String {
     text + "endsolid test\n"
 }
 
-/// `encoding` as in the header.
+/// A PLY file; `encoding` as in the header.
 fn ply(vertices: &[[f64; 3]], faces: &[Vec<u32>], encoding: &str) -> Vec<u8> {
     let mut bytes = format!(
         "ply\nformat {encoding} 1.0\ncomment test\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
@@ -187,7 +187,7 @@ fn limits_hold() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_its_place() {
+fn errors_name_their_position() {
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for (text, expected) in [
         ("v 0 0 0\nv 1 nan 0\nf 1 2 1\n", ("mesh_not_finite", Some(Position::Line(2)))),

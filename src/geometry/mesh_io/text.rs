@@ -1,6 +1,6 @@
-//! Text of mesh files as bytes: lines ended by LF, CRLF or CR, tokens between white space, numbers. Bytes rather than
-//! `str`, because names in real files are in any encoding; only what is parsed must be ASCII. Once told to stop, lines and
-//! tokens end; the caller of the reader says why.
+//! Text of mesh files as bytes: lines ended by LF, CRLF or CR, tokens separated by white space, numbers. Bytes rather than
+//! `str`, because names in real files come in any encoding; only what is parsed must be ASCII. Once the poll says to stop,
+//! lines and tokens end; the reader's caller then reports the interruption.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -8,10 +8,10 @@ use std::str::FromStr;
 use super::error::{MeshError, Position};
 use crate::geometry::poll::Poll;
 
-/// Longest number, in bytes; more is not a number that anybody wrote.
+/// Max length of a number; nobody writes longer ones.
 const MAX_NUMBER_BYTES: usize = 1000;
 
-/// One line without its end, and its number counted from 1.
+/// A line without its terminator, and its number, counted from 1.
 #[derive(Clone, Copy)]
 pub(super) struct Line<'a> {
     pub(super) number: u64,
@@ -29,7 +29,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// The lines of `bytes`, numbered from `first`.
+/// Iterator over numbered lines.
 #[derive(Clone)]
 pub(super) struct Lines<'a> {
     rest: &'a [u8],
@@ -42,17 +42,17 @@ impl<'a> Lines<'a> {
         Self { rest: bytes, number: first - 1, poll }
     }
 
-    /// Number of the line last given out.
+    /// Position of the line returned last.
     pub(super) fn at(&self) -> Position {
         Position::Line(self.number)
     }
 
-    /// The same as a number, 0 before the first.
+    /// Number of the line returned last; 0 before the first.
     pub(super) fn number(&self) -> u64 {
         self.number
     }
 
-    /// What follows the line last given out.
+    /// Bytes after the line returned last.
     pub(super) fn rest(&self) -> &'a [u8] {
         self.rest
     }
@@ -74,7 +74,7 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Words between white space.
+/// Iterator over words separated by white space.
 #[derive(Clone)]
 pub(super) struct Tokens<'a> {
     rest: &'a [u8],
@@ -86,7 +86,7 @@ impl<'a> Tokens<'a> {
         Self { rest: text, poll }
     }
 
-    /// What follows the token last given out, trimmed.
+    /// Bytes after the token returned last, trimmed.
     pub(super) fn rest(&self) -> &'a [u8] {
         self.rest.trim_ascii()
     }
@@ -106,18 +106,18 @@ impl<'a> Iterator for Tokens<'a> {
     }
 }
 
-/// The value of a decimal number; NaN and infinities pass, for the caller to judge where they matter.
+/// Parses a decimal number. NaN and infinities are accepted; callers reject them where they matter.
 pub(super) fn number(token: &[u8], at: Position) -> Result<f64, MeshError> {
-    parsed(token).ok_or_else(|| MeshError::Syntax { at, expected: "a number", found: excerpt(token) })
+    parse_token(token).ok_or_else(|| MeshError::Syntax { at, expected: "a number", found: excerpt(token) })
 }
 
-/// The value of a token, unless it is none or too long to be a number.
-pub(super) fn parsed<T: FromStr>(token: &[u8]) -> Option<T> {
+/// Parses a token; `None` if it is malformed or too long.
+pub(super) fn parse_token<T: FromStr>(token: &[u8]) -> Option<T> {
     let token = Some(token).filter(|token| token.len() <= MAX_NUMBER_BYTES)?;
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
-/// Three coordinates, each finite.
+/// Parses three finite coordinates.
 pub(super) fn coordinates<'a>(tokens: &mut impl Iterator<Item = &'a [u8]>, at: Position) -> Result<[f64; 3], MeshError> {
     let mut xyz = [0.0; 3];
     for value in &mut xyz {
@@ -131,18 +131,18 @@ pub(super) fn coordinates<'a>(tokens: &mut impl Iterator<Item = &'a [u8]>, at: P
     Ok(xyz)
 }
 
-/// A short printable quotation of file content.
+/// A short, printable quotation of file content.
 pub(super) fn excerpt(bytes: &[u8]) -> String {
-    const LONGEST: usize = 40;
+    const MAX_BYTES: usize = 40;
     if bytes.is_empty() {
         return "nothing".into();
     }
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(LONGEST)]);
-    let more = if bytes.len() > LONGEST { "…" } else { "" };
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_BYTES)]);
+    let more = if bytes.len() > MAX_BYTES { "…" } else { "" };
     format!("\"{}{more}\"", text.escape_debug())
 }
 
-/// The text without its byte order mark; UTF-16 with one becomes UTF-8.
+/// Removes the byte order mark; text in UTF-16 with such a mark is converted to UTF-8.
 pub(super) fn without_byte_order_mark<'b>(bytes: &'b [u8], poll: &Poll<'_>) -> Result<Cow<'b, [u8]>, MeshError> {
     match bytes {
         [0xEF, 0xBB, 0xBF, text @ ..] => Ok(Cow::Borrowed(text)),

@@ -1,31 +1,31 @@
 //! Vertex clustering: every vertex moves to the representative of its grid cell, triangles that span fewer than three
-//! cells vanish, equal triangles merge.
+//! cells collapse, equal triangles merge.
 
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
-use super::{Drawn, FaceLists, NOT_DRAWN};
+use super::{FaceLists, NOT_DRAWN, Simplified};
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::{Aabb, Mesh};
 
-/// Cells along the longest edge are searched below this; three such indices fit a 64-bit key.
+/// Upper limit of the search for the number of cells along the longest edge; three such indices fit a 64-bit key.
 const MAX_CELLS: u64 = 1 << 20;
-/// A quadric's direction counts when its eigenvalue is above this share of the largest: flatter ones carry no shape.
+/// A quadric's direction counts when its eigenvalue is above this share of the largest; along flatter ones there is no shape.
 const EIGEN_FLOOR: f64 = 1e-3;
 
-/// Faces of a cluster that are looked at for a triangle that vanished there. Clusters have about six; one has more where
-/// many faces share a corner.
-const MAX_LOOKED_AT: usize = 64;
-/// Stands for no cluster.
+/// Max faces of a cluster that are tested for a triangle that collapsed there. Clusters have about six faces; one has more
+/// where many faces share a corner.
+const MAX_TESTED_FACES: usize = 64;
+/// Number that stands for no cluster.
 const NONE: u32 = u32::MAX;
 
-/// Thins `mesh` to at most `max_triangles` by the finest grid that allows it.
-pub(super) fn decimate(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Drawn, Interrupted> {
+/// Simplifies `mesh` to at most `max_triangles` faces with the finest grid that allows it.
+pub(super) fn decimate(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Simplified, Interrupted> {
     let grid = finest_grid(mesh, max_triangles, poll)?;
     let clusters = Clusters::gather(mesh, &grid, poll)?;
     let (faces, mut face_of_triangle) = surviving_faces(mesh, &clusters, poll)?;
-    adopt_vanished(mesh, &clusters, &faces, &mut face_of_triangle, poll)?;
+    assign_collapsed(mesh, &clusters, &faces, &mut face_of_triangle, poll)?;
     Ok(compact(&clusters.positions(mesh, &grid, poll)?, faces, face_of_triangle))
 }
 
@@ -56,7 +56,7 @@ impl Grid {
     }
 }
 
-/// The largest number of cells along the longest edge, to within a fiftieth, at which at most `max_triangles` survive.
+/// Grid with the max number of cells along the longest edge, to within 2 %, at which at most `max_triangles` survive.
 fn finest_grid(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Grid, Interrupted> {
     poll.check()?;
     let aabb = mesh.aabb();
@@ -77,7 +77,7 @@ fn finest_grid(mesh: &Mesh, max_triangles: usize, poll: &Poll<'_>) -> Result<Gri
     Ok(Grid::over(&aabb, low))
 }
 
-/// Triangles that span three cells, equal ones counted each: never fewer than what remains. `keys` is room for the cells.
+/// Number of triangles that span three cells, duplicates included: an upper bound on what remains. `keys` is scratch space.
 fn survivors(mesh: &Mesh, grid: &Grid, keys: &mut Vec<u64>, poll: &Poll<'_>) -> Result<usize, Interrupted> {
     keys.clear();
     for vertex in &mesh.vertices_mm {
@@ -96,7 +96,7 @@ fn distinct<T: PartialEq>([a, b, c]: [T; 3]) -> bool {
     a != b && b != c && a != c
 }
 
-/// The cells that surviving faces have a corner in.
+/// Cells in which surviving faces have a corner.
 struct Clusters {
     /// Cluster of each vertex, [`NONE`] where no surviving face has a corner.
     of_vertex: Vec<u32>,
@@ -161,7 +161,7 @@ impl Clusters {
     }
 }
 
-/// Σ (n·(x − p))², n weighted by area, about the mean of the vertices.
+/// Quadric error Σ (n·(x − p))², n weighted by area, with the mean of the vertices.
 #[derive(Clone, Default)]
 struct Quadric {
     a: Matrix3<f64>,
@@ -181,7 +181,7 @@ impl Quadric {
         self.b += normal * normal.dot(&p);
     }
 
-    /// The least-squares point nearest to the mean vertex: directions that no plane fixes keep the mean's coordinate.
+    /// Least-squares point nearest to the mean vertex: directions that no plane constrains keep the mean's coordinate.
     fn minimum(&self) -> Vector3<f64> {
         let mean = self.vertex_sum / self.vertices;
         let residual = self.b - self.a * mean;
@@ -196,14 +196,14 @@ impl Quadric {
     }
 }
 
-/// Faces as cluster triples, equal ones (same winding) merged, and which of them each triangle became.
+/// Faces as triples of clusters, equal ones (same winding) merged, and for each triangle the face that it became.
 fn surviving_faces(mesh: &Mesh, clusters: &Clusters, poll: &Poll<'_>) -> Result<(Vec<[u32; 3]>, Vec<u32>), Interrupted> {
     let mut faces = Vec::new();
     let mut by_corners = HashMap::new();
     let mut face_of_triangle = vec![NOT_DRAWN; mesh.faces.len()];
     for (triangle, corners) in mesh.faces.iter().enumerate() {
         poll.spend(30)?;
-        // One without a cluster does not span three, or it would have made them.
+        // A triangle with a corner outside every cluster does not span three cells; else its cells would be clusters.
         let corners = clusters.of_face(corners);
         if distinct(corners) {
             let corners = lowest_first(corners);
@@ -216,7 +216,7 @@ fn surviving_faces(mesh: &Mesh, clusters: &Clusters, poll: &Poll<'_>) -> Result<
     Ok((faces, face_of_triangle))
 }
 
-/// The triangle beginning at its lowest index, winding kept.
+/// The triangle rotated to begin at its lowest index; its winding is kept.
 fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
     match a.min(b).min(c) {
         low if low == a => [a, b, c],
@@ -225,9 +225,9 @@ fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
     }
 }
 
-/// Gives each vanished triangle to the surviving one at the same cluster that faces most nearly its way; of very many, of
-/// some spread evenly over them.
-fn adopt_vanished(
+/// Assigns each collapsed triangle to the surviving face at one of its clusters whose normal is closest to its own. Of very
+/// many faces, an evenly spread subset is tested.
+fn assign_collapsed(
     mesh: &Mesh,
     clusters: &Clusters,
     faces: &[[u32; 3]],
@@ -243,28 +243,28 @@ fn adopt_vanished(
     let at_cluster = FaceLists::around(faces, clusters.first_vertex.len());
     let around = |cluster: u32| {
         let all = if cluster == NONE { &[] } else { at_cluster.of(cluster as usize) };
-        all.iter().copied().step_by(all.len().div_ceil(MAX_LOOKED_AT).max(1))
+        all.iter().copied().step_by(all.len().div_ceil(MAX_TESTED_FACES).max(1))
     };
-    for (triangle, adopted) in face_of_triangle.iter_mut().enumerate().filter(|(_, face)| **face == NOT_DRAWN) {
+    for (triangle, assigned) in face_of_triangle.iter_mut().enumerate().filter(|(_, face)| **face == NOT_DRAWN) {
         let normal = mesh.scaled_normal(triangle);
         let agreement = |face: u32| normals[face as usize].map_or(-1.0, |n| n.dot(&normal));
         let mut best = None;
         for face in clusters.of_face(&mesh.faces[triangle]).into_iter().flat_map(around) {
             poll.spend(5)?;
             let found = (agreement(face), face);
-            // The lower number of two that agree alike.
+            // On ties the lower index, so that the result does not depend on the order.
             let is_better = |best: (f64, u32)| found.0.total_cmp(&best.0).then(best.1.cmp(&found.1)).is_gt();
             if best.is_none_or(is_better) {
                 best = Some(found);
             }
         }
-        *adopted = best.map_or(NOT_DRAWN, |(_, face)| face);
+        *assigned = best.map_or(NOT_DRAWN, |(_, face)| face);
     }
     Ok(())
 }
 
-/// Leaves out the clusters that no face uses.
-fn compact(all_positions_mm: &[[f32; 3]], mut faces: Vec<[u32; 3]>, face_of_triangle: Vec<u32>) -> Drawn {
+/// Drops the clusters that no face uses.
+fn compact(all_positions_mm: &[[f32; 3]], mut faces: Vec<[u32; 3]>, face_of_triangle: Vec<u32>) -> Simplified {
     let mut renamed = vec![u32::MAX; all_positions_mm.len()];
     let mut positions_mm = Vec::new();
     for corner in faces.iter_mut().flatten() {
@@ -275,5 +275,5 @@ fn compact(all_positions_mm: &[[f32; 3]], mut faces: Vec<[u32; 3]>, face_of_tria
         }
         *corner = *name;
     }
-    Drawn { positions_mm, faces, face_of_triangle }
+    Simplified { positions_mm, faces, face_of_triangle }
 }

@@ -1,8 +1,8 @@
-//! A [`Preview`] as binary glTF 2.0 (Khronos, *glTF 2.0 Specification*, 2021, chapters 3 and 4.4). Positions are the
-//! part's own millimetres; the one node turns them to the metres and the +Y up that glTF asks for, so that any viewer
-//! shows the part upright and in its size.
+//! A [`Preview`] as binary glTF 2.0 (Khronos, *glTF 2.0 Specification*, 2021, chapters 3 and 4.4). Positions are in the
+//! part's own millimetres; the single node converts them to metres and +Y up as glTF requires, so that any viewer shows the
+//! part upright and to scale.
 //!
-//! The way back to the file: `meshes[0].primitives[0].extras.source_faces` names two scalar accessors. Face `i` of the
+//! Link to the uploaded file: `meshes[0].primitives[0].extras.source_faces` names two scalar accessors. Face `i` of the
 //! preview stands for the file's faces `faces[offsets[i] .. offsets[i + 1]]`.
 
 use serde_json::{Value, json};
@@ -17,10 +17,10 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-/// Column-major: millimetres, +z up to metres, +y up.
+/// Column-major matrix from millimetres and +z up to metres and +y up.
 const METRES_Y_UP: [f64; 16] = [0.001, 0.0, 0.0, 0.0, 0.0, 0.0, -0.001, 0.0, 0.0, 0.001, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
-/// The bytes of a `.glb` file. Same preview, same bytes.
+/// Bytes of a `.glb` file; equal previews give equal bytes.
 #[must_use]
 pub fn glb(preview: &Preview) -> Vec<u8> {
     let mut binary = Vec::new();
@@ -34,14 +34,14 @@ pub fn glb(preview: &Preview) -> Vec<u8> {
     container(document.to_string().into_bytes(), binary)
 }
 
-/// Appends four-byte components and says how many bytes they are.
+/// Appends four-byte components; returns their length in bytes.
 fn append(binary: &mut Vec<u8>, components: impl Iterator<Item = [u8; 4]>) -> usize {
     let before = binary.len();
     binary.extend(components.flatten());
     binary.len() - before
 }
 
-/// glTF allows no accessor of length 0.
+/// Document of an empty mesh: glTF does not allow accessors of length 0.
 fn empty_document() -> Value {
     json!({ "asset": asset(), "scene": 0, "scenes": [{}] })
 }
@@ -94,7 +94,7 @@ fn bounds(positions_mm: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
     positions_mm.iter().fold(([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]), join)
 }
 
-/// Header, JSON chunk padded with spaces, binary chunk padded with zeros, all to four bytes.
+/// GLB container: header, JSON chunk padded with spaces, binary chunk padded with zeros, each to a multiple of four bytes.
 fn container(mut json: Vec<u8>, mut binary: Vec<u8>) -> Vec<u8> {
     json.resize(json.len().next_multiple_of(4), b' ');
     binary.resize(binary.len().next_multiple_of(4), 0);

@@ -10,7 +10,7 @@ fn preview(mesh: &Mesh, max_triangles: usize) -> Preview {
     super::preview(mesh, max_triangles, &Poll::never()).expect("not interrupted")
 }
 
-/// A sphere of quads cut in two: `2·n` meridians, `n` rings of faces, each quad one face of the "file".
+/// A sphere of quads, each cut into two triangles: `2·n` meridians, `n` rings of faces, each quad one face of the "file".
 fn sphere(radius_mm: f64, n: u32) -> Mesh {
     let point = |ring: u32, meridian: u32| {
         let (polar, azimuth) =

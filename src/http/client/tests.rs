@@ -1,4 +1,4 @@
-//! Whose request it is, behind proxies and in front of them.
+//! Clients of requests that come directly and through proxies.
 
 use axum::http::Request;
 
@@ -17,14 +17,14 @@ fn client(peer: &str, headers: &[(&str, &str)]) -> Client {
         request = request.header(*name, *value);
     }
     let (parts, ()) = request.body(()).expect("a request").into_parts();
-    Client::of(&parts, &[ip(PROXY), ip(INNER)])
+    Client::from_parts(&parts, &[ip(PROXY), ip(INNER)])
 }
 
 #[test]
 fn the_last_address_that_is_not_a_proxy_counts() {
     for (forwarded, address) in [
         ("192.168.1.7", "192.168.1.7"),
-        // What the client wrote itself stands first.
+        // The client's own entry comes first.
         ("1.1.1.1, 192.168.1.7", "192.168.1.7"),
         ("192.168.1.7, 10.0.0.1", "192.168.1.7"),
         ("192.168.1.7:4711", "192.168.1.7"),
@@ -33,7 +33,7 @@ fn the_last_address_that_is_not_a_proxy_counts() {
         ("[2001:db8::1]:4711", "2001:db8::1"),
         ("::ffff:192.168.1.7", "192.168.1.7"),
         ("10.0.0.1", "10.0.0.1"),
-        // Nobody is believed beyond what cannot be read.
+        // Entries before an unreadable one are not trusted.
         ("192.168.1.7, unknown", INNER),
         ("192.168.1.7, _hidden, 10.0.0.1", "10.0.0.1"),
         ("", INNER),

@@ -1,28 +1,28 @@
-//! Names that are ours, names that are not, and requests that name none or two.
+//! Our own names, foreign names, and requests that name no host or two.
 
 use axum::body::Body;
 
 use super::*;
 use crate::http::ApiKey;
 
-fn options(hosts: &[&str], key: bool) -> Options {
+fn options(hosts: &[&str], key: bool) -> ServerOptions {
     let key: Option<ApiKey> = key.then(|| serde_json::from_value("0123456789abcdef".into()).expect("a key"));
-    Options { hosts: hosts.iter().map(|host| (*host).to_owned()).collect(), api_key: key, ..Options::for_tests() }
+    ServerOptions { hosts: hosts.iter().map(|host| (*host).to_owned()).collect(), api_key: key, ..ServerOptions::for_tests() }
 }
 
-fn answer(version: Version, uri: &str, hosts: &[&str], options: &Options) -> Result<(), Code> {
+fn answer(version: Version, uri: &str, hosts: &[&str], options: &ServerOptions) -> Result<(), Code> {
     let mut request = Request::builder().version(version).uri(uri);
     for host in hosts {
         request = request.header(HOST, *host);
     }
-    is_for_us(&request.body(Body::empty()).expect("a request"), options).map_err(|problem| problem.code())
+    check_host(&request.body(Body::empty()).expect("a request"), options).map_err(|error| error.code())
 }
 
 const REFUSED: Result<(), Code> = Err(Code::HostNotAllowed);
 const BAD: Result<(), Code> = Err(Code::BadRequest);
 
 #[track_caller]
-fn assert_hosts(options: &Options, expected: Result<(), Code>, hosts: &[&str]) {
+fn assert_hosts(options: &ServerOptions, expected: Result<(), Code>, hosts: &[&str]) {
     for host in hosts {
         assert_eq!(answer(Version::HTTP_11, "/", &[host], options), expected, "{host:?}");
     }
@@ -67,7 +67,7 @@ fn a_request_says_once_which_host_it_is_for() {
         (Version::HTTP_11, "http://localhost/", &["evil.example"], BAD),
         (Version::HTTP_11, "http://evil.example/", &["localhost"], BAD),
         (Version::HTTP_11, "http://evil.example/", &["evil.example"], REFUSED),
-        // HTTP/1.0 is what simple health checks speak; no browser does.
+        // Simple health checks speak HTTP/1.0; no browser does.
         (Version::HTTP_10, "/", &[], Ok(())),
         (Version::HTTP_10, "/", &["evil.example"], REFUSED),
         (Version::HTTP_2, "http://localhost:8080/", &[], Ok(())),

@@ -1,4 +1,4 @@
-//! What happens to jobs, as it happens.
+//! Live events of jobs.
 
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
@@ -6,38 +6,38 @@ use axum::response::Response;
 
 use super::job_id;
 use crate::http::client::Client;
-use crate::http::events::answer;
+use crate::http::events::event_stream;
 use crate::http::extract::Params;
-use crate::http::problem::Problem;
-use crate::http::router::Site;
+use crate::http::problem::ApiError;
+use crate::http::router::ApiState;
 
 /// Follow all jobs
 ///
-/// Server-sent events, from now on or from after `Last-Event-ID`. `event` is what happened: `queued`, `started`,
-/// `progress`, `cancelling`, `succeeded`, `failed`, `cancelled`, `deleted`; `data` is a `JobEvent`. `reset` says that
-/// events after the given one are no longer kept: read the list anew.
+/// Server-sent events, from now on or resumed after `Last-Event-ID`. `event` is `queued`, `started`, `progress`,
+/// `cancelling`, `succeeded`, `failed`, `cancelled` or `deleted`; `data` is a `JobEvent` as JSON. The event `reset` means
+/// that events after the given id are no longer stored: reload the list.
 #[utoipa::path(
     get,
     path = "/events",
     tag = "events",
     operation_id = "follow_all",
-    params(("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event seen.")),
-    responses((status = 200, description = "The stream; it does not end.", content_type = "text/event-stream",
+    params(("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event that the client saw.")),
+    responses((status = 200, description = "The event stream; it does not end.", content_type = "text/event-stream",
         body = inline(super::super::openapi::ServerSentEvent)))
 )]
 pub(in crate::http) async fn all(
-    State(site): State<Site>,
+    State(state): State<ApiState>,
     client: Client,
     headers: HeaderMap,
     params: Params,
-) -> Result<Response, Problem> {
-    params.end()?;
-    answer(&site, client, None, &headers).await
+) -> Result<Response, ApiError> {
+    params.deny_unknown()?;
+    event_stream(&state, client, None, &headers).await
 }
 
 /// Follow a job to its end
 ///
-/// Server-sent events, from the job's beginning or from after `Last-Event-ID`; the stream ends with the job.
+/// Server-sent events, from the job's beginning or resumed after `Last-Event-ID`; the stream ends with the job.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/events",
@@ -45,21 +45,21 @@ pub(in crate::http) async fn all(
     operation_id = "follow_job",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job."),
-        ("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event seen."),
+        ("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event that the client saw."),
     ),
     responses(
-        (status = 200, description = "The stream.", content_type = "text/event-stream",
+        (status = 200, description = "The event stream.", content_type = "text/event-stream",
         body = inline(super::super::openapi::ServerSentEvent)),
-        (status = 204, description = "The job has ended and all its events were seen."),
+        (status = 204, description = "The job has ended and the client has seen all its events."),
     )
 )]
 pub(in crate::http) async fn of_job(
-    State(site): State<Site>,
+    State(state): State<ApiState>,
     Path(id): Path<String>,
     client: Client,
     headers: HeaderMap,
     params: Params,
-) -> Result<Response, Problem> {
-    params.end()?;
-    answer(&site, client, Some(job_id(&id)?), &headers).await
+) -> Result<Response, ApiError> {
+    params.deny_unknown()?;
+    event_stream(&state, client, Some(job_id(&id)?), &headers).await
 }

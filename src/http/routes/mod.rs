@@ -1,4 +1,4 @@
-//! One file a resource: read the request, ask the service, write the answer.
+//! Handlers, one file per resource: read the request, call the service, write the response.
 
 pub(super) mod events;
 pub(super) mod jobs;
@@ -20,47 +20,47 @@ use axum::response::{IntoResponse, Response};
 
 use futures_util::stream;
 
-use super::extract::is_known;
-use super::problem::{Code, Problem};
+use super::extract::etag_matches;
+use super::problem::{ApiError, Code};
 use crate::wire::{JobId, MeshId};
 
-/// The id in a path. What is no id names nothing.
-fn mesh_id(text: &str) -> Result<MeshId, Problem> {
-    text.parse().map_err(|_| Problem::new(Code::MeshNotFound, format!("{text:?} is not the id of a mesh")))
+/// Parses the mesh id in a path. A malformed id is answered like an unknown one.
+fn mesh_id(text: &str) -> Result<MeshId, ApiError> {
+    text.parse().map_err(|_| ApiError::new(Code::MeshNotFound, format!("{text:?} is not the id of a mesh")))
 }
 
-/// The id in a path. What is no id names nothing.
-fn job_id(text: &str) -> Result<JobId, Problem> {
-    text.parse().map_err(|_| Problem::new(Code::JobNotFound, format!("{text:?} is not the id of a job")))
+/// Parses the job id in a path. A malformed id is answered like an unknown one.
+fn job_id(text: &str) -> Result<JobId, ApiError> {
+    text.parse().map_err(|_| ApiError::new(Code::JobNotFound, format!("{text:?} is not the id of a job")))
 }
 
-/// Headers of what never changes: its tag is the hash of its bytes.
+/// Headers of an immutable resource: its tag is the hash of its bytes.
 fn immutable(sha256: &str, media_type: &'static str) -> [(axum::http::HeaderName, HeaderValue); 3] {
-    // Hexadecimal digits are a proper header value.
+    // Hexadecimal digits are a valid header value.
     let etag = HeaderValue::from_str(&format!("\"{sha256}\"")).unwrap_or(HeaderValue::from_static("\"\""));
-    let lasting = HeaderValue::from_static("private, max-age=31536000, immutable");
-    [(ETAG, etag), (CACHE_CONTROL, lasting), (CONTENT_TYPE, HeaderValue::from_static(media_type))]
+    let cache_control = HeaderValue::from_static("private, max-age=31536000, immutable");
+    [(ETAG, etag), (CACHE_CONTROL, cache_control), (CONTENT_TYPE, HeaderValue::from_static(media_type))]
 }
 
-/// The answer to a client that has the newest version, if it has.
+/// The 304 response, if the client has the current version.
 fn not_modified(headers: &HeaderMap, sha256: &str) -> Option<Response> {
     let etag = format!("\"{sha256}\"");
-    is_known(headers, &etag).then(|| (StatusCode::NOT_MODIFIED, [(ETAG, etag)], Body::empty()).into_response())
+    etag_matches(headers, &etag).then(|| (StatusCode::NOT_MODIFIED, [(ETAG, etag)], Body::empty()).into_response())
 }
 
-/// Bytes of a file that are read at a time, on a thread that may block.
-const PIECE_BYTES: usize = 256 * 1024;
+/// Size of a chunk of a file, bytes; each is read on a thread that may block.
+const CHUNK_BYTES: usize = 256 * 1024;
 
-/// A body that is read while it is sent: it takes one piece of memory, and no thread while the client is slow.
+/// A body that is read while it is sent: it holds one chunk in memory, and no thread while the client is slow.
 fn streamed(reader: Box<dyn Read + Send>) -> Body {
     Body::from_stream(stream::try_unfold(reader, |reader| async move {
-        let (piece, reader) = tokio::task::spawn_blocking(move || next_piece(reader)).await.map_err(io::Error::other)??;
-        Ok::<_, io::Error>((!piece.is_empty()).then_some((piece, reader)))
+        let (chunk, reader) = tokio::task::spawn_blocking(move || next_chunk(reader)).await.map_err(io::Error::other)??;
+        Ok::<_, io::Error>((!chunk.is_empty()).then_some((chunk, reader)))
     }))
 }
 
-fn next_piece(mut reader: Box<dyn Read + Send>) -> io::Result<(Bytes, Box<dyn Read + Send>)> {
-    let mut piece = Vec::with_capacity(PIECE_BYTES);
-    reader.by_ref().take(PIECE_BYTES as u64).read_to_end(&mut piece)?;
-    Ok((piece.into(), reader))
+fn next_chunk(mut reader: Box<dyn Read + Send>) -> io::Result<(Bytes, Box<dyn Read + Send>)> {
+    let mut chunk = Vec::with_capacity(CHUNK_BYTES);
+    reader.by_ref().take(CHUNK_BYTES as u64).read_to_end(&mut chunk)?;
+    Ok((chunk.into(), reader))
 }

@@ -1,6 +1,6 @@
 //! Hardware specifications: four collections with the same routes.
 
-/// The routes of one collection.
+/// Defines the routes of one collection.
 macro_rules! collection {
     ($module:ident, $spec:ident, $variant:ident, $one:literal, $list_path:literal, $item_path:literal, [$list_id:literal, $get_id:literal, $put_id:literal, $delete_id:literal]) => {
         #[doc = concat!("Routes of ", $list_path, ".")]
@@ -11,9 +11,9 @@ macro_rules! collection {
             use axum::response::{IntoResponse, Response};
 
             use crate::cell::$spec;
-            use crate::http::extract::{Json, Params, is_known};
-            use crate::http::problem::Problem;
-            use crate::http::router::Site;
+            use crate::http::extract::{Json, Params, etag_matches};
+            use crate::http::problem::ApiError;
+            use crate::http::router::ApiState;
             use crate::service::{Precondition, SpecEntry};
             use crate::wire::{SpecCollection, SpecList};
 
@@ -23,35 +23,35 @@ macro_rules! collection {
                 path = $list_path,
                 tag = "specifications",
                 operation_id = $list_id,
-                responses((status = 200, description = "All of them, by name.", body = SpecList))
+                responses((status = 200, description = "All specifications of the collection, by name.", body = SpecList))
             )]
-            pub(in crate::http) async fn list(State(site): State<Site>, params: Params) -> Result<axum::Json<SpecList>, Problem> {
-                params.end()?;
-                Ok(axum::Json(site.app.specs(SpecCollection::$variant).await?))
+            pub(in crate::http) async fn list(State(state): State<ApiState>, params: Params) -> Result<axum::Json<SpecList>, ApiError> {
+                params.deny_unknown()?;
+                Ok(axum::Json(state.app.specs(SpecCollection::$variant).await?))
             }
 
             #[utoipa::path(
                 get,
-                summary = concat!("Look at a ", $one),
+                summary = concat!("Get a ", $one),
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $get_id,
-                params(("name" = String, Path, description = "Its name.")),
+                params(("name" = String, Path, description = "Name of the specification.")),
                 responses(
                     (status = 200, description = "The specification.", body = $spec,
-                        headers(("ETag" = String, description = "For `If-Match`."))),
-                    (status = 304, description = "The client has it."),
+                        headers(("ETag" = String, description = "Entity tag, for `If-Match`."))),
+                    (status = 304, description = "The client has the current version."),
                 )
             )]
             pub(in crate::http) async fn get(
-                State(site): State<Site>,
+                State(state): State<ApiState>,
                 Path(name): Path<String>,
                 headers: HeaderMap,
                 params: Params,
-            ) -> Result<Response, Problem> {
-                params.end()?;
-                let entry = site.app.spec(SpecCollection::$variant, &name).await?;
-                if is_known(&headers, &entry.etag) {
+            ) -> Result<Response, ApiError> {
+                params.deny_unknown()?;
+                let entry = state.app.spec(SpecCollection::$variant, &name).await?;
+                if etag_matches(&headers, &entry.etag) {
                     return Ok((StatusCode::NOT_MODIFIED, tag(&entry)).into_response());
                 }
                 Ok((StatusCode::OK, tag(&entry), JSON, entry.body).into_response())
@@ -60,32 +60,32 @@ macro_rules! collection {
             #[utoipa::path(
                 put,
                 summary = concat!("Store a ", $one),
-                description = "To replace one, say which version, with `If-Match`. Presets cannot be replaced.",
+                description = "To replace a stored specification, send the entity tag of its current version in `If-Match`. Presets cannot be replaced.",
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $put_id,
                 params(
-                    ("name" = String, Path, description = "Its name, as in the body.", example = "mine", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
-                    ("If-Match" = Option<String>, Header, description = "Tag of the version to be replaced."),
-                    ("If-None-Match" = inline(Option<super::super::super::openapi::AnyVersion>), Header, description = "`*`: only if there is none."),
+                    ("name" = String, Path, description = "Name of the specification; must equal `name` in the body.", example = "mine", pattern = "^[a-z0-9][a-z0-9._-]{0,63}$"),
+                    ("If-Match" = Option<String>, Header, description = "Entity tag of the version to replace."),
+                    ("If-None-Match" = inline(Option<super::super::super::openapi::AnyVersion>), Header, description = "`*`: store only if no specification has this name."),
                 ),
                 request_body = $spec,
                 responses(
-                    (status = 200, description = "It was replaced.", body = $spec,
-                        headers(("ETag" = String, description = "For `If-Match`."))),
-                    (status = 201, description = "It is new.", body = $spec,
-                        headers(("ETag" = String, description = "For `If-Match`."))),
+                    (status = 200, description = "The specification was replaced.", body = $spec,
+                        headers(("ETag" = String, description = "Entity tag, for `If-Match`."))),
+                    (status = 201, description = "The specification was created.", body = $spec,
+                        headers(("ETag" = String, description = "Entity tag, for `If-Match`."))),
                 )
             )]
             pub(in crate::http) async fn put(
-                State(site): State<Site>,
+                State(state): State<ApiState>,
                 Path(name): Path<String>,
                 only_if: Precondition,
                 params: Params,
                 Json(spec): Json<$spec>,
-            ) -> Result<Response, Problem> {
-                params.end()?;
-                let entry = site.app.put_spec(&name, spec, only_if).await?;
+            ) -> Result<Response, ApiError> {
+                params.deny_unknown()?;
+                let entry = state.app.put_spec(&name, spec, only_if).await?;
                 let status = if entry.created { StatusCode::CREATED } else { StatusCode::OK };
                 Ok((status, tag(&entry), JSON, entry.body).into_response())
             }
@@ -93,31 +93,31 @@ macro_rules! collection {
             #[utoipa::path(
                 delete,
                 summary = concat!("Delete a stored ", $one),
-                description = "Accepted jobs have their own copy and go on with it.",
+                description = "Accepted jobs are not affected: they have their own copy.",
                 path = $item_path,
                 tag = "specifications",
                 operation_id = $delete_id,
                 params(
-                    ("name" = String, Path, description = "Its name.", example = "mine"),
-                    ("If-Match" = Option<String>, Header, description = "Tag of the version to be deleted."),
+                    ("name" = String, Path, description = "Name of the specification.", example = "mine"),
+                    ("If-Match" = Option<String>, Header, description = "Entity tag of the version to delete."),
                 ),
-                responses((status = 204, description = "It is gone."))
+                responses((status = 204, description = "The specification was deleted."))
             )]
             pub(in crate::http) async fn delete(
-                State(site): State<Site>,
+                State(state): State<ApiState>,
                 Path(name): Path<String>,
                 only_if: Precondition,
                 params: Params,
-            ) -> Result<StatusCode, Problem> {
-                params.end()?;
-                site.app.delete_spec(SpecCollection::$variant, &name, only_if).await?;
+            ) -> Result<StatusCode, ApiError> {
+                params.deny_unknown()?;
+                state.app.delete_spec(SpecCollection::$variant, &name, only_if).await?;
                 Ok(StatusCode::NO_CONTENT)
             }
 
             const JSON: [(HeaderName, &str); 1] = [(CONTENT_TYPE, "application/json")];
 
             fn tag(entry: &SpecEntry) -> [(HeaderName, HeaderValue); 1] {
-                // Tags are made of quotes, letters and digits: a proper header value.
+                // Tags consist of quotes, letters and digits: a valid header value.
                 [(ETAG, HeaderValue::from_str(&entry.etag).unwrap_or(HeaderValue::from_static("\"\"")))]
             }
         }

@@ -1,53 +1,58 @@
-//! The store itself: room, sizes, damage, and what retention lets go.
+//! The store: free space, sizes, damage and retention.
 
 use axum::extract::State;
 
 use crate::http::extract::Params;
-use crate::http::problem::Problem;
-use crate::http::router::Site;
+use crate::http::problem::ApiError;
+use crate::http::router::ApiState;
 use crate::wire::{Retention, Storage};
 
-/// Look at the store
+/// Get the state of the store
 ///
-/// Room on its disk, sizes, and what is known to be damaged.
+/// Free space on its disk, sizes, and items known to be damaged.
 #[utoipa::path(
     get,
     path = "/storage",
     tag = "server",
     operation_id = "get_storage",
-    responses((status = 200, description = "The store.", body = Storage))
+    responses((status = 200, description = "The state of the store.", body = Storage))
 )]
-pub(in crate::http) async fn storage(State(site): State<Site>, params: Params) -> Result<axum::Json<Storage>, Problem> {
-    params.end()?;
-    Ok(axum::Json(site.app.storage().await?))
+pub(in crate::http) async fn storage(State(state): State<ApiState>, params: Params) -> Result<axum::Json<Storage>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.storage().await?))
 }
 
-/// What retention would let go
+/// Preview retention
 ///
-/// Nothing is deleted. The policy is the server's (`[retention]` in its settings).
+/// Lists the jobs and meshes that the policy would delete now; deletes nothing. The policy is in the server's settings, in
+/// the section `[retention]`.
 #[utoipa::path(
     get,
     path = "/retention",
     tag = "server",
     operation_id = "get_retention",
-    responses((status = 200, description = "What the policy lets go now.", body = Retention))
+    responses((status = 200, description = "The jobs and meshes that the policy would delete now.", body = Retention))
 )]
-pub(in crate::http) async fn retention(State(site): State<Site>, params: Params) -> Result<axum::Json<Retention>, Problem> {
-    params.end()?;
-    Ok(axum::Json(site.app.retention().await?))
+pub(in crate::http) async fn retention(State(state): State<ApiState>, params: Params) -> Result<axum::Json<Retention>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.retention().await?))
 }
 
 /// Apply retention now
 ///
-/// The server does so every hour by itself. Each deleted job has its event, with the reason as `code`.
+/// Deletes the jobs and meshes that the policy selects. The server also does this by itself every hour. Each deleted job
+/// gets an event with the reason as `code`.
 #[utoipa::path(
     post,
     path = "/retention",
     tag = "server",
     operation_id = "apply_retention",
-    responses((status = 200, description = "What was let go.", body = Retention))
+    responses((status = 200, description = "The jobs and meshes that were deleted.", body = Retention))
 )]
-pub(in crate::http) async fn apply_retention(State(site): State<Site>, params: Params) -> Result<axum::Json<Retention>, Problem> {
-    params.end()?;
-    Ok(axum::Json(site.app.retire().await?))
+pub(in crate::http) async fn apply_retention(
+    State(state): State<ApiState>,
+    params: Params,
+) -> Result<axum::Json<Retention>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.apply_retention().await?))
 }

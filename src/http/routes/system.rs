@@ -1,4 +1,4 @@
-//! Questions about the server itself.
+//! Health, version and metrics of the server, and its OpenAPI document.
 
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -7,49 +7,49 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::docs::DOCUMENT;
 use crate::http::extract::Params;
-use crate::http::problem::{Code, Problem};
-use crate::http::router::Site;
+use crate::http::problem::{ApiError, Code};
+use crate::http::router::ApiState;
 use crate::wire::{Health, ProblemField, Readiness, Version};
 
-/// Whether the process answers
+/// Check liveness
 #[utoipa::path(
     get,
     path = "/healthz",
     tag = "server",
     operation_id = "healthz",
-    responses((status = 200, description = "It does.", body = Health))
+    responses((status = 200, description = "The process responds.", body = Health))
 )]
 pub(in crate::http) async fn healthz() -> axum::Json<Health> {
     axum::Json(Health { status: "ok".to_owned() })
 }
 
-/// Whether the server takes work
+/// Check readiness
 ///
-/// Writes to the store to know. 503 says what does not hold.
+/// Ready means that the server accepts jobs; the check includes a write to the store. A 503 lists the failed checks.
 #[utoipa::path(
     get,
     path = "/readyz",
     tag = "server",
     operation_id = "readyz",
-    responses((status = 200, description = "It does.", body = Readiness))
+    responses((status = 200, description = "The server is ready.", body = Readiness))
 )]
-pub(in crate::http) async fn readyz(State(site): State<Site>) -> Result<axum::Json<Readiness>, Problem> {
-    let checks = site.app.readiness().await;
-    let broken = |name: &str| ProblemField { pointer: name.to_owned(), detail: "does not hold".to_owned() };
-    let errors: Vec<_> = checks.iter().filter(|check| !check.ok).map(|check| broken(&check.name)).collect();
+pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<axum::Json<Readiness>, ApiError> {
+    let checks = state.app.readiness().await;
+    let failed = |name: &str| ProblemField { pointer: name.to_owned(), detail: "failed".to_owned() };
+    let errors: Vec<_> = checks.iter().filter(|check| !check.ok).map(|check| failed(&check.name)).collect();
     if errors.is_empty() {
         return Ok(axum::Json(Readiness { status: "ready".to_owned(), checks }));
     }
-    Err(Problem::new(Code::NotReady, "the server cannot take work now").with_errors(errors))
+    Err(ApiError::new(Code::NotReady, "the server cannot accept jobs now").with_errors(errors))
 }
 
-/// Which program answers
+/// Get the program's name and version
 #[utoipa::path(
     get,
     path = "/version",
     tag = "server",
     operation_id = "version",
-    responses((status = 200, description = "Name and version.", body = Version))
+    responses((status = 200, description = "Name and version of the program and of the API.", body = Version))
 )]
 pub(in crate::http) async fn version() -> axum::Json<Version> {
     axum::Json(Version {
@@ -59,30 +59,30 @@ pub(in crate::http) async fn version() -> axum::Json<Version> {
     })
 }
 
-/// Numbers for Prometheus
+/// Get metrics
 #[utoipa::path(
     get,
     path = "/metrics",
     tag = "server",
     operation_id = "metrics",
-    responses((status = 200, description = "Prometheus text format.", content_type = "text/plain", body = String))
+    responses((status = 200, description = "Metrics in the Prometheus text format.", content_type = "text/plain", body = String))
 )]
-pub(in crate::http) async fn metrics(State(site): State<Site>) -> Result<impl IntoResponse, Problem> {
-    for (state, count) in site.app.open_jobs().await? {
-        metrics::gauge!("vantage_jobs", "state" => state.as_str()).set(count as f64);
+pub(in crate::http) async fn metrics(State(state): State<ApiState>) -> Result<impl IntoResponse, ApiError> {
+    for (job_state, count) in state.app.open_jobs().await? {
+        metrics::gauge!("vantage_jobs", "state" => job_state.as_str()).set(count as f64);
     }
-    Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], crate::http::metrics::text()))
+    Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], crate::http::metrics::render()))
 }
 
-/// This document
+/// Get this document
 #[utoipa::path(
     get,
     path = "/openapi.json",
     tag = "server",
     operation_id = "openapi",
-    responses((status = 200, description = "OpenAPI 3.1.", body = Object))
+    responses((status = 200, description = "The OpenAPI 3.1 document.", body = Object))
 )]
-pub(in crate::http) async fn openapi(headers: HeaderMap, params: Params) -> Result<Response, Problem> {
-    params.end()?;
-    Ok(DOCUMENT.answer(&headers))
+pub(in crate::http) async fn openapi(headers: HeaderMap, params: Params) -> Result<Response, ApiError> {
+    params.deny_unknown()?;
+    Ok(DOCUMENT.respond(&headers))
 }

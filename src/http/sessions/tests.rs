@@ -1,4 +1,4 @@
-//! How sessions begin and end.
+//! Beginning and end of sessions.
 
 use super::*;
 
@@ -11,10 +11,10 @@ fn a_session_ends_when_it_is_ended_and_when_nobody_uses_it() {
     assert!(!sessions.is_open("", now) && !sessions.is_open(&one[1..], now));
     sessions.end(&one);
     assert!(!sessions.is_open(&one, now));
-    let almost = IDLE - Duration::from_secs(1);
+    let almost = IDLE_TIMEOUT - Duration::from_secs(1);
     assert!(sessions.is_open(&other, now + almost));
     assert!(sessions.is_open(&other, now + 2 * almost), "each use puts its end off");
-    assert!(!sessions.is_open(&other, now + 2 * almost + IDLE));
+    assert!(!sessions.is_open(&other, now + 2 * almost + IDLE_TIMEOUT));
     assert!(sessions.lock().is_empty());
 }
 
@@ -30,8 +30,8 @@ fn there_are_only_so_many_and_the_one_unused_for_longest_makes_room() {
 }
 
 #[test]
-fn ids_are_not_kept() {
+fn ids_are_not_stored() {
     let sessions = Sessions::default();
     let id = sessions.begin(Instant::now()).expect("an id");
-    assert!(sessions.lock().keys().all(|kept| hex(kept) != id && *kept == hash(&id)));
+    assert!(sessions.lock().keys().all(|stored| hex(stored) != id && *stored == hash(&id)));
 }

@@ -1,4 +1,4 @@
-//! Which errors pass by themselves.
+//! Transient errors and permanent ones.
 
 use sqlx::{Connection, Executor, SqliteConnection};
 
@@ -20,7 +20,7 @@ fn shortages_of_the_machine_are_transient() {
     assert!(Error::from(sqlx::Error::PoolTimedOut).is_transient());
 }
 
-/// The errors that SQLite itself gives, with their extended codes.
+/// Errors as SQLite itself returns them, with their extended codes.
 #[tokio::test]
 async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
     let folder = tempfile::tempdir().expect("a folder");

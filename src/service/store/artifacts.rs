@@ -1,5 +1,5 @@
-//! Result files of jobs. Text is compressed once, when it is stored, and kept in that form alone: whoever takes gzip gets
-//! the file as it lies, for others it is unpacked piece by piece.
+//! Result files of jobs. Text is compressed once, when it is stored, and kept only in that form: clients that accept gzip
+//! get the file as stored, for others it is decompressed on the fly.
 
 use std::io::{self, Read, Write};
 use std::sync::Arc;
@@ -11,28 +11,28 @@ use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
 use super::files::hex;
-use super::held::Hold;
+use super::pinned::FilePin;
 use super::{Store, blocking};
-use crate::service::error::{Error, Fault};
+use crate::service::error::{Error, InternalError};
+use crate::service::execute::Artifact;
 use crate::service::failpoint;
-use crate::service::run::Artifact;
 use crate::wire::{JobFile, JobId, JobState};
 
-/// Smaller results are kept as they are.
+/// Min size of a result to be compressed.
 const MIN_COMPRESSED_BYTES: usize = 1024;
-/// zlib's level: 62 MB of JSON take a second at 3 and three at 6, for a tenth less.
+/// zlib's compression level: 62 MB of JSON take a second at 3, and three at 6 for a tenth less.
 const LEVEL: Compression = Compression::new(3);
 
-/// How a stored file holds its result.
+/// Encoding of a result in its stored file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Encoding {
+pub(crate) enum FileEncoding {
     /// Byte for byte.
     Identity,
-    /// Compressed (RFC 1952).
+    /// Compressed with gzip (RFC 1952).
     Gzip,
 }
 
-impl Encoding {
+impl FileEncoding {
     fn as_str(self) -> &'static str {
         match self {
             Self::Identity => "identity",
@@ -44,41 +44,41 @@ impl Encoding {
 /// A result and the file that holds it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ResultFile {
-    /// The result: its name, hash and size.
+    /// Name, hash and size of the result.
     pub result: JobFile,
     /// Hash of the stored file.
     pub file_sha256: String,
     /// Size of the stored file.
     pub file_bytes: u64,
-    /// How the file holds the result.
-    pub encoding: Encoding,
+    /// Encoding of the result in the file.
+    pub encoding: FileEncoding,
 }
 
-/// Results on the disk that no row names yet; they are kept while this lives.
+/// Results on the disk that no row refers to yet. They are pinned as long as this value lives.
 #[derive(Debug)]
 pub(crate) struct StoredArtifacts {
-    /// The results.
+    /// The result files.
     pub files: Vec<ResultFile>,
-    _hold: Hold,
+    _pin: FilePin,
 }
 
-/// A result in the form in which it is stored.
+/// A result, encoded for its file.
 struct Packed {
     result: JobFile,
     bytes: Vec<u8>,
     sha256: String,
-    encoding: Encoding,
+    encoding: FileEncoding,
 }
 
 impl Store {
-    /// Stores results that no row names yet.
+    /// Stores result files; the caller adds the rows.
     pub(crate) async fn put_artifacts(&self, artifacts: Arc<Vec<Artifact>>) -> Result<StoredArtifacts, Error> {
         let packed = blocking(move || artifacts.iter().map(pack).collect::<Result<Vec<_>, Error>>()).await?;
-        let hold = self.held.hold(packed.iter().map(|packed| packed.sha256.clone()).collect()).await;
+        let pin = self.pinned.pin(packed.iter().map(|packed| packed.sha256.clone()).collect()).await;
         let files = self.files.clone();
         let files = blocking(move || {
             let stored = packed.into_iter().map(|packed| {
-                files.adopt(files.write(&packed.bytes)?)?;
+                files.persist(files.write(&packed.bytes)?)?;
                 failpoint::hit("artifact", "written");
                 let Packed { result, bytes, sha256, encoding } = packed;
                 Ok(ResultFile { result, file_sha256: sha256, file_bytes: bytes.len() as u64, encoding })
@@ -86,7 +86,7 @@ impl Store {
             stored.collect::<Result<Vec<_>, Error>>()
         })
         .await?;
-        Ok(StoredArtifacts { files, _hold: hold })
+        Ok(StoredArtifacts { files, _pin: pin })
     }
 
     /// One of a job's results and the file that holds it.
@@ -104,9 +104,9 @@ impl Store {
         .await?;
         let row = row.ok_or_else(|| Error::NoSuchResult { job: id, name: name.to_owned() })?;
         let encoding = match row.try_get::<String, _>("encoding")?.as_str() {
-            "identity" => Encoding::Identity,
-            "gzip" => Encoding::Gzip,
-            other => return Err(Fault::Row(format!("artifact.encoding {other:?}")).into()),
+            "identity" => FileEncoding::Identity,
+            "gzip" => FileEncoding::Gzip,
+            other => return Err(InternalError::Row(format!("artifact.encoding {other:?}")).into()),
         };
         Ok(ResultFile {
             result: JobFile {
@@ -120,20 +120,20 @@ impl Store {
         })
     }
 
-    /// Opens the stored file of a result, checked; it reads as the result itself where `unpacked`.
-    pub(crate) async fn open_result(&self, file: &ResultFile, unpacked: bool) -> Result<Box<dyn Read + Send>, Error> {
+    /// Opens the file of a result and checks its hash; decompresses it if `decompressed`.
+    pub(crate) async fn open_result(&self, file: &ResultFile, decompressed: bool) -> Result<Box<dyn Read + Send>, Error> {
         let (files, file) = (self.files.clone(), file.clone());
         blocking(move || {
-            let opened = files.check(&file.file_sha256)?;
+            let opened = files.open_checked(&file.file_sha256)?;
             Ok(match file.encoding {
-                Encoding::Gzip if unpacked => Box::new(GzDecoder::new(opened)) as Box<dyn Read + Send>,
+                FileEncoding::Gzip if decompressed => Box::new(GzDecoder::new(opened)) as Box<dyn Read + Send>,
                 _ => Box::new(opened),
             })
         })
         .await
     }
 
-    /// The bytes of a result.
+    /// Bytes of a result.
     pub(crate) async fn read_result(&self, file: &ResultFile) -> Result<Vec<u8>, Error> {
         let mut reader = self.open_result(file, true).await?;
         let size_bytes = usize::try_from(file.result.size_bytes).unwrap_or_default();
@@ -146,7 +146,7 @@ impl Store {
     }
 }
 
-/// Names the results of a job.
+/// Inserts the rows of a job's results.
 pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[ResultFile]) -> Result<(), Error> {
     for file in files {
         sqlx::query(
@@ -166,7 +166,7 @@ pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[Result
     Ok(())
 }
 
-/// The form in which a result is stored. The same bytes always come to the same form.
+/// Encodes a result for its file. Deterministic: equal bytes give equal files.
 fn pack(artifact: &Artifact) -> Result<Packed, Error> {
     let bytes = &artifact.bytes;
     let sha256 = hex(&Sha256::digest(bytes));
@@ -175,14 +175,14 @@ fn pack(artifact: &Artifact) -> Result<Packed, Error> {
         let compressed = compress(bytes)?;
         if compressed.len() < bytes.len() / 10 * 9 {
             let sha256 = hex(&Sha256::digest(&compressed));
-            return Ok(Packed { result, bytes: compressed, sha256, encoding: Encoding::Gzip });
+            return Ok(Packed { result, bytes: compressed, sha256, encoding: FileEncoding::Gzip });
         }
     }
-    Ok(Packed { result, bytes: bytes.clone(), sha256, encoding: Encoding::Identity })
+    Ok(Packed { result, bytes: bytes.clone(), sha256, encoding: FileEncoding::Identity })
 }
 
 fn compress(bytes: &[u8]) -> io::Result<Vec<u8>> {
-    // Without a name or a time, so that the same bytes stay the same bytes.
+    // Without a name or a time in the header, so that equal bytes compress to equal files.
     let mut encoder = GzEncoder::new(Vec::with_capacity(bytes.len() / 4), LEVEL);
     encoder.write_all(bytes)?;
     encoder.finish()

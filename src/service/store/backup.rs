@@ -1,5 +1,5 @@
-//! Copies of a store, and stores from copies. A backup is itself the folder of a store: `vantage.db`, `files/` and
-//! `store-id`. Files never change, so a backup into the same folder again copies only what is new.
+//! Backup and restore. A backup is itself the folder of a store: `vantage.db`, `files/` and `store-id`. Files never change,
+//! so a repeated backup into the same folder is incremental.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -12,37 +12,37 @@ use super::files::Files;
 use super::{DATABASE, OpenError, connect_options, identity, lock, open_database};
 use crate::service::error::Error;
 
-/// Looks at the database before a backup of a busy store is given up: between two looks jobs may be deleted.
+/// Max snapshots of the database before a backup of a busy store fails: files may be deleted while they are copied.
 const MAX_ROUNDS: usize = 10;
 
-/// What a backup or a restore copied.
+/// Counts of a backup or a restore.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BackupReport {
-    /// Files that the database names.
+    /// Files that the database refers to.
     pub files: usize,
-    /// Of those, copied this time.
+    /// Files copied this time.
     pub copied: usize,
-    /// Bytes copied this time, the database left out.
+    /// Bytes of the copied files, without the database.
     pub copied_bytes: u64,
 }
 
-/// Why a backup or a restore is refused or broke off. Nothing that was there before is lost.
+/// Reasons why a backup or a restore failed. Existing data is left unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// There is no store.
+    /// The folder is not that of a store.
     #[error("{0} is not the folder of a store: it has no vantage.db")]
     NoStore(PathBuf),
-    /// There is something where a store is to be restored.
+    /// The target folder of a restore is not empty.
     #[error("{0} is not empty; restore into a new folder")]
     NotEmpty(PathBuf),
-    /// The backup in the folder is that of another store.
-    #[error("{0} holds the backup of another store; choose another folder")]
-    OfAnother(PathBuf),
+    /// The folder has a backup of another store.
+    #[error("{0} has a backup of another store; choose another folder")]
+    OtherStore(PathBuf),
     /// Files are missing or damaged.
-    #[error("{} of the files that the database names are missing or damaged: {}", .0.len(), listed(.0))]
+    #[error("missing or damaged files: {} ({})", .0.len(), listed(.0))]
     Damaged(Vec<String>),
-    /// Deletions went on for too long.
-    #[error("files were deleted while they were copied, {MAX_ROUNDS} times over; try again when less is deleted")]
+    /// Files kept being deleted during the copy.
+    #[error("files were deleted during the copy in each of {MAX_ROUNDS} attempts; try again when fewer jobs are being deleted")]
     Busy,
     /// The database cannot be used.
     #[error(transparent)]
@@ -53,15 +53,15 @@ pub enum BackupError {
     /// A file cannot be read or written.
     #[error("{path}")]
     File {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The I/O error.
         #[source]
         source: io::Error,
     },
 }
 
-/// The first few of a list.
+/// The first few names of a list, as text.
 fn listed(names: &[String]) -> String {
     const SHOWN: usize = 10;
     let shown = names.iter().take(SHOWN).map(String::as_str).collect::<Vec<_>>().join(", ");
@@ -72,7 +72,7 @@ fn at(path: &Path) -> impl Fn(io::Error) -> BackupError + '_ {
     |source| BackupError::File { path: path.to_owned(), source }
 }
 
-/// Copies the store in `data` to the folder `to`; a server may be working on it. Every file is checked on the way.
+/// Copies the store in `data` to the folder `to`, even while a server uses it. Every file is checked during the copy.
 ///
 /// # Errors
 /// [`BackupError`]. An earlier backup in `to` stays usable.
@@ -86,7 +86,7 @@ pub async fn backup(data: &Path, to: &Path) -> Result<BackupReport, BackupError>
     if let (Some(there), Some(id)) = (identity::read(to).map_err(at(to))?, &id)
         && there != *id
     {
-        return Err(BackupError::OfAnother(to.to_owned()));
+        return Err(BackupError::OtherStore(to.to_owned()));
     }
     fs::create_dir_all(to).map_err(at(to))?;
     let (from, into, mut report) = (Files::at(data), Files::at(to), BackupReport::default());
@@ -94,16 +94,16 @@ pub async fn backup(data: &Path, to: &Path) -> Result<BackupReport, BackupError>
         let snapshot = to.join("snapshot.db");
         remove_database(&snapshot)?;
         sqlx::query("VACUUM INTO ?1").bind(snapshot.to_string_lossy().into_owned()).execute(&mut source).await?;
-        let named = named_files(&snapshot).await?;
-        report.files = named.len();
-        let missing = copy_files(&from, &into, &named, &mut report)?;
+        let referenced = referenced_files(&snapshot).await?;
+        report.files = referenced.len();
+        let missing = copy_files(&from, &into, &referenced, &mut report)?;
         if missing.is_empty() {
-            keep_snapshot(&snapshot, to, id.as_deref())?;
-            remove_unnamed(&into, &named).map_err(at(to))?;
+            install_snapshot(&snapshot, to, id.as_deref())?;
+            remove_unreferenced(&into, &referenced).map_err(at(to))?;
             return Ok(report);
         }
-        let still_named = named_files(&database).await?;
-        let damaged: Vec<String> = missing.into_iter().filter(|sha256| still_named.contains(sha256)).collect();
+        let still_referenced = referenced_files(&database).await?;
+        let damaged: Vec<String> = missing.into_iter().filter(|sha256| still_referenced.contains(sha256)).collect();
         if !damaged.is_empty() {
             remove_database(&snapshot)?;
             return Err(BackupError::Damaged(damaged));
@@ -112,7 +112,7 @@ pub async fn backup(data: &Path, to: &Path) -> Result<BackupReport, BackupError>
     Err(BackupError::Busy)
 }
 
-/// Makes the store in the new folder `data` from the backup in `from`. Everything is checked.
+/// Restores the backup in `from` into the new or empty folder `data`. Everything is checked.
 ///
 /// # Errors
 /// [`BackupError`].
@@ -127,7 +127,7 @@ pub async fn restore(from: &Path, data: &Path) -> Result<BackupReport, BackupErr
     if others.count() > 0 {
         return Err(BackupError::NotEmpty(data.to_owned()));
     }
-    // The backup may lie where nothing can be written, which SQLite would want to: so its copy is opened.
+    // The backup may be on a read-only medium, and SQLite needs to write: so its copy is opened.
     let snapshot = data.join("snapshot.db");
     fs::copy(&database, &snapshot).map_err(at(&database))?;
     let log = from.join("vantage.db-wal");
@@ -137,59 +137,59 @@ pub async fn restore(from: &Path, data: &Path) -> Result<BackupReport, BackupErr
     let mut source = open_database(&connect_options(&snapshot), &snapshot).await?;
     let id = id_of(&mut source).await?;
     source.close().await?;
-    let named = named_files(&snapshot).await?;
-    let mut report = BackupReport { files: named.len(), ..BackupReport::default() };
-    let damaged = copy_files(&Files::at(from), &Files::at(data), &named, &mut report)?;
+    let referenced = referenced_files(&snapshot).await?;
+    let mut report = BackupReport { files: referenced.len(), ..BackupReport::default() };
+    let damaged = copy_files(&Files::at(from), &Files::at(data), &referenced, &mut report)?;
     if !damaged.is_empty() {
-        // The folder was empty: whoever tries again finds it so.
+        // The folder was empty and becomes so again, for the next attempt.
         remove_database(&snapshot)?;
         if data.join("files").exists() {
             fs::remove_dir_all(data.join("files")).map_err(at(data))?;
         }
         return Err(BackupError::Damaged(damaged));
     }
-    keep_snapshot(&snapshot, data, id.as_deref())?;
+    install_snapshot(&snapshot, data, id.as_deref())?;
     Ok(report)
 }
 
-/// The id of a store; none before its upgrade to the version that gave stores ids.
+/// Id of a store; `None` before its migration to the schema with ids.
 async fn id_of(database: &mut SqliteConnection) -> Result<Option<String>, sqlx::Error> {
     let has_id: bool =
         sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM sqlite_master WHERE name = 'store')").fetch_one(&mut *database).await?;
     if has_id { sqlx::query_scalar("SELECT id FROM store").fetch_optional(database).await } else { Ok(None) }
 }
 
-/// Hashes of all files that a database names.
-async fn named_files(database: &Path) -> Result<BTreeSet<String>, BackupError> {
+/// Hashes of all files that a database refers to.
+async fn referenced_files(database: &Path) -> Result<BTreeSet<String>, BackupError> {
     const MESHES: &str = "SELECT sha256 FROM mesh UNION SELECT preview FROM mesh WHERE preview IS NOT NULL";
     const RESULTS: &str = "SELECT file_sha256 FROM artifact";
     const RESULTS_BEFORE_0002: &str = "SELECT sha256 FROM artifact";
     let mut connection = SqliteConnection::connect_with(&connect_options(database)).await?;
     let results = if id_of(&mut connection).await?.is_some() { RESULTS } else { RESULTS_BEFORE_0002 };
-    let mut named = BTreeSet::new();
+    let mut referenced = BTreeSet::new();
     for query in [MESHES, results] {
-        named.extend(sqlx::query_scalar::<_, String>(query).fetch_all(&mut connection).await?);
+        referenced.extend(sqlx::query_scalar::<_, String>(query).fetch_all(&mut connection).await?);
     }
     connection.close().await?;
-    Ok(named)
+    Ok(referenced)
 }
 
-/// Copies files that are not there yet; returns those that are missing or damaged.
+/// Copies files that the target lacks; returns those that are missing or damaged in the source.
 fn copy_files(
     from: &Files,
     into: &Files,
-    named: &BTreeSet<String>,
+    referenced: &BTreeSet<String>,
     report: &mut BackupReport,
 ) -> Result<Vec<String>, BackupError> {
     let mut missing = Vec::new();
-    for sha256 in named {
+    for sha256 in referenced {
         let path = into.path(sha256);
-        match into.check(sha256) {
+        match into.open_checked(sha256) {
             Ok(_) => continue,
             Err(Error::FileDamaged { .. }) => {}
             Err(error) => return Err(at(&path)(io::Error::other(error))),
         }
-        let mut source = match from.check(sha256) {
+        let mut source = match from.open_checked(sha256) {
             Ok(source) => source,
             Err(Error::FileDamaged { .. }) => {
                 missing.push(sha256.clone());
@@ -203,7 +203,7 @@ fn copy_files(
     Ok(missing)
 }
 
-/// Copies to a file that appears whole.
+/// Copies a file atomically: the target appears complete or not at all.
 fn copy(source: &mut fs::File, path: &Path) -> io::Result<u64> {
     let folder = path.parent().unwrap_or(path);
     fs::create_dir_all(folder)?;
@@ -214,11 +214,11 @@ fn copy(source: &mut fs::File, path: &Path) -> io::Result<u64> {
     Ok(bytes)
 }
 
-/// Puts the copied database in its place, and the id beside it.
-fn keep_snapshot(snapshot: &Path, folder: &Path, id: Option<&str>) -> Result<(), BackupError> {
+/// Moves the copied database to its place and writes the store's id.
+fn install_snapshot(snapshot: &Path, folder: &Path, id: Option<&str>) -> Result<(), BackupError> {
     fs::File::open(snapshot).and_then(|file| file.sync_all()).map_err(at(snapshot))?;
     let database = folder.join(DATABASE);
-    // The log of an earlier database must not be taken for this one's.
+    // A log of an earlier database must not be mistaken for this one's.
     for log in ["vantage.db-wal", "vantage.db-shm", "snapshot.db-wal", "snapshot.db-shm"] {
         remove(&folder.join(log))?;
     }
@@ -229,10 +229,10 @@ fn keep_snapshot(snapshot: &Path, folder: &Path, id: Option<&str>) -> Result<(),
     }
 }
 
-/// Removes files of an earlier backup that the database does not name any more.
-fn remove_unnamed(files: &Files, named: &BTreeSet<String>) -> io::Result<()> {
+/// Removes files of an earlier backup that the database no longer refers to.
+fn remove_unreferenced(files: &Files, referenced: &BTreeSet<String>) -> io::Result<()> {
     for file in files.list()? {
-        if !named.contains(&file.sha256) {
+        if !referenced.contains(&file.sha256) {
             files.remove(&file.sha256)?;
         }
     }

@@ -1,8 +1,8 @@
-//! Content-addressed files: a file's name is the SHA-256 of its bytes, so it never changes and is never half there.
+//! Content-addressed files: a file's name is the SHA-256 of its bytes, so it never changes and is never incomplete.
 //! Written as temporary file → fsync → rename → fsync of the directory. All of this blocks.
 //!
-//! A file is checked against its name before its bytes are given out, and again once its size or time of change differ
-//! or [`CHECK_LASTS`] is over. A file that fails is never given out; storing the same bytes again puts it right.
+//! A file is compared with its hash before its bytes are read, and again after [`CHECK_LIFETIME`] or when its size or
+//! modification time has changed. A damaged file is never read; storing the same bytes again repairs it.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -17,14 +17,14 @@ use tempfile::{NamedTempFile, TempPath};
 use crate::service::error::Error;
 use crate::service::failpoint;
 
-/// How long a file that was checked is trusted.
-const CHECK_LASTS: Duration = Duration::from_secs(3600);
-/// Checked files that are remembered; beyond that all are forgotten.
+/// Time for which a checked file is trusted.
+const CHECK_LIFETIME: Duration = Duration::from_secs(3600);
+/// Max remembered checks; beyond that all are forgotten.
 const MAX_CHECKED: usize = 100_000;
 /// Bytes read at a time.
 const PIECE_BYTES: usize = 256 * 1024;
 
-/// The folder of content-addressed files and the one of unfinished ones, on the same file system.
+/// Folders of the content-addressed, the unfinished and the swept files, on one file system.
 #[derive(Clone, Debug)]
 pub(crate) struct Files {
     files: PathBuf,
@@ -33,7 +33,7 @@ pub(crate) struct Files {
     checked: Arc<Mutex<HashMap<String, Checked>>>,
 }
 
-/// What a file was like when it was last checked.
+/// Time, size and modification time of a file at its last check.
 #[derive(Clone, Copy, Debug)]
 struct Checked {
     at: Instant,
@@ -41,9 +41,9 @@ struct Checked {
     modified: Option<SystemTime>,
 }
 
-/// A finished file that has no name yet; gone when dropped.
+/// A finished temporary file; removed when dropped.
 pub(crate) struct Received {
-    /// Its bytes, synced.
+    /// The file, synced.
     pub file: NamedTempFile,
     /// SHA-256, lower-case hexadecimal.
     pub sha256: String,
@@ -51,7 +51,7 @@ pub(crate) struct Received {
     pub size_bytes: u64,
 }
 
-/// A file being received, hashed as it comes.
+/// A file in transfer, hashed on the way.
 pub(crate) struct Receiver {
     file: NamedTempFile,
     hash: Sha256,
@@ -60,15 +60,15 @@ pub(crate) struct Receiver {
 
 /// A file found in a folder of the store.
 #[derive(Clone, Debug)]
-pub(crate) struct Found {
+pub(crate) struct StoredFile {
     /// Its name: the hash of its bytes.
     pub sha256: String,
-    /// When it was last written.
+    /// Modification time.
     pub modified: SystemTime,
 }
 
 impl Files {
-    /// Opens the folders below `data`, and clears what an earlier process left unfinished.
+    /// Opens the folders below `data`, and removes the unfinished files of an earlier process.
     pub(crate) fn open(data: &Path) -> io::Result<Self> {
         let files = Self::at(data);
         fs::create_dir_all(&files.files)?;
@@ -80,7 +80,7 @@ impl Files {
         Ok(files)
     }
 
-    /// The folders below `data`, as they are.
+    /// Files below `data`; changes nothing on the disk.
     pub(crate) fn at(data: &Path) -> Self {
         let (files, unfinished, swept) = (data.join("files"), data.join("unfinished"), data.join("swept"));
         Self { files, unfinished, swept, checked: Arc::default() }
@@ -91,15 +91,15 @@ impl Files {
         Ok(Receiver { file: self.begin()?, hash: Sha256::new(), size_bytes: 0 })
     }
 
-    /// A new file without a name. Made by hand, since tempfile's own way hides the error's number, by which a shortage of file
-    /// descriptors is told from a disk that is not there.
+    /// Creates a temporary file. Not with tempfile's own function, which hides the error number, by which a shortage of file
+    /// descriptors is distinguished from a missing disk.
     fn begin(&self) -> io::Result<NamedTempFile> {
         let path = self.unfinished.join(uuid::Uuid::now_v7().to_string());
         let file = File::options().read(true).write(true).create_new(true).open(&path)?;
         Ok(NamedTempFile::from_parts(file, TempPath::try_from_path(path)?))
     }
 
-    /// A finished file of these bytes.
+    /// Writes a finished temporary file.
     pub(crate) fn write(&self, bytes: &[u8]) -> io::Result<Received> {
         let mut receiver = self.receive()?;
         receiver.write(bytes)?;
@@ -108,34 +108,34 @@ impl Files {
         Ok(received)
     }
 
-    /// Gives a received file its name. A file that is there already stays as it is, unless it is damaged.
-    pub(crate) fn adopt(&self, received: Received) -> Result<PathBuf, Error> {
+    /// Renames a received file to its hash. An existing file is replaced only if it is damaged.
+    pub(crate) fn persist(&self, received: Received) -> Result<PathBuf, Error> {
         let path = self.path(&received.sha256);
         let folder = path.parent().unwrap_or(&self.files);
         fs::create_dir_all(folder)?;
-        match self.check(&received.sha256) {
+        match self.open_checked(&received.sha256) {
             Ok(_) => {}
             Err(Error::FileDamaged { missing, .. }) => {
                 if !missing {
-                    tracing::warn!(file = received.sha256, "a damaged file of the store is replaced by a good one");
+                    tracing::warn!(file = received.sha256, "a damaged file of the store is replaced");
                 }
                 received.file.persist(&path).map_err(|error| error.error)?;
             }
             Err(error) => return Err(error),
         }
-        // Also for a file that was there: another upload may have named it and not come to this line yet.
+        // Also for an existing file: another upload may have renamed it without having reached this line.
         File::open(folder)?.sync_all()?;
         File::open(&self.files)?.sync_all()?;
         Ok(path)
     }
 
-    /// Where the file with this hash is. `sha256` comes from the store, never from a request.
+    /// Path of the file with this hash. `sha256` comes from the store, never from a request.
     pub(crate) fn path(&self, sha256: &str) -> PathBuf {
         self.files.join(sha256.get(..2).unwrap_or_default()).join(sha256)
     }
 
-    /// The file, open for reading, after its bytes were checked against its name.
-    pub(crate) fn check(&self, sha256: &str) -> Result<File, Error> {
+    /// Opens a file for reading, after its bytes were compared with its hash.
+    pub(crate) fn open_checked(&self, sha256: &str) -> Result<File, Error> {
         let damaged = |missing| Error::FileDamaged { sha256: sha256.to_owned(), missing };
         let mut file = match File::open(self.path(sha256)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(damaged(true)),
@@ -161,38 +161,38 @@ impl Files {
 
     fn is_checked(&self, sha256: &str, now: &Checked) -> bool {
         self.lock().get(sha256).is_some_and(|before| {
-            before.size_bytes == now.size_bytes && before.modified == now.modified && before.at.elapsed() < CHECK_LASTS
+            before.size_bytes == now.size_bytes && before.modified == now.modified && before.at.elapsed() < CHECK_LIFETIME
         })
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, HashMap<String, Checked>> {
-        // Entries are put in whole.
+        // Entries are inserted whole, so a poisoned lock is usable.
         self.checked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The bytes of a file, checked against its name.
+    /// Bytes of a file, after they were compared with its hash.
     pub(crate) fn read(&self, sha256: &str) -> Result<Vec<u8>, Error> {
         let mut bytes = Vec::new();
-        self.check(sha256)?.read_to_end(&mut bytes)?;
+        self.open_checked(sha256)?.read_to_end(&mut bytes)?;
         Ok(bytes)
     }
 
-    /// Removes a file that nothing refers to any more.
+    /// Removes a file.
     pub(crate) fn remove(&self, sha256: &str) -> io::Result<()> {
-        absent_is_fine(fs::remove_file(self.path(sha256)))
+        ignore_absent(fs::remove_file(self.path(sha256)))
     }
 
-    /// Moves a file that nothing refers to into the folder of swept files, where somebody may still look for it.
+    /// Moves a file to the folder of swept files, from where it can still be restored.
     pub(crate) fn sweep(&self, sha256: &str) -> io::Result<()> {
         fs::create_dir_all(&self.swept)?;
         let swept = self.swept.join(sha256);
-        absent_is_fine(fs::rename(self.path(sha256), &swept))?;
-        // Its age in that folder counts from now.
-        absent_is_fine(File::open(swept).and_then(|file| file.set_modified(SystemTime::now())))
+        ignore_absent(fs::rename(self.path(sha256), &swept))?;
+        // Its age there counts from now.
+        ignore_absent(File::open(swept).and_then(|file| file.set_modified(SystemTime::now())))
     }
 
-    /// Files of the store.
-    pub(crate) fn list(&self) -> io::Result<Vec<Found>> {
+    /// Lists the files of the store.
+    pub(crate) fn list(&self) -> io::Result<Vec<StoredFile>> {
         let mut found = Vec::new();
         for folder in read_dir(&self.files)? {
             found.extend(list_folder(&folder?.path())?);
@@ -200,7 +200,7 @@ impl Files {
         Ok(found)
     }
 
-    /// Whether there is any file.
+    /// True if there is no file.
     pub(crate) fn is_empty(&self) -> io::Result<bool> {
         for folder in read_dir(&self.files)? {
             if fs::read_dir(folder?.path())?.next().is_some() {
@@ -210,17 +210,17 @@ impl Files {
         Ok(true)
     }
 
-    /// Files that were swept.
-    pub(crate) fn list_swept(&self) -> io::Result<Vec<Found>> {
+    /// Lists the swept files.
+    pub(crate) fn list_swept(&self) -> io::Result<Vec<StoredFile>> {
         list_folder(&self.swept)
     }
 
     /// Removes a swept file for good.
     pub(crate) fn remove_swept(&self, sha256: &str) -> io::Result<()> {
-        absent_is_fine(fs::remove_file(self.swept.join(sha256)))
+        ignore_absent(fs::remove_file(self.swept.join(sha256)))
     }
 
-    /// Whether a file can be written and synced now.
+    /// Checks that a file can be written and synced.
     pub(crate) fn probe(&self) -> io::Result<()> {
         let mut file = self.begin()?;
         file.as_file_mut().write_all(b"probe")?;
@@ -228,7 +228,7 @@ impl Files {
     }
 }
 
-/// The entries of a folder, none where it is absent.
+/// Entries of a folder; none if it does not exist.
 fn read_dir(folder: &Path) -> io::Result<Box<dyn Iterator<Item = io::Result<fs::DirEntry>>>> {
     match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Box::new(std::iter::empty())),
@@ -236,25 +236,25 @@ fn read_dir(folder: &Path) -> io::Result<Box<dyn Iterator<Item = io::Result<fs::
     }
 }
 
-fn list_folder(folder: &Path) -> io::Result<Vec<Found>> {
+fn list_folder(folder: &Path) -> io::Result<Vec<StoredFile>> {
     let mut found = Vec::new();
     for entry in read_dir(folder)? {
         let entry = entry?;
-        // A file may go between the listing and the look at it.
+        // A file may be removed after it was listed.
         let (Ok(about), Ok(sha256)) = (entry.metadata(), entry.file_name().into_string()) else { continue };
-        found.push(Found { sha256, modified: about.modified()? });
+        found.push(StoredFile { sha256, modified: about.modified()? });
     }
     Ok(found)
 }
 
-fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
+fn ignore_absent(result: io::Result<()>) -> io::Result<()> {
     match result {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
 }
 
-/// SHA-256 of what a file holds from where it is read on.
+/// SHA-256 of a file's bytes from the current position on.
 fn hash_of(file: &mut File) -> io::Result<String> {
     let (mut hash, mut piece) = (Sha256::new(), vec![0; PIECE_BYTES]);
     loop {
@@ -273,7 +273,7 @@ impl Receiver {
         self.file.as_file_mut().write_all(bytes)
     }
 
-    /// Syncs what was received.
+    /// Syncs the received file.
     pub(crate) fn finish(self) -> io::Result<Received> {
         self.file.as_file().sync_all()?;
         Ok(Received { file: self.file, sha256: hex(&self.hash.finalize()), size_bytes: self.size_bytes })

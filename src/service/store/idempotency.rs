@@ -1,5 +1,5 @@
-//! Idempotency keys (IETF draft-ietf-httpapi-idempotency-key-header): the same key with the same request gives the same
-//! answer for 24 hours, with another request it is refused. The row is written in the transaction that inserts the job.
+//! Idempotency keys (IETF draft-ietf-httpapi-idempotency-key-header): for 24 hours, a key gives the same answer to the same
+//! request and is refused for any other. Its row is written in the transaction that inserts the job.
 
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
@@ -7,10 +7,10 @@ use sqlx::{Row, SqliteConnection};
 use super::files::hex;
 use super::now;
 use super::stored::{VERSION, read_leniently};
-use crate::service::error::{Error, Fault};
+use crate::service::error::{Error, InternalError};
 use crate::wire::Job;
 
-/// A key and what it was used for.
+/// An idempotency key and the fingerprint of its request.
 #[derive(Clone, Debug)]
 pub(crate) struct IdempotencyKey {
     key: String,
@@ -18,18 +18,18 @@ pub(crate) struct IdempotencyKey {
 }
 
 impl IdempotencyKey {
-    /// `request` in its canonical form, its method and path included.
+    /// A key with the fingerprint of `request`, in canonical form with method and path.
     pub(crate) fn new(key: &str, request: &str) -> Self {
         Self { key: key.to_owned(), fingerprint: hex(&Sha256::digest(request)) }
     }
 
-    /// The answer that was given to this request before.
+    /// Earlier answer to this request, if any; deletes expired keys.
     pub(super) async fn replay(&self, tx: &mut SqliteConnection) -> Result<Option<Job>, Error> {
-        forget_old(&mut *tx).await?;
+        delete_expired(&mut *tx).await?;
         self.answer(tx).await
     }
 
-    /// The answer that was given to this request within a day.
+    /// Answer given to this request within the last 24 hours, if any.
     pub(super) async fn answer(&self, connection: &mut SqliteConnection) -> Result<Option<Job>, Error> {
         let row =
             sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1 AND created_at >= strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')").bind(&self.key).fetch_optional(connection).await?;
@@ -37,12 +37,12 @@ impl IdempotencyKey {
         if row.try_get::<String, _>("fingerprint")? != self.fingerprint {
             return Err(Error::IdempotencyMismatch);
         }
-        let (answer, _) = read_leniently(VERSION, &row.try_get::<String, _>("answer")?).map_err(Fault::Row)?;
+        let (answer, _) = read_leniently(VERSION, &row.try_get::<String, _>("answer")?).map_err(InternalError::Row)?;
         Ok(Some(answer))
     }
 
-    /// Keeps the answer.
-    pub(super) async fn keep(&self, tx: &mut SqliteConnection, answer: &Job) -> Result<(), Error> {
+    /// Records the answer.
+    pub(super) async fn record(&self, tx: &mut SqliteConnection, answer: &Job) -> Result<(), Error> {
         sqlx::query(concat!("INSERT INTO idempotency (key, fingerprint, answer, created_at) VALUES (?1, ?2, ?3, ", now!(), ")"))
             .bind(&self.key)
             .bind(&self.fingerprint)
@@ -53,8 +53,8 @@ impl IdempotencyKey {
     }
 }
 
-/// Forgets keys that are older than a day.
-pub(super) async fn forget_old(tx: &mut SqliteConnection) -> Result<(), Error> {
+/// Deletes keys older than 24 hours.
+pub(super) async fn delete_expired(tx: &mut SqliteConnection) -> Result<(), Error> {
     sqlx::query("DELETE FROM idempotency WHERE created_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')")
         .execute(tx)
         .await?;

@@ -1,5 +1,5 @@
-//! Which store a folder holds. The database has an id and the folder has the same id in the file `store-id`: a database
-//! that is missing, empty or of another store is noticed before anything is done to the files.
+//! Identity of a store. The database has an id, and the folder has the same id in the file `store-id`. So a database that is
+//! missing, empty or of another store is noticed before any file is touched.
 
 use std::fs;
 use std::io::{self, Write};
@@ -12,34 +12,34 @@ use super::files::Files;
 
 const FILE: &str = "store-id";
 
-/// Refuses a folder with files whose database is missing or empty. Goes before the database is opened, which would make it.
+/// Refuses a folder with files whose database is missing or empty. Called before the database is opened, which would create it.
 pub(super) fn check_file(data: &Path, files: &Files, database: &Path) -> Result<(), OpenError> {
     let size_bytes = fs::metadata(database).map_or(0, |about| about.len());
-    if size_bytes > 0 { Ok(()) } else { check_nothing_is_lost(data, files) }
+    if size_bytes > 0 { Ok(()) } else { check_is_new(data, files) }
 }
 
-/// Refuses a folder with files and a database without tables. Goes before the tables are made.
+/// Refuses a folder with files whose database has no tables. Called before the tables are created.
 pub(super) async fn check_tables(data: &Path, files: &Files, database: &mut SqliteConnection) -> Result<(), OpenError> {
     let has_tables: bool =
         sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM sqlite_master WHERE name = 'mesh')").fetch_one(database).await?;
-    if has_tables { Ok(()) } else { check_nothing_is_lost(data, files) }
+    if has_tables { Ok(()) } else { check_is_new(data, files) }
 }
 
-/// Refuses a folder that was a store's: it has files, or an id.
-fn check_nothing_is_lost(data: &Path, files: &Files) -> Result<(), OpenError> {
+/// Refuses a folder that belonged to a store: it has files or an id.
+fn check_is_new(data: &Path, files: &Files) -> Result<(), OpenError> {
     let is_new = || Ok(files.is_empty()? && read(data)?.is_none());
-    match is_new().map_err(|source| folder(data, source))? {
+    match is_new().map_err(|source| folder_error(data, source))? {
         true => Ok(()),
         false => Err(OpenError::DatabaseMissing { path: data.display().to_string() }),
     }
 }
 
-/// Refuses a database that belongs to other files, and otherwise sees to it that the folder has its id.
+/// Refuses a database of another store; writes the id to the folder if it is missing there.
 pub(super) async fn check_id(data: &Path, files: &Files, database: &mut SqliteConnection) -> Result<(), OpenError> {
     let id: String = sqlx::query_scalar("SELECT id FROM store").fetch_one(&mut *database).await?;
-    match read(data).map_err(|source| folder(data, source))? {
+    match read(data).map_err(|source| folder_error(data, source))? {
         Some(found) if found == id => return Ok(()),
-        Some(_) => return Err(OpenError::DatabaseOfAnother { path: data.display().to_string() }),
+        Some(_) => return Err(OpenError::ForeignDatabase { path: data.display().to_string() }),
         None => {}
     }
     let was_used: bool = sqlx::query_scalar(
@@ -47,13 +47,13 @@ pub(super) async fn check_id(data: &Path, files: &Files, database: &mut SqliteCo
     )
     .fetch_one(database)
     .await?;
-    if !was_used && !files.is_empty().map_err(|source| folder(data, source))? {
+    if !was_used && !files.is_empty().map_err(|source| folder_error(data, source))? {
         return Err(OpenError::DatabaseMissing { path: data.display().to_string() });
     }
-    write(data, &id).map_err(|source| folder(data, source))
+    write(data, &id).map_err(|source| folder_error(data, source))
 }
 
-/// The id that the folder was given, if any.
+/// Id in the folder, if any.
 pub(super) fn read(data: &Path) -> io::Result<Option<String>> {
     match fs::read_to_string(data.join(FILE)) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -61,7 +61,7 @@ pub(super) fn read(data: &Path) -> io::Result<Option<String>> {
     }
 }
 
-/// Gives the folder its id.
+/// Writes the id to the folder.
 pub(super) fn write(data: &Path, id: &str) -> io::Result<()> {
     let mut file = tempfile::NamedTempFile::new_in(data)?;
     writeln!(file, "{id}")?;
@@ -70,6 +70,6 @@ pub(super) fn write(data: &Path, id: &str) -> io::Result<()> {
     fs::File::open(data)?.sync_all()
 }
 
-fn folder(data: &Path, source: io::Error) -> OpenError {
+fn folder_error(data: &Path, source: io::Error) -> OpenError {
     OpenError::Folder { path: data.display().to_string(), source }
 }

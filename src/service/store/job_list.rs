@@ -1,5 +1,5 @@
-//! Lists of jobs: pages of what is known of each, without what it was asked for. Every filter has its index, and the cost
-//! of a page grows with the page, not with the number of stored jobs; places in the queue are counted once a page.
+//! Lists of jobs: pages of job summaries, without the parameters. Every filter has its index, and the cost of a page depends
+//! on its size, not on the number of stored jobs; queue positions are counted once per page.
 
 use std::collections::HashMap;
 
@@ -14,11 +14,11 @@ use super::stored::{VERSION, read_leniently};
 use crate::service::error::Error;
 use crate::wire::{JobFile, JobListItem, JobPage, JobState};
 
-/// Which jobs are listed.
+/// Filters of a job listing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct JobFilter {
     pub state: Option<JobState>,
-    /// Key, and value if given.
+    /// Key, and value if one is given.
     pub label: Option<(String, Option<String>)>,
     pub part_number: Option<String>,
 }
@@ -28,40 +28,40 @@ impl Store {
     pub(crate) async fn jobs(&self, filter: &JobFilter, page: &Page) -> Result<JobPage, Error> {
         let rows = query(filter, page).build().fetch_all(&self.reader).await?;
         let mut items: Vec<JobListItem> = rows.iter().filter_map(read).collect();
-        // A row that cannot be read at all is left out; the page after it begins where this one ended.
+        // Unreadable rows are skipped; the next page begins after the last readable one.
         let next_page_token = page.cut(&mut items, |job| job.id.to_string())?;
         if items.iter().any(|job| job.state == JobState::Queued) {
-            let places = self.queue_places(&items).await?;
+            let positions = self.queue_positions(&items).await?;
             for job in &mut items {
-                job.queue_position = places.get(&job.id.to_string()).copied();
+                job.queue_position = positions.get(&job.id.to_string()).copied();
             }
         }
         Ok(JobPage { items, next_page_token })
     }
 
-    /// Places in the queue, from 1, of those jobs that are in it.
-    async fn queue_places(&self, jobs: &[JobListItem]) -> Result<HashMap<String, u64>, Error> {
+    /// Positions in the queue, counted from 1, of the queued ones of these jobs.
+    async fn queue_positions(&self, jobs: &[JobListItem]) -> Result<HashMap<String, u64>, Error> {
         let wanted: Vec<String> = jobs.iter().filter(|job| job.state == JobState::Queued).map(|job| job.id.to_string()).collect();
-        let mut places: HashMap<String, u64> = HashMap::with_capacity(wanted.len());
+        let mut positions: HashMap<String, u64> = HashMap::with_capacity(wanted.len());
         let mut queue = sqlx::query_scalar::<_, String>(
             "SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id",
         )
         .fetch(&self.reader);
-        let (wanted, mut place): (std::collections::HashSet<_>, u64) = (wanted.into_iter().collect(), 0);
+        let (wanted, mut position): (std::collections::HashSet<_>, u64) = (wanted.into_iter().collect(), 0);
         while let Some(id) = queue.try_next().await? {
-            place += 1;
+            position += 1;
             if wanted.contains(&id) {
-                places.insert(id, place);
+                positions.insert(id, position);
             }
-            if places.len() == wanted.len() {
+            if positions.len() == wanted.len() {
                 break;
             }
         }
-        Ok(places)
+        Ok(positions)
     }
 }
 
-/// The page's query. A label is looked up first, in its own index; the other filters have theirs.
+/// Query of a page. A label is looked up first, in its own index; the other filters have their own.
 fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
         "SELECT job.id, state, mesh_id, part_number, serial, cell, scanner, labels, priority, stage, fraction, attempts, timings,
@@ -94,12 +94,12 @@ fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
     query
 }
 
-/// What a row says; fields that cannot be read are left empty, and a row whose id cannot be read is left out.
+/// Reads a row; unreadable fields are left empty, and a row with an unreadable id is skipped.
 fn read(row: &SqliteRow) -> Option<JobListItem> {
     let text = |column: &str| row.try_get::<Option<String>, _>(column).ok().flatten();
     let id = text("id")?;
     let Ok(id) = id.parse() else {
-        tracing::warn!(id, "a job is left out of a list: its id cannot be read");
+        tracing::warn!(id, "a job is missing in a list: its id cannot be read");
         return None;
     };
     let state = read_state(&text("state").unwrap_or_default());

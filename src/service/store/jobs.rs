@@ -1,13 +1,13 @@
-//! Rows of jobs and the only ways in which a job changes its state:
+//! Rows of jobs, and all transitions between their states:
 //!
 //! ```text
 //! queued ──► running ──► succeeded | failed
-//!   │ ▲         │ └────► queued (interrupted, or the process died; at most so many attempts, then failed)
+//!   │ ▲         │ └────► queued (interrupted, or the process died; failed after the max number of attempts)
 //!   │ └─────────┘
 //!   ▼           ▼
 //! cancelled ◄─ cancelling
 //! ```
-//! Every change appends its event in the same transaction.
+//! Every transition appends its event in the same transaction.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::artifacts::{self, ResultFile};
-use super::events::{self, Saying};
+use super::events::{self, EventBody};
 use super::idempotency::IdempotencyKey;
 use super::stored::{VERSION, read_leniently};
 use super::{Store, now, parsed};
@@ -25,15 +25,15 @@ use crate::service::failpoint;
 use crate::service::jobs::failure;
 use crate::wire::{EventKind, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId};
 
-/// A job to be accepted.
+/// A job to be inserted.
 pub(crate) struct NewJob {
     pub request: JobRequest,
-    /// What it is planned with, every name resolved, as JSON.
+    /// Planning input, every name resolved, as JSON.
     pub input: String,
     /// Meshes that it reads.
     pub meshes: Vec<MeshId>,
     pub idempotency: Option<IdempotencyKey>,
-    /// Jobs that may wait at most.
+    /// Max jobs in the queue.
     pub queue_limit: u64,
 }
 
@@ -46,16 +46,16 @@ pub(crate) struct Attempt {
     pub number: u32,
 }
 
-/// How an attempt ended.
+/// Outcome of an attempt.
 #[derive(Clone, Debug)]
-pub(crate) enum Outcome {
-    /// With these files, all of them stored.
+pub(crate) enum AttemptOutcome {
+    /// The result files, all of them stored.
     Succeeded(Vec<ResultFile>),
-    /// Without a result.
+    /// The problem, without any result.
     Failed(JobProblem),
-    /// Since its cancel flag was raised.
+    /// Ended by its cancel flag.
     Cancelled,
-    /// Since the server stops: the attempt does not count.
+    /// Ended because the server stops; the attempt does not count.
     Interrupted,
 }
 
@@ -73,8 +73,8 @@ macro_rules! select_job {
 }
 
 impl Store {
-    /// Accepts a job, its idempotency key and its first event in one transaction; or gives the answer that the same
-    /// request got before.
+    /// Inserts a job, its idempotency key and its first event in one transaction; or returns the earlier answer to the
+    /// same request.
     pub(crate) async fn submit(&self, new: NewJob) -> Result<Job, Error> {
         let mut tx = self.writer.begin().await?;
         if let Some(key) = &new.idempotency
@@ -83,23 +83,23 @@ impl Store {
             tx.commit().await?;
             return Ok(answer);
         }
-        check_room(&mut tx, new.queue_limit).await?;
+        check_queue_limit(&mut tx, new.queue_limit).await?;
         check_meshes(&mut tx, &new.meshes).await?;
         failpoint::hit("job", "before_insert");
         let id = JobId::generate();
         insert(&mut tx, id, &new).await?;
-        let event = events::append(&mut tx, id, Saying::state(EventKind::Queued, JobState::Queued)).await?;
+        let event = events::append(&mut tx, id, EventBody::state(EventKind::Queued, JobState::Queued)).await?;
         let job = fetch(&mut tx, id).await?;
         if let Some(key) = &new.idempotency {
-            key.keep(&mut tx, &job).await?;
+            key.record(&mut tx, &job).await?;
         }
-        let _in_order = tx.commit_and_hold().await?;
+        let _in_order = tx.commit_and_keep_lock().await?;
         failpoint::hit("job", "inserted");
-        self.tell(event);
+        self.publish(event);
         Ok(job)
     }
 
-    /// The answer given to this request before, if any.
+    /// Earlier answer to this request, if any.
     pub(crate) async fn replay(&self, key: &IdempotencyKey) -> Result<Option<Job>, Error> {
         key.answer(&mut *self.reader.acquire().await?).await
     }
@@ -109,20 +109,20 @@ impl Store {
         fetch(&mut *self.reader.acquire().await?, id).await
     }
 
-    /// Where a job stands.
+    /// State of a job.
     pub(crate) async fn job_state(&self, id: JobId) -> Result<JobState, Error> {
         state_of(&mut *self.reader.acquire().await?, id).await
     }
 
-    /// Jobs in each state.
+    /// Number of jobs in a state.
     pub(crate) async fn count_jobs(&self, state: JobState) -> Result<u64, Error> {
         let count: i64 =
             sqlx::query_scalar("SELECT count(*) FROM job WHERE state = ?1").bind(state.as_str()).fetch_one(&self.reader).await?;
         Ok(count.unsigned_abs())
     }
 
-    /// Starts an attempt at the next job in the queue: highest priority first, then oldest. A job whose row cannot be read
-    /// fails with the reason, and the next one is looked at.
+    /// Starts an attempt at the next job in the queue: highest priority first, then oldest. Jobs whose rows cannot be read
+    /// fail with the reason and are skipped.
     pub(crate) async fn claim(&self) -> Result<Option<Attempt>, Error> {
         loop {
             match self.claim_next().await? {
@@ -156,7 +156,7 @@ impl Store {
         let (claimed, event) = match body_of(&mut tx, id).await? {
             Ok((request, input)) => {
                 let number = row.try_get("attempts")?;
-                let event = events::append(&mut tx, id, Saying::state(EventKind::Started, JobState::Running)).await?;
+                let event = events::append(&mut tx, id, EventBody::state(EventKind::Started, JobState::Running)).await?;
                 (Claimed::Attempt(Box::new(Attempt { id, request, input, number })), event)
             }
             Err(reason) => {
@@ -165,13 +165,13 @@ impl Store {
                 (Claimed::Unreadable, end(&mut tx, id, EventKind::Failed, JobState::Failed, Some(&problem)).await?)
             }
         };
-        let _in_order = tx.commit_and_hold().await?;
-        self.tell(event);
+        let _in_order = tx.commit_and_keep_lock().await?;
+        self.publish(event);
         Ok(claimed)
     }
 
-    /// Records how far a running job is. A job that does not run stays as it is.
-    pub(crate) async fn progress(&self, id: JobId, stage: &str, fraction: f64, timings: &str) -> Result<(), Error> {
+    /// Records the progress of a running job; ignored for a job that is not running.
+    pub(crate) async fn record_progress(&self, id: JobId, stage: &str, fraction: f64, timings: &str) -> Result<(), Error> {
         let mut tx = self.writer.begin().await?;
         let state: Option<String> = sqlx::query_scalar(
             "UPDATE job SET stage = ?2, fraction = ?3, timings = ?4 WHERE id = ?1 AND state IN ('running', 'cancelling')
@@ -185,31 +185,31 @@ impl Store {
         .await?;
         let Some(state) = state else { return Ok(()) };
         let state = read_state(&state).unwrap_or(JobState::Running);
-        let saying = Saying { kind: EventKind::Progress, state, stage: Some(stage), fraction, code: None };
-        let event = events::append(&mut tx, id, saying).await?;
-        let _in_order = tx.commit_and_hold().await?;
-        self.tell(event);
+        let body = EventBody { kind: EventKind::Progress, state, stage: Some(stage), fraction, code: None };
+        let event = events::append(&mut tx, id, body).await?;
+        let _in_order = tx.commit_and_keep_lock().await?;
+        self.publish(event);
         Ok(())
     }
 
-    /// Ends an attempt. A job whose cancellation was asked for becomes `cancelled`, whatever its attempt came to. A job that
-    /// has ended stays as it is: a commit may have reached the disk though it was answered with an error.
-    pub(crate) async fn end_attempt(&self, id: JobId, outcome: &Outcome, timings: &str) -> Result<JobState, Error> {
+    /// Ends an attempt. A job whose cancellation was requested becomes `cancelled`, whatever the outcome. A job that has ended
+    /// is not changed: an earlier commit may have reached the disk although it returned an error.
+    pub(crate) async fn end_attempt(&self, id: JobId, outcome: &AttemptOutcome, timings: &str) -> Result<JobState, Error> {
         let mut tx = self.writer.begin().await?;
         let before = state_of(&mut tx, id).await?;
         if before.is_ended() || before == JobState::Queued {
             return Ok(before);
         }
         let (kind, after) = match (before, outcome) {
-            (JobState::Cancelling, _) | (_, Outcome::Cancelled) => (EventKind::Cancelled, JobState::Cancelled),
-            (_, Outcome::Succeeded(_)) => (EventKind::Succeeded, JobState::Succeeded),
-            (_, Outcome::Failed(_)) => (EventKind::Failed, JobState::Failed),
-            (_, Outcome::Interrupted) => (EventKind::Queued, JobState::Queued),
+            (JobState::Cancelling, _) | (_, AttemptOutcome::Cancelled) => (EventKind::Cancelled, JobState::Cancelled),
+            (_, AttemptOutcome::Succeeded(_)) => (EventKind::Succeeded, JobState::Succeeded),
+            (_, AttemptOutcome::Failed(_)) => (EventKind::Failed, JobState::Failed),
+            (_, AttemptOutcome::Interrupted) => (EventKind::Queued, JobState::Queued),
         };
         let mut problem = None;
         match outcome {
-            Outcome::Succeeded(files) if after == JobState::Succeeded => artifacts::insert(&mut tx, id, files).await?,
-            Outcome::Failed(why) if after == JobState::Failed => problem = Some(why),
+            AttemptOutcome::Succeeded(files) if after == JobState::Succeeded => artifacts::insert(&mut tx, id, files).await?,
+            AttemptOutcome::Failed(reason) if after == JobState::Failed => problem = Some(reason),
             _ => {}
         }
         failpoint::hit("result", "before_commit");
@@ -221,34 +221,34 @@ impl Store {
             .bind(uncounted)
             .execute(&mut *tx)
             .await?;
-        let _in_order = tx.commit_and_hold().await?;
+        let _in_order = tx.commit_and_keep_lock().await?;
         failpoint::hit("result", "committed");
-        self.tell(event);
+        self.publish(event);
         Ok(after)
     }
 
-    /// Asks for a job's cancellation: at once when it is queued, else its attempt has to see it.
+    /// Requests a job's cancellation: a queued job is cancelled at once, a running one when its attempt notices.
     pub(crate) async fn cancel(&self, id: JobId) -> Result<Job, Error> {
         let mut tx = self.writer.begin().await?;
         let event = match state_of(&mut tx, id).await? {
             JobState::Queued => end(&mut tx, id, EventKind::Cancelled, JobState::Cancelled, None).await?,
             JobState::Running => {
                 sqlx::query("UPDATE job SET state = 'cancelling' WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
-                events::append(&mut tx, id, Saying::state(EventKind::Cancelling, JobState::Cancelling)).await?
+                events::append(&mut tx, id, EventBody::state(EventKind::Cancelling, JobState::Cancelling)).await?
             }
             JobState::Cancelling | JobState::Cancelled => return fetch(&mut tx, id).await,
             state @ (JobState::Succeeded | JobState::Failed) => return Err(Error::JobEnded { job: id, state }),
         };
         let job = fetch(&mut tx, id).await?;
         failpoint::hit("cancel", "before_commit");
-        let _in_order = tx.commit_and_hold().await?;
+        let _in_order = tx.commit_and_keep_lock().await?;
         failpoint::hit("cancel", "committed");
-        self.tell(event);
+        self.publish(event);
         Ok(job)
     }
 
-    /// Deletes an ended job and its results, unless it has a label of the key `hold`. `why` is told with the event.
-    pub(crate) async fn delete_job(&self, id: JobId, hold: &str, why: Option<&str>) -> Result<(), Error> {
+    /// Deletes an ended job and its results, unless it has the label `hold`. The event carries `code`, the reason.
+    pub(crate) async fn delete_job(&self, id: JobId, hold: &str, code: Option<&str>) -> Result<(), Error> {
         let orphans = {
             let mut tx = self.writer.begin().await?;
             let state = state_of(&mut tx, id).await?;
@@ -261,16 +261,16 @@ impl Store {
                 .fetch_all(&mut *tx)
                 .await?;
             sqlx::query("DELETE FROM job WHERE id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
-            let event = events::append(&mut tx, id, Saying { code: why, ..Saying::state(EventKind::Deleted, state) }).await?;
-            let _in_order = tx.commit_and_hold().await?;
-            self.tell(event);
+            let event = events::append(&mut tx, id, EventBody { code, ..EventBody::state(EventKind::Deleted, state) }).await?;
+            let _in_order = tx.commit_and_keep_lock().await?;
+            self.publish(event);
             orphans
         };
         self.remove_unreferenced(orphans).await
     }
 
-    /// Puts the jobs of a process that died in order: those that ran start again, or fail after `max_attempts`; those
-    /// that were being cancelled are cancelled. Returns how many were found.
+    /// Recovers the unfinished jobs of a process that died: running ones are queued again, or fail after `max_attempts`;
+    /// those being cancelled become `cancelled`. Returns their number.
     pub(crate) async fn recover(&self, max_attempts: u32, exhausted: &JobProblem) -> Result<usize, Error> {
         let mut tx = self.writer.begin().await?;
         let rows = sqlx::query("SELECT id, state, attempts FROM job WHERE state IN ('running', 'cancelling') ORDER BY id")
@@ -295,7 +295,7 @@ impl Store {
         Ok(rows.len())
     }
 
-    /// Replaces a job's labels. What its files echo stays as it was submitted.
+    /// Replaces a job's labels. Its files keep the labels that it was submitted with.
     pub(crate) async fn put_labels(&self, id: JobId, labels: &BTreeMap<String, String>) -> Result<Job, Error> {
         let mut tx = self.writer.begin().await?;
         state_of(&mut tx, id).await?;
@@ -312,25 +312,25 @@ impl Store {
     }
 }
 
-/// What came of a look at the queue.
+/// Result of claiming the next job.
 enum Claimed {
     Attempt(Box<Attempt>),
     Unreadable,
     Nothing,
 }
 
-/// What a job was asked for and is planned with; or why that cannot be read.
+/// Request and input of a job, or the reason why they cannot be read.
 async fn body_of(tx: &mut SqliteConnection, id: JobId) -> Result<Result<(JobRequest, String), String>, Error> {
     let row = sqlx::query("SELECT version, request, input FROM job_body WHERE job_id = ?1")
         .bind(id.to_string())
         .fetch_optional(&mut *tx)
         .await?;
-    let Some(row) = row else { return Ok(Err("its request is not in the database".to_owned())) };
+    let Some(row) = row else { return Ok(Err("its request is missing in the database".to_owned())) };
     let request = read_leniently::<JobRequest>(row.try_get("version")?, &row.try_get::<String, _>("request")?);
     let input: String = row.try_get("input")?;
-    Ok(request.map(|(request, left_out)| {
-        if !left_out.is_empty() {
-            tracing::warn!(job = %id, fields = left_out.join(", "), "fields that this version does not know are left out");
+    Ok(request.map(|(request, unknown)| {
+        if !unknown.is_empty() {
+            tracing::warn!(job = %id, fields = unknown.join(", "), "unknown fields of a job's request are ignored");
         }
         (request, input)
     }))
@@ -349,14 +349,14 @@ async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result
     if held { Err(Error::JobHeld { job: id, label: label.to_owned() }) } else { Ok(()) }
 }
 
-async fn check_room(tx: &mut SqliteConnection, limit: u64) -> Result<(), Error> {
+async fn check_queue_limit(tx: &mut SqliteConnection, limit: u64) -> Result<(), Error> {
     let queued: i64 =
         sqlx::query_scalar("SELECT count(*) FROM job INDEXED BY job_queue WHERE state = 'queued'").fetch_one(tx).await?;
     let queued = queued.unsigned_abs();
     if queued >= limit { Err(Error::QueueFull { queued }) } else { Ok(()) }
 }
 
-/// A mesh may have been deleted since the request was checked.
+/// Checks that the meshes still exist: one may have been deleted since the request was checked.
 async fn check_meshes(tx: &mut SqliteConnection, meshes: &[MeshId]) -> Result<(), Error> {
     for mesh in meshes {
         let there: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM mesh WHERE id = ?1)")
@@ -423,7 +423,7 @@ fn name_of<'a, T>(named: &'a Named<T>, own: impl Fn(&'a T) -> &'a String) -> &'a
     }
 }
 
-/// Takes a job out of its attempt or out of the queue.
+/// Moves a job to the state `after`, from its attempt or from the queue, and appends the event.
 async fn end(
     tx: &mut SqliteConnection,
     id: JobId,
@@ -444,10 +444,10 @@ async fn end(
     .execute(&mut *tx)
     .await?;
     let fraction = if after == JobState::Succeeded { 1.0 } else { 0.0 };
-    events::append(tx, id, Saying { kind, state: after, stage: None, fraction, code: problem.map(|p| p.code.as_str()) }).await
+    events::append(tx, id, EventBody { kind, state: after, stage: None, fraction, code: problem.map(|p| p.code.as_str()) }).await
 }
 
-/// A state that cannot be read counts as failed, so that the job can be deleted.
+/// State of a job. An unreadable state counts as failed, so that the job can be deleted.
 async fn state_of(tx: &mut SqliteConnection, id: JobId) -> Result<JobState, Error> {
     let state: Option<String> =
         sqlx::query_scalar("SELECT state FROM job WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
@@ -459,26 +459,26 @@ async fn fetch(tx: &mut SqliteConnection, id: JobId) -> Result<Job, Error> {
     read(&row.ok_or(Error::JobNotFound(id))?)
 }
 
-/// A job's state; or, where it cannot be read, the problem to show with the job.
+/// Parses a job's state; if it is unreadable, returns the problem to show with the job.
 pub(super) fn read_state(text: &str) -> Result<JobState, JobProblem> {
-    text.parse().map_err(|_| unreadable(format!("its state {text:?} is not one that this version knows")))
+    text.parse().map_err(|_| unreadable(format!("its state {text:?} is unknown to this version")))
 }
 
-/// Why a job failed, as it was stored.
+/// Stored problem of a failed job.
 pub(super) fn read_problem(text: Option<String>) -> Option<JobProblem> {
     let text = text?;
     let read = read_leniently(VERSION, &text).map(|(problem, _)| problem);
-    Some(read.unwrap_or_else(|reason| unreadable(format!("why it failed was stored and cannot be read: {reason}"))))
+    Some(read.unwrap_or_else(|reason| unreadable(format!("the stored reason for its failure cannot be read: {reason}"))))
 }
 
-/// What a row says. A request that cannot be read is shown with its defaults and the reason as `problem`, so that such a job
-/// can still be looked at, cancelled and deleted.
+/// Reads a row. An unreadable request is replaced by the defaults, with the reason as `problem`, so that the job can still be
+/// seen, cancelled and deleted.
 fn read(row: &SqliteRow) -> Result<Job, Error> {
     let text = |column: &str| row.try_get::<Option<String>, _>(column).ok().flatten();
     let (state, mesh_id) = (read_state(&text("state").unwrap_or_default()), text("mesh_id").unwrap_or_default());
     let request = match (text("request"), row.try_get("version")) {
         (Some(request), Ok(version)) => read_leniently::<JobRequest>(version, &request).map(|(request, _)| request),
-        _ => Err("its request is not in the database".to_owned()),
+        _ => Err("its request is missing in the database".to_owned()),
     };
     let (request, unreadable_request) = match request {
         Ok(request) => (request, None),

@@ -9,17 +9,17 @@ use super::pages::Page;
 use super::{Store, blocking, parsed};
 use crate::service::error::Error;
 use crate::service::failpoint;
-use crate::wire::{Mesh, MeshHealth, MeshId, MeshPage};
+use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh};
 
 /// A mesh to be stored.
 pub(crate) struct NewMesh {
     pub received: Received,
     pub unit: String,
     pub name: Option<String>,
-    pub health: MeshHealth,
+    pub health: MeshHealthReport,
 }
 
-/// Which file a mesh is, and how to read it.
+/// File of a mesh and the unit of its coordinates.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct MeshFile {
     pub sha256: String,
@@ -27,15 +27,15 @@ pub(crate) struct MeshFile {
 }
 
 impl Store {
-    /// Stores a mesh. The same file with the same unit and name is the same mesh: uploading it again gives it back.
-    pub(crate) async fn add_mesh(&self, new: NewMesh) -> Result<Mesh, Error> {
+    /// Stores a mesh. An upload with the same bytes, unit and name as a stored mesh returns that mesh.
+    pub(crate) async fn add_mesh(&self, new: NewMesh) -> Result<UploadedMesh, Error> {
         let NewMesh { received, unit, name, health } = new;
         let (sha256, size_bytes) = (received.sha256.clone(), received.size_bytes);
-        let _hold = self.held.hold(vec![sha256.clone()]).await;
+        let _pin = self.pinned.pin(vec![sha256.clone()]).await;
         let files = self.files.clone();
         blocking(move || {
             failpoint::hit("upload", "before_rename");
-            files.adopt(received)?;
+            files.persist(received)?;
             failpoint::hit("upload", "after_rename");
             Ok(())
         })
@@ -71,7 +71,7 @@ impl Store {
     }
 
     /// One mesh.
-    pub(crate) async fn mesh(&self, id: MeshId) -> Result<Mesh, Error> {
+    pub(crate) async fn mesh(&self, id: MeshId) -> Result<UploadedMesh, Error> {
         let row = sqlx::query("SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh WHERE id = ?1")
             .bind(id.to_string())
             .fetch_optional(&self.reader)
@@ -94,7 +94,7 @@ impl Store {
         Ok(MeshPage { items, next_page_token })
     }
 
-    /// The hash of the preview made for a mesh earlier.
+    /// Hash of a mesh's stored preview, if any.
     pub(crate) async fn preview(&self, id: MeshId) -> Result<Option<String>, Error> {
         let row = sqlx::query_scalar("SELECT preview FROM mesh WHERE id = ?1")
             .bind(id.to_string())
@@ -103,22 +103,22 @@ impl Store {
         row.ok_or(Error::MeshNotFound(id))
     }
 
-    /// Keeps the preview made for a mesh; returns its hash.
-    pub(crate) async fn keep_preview(&self, id: MeshId, bytes: Vec<u8>) -> Result<String, Error> {
+    /// Stores the preview of a mesh; returns its hash.
+    pub(crate) async fn put_preview(&self, id: MeshId, bytes: Vec<u8>) -> Result<String, Error> {
         let files = self.files.clone();
         let received = blocking(move || Ok(files.write(&bytes)?)).await?;
         let sha256 = received.sha256.clone();
-        let _hold = self.held.hold(vec![sha256.clone()]).await;
+        let _pin = self.pinned.pin(vec![sha256.clone()]).await;
         let files = self.files.clone();
-        blocking(move || files.adopt(received)).await?;
+        blocking(move || files.persist(received)).await?;
         let mut tx = self.writer.begin().await?;
-        let kept = sqlx::query("UPDATE mesh SET preview = ?2 WHERE id = ?1")
+        let updated = sqlx::query("UPDATE mesh SET preview = ?2 WHERE id = ?1")
             .bind(id.to_string())
             .bind(&sha256)
             .execute(&mut *tx)
             .await?;
         tx.commit().await?;
-        if kept.rows_affected() == 0 { Err(Error::MeshNotFound(id)) } else { Ok(sha256) }
+        if updated.rows_affected() == 0 { Err(Error::MeshNotFound(id)) } else { Ok(sha256) }
     }
 
     /// Deletes a mesh that no unfinished job needs.
@@ -148,25 +148,25 @@ impl Store {
     }
 }
 
-fn read(row: &SqliteRow) -> Result<Mesh, Error> {
-    Ok(Mesh {
+fn read(row: &SqliteRow) -> Result<UploadedMesh, Error> {
+    Ok(UploadedMesh {
         id: parsed("mesh.id", &row.try_get::<String, _>("id")?)?,
         name: row.try_get("name")?,
         unit: row.try_get("unit")?,
         sha256: row.try_get("sha256")?,
         size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
         created_at: row.try_get("created_at")?,
-        // The mesh is none the worse for a report that cannot be read.
-        health: read_health(&row.try_get::<String, _>("health")?).unwrap_or_else(|reason| MeshHealth::unreadable(&reason)),
+        // The mesh itself is usable even if its report is unreadable.
+        health: read_health(&row.try_get::<String, _>("health")?).unwrap_or_else(|reason| MeshHealthReport::unreadable(&reason)),
     })
 }
 
-/// A stored health report. Facts that the version which stored it did not know are empty.
-pub(super) fn read_health(text: &str) -> Result<MeshHealth, String> {
-    let mut facts = serde_json::to_value(MeshHealth::default()).map_err(|error| error.to_string())?;
+/// Reads a stored health report. Fields that an earlier version did not store get their defaults.
+pub(super) fn read_health(text: &str) -> Result<MeshHealthReport, String> {
+    let mut fields = serde_json::to_value(MeshHealthReport::default()).map_err(|error| error.to_string())?;
     let stored: serde_json::Map<String, Value> = serde_json::from_str(text).map_err(|error| error.to_string())?;
-    if let Value::Object(facts) = &mut facts {
-        facts.extend(stored);
+    if let Value::Object(fields) = &mut fields {
+        fields.extend(stored);
     }
-    serde_json::from_value(facts).map_err(|error| error.to_string())
+    serde_json::from_value(fields).map_err(|error| error.to_string())
 }

@@ -1,20 +1,20 @@
-//! What must outlive the process: SQLite rows (WAL, `synchronous=FULL`, one writer) and content-addressed files that
-//! the rows refer to. A function that returns has its change on the disk.
+//! Persistent state: SQLite rows (WAL, `synchronous=FULL`, one writer) and content-addressed files that the rows refer to.
+//! Once a function has returned, its change is on the disk.
 //!
-//! Order of writes: a file is there before a row names it, and its row is gone before it is removed; so a crash leaves
-//! at most files that nothing names. Those are moved to `swept/` once they are old enough, and removed from there later.
+//! Order of writes: a file is written before a row refers to it, and removed after its row; so a crash leaves at most
+//! orphans: files that no row refers to. They are moved to `swept/` once they are old enough, and removed from there later.
 
 mod artifacts;
 mod backup;
 mod events;
 mod files;
-mod held;
 mod idempotency;
 mod identity;
 mod job_list;
 mod jobs;
 mod meshes;
 mod pages;
+mod pinned;
 mod retention;
 mod scrub;
 mod specs;
@@ -31,23 +31,23 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
 use tokio::sync::broadcast;
 
-pub(crate) use artifacts::{Encoding, ResultFile};
+pub(crate) use artifacts::{FileEncoding, ResultFile};
 pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use files::{Files, Received, hex};
 pub(crate) use idempotency::IdempotencyKey;
 pub(crate) use job_list::JobFilter;
-pub(crate) use jobs::{Attempt, NewJob, Outcome};
+pub(crate) use jobs::{Attempt, AttemptOutcome, NewJob};
 pub(crate) use meshes::{MeshFile, NewMesh};
 pub(crate) use pages::Page;
 pub(crate) use retention::{Due, Policy};
 pub use specs::Precondition;
-pub(crate) use specs::{Put, StoredSpec};
+pub(crate) use specs::{PutResult, StoredSpec};
 pub(crate) use stored::read_leniently;
 
-use super::error::{Error, Fault};
+use super::error::{Error, InternalError};
 use crate::wire::JobEvent;
 
-/// The time of the database as text; every time in the store is written with it.
+/// SQL expression of the current time as text. Every time in the store is written with it.
 macro_rules! now {
     () => {
         "strftime('%Y-%m-%dT%H:%M:%fZ', 'now')"
@@ -55,45 +55,45 @@ macro_rules! now {
 }
 pub(crate) use now;
 
-/// Events that a slow reader may be behind before it has to read them from the database.
+/// Events that a listener may fall behind before it has to read them from the database.
 const FEED_LENGTH: usize = 1024;
-/// Connections that read.
-const READERS: u32 = 4;
-/// Name of the database in the folder of a store.
+/// Max connections that read.
+const MAX_READERS: u32 = 4;
+/// File name of the database in a store's folder.
 const DATABASE: &str = "vantage.db";
 
-/// Why a store cannot be opened.
+/// Reasons why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// Another process has it open.
+    /// Another process has the store open.
     #[error("{0} is in use by another process")]
     InUse(String),
     /// The folder cannot be used.
     #[error("cannot use {path}")]
     Folder {
-        /// Which.
+        /// The folder.
         path: String,
-        /// Why.
+        /// The I/O error.
         #[source]
         source: std::io::Error,
     },
-    /// There are files, and no database that names them.
+    /// The folder has files but no database.
     #[error(
-        "{path} holds files of a store but its database vantage.db is missing or empty; nothing was changed. Put the database \
-         back (with vantage.db-wal, if there is one), or restore a backup with `vantage restore`, or choose another folder \
-         with --data; to give the stored files up, move everything out of {path}"
+        "{path} has the files of a store, but its database vantage.db is missing or empty; nothing was changed. Put the database \
+         back (with vantage.db-wal, if there is one), restore a backup with `vantage restore`, or choose another folder \
+         with --data; to discard the stored files, move everything out of {path}"
     )]
     DatabaseMissing {
         /// The folder.
         path: String,
     },
-    /// The database is that of another folder.
+    /// The database belongs to another store.
     #[error(
-        "the database in {path} belongs to the files of another folder: its id is not the one in store-id; nothing was \
-         changed. Put the right database back, or restore a backup with `vantage restore`; if these files do belong to it, \
-         remove store-id"
+        "the database in {path} belongs to another store: its id differs from the one in store-id; nothing was changed. Put the \
+         right database back, or restore a backup with `vantage restore`; if the files do belong to this database, remove \
+         store-id"
     )]
-    DatabaseOfAnother {
+    ForeignDatabase {
         /// The folder.
         path: String,
     },
@@ -102,20 +102,20 @@ pub enum OpenError {
     DatabaseDamaged {
         /// The database.
         path: String,
-        /// What SQLite found.
+        /// Findings of SQLite's check.
         findings: String,
     },
     /// The database cannot be used.
     #[error("cannot open the database")]
     Database(#[from] sqlx::Error),
-    /// There are no threads to plan on.
+    /// The planning threads cannot be started.
     #[error("cannot start the planning threads")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// What an earlier process left cannot be put in order.
-    #[error("cannot put in order what an earlier process left")]
+    /// Jobs that an earlier process left unfinished cannot be recovered.
+    #[error("cannot recover the jobs that an earlier process left unfinished")]
     Recovery(#[from] Error),
-    /// The database is of another version of the program.
-    #[error("cannot bring the database to this version of the program")]
+    /// The database cannot be migrated to this version's schema.
+    #[error("cannot migrate the database to this version of the program")]
     Migration(#[from] sqlx::migrate::MigrateError),
 }
 
@@ -126,13 +126,13 @@ pub(crate) struct Store {
     writer: writer::Writer,
     files: Files,
     feed: broadcast::Sender<Arc<JobEvent>>,
-    held: held::HeldFiles,
-    damage: scrub::Findings,
+    pinned: pinned::PinnedFiles,
+    damage: scrub::KnownDamage,
     _in_use: File,
 }
 
 impl Store {
-    /// Opens the store in the folder `data`, making it if need be.
+    /// Opens the store in the folder `data`; creates it if needed.
     pub(crate) async fn open(data: &Path) -> Result<Self, OpenError> {
         let folder = |source| OpenError::Folder { path: data.display().to_string(), source };
         std::fs::create_dir_all(data).map_err(folder)?;
@@ -146,48 +146,48 @@ impl Store {
         migrator().run_direct(None, &mut writer, false).await?;
         identity::check_id(data, &files, &mut writer).await?;
         let files = Files::open(data).map_err(folder)?;
-        let reader = SqlitePoolOptions::new().max_connections(READERS).connect_with(options.clone()).await?;
+        let reader = SqlitePoolOptions::new().max_connections(MAX_READERS).connect_with(options.clone()).await?;
         Ok(Self {
             data: data.to_owned(),
             reader,
             writer: writer::Writer::new(options, writer),
             files,
             feed: broadcast::channel(FEED_LENGTH).0,
-            held: held::HeldFiles::default(),
-            damage: scrub::Findings::default(),
+            pinned: pinned::PinnedFiles::default(),
+            damage: scrub::KnownDamage::default(),
             _in_use: in_use,
         })
     }
 
-    /// Puts everything into the database file and closes it: from then on a copy of the folder is a backup.
+    /// Writes everything to the database file and closes it: from then on a copy of the folder is a backup.
     pub(crate) async fn close(&self) -> Result<(), Error> {
         self.reader.close().await;
         self.writer.close().await
     }
 
-    /// The files.
+    /// The content-addressed files.
     pub(crate) fn files(&self) -> &Files {
         &self.files
     }
 
-    /// Sizes of the database and its write-ahead log on the disk.
+    /// Size of the database and its write-ahead log on the disk.
     pub(crate) fn database_bytes(&self) -> u64 {
         let size = |name: &str| std::fs::metadata(self.data.join(name)).map_or(0, |about| about.len());
         size(DATABASE) + size("vantage.db-wal")
     }
 
-    /// Checks that rows and files can be written now.
+    /// Checks that rows and files can be written.
     pub(crate) async fn probe(&self) -> Result<(), Error> {
         let files = self.files.clone();
         blocking(move || Ok(files.probe()?)).await?;
         let mut tx = self.writer.begin().await?;
-        idempotency::forget_old(&mut tx).await?;
+        idempotency::delete_expired(&mut tx).await?;
         tx.commit().await?;
         Ok(())
     }
 }
 
-/// Takes the folder for this process.
+/// Locks the folder for this process.
 fn lock(data: &Path) -> Result<File, OpenError> {
     let in_use =
         File::create(data.join("in-use")).map_err(|source| OpenError::Folder { path: data.display().to_string(), source })?;
@@ -203,7 +203,7 @@ fn connect_options(database: &Path) -> SqliteConnectOptions {
         .synchronous(SqliteSynchronous::Full)
 }
 
-/// Opens the database and has SQLite check it.
+/// Opens the database after SQLite's quick check.
 async fn open_database(options: &SqliteConnectOptions, path: &Path) -> Result<SqliteConnection, OpenError> {
     const CORRUPT: [&str; 2] = ["11", "26"];
     let damaged = |findings: String| OpenError::DatabaseDamaged { path: path.display().to_string(), findings };
@@ -232,14 +232,14 @@ fn migrator() -> Migrator {
     ])
 }
 
-/// Runs what blocks on a thread that may be blocked.
+/// Runs blocking work on a thread that may block.
 pub(crate) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, Error> + Send + 'static) -> Result<T, Error> {
     tokio::task::spawn_blocking(work).await?
 }
 
-/// A value of a row, read by its type.
+/// Parses a column's text as `T`.
 fn parsed<T: std::str::FromStr>(column: &str, text: &str) -> Result<T, Error> {
-    text.parse().map_err(|_| Fault::Row(format!("{column} {text:?}")).into())
+    text.parse().map_err(|_| InternalError::Row(format!("{column} {text:?}")).into())
 }
 
 #[cfg(test)]

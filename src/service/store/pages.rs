@@ -1,5 +1,5 @@
-//! Pages of listings, newest first, by keyset: the token holds the last id of the page and a digest of the listing's
-//! filters, so that a token cannot be used on another listing.
+//! Keyset pagination of listings, newest first: the token holds the last id of the page and a digest of the listing's
+//! filters, so that a token cannot be used for another listing.
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -7,28 +7,28 @@ use sha2::{Digest, Sha256};
 use super::files::hex;
 use crate::service::error::Error;
 
-/// Which page of a listing.
+/// A page of a listing.
 #[derive(Clone, Debug)]
 pub(crate) struct Page {
-    /// Entries at most.
+    /// Max number of entries.
     pub size: u32,
-    /// Only entries with an id below this one; ids are compared as text. The highest text, for the first page.
+    /// Upper bound of the ids, exclusive, compared as text; for the first page above every id.
     pub before: String,
     filters: String,
 }
 
-/// Above every id.
-const FIRST: &str = "~";
+/// Text above every id.
+const ABOVE_ALL_IDS: &str = "~";
 const DIGEST_LENGTH: usize = 16;
-/// JSON of the entries of one page.
+/// Max size of a page's entries as JSON.
 const MAX_PAGE_BYTES: usize = 4 << 20;
 
 impl Page {
-    /// The page of `size` entries that `token` asks for, in the listing with these `filters`.
+    /// A page of `size` entries at `token`, in the listing with these `filters`.
     pub(crate) fn new(size: u32, token: Option<&str>, filters: &str) -> Result<Self, Error> {
         let filters = hex(&Sha256::digest(filters))[..DIGEST_LENGTH].to_owned();
         let before = match token {
-            None => FIRST.to_owned(),
+            None => ABOVE_ALL_IDS.to_owned(),
             Some(token) => match token.split_once('.') {
                 Some((id, digest)) if digest == filters && id.parse::<uuid::fmt::Hyphenated>().is_ok() => id.to_owned(),
                 _ => return Err(Error::BadPageToken),
@@ -37,12 +37,12 @@ impl Page {
         Ok(Self { size, before, filters })
     }
 
-    /// Rows to ask for: one more than the page has, to know whether another follows.
+    /// Number of rows to query: one more than the page has, to know whether another page follows.
     pub(crate) fn limit(&self) -> i64 {
         i64::from(self.size) + 1
     }
 
-    /// Cuts the page after its last entry, and before it takes more than [`MAX_PAGE_BYTES`]; makes the next page's token.
+    /// Truncates the rows to the page's size and to [`MAX_PAGE_BYTES`]; returns the token of the next page, if any.
     pub(crate) fn cut<T: Serialize>(&self, rows: &mut Vec<T>, id: impl Fn(&T) -> String) -> Result<Option<String>, Error> {
         let (mut bytes, mut length) = (0, 0);
         for row in rows.iter().take(self.size as usize) {

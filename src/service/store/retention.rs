@@ -1,5 +1,5 @@
-//! What a policy lets go: ended jobs that are too old or too many for their part, meshes that nothing uses any more, and
-//! the oldest jobs while the store takes more of the disk than it may. A job with the label of a hold is never let go.
+//! Retention: the policy deletes ended jobs that are too old or too many for their part, meshes that nothing uses any more,
+//! and the oldest jobs while the store exceeds its share of the disk. A job with the hold label is never deleted.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,18 +9,18 @@ use super::Store;
 use crate::service::error::Error;
 use crate::wire::{JobId, MeshId, RetentionReason};
 
-/// What is kept, and how long.
+/// Retention policy.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Policy {
-    /// Ended jobs older than this are let go; 0 keeps them.
+    /// Age at which ended jobs are deleted, days; 0 keeps them.
     pub job_days: u32,
-    /// Of each part (its part number, else its mesh) this many ended jobs are kept; 0 keeps all.
+    /// Ended jobs kept for each part (its part number, else its mesh); 0 keeps all.
     pub jobs_per_part: u32,
-    /// Meshes that no job refers to are let go this long after their upload; 0 keeps them.
+    /// Age at which meshes that no job refers to are deleted, days since their upload; 0 keeps them.
     pub unused_mesh_days: u32,
-    /// Bytes that results may take; the oldest ended jobs go first. 0 for no limit.
+    /// Max total size of the stored files; the oldest ended jobs are deleted first. 0 for no limit.
     pub max_bytes: u64,
-    /// Key of the label that keeps a job.
+    /// Key of the label that protects a job from deletion.
     pub hold_label: String,
 }
 
@@ -30,17 +30,17 @@ impl Policy {
     }
 }
 
-/// What the policy lets go.
+/// Jobs and meshes that the policy deletes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Due {
-    /// Jobs, why, and the bytes of their files; the oldest first.
+    /// Jobs, oldest first, with the reason and the bytes of their files.
     pub jobs: Vec<(JobId, RetentionReason, u64)>,
-    /// Meshes, and the bytes of their files.
+    /// Meshes with the bytes of their files.
     pub meshes: Vec<(MeshId, u64)>,
 }
 
-/// An ended job that no label holds.
-struct Ended {
+/// An ended job without the hold label.
+struct EndedJob {
     id: JobId,
     part: String,
     is_old: bool,
@@ -48,7 +48,7 @@ struct Ended {
 }
 
 impl Store {
-    /// What the policy lets go now.
+    /// Jobs and meshes that the policy would delete now.
     pub(crate) async fn due(&self, policy: &Policy) -> Result<Due, Error> {
         if policy.keeps_everything() {
             return Ok(Due::default());
@@ -69,8 +69,8 @@ impl Store {
             }
         }
         if policy.max_bytes > 0 {
-            let gone: u64 = ended.iter().filter(|job| reasons.contains_key(&job.id)).map(|job| job.size_bytes).sum();
-            let mut taken = self.stored_bytes().await?.saturating_sub(gone);
+            let freed: u64 = ended.iter().filter(|job| reasons.contains_key(&job.id)).map(|job| job.size_bytes).sum();
+            let mut taken = self.stored_bytes().await?.saturating_sub(freed);
             for job in &ended {
                 if taken <= policy.max_bytes {
                     break;
@@ -86,8 +86,8 @@ impl Store {
         Ok(Due { jobs, meshes })
     }
 
-    /// Ended jobs without a hold, the oldest first.
-    async fn ended_jobs(&self, policy: &Policy) -> Result<Vec<Ended>, Error> {
+    /// Ended jobs without the hold label, oldest first.
+    async fn ended_jobs(&self, policy: &Policy) -> Result<Vec<EndedJob>, Error> {
         let rows = sqlx::query(
             "SELECT id, coalesce('n' || part_number, 'm' || mesh_id) AS part,
                 ?1 > 0 AND ended_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' days') AS is_old,
@@ -99,11 +99,11 @@ impl Store {
         .bind(&policy.hold_label)
         .fetch_all(&self.reader)
         .await?;
-        let read = |row: &sqlx::sqlite::SqliteRow| -> Result<Option<Ended>, Error> {
-            // A row whose id cannot be read can be named to nobody.
+        let read = |row: &sqlx::sqlite::SqliteRow| -> Result<Option<EndedJob>, Error> {
+            // A job whose id cannot be read cannot be deleted by it.
             let Ok(id) = row.try_get::<String, _>("id")?.parse() else { return Ok(None) };
             let size_bytes = row.try_get::<i64, _>("size_bytes")?.unsigned_abs();
-            Ok(Some(Ended { id, part: row.try_get("part")?, is_old: row.try_get("is_old")?, size_bytes }))
+            Ok(Some(EndedJob { id, part: row.try_get("part")?, is_old: row.try_get("is_old")?, size_bytes }))
         };
         rows.iter().filter_map(|row| read(row).transpose()).collect()
     }
@@ -122,11 +122,11 @@ impl Store {
             Ok(Some((id, row.try_get::<i64, _>("size_bytes")?.unsigned_abs())))
         };
         let unused: Vec<(MeshId, u64)> = rows.iter().filter_map(|row| read(row).transpose()).collect::<Result<_, _>>()?;
-        let named = self.meshes_of_specs().await?;
-        Ok(unused.into_iter().filter(|(id, _)| !named.contains(&id.to_string())).collect())
+        let referenced = self.meshes_of_specs().await?;
+        Ok(unused.into_iter().filter(|(id, _)| !referenced.contains(&id.to_string())).collect())
     }
 
-    /// Ids of meshes that stored specifications name.
+    /// Ids of meshes that stored specifications refer to.
     async fn meshes_of_specs(&self) -> Result<BTreeSet<String>, Error> {
         let ids: Vec<String> = sqlx::query_scalar(
             "SELECT node.value FROM spec, json_tree(CASE WHEN json_valid(spec.body) THEN spec.body ELSE '{}' END) AS node
@@ -137,7 +137,7 @@ impl Store {
         Ok(ids.into_iter().map(|id| id.to_lowercase()).collect())
     }
 
-    /// Bytes of all files that rows name; a file that several name counts once.
+    /// Total size of all files that rows refer to; a file with several references counts once.
     pub(crate) async fn stored_bytes(&self) -> Result<u64, Error> {
         let bytes: i64 = sqlx::query_scalar(
             "SELECT coalesce(sum(bytes), 0) FROM (

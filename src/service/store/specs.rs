@@ -1,5 +1,5 @@
-//! Rows of stored hardware specifications. A version is never given twice for a name, also after a deletion: it is
-//! taken from one counter for all.
+//! Rows of stored hardware specifications. Versions come from one counter for all, so that a name never gets the same version
+//! twice, even after a deletion.
 
 use sqlx::{Row, SqliteConnection};
 
@@ -18,21 +18,21 @@ pub(crate) struct StoredSpec {
     pub etag: String,
 }
 
-/// What must hold for a change (RFC 9110, section 13).
+/// Precondition of a change (RFC 9110, section 13).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Precondition {
-    /// Nothing said.
+    /// No precondition.
     None,
-    /// `If-Match`: one of these tags; empty for `*`, which any existing one matches.
+    /// `If-Match` with these tags; empty for `*`, which matches any existing specification.
     Match(Vec<String>),
     /// `If-None-Match: *`: it must not exist.
     Absent,
-    /// Both of them, which nothing fulfils.
+    /// Both of them, which is never true.
     Never,
 }
 
 impl Precondition {
-    /// Whether it holds when the entity tag is `now`.
+    /// True if the precondition holds for the current entity tag `now`.
     fn holds(&self, now: Option<&str>) -> bool {
         match (self, now) {
             (Self::None, _) | (Self::Absent, None) => true,
@@ -42,10 +42,10 @@ impl Precondition {
     }
 }
 
-/// What a put did.
+/// Result of storing a specification.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Put {
-    /// Whether it is new.
+pub(crate) struct PutResult {
+    /// True if it is new.
     pub created: bool,
     /// The new entity tag.
     pub etag: String,
@@ -62,7 +62,7 @@ impl Store {
         row.map(|row| read(&row)).transpose()
     }
 
-    /// All specifications of a kind, by name.
+    /// All specifications of a kind, sorted by name.
     pub(crate) async fn specs(&self, kind: SpecCollection) -> Result<Vec<StoredSpec>, Error> {
         let rows = sqlx::query("SELECT name, version, body FROM spec WHERE kind = ?1 ORDER BY name")
             .bind(kind.as_str())
@@ -88,7 +88,7 @@ impl Store {
         name: &str,
         body: &str,
         only_if: &Precondition,
-    ) -> Result<Put, Error> {
+    ) -> Result<PutResult, Error> {
         let mut tx = self.writer.begin().await?;
         let now = etag_now(&mut tx, kind, name).await?;
         if !only_if.holds(now.as_deref()) {
@@ -111,7 +111,7 @@ impl Store {
             .execute(&mut *tx)
             .await?;
         tx.commit().await?;
-        Ok(Put { created: now.is_none(), etag: etag(version) })
+        Ok(PutResult { created: now.is_none(), etag: etag(version) })
     }
 
     /// Deletes a specification.

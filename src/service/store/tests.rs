@@ -1,4 +1,4 @@
-//! The store by itself: what survives, what is put in order, what is refused.
+//! The store by itself: persistence, recovery, refusals.
 
 mod damage;
 mod list;
@@ -6,9 +6,9 @@ mod retention;
 mod upgrade;
 
 use super::*;
-use crate::service::run::Artifact;
+use crate::service::execute::Artifact;
 use crate::service::store::specs::Precondition;
-use crate::wire::{EventKind, JobId, JobProblem, JobRequest, JobState, MeshHealth, MeshId, SpecCollection};
+use crate::wire::{EventKind, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection};
 
 struct Opened {
     store: Store,
@@ -28,7 +28,7 @@ impl Opened {
     }
 }
 
-fn health() -> MeshHealth {
+fn health() -> MeshHealthReport {
     serde_json::from_value(serde_json::json!({
         "format": "stl_binary", "triangles_in_file": 1, "triangles": 1, "vertices": 3,
         "bbox_mm": {"min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0]}, "area_mm2": 0.5, "volume_mm3": null,
@@ -38,7 +38,7 @@ fn health() -> MeshHealth {
     .expect("a health report")
 }
 
-async fn add_mesh(store: &Store, bytes: &'static [u8]) -> crate::wire::Mesh {
+async fn add_mesh(store: &Store, bytes: &'static [u8]) -> crate::wire::UploadedMesh {
     let mut receiver = store.files().receive().expect("a receiver");
     receiver.write(bytes).expect("written");
     let received = receiver.finish().expect("finished");
@@ -58,7 +58,7 @@ async fn submit(store: &Store, mesh: MeshId) -> JobId {
 async fn succeed(store: &Store, id: JobId, files: Vec<(&'static str, Vec<u8>)>) -> JobState {
     let artifacts = files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect();
     let stored = store.put_artifacts(Arc::new(artifacts)).await.expect("files");
-    store.end_attempt(id, &Outcome::Succeeded(stored.files.clone()), "{}").await.expect("an end")
+    store.end_attempt(id, &AttemptOutcome::Succeeded(stored.files.clone()), "{}").await.expect("an end")
 }
 
 fn exhausted() -> JobProblem {
@@ -143,7 +143,7 @@ async fn an_interrupted_attempt_does_not_count() {
     let id = submit(store, add_mesh(store, b"one").await.id).await;
     for _ in 0..5 {
         assert_eq!(store.claim().await.expect("the queue").expect("a job").number, 1);
-        assert_eq!(store.end_attempt(id, &Outcome::Interrupted, "{}").await.expect("an end"), JobState::Queued);
+        assert_eq!(store.end_attempt(id, &AttemptOutcome::Interrupted, "{}").await.expect("an end"), JobState::Queued);
     }
     assert_eq!(store.job(id).await.expect("it").attempts, 0);
 }
@@ -207,7 +207,7 @@ async fn an_idempotency_key_lasts_a_day() {
     let with = |request: &str| NewJob { idempotency: Some(IdempotencyKey::new("key", request)), ..new_job(mesh, 0) };
     let first = store.submit(with("a")).await.expect("a job");
     store.claim().await.expect("the queue").expect("it runs");
-    // The answer of then, though the job has gone on since.
+    // The earlier answer, although the job has changed since.
     assert_eq!(store.submit(with("a")).await.expect("the same"), first);
     assert!(matches!(store.submit(with("b")).await, Err(Error::IdempotencyMismatch)));
     let back = "UPDATE idempotency SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-25 hours')";
@@ -245,7 +245,7 @@ async fn old_events_go_but_not_those_of_open_jobs() {
     assert_eq!(kinds(store, waiting).await, [EventKind::Queued]);
     assert!(store.is_pruned_after(2).await.expect("known"));
     assert!(!store.is_pruned_after(3).await.expect("known"));
-    // Numbers go on where they were.
+    // Numbering continues.
     let next = submit(store, mesh).await;
     assert_eq!(store.events_after(Some(next), 0, 1).await.expect("events").events[0].id, 5);
 }

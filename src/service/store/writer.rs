@@ -1,6 +1,6 @@
-//! The one connection that writes. A transaction takes the connection with it and gives it back at its commit; one that
-//! ends in any other way closes it, and the next transaction opens another. After a full disk or an I/O error SQLite may
-//! have rolled back by itself, so a fresh connection is the only one whose state is known.
+//! The single connection that writes. A transaction takes the connection and returns it at its commit; if it ends in any other
+//! way, the connection is closed and the next transaction opens a new one. After a full disk or an I/O error SQLite may have
+//! rolled back on its own, so only a new connection has a known state.
 
 use std::ops::{Deref, DerefMut};
 
@@ -10,7 +10,7 @@ use tokio::sync::{Mutex, MutexGuard};
 
 use crate::service::error::Error;
 
-/// The connection that writes, or none until the next transaction opens it.
+/// The connection that writes, if any; otherwise the next transaction opens one.
 pub(super) struct Writer {
     options: SqliteConnectOptions,
     connection: Mutex<Option<SqliteConnection>>,
@@ -18,32 +18,32 @@ pub(super) struct Writer {
 
 /// A transaction that holds the database's write lock; rolled back when dropped.
 pub(super) struct Transaction<'a> {
-    // Declared before the place, so that it is closed before the next writer begins.
+    // Declared before the guard, so that it is closed before the next writer begins.
     connection: SqliteConnection,
-    place: MutexGuard<'a, Option<SqliteConnection>>,
+    guard: MutexGuard<'a, Option<SqliteConnection>>,
 }
 
 impl Writer {
-    /// A writer that begins with this connection.
+    /// A writer with this connection.
     pub(super) fn new(options: SqliteConnectOptions, connection: SqliteConnection) -> Self {
         Self { options, connection: Mutex::new(Some(connection)) }
     }
 
-    /// Begins a transaction, once the one before has ended.
+    /// Begins a transaction, once the previous one has ended.
     pub(super) async fn begin(&self) -> Result<Transaction<'_>, Error> {
-        let mut place = self.connection.lock().await;
-        let mut connection = match place.take() {
+        let mut guard = self.connection.lock().await;
+        let mut connection = match guard.take() {
             Some(connection) => connection,
             None => self.options.connect().await?,
         };
         sqlx::query("BEGIN IMMEDIATE").execute(&mut connection).await?;
-        Ok(Transaction { connection, place })
+        Ok(Transaction { connection, guard })
     }
 
     /// Moves everything from the write-ahead log into the database file and closes the connection.
     pub(super) async fn close(&self) -> Result<(), Error> {
-        let mut place = self.connection.lock().await;
-        let mut connection = match place.take() {
+        let mut guard = self.connection.lock().await;
+        let mut connection = match guard.take() {
             Some(connection) => connection,
             None => self.options.connect().await?,
         };
@@ -53,17 +53,18 @@ impl Writer {
 }
 
 impl<'a> Transaction<'a> {
-    /// Commits.
+    /// Commits the transaction.
     pub(super) async fn commit(self) -> Result<(), Error> {
-        self.commit_and_hold().await.map(drop)
+        self.commit_and_keep_lock().await.map(drop)
     }
 
-    /// Commits, and holds the writer until the guard is dropped, so that events are told in the order of their numbers.
-    pub(super) async fn commit_and_hold(mut self) -> Result<MutexGuard<'a, Option<SqliteConnection>>, Error> {
+    /// Commits, and keeps the writer locked until the guard is dropped, so that events are published in the order of their
+    /// numbers.
+    pub(super) async fn commit_and_keep_lock(mut self) -> Result<MutexGuard<'a, Option<SqliteConnection>>, Error> {
         sqlx::query("COMMIT").execute(&mut self.connection).await?;
-        let Self { connection, mut place } = self;
-        *place = Some(connection);
-        Ok(place)
+        let Self { connection, mut guard } = self;
+        *guard = Some(connection);
+        Ok(guard)
     }
 }
 

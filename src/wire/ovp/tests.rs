@@ -46,7 +46,7 @@ fn the_log_has_the_benchmarks_fields_and_its_counts_add_up() {
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.01), Some(20.0));
     (params.visibility.engine, params.missed.remedies) = (Engine::Rays, 0);
     params.candidates.even_directions = Some(20);
-    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     let seconds = BTreeMap::from([("visibility", 1.5), ("selection", 0.25)]);
     let log = OvpDocument::new(&outcome, &mesh, &scanner, "part.stl", &seconds, "2020-01-02T03:04:05Z".into());

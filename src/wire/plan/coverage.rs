@@ -1,4 +1,4 @@
-//! Coverage in a plan: areas and shares, whole, by grade and by region, on other samples and with poses off.
+//! Coverage in a plan: areas and shares in total, by grade and by region, on independent samples and under pose errors.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -6,15 +6,15 @@ use utoipa::ToSchema;
 use crate::planning::params::PoseErrorParams;
 use crate::planning::plan::{Coverage, Drawn, Independent, RegionCoverage, Robust, share};
 
-/// Areas and shares of what is measured.
+/// Measured area and its shares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct CoverageDocument {
-    /// All faces but excluded regions.
+    /// Area asked for: all faces outside excluded regions.
     pub asked_area_mm2: f64,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
-    /// Asked area that some kept candidate measures, the cell's reach ignored.
+    /// Asked area that at least one kept candidate measures, regardless of the cell's reach.
     pub optically_coverable_area_mm2: f64,
     /// Asked area that at least one chosen view measures.
     pub measured_area_mm2: f64,
@@ -26,39 +26,39 @@ pub struct CoverageDocument {
     pub of_total: f64,
     /// Shares of the asked area by grade; they add up to `of_asked`.
     pub grades: GradesDocument,
-    /// Share of the asked area after 1, 2, … views.
+    /// Measured share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
-    /// Coverage of each region of interest and feature.
+    /// Coverage of each region of interest and each feature.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
-    /// Coverage on samples that the views were not chosen on: the figure to trust. Choosing views on a set of samples
-    /// reads high on that set. `null` in plans made before it was there.
+    /// Coverage on an independent set of samples: the figure to quote. The other figures are slightly optimistic, because views
+    /// are optimised on the samples that these are computed on. `null` in plans from before it was introduced.
     #[serde(default)]
     pub independent: Option<IndependentDocument>,
-    /// Coverage on those samples with poses that are off; with `robust.pose_error`.
+    /// Coverage on the independent samples under pose errors; present with `robust.pose_error`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robust: Option<RobustDocument>,
-    /// Share of the whole surface on faces that some chosen view hits with a pixel of each device, whatever depth and
-    /// incidence; with `visibility.pixel_set`.
+    /// Share of the whole surface on faces that at least one chosen view hits with a pixel of each device, regardless of depth
+    /// and incidence; present with `visibility.pixel_set`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixel_set_of_total: Option<f64>,
 }
 
-/// Coverage of a region, counting only what is measured as well as is asked there.
+/// Coverage of a region; only what meets the requirements of the region counts as measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RegionCoverageDocument {
-    /// Its name.
+    /// Name of the region.
     pub name: String,
-    /// Its asked area.
+    /// Asked area of the region.
     pub asked_area_mm2: f64,
-    /// Part of the asked area that some kept candidate measures.
+    /// Asked area of the region that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
     /// Measured share of the asked area.
     pub of_asked: f64,
     /// Measured share of the coverable area.
     pub of_coverable: f64,
-    /// Share of the asked area that was to be measured.
+    /// Target for the measured share of the asked area.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<f64>,
 }
@@ -76,11 +76,11 @@ impl From<&RegionCoverage> for RegionCoverageDocument {
     }
 }
 
-/// Coverage on a second set of samples, as dense as the first.
+/// Coverage on a second, independent set of samples, as dense as the first.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct IndependentDocument {
-    /// Its samples.
+    /// Number of samples.
     pub samples: usize,
     /// Measured share of the asked area.
     pub of_asked: f64,
@@ -88,43 +88,43 @@ pub struct IndependentDocument {
     pub of_total: f64,
 }
 
-/// Coverage with poses that are off, on the second set of samples: with every view off by an error of its own and, in
-/// `part`, with the part off as a whole.
+/// Coverage under pose errors, on the independent samples: with an independent error of every view and, in `part`, with an
+/// error of the part as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RobustDocument {
-    /// The error: each pose is turned by the whole angle about a random axis and moved by the whole distance in a random
+    /// Size of the error: each pose is rotated by the full angle about a random axis and moved by the full distance in a random
     /// direction.
     pub pose_error: PoseErrorParams,
-    /// Number of draws in which every view was put off.
+    /// Number of draws of an error for every view.
     pub draws: usize,
     /// Measured shares of the asked area.
     pub of_asked: DrawnDocument,
-    /// The part off as a whole.
+    /// Coverage with an error of the part as a whole.
     pub part: MisplacedDocument,
 }
 
-/// Coverage with the part off as a whole.
+/// Coverage with an error of the part as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct MisplacedDocument {
-    /// Number of draws in which the part was put off.
+    /// Number of draws of an error for the part.
     pub draws: usize,
     /// Measured shares of the asked area.
     pub of_asked: DrawnDocument,
 }
 
-/// A share over the draws.
+/// Distribution of a share over the draws.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct DrawnDocument {
-    /// With no error.
+    /// Share without errors.
     pub nominal: f64,
-    /// The least.
+    /// Lowest share.
     pub worst: f64,
-    /// The 5th percentile.
+    /// 5th percentile of the shares.
     pub p5: f64,
-    /// The mean.
+    /// Mean of the shares.
     pub mean: f64,
 }
 
@@ -132,16 +132,16 @@ pub struct DrawnDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct GradesDocument {
-    /// Quality above 0.5.
+    /// Grade A: quality above 0.5.
     #[serde(rename = "A")]
     pub a: f64,
-    /// Above 0.
+    /// Grade B: quality above 0.
     #[serde(rename = "B")]
     pub b: f64,
-    /// Above −0.5.
+    /// Grade C: quality above −0.5.
     #[serde(rename = "C")]
     pub c: f64,
-    /// The rest.
+    /// Grade D: quality of −0.5 or lower.
     #[serde(rename = "D")]
     pub d: f64,
 }

@@ -6,63 +6,65 @@ use utoipa::ToSchema;
 use crate::cell::PoseSpec;
 use crate::planning::plan::{MissedCause, MissedSpot, Remedy, RemedyView};
 use crate::wire::angle::degrees;
+use crate::wire::words::remedy_sentence;
 
 /// Area missed for one cause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct MissedDocument {
-    /// The cause, of the closed list.
+    /// Cause for which the area is missed.
+    #[schema(value_type = crate::planning::verdict::Cause)]
     pub reason: String,
-    /// Its area.
+    /// Missed area.
     pub area_mm2: f64,
     /// Number of connected spots.
     pub spots: usize,
     /// Centre of the largest spot, part frame.
     pub centre_mm: [f64; 3],
-    /// The cheapest remedy for the largest spot that was tried and works, or kind `none`; `null` where none was sought.
+    /// Cheapest remedy for the largest spot that was simulated and works, or kind `none`; `null` if none was searched for.
     pub remedy: Option<RemedyDocument>,
-    /// Its spots among the largest of all, for which remedies were sought; the `/missed` listing has every spot.
+    /// Spots of this cause among the largest of all, for which remedies were searched; the `/missed` listing has every spot.
     #[serde(default)]
     pub largest: Vec<TreatedSpotDocument>,
 }
 
-/// A spot with its remedy.
+/// A missed spot with its remedy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct TreatedSpotDocument {
-    /// Missed area in it.
+    /// Missed area of the spot.
     pub area_mm2: f64,
-    /// Its area-weighted centre, part frame.
+    /// Area-weighted centre of the spot, part frame.
     pub centre_mm: [f64; 3],
-    /// Size of the box around it along the part's axes.
+    /// Size of its bounding box along the part's axes.
     pub extent_mm: [f64; 3],
-    /// Remedy of the spot.
+    /// Remedy for the spot.
     pub remedy: RemedyDocument,
 }
 
-/// The cheapest remedy of a missed spot that was tried and works, or that none does.
+/// Cheapest remedy for a missed spot that was simulated and works, or the finding that none does.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RemedyDocument {
-    /// `view` (choose candidates that were left out), `roll`, `tilt`, `standoff`, `setup` (lay the part another way),
-    /// `limit` (raise limits of incidence), or `none`.
+    /// Kind of remedy.
+    #[schema(value_type = crate::planning::plan::RemedyKind)]
     pub kind: String,
-    /// In a sentence.
+    /// Description in one sentence.
     pub text: String,
-    /// The views that it takes, best first; to apply them, put their poses into `candidates.poses`.
+    /// Views of the remedy, best first; to apply it, put their poses into `candidates.poses`.
     pub views: Vec<RemedyViewDocument>,
-    /// Pose in which the part has to rest, if so, for `part.table_from_part` or `part.resting_poses`.
+    /// Pose that the part has to rest in, for `part.table_from_part` or `part.resting_poses`; `null` if it need not be moved.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
-    /// Value that `limits.camera_deg` has to be raised to, if so.
+    /// Value that `limits.camera_deg` has to be raised to; `null` if it need not be.
     pub camera_deg: Option<f64>,
-    /// Value that `limits.projector_deg` has to be raised to, if so.
+    /// Value that `limits.projector_deg` has to be raised to; `null` if it need not be.
     pub projector_deg: Option<f64>,
-    /// Area of the spot that the views together measure.
+    /// Area of the spot that the views measure together.
     pub area_mm2: f64,
-    /// Share of the spot that the views together measure; a remedy works from 0.5 on.
+    /// Share of the spot that the views measure together; a remedy works from 0.5 on.
     pub of_spot: f64,
-    /// Views that were tried for the spot.
+    /// Number of views tried for the spot.
     pub tried: usize,
 }
 
@@ -70,17 +72,17 @@ pub struct RemedyDocument {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RemedyViewDocument {
-    /// The candidate that it was made from.
+    /// Number of the candidate that the view was made from.
     pub candidate: u32,
-    /// Turned about the viewing axis against it.
+    /// Rotation about the viewing axis against that candidate.
     pub roll_deg: f64,
     /// Angle between the viewing axes of the two.
     pub tilt_deg: f64,
     /// Depth of the spot's centre along the viewing axis.
     pub standoff_mm: f64,
-    /// The view.
+    /// Pose of the scanner in the part frame.
     pub part_from_scanner: PoseSpec,
-    /// Area of the spot that it adds to those before it.
+    /// Area of the spot that the view adds to those before it.
     pub area_mm2: f64,
 }
 
@@ -119,7 +121,7 @@ impl From<&Remedy> for RemedyDocument {
         };
         Self {
             kind: remedy.kind.as_str().to_owned(),
-            text: remedy.sentence(),
+            text: remedy_sentence(remedy),
             views: remedy.views.iter().map(view).collect(),
             table_from_part: remedy.table_from_part.as_ref().map(PoseSpec::from),
             camera_deg: remedy.camera_deg,

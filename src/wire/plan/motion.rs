@@ -1,4 +1,4 @@
-//! Motion of the cell in a plan: the time of the cycle by its parts, and the obstructions.
+//! Motion of the cell in a plan: cycle time, its components, and the obstructions.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -6,35 +6,37 @@ use utoipa::ToSchema;
 use crate::planning::plan::{Obstruction, Plan};
 use crate::planning::sequence::Sequence;
 use crate::wire::angle::degrees;
+use crate::wire::words::advice_sentence;
 
-/// Predicted time of a cycle and where it goes, setups added up; between setups nothing is counted.
+/// Predicted cycle time and its components, summed over all setups; turning the part over between setups is not counted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct MotionDocument {
-    /// All of it, s.
+    /// Cycle time, s.
     #[serde(default)]
     pub cycle_secs: f64,
-    /// Moves, s.
+    /// Time of all moves, s.
     pub moving_secs: f64,
-    /// Part of the moves in which the table turns, s.
+    /// Part of that time in which the table turns, s.
     #[serde(default)]
     pub turning_secs: f64,
-    /// Waiting for everything to stand still, s.
+    /// Time spent waiting for everything to stand still, s.
     #[serde(default)]
     pub settling_secs: f64,
-    /// Captures, s.
+    /// Time of all captures, s.
     #[serde(default)]
     pub scanning_secs: f64,
-    /// Moves as the order was found, before its stations were moved along the table's angle and rolled, every corner a stop, s.
+    /// Time of all moves in the order found, with a stop at every corner and before stations were refined in table angle and
+    /// roll, s.
     #[serde(default)]
     pub ordered_secs: f64,
-    /// No order, over the stations and moves that were considered, takes less than this, s: `ordered_secs` where the order is
-    /// proved the best.
+    /// Lower bound on the time of all moves, for any order over the stations and moves considered, s; equal to `ordered_secs` if
+    /// the order is proven optimal.
     pub moving_secs_lower: f64,
 }
 
 impl MotionDocument {
-    /// Sums up a plan with a cell.
+    /// Sums up the motion of a plan; `None` without a cell.
     pub(super) fn of(plan: &Plan) -> Option<Self> {
         plan.sequences().next()?;
         let (visits, scan) = (plan.visits().count() as f64, &plan.params.scan);
@@ -52,29 +54,29 @@ impl MotionDocument {
     }
 }
 
-/// Two bodies that keep the cell from candidates.
+/// Two bodies whose collision keeps the cell from candidates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct ObstructionDocument {
-    /// Their names.
+    /// Names of the bodies.
     pub bodies: [String; 2],
-    /// Candidates that have no station for it.
+    /// Number of candidates that have no station because of it.
     pub without_station: usize,
-    /// Candidates to whose stations no path was found for it.
+    /// Number of candidates for which no path to a station was found because of it.
     pub without_path: usize,
-    /// Joints 1 to 6 and the table angle at which they meet, for one of the candidates.
+    /// Joints 1 to 6 and the table angle at which the bodies collide, for one of the candidates.
     pub configuration_deg: [f64; 7],
-    /// Distance of the two there, mm; below zero the depth of one in the other; `null` where that is not known.
+    /// Distance between the bodies there, mm; negative for a penetration depth; `null` if it is not known.
     pub apart_mm: Option<f64>,
-    /// Where, robot base frame, mm.
+    /// Position of the collision in the robot's base frame, mm; `null` if it is not known.
     pub place_in_base_mm: Option<[f64; 3]>,
-    /// Advice, in words.
+    /// Advice on how to avoid it.
     pub help: String,
 }
 
 impl From<&Obstruction> for ObstructionDocument {
     fn from(obstruction: &Obstruction) -> Self {
-        let Obstruction { bodies, without_station, without_path, configuration, separation, help } = obstruction;
+        let Obstruction { bodies, without_station, without_path, configuration, separation, advice } = obstruction;
         Self {
             bodies: [bodies.a.to_string(), bodies.b.to_string()],
             without_station: *without_station,
@@ -82,7 +84,7 @@ impl From<&Obstruction> for ObstructionDocument {
             configuration_deg: configuration.map(degrees),
             apart_mm: separation.as_ref().map(|found| found.distance_mm),
             place_in_base_mm: separation.as_ref().map(|found| found.place_mm.into()),
-            help: help.clone(),
+            help: advice_sentence(advice),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use sha2::Digest as _;
 use vantage::geometry::LengthUnit;
-use vantage::service::run::{MeshSource, RunError};
+use vantage::service::execute::{JobError, MeshSource};
 use vantage::service::{self, App, Error, FinishedUpload, MeshUpload};
 
 use super::memory::write_soup;
@@ -44,7 +44,7 @@ impl Service {
         upload.finish(None).await.expect("on the disk")
     }
 
-    async fn add(&self, upload: FinishedUpload) -> Result<vantage::wire::Mesh, Error> {
+    async fn add(&self, upload: FinishedUpload) -> Result<vantage::wire::UploadedMesh, Error> {
         self.app.add_mesh(upload, MeshUpload { unit: LengthUnit::Millimetre, name: None }).await
     }
 }
@@ -93,13 +93,13 @@ fn a_job_that_is_cancelled_stops_reading_its_meshes() {
         looks.get() > 3
     };
     let began = Instant::now();
-    assert_eq!(source.read("/mesh_id", 20_000_000, &cancelled).map(|_| ()), Err(RunError::Cancelled));
+    assert_eq!(source.read("/mesh_id", 20_000_000, &cancelled).map(|_| ()), Err(JobError::Cancelled));
     let gave_up = began.elapsed();
     let whole = source.read("/mesh_id", 20_000_000, &|| false).expect("a mesh");
     assert_eq!(whole.faces.len() as u32, LONG / 4);
     assert!(gave_up < (began.elapsed() - gave_up) / 4, "{gave_up:?}");
     let other = MeshSource { sha256: "0".repeat(64), ..source };
-    assert!(matches!(other.read("/mesh_id", 20_000_000, &|| false), Err(RunError::Damaged(_))));
+    assert!(matches!(other.read("/mesh_id", 20_000_000, &|| false), Err(JobError::Damaged(_))));
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -124,7 +124,7 @@ impl Job {
 
 fn program_of(mesh: &Mesh, cell: &Cell, params: &PlanParams) -> (Program, CollisionScene) {
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell) };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell), roadmaps: None };
     let outcome = plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan");
     let sequence = outcome.plan.sequences().next().expect("with a cell");
     let program = compile(sequence, 0, cell, &"ab".repeat(32), &outcome.plan.params);

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tower::ServiceExt as _;
 use vantage::http::{self, Quota};
 use vantage::planning::context::{Context, Stage};
-use vantage::service::run::{Artifact, RunError, RunInput};
+use vantage::service::execute::{Artifact, JobError, JobInput};
 use vantage::service::{self, App, Planner};
 
 pub(super) struct Api {
@@ -51,11 +51,11 @@ pub(super) const FILES: [&str; 18] = [
 
 /// The planner of these tests.
 fn planner() -> Planner {
-    Arc::new(|input: &RunInput, ctx: &Context<'_>| {
-        ctx.begin(Stage::Surface).map_err(|_| RunError::Cancelled)?;
+    Arc::new(|input: &JobInput, ctx: &Context<'_>| {
+        ctx.begin(Stage::Surface).map_err(|_| JobError::Cancelled)?;
         match input.echo.labels.get("do").map(String::as_str) {
             Some("panic") => panic!("as asked"),
-            Some("no_plan") => return Err(RunError::NoPlan("nothing is in reach".into())),
+            Some("no_plan") => return Err(JobError::NoPlan("nothing is in reach".into())),
             Some("bad_input") => input.mesh.read("/mesh_id", 1, &|| false).map(drop)?,
             Some("wait") => wait_for_cancel(ctx)?,
             Some("refuse") => {
@@ -64,22 +64,22 @@ fn planner() -> Planner {
             }
             _ => {}
         }
-        ctx.begin(Stage::Visibility).map_err(|_| RunError::Cancelled)?;
+        ctx.begin(Stage::Visibility).map_err(|_| JobError::Cancelled)?;
         Ok(FILES.map(|name| Artifact { name, bytes: format!("{{\"file\": \"{name}\"}}").into_bytes() }).into())
     })
 }
 
-fn wait_for_cancel(ctx: &Context<'_>) -> Result<(), RunError> {
+fn wait_for_cancel(ctx: &Context<'_>) -> Result<(), JobError> {
     let until = Instant::now() + Duration::from_secs(60);
     while Instant::now() < until {
-        ctx.check().map_err(|_| RunError::Cancelled)?;
+        ctx.check().map_err(|_| JobError::Cancelled)?;
         std::thread::sleep(Duration::from_millis(5));
     }
-    Err(RunError::NoPlan("nobody cancelled".into()))
+    Err(JobError::NoPlan("nobody cancelled".into()))
 }
 
-pub(super) fn http_options() -> http::Options {
-    http::Options {
+pub(super) fn http_options() -> http::ServerOptions {
+    http::ServerOptions {
         listen: ([127, 0, 0, 1], 0).into(),
         api_key: None,
         hosts: Vec::new(),
@@ -132,7 +132,7 @@ impl Api {
         Self::start_with(service_options(), http_options()).await
     }
 
-    pub(super) async fn start_with(mut service: service::Options, http: http::Options) -> Self {
+    pub(super) async fn start_with(mut service: service::Options, http: http::ServerOptions) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         service.data_dir = folder.path().to_owned();
         let app = App::open_with(service, planner()).await.expect("a service");

@@ -7,7 +7,7 @@ const RIGHT: &str = "Bearer 0123456789abcdef-key";
 
 async fn guarded() -> Api {
     let key: vantage::http::ApiKey = serde_json::from_value(serde_json::json!(KEY)).expect("a key");
-    Api::start_with(service_options(), vantage::http::Options { api_key: Some(key), ..http_options() }).await
+    Api::start_with(service_options(), vantage::http::ServerOptions { api_key: Some(key), ..http_options() }).await
 }
 
 /// Every operation of the document, with something in its placeholders.

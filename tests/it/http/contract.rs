@@ -31,6 +31,11 @@ fn the_committed_list_of_problems_is_the_server_s() {
 }
 
 #[test]
+fn the_committed_list_of_parameters_is_the_planner_s() {
+    assert_committed("parameters.md", &vantage::wire::parameters::markdown());
+}
+
+#[test]
 fn codes_are_different_and_documented() {
     let document = vantage::http::problems_document();
     let mut seen = BTreeSet::new();

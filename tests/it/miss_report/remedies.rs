@@ -8,8 +8,8 @@ use vantage::geometry::Mesh;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, PlanParams, Region};
 use vantage::planning::plan::{Cause, MissedSpot, Outcome, Remedy, RemedyKind, Verdict};
-use vantage::planning::report::treated_spots;
 use vantage::planning::{PlanInput, plan};
+use vantage::wire::words::{remedy_sentence, treated_spots};
 
 use super::bodies::blind_hole;
 use super::{everything, given, looking};
@@ -59,9 +59,14 @@ fn every_remedy_works(mesh: &Mesh, params: &PlanParams, most: usize) -> Vec<Reme
         params.missed.remedies = 0;
         let after = plan_viewpoints(mesh, &scanner, &params);
         let cured_mm2 = cured_mm2(mesh, &before, &after, *cause, spot);
-        println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, remedy.sentence());
+        println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, remedy_sentence(remedy));
         assert!(remedy.area_mm2 >= 0.5 * spot.area_mm2 && (1..=8).contains(&remedy.views.len()));
-        assert!(cured_mm2 >= remedy.area_mm2 * (1.0 - SAID), "{cured_mm2} of {} with {}", remedy.area_mm2, remedy.sentence());
+        assert!(
+            cured_mm2 >= remedy.area_mm2 * (1.0 - SAID),
+            "{cured_mm2} of {} with {}",
+            remedy.area_mm2,
+            remedy_sentence(remedy)
+        );
     }
     treated.iter().map(|(.., remedy)| remedy.kind).collect()
 }
@@ -80,7 +85,7 @@ fn a_slot_across_the_baseline_is_cured_by_another_roll() {
     let before = plan_viewpoints(&slot, &nominal_scanner(), &params);
     let floor = treated(&before).into_iter().find(|(_, spot, _)| (spot.centre_mm.z + 60.0).abs() < 1e-6);
     let (cause, spot, remedy) = floor.expect("the floor is a spot");
-    assert_eq!((cause, remedy.kind), (Cause::ShadowLeft, RemedyKind::Roll), "{}", remedy.sentence());
+    assert_eq!((cause, remedy.kind), (Cause::ShadowLeft, RemedyKind::Roll), "{}", remedy_sentence(remedy));
     assert!((spot.extent_mm - Vector3::new(12.0, 80.0, 0.0)).norm() < 1e-6, "{:?}", spot.extent_mm);
     assert!((remedy.views[0].roll_rad.to_degrees() - 90.0).abs() < 1e-9);
     every_remedy_works(&slot, &params, 4);
@@ -118,7 +123,7 @@ fn a_floor_beyond_the_working_depth_is_cured_by_a_stand_off() {
     let floor = treated(&before).into_iter().find(|(cause, ..)| *cause == Cause::Depth);
     let (_, spot, remedy) = floor.expect("a spot out of depth");
     assert!((spot.centre_mm.z + 16.0).abs() < 1.0, "{:?}", spot.centre_mm);
-    assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", remedy.sentence());
+    assert_eq!(remedy.kind, RemedyKind::Standoff, "{}", remedy_sentence(remedy));
     every_remedy_works(&body.mesh, &params, 2);
 }
 
@@ -162,14 +167,15 @@ fn the_face_that_a_part_stands_on_is_cured_by_another_setup() {
     let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
     let planned = |params: &PlanParams| {
         let cancel = AtomicBool::new(false);
-        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell) };
+        let input =
+            PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(&cell), roadmaps: None };
         plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
     };
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.part.samples_per_mm2 = Some(0.3);
     let before = planned(&params);
     let (cause, spot, remedy) = treated(&before)[0];
-    assert_eq!((cause, remedy.kind), (Cause::ExcludedResting, RemedyKind::Setup), "{}", remedy.sentence());
+    assert_eq!((cause, remedy.kind), (Cause::ExcludedResting, RemedyKind::Setup), "{}", remedy_sentence(remedy));
     assert!((spot.area_mm2 - 2400.0).abs() < 1e-6 && remedy.area_mm2 >= 1200.0);
     // Applied as it is printed: the pose that the box is laid in, on another of its faces.
     let turned = remedy.table_from_part.expect("a pose");

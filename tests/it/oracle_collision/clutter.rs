@@ -119,7 +119,7 @@ fn outcome(cell: &Cell, part: &Mesh, table_from_part: &Pose<Table, Part>, views:
     let count = |blocked: StationFailure| reached.iter().filter(|of_view| of_view.as_ref().err() == Some(&blocked)).count();
     let with_stations = reached.iter().zip(0..).filter_map(|(of_view, id)| Some((ViewId(id), of_view.as_ref().ok()?)));
     let stations: Vec<(ViewId, &[Station])> = with_stations.map(|(view, of_view)| (view, of_view.as_slice())).collect();
-    let Ordered { sequence, no_path, .. } = order(&stations, cell, &scene, &params, false, &ctx).expect("not cancelled");
+    let Ordered { sequence, no_path, .. } = order(&stations, cell, &scene, &params, None, false, &ctx).expect("not cancelled");
     let of_view = |view: &ViewId| stations.iter().find(|(other, _)| other == view).expect("was asked for").1.to_vec();
     Outcome {
         program: compile(&sequence, 0, cell, "", &params),

@@ -89,7 +89,7 @@ fn planned(mesh: &Mesh, cell: &Cell) -> Plan {
     params.part.samples_per_mm2 = Some(SAMPLES / mesh.area_mm2());
     params.missed.remedies = 0;
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell) };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &cell.scanner, cell: Some(cell), roadmaps: None };
     plan(&input, &params, &Context::new(&cancel, &Silent)).expect("a plan").plan
 }
 

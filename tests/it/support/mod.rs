@@ -60,7 +60,7 @@ pub(crate) fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
 /// Plans the viewpoints alone.
 pub(crate) fn plan_viewpoints(mesh: &Mesh, scanner: &Scanner, params: &PlanParams) -> Outcome {
     let cancel = AtomicBool::new(false);
-    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None };
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None, roadmaps: None };
     plan(&input, params, &Context::new(&cancel, &Silent)).expect("a plan")
 }
 

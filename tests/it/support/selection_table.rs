@@ -53,7 +53,7 @@ impl SelectionTable {
         params.part.patch_edge_mm = Some(1000.0);
         params.part.samples_per_mm2 = Some(2.0 * samples as f64 / mesh.area_mm2());
         let cancel = AtomicBool::new(false);
-        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None };
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
         let table = tabulate(&input, &params, &Context::new(&cancel, &Silent)).expect("a table");
         Some(Self::drawn(&table.rows, &table.asked_area_mm2, samples))
     }

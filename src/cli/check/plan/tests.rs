@@ -24,10 +24,11 @@ fn plan() -> Value {
         part_sha256: &"0a".repeat(32),
         scanner: &scanner,
         cell: None,
+        roadmaps: None,
         params: &params,
         echo: Echo::default(),
     };
-    let files = job.run(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     let plan = files.iter().find(|file| file.name == "plan.json").expect("the plan");
     serde_json::from_slice(&plan.bytes).expect("JSON")
 }

@@ -1,15 +1,15 @@
-//! The header of a PLY file: text in any of the three line endings, whatever the body is.
+//! The header of a PLY file: text with any of the three line ends, whatever the encoding of the body.
 
 use crate::geometry::mesh_io::error::{MeshError, Position};
-use crate::geometry::mesh_io::text::{Line, Lines, excerpt, parsed};
+use crate::geometry::mesh_io::text::{Line, Lines, excerpt, parse_token};
 use crate::geometry::poll::Poll;
 
-/// Most elements and properties of a header together; real files have some dozens.
+/// Max elements and properties of a header together; real files have a few dozen.
 const MAX_DECLARED: usize = 10_000;
 
-/// How the body is written.
+/// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Encoding {
+pub(super) enum BodyEncoding {
     Ascii,
     LittleEndian,
     BigEndian,
@@ -28,9 +28,9 @@ pub(super) enum Scalar {
     F64,
 }
 
-/// One number, or as many as a number before them says.
+/// A number, or a list preceded by its length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum PropertyKind {
     Scalar(Scalar),
     List { count: Scalar, item: Scalar },
 }
@@ -38,10 +38,10 @@ pub(super) enum Kind {
 #[derive(Debug)]
 pub(super) struct Property {
     pub(super) name: Vec<u8>,
-    pub(super) kind: Kind,
+    pub(super) kind: PropertyKind,
 }
 
-/// A kind of record and how many of it there are.
+/// A kind of record, with the number of its records.
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) name: Vec<u8>,
@@ -52,10 +52,11 @@ pub(super) struct Element {
 
 #[derive(Debug)]
 pub(super) struct Header {
-    pub(super) encoding: Encoding,
+    pub(super) encoding: BodyEncoding,
     pub(super) elements: Vec<Element>,
-    /// Byte and line at which the body begins.
+    /// Byte at which the body begins.
     pub(super) body_at: usize,
+    /// Line at which the body begins.
     pub(super) body_line: u64,
 }
 
@@ -89,13 +90,13 @@ impl Element {
         excerpt(&self.properties.iter().map(|p| p.name.as_slice()).collect::<Vec<_>>().join(&b' '))
     }
 
-    /// Fewest bytes that a record takes: a binary list may be empty, a text number is a digit and a separator.
-    fn least_bytes(&self, encoding: Encoding) -> u64 {
-        let least = |kind| match (encoding, kind) {
-            (Encoding::Ascii, _) => 2,
-            (_, Kind::Scalar(scalar) | Kind::List { count: scalar, .. }) => scalar.size_bytes() as u64,
+    /// Min bytes of a record: a binary list may be empty, a number in text takes a digit and a separator.
+    fn min_record_bytes(&self, encoding: BodyEncoding) -> u64 {
+        let min_bytes = |kind| match (encoding, kind) {
+            (BodyEncoding::Ascii, _) => 2,
+            (_, PropertyKind::Scalar(scalar) | PropertyKind::List { count: scalar, .. }) => scalar.size_bytes() as u64,
         };
-        self.properties.iter().map(|p| least(p.kind)).sum()
+        self.properties.iter().map(|p| min_bytes(p.kind)).sum()
     }
 }
 
@@ -109,7 +110,7 @@ impl Header {
             let Some(line) = lines.next() else {
                 return Err(MeshError::Truncated { at: lines.at(), expected: "\"end_header\"" });
             };
-            // No line but a comment has more words.
+            // Only comments have more words.
             let words: Vec<&[u8]> = line.tokens().take(6).collect();
             declared += usize::from(matches!(words[..], [b"element" | b"property", ..]));
             if declared > MAX_DECLARED {
@@ -135,11 +136,11 @@ impl Header {
 
     /// Refuses counts that the file is too short for, before anything is allocated for them.
     pub(super) fn check_counts(&self, file_bytes: usize) -> Result<(), MeshError> {
-        // The last line of a text body may lack its end.
-        let present = (file_bytes - self.body_at) as u64 + u64::from(self.encoding == Encoding::Ascii);
+        // The last line of a text body may lack its terminator.
+        let present = (file_bytes - self.body_at) as u64 + u64::from(self.encoding == BodyEncoding::Ascii);
         let mut needed = 0_u64;
         for element in &self.elements {
-            needed = needed.saturating_add(element.count.saturating_mul(element.least_bytes(self.encoding)));
+            needed = needed.saturating_add(element.count.saturating_mul(element.min_record_bytes(self.encoding)));
             if needed > present {
                 return Err(MeshError::CountMismatch {
                     at: element.at,
@@ -154,7 +155,7 @@ impl Header {
     }
 }
 
-/// A header with bare CR ends at one CR; the LF after it, if any, is the first byte of a binary body.
+/// Start of the body. A header whose lines end in a bare CR ends at one CR; an LF after it is the first byte of the body.
 fn end_of_header(bytes: &[u8], after_last_line: usize) -> usize {
     let first_end = bytes.iter().position(|&b| b == b'\r' || b == b'\n').unwrap_or_default();
     let bare_cr = bytes[first_end..].starts_with(b"\r") && !bytes[first_end..].starts_with(b"\r\n");
@@ -169,31 +170,31 @@ fn expect_line(lines: &mut Lines<'_>, keyword: &[u8], expected: &'static str) ->
     }
 }
 
-fn parse_encoding(name: &[u8], line: Line<'_>) -> Result<Encoding, MeshError> {
+fn parse_encoding(name: &[u8], line: Line<'_>) -> Result<BodyEncoding, MeshError> {
     match name {
-        b"ascii" => Ok(Encoding::Ascii),
-        b"binary_little_endian" => Ok(Encoding::LittleEndian),
-        b"binary_big_endian" => Ok(Encoding::BigEndian),
+        b"ascii" => Ok(BodyEncoding::Ascii),
+        b"binary_little_endian" => Ok(BodyEncoding::LittleEndian),
+        b"binary_big_endian" => Ok(BodyEncoding::BigEndian),
         _ => Err(syntax(line, "ascii, binary_little_endian or binary_big_endian")),
     }
 }
 
 fn parse_element(name: &[u8], count: &[u8], line: Line<'_>) -> Result<Element, MeshError> {
-    let count = parsed(count).ok_or_else(|| syntax(line, "a number of records"))?;
+    let count = parse_token(count).ok_or_else(|| syntax(line, "a number of records"))?;
     Ok(Element { name: name.to_vec(), count, properties: Vec::new(), at: line.at() })
 }
 
 fn parse_property(words: &[&[u8]], line: Line<'_>) -> Result<Property, MeshError> {
-    let scalar = |name| Scalar::named(name).ok_or_else(|| syntax(line, "a number type of PLY"));
+    let scalar = |name| Scalar::named(name).ok_or_else(|| syntax(line, "a PLY number type"));
     match *words {
         [b"list", count, item, name] => {
             let count = scalar(count)?;
             if matches!(count, Scalar::F32 | Scalar::F64) {
                 return Err(syntax(line, "an integer type for the length of a list"));
             }
-            Ok(Property { name: name.to_vec(), kind: Kind::List { count, item: scalar(item)? } })
+            Ok(Property { name: name.to_vec(), kind: PropertyKind::List { count, item: scalar(item)? } })
         }
-        [kind, name] => Ok(Property { name: name.to_vec(), kind: Kind::Scalar(scalar(kind)?) }),
+        [kind, name] => Ok(Property { name: name.to_vec(), kind: PropertyKind::Scalar(scalar(kind)?) }),
         _ => Err(syntax(line, "\"property TYPE NAME\" or \"property list TYPE TYPE NAME\"")),
     }
 }

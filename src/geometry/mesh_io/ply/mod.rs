@@ -1,18 +1,18 @@
 //! PLY 1.0 (Turk, "The PLY Polygon File Format", 1994): a header that declares elements and their properties, then the
-//! records, as text or binary in either byte order. Read by our own code: the crates that read PLY refuse numbers such
-//! as `.5` and give no byte for what is wrong in binary files.
+//! records, as text or binary in either byte order. The parser is our own: the crates that read PLY refuse numbers such as
+//! `.5` and do not locate errors in binary files.
 
 mod header;
 mod values;
 
 use std::ops::Range;
 
-use self::header::{Element, Header, Kind, Property, Scalar};
+use self::header::{Element, Header, Property, PropertyKind, Scalar};
 use self::values::Values;
 use super::error::{MeshError, Position};
 use super::soup::Soup;
 
-/// Reads the elements `vertex` and `face`; passes over all others.
+/// Reads the elements `vertex` and `face`; skips all others.
 pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let poll = soup.poll;
     let header = Header::parse(bytes, poll)?;
@@ -36,9 +36,9 @@ pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
     values.finish(poll)
 }
 
-/// Numbers in the soup of the vertices of an element.
+/// Reads the vertices of an element; returns their indices in the soup.
 fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>) -> Result<Range<u32>, MeshError> {
-    let is_axis = |p: &Property, axis: &[u8]| p.name == axis && matches!(p.kind, Kind::Scalar(_));
+    let is_axis = |p: &Property, axis: &[u8]| p.name == axis && matches!(p.kind, PropertyKind::Scalar(_));
     let axes = [b"x", b"y", b"z"].map(|axis| element.properties.iter().position(|p| is_axis(p, axis)));
     let [Some(_), Some(_), Some(_)] = axes else {
         let found = element.property_names();
@@ -51,7 +51,7 @@ fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>
         let mut xyz = [0.0; 3];
         for (k, property) in element.properties.iter().enumerate() {
             match (axes.iter().position(|&axis| axis == Some(k)), property.kind) {
-                (Some(axis), Kind::Scalar(scalar)) => xyz[axis] = values.next(scalar)?,
+                (Some(axis), PropertyKind::Scalar(scalar)) => xyz[axis] = values.next(scalar)?,
                 (_, kind) => skip_property(kind, values)?,
             }
         }
@@ -62,7 +62,8 @@ fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>
 
 fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>, soup: &mut Soup<'_>) -> Result<(), MeshError> {
     let is_corners = |name: &[u8]| name == b"vertex_indices" || name == b"vertex_index";
-    if element.count > 0 && !element.properties.iter().any(|p| is_corners(&p.name) && matches!(p.kind, Kind::List { .. })) {
+    let is_list = |p: &Property| is_corners(&p.name) && matches!(p.kind, PropertyKind::List { .. });
+    if element.count > 0 && !element.properties.iter().any(is_list) {
         let found = element.property_names();
         return Err(MeshError::Syntax { at: element.at, expected: "the list vertex_indices (or vertex_index) of face", found });
     }
@@ -72,7 +73,7 @@ fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>,
         let at = values.at();
         for property in &element.properties {
             match property.kind {
-                Kind::List { count, item } if is_corners(&property.name) => {
+                PropertyKind::List { count, item } if is_corners(&property.name) => {
                     read_corners(count, item, values, vertices, &mut corners)?;
                 }
                 kind => skip_property(kind, values)?,
@@ -93,7 +94,7 @@ fn read_corners(
     let at = values.at();
     let length = values.next_count(count)?;
     if length < 3 {
-        return Err(MeshError::Syntax { at, expected: "at least three corners of a face", found: format!("{length} of them") });
+        return Err(MeshError::Syntax { at, expected: "at least three corners of a face", found: length.to_string() });
     }
     corners.clear();
     for _ in 0..length {
@@ -129,10 +130,10 @@ fn skip_records(element: &Element, values: &mut Values<'_>) -> Result<(), MeshEr
     Ok(())
 }
 
-fn skip_property(kind: Kind, values: &mut Values<'_>) -> Result<(), MeshError> {
+fn skip_property(kind: PropertyKind, values: &mut Values<'_>) -> Result<(), MeshError> {
     match kind {
-        Kind::Scalar(scalar) => values.skip(scalar, 1),
-        Kind::List { count, item } => {
+        PropertyKind::Scalar(scalar) => values.skip(scalar, 1),
+        PropertyKind::List { count, item } => {
             let length = values.next_count(count)?;
             values.skip(item, length)
         }

@@ -1,30 +1,30 @@
 //! The body of a PLY file as a stream of numbers. Every number type of PLY fits an `f64` exactly.
 
-use super::header::{Encoding, Header, Scalar};
+use super::header::{BodyEncoding, Header, Scalar};
 use crate::geometry::mesh_io::error::{MeshError, Position};
 use crate::geometry::mesh_io::text::{Lines, Tokens, number};
 use crate::geometry::poll::Poll;
 
-/// Where the next number comes from.
+/// Source of the numbers, by encoding.
 pub(super) enum Values<'a> {
-    /// One record a line.
+    /// Text, one record per line.
     Text { lines: Lines<'a>, tokens: Tokens<'a> },
-    /// Records one after the other.
+    /// Binary, records back to back.
     Binary { bytes: &'a [u8], at: usize, big_endian: bool, poll: &'a Poll<'a> },
 }
 
 impl<'a> Values<'a> {
     pub(super) fn new(bytes: &'a [u8], header: &Header, poll: &'a Poll<'a>) -> Self {
         match header.encoding {
-            Encoding::Ascii => {
+            BodyEncoding::Ascii => {
                 let lines = Lines::new(&bytes[header.body_at..], header.body_line, poll);
                 Self::Text { lines, tokens: Tokens::of(&[], poll) }
             }
-            encoding => Self::Binary { bytes, at: header.body_at, big_endian: encoding == Encoding::BigEndian, poll },
+            encoding => Self::Binary { bytes, at: header.body_at, big_endian: encoding == BodyEncoding::BigEndian, poll },
         }
     }
 
-    /// Place of what was read last (text) or of what comes next (binary).
+    /// Position of the line read last (text) or of the next number (binary).
     pub(super) fn at(&self) -> Position {
         match self {
             Self::Text { lines, .. } => lines.at(),
@@ -32,7 +32,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Goes to the next line that is not blank; what is left of the last one is not declared and is passed over.
+    /// Advances to the next line that is not blank; numbers left on the last one are not declared and are skipped.
     pub(super) fn begin_record(&mut self, what: &'static str) -> Result<(), MeshError> {
         if let Self::Text { lines, tokens } = self {
             let record = lines.by_ref().find(|line| line.tokens().next().is_some());
@@ -41,7 +41,7 @@ impl<'a> Values<'a> {
         Ok(())
     }
 
-    /// The next number.
+    /// Reads the next number.
     pub(super) fn next(&mut self, scalar: Scalar) -> Result<f64, MeshError> {
         match self {
             Self::Text { lines, tokens } => number(next_token(lines, tokens)?, lines.at()),
@@ -55,7 +55,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// The length of a list.
+    /// Reads the length of a list.
     pub(super) fn next_count(&mut self, scalar: Scalar) -> Result<u64, MeshError> {
         let at = self.at();
         let value = self.next(scalar)?;
@@ -65,7 +65,7 @@ impl<'a> Values<'a> {
         Err(MeshError::Syntax { at, expected: "the length of a list", found: value.to_string() })
     }
 
-    /// Passes over `count` numbers.
+    /// Skips `count` numbers.
     pub(super) fn skip(&mut self, scalar: Scalar, count: u64) -> Result<(), MeshError> {
         match self {
             Self::Text { lines, tokens } => (0..count).try_for_each(|_| next_token(lines, tokens).map(drop)),
@@ -82,13 +82,13 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Refuses what comes after the last declared record: the header promised less than the file holds. White space, and
-    /// in binary files what is too short for a face, is padding.
+    /// Refuses data after the last declared record. White space, and in binary files anything too short for a face, counts as
+    /// padding.
     pub(super) fn finish(self, poll: &Poll<'_>) -> Result<(), MeshError> {
-        const SHORTEST_FACE_BYTES: usize = 4;
+        const MIN_FACE_BYTES: usize = 4;
         let (rest, padding) = match &self {
             Self::Text { lines, .. } => (lines.rest(), 0),
-            Self::Binary { bytes, at, .. } => (&bytes[*at..], SHORTEST_FACE_BYTES - 1),
+            Self::Binary { bytes, at, .. } => (&bytes[*at..], MIN_FACE_BYTES - 1),
         };
         if rest.len() <= padding || poll.position(rest, |byte| !byte.is_ascii_whitespace()).is_none() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Files and surfaces that are made to take long or much: the cost stays linear, and whoever gives up is heard.
+//! Files and surfaces crafted to take long or much memory: the cost stays linear, and a request to stop is soon heard.
 
 use std::cell::Cell;
 use std::fmt::Write as _;
@@ -25,7 +25,7 @@ fn read_polled(bytes: &[u8], poll: &Poll<'_>) -> Result<ReadMesh, ReadError> {
     read_from(&mut &bytes[..], bytes.len() as u64, Some(LengthUnit::Millimetre), &Limits::default(), poll)
 }
 
-/// The longest CPU time between two looks at whether to go on, from begin to end.
+/// The longest CPU time between two polls, from begin to end.
 fn longest_wait<T>(work: impl FnOnce(&Poll<'_>) -> T) -> Duration {
     let (last, longest) = (Cell::new(cpu_time()), Cell::new(Duration::ZERO));
     let look = || {
@@ -75,7 +75,7 @@ fn book(triangles: u32) -> Vec<u8> {
     }))
 }
 
-/// One triangle many times, and one far away: all but that in one cell of every grid.
+/// One triangle many times, and one far away: all but that one lie in one cell of every grid.
 fn copies(triangles: u32) -> Vec<u8> {
     let at = |i: usize| if i == 0 { 1e5 } else { 0.0 };
     binary_stl((0..triangles as usize).map(|i| [[at(i), 0.0, 0.0], [at(i) + 1.0, 0.0, 0.0], [at(i), 1.0, 0.0]]))
@@ -132,7 +132,7 @@ fn groups_named_again_and_again_take_no_more_memory_than_their_faces() {
     assert_eq!(groups, [("a", &[0][..]), ("b", &[0])]);
 }
 
-/// Files that take more than a moment, each another way.
+/// Files that take more than a moment, each for a different reason.
 fn long_files() -> Vec<(&'static str, Vec<u8>)> {
     let ascii = stl_text(&read_mm(&soup(60_000)).expect("a mesh").mesh);
     let mesh = read_mm(&soup(60_000)).expect("a mesh").mesh;
@@ -157,23 +157,23 @@ fn long_files() -> Vec<(&'static str, Vec<u8>)> {
 }
 
 #[test]
-fn whoever_gives_up_reading_is_heard_within_milliseconds() {
+fn a_request_to_stop_reading_is_heard_within_milliseconds() {
     for (name, bytes) in long_files() {
         let longest = longest_wait(|poll| read_polled(&bytes, poll));
         // Ten milliseconds in a release build; this one runs some five times slower.
-        assert!(longest < Duration::from_millis(50), "{name}: {longest:?} between two looks");
+        assert!(longest < Duration::from_millis(50), "{name}: {longest:?} between two polls");
         let looks = Cell::new(0);
         let third = || {
             looks.set(looks.get() + 1);
             looks.get() == 3
         };
-        let error = read_polled(&bytes, &Poll::new(&third)).expect_err("given up");
+        let error = read_polled(&bytes, &Poll::new(&third)).expect_err("stopped");
         assert!(matches!(error, ReadError::Mesh(MeshError::Interrupted)), "{name}: {error}");
     }
 }
 
 #[test]
-fn surfaces_that_meet_in_one_place_are_judged_and_thinned_in_linear_time() {
+fn surfaces_that_meet_in_one_place_are_assessed_and_simplified_in_linear_time() {
     for (name, bytes, survives) in [
         ("soup", soup(400_000), true),
         ("fan", fan(400_000), true),
@@ -186,7 +186,7 @@ fn surfaces_that_meet_in_one_place_are_judged_and_thinned_in_linear_time() {
         let (thinning, longest) =
             cost(|| longest_wait(|poll| thinned = Some(preview(&read.mesh, 30_000, poll).expect("not interrupted"))));
         assert!(thinning < Duration::from_secs(20), "{name}: {thinning:?}");
-        assert!(longest < Duration::from_millis(50), "{name}: {longest:?} between two looks");
+        assert!(longest < Duration::from_millis(50), "{name}: {longest:?} between two polls");
         let faces = thinned.expect("a preview").faces.len();
         assert!(faces <= 30_000 && (faces > 0) == survives, "{name}: {faces}");
         assert!(preview(&read.mesh, 30_000, &Poll::new(&|| true)).is_err());

@@ -1,15 +1,15 @@
-//! Orphans, missing and foreign databases, damaged files: nothing is lost, and what is wrong is named.
+//! Orphans, missing and foreign databases, damaged files: nothing is lost, and the damage is reported.
 
 use std::time::Duration;
 
-use super::super::sweep::Swept;
+use super::super::sweep::SweepReport;
 use super::*;
 
-/// Stores a file that no row names.
+/// Stores a file that no row refers to.
 fn put_orphan(store: &Store, bytes: &[u8]) -> String {
     let received = store.files().write(bytes).expect("a file");
     let sha256 = received.sha256.clone();
-    store.files().adopt(received).expect("its name");
+    store.files().persist(received).expect("renamed");
     sha256
 }
 
@@ -26,11 +26,11 @@ async fn what_a_crash_left_between_file_and_row_is_moved_away_once_it_is_old() {
     let store = &opened.store;
     assert_eq!(stored_files(&opened), 2, "opening removes nothing");
     assert_eq!(std::fs::read_dir(opened.folder.path().join("unfinished")).expect("a folder").count(), 0);
-    assert_eq!(store.sweep(LONG, LONG).await.expect("too young"), Swept::default());
-    assert_eq!(store.sweep(NOW, LONG).await.expect("old enough"), Swept { moved: 1, removed: 0 });
+    assert_eq!(store.sweep(LONG, LONG).await.expect("too young"), SweepReport::default());
+    assert_eq!(store.sweep(NOW, LONG).await.expect("old enough"), SweepReport { moved: 1, removed: 0 });
     assert_eq!(store.files().list().expect("a list").iter().map(|file| &file.sha256).collect::<Vec<_>>(), [&mesh.sha256]);
     assert_eq!(std::fs::read(opened.folder.path().join("swept").join(orphan)).expect("kept"), b"nobody's");
-    assert_eq!(store.sweep(NOW, NOW).await.expect("older still"), Swept { moved: 0, removed: 1 });
+    assert_eq!(store.sweep(NOW, NOW).await.expect("older still"), SweepReport { moved: 0, removed: 1 });
 }
 
 #[tokio::test]
@@ -38,11 +38,11 @@ async fn a_file_that_somebody_is_about_to_name_is_not_swept() {
     let opened = open().await;
     add_mesh(&opened.store, b"one").await;
     let orphan = put_orphan(&opened.store, b"soon somebody's");
-    let hold = opened.store.held.hold(vec![orphan.clone()]).await;
-    assert_eq!(opened.store.sweep(NOW, LONG).await.expect("held"), Swept::default());
-    opened.store.remove_unreferenced(vec![orphan.clone()]).await.expect("held");
+    let pin = opened.store.pinned.pin(vec![orphan.clone()]).await;
+    assert_eq!(opened.store.sweep(NOW, LONG).await.expect("pinned"), SweepReport::default());
+    opened.store.remove_unreferenced(vec![orphan.clone()]).await.expect("pinned");
     assert_eq!(stored_files(&opened), 2);
-    drop(hold);
+    drop(pin);
     assert_eq!(opened.store.sweep(NOW, LONG).await.expect("free").moved, 1);
 }
 
@@ -50,11 +50,11 @@ async fn a_file_that_somebody_is_about_to_name_is_not_swept() {
 async fn a_database_that_names_no_file_has_none_swept() {
     let opened = open().await;
     put_orphan(&opened.store, b"whose?");
-    assert_eq!(opened.store.sweep(NOW, NOW).await.expect("nothing"), Swept::default());
+    assert_eq!(opened.store.sweep(NOW, NOW).await.expect("nothing"), SweepReport::default());
     assert_eq!(stored_files(&opened), 1);
 }
 
-/// Opens the store again after `change` was done to its folder.
+/// Reopens the store after `change` was applied to its folder.
 async fn reopened(opened: Opened, change: impl FnOnce(&std::path::Path)) -> (Result<Store, OpenError>, tempfile::TempDir) {
     let Opened { store, folder } = opened;
     store.close().await.expect("closed");
@@ -78,7 +78,7 @@ async fn a_store_without_its_database_is_not_touched() {
         let (result, folder) = reopened(opened, change).await;
         assert!(matches!(result.err().expect("refused"), OpenError::DatabaseMissing { .. }));
         assert_eq!(std::fs::read(Files::at(folder.path()).path(&mesh.sha256)).expect("there"), b"one");
-        // And a second time, after the first has left what it left.
+        // And a second time, on what the first attempt left behind.
         assert!(matches!(Store::open(folder.path()).await, Err(OpenError::DatabaseMissing { .. })));
     }
 }
@@ -95,8 +95,8 @@ async fn the_database_of_another_store_is_refused() {
         std::fs::copy(database, data.join(DATABASE)).expect("copied");
     })
     .await;
-    assert!(matches!(result.err().expect("refused"), OpenError::DatabaseOfAnother { .. }));
-    // Fresh and without anything in it, beside files that lost their id.
+    assert!(matches!(result.err().expect("refused"), OpenError::ForeignDatabase { .. }));
+    // A new, empty database beside files without an id.
     let fresh = open().await;
     fresh.store.close().await.expect("closed");
     let opened = open().await;
@@ -145,13 +145,13 @@ async fn a_damaged_file_is_not_given_out_and_is_healed_by_the_same_upload() {
     let opened = open().await;
     let mesh = add_mesh(&opened.store, b"one").await;
     let files = opened.store.files();
-    assert!(files.check(&mesh.sha256).is_ok());
+    assert!(files.open_checked(&mesh.sha256).is_ok());
     for damage in [Some(&b"onE"[..]), Some(b""), None] {
         match damage {
             Some(bytes) => std::fs::write(files.path(&mesh.sha256), bytes).expect("damage"),
             None => std::fs::remove_file(files.path(&mesh.sha256)).expect("gone"),
         }
-        let error = files.check(&mesh.sha256).expect_err("found");
+        let error = files.open_checked(&mesh.sha256).expect_err("found");
         assert!(
             matches!(&error, Error::FileDamaged { sha256, missing } if *sha256 == mesh.sha256 && *missing == damage.is_none())
         );
@@ -164,8 +164,8 @@ async fn a_damaged_file_is_not_given_out_and_is_healed_by_the_same_upload() {
     }
 }
 
-/// Everything that a store holds, for a comparison.
-async fn content(data: &Path) -> (Vec<crate::wire::Mesh>, Vec<JobId>) {
+/// Meshes and jobs of a store, for comparison.
+async fn content(data: &Path) -> (Vec<crate::wire::UploadedMesh>, Vec<JobId>) {
     let store = Store::open(data).await.expect("a store");
     let page = Page::new(100, None, "").expect("a page");
     let meshes = store.meshes(&page).await.expect("meshes").items;
@@ -190,7 +190,7 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
     let report = backup(opened.folder.path(), &backup_dir).await.expect("a backup");
     assert_eq!((report.files, report.copied), (3, 3));
 
-    // Again, after something was deleted and something came: only that is copied, and what is gone goes.
+    // After a deletion and an upload, only the new file is copied, and the deleted one is removed.
     store.delete_mesh(other.id).await.expect("deleted");
     let third = add_mesh(store, b"three").await;
     let report = backup(opened.folder.path(), &backup_dir).await.expect("a backup");
@@ -201,12 +201,12 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
     let (meshes, jobs) = content(&restored).await;
     assert_eq!((meshes.len(), jobs), (2, vec![job]));
     assert!(meshes.iter().any(|kept| kept.id == third.id));
-    // The backup serves as a store itself; and nothing is restored over a store.
+    // The backup can be opened as a store itself, and no restore overwrites a store.
     assert_eq!(content(&backup_dir).await.1, [job]);
     assert!(matches!(restore(&backup_dir, &restored).await, Err(BackupError::NotEmpty(_))));
     assert!(matches!(restore(&to.path().join("nothing"), &restored).await, Err(BackupError::NoStore(_))));
     let foreign = open().await;
-    assert!(matches!(backup(foreign.folder.path(), &backup_dir).await, Err(BackupError::OfAnother(_))));
+    assert!(matches!(backup(foreign.folder.path(), &backup_dir).await, Err(BackupError::OtherStore(_))));
 }
 
 #[tokio::test]

@@ -1,4 +1,4 @@
-//! Lists and rows that cannot be read: a bad row harms itself alone.
+//! Lists and unreadable rows: a bad row affects only itself.
 
 use super::*;
 

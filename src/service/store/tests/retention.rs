@@ -1,4 +1,4 @@
-//! What the policy lets go, and what it never does.
+//! Retention: jobs and meshes that the policy deletes, and those that it never does.
 
 use super::*;
 use crate::wire::RetentionReason::{Age, Count, Disk};
@@ -7,7 +7,7 @@ fn policy() -> Policy {
     Policy { job_days: 0, jobs_per_part: 0, unused_mesh_days: 0, max_bytes: 0, hold_label: "hold".into() }
 }
 
-/// A job of a part that has succeeded with this many bytes.
+/// A succeeded job of a part, with a result of this many bytes.
 async fn ended(store: &Store, mesh: MeshId, part: Option<&str>, bytes: usize) -> JobId {
     let request = JobRequest { part_number: part.map(str::to_owned), ..JobRequest::new(mesh) };
     let id = store.submit(NewJob { request, ..new_job(mesh, 0) }).await.expect("a job").id;

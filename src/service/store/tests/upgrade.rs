@@ -1,4 +1,4 @@
-//! A store of the version before, with jobs in every state, opened by this one.
+//! Upgrade: a store of the previous version, with jobs in every state, opened by this one.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn job_id(number: u8) -> JobId {
     format!("0192d3a0-0000-7000-8000-0000000001{number:02}").parse().expect("an id")
 }
 
-/// Statements that the version before would have come to. A job's request has a field that this version does not know.
+/// Rows as the previous version wrote them. A job's request has a field that this version does not know.
 fn old_rows() -> Vec<String> {
     let request = |extra: &str| {
         format!(r#"{{"mesh_id":"{MESH}","cell":{{"name":"my-cell"}},"scanner":"transcan-c","labels":{{"line":"3"}}{extra}}}"#)
@@ -48,9 +48,9 @@ async fn a_store_of_the_version_before_loses_nothing() {
         include_str!("../migrations/0001_first.sql").into_sql_str(),
         false,
     );
-    Migrator::with_migrations(vec![first]).run_direct(None, &mut old, false).await.expect("the tables of then");
+    Migrator::with_migrations(vec![first]).run_direct(None, &mut old, false).await.expect("the old tables");
     for statement in old_rows() {
-        sqlx::query(sqlx::AssertSqlSafe(statement)).execute(&mut old).await.expect("a row of then");
+        sqlx::query(sqlx::AssertSqlSafe(statement)).execute(&mut old).await.expect("an old row");
     }
     old.close().await.expect("closed");
 
@@ -72,7 +72,7 @@ async fn a_store_of_the_version_before_loses_nothing() {
     );
     let label = JobFilter { label: Some(("line".into(), Some("3".into()))), ..JobFilter::default() };
     assert_eq!(store.jobs(&label, &Page::new(10, None, "").expect("a page")).await.expect("a list").items.len(), 5);
-    // What ran and what waited goes on, each with what it was asked for; what cannot be read fails with the reason.
+    // Running and queued jobs continue with their requests; an unreadable one fails with the reason.
     for number in [1, 2] {
         let attempt = store.claim().await.expect("the queue").expect("a job");
         assert_eq!((attempt.id, attempt.request.serial.as_deref()), (job_id(number), Some("S-1")));
@@ -80,7 +80,7 @@ async fn a_store_of_the_version_before_loses_nothing() {
     }
     assert!(store.claim().await.expect("the queue").is_none());
     assert_eq!(store.job(job_id(4)).await.expect("it").problem.expect("why").code, "job_unreadable");
-    let file = store.result(job_id(3), "plan.json").await.expect("the result of then");
+    let file = store.result(job_id(3), "plan.json").await.expect("the old result");
     assert_eq!((file.result.sha256.as_str(), file.file_sha256.as_str(), file.file_bytes), ("bb", "bb", 7));
     assert!(matches!(store.open_result(&file, true).await.err(), Some(Error::FileDamaged { missing: true, .. })));
 }

@@ -1,4 +1,4 @@
-//! Looking at jobs and their results, waiting for a job's end, cancelling and deleting it.
+//! Queries on jobs and their results, and what clients change on an accepted job: cancellation, labels, deletion.
 
 use std::io::Read;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
-use super::store::{Encoding, ResultFile};
+use super::store::{FileEncoding, ResultFile};
 use crate::wire::{Job, JobId, JobLabels, JobState};
 
 impl App {
@@ -20,7 +20,7 @@ impl App {
         self.0.store.job(id).await
     }
 
-    /// Where a job stands.
+    /// State of a job.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Internal`].
@@ -28,14 +28,14 @@ impl App {
         self.0.store.job_state(id).await
     }
 
-    /// One job, once it has ended, or as it is after `wait`.
+    /// Waits until a job has ended, at most for `wait`; returns it as it is then.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn job_when_ended(&self, id: JobId, wait: Duration) -> Result<Job, Error> {
         let until = Instant::now() + wait;
-        // Listening begins before the first look, so that no end is missed between the two.
-        let mut events = self.0.store.listen();
+        // Subscribed before the state is read, so that no end is missed in between.
+        let mut events = self.0.store.subscribe();
         loop {
             if self.0.store.job_state(id).await?.is_ended() {
                 return self.0.store.job(id).await;
@@ -51,20 +51,20 @@ impl App {
             };
             tokio::select! {
                 () = self.0.stopping.cancelled() => return self.0.store.job(id).await,
-                looked_again = timeout_at(until, next) => if !matches!(looked_again, Ok(true)) {
+                changed = timeout_at(until, next) => if !matches!(changed, Ok(true)) {
                     return self.0.store.job(id).await;
                 },
             }
         }
     }
 
-    /// Asks for a job's cancellation.
+    /// Requests a job's cancellation.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::JobEnded`], [`Error::Internal`].
     pub async fn cancel(&self, id: JobId) -> Result<Job, Error> {
         let app = self.clone();
-        self.to_the_end(async move {
+        self.run_to_completion(async move {
             let job = app.0.store.cancel(id).await?;
             app.0.runner.cancel(id);
             Ok(job)
@@ -78,20 +78,20 @@ impl App {
     /// [`Error::JobNotFound`], [`Error::JobNotEnded`], [`Error::JobHeld`], [`Error::Internal`].
     pub async fn delete_job(&self, id: JobId) -> Result<(), Error> {
         let app = self.clone();
-        self.to_the_end(async move { app.0.store.delete_job(id, &app.0.options.retention.hold_label, None).await }).await
+        self.run_to_completion(async move { app.0.store.delete_job(id, &app.0.options.retention.hold_label, None).await }).await
     }
 
-    /// Replaces a job's labels. What its files echo stays as it was submitted.
+    /// Replaces a job's labels. Its files keep the labels that it was submitted with.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn put_labels(&self, id: JobId, labels: JobLabels) -> Result<Job, Error> {
         labels.check().map_err(Error::Invalid)?;
         let app = self.clone();
-        self.to_the_end(async move { app.0.store.put_labels(id, &labels.labels).await }).await
+        self.run_to_completion(async move { app.0.store.put_labels(id, &labels.labels).await }).await
     }
 
-    /// One of a job's results; nothing of its file is read yet.
+    /// One of a job's results; its file is not read yet.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
@@ -100,7 +100,7 @@ impl App {
     }
 }
 
-/// A result of a job, to be read.
+/// A result of a job, ready to be read.
 #[derive(Clone)]
 pub struct ResultBody {
     app: App,
@@ -114,19 +114,19 @@ impl ResultBody {
         &self.file.result.sha256
     }
 
-    /// Size of what [`ResultBody::open`] reads, packed or not.
+    /// Size of what [`ResultBody::open`] reads: of the compressed file if `packed`, else of the result.
     #[must_use]
     pub fn size_bytes(&self, packed: bool) -> u64 {
         if packed { self.file.file_bytes } else { self.file.result.size_bytes }
     }
 
-    /// It is stored compressed (gzip), and can be had so.
+    /// True if the result is stored compressed (gzip) and can be read in that form.
     #[must_use]
     pub fn is_packed(&self) -> bool {
-        self.file.encoding == Encoding::Gzip
+        self.file.encoding == FileEncoding::Gzip
     }
 
-    /// Opens it, once its file has been compared with its hash; as it is stored where `packed`, else as the result itself.
+    /// Opens the result, once its file has been compared with its hash: the file as stored if `packed`, else decompressed.
     /// Reading blocks.
     ///
     /// # Errors
@@ -135,7 +135,7 @@ impl ResultBody {
         self.app.0.store.open_result(&self.file, !packed).await
     }
 
-    /// Its bytes.
+    /// Bytes of the result.
     ///
     /// # Errors
     /// [`Error::FileDamaged`], [`Error::StorageBusy`], [`Error::Internal`].

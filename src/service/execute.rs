@@ -1,5 +1,5 @@
-//! From a job's input to its result files: the one place that knows both what a job is and what planning is. It runs
-//! on a thread of the planning pool.
+//! Execution of a job, from its input to its result files: the only place that knows both jobs and planning. Runs on a
+//! thread of the planning pool.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::error::is_transient_io;
-use super::hashed::Hashed;
+use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
 use super::plan_job::PlanJob;
 use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
@@ -18,15 +18,16 @@ use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
+use crate::planning::sequence::Roadmaps;
 use crate::wire::echo::Echo;
 
-/// Plans: [`run`], or what a test puts in its place.
-pub type Planner = Arc<dyn Fn(&RunInput, &Context<'_>) -> Result<Vec<Artifact>, RunError> + Send + Sync>;
+/// The function that plans a job: [`execute`], or a test's replacement.
+pub type Planner = Arc<dyn Fn(&JobInput, &Context<'_>) -> Result<Vec<Artifact>, JobError> + Send + Sync>;
 
 /// A mesh in the store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MeshSource {
-    /// Its file.
+    /// Path of its file.
     pub path: PathBuf,
     /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: String,
@@ -34,50 +35,50 @@ pub struct MeshSource {
     pub unit: LengthUnit,
 }
 
-/// Everything that decides what comes out of a job.
+/// Input of a job, with every name resolved.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RunInput {
+pub struct JobInput {
     /// The part.
     pub mesh: MeshSource,
     /// Name of the part in reports.
     pub part_name: String,
-    /// What holds it.
+    /// Fixture that holds the part.
     pub fixture: Option<MeshSource>,
-    /// The cell, with its scanner, robot and turntable written out; `None` for viewpoints alone.
+    /// The cell, with its scanner, robot and turntable inlined; `None` for viewpoints only.
     pub cell: Option<CellSpec>,
-    /// The scanner: the cell's own, where there is a cell.
+    /// The scanner; the cell's own if there is a cell.
     pub scanner: ScannerSpec,
-    /// Meshes that bodies of cell and scanner name.
+    /// Meshes of the cell's and the scanner's bodies, by name.
     pub body_meshes: BTreeMap<String, MeshSource>,
-    /// Most triangles of a mesh.
+    /// Max number of triangles of a mesh.
     pub max_triangles: usize,
     /// Parameters.
     pub params: PlanParams,
-    /// What is echoed in the files.
+    /// Fields of the request that the files echo.
     pub echo: Echo,
 }
 
-/// Why nothing came out.
+/// Reasons why a job has no results.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum RunError {
+pub enum JobError {
     /// The job was cancelled.
     #[error("cancelled")]
     Cancelled,
-    /// Fields of the request that do not fit each other or the part.
+    /// Fields of the request that contradict each other or do not suit the part.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     BadInput(Vec<FieldError>),
-    /// Nothing can be planned, with the reasons.
+    /// No plan is possible, for these reasons.
     #[error("{0}")]
     NoPlan(String),
-    /// A file of the store is missing, or is not what it was.
+    /// A file of the store is missing or damaged.
     #[error("{0}")]
     Damaged(String),
-    /// The machine is short of something for a moment; the same may succeed later.
+    /// The machine is temporarily short of a resource; another attempt may succeed.
     #[error("{0}")]
     Unavailable(String),
 }
 
-impl From<PlanError> for RunError {
+impl From<PlanError> for JobError {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::Cancelled => Self::Cancelled,
@@ -87,58 +88,58 @@ impl From<PlanError> for RunError {
     }
 }
 
-/// Findings of a part of the request.
-fn below(pointer: &str, errors: Vec<FieldError>) -> RunError {
+/// Moves findings below `pointer`, a part of the request.
+fn below(pointer: &str, errors: Vec<FieldError>) -> JobError {
     let moved = errors.into_iter().map(|e| FieldError { pointer: format!("{pointer}{}", e.pointer), detail: e.detail });
-    RunError::BadInput(moved.collect())
+    JobError::BadInput(moved.collect())
 }
 
-/// How long to wait before a file is tried again that the machine could not give for the moment.
-const READ_AGAIN: Duration = Duration::from_millis(500);
+/// Pause before a file that was temporarily unavailable is read again.
+const READ_RETRY: Duration = Duration::from_millis(500);
 
 impl MeshSource {
-    /// Reads the mesh, and checks that the file is the one that was uploaded, until `stop` says to give up.
+    /// Reads the mesh and checks the file's hash, until `stop` returns true.
     ///
     /// # Errors
-    /// [`RunError::Damaged`], [`RunError::Unavailable`], [`RunError::Cancelled`], and [`RunError::BadInput`] at `pointer`.
-    pub fn read(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, RunError> {
+    /// [`JobError::Damaged`], [`JobError::Unavailable`], [`JobError::Cancelled`], and [`JobError::BadInput`] at `pointer`.
+    pub fn read(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, JobError> {
         let (poll, limits) = (Poll::new(stop), Limits { max_triangles });
         let unread = |error: io::Error| self.unread(&error);
         let file = File::open(&self.path).map_err(unread)?;
         let length_bytes = file.metadata().map_err(unread)?.len();
-        let mut file = Hashed::new(file);
+        let mut file = HashingReader::new(file);
         let read = mesh_io::read_from(&mut file, length_bytes, Some(self.unit), &limits, &poll);
-        let sha256 = file.finish(&poll).map_err(unread)?.ok_or(RunError::Cancelled)?;
+        let sha256 = file.finish(&poll).map_err(unread)?.ok_or(JobError::Cancelled)?;
         if sha256 != self.sha256 {
-            let reason = "is not what was uploaded; upload the same file again and start another job";
-            return Err(RunError::Damaged(format!("the stored file of mesh {} {reason}", self.sha256)));
+            let reason = "is damaged; upload the same file again and start another job";
+            return Err(JobError::Damaged(format!("the stored file of mesh {} {reason}", self.sha256)));
         }
         match read {
             Ok(read) => Ok(read.mesh),
             Err(ReadError::Io(error)) => Err(unread(error)),
-            Err(ReadError::Mesh(MeshError::Interrupted)) => Err(RunError::Cancelled),
+            Err(ReadError::Mesh(MeshError::Interrupted)) => Err(JobError::Cancelled),
             Err(ReadError::Mesh(error)) => {
-                Err(RunError::BadInput(vec![FieldError { pointer: pointer.to_owned(), detail: error.to_string() }]))
+                Err(JobError::BadInput(vec![FieldError { pointer: pointer.to_owned(), detail: error.to_string() }]))
             }
         }
     }
 
-    fn unread(&self, error: &io::Error) -> RunError {
+    fn unread(&self, error: &io::Error) -> JobError {
         let reason = format!("mesh {}: {error}", self.sha256);
-        if is_transient_io(error) { RunError::Unavailable(reason) } else { RunError::Damaged(reason) }
+        if is_transient_io(error) { JobError::Unavailable(reason) } else { JobError::Damaged(reason) }
     }
 
-    /// Reads the mesh within a run: while the process is out of file descriptors, or the disk fails for the moment, it
-    /// tries again until the job is cancelled.
-    fn read_in(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, RunError> {
+    /// Reads the mesh of a running job: while the process is out of file descriptors or the disk fails temporarily, it
+    /// retries until the job is cancelled.
+    fn read_with_retry(&self, pointer: &str, max_triangles: usize, stop: &dyn Fn() -> bool) -> Result<Mesh, JobError> {
         loop {
             match self.read(pointer, max_triangles, stop) {
-                Err(RunError::Unavailable(reason)) => {
+                Err(JobError::Unavailable(reason)) => {
                     if stop() {
-                        return Err(RunError::Cancelled);
+                        return Err(JobError::Cancelled);
                     }
-                    tracing::warn!(reason, "a mesh cannot be read at the moment; it is tried again");
-                    std::thread::sleep(READ_AGAIN);
+                    tracing::warn!(reason, "a mesh cannot be read at the moment; retrying");
+                    std::thread::sleep(READ_RETRY);
                 }
                 read => return read,
             }
@@ -146,17 +147,17 @@ impl MeshSource {
     }
 }
 
-/// Plans a job.
+/// Executes a job: reads its meshes, builds the cell, plans and renders the files. `roadmaps` are those of earlier jobs.
 ///
 /// # Errors
-/// [`RunError`].
-pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunError> {
+/// [`JobError`].
+pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
     let stop = || ctx.check().is_err();
-    let read = |source: &MeshSource, pointer: &str| source.read_in(pointer, input.max_triangles, &stop);
+    let read = |source: &MeshSource, pointer: &str| source.read_with_retry(pointer, input.max_triangles, &stop);
     let mesh = read(&input.mesh, "/mesh_id")?;
     let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
-    let cell = input.cell.as_ref().map(|cell| cell.build(&RunLibrary { input, stop: &stop })).transpose();
-    // A body's mesh that was given up is no fault of the cell's.
+    let cell = input.cell.as_ref().map(|cell| cell.build(&JobLibrary { input, stop: &stop })).transpose();
+    // After a cancellation, an unread mesh of a body is not an error of the cell.
     ctx.check().map_err(PlanError::from)?;
     let cell = cell.map_err(|errors| below("/cell", errors))?;
     let scanner = match &cell {
@@ -170,21 +171,22 @@ pub fn run(input: &RunInput, ctx: &Context<'_>) -> Result<Vec<Artifact>, RunErro
         part_sha256: &input.mesh.sha256,
         scanner: &scanner,
         cell: cell.as_ref(),
+        roadmaps: Some(roadmaps),
         params: &input.params,
         echo: input.echo.clone(),
     };
-    job.run(ctx).map_err(RunError::from)
+    job.execute(ctx).map_err(JobError::from)
 }
 
-/// The meshes that a run brings with it. Its specifications are written out, so that a preset that changes between two
-/// versions changes no accepted job.
-struct RunLibrary<'a> {
-    input: &'a RunInput,
-    /// Returns true to give up reading.
+/// Library of the meshes that a job brings along. Its specifications are inlined, so that a preset that changes in a later
+/// version does not change accepted jobs.
+struct JobLibrary<'a> {
+    input: &'a JobInput,
+    /// Returns true to stop reading.
     stop: &'a dyn Fn() -> bool,
 }
 
-impl SpecLibrary for RunLibrary<'_> {
+impl SpecLibrary for JobLibrary<'_> {
     fn scanner(&self, _: &str) -> Result<ScannerSpec, NotFound> {
         Err(NotFound::Unknown)
     }
@@ -203,7 +205,7 @@ impl SpecLibrary for RunLibrary<'_> {
 
     fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
         let source = self.input.body_meshes.get(name).ok_or(NotFound::Unknown)?;
-        let read = source.read_in("/cell", self.input.max_triangles, self.stop);
+        let read = source.read_with_retry("/cell", self.input.max_triangles, self.stop);
         read.map(Arc::new).map_err(|error| NotFound::Unusable(error.to_string()))
     }
 

@@ -1,4 +1,4 @@
-//! A file that is hashed as it is read, so that it need not be held to know whether it is the right one.
+//! A reader that hashes on the way, so that a file can be verified without being held in memory.
 
 use std::io::{self, Read};
 
@@ -7,22 +7,22 @@ use sha2::{Digest, Sha256};
 use super::store::hex;
 use crate::geometry::Poll;
 
-/// Bytes that are hashed at a time.
+/// Bytes hashed at a time.
 const PIECE_BYTES: usize = 1 << 20;
 
-/// A source of bytes, and the hash of what has come from it.
-pub(crate) struct Hashed<R> {
+/// A reader that hashes all bytes read from it.
+pub(crate) struct HashingReader<R> {
     source: R,
     hash: Sha256,
 }
 
-impl<R: Read> Hashed<R> {
-    /// Begins at the first byte.
+impl<R: Read> HashingReader<R> {
+    /// A reader of `source`, from its first byte.
     pub(crate) fn new(source: R) -> Self {
         Self { source, hash: Sha256::new() }
     }
 
-    /// SHA-256 of all of it, what nobody has read included, in lower-case hexadecimal; `None` once told to stop.
+    /// Reads the rest and returns the SHA-256 of all bytes, lower-case hexadecimal; `None` if `poll` says stop.
     pub(crate) fn finish(mut self, poll: &Poll<'_>) -> io::Result<Option<String>> {
         let mut rest = Vec::new();
         while self.by_ref().take(PIECE_BYTES as u64).read_to_end(&mut rest)? > 0 {
@@ -35,7 +35,7 @@ impl<R: Read> Hashed<R> {
     }
 }
 
-impl<R: Read> Read for Hashed<R> {
+impl<R: Read> Read for HashingReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.source.read(buffer)?;
         self.hash.update(&buffer[..count]);
@@ -52,10 +52,10 @@ mod tests {
         let bytes: Vec<u8> = (0..3_000_000_u32).map(|i| (i ^ i >> 7) as u8).collect();
         let wanted = hex(&Sha256::digest(&bytes));
         for read in [0, 1, 84, 2_000_000, bytes.len()] {
-            let mut hashed = Hashed::new(&bytes[..]);
+            let mut hashed = HashingReader::new(&bytes[..]);
             hashed.read_exact(&mut vec![0; read]).expect("there");
             assert_eq!(hashed.finish(&Poll::never()).expect("readable"), Some(wanted.clone()), "{read}");
         }
-        assert_eq!(Hashed::new(&bytes[..]).finish(&Poll::new(&|| true)).expect("readable"), None);
+        assert_eq!(HashingReader::new(&bytes[..]).finish(&Poll::new(&|| true)).expect("readable"), None);
     }
 }

@@ -1,53 +1,53 @@
-//! Files that no row names yet, though somebody is about to write that row: nobody removes them meanwhile. Holding waits
-//! for no transaction and no job, so a job that waits for room on the disk stops no deletion that would make some.
+//! Pinned files: no row refers to them yet, but one is about to be written, so they must not be removed meanwhile. Pinning
+//! waits for no transaction and no job, so a job that waits for disk space does not block the deletions that free it.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// How often each file is held, by its hash.
+/// Pin counts of files, by hash.
 #[derive(Clone, Debug, Default)]
-pub(super) struct HeldFiles(Arc<State>);
+pub(super) struct PinnedFiles(Arc<State>);
 
 #[derive(Debug, Default)]
 struct State {
     counts: Mutex<HashMap<String, usize>>,
-    /// Held while one file is removed, from the look at the counts until it is gone.
+    /// Locked while a file is removed, from the check of its count until it is gone.
     removing: tokio::sync::Mutex<()>,
 }
 
-/// Keeps files from being removed while it lives.
+/// Guard that protects files from removal.
 #[derive(Debug)]
-pub(crate) struct Hold {
-    files: HeldFiles,
+pub(crate) struct FilePin {
+    files: PinnedFiles,
     hashes: Vec<String>,
 }
 
-impl HeldFiles {
-    /// Holds files, which may or may not be there yet.
-    pub(super) async fn hold(&self, hashes: Vec<String>) -> Hold {
-        let _between_removals = self.0.removing.lock().await;
+impl PinnedFiles {
+    /// Pins files, whether or not they exist yet.
+    pub(super) async fn pin(&self, hashes: Vec<String>) -> FilePin {
+        let _no_removal = self.0.removing.lock().await;
         let mut counts = self.lock();
         for hash in &hashes {
             *counts.entry(hash.clone()).or_default() += 1;
         }
         drop(counts);
-        Hold { files: self.clone(), hashes }
+        FilePin { files: self.clone(), hashes }
     }
 
-    /// Begins to remove a file; `None` when somebody holds it. Nobody can hold it until the guard is dropped.
+    /// Begins to remove a file; `None` if it is pinned. No file can be pinned until the guard is dropped.
     pub(super) async fn begin_removal(&self, hash: &str) -> Option<tokio::sync::MutexGuard<'_, ()>> {
         let removing = self.0.removing.lock().await;
-        let is_held = self.lock().contains_key(hash);
-        (!is_held).then_some(removing)
+        let is_pinned = self.lock().contains_key(hash);
+        (!is_pinned).then_some(removing)
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<String, usize>> {
-        // The counts are whole after every operation.
+        // The counts are consistent after every operation, so a poisoned lock is usable.
         self.0.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for Hold {
+impl Drop for FilePin {
     fn drop(&mut self) {
         let mut counts = self.files.lock();
         for hash in &self.hashes {

@@ -1,4 +1,4 @@
-//! Answers that are the same as long as the program runs: compressed once, when they are first asked for.
+//! Responses that never change while the process runs: compressed once, on first use.
 
 use std::io::{self, Write};
 
@@ -10,19 +10,19 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 
-use super::extract::is_known;
-use super::negotiate::takes_gzip;
+use super::extract::etag_matches;
+use super::negotiate::accepts_gzip;
 
-/// Bytes in both forms, and the tag of their content.
-pub(super) struct Packed {
+/// A body, plain and compressed, with its entity tag.
+pub(super) struct StaticResponse {
     bytes: Bytes,
     gzip: Option<Bytes>,
     etag: String,
     media_type: String,
 }
 
-impl Packed {
-    /// Compresses `bytes`, where that makes them smaller.
+impl StaticResponse {
+    /// Compresses `bytes` if that makes them smaller.
     pub(super) fn new(bytes: impl Into<Bytes>, media_type: String) -> Self {
         let bytes = bytes.into();
         let gzip = compress(&bytes).ok().filter(|gzip| gzip.len() < bytes.len()).map(Bytes::from);
@@ -30,18 +30,18 @@ impl Packed {
         Self { bytes, gzip, etag, media_type }
     }
 
-    /// The answer, in the form that the client takes.
-    pub(super) fn answer(&self, headers: &HeaderMap) -> Response {
-        let about = [(ETAG, self.etag.clone()), (VARY, "accept-encoding".to_owned())];
-        if is_known(headers, &self.etag) {
-            return (StatusCode::NOT_MODIFIED, about).into_response();
+    /// Builds the response, compressed if the client accepts that.
+    pub(super) fn respond(&self, headers: &HeaderMap) -> Response {
+        let version = [(ETAG, self.etag.clone()), (VARY, "accept-encoding".to_owned())];
+        if etag_matches(headers, &self.etag) {
+            return (StatusCode::NOT_MODIFIED, version).into_response();
         }
-        let about = (about, [(CONTENT_TYPE, self.media_type.clone())]);
+        let media_type = [(CONTENT_TYPE, self.media_type.clone())];
         match &self.gzip {
-            Some(gzip) if takes_gzip(headers) => {
-                (about.0, about.1, [(CONTENT_ENCODING, HeaderValue::from_static("gzip"))], gzip.clone()).into_response()
+            Some(gzip) if accepts_gzip(headers) => {
+                (version, media_type, [(CONTENT_ENCODING, HeaderValue::from_static("gzip"))], gzip.clone()).into_response()
             }
-            _ => (about.0, about.1, self.bytes.clone()).into_response(),
+            _ => (version, media_type, self.bytes.clone()).into_response(),
         }
     }
 }

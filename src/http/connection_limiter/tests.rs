@@ -1,0 +1,132 @@
+//! Admission and eviction.
+
+use super::*;
+
+const A: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1));
+const B: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2));
+
+/// True if the connection was evicted.
+async fn is_evicted(slot: &ConnectionSlot) -> bool {
+    tokio::time::timeout(Duration::from_millis(1), slot.evicted()).await.is_ok()
+}
+
+fn admitted(limiter: &Arc<ConnectionLimiter>, address: IpAddr) -> Arc<ConnectionSlot> {
+    let slot = limiter.admit(address).expect("a slot");
+    assert_eq!(slot.exceeded_limit(), None);
+    slot
+}
+
+#[tokio::test]
+async fn the_connection_that_has_been_idle_longest_makes_room() {
+    let limiter = ConnectionLimiter::new(3, 3, Vec::new());
+    let slots = [admitted(&limiter, A), admitted(&limiter, B), admitted(&limiter, A)];
+    // The first has had a request since.
+    drop(slots[0].begin_request());
+    let _next = admitted(&limiter, B);
+    assert!(is_evicted(&slots[1]).await);
+    assert!(!is_evicted(&slots[0]).await && !is_evicted(&slots[2]).await);
+    let _next = admitted(&limiter, B);
+    assert!(is_evicted(&slots[2]).await && !is_evicted(&slots[0]).await);
+    assert_eq!(limiter.held(), 3);
+}
+
+#[tokio::test]
+async fn an_address_beyond_its_share_pushes_out_itself() {
+    let limiter = ConnectionLimiter::new(10, 2, Vec::new());
+    let other = admitted(&limiter, B);
+    let own = [admitted(&limiter, A), admitted(&limiter, A)];
+    let _third = admitted(&limiter, A);
+    assert!(is_evicted(&own[0]).await && !is_evicted(&own[1]).await && !is_evicted(&other).await);
+    assert_eq!(limiter.held(), 3);
+}
+
+#[tokio::test]
+async fn what_is_in_use_keeps_its_place_and_the_next_gets_one_of_the_reserve() {
+    let limiter = ConnectionLimiter::new(3, 2, Vec::new());
+    let slots = [admitted(&limiter, A), admitted(&limiter, A), admitted(&limiter, B)];
+    let _open: Vec<_> = slots.iter().map(ConnectionSlot::begin_request).collect();
+    assert_eq!(limiter.admit(A).expect("of the reserve").exceeded_limit(), Some(ExceededLimit::Address));
+    assert_eq!(limiter.admit(B).expect("of the reserve").exceeded_limit(), Some(ExceededLimit::Server));
+    for slot in &slots {
+        assert!(!is_evicted(slot).await);
+    }
+}
+
+#[test]
+fn a_proxy_speaks_for_many_and_has_no_share() {
+    let limiter = ConnectionLimiter::new(100, 2, vec![A]);
+    let _open: Vec<_> = (0..50).map(|_| admitted(&limiter, A).begin_request()).collect();
+    assert_eq!(limiter.held(), 50);
+}
+
+#[tokio::test]
+async fn one_address_does_not_fill_the_reserve() {
+    let limiter = ConnectionLimiter::new(1, 1, Vec::new());
+    let _open = admitted(&limiter, A).begin_request();
+    let slots: Vec<_> = (0..RESERVED_PER_ADDRESS).map(|_| limiter.admit(A).expect("of the reserve")).collect();
+    let _next = limiter.admit(A).expect("that of its own first");
+    assert!(is_evicted(&slots[0]).await);
+    let _asking: Vec<_> = slots[1..].iter().map(ConnectionSlot::begin_request).collect();
+    let _last = _next.begin_request();
+    assert_eq!(limiter.admit(A).err(), Some(ExceededLimit::Address));
+    assert!(limiter.admit(B).is_ok());
+}
+
+#[tokio::test]
+async fn a_body_that_stalls_costs_the_place_when_nothing_is_idle() {
+    let limiter = ConnectionLimiter::new(2, 2, Vec::new());
+    let slots = [admitted(&limiter, A), admitted(&limiter, A)];
+    let _requests = [slots[0].begin_request(), slots[1].begin_request()];
+    let body = slots[0].begin_body();
+    // It has only just begun.
+    assert_eq!(limiter.admit(B).expect("of the reserve").exceeded_limit(), Some(ExceededLimit::Server));
+    tokio::time::sleep(STALLED + Duration::from_millis(200)).await;
+    body.progress();
+    assert_eq!(limiter.admit(B).expect("of the reserve").exceeded_limit(), Some(ExceededLimit::Server));
+    tokio::time::sleep(STALLED + Duration::from_millis(200)).await;
+    let _admitted = admitted(&limiter, B);
+    assert!(is_evicted(&slots[0]).await && !is_evicted(&slots[1]).await);
+}
+
+#[tokio::test]
+async fn an_answer_that_is_being_taken_is_in_use() {
+    let limiter = ConnectionLimiter::new(1, 1, Vec::new());
+    let slot = admitted(&limiter, A);
+    drop(slot.begin_request());
+    slot.writing.store(true, Ordering::Relaxed);
+    assert_eq!(limiter.admit(B).expect("of the reserve").exceeded_limit(), Some(ExceededLimit::Server));
+    slot.writing.store(false, Ordering::Relaxed);
+    let _admitted = admitted(&limiter, B);
+    assert!(is_evicted(&slot).await);
+}
+
+#[test]
+fn a_place_is_given_back_once() {
+    let limiter = ConnectionLimiter::new(1, 1, Vec::new());
+    let slot = admitted(&limiter, A);
+    let request = slot.begin_request();
+    let body = slot.begin_body();
+    slot.release();
+    slot.release();
+    drop((request, body));
+    assert_eq!(limiter.held(), 0);
+    let _next = admitted(&limiter, A);
+    assert_eq!(limiter.held(), 1);
+    assert_eq!(limiter.lock().addresses.len(), 1);
+}
+
+#[tokio::test]
+async fn idleness_is_counted_from_the_last_request() {
+    let limiter = ConnectionLimiter::new(1, 1, Vec::new());
+    let slot = admitted(&limiter, A);
+    let (short, long) = (Duration::from_millis(50), Duration::from_millis(300));
+    let began = Instant::now();
+    slot.idle_for(began, short, long).await;
+    assert!(began.elapsed() < long, "the time before the first request counts");
+    let request = slot.begin_request();
+    assert!(tokio::time::timeout(2 * long, slot.idle_for(began, short, long)).await.is_err(), "a request is open");
+    drop(request);
+    let ended = Instant::now();
+    slot.idle_for(began, short, long).await;
+    assert!(ended.elapsed() >= long);
+}

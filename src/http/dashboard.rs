@@ -1,0 +1,47 @@
+//! The dashboard at `/`: the files of `static/`, embedded in the binary.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use axum::extract::Path;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use rust_embed::RustEmbed;
+
+use super::problem::{ApiError, Code};
+use super::static_response::StaticResponse;
+
+#[derive(RustEmbed)]
+#[folder = "static/"]
+struct Files;
+
+/// The dashboard page.
+pub(super) async fn index(headers: HeaderMap) -> Result<Response, ApiError> {
+    serve("index.html", &headers)
+}
+
+/// A script, style sheet or image of the dashboard.
+pub(super) async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {
+    serve(&name, &headers)
+}
+
+fn serve(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
+    static FILES: LazyLock<BTreeMap<String, StaticResponse>> = LazyLock::new(|| {
+        let named = Files::iter().filter_map(|name| Files::get(&name).map(|file| (name, file)));
+        named
+            .map(|(name, file)| (name.to_string(), StaticResponse::new(file.data.into_owned(), media_type(&name).to_owned())))
+            .collect()
+    });
+    let file = FILES.get(name).ok_or_else(|| ApiError::new(Code::NoSuchRoute, format!("there is no file {name:?}")))?;
+    Ok(file.respond(headers))
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
+        "html" => "text/html; charset=utf-8",
+        "css" => "text/css; charset=utf-8",
+        "js" => "text/javascript; charset=utf-8",
+        "svg" => "image/svg+xml",
+        _ => "application/octet-stream",
+    }
+}

@@ -1,0 +1,165 @@
+//! Sentences and numbers as people read them, in JSON, reports and on pages alike.
+
+use std::fmt::Write;
+
+use serde_json::Value;
+
+use crate::geometry::Pose;
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView};
+
+#[cfg(test)]
+mod tests;
+
+/// Max characters shown of a parameter's value.
+const MAX_VALUE_CHARS: usize = 160;
+
+/// Every parameter that differs from its default, by its dotted key in alphabetical order, with its value as JSON, cut
+/// where it is long. Defaults that were resolved (`part.patch_edge_mm` …) are among them.
+#[must_use]
+pub fn changed_params(params: &PlanParams) -> Vec<(String, String)> {
+    let mut changed = Vec::new();
+    if let (Ok(value), Ok(default)) = (serde_json::to_value(params), serde_json::to_value(PlanParams::default())) {
+        collect_changes("", &value, &default, &mut changed);
+    }
+    changed.sort();
+    changed
+}
+
+fn collect_changes(key: &str, value: &Value, default: &Value, changed: &mut Vec<(String, String)>) {
+    match (value, default) {
+        (Value::Object(fields), Value::Object(defaults)) => {
+            for (name, field) in fields {
+                let dotted = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+                collect_changes(&dotted, field, defaults.get(name).unwrap_or(&Value::Null), changed);
+            }
+        }
+        _ if value != default => changed.push((key.into(), abridged(rounded(value).to_string()))),
+        _ => {}
+    }
+}
+
+/// The value with six significant digits in every number.
+fn rounded(value: &Value) -> Value {
+    match value {
+        Value::Number(number) if number.is_f64() => {
+            number.as_f64().and_then(|x| format!("{x:.5e}").parse::<f64>().ok()).map_or(Value::Null, Value::from)
+        }
+        Value::Array(items) => items.iter().map(rounded).collect(),
+        Value::Object(fields) => Value::Object(fields.iter().map(|(key, field)| (key.clone(), rounded(field))).collect()),
+        other => other.clone(),
+    }
+}
+
+/// Cuts a long value: a list of a thousand faces says no more than its beginning.
+fn abridged(text: String) -> String {
+    match text.char_indices().nth(MAX_VALUE_CHARS) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
+    }
+}
+
+/// The spots for which a remedy was searched for, largest first.
+#[must_use]
+pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy)> {
+    let mut treated: Vec<_> = missed
+        .iter()
+        .flat_map(|missed| missed.spots.iter().map(move |spot| (missed.cause, spot)))
+        .filter_map(|(cause, spot)| spot.remedy.as_ref().map(|remedy| (cause, spot, remedy)))
+        .collect();
+    treated.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
+    treated
+}
+
+/// Advice on how to keep two bodies apart, in a sentence.
+#[must_use]
+pub fn advice_sentence(advice: &Advice) -> String {
+    let text = match advice {
+        Advice::ReduceClearance(max_mm) => {
+            return format!("free there with motion.clearance_mm = {:.1}", (max_mm * 10.0).floor() / 10.0);
+        }
+        Advice::MoveObstacle(name) => return format!("move {name}, or the table away from it"),
+        Advice::MoveFixture => "hold the part elsewhere, or plan it in several ways of lying (setups)",
+        Advice::MoveTable => {
+            "the part meets the robot's foot as the table turns: set the table farther off, or the part nearer to its axis"
+        }
+        Advice::TurnPart => {
+            "lay the part in another way (setups, part.table_from_part), or look at it from farther off (candidates.standoffs_mm)"
+        }
+        Advice::RaisePart => {
+            "raise the part above the plate, or the robot's foot; `vantage study reach` tells which foot and table reach most"
+        }
+        Advice::MoveFoot => {
+            "the arm folds onto itself there: set its foot nearer to the table or farther off; `vantage study reach` compares"
+        }
+        Advice::MountScanner => "mount the scanner otherwise (flange_from_scanner); `vantage study reach` compares mounts",
+    };
+    text.to_owned()
+}
+
+/// A remedy in a sentence.
+#[must_use]
+pub fn remedy_sentence(remedy: &Remedy) -> String {
+    let Some(first) = remedy.views.first() else {
+        return match remedy.tried {
+            1 => "none: the one view tried does not measure half of it".into(),
+            tried => format!("none: no eight of {tried} views tried measure half of it"),
+        };
+    };
+    let candidate = first.candidate.0;
+    let mut text = match remedy.kind {
+        RemedyKind::View => format!("choose candidate {candidate} too: raise the target, or the limit of views"),
+        RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
+        RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
+        RemedyKind::Standoff => {
+            format!("take candidate {candidate} from {} mm{}{}", fixed(first.standoff_mm, 0), tilted(first), rolled(first))
+        }
+        // The pose that it rests in, named by what points up there.
+        RemedyKind::Setup => {
+            let up = remedy.table_from_part.unwrap_or(Pose::identity()).inverse().direction(&nalgebra::Vector3::z());
+            let up = [up.x, up.y, up.z].map(|x| fixed(x, 2)).join(" ");
+            format!("lay the part another way, its direction ({up}) up")
+        }
+        RemedyKind::Limit => limits_text(remedy),
+        RemedyKind::None => String::new(),
+    };
+    // Writing to a String cannot fail.
+    let _ = match remedy.views.len() - 1 {
+        0 => Ok(()),
+        1 => write!(text, "; with 1 more view"),
+        more => write!(text, "; with {more} more views"),
+    };
+    let _ = write!(text, ": measures {} mm², {} % of it", fixed(remedy.area_mm2, 1), fixed(100.0 * remedy.of_spot, 0));
+    text
+}
+
+fn limits_text(remedy: &Remedy) -> String {
+    let limit = |name: &str, deg: Option<f64>| deg.map(|deg| format!("{name} to {}°", fixed(deg, 1)));
+    let limits = [limit("limits.camera_deg", remedy.camera_deg), limit("limits.projector_deg", remedy.projector_deg)];
+    let limits: Vec<_> = limits.into_iter().flatten().collect();
+    let from = remedy.views.first().map_or_else(String::new, |first| {
+        format!(" and look from candidate {}{}{}", first.candidate.0, tilted(first), rolled(first))
+    });
+    format!("raise {}{from}", limits.join(" and "))
+}
+
+fn tilted(view: &RemedyView) -> String {
+    if view.tilt_rad == 0.0 { String::new() } else { format!(", tilted by {}°", degrees(view.tilt_rad)) }
+}
+
+fn rolled(view: &RemedyView) -> String {
+    if view.roll_rad == 0.0 { String::new() } else { format!(", rolled by {}°", degrees(view.roll_rad)) }
+}
+
+fn degrees(angle_rad: f64) -> String {
+    fixed(angle_rad.to_degrees(), 0)
+}
+
+/// Formats `value` with so many decimals; zero has no sign.
+pub(crate) fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| b == b'0' || b == b'.') => rest.into(),
+        _ => text,
+    }
+}
