@@ -33,6 +33,7 @@ macro_rules! closed_list {
 pub(crate) use closed_list;
 
 #[cfg(test)]
+#[expect(unreachable_pub, reason = "lists are public where they are used")]
 mod tests {
     closed_list! {
         /// A list.

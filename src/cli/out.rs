@@ -29,7 +29,7 @@ pub(super) fn prepare(out: &Path) -> Result<(), CliError> {
 /// # Errors
 /// [`CliError::Failed`].
 pub(super) fn write(out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
-    artifacts.iter().try_for_each(|artifact| write_file(&out.join(artifact.name), &artifact.bytes))
+    artifacts.iter().try_for_each(|artifact| write_file(&out.join(&*artifact.name), &artifact.bytes))
 }
 
 /// Writes a file under a temporary name first, then renames it.

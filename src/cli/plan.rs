@@ -118,8 +118,8 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let seconds = progress.finish();
     let (outcome, mut artifacts) = result?;
     let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
-    artifacts.push(Artifact { name: "timings.json", bytes: json_file_bytes(&seconds) });
-    artifacts.push(Artifact { name: "ovp.json", bytes: json_file_bytes(&log) });
+    artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
+    artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
     out::write(&args.out, &artifacts)?;
     print_summary(args, &artifacts)
 }

@@ -26,8 +26,7 @@ pub struct ProgramArgs {
     /// Cell: name of a preset, or a TOML or JSON file.
     #[arg(long)]
     cell: String,
-    /// Controller language: hans, urscript, rapid, krl, fanuc, robodk or csv.
-    #[arg(long)]
+    #[arg(long, help = format!("Controller language: {}", Dialect::ALL.map(Dialect::as_str).join(", ")))]
     dialect: Dialect,
     /// Folder for files named as the controller expects them, or a single file.
     #[arg(long)]

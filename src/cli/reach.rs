@@ -66,7 +66,7 @@ pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cance
     let results = ReachInput { layouts: &layouts, found: &found, cell_name: &cell.name };
     let is_own = |layout: &&Layout| layout.mounting == 0 && [layout.foot_mm, layout.table_mm] == own;
     let files = [("reach.csv", csv(&results)), ("reach.svg", svg(&results))];
-    out::write(folder, &files.map(|(name, text)| Artifact { name, bytes: text.into_bytes() }))?;
+    out::write(folder, &files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }))?;
     print!("{}", text(&results, found.iter().find(is_own)));
     println!("Map: {}", folder.join("reach.svg").display());
     Ok(())

@@ -139,5 +139,5 @@ fn names(study: Study) -> [&'static str; 4] {
 
 fn artifacts(results: &StudyInput<'_>, names: [&'static str; 4]) -> Vec<Artifact> {
     let texts = [csv(results), coverage_svg(results), grades_svg(results), html(results)];
-    names.into_iter().zip(texts).map(|(name, text)| Artifact { name, bytes: text.into_bytes() }).collect()
+    names.into_iter().zip(texts).map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).collect()
 }

@@ -118,7 +118,7 @@ fn the_folder_for_results_is_made_and_tried_before_planning() {
 fn results_replace_what_was_there_and_leave_no_parts() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("plan.json"), b"old").expect("a file");
-    let artifact = |bytes: &[u8]| crate::service::plan_job::Artifact { name: "plan.json", bytes: bytes.to_vec() };
+    let artifact = |bytes: &[u8]| crate::service::plan_job::Artifact { name: "plan.json".into(), bytes: bytes.to_vec() };
     out::write(folder.path(), &[artifact(b"new")]).expect("written");
     assert_eq!(std::fs::read(folder.path().join("plan.json")).expect("there"), b"new");
     assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);

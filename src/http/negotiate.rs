@@ -1,19 +1,21 @@
 //! Content negotiation: by the query parameter where given, else by `Accept` (RFC 9110, section 12.5.1).
 
+use std::borrow::Cow;
+
 use axum::http::HeaderMap;
 use axum::http::header::{ACCEPT, ACCEPT_ENCODING};
 
 use super::problem::{ApiError, Code};
 
 /// A representation of a result.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Representation {
     /// Value of the query parameter.
     pub name: &'static str,
     /// Media type.
     pub media_type: &'static str,
     /// Name of the result file.
-    pub file: &'static str,
+    pub file: Cow<'static, str>,
 }
 
 /// Chooses among `offered`, of which the first is the default.

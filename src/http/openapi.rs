@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use utoipa::ToSchema;
 use utoipa::openapi::link::Link;
 use utoipa::openapi::path::{Operation, Parameter};
-use utoipa::openapi::schema::{AdditionalProperties, Schema, SchemaType, Type};
+use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::openapi::security::{ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi, PathItem, Ref, RefOr, ResponseBuilder, SecurityRequirement};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::problem::PROBLEM_JSON;
 use crate::cell::{Presets, SpecLibrary as _};
+use crate::program::dialects::{Dialect, DialectOutput};
 use crate::wire::{self, parameters};
 
 /// Frame of the document; the routes add themselves.
@@ -76,20 +77,34 @@ pub(super) enum BinaryFormat {
     Bin,
 }
 
-/// Formats of a robot program.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
-pub(super) enum ProgramFormat {
-    Json,
-    Csv,
-    Hans,
-    Urscript,
-    Rapid,
-    Krl,
-    KrlDat,
-    Fanuc,
-    Robodk,
+/// Formats of a robot program: the neutral one and those of the dialects.
+pub(super) struct ProgramFormat;
+
+impl PartialSchema for ProgramFormat {
+    fn schema() -> RefOr<Schema> {
+        let mut names: Vec<&str> = std::iter::once("json").chain(outputs().map(|output| output.format)).collect();
+        names.sort_unstable();
+        ObjectBuilder::new().schema_type(Type::String).enum_values(Some(names)).into()
+    }
+}
+
+impl ToSchema for ProgramFormat {}
+
+/// Files of all dialects.
+fn outputs() -> impl Iterator<Item = &'static DialectOutput> {
+    Dialect::ALL.into_iter().flat_map(Dialect::outputs)
+}
+
+/// Adds the dialects to a response that is a robot program.
+fn add_dialects(operation: &mut Operation) {
+    let is_program = operation.operation_id.as_ref().is_some_and(|id| id.starts_with("get_program"));
+    if let Some(RefOr::T(response)) = operation.responses.responses.get_mut("200").filter(|_| is_program) {
+        for output in outputs() {
+            let essence = output.media_type.split(';').next().unwrap_or_default();
+            let text = ContentBuilder::new().schema(Some(ObjectBuilder::new().schema_type(Type::String))).build();
+            response.content.insert(essence.to_owned(), text.into());
+        }
+    }
 }
 
 /// Binary data.
@@ -128,6 +143,7 @@ pub(super) fn complete(openapi: &mut OpenApi) {
     for (path, item) in &mut openapi.paths.paths {
         for operation in operations(item) {
             add_problems(operation);
+            add_dialects(operation);
             operation.parameters.iter_mut().flatten().for_each(forbid_null);
             if path.starts_with("/api/") {
                 let schemes = ["key", "session"].map(|scheme| SecurityRequirement::new::<_, _, &str>(scheme, []));

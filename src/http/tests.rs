@@ -11,8 +11,8 @@ use super::negotiate::{Representation, choose};
 use super::socket::TimeoutStream;
 
 const OFFERED: [Representation; 2] = [
-    Representation { name: "json", media_type: "application/json", file: "a.json" },
-    Representation { name: "csv", media_type: "text/csv; charset=utf-8", file: "a.csv" },
+    Representation { name: "json", media_type: "application/json", file: std::borrow::Cow::Borrowed("a.json") },
+    Representation { name: "csv", media_type: "text/csv; charset=utf-8", file: std::borrow::Cow::Borrowed("a.csv") },
 ];
 
 fn chosen(accept: &str, asked: Option<&str>) -> Option<&'static str> {

@@ -267,7 +267,7 @@ impl App {
         cancel: &AtomicBool,
     ) -> Option<JobState> {
         match serde_json::to_vec_pretty(timings) {
-            Ok(bytes) => artifacts.push(Artifact { name: "timings.json", bytes }),
+            Ok(bytes) => artifacts.push(Artifact { name: "timings.json".into(), bytes }),
             Err(error) => return self.record_outcome(id, AttemptOutcome::Failed(internal(&error.into())), timings).await,
         }
         let artifacts = Arc::new(artifacts);

@@ -1,5 +1,6 @@
 //! Planning of a part in a cell, with all result files: shared by the server's jobs and the command line.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use sha2::{Digest, Sha256};
@@ -24,26 +25,11 @@ use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
 pub const PREVIEW_TRIANGLES: usize = 300_000;
 
-/// File names of a setup's program: the neutral one, then those of the dialects.
-macro_rules! program_files {
-    ($stem:literal) => {
-        [
-            concat!($stem, ".json"),
-            concat!($stem, ".cps"),
-            concat!($stem, ".script"),
-            concat!($stem, ".mod"),
-            concat!($stem, ".src"),
-            concat!($stem, ".dat"),
-            concat!($stem, ".ls"),
-            concat!($stem, ".py"),
-            concat!($stem, ".csv"),
-        ]
-    };
+/// Stem of the file names of a setup's program: `program`, then `program-2` and so on.
+#[must_use]
+pub fn program_stem(setup: usize) -> String {
+    if setup == 0 { "program".to_owned() } else { format!("program-{}", setup + 1) }
 }
-
-/// File names of the programs, by setup.
-const PROGRAM_FILES: [[&str; 9]; 4] =
-    [program_files!("program"), program_files!("program-2"), program_files!("program-3"), program_files!("program-4")];
 
 /// File with the reasons why programs in some dialects are missing.
 pub const REFUSED_FILE: &str = "refused.json";
@@ -52,7 +38,7 @@ pub const REFUSED_FILE: &str = "refused.json";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Artifact {
     /// Its name.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its bytes.
     pub bytes: Vec<u8>,
 }
@@ -124,29 +110,31 @@ impl PlanJob<'_> {
             part_name: &self.part_name,
             echo: &self.echo,
         };
-        let mut files = vec![
-            ("plan.json", document),
-            ("viewpoints.json", json_file_bytes(&viewpoints::json(plan))),
-            ("viewpoints.csv", viewpoints::csv(plan).into_bytes()),
-            ("coverage.json", json_file_bytes(&coverage::json(outcome, self.mesh))),
-            ("coverage.csv", coverage::csv(outcome, self.mesh).into_bytes()),
-            ("coverage.bin", coverage::bin(outcome, &preview)),
-            ("missed.json", json_file_bytes(&missed::json(plan))),
-            ("report.txt", text(plan).into_bytes()),
-            ("report.html", html::render(&report, ctx)?.into_bytes()),
+        let mut files: Vec<(Cow<'static, str>, Vec<u8>)> = vec![
+            ("plan.json".into(), document),
+            ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan))),
+            ("viewpoints.csv".into(), viewpoints::csv(plan).into_bytes()),
+            ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh))),
+            ("coverage.csv".into(), coverage::csv(outcome, self.mesh).into_bytes()),
+            ("coverage.bin".into(), coverage::bin(outcome, &preview)),
+            ("missed.json".into(), json_file_bytes(&missed::json(plan))),
+            ("report.txt".into(), text(plan).into_bytes()),
+            ("report.html".into(), html::render(&report, ctx)?.into_bytes()),
         ];
         let mut refused = BTreeMap::new();
-        for (program, names) in programs.iter().zip(PROGRAM_FILES) {
-            files.push((names[0], ProgramDocument::new(program, self.echo.clone()).to_bytes()));
-            for (name, text) in self.dialects(plan, program, &names) {
+        for (setup, program) in programs.iter().enumerate() {
+            let stem = program_stem(setup);
+            files.push((format!("{stem}.json").into(), ProgramDocument::new(program, self.echo.clone()).to_bytes()));
+            for (extension, text) in self.dialects(plan, program) {
+                let name = format!("{stem}.{extension}");
                 match text {
-                    Ok(text) => files.push((name, text.into_bytes())),
+                    Ok(text) => files.push((name.into(), text.into_bytes())),
                     Err(reason) => drop(refused.insert(name, reason)),
                 }
             }
         }
         if !refused.is_empty() {
-            files.push((REFUSED_FILE, json_file_bytes(&refused)));
+            files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));
         }
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
@@ -158,8 +146,9 @@ impl PlanJob<'_> {
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// Program text in every dialect, or the reason why there is none, by file name. The linter checks the program first.
-    fn dialects(&self, plan: &Plan, program: &Program, names: &[&'static str]) -> Vec<(&'static str, Result<String, String>)> {
+    /// Program text in every dialect, or the reason why there is none, by the file's extension. The linter checks the program
+    /// first.
+    fn dialects(&self, plan: &Plan, program: &Program) -> Vec<(&'static str, Result<String, String>)> {
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
         let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
         let visited = plan.views.iter().filter(|view| view.setup == program.setup && view.station.is_some());
@@ -175,12 +164,10 @@ impl PlanJob<'_> {
                 checked.as_ref().map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))?;
             checked.render(dialect, &plan.params.dialects).map_err(|error| error.to_string())
         };
-        let named =
-            |extension: &str| names.iter().copied().find(|name| name.rsplit_once('.').is_some_and(|(_, end)| end == extension));
         let files = Dialect::ALL.into_iter().flat_map(|dialect| {
             let rendered = rendered(dialect);
             let text = move |index: usize| rendered.as_ref().map(|files| files[index].text.clone()).map_err(Clone::clone);
-            dialect.extensions().iter().enumerate().filter_map(move |(index, extension)| Some((named(extension)?, text(index))))
+            dialect.outputs().iter().enumerate().map(move |(index, output)| (output.extension, text(index)))
         });
         files.collect()
     }

@@ -1,5 +1,6 @@
 //! Results of a job. A result never changes: its tag is the hash of its bytes.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use axum::extract::{Path, State};
@@ -13,7 +14,8 @@ use crate::http::negotiate::{Representation, accepts_gzip, choose};
 use crate::http::openapi::{BinaryFormat, JsonFormat, ListFormat, ProgramFormat, ReportFormat};
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
-use crate::service::plan_job::REFUSED_FILE;
+use crate::program::dialects::Dialect;
+use crate::service::plan_job::{REFUSED_FILE, program_stem};
 use crate::service::{Error, ResultBody};
 use crate::wire::JobId;
 use crate::wire::coverage::CoverageListing;
@@ -32,32 +34,25 @@ const REPORT_POLICY: HeaderValue =
     HeaderValue::from_static("default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox");
 
 const fn representation(name: &'static str, media_type: &'static str, file: &'static str) -> Representation {
-    Representation { name, media_type, file }
+    Representation { name, media_type, file: Cow::Borrowed(file) }
 }
 
 const PLAN: [Representation; 1] = [representation("json", JSON, "plan.json")];
-/// Representations of a setup's program, one per dialect. Their media types are not standardised; they keep
-/// `Accept: text/plain` from matching one of them.
-macro_rules! program_representations {
-    ($stem:literal) => {
-        [
-            representation("json", JSON, concat!($stem, ".json")),
-            representation("csv", CSV, concat!($stem, ".csv")),
-            representation("hans", "text/x-hans-cps; charset=utf-8", concat!($stem, ".cps")),
-            representation("urscript", "text/x-urscript; charset=utf-8", concat!($stem, ".script")),
-            representation("rapid", "text/x-rapid; charset=utf-8", concat!($stem, ".mod")),
-            representation("krl", "text/x-krl; charset=utf-8", concat!($stem, ".src")),
-            representation("krl_dat", "text/x-krl-dat; charset=utf-8", concat!($stem, ".dat")),
-            representation("fanuc", "text/x-fanuc-ls; charset=utf-8", concat!($stem, ".ls")),
-            representation("robodk", "text/x-python; charset=utf-8", concat!($stem, ".py")),
-        ]
-    };
+/// Representations of a setup's program: neutral, then in every dialect, the table first. Their media types are not
+/// standardised; they keep `Accept: text/plain` from matching one of them.
+fn programs(setup: usize) -> Vec<Representation> {
+    let stem = program_stem(setup);
+    let neutral = Representation { name: "json", media_type: JSON, file: format!("{stem}.json").into() };
+    let mut dialects = Dialect::ALL;
+    dialects.sort_by_key(|dialect| *dialect != Dialect::Csv);
+    let outputs = dialects.into_iter().flat_map(|dialect| dialect.outputs()).map(|output| Representation {
+        name: output.format,
+        media_type: output.media_type,
+        file: format!("{stem}.{}", output.extension).into(),
+    });
+    std::iter::once(neutral).chain(outputs).collect()
 }
 
-const PROGRAM: [Representation; 9] = program_representations!("program");
-const PROGRAM_2: [Representation; 9] = program_representations!("program-2");
-const PROGRAM_3: [Representation; 9] = program_representations!("program-3");
-const PROGRAM_4: [Representation; 9] = program_representations!("program-4");
 const VIEWPOINTS: [Representation; 2] =
     [representation("json", JSON, "viewpoints.json"), representation("csv", CSV, "viewpoints.csv")];
 const COVERAGE: [Representation; 2] = [representation("json", JSON, "coverage.json"), representation("csv", CSV, "coverage.csv")];
@@ -81,8 +76,8 @@ async fn negotiated(
     // The job is looked up before the representation is chosen: an unknown job is 404, whatever the representation.
     state.app.job_state(id).await?;
     let chosen = choose(headers, asked.as_deref(), offered)?;
-    let file = match state.app.result(id, chosen.file).await {
-        Err(Error::NoSuchResult { .. }) => return Err(absence(state, id, chosen.file).await),
+    let file = match state.app.result(id, &chosen.file).await {
+        Err(Error::NoSuchResult { .. }) => return Err(absence(state, id, &chosen.file).await),
         found => found?,
     };
     respond(&file, headers, chosen.media_type).await
@@ -124,7 +119,7 @@ async fn absence(state: &ApiState, id: JobId, name: &str) -> ApiError {
 macro_rules! result {
     (
         $(#[doc = $doc:literal])+
-        $name:ident, $id:literal, $path:literal, $offered:ident, $parameter:literal $choice:ident,
+        $name:ident, $id:literal, $path:literal, $offered:expr, $parameter:literal $choice:ident,
         $(($media:literal, $body:ty)),+
     ) => {
         $(#[doc = $doc])+
@@ -164,31 +159,23 @@ result! {
     /// As neutral JSON, as a table, or in the language of a robot controller (see `params.dialects`). For KUKA there are two
     /// files, `krl` and `krl_dat`. If a language cannot express the program, the response is `result_not_found` with the
     /// reason.
-    program, "get_program", "/jobs/{id}/program", PROGRAM, "dialect" ProgramFormat,
-    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
-    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
-    ("text/x-python", String)
+    program, "get_program", "/jobs/{id}/program", programs(0), "dialect" ProgramFormat,
+    ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the second setup
-    program_2, "get_program_2", "/jobs/{id}/program-2", PROGRAM_2, "dialect" ProgramFormat,
-    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
-    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
-    ("text/x-python", String)
+    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), "dialect" ProgramFormat,
+    ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the third setup
-    program_3, "get_program_3", "/jobs/{id}/program-3", PROGRAM_3, "dialect" ProgramFormat,
-    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
-    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
-    ("text/x-python", String)
+    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), "dialect" ProgramFormat,
+    ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the fourth setup
-    program_4, "get_program_4", "/jobs/{id}/program-4", PROGRAM_4, "dialect" ProgramFormat,
-    ("application/json", ProgramDocument), ("text/csv", String), ("text/x-hans-cps", String), ("text/x-urscript", String),
-    ("text/x-rapid", String), ("text/x-krl", String), ("text/x-krl-dat", String), ("text/x-fanuc-ls", String),
-    ("text/x-python", String)
+    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), "dialect" ProgramFormat,
+    ("application/json", ProgramDocument)
 }
 result! {
     /// Get the chosen viewpoints
@@ -252,8 +239,14 @@ pub(in crate::http) async fn file(
         "json" => JSON,
         "csv" => CSV,
         "html" => HTML,
-        "txt" | "cps" | "script" | "mod" | "src" | "dat" | "ls" | "py" => TEXT,
+        "txt" => TEXT,
+        extension if is_program(extension) => TEXT,
         _ => BYTES,
     };
     respond(&file, &headers, media_type).await
+}
+
+/// True if files of this extension are programs in some dialect.
+fn is_program(extension: &str) -> bool {
+    Dialect::ALL.into_iter().flat_map(Dialect::outputs).any(|output| output.extension == extension)
 }

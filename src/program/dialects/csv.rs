@@ -4,7 +4,7 @@
 
 use std::fmt::Write as _;
 
-use super::{DialectFile, Job};
+use super::{DialectFacts, DialectFile, DialectOutput, Job};
 use crate::cell::{Cell, Configuration, joints_of};
 use crate::program::Step;
 
@@ -23,8 +23,16 @@ struct Row {
     brightness: Option<u8>,
 }
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "csv",
+    outputs: &[DialectOutput { format: "csv", extension: "csv", media_type: "text/csv; charset=utf-8" }],
+    has_table_axis: true,
+    render: |job| Ok(render(job)),
+};
+
 /// `program.csv`.
-pub(super) fn render(job: &Job<'_>) -> Vec<DialectFile> {
+fn render(job: &Job<'_>) -> Vec<DialectFile> {
     let mut text = format!("{HEADER}\r\n");
     let mut here = job.program.home_rad;
     let mut write = |row: Row, at: &Configuration| row.write(&mut text, job.cell, at);

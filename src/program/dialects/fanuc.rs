@@ -7,7 +7,7 @@ use super::header::paragraphs;
 use super::names::{NameRule, identifier, wrap};
 use super::numbers::{DEGREE, angles};
 use super::walk::{Action, Stretch, points};
-use super::{Dialect, DialectError, DialectFile, Job, percent};
+use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
 use crate::cell::Configuration;
 
 /// Names that the controller refuses.
@@ -20,8 +20,16 @@ const HOMING_PERCENT: u32 = 5;
 /// Label that the wait for the scanner jumps to.
 const LATE: u32 = 99;
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "fanuc",
+    outputs: &[DialectOutput { format: "fanuc", extension: "ls", media_type: "text/x-fanuc-ls; charset=utf-8" }],
+    has_table_axis: true,
+    render: render,
+};
+
 /// The program.
-pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
+fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Fanuc, 1, 4096)?;
     let rule = NameRule { longest: job.params.fanuc_name_chars as usize, reserved: &RESERVED };
     let name = identifier(&job.params.program_name, job.program.setup, &rule).to_ascii_uppercase();

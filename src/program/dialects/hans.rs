@@ -7,7 +7,7 @@ use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, Stretch, scanning, toward};
-use super::{Dialect, DialectError, DialectFile, Job};
+use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job};
 
 /// Digital inputs and outputs of the box.
 const LAST_SIGNAL: u32 = 7;
@@ -25,8 +25,16 @@ const HOW_TO_SEND: [&str; 7] = [
     "@scan N B: the next pulse captures viewpoint N; the scanner's brightness level has to be B.",
 ];
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "hans",
+    outputs: &[DialectOutput { format: "hans", extension: "cps", media_type: "text/x-hans-cps; charset=utf-8" }],
+    has_table_axis: false,
+    render: render,
+};
+
 /// The script.
-pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
+fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Hans, 0, LAST_SIGNAL)?;
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = "turned by the sender at each @table line, never while the arm moves.";

@@ -7,7 +7,7 @@ use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, points, scanning, toward};
-use super::{Dialect, DialectError, DialectFile, Job, percent};
+use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job, percent};
 
 const NAME: NameRule = NameRule { longest: 24, reserved: &RESERVED };
 /// Keywords and names of the program's own.
@@ -77,8 +77,19 @@ const RESERVED: [&str; 61] = [
 /// The controller's timer that the wait for the scanner uses.
 const TIMER: u32 = 10;
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "krl",
+    outputs: &[
+        DialectOutput { format: "krl", extension: "src", media_type: "text/x-krl; charset=utf-8" },
+        DialectOutput { format: "krl_dat", extension: "dat", media_type: "text/x-krl-dat; charset=utf-8" },
+    ],
+    has_table_axis: true,
+    render: render,
+};
+
 /// Program and points.
-pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
+fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::Krl, 1, 4096)?;
     let name = identifier(&job.params.program_name, job.program.setup, &NAME).to_ascii_uppercase();
     let access = ["&ACCESS RVP".to_owned(), "&REL 1".to_owned()];

@@ -21,60 +21,78 @@ use super::{Expected, Finding, Program, Together, check, interlock};
 use crate::cell::{Axes, Cell, CollisionScene};
 use crate::planning::params::DialectParams;
 
-/// A language of robot controllers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Dialect {
+/// A file of a dialect, as interfaces name it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DialectOutput {
+    /// Name of the format in requests.
+    pub format: &'static str,
+    /// Extension of the file's name.
+    pub extension: &'static str,
+    /// Media type; none of the languages has a registered one.
+    pub media_type: &'static str,
+}
+
+/// Facts of a dialect; each stands in the dialect's own file.
+struct DialectFacts {
+    /// Name in interfaces.
+    name: &'static str,
+    /// Files, in the order rendered.
+    outputs: &'static [DialectOutput],
+    /// True if its controllers move the table with the arm.
+    has_table_axis: bool,
+    render: fn(&Job<'_>) -> Result<Vec<DialectFile>, DialectError>,
+}
+
+/// Declares [`Dialect`]: a row a dialect, with the module that holds it.
+macro_rules! dialects {
+    ($($(#[$meta:meta])* $dialect:ident: $module:ident,)*) => {
+        /// A language of robot controllers.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum Dialect {
+            $($(#[$meta])* $dialect,)*
+        }
+
+        impl Dialect {
+            /// Every dialect, in order.
+            pub const ALL: [Self; [$(stringify!($dialect)),*].len()] = [$(Self::$dialect),*];
+
+            fn facts(self) -> &'static DialectFacts {
+                match self {
+                    $(Self::$dialect => &$module::FACTS,)*
+                }
+            }
+        }
+    };
+}
+
+dialects! {
     /// Commands of Han's CPS interface, one a line.
-    Hans,
+    Hans: hans,
     /// Universal Robots URScript.
-    UrScript,
+    UrScript: urscript,
     /// ABB RAPID.
-    Rapid,
+    Rapid: rapid,
     /// KUKA KRL, two files.
-    Krl,
+    Krl: krl,
     /// FANUC TP, ASCII.
-    Fanuc,
+    Fanuc: fanuc,
     /// Python for RoboDK.
-    RoboDk,
+    RoboDk: robodk,
     /// A table of joints and poses.
-    Csv,
+    Csv: csv,
 }
 
 impl Dialect {
-    /// All of them.
-    pub const ALL: [Self; 7] = [Self::Hans, Self::UrScript, Self::Rapid, Self::Krl, Self::Fanuc, Self::RoboDk, Self::Csv];
-
-    /// Its name in interfaces.
+    /// Name in interfaces.
     #[must_use]
     pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Hans => "hans",
-            Self::UrScript => "urscript",
-            Self::Rapid => "rapid",
-            Self::Krl => "krl",
-            Self::Fanuc => "fanuc",
-            Self::RoboDk => "robodk",
-            Self::Csv => "csv",
-        }
+        self.facts().name
     }
 
-    /// Extensions of its files' names, in the order rendered.
+    /// Files, in the order rendered.
     #[must_use]
-    pub fn extensions(self) -> &'static [&'static str] {
-        match self {
-            Self::Hans => &["cps"],
-            Self::UrScript => &["script"],
-            Self::Rapid => &["mod"],
-            Self::Krl => &["src", "dat"],
-            Self::Fanuc => &["ls"],
-            Self::RoboDk => &["py"],
-            Self::Csv => &["csv"],
-        }
-    }
-
-    /// Returns true if its controllers move the table with the arm.
-    fn has_table_axis(self) -> bool {
-        !matches!(self, Self::Hans | Self::UrScript)
+    pub fn outputs(self) -> &'static [DialectOutput] {
+        self.facts().outputs
     }
 }
 
@@ -179,7 +197,8 @@ impl<'a> CheckedProgram<'a> {
     /// # Errors
     /// [`DialectError`].
     pub fn render(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
-        let program = if dialect.has_table_axis() { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
+        let program =
+            if dialect.facts().has_table_axis { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
         if program.passes_points() {
             return Err(DialectError::Passing);
         }
@@ -191,15 +210,7 @@ impl<'a> CheckedProgram<'a> {
             params,
             checked_with: self.checked_with,
         };
-        match dialect {
-            Dialect::Hans => hans::render(&job),
-            Dialect::UrScript => urscript::render(&job),
-            Dialect::Rapid => Ok(rapid::render(&job)),
-            Dialect::Krl => krl::render(&job),
-            Dialect::Fanuc => fanuc::render(&job),
-            Dialect::RoboDk => Ok(robodk::render(&job)),
-            Dialect::Csv => Ok(csv::render(&job)),
-        }
+        (dialect.facts().render)(&job)
     }
 }
 

@@ -7,7 +7,7 @@ use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, Stretch, points, scanning, toward};
-use super::{DialectFile, Job};
+use super::{DialectFacts, DialectFile, DialectOutput, Job};
 use crate::cell::Configuration;
 
 /// The procedure has the module's name and this, within 32 characters.
@@ -73,8 +73,16 @@ const RESERVED: [&str; 54] = [
 /// An external axis that is not there.
 const ABSENT: &str = "9E9";
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "rapid",
+    outputs: &[DialectOutput { format: "rapid", extension: "mod", media_type: "text/x-rapid; charset=utf-8" }],
+    has_table_axis: true,
+    render: |job| Ok(render(job)),
+};
+
 /// The module.
-pub(super) fn render(job: &Job<'_>) -> Vec<DialectFile> {
+fn render(job: &Job<'_>) -> Vec<DialectFile> {
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = format!("external axis {} of the joint targets; it moves with the arm.", job.params.table_axis);
     let signals = format!(

@@ -7,13 +7,21 @@ use super::header::{commented, paragraphs};
 use super::names::{NameRule, comment, identifier};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, scanning, toward};
-use super::{DialectFile, Job};
+use super::{DialectFacts, DialectFile, DialectOutput, Job};
 
 /// A Python file's name should be a module's.
 const NAME: NameRule = NameRule { longest: 64, reserved: &[] };
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "robodk",
+    outputs: &[DialectOutput { format: "robodk", extension: "py", media_type: "text/x-python; charset=utf-8" }],
+    has_table_axis: true,
+    render: |job| Ok(render(job)),
+};
+
 /// The script.
-pub(super) fn render(job: &Job<'_>) -> Vec<DialectFile> {
+fn render(job: &Job<'_>) -> Vec<DialectFile> {
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = "a synchronised external axis of the robot, the seventh angle; it moves with the arm.";
     let needs = "The station has a robot of the name below; I/O numbers are the robot's.";

@@ -7,7 +7,7 @@ use super::header::{commented, paragraphs};
 use super::names::{NameRule, identifier};
 use super::numbers::{angles, fixed};
 use super::walk::{Action, Stretch, scanning, toward};
-use super::{Dialect, DialectError, DialectFile, Job};
+use super::{Dialect, DialectError, DialectFacts, DialectFile, DialectOutput, Job};
 
 /// Standard digital inputs and outputs.
 const LAST_SIGNAL: u32 = 7;
@@ -15,8 +15,16 @@ const LAST_SIGNAL: u32 = 7;
 const SUFFIX: &str = "_program";
 const NAME: NameRule = NameRule { longest: 32, reserved: &[] };
 
+/// Facts of the dialect.
+pub(super) const FACTS: DialectFacts = DialectFacts {
+    name: "urscript",
+    outputs: &[DialectOutput { format: "urscript", extension: "script", media_type: "text/x-urscript; charset=utf-8" }],
+    has_table_axis: false,
+    render: render,
+};
+
 /// The script.
-pub(super) fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
+fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     job.check_signals(Dialect::UrScript, 0, LAST_SIGNAL)?;
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = "FILL IN vantage_table below; until then the program stops there. Arm and table never move together.";

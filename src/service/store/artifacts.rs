@@ -170,7 +170,7 @@ pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[Result
 fn pack(artifact: &Artifact) -> Result<Packed, Error> {
     let bytes = &artifact.bytes;
     let sha256 = hex(&Sha256::digest(bytes));
-    let result = JobFile { name: artifact.name.to_owned(), sha256: sha256.clone(), size_bytes: bytes.len() as u64 };
+    let result = JobFile { name: artifact.name.to_string(), sha256: sha256.clone(), size_bytes: bytes.len() as u64 };
     if bytes.len() >= MIN_COMPRESSED_BYTES {
         let compressed = compress(bytes)?;
         if compressed.len() < bytes.len() / 10 * 9 {

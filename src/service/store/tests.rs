@@ -56,7 +56,7 @@ async fn submit(store: &Store, mesh: MeshId) -> JobId {
 }
 
 async fn succeed(store: &Store, id: JobId, files: Vec<(&'static str, Vec<u8>)>) -> JobState {
-    let artifacts = files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect();
+    let artifacts = files.into_iter().map(|(name, bytes)| Artifact { name: name.into(), bytes }).collect();
     let stored = store.put_artifacts(Arc::new(artifacts)).await.expect("files");
     store.end_attempt(id, &AttemptOutcome::Succeeded(stored.files.clone()), "{}").await.expect("an end")
 }

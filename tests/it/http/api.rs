@@ -60,12 +60,12 @@ fn planner() -> Planner {
             Some("wait") => wait_for_cancel(ctx)?,
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
-                return Ok(vec![Artifact { name: "refused.json", bytes }]);
+                return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);
             }
             _ => {}
         }
         ctx.begin(Stage::Visibility).map_err(|_| JobError::Cancelled)?;
-        Ok(FILES.map(|name| Artifact { name, bytes: format!("{{\"file\": \"{name}\"}}").into_bytes() }).into())
+        Ok(FILES.map(|name| Artifact { name: name.into(), bytes: format!("{{\"file\": \"{name}\"}}").into_bytes() }).into())
     })
 }
 
