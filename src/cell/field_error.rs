@@ -7,7 +7,7 @@ use serde::Serialize;
 /// One finding: where, and what would be allowed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FieldError {
-    /// JSON pointer of the field (RFC 6901), also for files in TOML.
+    /// JSON pointer of the field (RFC 6901), also for files in TOML; empty for the whole.
     pub pointer: String,
     /// The value found and the allowed range.
     pub detail: String,
@@ -15,7 +15,10 @@ pub struct FieldError {
 
 impl fmt::Display for FieldError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.pointer, self.detail)
+        match self.pointer.as_str() {
+            "" => f.write_str(&self.detail),
+            pointer => write!(f, "{pointer}: {}", self.detail),
+        }
     }
 }
 

@@ -6,8 +6,10 @@ use super::CliError;
 use super::check::{self, ReferenceArgs};
 use super::files;
 use super::plan::set_params;
+use crate::check::field_errors;
 use crate::planning::params::DialectParams;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
+use crate::service::plan_job::program_stem;
 use crate::wire::plan::PlanDocument;
 use crate::wire::program::ProgramDocument;
 
@@ -49,16 +51,19 @@ pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     if reference_args.plan.is_none() && beside.is_file() {
         reference_args.plan = Some(beside);
     }
+    let reference = reference_args.load()?;
+    let plan = reference.plan.as_ref().map(|(plan, _)| plan);
     let mut rendered = Vec::new();
     for path in programs(&args.from)? {
         let shown = path.display().to_string();
         let document: ProgramDocument = files::from_value(files::value(&path)?, &shown)?;
         let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
-        let reference = reference_args.load(&cell, program.setup)?;
-        let params = params(reference.plan.as_ref(), &args.sets)?;
+        let expected = reference.expected(program.setup);
+        let scene = reference.scene(&cell, expected.as_ref());
+        let params = params(plan, &args.sets)?;
         let checked_with = if reference_args.mesh.is_some() { CheckedWith::Part } else { CheckedWith::CellAlone };
-        let checked = CheckedProgram::new(&program, &cell, &reference.scene, reference.expected.as_ref(), checked_with);
-        let checked = checked.map_err(|found| check::faults(&shown, &found))?;
+        let checked = CheckedProgram::new(&program, &cell, &scene, expected.as_ref(), checked_with);
+        let checked = checked.map_err(|found| files::findings(&shown, &field_errors(&found)))?;
         rendered.extend(checked.render(args.dialect, &params).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?);
     }
     write(&args.out, &rendered)
@@ -69,8 +74,8 @@ fn programs(from: &Path) -> Result<Vec<PathBuf>, CliError> {
     if !from.is_dir() {
         return Ok(vec![from.to_owned()]);
     }
-    let names = ["program.json", "program-2.json", "program-3.json", "program-4.json"];
-    let found: Vec<_> = names.iter().map(|name| from.join(name)).filter(|path| path.is_file()).collect();
+    let paths = (0..).map(|setup| from.join(format!("{}.json", program_stem(setup))));
+    let found: Vec<_> = paths.take_while(|path| path.is_file()).collect();
     if found.is_empty() { Err(CliError::BadInput(format!("{}: has no program.json", from.display()))) } else { Ok(found) }
 }
 

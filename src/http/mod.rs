@@ -15,6 +15,7 @@ mod metrics;
 mod negotiate;
 mod openapi;
 mod options;
+mod pacer;
 mod problem;
 mod quotas;
 mod router;

@@ -38,6 +38,8 @@ pub struct ServerOptions {
     pub request_timeout: Duration,
     /// Largest JSON body, bytes.
     pub max_json_bytes: usize,
+    /// Rate of all downloads together.
+    pub download_bytes_per_sec: u64,
 }
 
 /// Limits of one kind of resource in concurrent use.
@@ -71,6 +73,7 @@ impl ServerOptions {
             body_idle_timeout: long,
             request_timeout: long,
             max_json_bytes: 1024,
+            download_bytes_per_sec: 1_000_000_000,
         }
     }
 }

@@ -13,8 +13,9 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::options::ServerOptions;
+use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
-use super::routes::{cells, events, jobs, meshes, results, robots, scanners, session, storage, system, turntables};
+use super::routes::{cells, checks, events, jobs, meshes, results, robots, scanners, session, storage, system, turntables};
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
 use crate::service::App;
@@ -30,6 +31,8 @@ pub(super) struct ApiState {
     pub quotas: Arc<Quotas>,
     /// Sessions of browsers that presented the key.
     pub sessions: Arc<Sessions>,
+    /// Pace of downloads.
+    pub downloads: Arc<Pacer>,
 }
 
 /// Routes whose response begins at once.
@@ -82,6 +85,7 @@ fn slow() -> OpenApiRouter<ApiState> {
         // The lookups of a new job may time out, but once it is being stored the response waits for it: else a 503 could
         // hide an accepted job.
         .routes(routes!(jobs::create))
+        .routes(routes!(checks::check))
         .routes(routes!(storage::retention, storage::apply_retention))
 }
 
@@ -131,7 +135,8 @@ fn documented(state: Option<&ApiState>) -> OpenApiRouter<ApiState> {
 
 /// The router that serves `app`.
 pub fn router(app: App, options: ServerOptions) -> Router {
-    let state = ApiState { app, options: Arc::new(options), quotas: Arc::default(), sessions: Arc::default() };
+    let downloads = Arc::new(Pacer::new(options.download_bytes_per_sec));
+    let state = ApiState { app, options: Arc::new(options), quotas: Arc::default(), sessions: Arc::default(), downloads };
     let (router, _) = documented(Some(&state)).split_for_parts();
     router
         .merge(pages())

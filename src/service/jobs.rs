@@ -91,8 +91,13 @@ impl Runner {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Runs `work` on the planning pool, and waits for it.
+    pub(super) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        self.pool.install(work)
+    }
+
     /// Memory and core time allowed for a job, all threads of the pool together.
-    fn allowance(&self) -> Allowance {
+    pub(super) fn allowance(&self) -> Allowance {
         let core_secs = self.limit.map_or(f64::INFINITY, |limit| limit.as_secs_f64() * self.pool.current_num_threads() as f64);
         Allowance { bytes: self.memory_bytes as f64, core_secs }
     }

@@ -69,6 +69,19 @@ impl Library {
         self.find(id).map(|(source, _)| source)
     }
 
+    /// Flag that is raised when the caller no longer waits.
+    pub(super) fn abandoned(&self) -> &AtomicBool {
+        &self.abandoned
+    }
+
+    /// Reads a mesh.
+    pub(super) fn read(&self, id: MeshId) -> Result<Mesh, NotFound> {
+        let source = self.source(id).ok_or(NotFound::Unknown)?;
+        let stop = || self.abandoned.load(Ordering::Relaxed);
+        let read = source.read("", self.app.0.options.max_triangles, &stop);
+        read.map_err(|error| NotFound::Unusable(error.to_string()))
+    }
+
     /// Name of a mesh, or its id if it has none.
     pub(super) fn part_name(&self, id: MeshId) -> String {
         self.find(id).and_then(|(_, name)| name).unwrap_or_else(|| id.to_string())
@@ -117,10 +130,7 @@ impl SpecLibrary for Library {
     }
 
     fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
-        let source = name.parse().ok().and_then(|id| self.source(id)).ok_or(NotFound::Unknown)?;
-        let stop = || self.abandoned.load(Ordering::Relaxed);
-        let read = source.read("", self.app.0.options.max_triangles, &stop);
-        read.map(Arc::new).map_err(|error| NotFound::Unusable(error.to_string()))
+        self.read(name.parse().map_err(|_| NotFound::Unknown)?).map(Arc::new)
     }
 
     fn names(&self, kind: SpecKind) -> Vec<String> {

@@ -41,6 +41,8 @@ pub struct LimitSettings {
     pub upload_bytes: u64,
     /// Largest JSON body, bytes.
     pub json_bytes: u64,
+    /// Rate of all downloads together, bytes per second.
+    pub download_bytes_per_sec: u64,
     /// Largest number of concurrent uploads.
     pub uploads_at_once: u32,
     /// Largest number of concurrent uploads of one client.
@@ -169,6 +171,7 @@ impl Settings {
         let mut whole = |pointer: &str, value: u64, low: f64, high: f64| findings.range(pointer, value as f64, low, high, "");
         whole("/limits/upload_bytes", self.limits.upload_bytes, 1024.0, 1_099_511_627_776.0);
         whole("/limits/json_bytes", self.limits.json_bytes, 1024.0, 1_073_741_824.0);
+        whole("/limits/download_bytes_per_sec", self.limits.download_bytes_per_sec, 1e6, 1e12);
         whole("/limits/uploads_at_once", self.limits.uploads_at_once.into(), 1.0, 256.0);
         whole("/limits/uploads_at_once_per_address", self.limits.uploads_at_once_per_address.into(), 1.0, 256.0);
         whole("/limits/mesh_triangles", self.limits.mesh_triangles, 1.0, 1e9);

@@ -71,6 +71,7 @@ impl ServerSettings {
             body_idle_timeout: Duration::from_secs_f64(self.body_idle_timeout_secs),
             request_timeout: Duration::from_secs_f64(self.request_timeout_secs),
             max_json_bytes: usize::try_from(limits.json_bytes).unwrap_or(usize::MAX),
+            download_bytes_per_sec: limits.download_bytes_per_sec,
         }
     }
 

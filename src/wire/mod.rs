@@ -3,6 +3,7 @@
 //! JSON pointer.
 
 mod angle;
+mod check;
 pub mod coverage;
 pub(crate) mod csv;
 pub mod echo;
@@ -27,6 +28,7 @@ mod tally;
 pub mod viewpoints;
 pub mod words;
 
+pub use check::{CheckReport, CheckRequest, DocumentKind};
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};
 pub use job::{Job, JobFile, JobLabels, JobListItem, JobPage, JobRequest, JobState};

@@ -55,6 +55,7 @@ const ROOMS: &[Room] = &[
     Room { name: "execution", silent_on: HTTP_ONLY },
     Room { name: "inspection", silent_on: HTTP_ONLY },
     Room { name: "wire", silent_on: WIRE },
+    Room { name: "check", silent_on: WIRE },
     Room { name: "report", silent_on: WIRE },
     Room { name: "service", silent_on: HTTP_ONLY },
     Room { name: "http", silent_on: &["sqlx"] },

@@ -147,8 +147,10 @@ fn what_the_scans_of_a_program_measure_is_what_the_plan_says() {
     let program = compile(plan.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &plan.params);
     let mut poses = scan_poses(&program, &cell, &lies);
     assert_eq!(poses.len(), plan.views.len());
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(&cancel, &Silent);
     let share = |poses: &[_]| {
-        let measured = recheck::measured(&input, &plan.params, &lies, poses).expect("parameters of a plan");
+        let measured = recheck::measured(&input, &plan.params, &lies, poses, &ctx).expect("parameters of a plan");
         measured.measured_mm2 / measured.asked_mm2
     };
     assert_eq!(off_coverage(share(&poses), plan.coverage.of_asked()), None);

@@ -210,7 +210,7 @@ pub(in crate::http) async fn file(
     if let Some(response) = not_modified(&headers, &mesh.sha256) {
         return Ok(response);
     }
-    let body = streamed(Box::new(state.app.open_mesh(&mesh).await?));
+    let body = streamed(Box::new(state.app.open_mesh(&mesh).await?), state.downloads.clone());
     // A browser must never show an uploaded file as a page of ours.
     let attachment = HeaderValue::from_static("attachment");
     let length = HeaderValue::from(mesh.size_bytes);

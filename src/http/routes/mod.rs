@@ -1,5 +1,6 @@
 //! Handlers, one file per resource: read the request, call the service, write the response.
 
+pub(super) mod checks;
 pub(super) mod events;
 pub(super) mod jobs;
 pub(super) mod meshes;
@@ -12,6 +13,7 @@ pub(super) mod system;
 pub(super) use specs::{cells, robots, scanners, turntables};
 
 use std::io::{self, Read};
+use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG};
@@ -21,6 +23,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 
 use super::extract::etag_matches;
+use super::pacer::Pacer;
 use super::problem::{ApiError, Code};
 use crate::wire::{JobId, MeshId};
 
@@ -51,11 +54,17 @@ fn not_modified(headers: &HeaderMap, sha256: &str) -> Option<Response> {
 /// Size of a chunk of a file, bytes; each is read on a thread that may block.
 const CHUNK_BYTES: usize = 256 * 1024;
 
-/// A body that is read while it is sent: it holds one chunk in memory, and no thread while the client is slow.
-fn streamed(reader: Box<dyn Read + Send>) -> Body {
-    Body::from_stream(stream::try_unfold(reader, |reader| async move {
+/// A body that is read while it is sent: it holds one chunk in memory, and no thread while the client is slow. The first chunk
+/// is sent at once; from then on the body takes its turn with all other downloads.
+fn streamed(reader: Box<dyn Read + Send>, pacer: Arc<Pacer>) -> Body {
+    Body::from_stream(stream::try_unfold((reader, pacer, true), |(reader, pacer, is_first)| async move {
         let (chunk, reader) = tokio::task::spawn_blocking(move || next_chunk(reader)).await.map_err(io::Error::other)??;
-        Ok::<_, io::Error>((!chunk.is_empty()).then_some((chunk, reader)))
+        if is_first {
+            pacer.charge(chunk.len());
+        } else {
+            pacer.wait(chunk.len()).await;
+        }
+        Ok::<_, io::Error>((!chunk.is_empty()).then_some((chunk, (reader, pacer, false))))
     }))
 }
 

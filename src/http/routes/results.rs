@@ -80,16 +80,21 @@ async fn negotiated(
         Err(Error::NoSuchResult { .. }) => return Err(absence(state, id, &chosen.file).await),
         found => found?,
     };
-    respond(&file, headers, chosen.media_type).await
+    respond(state, &file, headers, chosen.media_type).await
 }
 
 /// Responds with a result, compressed as stored if the client accepts that.
-async fn respond(file: &ResultBody, headers: &HeaderMap, media_type: &'static str) -> Result<Response, ApiError> {
+async fn respond(
+    state: &ApiState,
+    file: &ResultBody,
+    headers: &HeaderMap,
+    media_type: &'static str,
+) -> Result<Response, ApiError> {
     if let Some(response) = not_modified(headers, file.sha256()) {
         return Ok(response);
     }
     let packed = file.is_packed() && accepts_gzip(headers);
-    let body = streamed(file.open(packed).await?);
+    let body = streamed(file.open(packed).await?, state.downloads.clone());
     let mut response = (immutable(file.sha256(), media_type), body).into_response();
     let response_headers = response.headers_mut();
     response_headers.insert(CONTENT_LENGTH, file.size_bytes(packed).into());
@@ -243,7 +248,7 @@ pub(in crate::http) async fn file(
         extension if is_program(extension) => TEXT,
         _ => BYTES,
     };
-    respond(&file, &headers, media_type).await
+    respond(&state, &file, &headers, media_type).await
 }
 
 /// True if files of this extension are programs in some dialect.

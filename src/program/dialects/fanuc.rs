@@ -25,7 +25,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     name: "fanuc",
     outputs: &[DialectOutput { format: "fanuc", extension: "ls", media_type: "text/x-fanuc-ls; charset=utf-8" }],
     has_table_axis: true,
-    render: render,
+    render,
 };
 
 /// The program.

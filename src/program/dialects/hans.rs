@@ -30,7 +30,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     name: "hans",
     outputs: &[DialectOutput { format: "hans", extension: "cps", media_type: "text/x-hans-cps; charset=utf-8" }],
     has_table_axis: false,
-    render: render,
+    render,
 };
 
 /// The script.

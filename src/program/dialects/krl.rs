@@ -85,7 +85,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
         DialectOutput { format: "krl_dat", extension: "dat", media_type: "text/x-krl-dat; charset=utf-8" },
     ],
     has_table_axis: true,
-    render: render,
+    render,
 };
 
 /// Program and points.

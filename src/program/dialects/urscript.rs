@@ -20,7 +20,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
     name: "urscript",
     outputs: &[DialectOutput { format: "urscript", extension: "script", media_type: "text/x-urscript; charset=utf-8" }],
     has_table_axis: false,
-    render: render,
+    render,
 };
 
 /// The script.

@@ -95,6 +95,7 @@ pub(super) fn http_options() -> http::ServerOptions {
         body_idle_timeout: Duration::from_millis(500),
         request_timeout: Duration::from_secs(30),
         max_json_bytes: 64 * 1024,
+        download_bytes_per_sec: 1_000_000_000,
     }
 }
 

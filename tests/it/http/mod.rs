@@ -3,6 +3,7 @@
 
 pub(crate) mod api;
 mod auth;
+mod checks;
 mod contract;
 mod events;
 mod hosts;

@@ -3,11 +3,11 @@
 
 use std::collections::BTreeSet;
 
-use super::{Expected, expected};
+use super::expected;
 use crate::cell::{Cell, FieldError, Findings};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
-use crate::program;
+use crate::program::{self, Expected};
 use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument};
 
 /// Tolerance of sums of shares.
@@ -18,8 +18,6 @@ const AREA_TOLERANCE: f64 = 1e-6;
 const ROUNDING_DEG: f64 = 1e-6;
 /// Causes for which a chosen view may measure nothing.
 const REJECTED: [Cause; 3] = [Cause::Unreachable, Cause::Collision, Cause::NoPath];
-/// Labels of views: the side that a view looks at.
-const LABELS: [Label; 6] = [Label::Top, Label::Bottom, Label::Right, Label::Back, Label::Left, Label::Front];
 
 /// Checks the document; every finding.
 pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
@@ -200,7 +198,7 @@ fn check_view(index: usize, view: &ViewpointDocument, with_cell: bool, visited: 
     findings.require(view.id as usize == index, format!("{at}/id"), || {
         format!("is {}; allowed is {index}: viewpoints count from 0 in the order chosen", view.id)
     });
-    one_of(format!("{at}/label"), &view.label, &LABELS.map(Label::as_str), findings);
+    one_of(format!("{at}/label"), &view.label, &Label::ALL.map(Label::as_str), findings);
     view.part_from_scanner.check(&format!("{at}/part_from_scanner"), findings);
     share(format!("{at}/gain_of_asked"), view.gain_of_asked, findings);
     if let Some(rejected) = &view.rejected {
@@ -265,6 +263,3 @@ fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, fin
         }
     }
 }
-
-#[cfg(test)]
-mod tests;

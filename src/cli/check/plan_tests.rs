@@ -2,7 +2,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 
-use super::check;
+use crate::check::check_plan as check;
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{CandidateParams, PlanParams, PoseErrorParams};
 use crate::service::plan_job::PlanJob;

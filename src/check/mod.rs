@@ -1,0 +1,222 @@
+//! Checks of specifications, parameters, plans and programs, whoever wrote them. The kind of a document is recognised by its
+//! content. The command line reads documents from files, the service from requests.
+
+mod plan;
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::cell::collision::MIN_CLEARANCE_MM;
+use crate::cell::{Cell, CellSpec, CollisionScene, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec};
+use crate::geometry::Mesh;
+use crate::planning::certificate::recheck;
+use crate::planning::context::Context;
+use crate::planning::params::{PlanParams, TableMotion};
+use crate::planning::plan::ViewId;
+use crate::planning::{PlanInput, resting};
+use crate::program::{self, Expected, Finding, Program};
+use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
+use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
+use crate::wire::{DocumentKind, pointer_of};
+
+/// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
+const ROUNDING_MM: f64 = 0.01;
+
+/// Plan and meshes that a program is checked against, besides the cell.
+#[derive(Default)]
+pub struct Reference {
+    /// Plan that the program has to carry out, with the SHA-256 of its file, lower-case hexadecimal.
+    pub plan: Option<(PlanDocument, String)>,
+    /// The part: for collisions, and with the plan for the area that the scans measure.
+    pub part: Option<Mesh>,
+    /// The fixture that holds it, in part coordinates.
+    pub fixture: Option<Mesh>,
+}
+
+/// A document without findings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sound {
+    /// Its kind.
+    pub kind: DocumentKind,
+    /// Description in words.
+    pub description: String,
+    /// Share of the asked area that the scans of a program measure, if plan and part are given.
+    pub measured_of_asked: Option<f64>,
+}
+
+/// Checks a document. `cell` is what plans and programs are checked in; without one, only structure and ranges are.
+///
+/// # Errors
+/// Every finding; at the empty pointer, what concerns the whole.
+pub fn check(
+    value: Value,
+    library: &impl SpecLibrary,
+    cell: Option<&Cell>,
+    reference: &Reference,
+    ctx: &Context<'_>,
+) -> Result<Sound, Vec<FieldError>> {
+    let Some(kind) = kind_of(&value) else {
+        return Err(whole(format!(
+            "is neither a scanner, robot, turntable or cell, nor parameters, a plan ({PLAN_SCHEMA}) or a program ({PROGRAM_SCHEMA})"
+        )));
+    };
+    let mut measured_of_asked = None;
+    let description = match kind {
+        DocumentKind::Scanner => format!("scanner {}", read::<ScannerSpec>(value)?.build()?.name),
+        DocumentKind::Robot => format!("robot {}", read::<RobotSpec>(value)?.build()?.name),
+        DocumentKind::Turntable => format!("turntable {}", read::<TurntableSpec>(value)?.build()?.name),
+        DocumentKind::Cell => format!("cell {}", read::<CellSpec>(value)?.build(library)?.name),
+        DocumentKind::Params => {
+            read::<PlanParams>(value)?.check()?;
+            "parameters".to_owned()
+        }
+        DocumentKind::Plan => {
+            let document: PlanDocument = read(value)?;
+            plan::check(&document, cell)?;
+            format!("plan with {} viewpoints{}", document.viewpoints.len(), extent(cell))
+        }
+        DocumentKind::Program => {
+            let document: ProgramDocument = read(value)?;
+            measured_of_asked = check_program(&document, cell, reference, ctx)?;
+            let measured = measured_of_asked.map_or_else(String::new, |share| {
+                format!("; its scans measure {:.2} % of the asked area, as planned", 100.0 * share)
+            });
+            format!("program with {} steps, {:.1} s{}{measured}", document.steps.len(), document.cycle_secs, extent(cell))
+        }
+    };
+    Ok(Sound { kind, description, measured_of_asked })
+}
+
+/// Checks the document of a plan, in the cell if there is one.
+///
+/// # Errors
+/// Every finding.
+pub fn check_plan(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), Vec<FieldError>> {
+    plan::check(document, cell)
+}
+
+/// Recognises the kind of a document: by the schema's name, else by a field that only this kind has, else by sections of parameters.
+#[must_use]
+pub fn kind_of(value: &Value) -> Option<DocumentKind> {
+    let table = value.as_object()?;
+    let has = |key: &str| table.contains_key(key);
+    match table.get("schema").and_then(Value::as_str) {
+        Some(PLAN_SCHEMA) => return Some(DocumentKind::Plan),
+        Some(PROGRAM_SCHEMA) => return Some(DocumentKind::Program),
+        Some(_) => return None,
+        None => {}
+    }
+    let known = serde_json::to_value(PlanParams::default()).unwrap_or_default();
+    match () {
+        () if has("base_from_table") || has("flange_from_scanner") => Some(DocumentKind::Cell),
+        () if has("kinematics") || has("joints") => Some(DocumentKind::Robot),
+        () if has("plate_diameter_mm") || has("rotation") => Some(DocumentKind::Turntable),
+        () if has("depth_mm") || has("projector") => Some(DocumentKind::Scanner),
+        () if !table.is_empty() && table.keys().any(|key| known.get(key).is_some()) => Some(DocumentKind::Params),
+        () => None,
+    }
+}
+
+fn read<T: DeserializeOwned>(value: Value) -> Result<T, Vec<FieldError>> {
+    serde_path_to_error::deserialize(value)
+        .map_err(|error| vec![FieldError { pointer: pointer_of(error.path()), detail: error.inner().to_string() }])
+}
+
+/// A finding about the whole document.
+fn whole(detail: String) -> Vec<FieldError> {
+    vec![FieldError { pointer: String::new(), detail }]
+}
+
+/// Extent of the checks, in words.
+fn extent(cell: Option<&Cell>) -> String {
+    cell.map_or_else(
+        || " (structure and ranges checked; with --cell motion too)".to_owned(),
+        |cell| format!(", sound in cell {}", cell.name),
+    )
+}
+
+/// Checks a program; returns the share of the asked area that its scans measure, if plan and part are given.
+fn check_program(
+    document: &ProgramDocument,
+    cell: Option<&Cell>,
+    reference: &Reference,
+    ctx: &Context<'_>,
+) -> Result<Option<f64>, Vec<FieldError>> {
+    let program = document.program()?;
+    let Some(cell) = cell else { return Ok(None) };
+    let expected = reference.expected(document.setup);
+    let scene = reference.scene(cell, expected.as_ref());
+    let found = program::check(&program, cell, &scene, expected.as_ref());
+    if !found.is_empty() {
+        return Err(field_errors(&found));
+    }
+    let Some((measured, planned)) = reference.shares(&program, cell, expected.as_ref(), ctx)? else { return Ok(None) };
+    match program::off_coverage(measured, planned) {
+        Some(fault) => Err(field_errors(&[Finding { step: None, fault }])),
+        None => Ok(Some(measured)),
+    }
+}
+
+/// Findings in a program, with the pointer to the step of each.
+#[must_use]
+pub fn field_errors(found: &[Finding]) -> Vec<FieldError> {
+    let pointer = |step: Option<usize>| step.map_or_else(String::new, |step| format!("/steps/{step}"));
+    found.iter().map(|Finding { step, fault }| FieldError { pointer: pointer(*step), detail: fault.to_string() }).collect()
+}
+
+/// Requirements of a plan with a cell on the program of a setup.
+fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Option<Expected> {
+    let cell = document.cell.as_ref()?;
+    let placed = document.setups.get(setup);
+    let table_from_part = placed.map_or(&cell.table_from_part, |placed| &placed.table_from_part).pose();
+    let is_here = |id: u32| placed.is_none_or(|placed| placed.viewpoints.contains(&id));
+    let visited = document.viewpoints.iter().filter(|view| view.station.is_some() && is_here(view.id));
+    let views = visited.map(|view| (ViewId(view.id), view.part_from_scanner.pose())).collect();
+    let table_alone = document.params.motion.table == TableMotion::Alone;
+    Some(Expected { plan_sha256, table_from_part, table_alone, views })
+}
+
+impl Reference {
+    /// Requirements of the plan on the program of a setup.
+    #[must_use]
+    pub fn expected(&self, setup: usize) -> Option<Expected> {
+        self.plan.as_ref().and_then(|(plan, sha256)| expected(plan, sha256.clone(), setup))
+    }
+
+    /// The cell, with the part if there is one.
+    #[must_use]
+    pub fn scene(&self, cell: &Cell, expected: Option<&Expected>) -> CollisionScene {
+        let clearance_mm = self.plan.as_ref().map_or(MIN_CLEARANCE_MM, |(plan, _)| plan.params.motion.clearance_mm) - ROUNDING_MM;
+        match &self.part {
+            None => CollisionScene::without_part(cell, clearance_mm),
+            Some(part) => {
+                let table_from_part = expected.map_or_else(|| resting(part), |expected| expected.table_from_part);
+                CollisionScene::new(cell, part, self.fixture.as_ref(), &table_from_part, clearance_mm)
+            }
+        }
+    }
+
+    /// Shares of the asked area: measured by the program's scans, and stated by the plan for the setup.
+    fn shares(
+        &self,
+        program: &Program,
+        cell: &Cell,
+        expected: Option<&Expected>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<(f64, f64)>, Vec<FieldError>> {
+        let (Some((plan, _)), Some(expected), Some(part)) = (&self.plan, expected, &self.part) else { return Ok(None) };
+        let input = PlanInput {
+            mesh: part,
+            fixture: self.fixture.as_ref(),
+            part_sha256: &plan.part.sha256,
+            scanner: &cell.scanner,
+            cell: Some(cell),
+            roadmaps: None,
+        };
+        let views = program::scan_poses(program, cell, &expected.table_from_part);
+        let measured = recheck::measured(&input, &plan.params, &expected.table_from_part, &views, ctx)
+            .map_err(|error| whole(error.to_string()))?;
+        let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
+        Ok(Some((measured.measured_mm2 / measured.asked_mm2, here / plan.coverage.asked_area_mm2)))
+    }
+}

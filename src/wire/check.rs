@@ -1,0 +1,66 @@
+//! Check of a document, on request.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use super::ids::MeshId;
+use super::plan::PlanDocument;
+use super::problem::ProblemField;
+use crate::cell::{CellSpec, Named, closed_list};
+
+closed_list! {
+    /// Kind of a document.
+    pub enum DocumentKind {
+        /// Specification of a scanner.
+        Scanner = "scanner",
+        /// Specification of a robot.
+        Robot = "robot",
+        /// Specification of a turntable.
+        Turntable = "turntable",
+        /// Specification of a cell.
+        Cell = "cell",
+        /// Parameters of a plan.
+        Params = "params",
+        /// Plan, `vantage.plan/1`.
+        Plan = "plan",
+        /// Program, `vantage.program/1`.
+        Program = "program",
+    }
+}
+
+/// A request to check a document. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct CheckRequest {
+    /// Specification, parameters, plan or program; its kind is recognised by its content.
+    #[schema(value_type = Object)]
+    pub document: Value,
+    /// Cell in which plans and programs are checked; without one, only structure and ranges are.
+    #[serde(default)]
+    pub cell: Option<Named<CellSpec>>,
+    /// Plan that a program has to carry out, as `/jobs/{id}/plan` returns it.
+    #[serde(default)]
+    pub plan: Option<PlanDocument>,
+    /// Part: for collisions, and with `plan` for the area that the scans of a program measure.
+    #[serde(default)]
+    pub mesh_id: Option<MeshId>,
+    /// Fixture, in the part's coordinates.
+    #[serde(default)]
+    pub fixture_mesh_id: Option<MeshId>,
+}
+
+/// Result of a check.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CheckReport {
+    /// Kind of the document; `null` if it is of no known kind.
+    pub kind: Option<DocumentKind>,
+    /// True if there are no findings.
+    pub sound: bool,
+    /// Description of a sound document.
+    pub description: Option<String>,
+    /// Share of the asked area that the scans of a program measure, 0 to 1; with `cell`, `plan` and `mesh_id`.
+    pub measured_of_asked: Option<f64>,
+    /// Findings, each with the pointer into the document; empty for the whole.
+    pub findings: Vec<ProblemField>,
+}

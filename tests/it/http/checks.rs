@@ -1,0 +1,101 @@
+//! Checks on request: what `vantage check` finds, found by the server too.
+
+use std::sync::atomic::AtomicBool;
+
+use serde_json::{Value, json};
+use vantage::cell::{Presets, SpecKind, SpecLibrary};
+use vantage::planning::context::{Context, Silent};
+use vantage::planning::params::PlanParams;
+use vantage::service::plan_job::PlanJob;
+use vantage::wire::echo::Echo;
+
+use super::api::Api;
+use crate::support::box_mesh;
+
+#[tokio::test]
+async fn presets_and_parameters_are_recognised_and_sound() {
+    let api = Api::start().await;
+    let check = async |document: Value| api.post_json("/api/v1/check", &json!({ "document": document })).await.ok(200);
+    for (kind, document) in [
+        ("scanner", serde_json::to_value(Presets.scanner("transcan-c").expect("a preset"))),
+        ("robot", serde_json::to_value(Presets.robot("hans-e05").expect("a preset"))),
+        ("turntable", serde_json::to_value(Presets.turntable(&Presets.names(SpecKind::Turntable)[0]).expect("a preset"))),
+        ("cell", serde_json::to_value(Presets.cell("e05-transcan").expect("a preset"))),
+        ("params", serde_json::to_value(PlanParams::default())),
+    ] {
+        let report = check(document.expect("JSON")).await;
+        assert_eq!(
+            (&report["kind"], &report["sound"], &report["findings"]),
+            (&json!(kind), &json!(true), &json!([])),
+            "{report}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn findings_name_field_value_and_range() {
+    let api = Api::start().await;
+    let check = async |document: Value| api.post_json("/api/v1/check", &json!({ "document": document })).await.ok(200);
+    let report = check(json!({"scan": {"brightness": 12}, "selection": {"target": 2.0}})).await;
+    assert_eq!((&report["kind"], &report["sound"], &report["description"]), (&json!("params"), &json!(false), &json!(null)));
+    let found = [
+        json!({"pointer": "/scan/brightness", "detail": "is 12; allowed is 0 to 9"}),
+        json!({"pointer": "/selection/target", "detail": "is 2; allowed is 0 to 1"}),
+    ];
+    assert_eq!(report["findings"], json!(found));
+    let shape = check(json!({"scan": {"brightness": "bright"}})).await;
+    assert_eq!(shape["findings"][0]["pointer"], "/scan/brightness", "{shape}");
+    let unknown = check(json!({"hello": 1})).await;
+    assert_eq!((&unknown["kind"], &unknown["findings"][0]["pointer"]), (&json!(null), &json!("")), "{unknown}");
+}
+
+#[tokio::test]
+async fn a_request_may_name_only_what_there_is() {
+    let api = Api::start().await;
+    let missing = json!({"document": {}, "mesh_id": uuid::Uuid::nil().to_string()});
+    api.post_json("/api/v1/check", &missing).await.problem_at("invalid_fields", &["/mesh_id"]);
+    api.post_json("/api/v1/check", &json!({"document": {}, "cell": "nowhere"})).await.problem_at("invalid_fields", &["/cell"]);
+    api.post_json("/api/v1/check", &json!({})).await.problem("invalid_fields");
+}
+
+/// A plan with its program, and a program of which one joint was moved.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_program_is_recomputed_from_itself() {
+    let api = Api::start().await;
+    let (plan, program) = tokio::task::spawn_blocking(planned).await.expect("a plan");
+    let sound = json!({"document": program, "cell": "e05-transcan", "plan": plan});
+    let report = api.post_json("/api/v1/check", &sound).await.ok(200);
+    assert_eq!((&report["kind"], &report["sound"]), (&json!("program"), &json!(true)), "{report}");
+    let mut bent = sound.clone();
+    let steps = bent["document"]["steps"].as_array_mut().expect("steps");
+    steps.remove(0);
+    let report = api.post_json("/api/v1/check", &bent).await.ok(200);
+    assert_eq!(report["sound"], false, "a step is missing: {report}");
+    let report = api.post_json("/api/v1/check", &json!({"document": plan, "cell": "e05-transcan"})).await.ok(200);
+    assert_eq!((&report["kind"], &report["sound"]), (&json!("plan"), &json!(true)), "{report}");
+}
+
+fn planned() -> (Value, Value) {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("it is valid");
+    let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
+    let mut params = PlanParams::default();
+    (params.part.samples_per_mm2, params.part.patch_edge_mm, params.missed.remedies) = (Some(0.02), Some(20.0), 0);
+    (params.candidates.even_directions, params.selection.max_views) = (Some(12), Some(2));
+    let job = PlanJob {
+        mesh: &mesh,
+        fixture: None,
+        part_name: "box".into(),
+        part_sha256: &"0a".repeat(32),
+        scanner: &cell.scanner,
+        cell: Some(&cell),
+        roadmaps: None,
+        params: &params,
+        echo: Echo::default(),
+    };
+    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    let file = |name: &str| {
+        let file = files.iter().find(|file| file.name == name).expect("a file");
+        serde_json::from_slice(&file.bytes).expect("JSON")
+    };
+    (file("plan.json"), file("program.json"))
+}
