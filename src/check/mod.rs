@@ -87,6 +87,14 @@ pub fn check(
     Ok(Sound { kind, description, measured_of_asked })
 }
 
+/// Reads the document of a plan.
+///
+/// # Errors
+/// The field of another shape than expected.
+pub fn read_plan(value: Value) -> Result<PlanDocument, Vec<FieldError>> {
+    read(value)
+}
+
 /// Checks the document of a plan, in the cell if there is one.
 ///
 /// # Errors

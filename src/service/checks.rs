@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use super::app::App;
@@ -32,11 +33,13 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
     let cell = cell.map(|cell| build(&cell, library)).transpose().map_err(Error::Invalid)?;
     let read = |pointer: &str, id: Option<MeshId>| id.map(|id| read(pointer, id, library)).transpose().map_err(Error::Invalid);
     let (part, fixture) = (read("/mesh_id", mesh_id)?, read("/fixture_mesh_id", fixture_mesh_id)?);
-    let plan = plan.map(|plan| {
+    let plan = plan.map(|plan| check::read_plan(Value::Object(plan)).map_err(|errors| Error::Invalid(below("/plan", errors))));
+    let plan = plan.transpose()?.map(|plan| {
         let sha256 = hex(&Sha256::digest(plan.to_bytes()));
         (plan, sha256)
     });
     let reference = Reference { plan, part, fixture };
+    let document = Value::Object(document);
     let kind = check::kind_of(&document);
     let ctx = Context::new(library.abandoned(), &Silent).with_allowance(app.0.runner.allowance());
     // Plans and programs need no library, and may take seconds of every core.
@@ -62,8 +65,12 @@ fn build(cell: &Named<CellSpec>, library: &Library) -> Result<Cell, Vec<FieldErr
         Named::Inline(spec) => (**spec).clone(),
         Named::Name(name) => library.cell(name).map_err(|_| refuse(format!("no cell is named {name:?}")))?,
     };
-    let below = |error: FieldError| FieldError { pointer: format!("/cell{}", error.pointer), ..error };
-    spec.build(library).map_err(|errors| errors.into_iter().map(below).collect())
+    spec.build(library).map_err(|errors| below("/cell", errors))
+}
+
+/// Errors in a part of the request, with pointers from its root.
+fn below(part: &str, errors: Vec<FieldError>) -> Vec<FieldError> {
+    errors.into_iter().map(|error| FieldError { pointer: format!("{part}{}", error.pointer), ..error }).collect()
 }
 
 /// Reads a stored mesh.

@@ -1,11 +1,10 @@
 //! Check of a document, on request.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::ids::MeshId;
-use super::plan::PlanDocument;
 use super::problem::ProblemField;
 use crate::cell::{CellSpec, Named, closed_list};
 
@@ -35,13 +34,14 @@ closed_list! {
 pub struct CheckRequest {
     /// Specification, parameters, plan or program; its kind is recognised by its content.
     #[schema(value_type = Object)]
-    pub document: Value,
+    pub document: Map<String, Value>,
     /// Cell in which plans and programs are checked; without one, only structure and ranges are.
     #[serde(default)]
     pub cell: Option<Named<CellSpec>>,
     /// Plan that a program has to carry out, as `/jobs/{id}/plan` returns it.
     #[serde(default)]
-    pub plan: Option<PlanDocument>,
+    #[schema(value_type = Option<Object>)]
+    pub plan: Option<Map<String, Value>>,
     /// Part: for collisions, and with `plan` for the area that the scans of a program measure.
     #[serde(default)]
     pub mesh_id: Option<MeshId>,

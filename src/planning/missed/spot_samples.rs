@@ -97,7 +97,7 @@ impl SpotSamples {
         )
     }
 
-    /// Progress of a view before any shadow, as [`Progress::sum`] counts.
+    /// Progress of a view before any shadow, as [`FirstFailures::sum`] counts.
     pub(super) fn progress_before_shadow(&self, probe: &Probe<'_>) -> u32 {
         let step = |(p, normal, kind): &AskedPoint| match probe.before_shadow(p, normal, *kind) {
             Ok(_) => MEASURED,

@@ -55,7 +55,7 @@ async fn a_request_may_name_only_what_there_is() {
     let missing = json!({"document": {}, "mesh_id": uuid::Uuid::nil().to_string()});
     api.post_json("/api/v1/check", &missing).await.problem_at("invalid_fields", &["/mesh_id"]);
     api.post_json("/api/v1/check", &json!({"document": {}, "cell": "nowhere"})).await.problem_at("invalid_fields", &["/cell"]);
-    api.post_json("/api/v1/check", &json!({})).await.problem("invalid_fields");
+    api.post_json("/api/v1/check", &json!({})).await.problem("bad_shape");
 }
 
 /// A plan with its program, and a program of which one joint was moved.
