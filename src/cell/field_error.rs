@@ -13,6 +13,14 @@ pub struct FieldError {
     pub detail: String,
 }
 
+impl FieldError {
+    /// The error with the pointer from the root of a document that holds this one at `prefix`.
+    #[must_use]
+    pub fn below(self, prefix: &str) -> Self {
+        Self { pointer: format!("{prefix}{}", self.pointer), ..self }
+    }
+}
+
 impl fmt::Display for FieldError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.pointer.as_str() {

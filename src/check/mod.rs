@@ -138,7 +138,7 @@ fn whole(detail: String) -> Vec<FieldError> {
 /// Extent of the checks, in words.
 fn extent(cell: Option<&Cell>) -> String {
     cell.map_or_else(
-        || " (structure and ranges checked; with --cell motion too)".to_owned(),
+        || " (structure and ranges checked; given a cell, motion too)".to_owned(),
         |cell| format!(", sound in cell {}", cell.name),
     )
 }

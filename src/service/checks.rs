@@ -9,9 +9,9 @@ use super::app::App;
 use super::error::Error;
 use super::library::Library;
 use super::store::hex;
-use crate::cell::{Cell, CellSpec, FieldError, Named, NotFound, Presets, SpecLibrary};
+use super::submit::Lookup;
+use crate::cell::{Presets, SpecKind, SpecLibrary};
 use crate::check::{self, Reference};
-use crate::geometry::Mesh;
 use crate::planning::context::{Context, Silent};
 use crate::wire::{CheckReport, CheckRequest, DocumentKind, MeshId, ProblemField};
 
@@ -30,11 +30,23 @@ impl App {
 
 fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckReport, Error> {
     let CheckRequest { document, cell, plan, mesh_id, fixture_mesh_id } = request;
-    let cell = cell.map(|cell| build(&cell, library)).transpose().map_err(Error::Invalid)?;
-    let read = |pointer: &str, id: Option<MeshId>| id.map(|id| read(pointer, id, library)).transpose().map_err(Error::Invalid);
-    let (part, fixture) = (read("/mesh_id", mesh_id)?, read("/fixture_mesh_id", fixture_mesh_id)?);
-    let plan = plan.map(|plan| check::read_plan(Value::Object(plan)).map_err(|errors| Error::Invalid(below("/plan", errors))));
-    let plan = plan.transpose()?.map(|plan| {
+    let mut errors = Vec::new();
+    let mut lookup = Lookup::new(library, &mut errors);
+    let cell = cell.and_then(|cell| {
+        let spec = lookup.find("/cell", &cell, SpecKind::Cell, |name| library.cell(name).ok())?;
+        lookup.built("/cell", spec.build(library))
+    });
+    let mut read = |pointer: &str, id: MeshId| {
+        lookup.mesh(pointer, &id.to_string())?;
+        library.read(id).map_err(|error| lookup.refuse(pointer, error.to_string())).ok()
+    };
+    let part = mesh_id.and_then(|id| read("/mesh_id", id));
+    let fixture = fixture_mesh_id.and_then(|id| read("/fixture_mesh_id", id));
+    let plan = plan.and_then(|plan| lookup.built("/plan", check::read_plan(Value::Object(plan))));
+    if !errors.is_empty() {
+        return Err(Error::Invalid(errors));
+    }
+    let plan = plan.map(|plan| {
         let sha256 = hex(&Sha256::digest(plan.to_bytes()));
         (plan, sha256)
     });
@@ -56,30 +68,4 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
     };
     let measured_of_asked = found.as_ref().and_then(|found| found.measured_of_asked);
     Ok(CheckReport { kind, sound, description: found.map(|found| found.description), measured_of_asked, findings })
-}
-
-/// Builds the cell of a request.
-fn build(cell: &Named<CellSpec>, library: &Library) -> Result<Cell, Vec<FieldError>> {
-    let refuse = |detail: String| vec![FieldError { pointer: "/cell".to_owned(), detail }];
-    let spec = match cell {
-        Named::Inline(spec) => (**spec).clone(),
-        Named::Name(name) => library.cell(name).map_err(|_| refuse(format!("no cell is named {name:?}")))?,
-    };
-    spec.build(library).map_err(|errors| below("/cell", errors))
-}
-
-/// Errors in a part of the request, with pointers from its root.
-fn below(part: &str, errors: Vec<FieldError>) -> Vec<FieldError> {
-    errors.into_iter().map(|error| FieldError { pointer: format!("{part}{}", error.pointer), ..error }).collect()
-}
-
-/// Reads a stored mesh.
-fn read(pointer: &str, id: MeshId, library: &Library) -> Result<Mesh, Vec<FieldError>> {
-    let refuse = |detail: String| vec![FieldError { pointer: pointer.to_owned(), detail }];
-    library.read(id).map_err(|error| {
-        refuse(match error {
-            NotFound::Unknown => "no mesh has this id; upload it with POST /api/v1/meshes".to_owned(),
-            NotFound::Unusable(reason) => reason,
-        })
-    })
 }

@@ -90,8 +90,7 @@ impl From<PlanError> for JobError {
 
 /// Moves findings below `pointer`, a part of the request.
 fn below(pointer: &str, errors: Vec<FieldError>) -> JobError {
-    let moved = errors.into_iter().map(|e| FieldError { pointer: format!("{pointer}{}", e.pointer), detail: e.detail });
-    JobError::BadInput(moved.collect())
+    JobError::BadInput(errors.into_iter().map(|error| error.below(pointer)).collect())
 }
 
 /// Pause before a file that was temporarily unavailable is read again.

@@ -127,7 +127,7 @@ impl App {
 /// Resolves and checks everything that a request names.
 fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<MeshId>), Vec<FieldError>> {
     let mut errors = request.check().err().unwrap_or_default();
-    let mut lookup = Lookup { library, errors: &mut errors, used: BTreeSet::new() };
+    let mut lookup = Lookup::new(library, &mut errors);
     let mesh = lookup.mesh("/mesh_id", &request.mesh_id.to_string());
     let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| lookup.mesh("/params/part/fixture_mesh", id));
     let cell = lookup.cell(&request.cell);
@@ -148,18 +148,23 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     }
 }
 
-struct Lookup<'a> {
+/// Lookup of what a request names; collects an error for everything that does not exist or cannot be used.
+pub(super) struct Lookup<'a> {
     library: &'a Library,
     errors: &'a mut Vec<FieldError>,
     used: BTreeSet<MeshId>,
 }
 
-impl Lookup<'_> {
-    fn refuse(&mut self, pointer: &str, detail: String) {
+impl<'a> Lookup<'a> {
+    pub(super) fn new(library: &'a Library, errors: &'a mut Vec<FieldError>) -> Self {
+        Self { library, errors, used: BTreeSet::new() }
+    }
+
+    pub(super) fn refuse(&mut self, pointer: &str, detail: String) {
         self.errors.push(FieldError { pointer: pointer.to_owned(), detail });
     }
 
-    fn mesh(&mut self, pointer: &str, id: &str) -> Option<MeshFile> {
+    pub(super) fn mesh(&mut self, pointer: &str, id: &str) -> Option<MeshFile> {
         // Parsed, so that every spelling of an id is found.
         let id = id.parse::<MeshId>().ok();
         match id.and_then(|id| self.library.source(id).map(|source| (id, source))) {
@@ -174,7 +179,7 @@ impl Lookup<'_> {
         }
     }
 
-    fn find<T: Clone>(
+    pub(super) fn find<T: Clone>(
         &mut self,
         pointer: &str,
         named: &Named<T>,
@@ -212,14 +217,12 @@ impl Lookup<'_> {
         Some(cell)
     }
 
-    fn built<T>(&mut self, pointer: &str, built: Result<T, Vec<FieldError>>) -> Option<T> {
+    pub(super) fn built<T>(&mut self, pointer: &str, built: Result<T, Vec<FieldError>>) -> Option<T> {
         let errors = match built {
             Ok(value) => return Some(value),
             Err(errors) => errors,
         };
-        for error in errors {
-            self.refuse(&format!("{pointer}{}", error.pointer), error.detail);
-        }
+        self.errors.extend(errors.into_iter().map(|error| error.below(pointer)));
         None
     }
 }
