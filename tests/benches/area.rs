@@ -9,7 +9,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 use rayon::prelude::*;
-use vantage::cell::Scanner;
+use vantage::cell::{PerDevice, Scanner};
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh, Part as PartFrame, Pose, ScannerFrame, SimdLevel};
 
@@ -98,7 +98,7 @@ fn unpacked(file: &Path) -> Vec<u8> {
 /// Summed over the views.
 fn measured_mm2(ready: &Ready, scanner: &Scanner, views: &[Pose<PartFrame, ScannerFrame>]) -> f64 {
     let table = ready.cast(scanner, views, SimdLevel::widest());
-    table.rows.iter().flat_map(|row| row.samples()).map(|sample| ready.surface.sample_area_mm2(sample as usize)).sum()
+    table.rows.iter().flat_map(|row| row.samples()).map(|sample| ready.surface.sample_area_mm2(sample)).sum()
 }
 
 fn dense_area_mm2(mesh: &Mesh, scene: &EmbreeScene, scanner: &Scanner, view: &Pose<PartFrame, ScannerFrame>) -> f64 {
@@ -124,7 +124,7 @@ fn dense_area_mm2(mesh: &Mesh, scene: &EmbreeScene, scanner: &Scanner, view: &Po
 /// The definition of method §4 for one viewpoint.
 struct Judge<'a> {
     scanner: &'a Scanner,
-    eyes: [Eye; 3],
+    eyes: PerDevice<Eye>,
     scanner_from_part: Pose<ScannerFrame, PartFrame>,
 }
 

@@ -8,7 +8,7 @@ use std::process::Command;
 
 use nalgebra::Vector3;
 use rayon::ThreadPoolBuilder;
-use vantage::cell::Scanner;
+use vantage::cell::{PerDevice, Scanner};
 use vantage::geometry::{Mesh, RayScene, SimdLevel};
 
 use crate::engine::Ready;
@@ -89,7 +89,7 @@ fn count(kernel: &str, level: &str) -> Result<u64, String> {
 
 /// From the projector to the middle of every triangle.
 fn any_hit_rays(scene: &Scene, level: SimdLevel) {
-    let [_, _, projector] = eyes(&scene.scanner, &views(&scene.scanner)[0]);
+    let PerDevice { projector, .. } = eyes(&scene.scanner, &views(&scene.scanner)[0]);
     let middle = |face: usize| scene.mesh.corners(face).iter().map(|corner| corner.coords / 3.0).sum::<Vector3<f64>>().into();
     let middles: Vec<_> = (0..scene.mesh.faces.len()).map(middle).collect();
     let mut blocked = Vec::new();
@@ -99,7 +99,7 @@ fn any_hit_rays(scene: &Scene, level: SimdLevel) {
 
 /// Through every sixteenth pixel of the left camera that can show the part, each way.
 fn first_hit_rays(scene: &Scene, level: SimdLevel) {
-    let [left, _, _] = eyes(&scene.scanner, &views(&scene.scanner)[0]);
+    let PerDevice { left, .. } = eyes(&scene.scanner, &views(&scene.scanner)[0]);
     let pixels = left.scissor(&scene.mesh).pixels().step_by(256);
     let directions: Vec<_> = pixels.map(|(u, v)| Vector3::from(left.ray(u, v)).map(f64::from)).collect();
     let mut hits = Vec::new();

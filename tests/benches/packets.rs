@@ -7,7 +7,7 @@ use std::cell::RefCell;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use vantage::cell::Scanner;
+use vantage::cell::{PerDevice, Scanner};
 use vantage::geometry::{Mesh, RayScene, SimdLevel};
 
 use crate::Bench;
@@ -79,7 +79,7 @@ struct Rays {
 
 /// The three arrays of `mesh` from the first viewpoint. `reference` finds what the left camera sees.
 fn arrays(scanner: &Scanner, mesh: &Mesh, reference: &EmbreeScene) -> [Rays; 3] {
-    let [left, right, projector] = eyes(scanner, &views(scanner)[0]);
+    let PerDevice { left, right, projector } = eyes(scanner, &views(scanner)[0]);
     let directions_mm: Vec<_> = left.scissor(mesh).pixels().map(|(column, row)| left.ray(column, row)).collect();
     let primary = Rays::new("primary", &left, directions_mm, true);
     let mut faces = vec![NO_FACE; primary.directions_mm.len()];

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use serde_json::{Value, json};
+use vantage::cell::PerDevice;
 use vantage::geometry::Mesh;
 
 use crate::measure::Cost;
@@ -97,8 +98,13 @@ impl Python {
     }
 
     /// Every pixel ray of three devices with Open3D. Also which triangles each device meets.
-    pub(crate) fn viewpoint(&mut self, eyes: &[Eye; 3], triangles: usize, threads: usize) -> (ViewpointCost, [Vec<bool>; 3]) {
-        let devices = eyes.each_ref().map(|eye| {
+    pub(crate) fn viewpoint(
+        &mut self,
+        eyes: &PerDevice<Eye>,
+        triangles: usize,
+        threads: usize,
+    ) -> (ViewpointCost, PerDevice<Vec<bool>>) {
+        let description = |eye: &Eye| {
             let rows = |m: &[f64], n: usize| m.chunks(n).map(<[f64]>::to_vec).collect::<Vec<_>>();
             json!({
                 "intrinsic": rows(eye.intrinsic().transpose().as_slice(), 3),
@@ -106,14 +112,15 @@ impl Python {
                 "width_px": eye.lens.width_px as u32,
                 "height_px": eye.lens.height_px as u32,
             })
-        });
+        };
+        let devices: Vec<_> = eyes.iter().map(description).collect();
         let seen = self.folder.join("seen");
         let answer = self.ask(json!({ "request": "viewpoint", "devices": devices, "seen": seen, "threads": threads }));
         let step = |name: &str| answer[name].as_f64().expect("seconds");
         let cost = ViewpointCost { whole: cost_of(&answer), steps_wall_s: ["generate_s", "cast_s", "reduce_s"].map(step) };
         let masks = fs::read(seen).expect("written by the peer");
         let mask = |device: usize| masks[device * triangles..][..triangles].iter().map(|byte| *byte != 0).collect();
-        (cost, [0, 1, 2].map(mask))
+        (cost, PerDevice { left: mask(0), right: mask(1), projector: mask(2) })
     }
 
     /// Keeps rays with a common origin under `name`.

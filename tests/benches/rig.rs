@@ -5,7 +5,7 @@
 //! Pixel (i, j) covers i ≤ u < i + 1, j ≤ v < j + 1; its ray goes through the middle.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
-use vantage::cell::{Lens, Presets, Scanner, SpecLibrary};
+use vantage::cell::{Lens, PerDevice, Presets, Scanner, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
 
 /// The rig.
@@ -61,7 +61,7 @@ pub(crate) struct PixelBox {
 }
 
 /// The three devices of `scanner` at a viewpoint.
-pub(crate) fn eyes(scanner: &Scanner, part_from_scanner: &Pose<Part, ScannerFrame>) -> [Eye; 3] {
+pub(crate) fn eyes(scanner: &Scanner, part_from_scanner: &Pose<Part, ScannerFrame>) -> PerDevice<Eye> {
     scanner.devices.map(|device| {
         let part_from_device = *part_from_scanner * device.scanner_from_device;
         Eye {

@@ -21,14 +21,14 @@ use serde::Deserialize;
 use rustix::time::{ClockId, clock_gettime};
 use vantage::cell::urdf::{UrdfOptions, import};
 use vantage::cell::{
-    Body, BodySpec, Cell, CollisionScene, Named, PoseSpec, Presets, RobotSpec, RotationSpec, ScannerSpec, Shape, SpecLibrary,
-    TurntableSpec,
+    Body, BodySpec, Cell, CollisionScene, Configuration, Named, PoseSpec, Presets, RobotSpec, RotationSpec, ScannerSpec, Shape,
+    SpecLibrary, TurntableSpec,
 };
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{Base, LengthUnit, Mesh, Pose, ScannerFrame as Tool};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
-use vantage::planning::selection::ViewId;
+use vantage::planning::plan::ViewId;
 use vantage::planning::sequence::{Sequence, bounded, order};
 use vantage::planning::stations::Station;
 
@@ -139,7 +139,7 @@ fn column(task: &Task, subset: &[usize], cell: &Cell) -> Column {
     let (began, cpu_secs_before) = (Instant::now(), cpu_secs());
     let scene = CollisionScene::without_part(cell, params.motion.clearance_mm);
     let stations_of =
-        |(number, target): (usize, &usize)| (ViewId(number as u32), stations(task, &task.targets[*target], cell, &scene));
+        |(number, target): (usize, &usize)| (ViewId::at(number), stations(task, &task.targets[*target], cell, &scene));
     let stations: Vec<(ViewId, Vec<Station>)> = subset.par_iter().enumerate().map(stations_of).collect();
     let stations_secs = began.elapsed().as_secs_f64();
     let reached: Vec<_> = stations.iter().filter(|(_, of)| !of.is_empty()).map(|(view, of)| (*view, &of[..])).collect();
@@ -192,7 +192,7 @@ fn stations(task: &Task, target: &Target, cell: &Cell, scene: &CollisionScene) -
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), (f64::from(step) * task.step_deg).to_radians());
         let base_from_tool: Pose<Base, Tool> = Pose::claim(Isometry3::from_parts(Translation3::from(at), towards * turned));
         for joints_rad in cell.robot.kinematics.ik_solutions(&(base_from_tool * cell.flange_from_scanner.inverse())) {
-            let wound = axes.windings(&Station { table_angle_rad: 0.0, joints_rad }.configuration());
+            let wound = axes.windings(&Configuration { joints_rad, table_rad: 0.0 });
             if wound.first().is_some_and(|configuration| scene.check(configuration).is_none()) {
                 stations.extend(wound.into_iter().map(Station::from));
             }

@@ -201,17 +201,7 @@ fn main() {
     fill(data.path(), &mesh, &job);
 
     println!("{:<44} {:>6} {:>9} {:>9} {:>9}", "milliseconds", "count", "median", "p99", "max");
-    let mut starts = Vec::new();
-    for _ in 0..5 {
-        let mut server = None;
-        timed(&mut starts, || {
-            let started = Server::start(data.path());
-            assert_eq!(started.ask("GET", "/readyz", "", b"").0, 200);
-            server = Some(started);
-        });
-    }
-    report("start until ready, 120 000 files", starts);
-
+    starts(data.path());
     let server = Server::start(data.path());
     let submit = |params: &str, key: usize| {
         let body = format!(r#"{{"mesh_id": "{mesh}", "cell": "none", "params": {params}, "labels": {{"n": "{key}"}}}}"#);
@@ -219,6 +209,26 @@ fn main() {
     };
     submit(r#"{"part": {"samples_per_mm2": 200, "patch_edge_mm": 0.2}}"#, 0);
     std::thread::sleep(Duration::from_secs(3));
+    beside_planning(&server, &job, &submit);
+    beside_half_sent(&server);
+}
+
+/// Starts over a full store.
+fn starts(data: &Path) {
+    let mut starts = Vec::new();
+    for _ in 0..5 {
+        let mut server = None;
+        timed(&mut starts, || {
+            let started = Server::start(data);
+            assert_eq!(started.ask("GET", "/readyz", "", b"").0, 200);
+            server = Some(started);
+        });
+    }
+    report("start until ready, 120 000 files", starts);
+}
+
+/// Reads, submits and uploads while all cores plan and the results of `job` are downloaded.
+fn beside_planning(server: &Server, job: &str, submit: &dyn Fn(&str, usize)) {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
         for _ in 0..16 {
@@ -229,7 +239,7 @@ fn main() {
                 }
             });
         }
-        report("reads, all cores planning, 16 downloads", reads(&server, Instant::now() + Duration::from_secs(LOOK_SECS)));
+        report("reads, all cores planning, 16 downloads", reads(server, Instant::now() + Duration::from_secs(LOOK_SECS)));
         let mut times = Vec::new();
         (0..200).for_each(|key| timed(&mut times, || submit("{}", key)));
         report("submits, likewise", times);
@@ -241,7 +251,10 @@ fn main() {
         report("uploads of 1 MB, likewise", times);
         stop.store(true, Ordering::Relaxed);
     });
+}
 
+/// Reads while thousands of connections have sent a part of their request.
+fn beside_half_sent(server: &Server) {
     let mut slow = Vec::new();
     for _ in 0..5000 {
         let Ok(mut stream) = TcpStream::connect(server.address) else { break };
@@ -249,5 +262,5 @@ fn main() {
         slow.push(stream);
     }
     println!("{} half-sent requests", slow.len());
-    report("reads beside them, all cores planning", reads(&server, Instant::now() + Duration::from_secs(LOOK_SECS)));
+    report("reads beside them, all cores planning", reads(server, Instant::now() + Duration::from_secs(LOOK_SECS)));
 }

@@ -7,6 +7,7 @@ use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
+use vantage::cell::PerDevice;
 use vantage::geometry::{Mesh, Part as PartFrame, Pose, ScannerFrame, SimdLevel};
 
 use crate::Bench;
@@ -21,10 +22,13 @@ use crate::rig::{self, Eye, PixelBox};
 const BAND: u32 = 16;
 
 /// Which triangles each device meets.
-type Seen = [Vec<bool>; 3];
+type Seen = PerDevice<Vec<bool>>;
+
+/// Bits of the devices in a pixel set.
+const BITS: PerDevice<u32> = PerDevice { left: 0, right: 1, projector: 2 };
 
 /// The devices of one viewpoint.
-type Eyes = [Eye; 3];
+type Eyes = PerDevice<Eye>;
 
 /// Everyone takes all viewpoints in turn. Gives Open3D's wall seconds a viewpoint.
 pub(crate) fn section(bench: &mut Bench, part: &Part) -> Option<f64> {
@@ -132,7 +136,7 @@ fn with_open3d<'a>(bench: &'a Bench, views: &'a [Eyes], mesh: &'a Mesh, steps: &
 
 /// What Embree's packets meet, on the pool that this runs in.
 fn packets_see(scene: &EmbreeScene, eyes: &Eyes, mesh: &Mesh) -> Seen {
-    eyes.each_ref().map(|eye| {
+    eyes.as_ref().map(|eye| {
         let seen: Vec<_> = mesh.faces.iter().map(|_| AtomicBool::new(false)).collect();
         let PixelBox { columns, rows: [top, bottom] } = eye.scissor(mesh);
         let origin = eye.centre_mm.map(|x| x as f32).into();
@@ -156,7 +160,7 @@ fn agreement(bench: &mut Bench, scene: &EmbreeScene, ready: &Ready, part: &Part)
         let eyes = rig::eyes(&bench.scanner, &pose);
         let expected = bench.pools.of(2).install(|| packets_see(scene, &eyes, &part.mesh));
         let bits = bench.pools.of(2).install(|| ready.pixel_set(&bench.scanner, &pose, SimdLevel::widest()));
-        ours.add(&expected, &[0, 1, 2].map(|device| bits.iter().map(|bits| bits >> device & 1 == 1).collect()));
+        ours.add(&expected, &BITS.map(|bit| bits.iter().map(|bits| bits >> bit & 1 == 1).collect()));
         if let Ok(python) = &bench.python {
             open3d.add(&expected, &python.borrow_mut().viewpoint(&eyes, part.mesh.faces.len(), 2).1);
         }
@@ -185,7 +189,7 @@ impl Difference {
             self.by_device[1] += expected.len();
         }
         let by_all = |seen: &Seen, face: usize| seen.iter().all(|seen| seen[face]);
-        for face in 0..expected[0].len() {
+        for face in 0..expected.left.len() {
             let (a, b) = (by_all(expected, face), by_all(found, face));
             self.by_all[0] += usize::from(a != b);
             self.by_all[1] += usize::from(a || b);

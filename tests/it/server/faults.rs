@@ -121,14 +121,30 @@ impl Faulty {
     }
 }
 
-#[test]
-fn any_write_may_fail_in_any_way_and_nothing_acknowledged_is_lost() {
+/// A server of its own goes through a life for every `step`th call, from the `first`, each failing with `errno`.
+fn lives_with(errno: i64, first: i64, step: usize) {
     let Some(mut faulty) = Faulty::start() else { return };
     let before = faulty.calls();
     let jobs = faulty.life(0);
     faulty.check(&jobs, "without a fault");
     let calls = faulty.calls() - before;
     assert!(calls > 100, "only {calls} calls were counted");
+    let mut round = 0;
+    for nth in (first..=calls).step_by(step) {
+        round += 1;
+        let what = format!("call {nth} of {calls} fails with errno {errno}");
+        faulty.fail(nth, errno);
+        let jobs = faulty.life(round);
+        // What the life itself does not come to is left to what follows it.
+        std::thread::sleep(Duration::from_millis(50));
+        faulty.fail(0, 0);
+        faulty.check(&jobs, &what);
+    }
+    println!("errno {errno}: {round} of {calls} calls failed, one a life");
+}
+
+#[test]
+fn any_write_may_fail_in_any_way_and_nothing_acknowledged_is_lost() {
     // Every call in turn in the longest run; a sample of them otherwise, other ones for each error.
     let step = if long_asked() {
         1
@@ -137,17 +153,9 @@ fn any_write_may_fail_in_any_way_and_nothing_acknowledged_is_lost() {
     } else {
         97
     };
-    let mut round = 1;
-    for (offset, errno) in [ENOSPC, EIO, EMFILE, EAGAIN].into_iter().enumerate() {
-        for nth in (1 + offset as i64 * 5..=calls).step_by(step) {
-            let what = format!("call {nth} of {calls} fails with errno {errno}");
-            faulty.fail(nth, errno);
-            let jobs = faulty.life(round);
-            // What the life itself does not come to is left to what follows it.
-            std::thread::sleep(Duration::from_millis(50));
-            faulty.fail(0, 0);
-            faulty.check(&jobs, &what);
-            round += 1;
+    std::thread::scope(|scope| {
+        for (offset, errno) in [ENOSPC, EIO, EMFILE, EAGAIN].into_iter().enumerate() {
+            scope.spawn(move || lives_with(errno, if step == 1 { 1 } else { 1 + offset as i64 * 5 }, step));
         }
-    }
+    });
 }
