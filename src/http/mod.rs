@@ -1,4 +1,4 @@
-//! Floor 9, the HTTP server: routes, problem responses, content negotiation, and the accept loop. The only room that knows
+//! The HTTP server: routes, problem responses, content negotiation, and the accept loop. The only room that knows
 //! axum, and the only one that maps errors to status codes (`problem.rs`).
 
 mod auth;

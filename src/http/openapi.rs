@@ -1,5 +1,7 @@
 //! The OpenAPI document: its frame, schemas that only it needs, and additions that the routes' attributes cannot express.
 
+mod variants;
+
 use std::collections::BTreeMap;
 
 use utoipa::openapi::link::Link;
@@ -132,7 +134,7 @@ pub(super) enum AnyVersion {
 pub(super) struct ServerSentEvent {
     /// Number of the event, for `Last-Event-ID`; absent from `reset`.
     id: String,
-    /// `queued`, `started`, `progress`, `cancelling`, `succeeded`, `failed`, `cancelled`, `deleted` or `reset`.
+    /// An `EventKind`, or `reset`.
     event: String,
     /// A `JobEvent` as JSON; an empty object for `reset`.
     data: String,
@@ -167,6 +169,7 @@ pub(super) fn complete(openapi: &mut OpenApi) {
             open_up(&mut object.additional_properties);
         }
     }
+    variants::name_variants(&mut components.schemas);
 }
 
 /// Drops links into the source from the descriptions of a schema.
@@ -224,6 +227,7 @@ fn is_null(schema: &RefOr<Schema>) -> bool {
 }
 
 /// Names of the schemas that are parts of an `allOf`.
+#[expect(clippy::wildcard_enum_match_arm, reason = "utoipa may add kinds of schemas")]
 fn combined_names(schema: &RefOr<Schema>) -> Vec<String> {
     match schema {
         RefOr::T(Schema::AllOf(all_of)) => all_of.items.iter().filter_map(name_of).collect(),

@@ -9,6 +9,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
 use super::negotiate::{Representation, choose};
 use super::socket::TimeoutStream;
+use crate::wire::EventKind;
 
 const OFFERED: [Representation; 2] = [
     Representation { name: "json", media_type: "application/json", file: std::borrow::Cow::Borrowed("a.json") },
@@ -156,4 +157,12 @@ async fn a_client_that_goes_on_sending_is_not_listened_to_for_long() {
     let began = Instant::now();
     guarded.shutdown().await.expect("closed");
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+}
+
+#[test]
+fn the_page_listens_to_every_kind_of_event() {
+    let page = include_str!("../../static/page.js");
+    for kind in EventKind::ALL {
+        assert!(page.contains(&format!("\"{}\"", kind.as_str())), "{}", kind.as_str());
+    }
 }

@@ -187,11 +187,11 @@ const SQLITE_TRANSIENT: [u32; 6] = [5, 6, 7, 10, 14, 15];
 const SQLITE_FULL: u32 = 13;
 
 fn is_transient_database(error: &sqlx::Error) -> bool {
-    match error {
-        sqlx::Error::Io(error) => is_transient_io(error),
-        sqlx::Error::PoolTimedOut => true,
-        error => sqlite_code(error).is_some_and(|code| SQLITE_TRANSIENT.contains(&code)),
+    if let sqlx::Error::Io(error) = error {
+        return is_transient_io(error);
     }
+    let is_transient_code = || sqlite_code(error).is_some_and(|code| SQLITE_TRANSIENT.contains(&code));
+    matches!(error, sqlx::Error::PoolTimedOut) || is_transient_code()
 }
 
 /// Primary result code: the low byte of the extended one.
@@ -234,11 +234,12 @@ impl From<sqlx::Error> for Error {
 impl From<std::io::Error> for Error {
     fn from(error: std::io::Error) -> Self {
         use std::io::ErrorKind;
-        match error.kind() {
-            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Self::StorageFull,
-            _ if is_transient_io(&error) => Self::StorageBusy(InternalError::File(Arc::new(error))),
-            _ => InternalError::File(Arc::new(error)).into(),
+        if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) {
+            return Self::StorageFull;
         }
+        let is_transient = is_transient_io(&error);
+        let error = InternalError::File(Arc::new(error));
+        if is_transient { Self::StorageBusy(error) } else { error.into() }
     }
 }
 

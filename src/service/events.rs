@@ -9,7 +9,7 @@ use tokio::sync::broadcast::error::RecvError;
 
 use super::app::App;
 use super::error::Error;
-use crate::wire::{EventKind, JobEvent, JobId};
+use crate::wire::{JobEvent, JobId};
 
 /// Max number of events read from the store at a time.
 const BATCH: u32 = 256;
@@ -82,7 +82,7 @@ impl EventStream {
             }
             if let Some(event) = self.past.pop_front() {
                 self.last = self.last.max(event.id);
-                self.ended = self.job.is_some() && is_last(event.kind);
+                self.ended = self.job.is_some() && event.kind.is_last();
                 return Ok(Some(event));
             }
             if self.behind {
@@ -110,8 +110,4 @@ impl EventStream {
         self.past.extend(batch.events);
         Ok(())
     }
-}
-
-fn is_last(kind: EventKind) -> bool {
-    matches!(kind, EventKind::Succeeded | EventKind::Failed | EventKind::Cancelled | EventKind::Deleted)
 }

@@ -20,6 +20,7 @@ use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
 use crate::planning::sequence::Roadmaps;
 use crate::wire::echo::Echo;
+use crate::wire::words::no_plan_sentence;
 
 /// The function that plans a job: [`execute`], or a test's replacement.
 pub type Planner = Arc<dyn Fn(&JobInput, &Context<'_>) -> Result<Vec<Artifact>, JobError> + Send + Sync>;
@@ -83,7 +84,7 @@ impl From<PlanError> for JobError {
         match error {
             PlanError::Cancelled => Self::Cancelled,
             PlanError::BadParams(errors) => below("/params", errors),
-            PlanError::NoPlan(reasons) => Self::NoPlan(reasons),
+            PlanError::NoPlan(finding) => Self::NoPlan(no_plan_sentence(&finding)),
         }
     }
 }

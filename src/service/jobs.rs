@@ -257,7 +257,9 @@ impl App {
                 tracing::warn!(reason, "the attempt is postponed");
                 AttemptOutcome::Interrupted
             }
-            error => AttemptOutcome::Failed(job_problem(error)),
+            error @ (AttemptError::Job(_) | AttemptError::Panicked(_) | AttemptError::TimedOut(_)) => {
+                AttemptOutcome::Failed(job_problem(error))
+            }
         });
         (result, timings)
     }

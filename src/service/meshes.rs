@@ -154,9 +154,9 @@ impl App {
             let _permit = permit;
             let began = Instant::now();
             let stop = || abandoned.is_cancelled() || began.elapsed() > limit;
-            work(&Poll::new(&stop)).map_err(|error| match error {
-                Error::Draining if !abandoned.is_cancelled() => timed_out(limit),
-                error => error,
+            work(&Poll::new(&stop)).map_err(|error| {
+                let is_over_time = matches!(error, Error::Draining) && !abandoned.is_cancelled();
+                if is_over_time { timed_out(limit) } else { error }
             })
         })
         .await

@@ -1,4 +1,4 @@
-//! Floor 8, the product without HTTP: meshes, specifications, jobs, results and events.
+//! The product without HTTP: meshes, specifications, jobs, results and events.
 //!
 //! [`App`] is the single entry point. A change that it has acknowledged is on the disk. Planning runs on a thread pool of its
 //! own, parsing and hashing on threads that may block; the threads that answer requests do neither.

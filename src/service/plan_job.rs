@@ -151,7 +151,7 @@ impl PlanJob<'_> {
     fn dialects(&self, plan: &Plan, program: &Program) -> Vec<(&'static str, Result<String, String>)> {
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
         let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
-        let visited = plan.views.iter().filter(|view| view.setup == program.setup && view.station.is_some());
+        let visited = plan.views.iter().filter(|view| view.setup.index() == program.setup && view.station.is_some());
         let expected = Expected {
             plan_sha256: program.plan_sha256.clone(),
             table_from_part: setup.table_from_part,

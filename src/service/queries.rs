@@ -9,7 +9,7 @@ use tokio::time::{Instant, timeout_at};
 use super::app::App;
 use super::error::Error;
 use super::store::{FileEncoding, ResultFile};
-use crate::wire::{Job, JobId, JobLabels, JobState};
+use crate::wire::{Job, JobId, JobState, LabelsRequest};
 
 impl App {
     /// One job.
@@ -85,7 +85,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
-    pub async fn put_labels(&self, id: JobId, labels: JobLabels) -> Result<Job, Error> {
+    pub async fn put_labels(&self, id: JobId, labels: LabelsRequest) -> Result<Job, Error> {
         labels.check().map_err(Error::Invalid)?;
         let app = self.clone();
         self.run_to_completion(async move { app.0.store.put_labels(id, &labels.labels).await }).await

@@ -251,10 +251,7 @@ fn shapes_of(cell: &CellSpec) -> impl Iterator<Item = &ShapeSpec> {
 }
 
 fn mesh_of(shape: &ShapeSpec) -> Option<&String> {
-    match shape {
-        ShapeSpec::Mesh { mesh } => Some(mesh),
-        _ => None,
-    }
+    if let ShapeSpec::Mesh { mesh } = shape { Some(mesh) } else { None }
 }
 
 /// Input of a started job.

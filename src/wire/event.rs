@@ -5,42 +5,37 @@ use utoipa::ToSchema;
 
 use super::ids::JobId;
 use super::job::JobState;
+use crate::cell::closed_list;
 
-/// Kind of an event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum EventKind {
-    /// The job was accepted, or returned to the queue after an interruption.
-    Queued,
-    /// An attempt began.
-    Started,
-    /// A stage began or advanced.
-    Progress,
-    /// Cancellation was requested.
-    Cancelling,
-    /// The job succeeded; its results are available.
-    Succeeded,
-    /// The job ended with a problem and without a result.
-    Failed,
-    /// The job was cancelled.
-    Cancelled,
-    /// The job was deleted, with its results.
-    Deleted,
+closed_list! {
+    /// Kind of an event.
+    pub enum EventKind {
+        /// The job was accepted, or returned to the queue after an interruption.
+        Queued = "queued",
+        /// An attempt began.
+        Started = "started",
+        /// A stage began or advanced.
+        Progress = "progress",
+        /// Cancellation was requested.
+        Cancelling = "cancelling",
+        /// The job succeeded; its results are available.
+        Succeeded = "succeeded",
+        /// The job ended with a problem and without a result.
+        Failed = "failed",
+        /// The job was cancelled.
+        Cancelled = "cancelled",
+        /// The job was deleted, with its results.
+        Deleted = "deleted",
+    }
 }
 
 impl EventKind {
-    /// Name in files and events.
+    /// Returns true if no event of the job follows.
     #[must_use]
-    pub fn as_str(self) -> &'static str {
+    pub fn is_last(self) -> bool {
         match self {
-            Self::Queued => "queued",
-            Self::Started => "started",
-            Self::Progress => "progress",
-            Self::Cancelling => "cancelling",
-            Self::Succeeded => "succeeded",
-            Self::Failed => "failed",
-            Self::Cancelled => "cancelled",
-            Self::Deleted => "deleted",
+            Self::Queued | Self::Started | Self::Progress | Self::Cancelling => false,
+            Self::Succeeded | Self::Failed | Self::Cancelled | Self::Deleted => true,
         }
     }
 }

@@ -13,9 +13,8 @@ use crate::http::router::ApiState;
 
 /// Follow all jobs
 ///
-/// Server-sent events, from now on or resumed after `Last-Event-ID`. `event` is `queued`, `started`, `progress`,
-/// `cancelling`, `succeeded`, `failed`, `cancelled` or `deleted`; `data` is a `JobEvent` as JSON. The event `reset` means
-/// that events after the given id are no longer stored: reload the list.
+/// Server-sent events, from now on or resumed after `Last-Event-ID`. `event` is an `EventKind`, `data` a `JobEvent` as JSON.
+/// The event `reset` means that events after the given id are no longer stored: reload the list.
 #[utoipa::path(
     get,
     path = "/events",

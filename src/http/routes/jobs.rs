@@ -11,7 +11,7 @@ use crate::http::extract::{IdempotencyKeyHeader, Json, Params};
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::service::JobQuery;
-use crate::wire::{Job, JobLabels, JobPage, JobRequest, JobState};
+use crate::wire::{Job, JobPage, JobRequest, JobState, LabelsRequest};
 
 /// Polling interval that responses suggest, seconds.
 const POLL_AFTER_SECS: &str = "2";
@@ -156,14 +156,14 @@ pub(in crate::http) async fn cancel(
     tag = "jobs",
     operation_id = "put_job_labels",
     params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
-    request_body = JobLabels,
+    request_body = LabelsRequest,
     responses((status = 200, description = "The job with its new labels.", body = Job))
 )]
 pub(in crate::http) async fn put_labels(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-    Json(labels): Json<JobLabels>,
+    Json(labels): Json<LabelsRequest>,
 ) -> Result<axum::Json<Job>, ApiError> {
     params.deny_unknown()?;
     Ok(axum::Json(state.app.put_labels(job_id(&id)?, labels).await?))

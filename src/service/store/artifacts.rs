@@ -127,7 +127,7 @@ impl Store {
             let opened = files.open_checked(&file.file_sha256)?;
             Ok(match file.encoding {
                 FileEncoding::Gzip if decompressed => Box::new(GzDecoder::new(opened)) as Box<dyn Read + Send>,
-                _ => Box::new(opened),
+                FileEncoding::Gzip | FileEncoding::Identity => Box::new(opened),
             })
         })
         .await

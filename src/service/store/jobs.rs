@@ -210,7 +210,10 @@ impl Store {
         match outcome {
             AttemptOutcome::Succeeded(files) if after == JobState::Succeeded => artifacts::insert(&mut tx, id, files).await?,
             AttemptOutcome::Failed(reason) if after == JobState::Failed => problem = Some(reason),
-            _ => {}
+            AttemptOutcome::Succeeded(_)
+            | AttemptOutcome::Failed(_)
+            | AttemptOutcome::Cancelled
+            | AttemptOutcome::Interrupted => {}
         }
         failpoint::hit("result", "before_commit");
         let event = end(&mut tx, id, kind, after, problem).await?;
@@ -284,10 +287,12 @@ impl Store {
             };
             let state: JobState = parsed("job.state", &row.try_get::<String, _>("state")?)?;
             let attempts: u32 = row.try_get("attempts")?;
-            let (kind, after, problem) = match state {
-                JobState::Cancelling => (EventKind::Cancelled, JobState::Cancelled, None),
-                _ if attempts >= max_attempts => (EventKind::Failed, JobState::Failed, Some(exhausted)),
-                _ => (EventKind::Queued, JobState::Queued, None),
+            let (kind, after, problem) = if state == JobState::Cancelling {
+                (EventKind::Cancelled, JobState::Cancelled, None)
+            } else if attempts >= max_attempts {
+                (EventKind::Failed, JobState::Failed, Some(exhausted))
+            } else {
+                (EventKind::Queued, JobState::Queued, None)
             };
             end(&mut tx, id, kind, after, problem).await?;
         }

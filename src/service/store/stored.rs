@@ -31,7 +31,7 @@ pub(crate) fn read_leniently<T: DeserializeOwned>(version: i64, text: &str) -> R
     while unknown.len() < MAX_UNKNOWN {
         let pointer = match &error {
             ParseError::Shape { pointer, detail } if detail.starts_with("unknown field") => pointer.clone(),
-            other => return Err(other.to_string()),
+            ParseError::Shape { .. } | ParseError::Syntax(_) => return Err(error.to_string()),
         };
         if !remove_field(&mut document, &pointer) {
             break;

@@ -2,7 +2,7 @@
 //! earlier state. They are first moved to `swept/`, once they are old enough, and removed from there later, so that a mistake
 //! can be undone by moving them back.
 
-use std::collections::HashSet;
+use std::collections::BTreeSet;
 use std::time::{Duration, SystemTime};
 
 use super::files::StoredFile;
@@ -71,7 +71,7 @@ impl Store {
     }
 
     /// Hashes of all files that rows refer to.
-    pub(super) async fn referenced_files(&self) -> Result<HashSet<String>, Error> {
+    pub(super) async fn referenced_files(&self) -> Result<BTreeSet<String>, Error> {
         let referenced: Vec<String> = sqlx::query_scalar(
             "SELECT sha256 FROM mesh UNION SELECT preview FROM mesh WHERE preview IS NOT NULL UNION SELECT file_sha256 FROM artifact",
         )
