@@ -1,10 +1,11 @@
 #![doc = include_str!("../METHOD.md")]
 
+mod adjust;
 pub mod candidates;
 pub mod certificate;
 pub mod context;
-mod cycle;
 mod estimate;
+pub mod ids;
 pub mod method;
 mod missed;
 mod outcome;
@@ -17,6 +18,7 @@ mod scene;
 pub mod selection;
 pub mod sequence;
 mod setups;
+mod sky;
 pub mod stations;
 pub mod studies;
 pub mod surface;

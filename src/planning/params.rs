@@ -11,6 +11,7 @@ use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
 mod candidates;
 mod dialects;
 mod knob;
+mod preset;
 mod regions;
 mod robust;
 mod selection;
@@ -19,6 +20,7 @@ pub use candidates::{CandidateParams, Hemisphere, Standoff, Strategy};
 pub use dialects::DialectParams;
 use knob::params;
 pub use knob::{Knob, KnobGroup};
+pub use preset::Preset;
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
@@ -26,6 +28,8 @@ pub use selection::{OverlapParams, SelectionGoal};
 params! {
     /// All parameters of a plan. Unknown fields are refused.
     PlanParams {
+        /// Set of parameters that is chosen as a whole; a parameter that it sets cannot be set otherwise beside it.
+        preset: Preset = Preset::Vantage;
         /// Patches, samples and how the part lies.
         part: PartParams = PartParams::default();
         /// Regions that are excluded, of interest, or toleranced.
@@ -218,11 +222,11 @@ params! {
 #[serde(rename_all = "snake_case")]
 pub enum Solver {
     /// The thesis's greedy.
-    #[default]
     Greedy,
     /// The choices of greedy from a priority queue of upper bounds.
     Lazy,
-    /// Greedy by area, then dropping and exchanging views for fewer of them, then for a higher score.
+    /// Fewest views that exchanges find to meet the goals, then exchanges for a higher score with that many.
+    #[default]
     Local,
     /// `local`, then branch and bound for the proof that no fewer views do, or for fewer views.
     Certified,
@@ -256,7 +260,7 @@ params! {
     /// Choice of views, and stop rules ([`crate::planning::method::selection`]).
     SelectionParams {
         /// Way to choose views.
-        solver: Solver = Solver::Greedy;
+        solver: Solver = Solver::Local;
         /// Objective of greedy.
         objective: Objective = Objective::Score;
         /// Share of the area at which the choice stops.
@@ -267,6 +271,9 @@ params! {
         min_growth: f64 = 0.0001, [0.0, 1.0] "";
         /// Stop at this many views. Default: no limit.
         max_views: Option<u32> = None, [1.0, 1000.0] "views";
+        /// `local` and `certified`: share of the asked area by which the views may give less grade A, and less of A and B together,
+        /// than greedy's; `null` lets them give any. Fewer views look at more surface obliquely.
+        max_grade_loss: Option<f64> = Some(0.01), [0.0, 1.0] "";
         /// Count only area that is measured at this grade or better ([`crate::planning::method::quality`]). Default: all of it.
         min_grade: Option<Grade> = None;
         /// Formulation that is solved.
@@ -298,6 +305,7 @@ impl PlanParams {
         let mut findings = Findings::default();
         self.part.check(&mut findings);
         self.check_ranges("", &mut findings);
+        self.preset.check(self, &mut findings);
         self.regions.check(&mut findings);
         self.scan.check_ranges("/scan", &mut findings);
         self.motion.check(&mut findings);
@@ -360,6 +368,12 @@ impl MotionParams {
 }
 
 impl ScoreParams {
+    /// Score of a unit of measured area of this quality, a + b·q.
+    #[must_use]
+    pub fn value(&self, quality: f64) -> f64 {
+        self.a + self.b * quality
+    }
+
     fn check(&self, findings: &mut Findings) {
         self.check_ranges("/score", findings);
         findings.require(self.a + self.b > 0.0, "/score/a", || "a and b are both 0; at least one must count".into());

@@ -3,10 +3,11 @@
 
 use std::collections::BTreeSet;
 
+use super::adjust;
 use super::candidates::Candidate;
 use super::certificate::{self, SetupViews};
 use super::context::{Cancelled, Context, PlanError, Stage};
-use super::cycle;
+use super::ids::{CandidateIndex, SetupId, SetupIndex};
 use super::missed::CanExecute;
 use super::missed::obstructions::{self, BlockedCandidate};
 use super::outcome;
@@ -29,7 +30,7 @@ struct OrderedViews {
     /// One for each setup; none without a cell.
     ordered: Vec<Ordered>,
     /// Candidates that were given up for want of a path.
-    excluded: BTreeSet<usize>,
+    excluded: BTreeSet<CandidateIndex>,
 }
 
 /// Plans: every stage in turn.
@@ -40,7 +41,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let sampled = SampledPart::new(input, params, ctx)?;
     let setups = sampled.setups(input, ctx)?;
     let mut problem = problem(input, &sampled, &setups, ctx)?;
-    let views = select_and_order(&problem, &setups, ctx)?;
+    let views = select_and_order(&mut problem, &setups, ctx)?;
     let views = shorten(&mut problem, &setups, views, ctx)?;
     let mut outcome = explain(problem, &sampled, &setups, views, ctx)?;
     certify(&mut outcome, input, &sampled.params, &setups, ctx)?;
@@ -56,7 +57,7 @@ pub struct Tabulated {
     pub asked_area_mm2: Vec<f64>,
     /// The candidates that may be chosen.
     pub candidates: Vec<Candidate>,
-    /// Samples that each of them measures.
+    /// Samples that each of them measures; a problem of covering with them all has the same rows.
     pub rows: Vec<Row>,
 }
 
@@ -70,7 +71,7 @@ pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -
     let mut evaluated = sampled.evaluate(input, &setups, ctx)?.evaluated;
     evaluated.drop_unusable();
     let SampledPart { surface, asked_area_mm2, .. } = sampled;
-    Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates.kept, rows: evaluated.matrix.rows })
+    Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates.remaining, rows: evaluated.matrix.rows })
 }
 
 /// Stages candidates, stations and visibility, in as many rounds as the strategies take.
@@ -94,10 +95,10 @@ fn problem<'a>(
     })
 }
 
-/// Stages selection and sequence, setup by setup: a chosen view to which no path is found is excluded and selection runs
+/// Stages selection, with the chosen views slid, and sequence, setup by setup: a chosen view to which no path is found is excluded and selection runs
 /// again, a bounded number of times.
 fn select_and_order(
-    problem: &ViewPlanningProblem<'_>,
+    problem: &mut ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
     ctx: &Context<'_>,
 ) -> Result<OrderedViews, PlanError> {
@@ -106,27 +107,28 @@ fn select_and_order(
     loop {
         ctx.begin(Stage::Selection)?;
         let chosen = problem.select(&excluded, ctx)?;
-        if chosen.kept.is_empty() && excluded.is_empty() {
-            return Err(outcome::nothing_measured(problem));
+        if chosen.candidates.is_empty() && excluded.is_empty() {
+            return Err(PlanError::NoPlan(outcome::nothing_measured(problem, ctx)?));
         }
+        let chosen = adjust::slide_views(problem, setups, chosen, &excluded, ctx)?;
         let scenes: Vec<_> = scenes(setups).collect();
         if scenes.is_empty() {
             return Ok(OrderedViews { chosen, ordered: Vec::new(), excluded });
         }
         ctx.begin(Stage::Sequence)?;
-        let order = |(setup, scene): (usize, &&PlanningScene<'_>)| {
+        let order = |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| {
             scene.order(&problem.stations_of(&chosen, setup), reselections < MAX_RESELECTIONS, ctx)
         };
-        let ordered: Vec<Ordered> = scenes.iter().enumerate().map(order).collect::<Result<_, _>>()?;
+        let ordered: Vec<Ordered> = SetupIndex::number(&scenes).map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
         if no_path.is_empty() && problem.params.selection.goal == SelectionGoal::MinTime {
-            let (chosen, ordered) = cycle::exchange_views(problem, &scenes, (chosen, ordered), &excluded, ctx)?;
+            let (chosen, ordered) = adjust::exchange_views(problem, &scenes, (chosen, ordered), &excluded, ctx)?;
             return Ok(OrderedViews { chosen, ordered, excluded });
         }
         if no_path.is_empty() || reselections == MAX_RESELECTIONS {
             return Ok(OrderedViews { chosen, ordered, excluded });
         }
-        excluded.extend(problem.candidates_behind(&chosen, &no_path));
+        excluded.extend(chosen.candidates_of(&no_path));
         reselections += 1;
     }
 }
@@ -141,7 +143,7 @@ fn shorten(
     let OrderedViews { chosen, ordered, excluded } = views;
     let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
     let ordered = bounded.collect::<Result<_, _>>()?;
-    let ordered = cycle::roll_views(problem, setups, &chosen, ordered, ctx)?;
+    let ordered = adjust::roll_views(problem, setups, &chosen, ordered, ctx)?;
     Ok(OrderedViews { chosen, ordered, excluded })
 }
 
@@ -158,7 +160,7 @@ fn explain(
     let input = problem.input;
     let can_execute = |view: &Pose<Part, ScannerFrame>| can_execute(setups, view, ctx);
     let can_execute = input.cell.is_some().then_some(&can_execute as &CanExecute<'_>);
-    let without_path = ordered.iter().flat_map(|ordered| problem.candidates_behind(&chosen, &ordered.no_path));
+    let without_path = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path));
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, occluders, can_execute, ctx)?;
@@ -180,9 +182,8 @@ fn certify(
 ) -> Result<(), PlanError> {
     ctx.begin(Stage::Certificate)?;
     let plan = &mut outcome.plan;
-    let views =
-        |(number, setup): (usize, &SetupPlan)| Some(SetupViews::of(&setup_of(setups, setup)?.occluders, &plan.views, number));
-    let views: Vec<_> = plan.setups.iter().enumerate().filter_map(views).collect();
+    let views = |(id, setup): (SetupId, &SetupPlan)| Some(SetupViews::of(&setup_of(setups, setup)?.occluders, &plan.views, id));
+    let views: Vec<_> = SetupId::number(&plan.setups).filter_map(views).collect();
     let Certificate { independent, robust } = certificate::certify(input, params, &views, ctx)?;
     (plan.coverage.independent, plan.coverage.robust) = (independent, robust);
     Ok(())
@@ -197,16 +198,16 @@ fn setup_of<'s, 'a>(setups: &'s [Setup<'a>], plan: &SetupPlan) -> Option<&'s Set
     setups.iter().find(|setup| setup.table_from_part == plan.table_from_part)
 }
 
-/// Finds the bodies that keep the cell from candidates; `without_path` are kept candidates that were excluded.
+/// Finds the bodies that keep the cell from candidates; `without_path` are usable ones that were given up.
 fn obstructions(
     problem: &ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
-    without_path: &BTreeSet<usize>,
+    without_path: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Obstruction>, Cancelled> {
     let blocked = |(candidate, stations)| {
         let candidate: &Candidate = candidate;
-        Some(BlockedCandidate { scene: setups[candidate.setup].scene.as_ref()?, candidate, stations })
+        Some(BlockedCandidate { scene: setups[candidate.setup.index()].scene.as_ref()?, candidate, stations })
     };
     let blocked: Vec<_> = problem.obstructed(without_path).into_iter().filter_map(blocked).collect();
     obstructions::explain(&blocked, ctx)
@@ -216,7 +217,7 @@ fn obstructions(
 fn add_clearances(outcome: &mut Outcome, setups: &[Setup<'_>]) {
     let plans = &outcome.plan.setups;
     for view in &mut outcome.plan.views {
-        let scene = plans.get(view.setup).and_then(|plan| setup_of(setups, plan)?.scene.as_ref());
+        let scene = plans.get(view.setup.index()).and_then(|plan| setup_of(setups, plan)?.scene.as_ref());
         if let (Some(scene), Some(station), Some(stance)) = (scene, &view.station, &mut view.stance) {
             stance.clearance_mm = scene.clearance_mm(station);
         }

@@ -15,6 +15,17 @@ use crate::planning::params::{CandidateParams, Standoff};
 /// A pose that was generated, and the side it looks at.
 pub(super) type Placed = (Pose<Table, ScannerFrame>, Label);
 
+/// Surface whose score decides where a viewpoint comes to rest.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum SlidesBy {
+    /// It keeps its place.
+    None,
+    /// That of a block.
+    Block(u32),
+    /// All of the part.
+    Part,
+}
+
 /// A view before tilt, roll and stand-off.
 #[derive(Clone, Debug)]
 pub(super) struct Aim {
@@ -24,8 +35,8 @@ pub(super) struct Aim {
     pub(super) axis: Vector3<f64>,
     /// Side of the part that it looks at.
     pub(super) label: Label,
-    /// True if it moves along its axis until the surface seen lies around F.
-    pub(super) slides: bool,
+    /// Surface by which it slides along its axis.
+    pub(super) slides_by: SlidesBy,
     /// The baseline where the strategy has decided it; else it is level, turned by every roll of the job.
     pub(super) baseline: Option<Vector3<f64>>,
 }
@@ -39,7 +50,7 @@ impl Aim {
             position_mm: block.centre + offset,
             axis: -offset.normalize(),
             label: Label::of_direction(u),
-            slides: standoff == Standoff::Surface,
+            slides_by: if standoff == Standoff::Centre { SlidesBy::None } else { SlidesBy::Block(block.number) },
             baseline: None,
         }
     }
@@ -47,7 +58,7 @@ impl Aim {
     /// Aims at the surface point `target_mm` from direction `u` (unit), with the point at F.
     pub(super) fn at_point(target_mm: &Point3<f64>, u: &Vector3<f64>, scope: &Scope<'_>) -> Self {
         let position_mm = target_mm + u * scope.scanner.best_mm;
-        Self { position_mm, axis: -u, label: Label::of_direction(u), slides: false, baseline: None }
+        Self { position_mm, axis: -u, label: Label::of_direction(u), slides_by: SlidesBy::None, baseline: None }
     }
 
     /// Turned by `tilt_rad` about the aim point to each of its four sides.
@@ -62,7 +73,7 @@ impl Aim {
                 position_mm: aimed_at - axis * best_mm,
                 axis,
                 label: Label::of_direction(&-axis),
-                slides: self.slides,
+                slides_by: self.slides_by,
                 baseline,
             }
         })
@@ -81,7 +92,7 @@ impl Aim {
 pub(super) fn semi_axes_mm(block: &PartBlock, scope: &Scope<'_>, standoff: Standoff) -> Vector3<f64> {
     match standoff {
         Standoff::Centre => Vector3::from_element(scope.scanner.best_mm),
-        Standoff::Surface => block.half_extent.add_scalar(scope.scanner.best_mm),
+        Standoff::Surface | Standoff::FirstSurface => block.half_extent.add_scalar(scope.scanner.best_mm),
     }
 }
 
@@ -97,14 +108,14 @@ pub(super) fn place(
     params: &CandidateParams,
     ctx: &Context<'_>,
 ) -> Result<Vec<Placed>, Cancelled> {
-    let (slide, best_mm) = (Slide::new(scope), scope.scanner.best_mm);
+    let (slide, best_mm) = (Slide::new(scope, params, ctx.simd_level()), scope.scanner.best_mm);
     let poses_of = |aim: &Aim| {
         ctx.check()?;
         let tilted = params.tilts_deg.iter().flat_map(|tilt_deg| aim.tilted(tilt_deg.to_radians(), best_mm));
         let mut placed = Vec::with_capacity(views_of_an_aim(params));
         for view in std::iter::once(aim.clone()).chain(tilted) {
             for orientation in view.orientations(&params.rolls_deg) {
-                let position_mm = if view.slides { slide.along_axis(view.position_mm, &orientation) } else { view.position_mm };
+                let position_mm = slide.along_axis(view.position_mm, &orientation, view.slides_by);
                 placed.extend(params.standoffs_mm.iter().map(|back_mm| {
                     let position_mm = position_mm - view.axis * *back_mm;
                     (Pose::from_parts(position_mm.coords, orientation), view.label)

@@ -13,7 +13,10 @@ pub(super) fn aims(
     params: &CandidateParams,
     bound: impl Fn(usize) -> Result<(), PlanError>,
 ) -> Result<Vec<Aim>, PlanError> {
-    let (blocks, directions) = (blocks::split(scope), directions(params.step_small_deg, params.step_large_deg));
+    let (blocks, directions) = (
+        blocks::split(scope.surface, &scope.table_from_part, scope.scanner),
+        directions(params.step_small_deg, params.step_large_deg),
+    );
     bound(blocks.len().saturating_mul(directions.len()))?;
     let aim = |block, u| Aim::at_block(block, u, scope, params.standoff);
     Ok(blocks.iter().flat_map(|block| directions.iter().map(move |u| aim(block, u))).collect())

@@ -18,7 +18,7 @@ pub(super) fn aims(
     params: &CandidateParams,
     bound: impl Fn(usize) -> Result<(), PlanError>,
 ) -> Result<Vec<Aim>, PlanError> {
-    let blocks = blocks::split(scope);
+    let blocks = blocks::split(scope.surface, &scope.table_from_part, scope.scanner);
     let count = directions_a_block(params.even_directions.unwrap_or(EVEN_DIRECTIONS as u32), blocks.len());
     bound(blocks.len().saturating_mul(count))?;
     let of_block = |block: &PartBlock| {

@@ -6,9 +6,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::aim::Placed;
-use super::{Candidate, CandidateId, CandidateSet, Rejection, Scope};
+use super::{Candidate, CandidateSet, Rejection, Scope};
 use crate::geometry::{Aabb, Part, Pose, RayScene, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::{CandidateId, SetupIndex};
 use crate::planning::params::{CandidateParams, Hemisphere};
 
 /// Numbers the poses in their order and drops those that cannot be used.
@@ -30,7 +31,8 @@ pub(super) fn judge(
         .map(|(number, (table_from_scanner, label))| {
             ctx.check()?;
             let part_from_scanner = part_from_table * table_from_scanner;
-            let candidate = Candidate { id: CandidateId(number as u32), part_from_scanner, label, setup: 0 };
+            let candidate =
+                Candidate { id: CandidateId::at(number), part_from_scanner, label, setup: SetupIndex(0), is_given: false };
             Ok((filter.unusable(&candidate, &table_from_scanner), candidate))
         })
         .collect::<Result<_, Cancelled>>()?;
@@ -40,7 +42,7 @@ pub(super) fn judge(
         let twice = || (!seen.insert(key(&candidate.part_from_scanner))).then_some(Rejection::Duplicate);
         match reason.or_else(twice) {
             Some(reason) => generated.rejected.push((candidate.id, reason)),
-            None => generated.kept.push(candidate),
+            None => generated.remaining.push(candidate),
         }
     }
     Ok(generated)

@@ -6,6 +6,7 @@ use std::f64::consts::{FRAC_PI_6, PI};
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
+use super::aim::SlidesBy;
 use super::{Aim, Label, Scope, blocks};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::params::{CandidateParams, Standoff, Strategy};
@@ -27,13 +28,14 @@ pub(super) fn count(params: &CandidateParams) -> usize {
 }
 
 pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, best: &[Pose<Part, ScannerFrame>], round: u32) -> Vec<Aim> {
-    let blocks = blocks::split(scope);
+    let blocks = blocks::split(scope.surface, &scope.table_from_part, scope.scanner);
     let streams = (0..params.iterative_views).map(|n| Stream::new(scope.seed, &[STREAM, u64::from(round), u64::from(n)]));
     let drawn = streams.enumerate().map(|(number, mut stream)| match best.get(number % best.len().max(1)) {
         Some(best) => near(scope, best, SHRINK.powi(round as i32), &mut stream),
         None => Aim::at_block(&blocks[number % blocks.len()], &stream.direction(), scope, params.standoff),
     });
-    drawn.map(|aim| Aim { slides: params.standoff == Standoff::Surface, ..aim }).collect()
+    let keeps = params.standoff == Standoff::Centre;
+    drawn.map(|aim| if keeps { Aim { slides_by: SlidesBy::None, ..aim } } else { aim }).collect()
 }
 
 fn near(scope: &Scope<'_>, best: &Pose<Part, ScannerFrame>, scale: f64, stream: &mut Stream) -> Aim {
@@ -46,5 +48,5 @@ fn near(scope: &Scope<'_>, best: &Pose<Part, ScannerFrame>, scale: f64, stream: 
     let axis = turn * table_from_scanner.direction(&Vector3::z());
     let baseline = turn * table_from_scanner.direction(&Vector3::new(roll_rad.cos(), roll_rad.sin(), 0.0));
     let position_mm = aimed_at - axis * best_mm;
-    Aim { position_mm, axis, label: Label::of_direction(&-axis), slides: true, baseline: Some(baseline) }
+    Aim { position_mm, axis, label: Label::of_direction(&-axis), slides_by: SlidesBy::Part, baseline: Some(baseline) }
 }

@@ -23,51 +23,30 @@ mod iterative;
 mod label;
 mod normals;
 mod reach;
-mod slide;
+pub(in crate::planning) mod slide;
 mod spread;
 mod targeted;
 #[cfg(test)]
 mod tests;
 mod volume;
 
+use std::ops::{Index, IndexMut};
+
 use super::context::{Cancelled, Context, PlanError};
-use super::params::{CandidateParams, Strategy};
+use super::ids::{CandidateId, CandidateIndex, SetupIndex};
+use super::params::{CandidateParams, ScoreParams, Strategy};
 use super::surface::Surface;
-use crate::cell::{Cell, Scanner, closed_list};
+use super::visibility::{Occluders, Optics};
+use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 pub(in crate::planning) use aim::looking_along;
 use aim::{Aim, Placed, views_of_an_aim};
 pub(in crate::planning) use blocks::counts as block_counts;
 pub(in crate::planning) use even::spiral;
 
+pub use super::verdict::Rejection;
 pub use label::Label;
 pub use targeted::OpenSamples;
-
-/// Dense number of a candidate, as generated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct CandidateId(pub u32);
-
-closed_list! {
-    /// Reason for which a candidate was dropped before selection.
-    pub enum Rejection {
-        /// A device or the viewpoint lies below the plate's plane.
-        BelowTable = "below_table",
-        /// Inside the part.
-        InsidePart = "inside_part",
-        /// Inside an obstacle, at every table angle.
-        InsideObstacle = "inside_obstacle",
-        /// Out of the robot's reach at every table angle.
-        Unreachable = "unreachable",
-        /// Reached, but something collides at every station.
-        Collision = "collision",
-        /// Duplicate of a candidate with a lower number.
-        Duplicate = "duplicate",
-        /// Measures nothing that is asked for.
-        MeasuresNothing = "measures_nothing",
-        /// Aimed at what was uncovered, and not among the fewest that cover most of it.
-        NotNeeded = "not_needed",
-    }
-}
 
 /// A viewpoint under consideration.
 #[derive(Clone, Debug)]
@@ -78,8 +57,10 @@ pub struct Candidate {
     pub part_from_scanner: Pose<Part, ScannerFrame>,
     /// Side of the part that it looks at.
     pub label: Label,
-    /// Setup that it is taken in, from 0.
-    pub setup: usize,
+    /// Setup that it is taken in.
+    pub setup: SetupIndex,
+    /// True if the job gives its pose, which is then not slid.
+    pub is_given: bool,
 }
 
 /// Part, surface, scanner and cell that candidates are generated for.
@@ -94,15 +75,21 @@ pub struct Scope<'a> {
     pub cell: Option<&'a Cell>,
     /// Pose of the part on the table.
     pub table_from_part: Pose<Table, Part>,
+    /// Everything that hides a sample.
+    pub occluders: &'a Occluders,
+    /// The scanner's optics within the limits of the job.
+    pub optics: &'a Optics,
+    /// Weights of the score that a viewpoint slides to.
+    pub score: &'a ScoreParams,
     /// Seed of the strategies that draw.
     pub seed: u64,
 }
 
-/// Candidates that are kept for visibility, and how many were generated and dropped.
+/// Candidates that no filter dropped, in which a [`CandidateIndex`] is a place, and how many were generated and dropped.
 #[derive(Clone, Debug, Default)]
 pub struct CandidateSet {
-    /// Kept, ascending by id.
-    pub kept: Vec<Candidate>,
+    /// The candidates that remain, ascending by id.
+    pub remaining: Vec<Candidate>,
     /// Number generated.
     pub generated: usize,
     /// Dropped, with the reason.
@@ -113,11 +100,30 @@ impl CandidateSet {
     /// Adds `more`, whose numbers start from 0, behind these.
     pub fn append(&mut self, more: Self) {
         let renumbered = |id: CandidateId| CandidateId(id.0 + self.generated as u32);
-        let kept = more.kept.into_iter().map(|candidate| Candidate { id: renumbered(candidate.id), ..candidate });
+        let remaining = more.remaining.into_iter().map(|candidate| Candidate { id: renumbered(candidate.id), ..candidate });
         let rejected = more.rejected.into_iter().map(|(id, reason)| (renumbered(id), reason));
-        self.kept.extend(kept);
+        self.remaining.extend(remaining);
         self.rejected.extend(rejected);
         self.generated += more.generated;
+    }
+
+    /// Places of those that remain, ascending.
+    pub fn indices(&self) -> impl Iterator<Item = CandidateIndex> + use<> {
+        CandidateIndex::first(self.remaining.len())
+    }
+}
+
+impl Index<CandidateIndex> for CandidateSet {
+    type Output = Candidate;
+
+    fn index(&self, candidate: CandidateIndex) -> &Candidate {
+        &self.remaining[candidate.index()]
+    }
+}
+
+impl IndexMut<CandidateIndex> for CandidateSet {
+    fn index_mut(&mut self, candidate: CandidateIndex) -> &mut Candidate {
+        &mut self.remaining[candidate.index()]
     }
 }
 
@@ -132,8 +138,14 @@ const PROPOSED: usize = 3;
 
 /// Fills in what [`CandidateParams`] leaves to the part: even directions, as many as half of the table has room for.
 #[must_use]
-pub fn resolve(scope: &Scope<'_>, params: &CandidateParams) -> CandidateParams {
-    let directions = even_directions(params, blocks::split(scope).len(), scope.surface.sample_mm.len());
+pub fn resolve(
+    surface: &Surface,
+    table_from_part: &Pose<Table, Part>,
+    scanner: &Scanner,
+    params: &CandidateParams,
+) -> CandidateParams {
+    let blocks = blocks::split(surface, table_from_part, scanner);
+    let directions = even_directions(params, blocks.len(), surface.sample_mm.len());
     CandidateParams { even_directions: params.even_directions.or(Some(directions)), ..params.clone() }
 }
 
@@ -198,7 +210,10 @@ pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) 
     let mut placed = aim::place(scope, &aims, params, ctx)?;
     refuse_too_many(placed.len() + params.poses.len(), scope)?;
     placed.extend(params.poses.iter().map(|given| given_pose(scope, &given.pose())));
-    Ok(filter::judge(scope, params, placed, ctx)?)
+    let mut judged = filter::judge(scope, params, placed, ctx)?;
+    let first_given = judged.generated - params.poses.len();
+    judged.remaining.iter_mut().for_each(|candidate| candidate.is_given = candidate.id.index() >= first_given);
+    Ok(judged)
 }
 
 /// Random viewpoints around `best`, the best so far, nearer with every round; around the part while there are none.

@@ -7,6 +7,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{Aim, Scope};
+use crate::planning::ids::SampleId;
 use crate::planning::params::CandidateParams;
 use crate::planning::random::split_mix;
 
@@ -32,13 +33,14 @@ pub(super) fn of_facets(scope: &Scope<'_>, params: &CandidateParams) -> Vec<Aim>
 
 pub(super) fn of_points(scope: &Scope<'_>, params: &CandidateParams) -> Vec<Aim> {
     let samples = scope.surface.sample_mm.len();
-    let mut order: Vec<(u64, usize)> = (0..samples)
+    let mut order: Vec<(u64, SampleId)> = SampleId::first(samples)
         .step_by(samples.div_ceil(LOOKED_AT).max(1))
-        .map(|sample| (split_mix(scope.seed ^ split_mix(sample as u64)), sample))
+        .map(|sample| (split_mix(scope.seed ^ split_mix(u64::from(sample.0))), sample))
         .collect();
     order.sort_unstable();
-    let site =
-        |(_, sample): &(u64, usize)| placed(scope, &scope.surface.sample_mm[*sample], &scope.surface.patch_of(*sample).normal);
+    let site = |(_, sample): &(u64, SampleId)| {
+        placed(scope, &scope.surface.sample_mm[sample.index()], &scope.surface.patch_of(*sample).normal)
+    };
     let count = params.surface_points as usize;
     aims(scope, spaced(order.iter().map(site), count, spacing_mm(scope, params, count)))
 }

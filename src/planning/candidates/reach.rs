@@ -25,7 +25,7 @@ pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_
         let detail = "names reach, whose directions are those that a robot reaches; plan with a cell, or take even";
         return Err(PlanError::param("/candidates/strategies", detail.into()));
     };
-    let blocks = blocks::split(scope);
+    let blocks = blocks::split(scope.surface, &scope.table_from_part, scope.scanner);
     let above = CandidateParams { hemisphere: Some(Hemisphere::AboveTable), ..params.clone() };
     let count = even::directions_a_block(params.reach_directions.saturating_mul(TRIED), blocks.len());
     let tried: Vec<Aim> = blocks
@@ -54,9 +54,10 @@ impl Arm<'_> {
         let plate_from_flange = plate_from_placed(table_from_scanner) * self.cell.flange_from_scanner.inverse();
         (0..TABLE_ANGLES).map(|step| std::f64::consts::TAU * f64::from(step) / f64::from(TABLE_ANGLES)).any(|table_angle_rad| {
             let base_from_flange = self.cell.base_from_plate(table_angle_rad) * plate_from_flange;
-            let turns = self.axes.0[6].windings(table_angle_rad).next().is_some();
-            let bends =
-                |joints: &[f64; 6]| self.axes.0.iter().zip(joints).all(|(axis, angle)| axis.windings(*angle).next().is_some());
+            let turns = self.cell.turntable.axis.windings(table_angle_rad).next().is_some();
+            let bends = |joints_rad: &[f64; 6]| {
+                self.axes.0.iter().zip(joints_rad).all(|(axis, angle)| axis.windings(*angle).next().is_some())
+            };
             turns && self.cell.robot.kinematics.ik_solutions(&base_from_flange).iter().any(bends)
         })
     }

@@ -1,70 +1,158 @@
-//! The slide rule ([`crate::planning::method::candidates`]): a viewpoint moves along its axis until the middle of the depth
-//! range of the front-facing samples inside all three frusta is F. Moving changes what the frusta hold, so the step is
-//! repeated.
+//! The slide rule ([`crate::planning::method::candidates`]): a viewpoint moves along its axis to where the surface of its own
+//! block that it can see scores highest. Among `first_surface` it moves to where the first surface on the axis lies at F.
 //!
-//! Cost: a few passes over at most [`SAMPLES`] samples a viewpoint.
+//! The score at a distance is that of a few samples of the block: those to which the lines from all three devices are clear,
+//! within frame, incidence and working depth there. Lines are cast twice, where the slide begins and where it ends, since a move
+//! along the axis hardly changes what hides what; the better of the two ends is taken.
+//!
+//! Cost: at most 6 rays and [`STEPS`] projections for each of [`MAX_SAMPLES`] samples a viewpoint: about 0.1 ms.
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::Scope;
-use crate::cell::Scanner;
+use super::aim::SlidesBy;
+use super::{Scope, blocks};
+use crate::geometry::{Part, Pose, ScannerFrame, SimdLevel, Table};
+use crate::planning::ids::SampleId;
+use crate::planning::params::{CandidateParams, Standoff};
+use crate::planning::verdict::Grade;
+use crate::planning::visibility::Probe;
 
-/// Samples looked at; more do not change a depth range noticeably.
-const SAMPLES: usize = 8_000;
-/// Passes at most. The set of samples in the frusta settles after two or three.
-const PASSES: usize = 6;
-/// A move this small ends the slide, mm.
-const SETTLED_MM: f64 = 0.1;
+/// Samples that stand for a block.
+const MAX_SAMPLES: usize = 160;
+/// Worth of grade A beside the score, by area: with 0 views stand between surfaces at two depths and measure both less well.
+/// On an open box of 400 mm 0.3 gives 29 views 57 % of grade A, where 0 gives 53 % and 1 takes a view more.
+const WORTH_OF_GRADE_A: f64 = 0.3;
+/// Distances that are compared first, evenly over those from which anything is in depth.
+const STEPS: usize = 24;
+/// Times that the step is halved around the best.
+const HALVINGS: i32 = 4;
 
 pub(super) struct Slide<'a> {
-    scanner: &'a Scanner,
-    device_from_scanner: [Isometry3<f64>; 3],
-    /// Position and normal, table frame.
-    samples: Vec<(Point3<f64>, Vector3<f64>)>,
+    scope: &'a Scope<'a>,
+    level: SimdLevel,
+    standoff: Standoff,
+    /// Samples of each block.
+    blocks: Vec<Vec<SlideSample>>,
+    /// Samples of the whole part, for views of no block.
+    part: Vec<SlideSample>,
+}
+
+/// A sample in the part frame.
+struct SlideSample {
+    point_mm: Point3<f64>,
+    normal: Vector3<f64>,
+    area_mm2: f64,
+    /// Kind of its requirement.
+    kind: u8,
 }
 
 impl<'a> Slide<'a> {
-    pub(super) fn new(scope: &Scope<'a>) -> Self {
+    pub(super) fn new(scope: &'a Scope<'a>, params: &CandidateParams, level: SimdLevel) -> Self {
         let surface = scope.surface;
-        let stride = surface.sample_mm.len().div_ceil(SAMPLES).max(1);
-        let samples = (0..surface.sample_mm.len())
-            .step_by(stride)
-            .map(|sample| {
-                let normal = scope.table_from_part.direction(&surface.patch_of(sample).normal);
-                (scope.table_from_part.point(&surface.sample_mm[sample]), normal)
-            })
-            .collect();
-        let device_from_scanner = [0, 1, 2].map(|d| *scope.scanner.devices[d].scanner_from_device.inverse().isometry());
-        Self { scanner: scope.scanner, device_from_scanner, samples }
+        let sample = |sample: SampleId| SlideSample {
+            point_mm: surface.sample_mm[sample.index()],
+            normal: surface.patch_of(sample).normal,
+            area_mm2: surface.sample_area_mm2(sample),
+            kind: surface.requirements.kind(sample),
+        };
+        let few = |samples: &[SampleId]| -> Vec<SlideSample> {
+            let count = samples.len().min(MAX_SAMPLES);
+            (0..count).map(|i| sample(samples[i * samples.len() / count])).collect()
+        };
+        let asked: Vec<SampleId> = surface.samples().filter(|sample| surface.asked[sample.index()]).collect();
+        let blocks = blocks::samples_of_blocks(scope, &asked).iter().map(|samples| few(samples)).collect();
+        Self { scope, level, standoff: params.standoff, blocks, part: few(&asked) }
     }
 
-    /// Slides a viewpoint from `position` to where it comes to rest. It stays when it sees nothing.
-    pub(super) fn along_axis(&self, mut position: Point3<f64>, orientation: &UnitQuaternion<f64>) -> Point3<f64> {
-        for _ in 0..PASSES {
-            let Some(mid_mm) = self.mid_depth_mm(&position, orientation) else { break };
-            let forward_mm = mid_mm - self.scanner.best_mm;
-            position += orientation * Vector3::z() * forward_mm;
-            if forward_mm.abs() < SETTLED_MM {
-                break;
+    /// Slides a viewpoint of a block, or of the whole part, from `position_mm` to where it comes to rest; table frame. It stays
+    /// when it sees nothing.
+    pub(super) fn along_axis(&self, position_mm: Point3<f64>, orientation: &UnitQuaternion<f64>, by: SlidesBy) -> Point3<f64> {
+        let samples = match by {
+            SlidesBy::None => return position_mm,
+            SlidesBy::Block(number) => &self.blocks[number as usize],
+            SlidesBy::Part => &self.part,
+        };
+        let table_from_scanner: Pose<Table, ScannerFrame> = Pose::from_parts(position_mm.coords, *orientation);
+        let start = self.scope.table_from_part.inverse() * table_from_scanner;
+        let forward_mm = match (self.first_surface_mm(&start), self.standoff) {
+            (surface_mm, Standoff::FirstSurface) => surface_mm,
+            (surface_mm, _) => {
+                let from_surface = surface_mm.and_then(|forward_mm| self.best(&start, samples, forward_mm));
+                from_surface.or_else(|| self.best(&start, samples, 0.0)).or(surface_mm)
             }
-        }
-        position
+        };
+        position_mm + orientation * Vector3::z() * forward_mm.unwrap_or(0.0)
     }
 
-    fn mid_depth_mm(&self, position: &Point3<f64>, orientation: &UnitQuaternion<f64>) -> Option<f64> {
-        let scanner_from_table = Isometry3::from_parts(Translation3::from(position.coords), *orientation).inverse();
-        let (mut near, mut far) = (f64::INFINITY, f64::NEG_INFINITY);
-        for (p, normal) in &self.samples {
-            if normal.dot(&(position - p)) <= 0.0 {
-                continue;
-            }
-            let in_scanner = scanner_from_table * p;
-            let inside = |d: usize| self.scanner.devices[d].lens.project(&(self.device_from_scanner[d] * in_scanner)).is_some();
-            if in_scanner.z > 0.0 && (0..3).all(inside) {
-                near = near.min(in_scanner.z);
-                far = far.max(in_scanner.z);
-            }
-        }
-        (near <= far).then_some(0.5 * (near + far))
+    /// Move that puts the first surface on the axis at F, mm; `None` where nothing lies on the axis.
+    fn first_surface_mm(&self, start: &Pose<Part, ScannerFrame>) -> Option<f64> {
+        let mut hits = Vec::new();
+        let axis = start.direction(&Vector3::z());
+        self.scope.occluders.rays().first_hits_from(self.level, &start.origin_mm(), &[axis], &mut hits);
+        hits[0].as_ref().map(|hit| hit.share - self.scope.scanner.best_mm)
     }
+
+    /// The move of the highest score, begun at the one by `from_mm`; `None` where no sample is seen from either end.
+    fn best(&self, start: &Pose<Part, ScannerFrame>, samples: &[SlideSample], from_mm: f64) -> Option<f64> {
+        let scanner = self.scope.scanner;
+        let seen = self.seen(start, samples, from_mm);
+        let scanner_from_part = start.inverse();
+        let depths_mm = || seen.iter().map(|sample| scanner_from_part.point(&sample.point_mm).z);
+        let low_mm = depths_mm().fold(f64::INFINITY, f64::min) - scanner.far_mm;
+        let high_mm = depths_mm().fold(f64::NEG_INFINITY, f64::max) - scanner.near_mm;
+        if low_mm >= high_mm {
+            return None;
+        }
+        let score = |forward_mm: f64| (self.score(start, &seen, forward_mm), forward_mm);
+        let step_mm = (high_mm - low_mm) / STEPS as f64;
+        let begin = score(from_mm);
+        let best = (0..STEPS).map(|i| score(low_mm + step_mm * (i as f64 + 0.5))).fold(begin, better);
+        let (_, end_mm) = refined(best, step_mm, HALVINGS, score);
+        let end = (self.score(start, &self.seen(start, samples, end_mm), end_mm), end_mm);
+        let (score, forward_mm) = better(begin, end);
+        (score > 0.0).then_some(forward_mm)
+    }
+
+    /// The samples to which the lines from all devices are clear.
+    fn seen<'s>(&self, start: &Pose<Part, ScannerFrame>, samples: &'s [SlideSample], forward_mm: f64) -> Vec<&'s SlideSample> {
+        let probe = Probe::new(self.scope.optics, &moved(start, forward_mm), self.scope.occluders.rays());
+        samples.iter().filter(|sample| probe.has_clear_lines(&sample.point_mm, &sample.normal)).collect()
+    }
+
+    /// Score of `seen` from a viewpoint that is moved forward.
+    fn score(&self, start: &Pose<Part, ScannerFrame>, seen: &[&SlideSample], forward_mm: f64) -> f64 {
+        let probe = Probe::new(self.scope.optics, &moved(start, forward_mm), self.scope.occluders.rays());
+        let quality = |sample: &SlideSample| probe.before_shadow(&sample.point_mm, &sample.normal, sample.kind).ok();
+        let worth =
+            |quality: f64| self.scope.score.value(quality) + if quality > Grade::A.above() { WORTH_OF_GRADE_A } else { 0.0 };
+        let score = |sample: &&SlideSample| Some(sample.area_mm2 * worth(f64::from(quality(sample)?)));
+        seen.iter().filter_map(score).sum()
+    }
+}
+
+/// Score of a move, and the move forward, mm.
+type ScoredMove = (f64, f64);
+
+/// The first of two moves, unless the second scores higher.
+pub(in crate::planning) fn better(a: ScoredMove, b: ScoredMove) -> ScoredMove {
+    if b.0 > a.0 { b } else { a }
+}
+
+/// The best of a move and of those to both sides of the best so far, by `step_mm` halved again and again.
+pub(in crate::planning) fn refined(
+    mut best: ScoredMove,
+    step_mm: f64,
+    halvings: i32,
+    score: impl Fn(f64) -> ScoredMove,
+) -> ScoredMove {
+    for halving in 1..=halvings {
+        let step_mm = step_mm * 0.5_f64.powi(halving);
+        best = [best.1 - step_mm, best.1 + step_mm].map(&score).into_iter().fold(best, better);
+    }
+    best
+}
+
+/// A viewpoint moved along its axis.
+pub(in crate::planning) fn moved(view: &Pose<Part, ScannerFrame>, forward_mm: f64) -> Pose<Part, ScannerFrame> {
+    *view * Pose::from_parts(Vector3::new(0.0, 0.0, forward_mm), UnitQuaternion::identity())
 }

@@ -14,12 +14,14 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-use super::aim::looking_along;
+use super::aim::{SlidesBy, looking_along};
 use super::even::spiral;
 use super::spread::widest;
 use super::{Aim, Label, Scope};
+use crate::cell::{DeviceName, PerDevice};
 use crate::geometry::{RayScene, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
 
 /// Open samples that are looked at.
 const MAX_SAMPLES: usize = 1_500;
@@ -40,20 +42,21 @@ const RADIAN_MM: f64 = 90.0;
 /// Samples that are left to measure, and the surroundings.
 pub struct OpenSamples<'a> {
     /// Samples that are asked for and not measured yet, ascending.
-    pub samples: &'a [u32],
+    pub samples: &'a [SampleId],
     /// Surfaces that may lie between, part frame.
     pub occluders: &'a RayScene,
-    /// Largest incidence of left camera, right camera and projector.
-    pub incidence_max_rad: [f64; 3],
+    /// Largest incidence at each device.
+    pub incidence_max_rad: PerDevice<f64>,
 }
 
 pub(super) fn aims(scope: &Scope<'_>, open: &OpenSamples<'_>, max: usize, ctx: &Context<'_>) -> Result<Vec<Aim>, Cancelled> {
     let solver = ViewSolver::new(scope, open, ctx.simd_level());
-    let looked_at: Vec<u32> = open.samples.iter().step_by(open.samples.len().div_ceil(MAX_SAMPLES).max(1)).copied().collect();
-    let view = |sample: &u32| {
+    let looked_at: Vec<SampleId> =
+        open.samples.iter().step_by(open.samples.len().div_ceil(MAX_SAMPLES).max(1)).copied().collect();
+    let view = |sample: &SampleId| {
         ctx.check()?;
-        let normal = scope.surface.patch_of(*sample as usize).normal;
-        Ok(solver.view(&scope.surface.sample_mm[*sample as usize], &normal))
+        let normal = scope.surface.patch_of(*sample).normal;
+        Ok(solver.view(&scope.surface.sample_mm[sample.index()], &normal))
     };
     let views: Vec<Option<TargetedView>> = looked_at.par_iter().map(view).collect::<Result<_, Cancelled>>()?;
     let distance_mm =
@@ -76,7 +79,13 @@ impl TargetedView {
     fn aim(&self, scope: &Scope<'_>) -> Aim {
         let [outward, baseline] = [self.outward, self.baseline].map(|v| scope.table_from_part.direction(&v));
         let position_mm = scope.table_from_part.point(&self.target_mm) + outward * scope.scanner.best_mm;
-        Aim { position_mm, axis: -outward, label: Label::of_direction(&outward), slides: false, baseline: Some(baseline) }
+        Aim {
+            position_mm,
+            axis: -outward,
+            label: Label::of_direction(&outward),
+            slides_by: SlidesBy::None,
+            baseline: Some(baseline),
+        }
     }
 }
 
@@ -86,20 +95,15 @@ struct ViewSolver<'a> {
     best_mm: f64,
     far_mm: f64,
     /// Optical centres in the scanner frame, and the least cosine of their incidence.
-    devices: [(Point3<f64>, f64); 3],
+    devices: PerDevice<(Point3<f64>, f64)>,
 }
 
 impl<'a> ViewSolver<'a> {
     fn new(scope: &Scope<'_>, open: &OpenSamples<'a>, level: SimdLevel) -> Self {
         let scanner = scope.scanner;
-        let device = |d: usize| (scanner.devices[d].scanner_from_device.origin_mm(), open.incidence_max_rad[d].cos());
-        Self {
-            occluders: open.occluders,
-            level,
-            best_mm: scanner.best_mm,
-            far_mm: scanner.far_mm,
-            devices: [0, 1, 2].map(device),
-        }
+        let devices = scanner.devices.zip(open.incidence_max_rad);
+        let devices = devices.map(|(device, max_rad)| (device.scanner_from_device.origin_mm(), max_rad.cos()));
+        Self { occluders: open.occluders, level, best_mm: scanner.best_mm, far_mm: scanner.far_mm, devices }
     }
 
     /// The view from as near the middle of the sky as the three lines allow, if there is one.
@@ -120,7 +124,7 @@ impl<'a> ViewSolver<'a> {
 
     /// Axes under the open sky, its middle first.
     fn axes(&self, from_mm: &Point3<f64>, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        let lowest = self.devices[2].1;
+        let (_, lowest) = self.devices.projector;
         let from_z = UnitQuaternion::rotation_between(&Vector3::z(), normal)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI));
         let directions: Vec<_> = spiral(SKY, lowest).map(|direction| from_z * direction).collect();
@@ -149,7 +153,12 @@ impl<'a> ViewSolver<'a> {
         let views: Vec<&TargetedView> = views.iter().filter(within).collect();
         let centres: Vec<_> = views.iter().flat_map(|view| self.centres_mm(view)).collect();
         let hidden = self.hidden(from_mm, &centres);
-        views.into_iter().zip(hidden.chunks(3)).filter(|(_, hidden)| !hidden.contains(&true)).map(|(view, _)| *view).collect()
+        views
+            .into_iter()
+            .zip(hidden.chunks(DeviceName::ALL.len()))
+            .filter(|(_, hidden)| !hidden.contains(&true))
+            .map(|(view, _)| *view)
+            .collect()
     }
 
     /// Steps of the sky that are open in an unbroken run along each view's baseline.
@@ -167,7 +176,7 @@ impl<'a> ViewSolver<'a> {
         hidden.chunks(2 * WIDTH_STEPS).map(|sides| sides.chunks(WIDTH_STEPS).map(run).sum()).collect()
     }
 
-    fn centres_mm(&self, view: &TargetedView) -> [Point3<f64>; 3] {
+    fn centres_mm(&self, view: &TargetedView) -> PerDevice<Point3<f64>> {
         let across = view.baseline.cross(&view.outward);
         let viewpoint_mm = view.target_mm + view.outward * self.best_mm;
         self.devices.map(|(at, _)| viewpoint_mm + view.baseline * at.x + across * at.y - view.outward * at.z)

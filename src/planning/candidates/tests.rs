@@ -6,7 +6,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use super::*;
 use crate::cell::{Presets, SpecLibrary};
 use crate::planning::context::Silent;
-use crate::planning::params::{Hemisphere, PartParams, PlanParams, RegionParams, Standoff};
+use crate::planning::params::{Hemisphere, PartParams, PlanParams, RegionParams, ScoreParams, Standoff};
 use crate::planning::resting;
 use crate::planning::surface::sample;
 use crate::testing::{box_mesh, nominal_scanner};
@@ -27,7 +27,8 @@ fn generated_by(
     let part = PartParams { patch_edge_mm, samples_per_mm2, ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));
-    let scope = Scope { seed, cell, ..scope(&mesh, &surface, &scanner) };
+    let sight = Sight::of(&mesh, &surface, &scanner);
+    let scope = Scope { seed, cell, ..scope(&mesh, &surface, &scanner, &sight) };
     generate(&scope, params, &Context::new(&flag, &Silent))
 }
 
@@ -45,23 +46,39 @@ fn distance_mm(p: &Point3<f64>, extent_mm: [f64; 3]) -> f64 {
     Vector3::from([0, 1, 2].map(|axis| (p[axis] - p[axis].clamp(0.0, extent_mm[axis])).abs())).norm()
 }
 
-fn scope<'a>(mesh: &'a Mesh, surface: &'a Surface, scanner: &'a Scanner) -> Scope<'a> {
-    Scope { part: mesh, surface, scanner, cell: None, table_from_part: resting(mesh), seed: 0 }
+/// Inputs of a slide.
+struct Sight {
+    occluders: Occluders,
+    optics: Optics,
+    score: ScoreParams,
+}
+
+impl Sight {
+    fn of(mesh: &Mesh, surface: &Surface, scanner: &Scanner) -> Self {
+        let params = PlanParams::default();
+        let optics = Optics::new(scanner, &params, &surface.requirements);
+        Self { occluders: Occluders::new([mesh]), optics, score: params.score }
+    }
+}
+
+fn scope<'a>(mesh: &'a Mesh, surface: &'a Surface, scanner: &'a Scanner, sight: &'a Sight) -> Scope<'a> {
+    let Sight { occluders, optics, score } = sight;
+    Scope { part: mesh, surface, scanner, cell: None, table_from_part: resting(mesh), occluders, optics, score, seed: 0 }
 }
 
 fn poses(generated: &CandidateSet) -> Vec<Pose<Part, ScannerFrame>> {
-    generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect()
+    generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect()
 }
 
 #[test]
 fn thirty_and_forty_five_degrees_give_54_distinct_candidates() {
     let generated = generated([100.0, 80.0, 60.0], &CandidateParams::ellipsoid());
-    assert_eq!((generated.generated, generated.kept.len()), (54, 54));
+    assert_eq!((generated.generated, generated.remaining.len()), (54, 54));
     let mut positions: Vec<_> = poses(&generated).iter().map(|pose| pose.origin_mm()).collect();
     positions.dedup_by(|a, b| (*a - *b).norm() < 1.0);
     assert_eq!(positions.len(), 54);
     let mut labels: BTreeMap<Label, usize> = BTreeMap::new();
-    generated.kept.iter().for_each(|candidate| *labels.entry(candidate.label).or_default() += 1);
+    generated.remaining.iter().for_each(|candidate| *labels.entry(candidate.label).or_default() += 1);
     // Top: zenith, 8 at 30°, 12 at 60°. Bottom: nadir, 8 at 150°. The 24 at 90° and 120° fall on four sectors.
     let expected =
         [(Label::Top, 21), (Label::Bottom, 9), (Label::Right, 6), (Label::Back, 6), (Label::Left, 6), (Label::Front, 6)];
@@ -86,17 +103,47 @@ fn at_the_poles_the_baseline_lies_along_x() {
 }
 
 #[test]
-fn the_slide_puts_the_seen_surface_around_best_focus() {
-    // From straight above only the top face is front-facing: it must end at exactly F.
-    let pose = poses(&generated([100.0, 80.0, 60.0], &CandidateParams::ellipsoid()))[0];
-    assert!((pose.origin_mm() - Point3::new(50.0, 40.0, 60.0 + 480.0)).norm() < 0.2, "{pose:?}");
+fn the_slide_puts_the_seen_surface_at_best_focus() {
+    // From straight above only the top face is seen: it must end at F.
+    for standoff in [Standoff::Surface, Standoff::FirstSurface] {
+        let params = CandidateParams { standoff, ..CandidateParams::ellipsoid() };
+        let pose = poses(&generated([100.0, 80.0, 60.0], &params))[0];
+        assert!((pose.origin_mm() - Point3::new(50.0, 40.0, 60.0 + 480.0)).norm() < 0.2, "{pose:?}");
+    }
+}
+
+#[test]
+fn the_slide_weighs_the_visible_surface_of_the_block_and_not_what_is_hidden() {
+    // A low plate below a small table: from above, the table's top is on the axis, but most of what is seen is the plate 50 mm
+    // below. The underside of the table and what it hides of the plate must not count.
+    let merged = |meshes: [Mesh; 2]| {
+        let [mut all, more] = meshes;
+        let (first, first_face) = (all.vertices_mm.len() as u32, all.source_face.len() as u32);
+        all.faces.extend(more.faces.iter().map(|face| face.map(|vertex| first + vertex)));
+        all.source_face.extend(more.source_face.iter().map(|face| face + first_face));
+        all.vertices_mm.extend(more.vertices_mm);
+        all
+    };
+    let mesh = merged([box_mesh([0.0; 3], [120.0, 120.0, 2.0]), box_mesh([45.0, 45.0, 51.0], [75.0, 75.0, 52.0])]);
+    let part = PartParams { patch_edge_mm: Some(4.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
+    let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));
+    let sight = Sight::of(&mesh, &surface, &scanner);
+    let scope = scope(&mesh, &surface, &scanner, &sight);
+    let zenith_mm = |standoff| {
+        let params = CandidateParams { standoff, ..CandidateParams::ellipsoid() };
+        let generated = generate(&scope, &params, &Context::new(&flag, &Silent)).unwrap_or_else(|error| panic!("{error}"));
+        poses(&generated)[0].origin_mm().z
+    };
+    assert!((zenith_mm(Standoff::FirstSurface) - (52.0 + 480.0)).abs() < 0.1);
+    assert!((zenith_mm(Standoff::Surface) - (2.0 + 480.0)).abs() < 2.0, "{}", zenith_mm(Standoff::Surface));
 }
 
 #[test]
 fn rolls_turn_about_the_viewing_axis() {
     let params = CandidateParams { rolls_deg: vec![0.0, 90.0], standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
     let generated = generated([100.0, 80.0, 60.0], &params);
-    assert_eq!(generated.kept.len(), 108);
+    assert_eq!(generated.remaining.len(), 108);
     for pair in poses(&generated).chunks(2) {
         assert!((pair[0].origin_mm() - pair[1].origin_mm()).norm() < 1e-9);
         assert!((pair[1].direction(&Vector3::x()) - pair[0].direction(&Vector3::y())).norm() < 1e-9);
@@ -121,7 +168,7 @@ fn above_the_table_means_every_optical_centre() {
     let generated = generated([100.0, 80.0, 60.0], &params);
     assert!(generated.rejected.iter().all(|(_, reason)| *reason == Rejection::BelowTable));
     // θ = 120°, 150° and 180° lie below; at 90° the scanner stands at half the part's height, its baseline level.
-    assert_eq!((generated.kept.len(), generated.rejected.len()), (33, 21));
+    assert_eq!((generated.remaining.len(), generated.rejected.len()), (33, 21));
 }
 
 #[test]
@@ -134,7 +181,7 @@ fn a_viewpoint_in_the_middle_of_a_large_shell_is_dropped() {
         let p = candidate.part_from_scanner.origin_mm();
         (0..3).all(|axis| 1.0 < p[axis] && p[axis] < 1199.0)
     };
-    assert!(!generated.kept.iter().any(inside));
+    assert!(!generated.remaining.iter().any(inside));
 }
 
 #[test]
@@ -144,7 +191,8 @@ fn absurd_numbers_of_candidates_are_refused_before_they_are_made() {
         let part = PartParams { patch_edge_mm: Some(extent_mm[0]), samples_per_mm2: Some(1e-4), ..PartParams::default() };
         let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
         let scanner = nominal_scanner();
-        let scope = scope(&mesh, &surface, &scanner);
+        let sight = Sight::of(&mesh, &surface, &scanner);
+        let scope = scope(&mesh, &surface, &scanner, &sight);
         let flag = AtomicBool::new(false);
         match generate(&scope, params, &Context::new(&flag, &Silent)) {
             Err(error) => error.to_string(),
@@ -172,7 +220,7 @@ fn even_directions_above_the_table_are_all_above_it_and_as_many() {
     let params = CandidateParams { hemisphere: Some(Hemisphere::AboveTable), ..only(Strategy::Even) };
     let generated = generated([100.0, 80.0, 60.0], &params);
     assert_eq!(generated.generated, 150);
-    assert!(generated.kept.len() > 140, "{} are kept", generated.kept.len());
+    assert!(generated.remaining.len() > 140, "{} remain", generated.remaining.len());
     let lowest = even::spiral(150, -0.1).map(|u| u.z).fold(f64::INFINITY, f64::min);
     assert!((-0.1..-0.09).contains(&lowest));
 }
@@ -189,7 +237,7 @@ fn even_directions_are_fewer_by_default_where_the_table_has_no_room() {
     let (mesh, scanner) = (box_mesh([0.0; 3], [100.0, 80.0, 60.0]), nominal_scanner());
     let part = PartParams { samples_per_mm2: Some(100.0), ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
-    let resolved = |params: &CandidateParams| resolve(&scope(&mesh, &surface, &scanner), params).even_directions;
+    let resolved = |params: &CandidateParams| resolve(&surface, &resting(&mesh), &scanner, params).even_directions;
     // 3.76 million samples leave room for 265 views, half of it for these, in two rolls.
     let room = 1_000_000_000 / surface.sample_mm.len() / 4;
     assert_eq!(resolved(&CandidateParams::default()), Some(room as u32));
@@ -201,14 +249,14 @@ fn even_directions_are_fewer_by_default_where_the_table_has_no_room() {
 fn facet_normals_look_at_the_largest_facets_from_f() {
     let extent_mm = [100.0, 80.0, 60.0];
     let all = generated(extent_mm, &only(Strategy::FacetNormal));
-    assert_eq!(all.kept.len(), 12, "the two triangles of a side lie farther apart than the spacing");
+    assert_eq!(all.remaining.len(), 12, "the two triangles of a side lie farther apart than the spacing");
     for pose in poses(&all) {
         assert!(distance_mm(&aimed_at(&pose), extent_mm) < 1e-9);
         let axis = pose.direction(&Vector3::z());
         assert!((axis.abs().max() - 1.0).abs() < 1e-12, "along a normal: {axis}");
     }
     let params = CandidateParams { spacing_mm: Some(90.0), ..only(Strategy::FacetNormal) };
-    assert_eq!(generated(extent_mm, &params).kept.len(), 6, "one a side");
+    assert_eq!(generated(extent_mm, &params).remaining.len(), 6, "one a side");
     let params = CandidateParams { facet_normals: 4, spacing_mm: Some(10.0), ..only(Strategy::FacetNormal) };
     let largest = generated(extent_mm, &params);
     assert!(poses(&largest).iter().all(|pose| pose.direction(&Vector3::z()).z.abs() > 0.99), "top and bottom are largest");
@@ -226,7 +274,7 @@ fn surface_points_keep_their_spacing() {
         }
     }
     let few = CandidateParams { surface_points: 7, ..params };
-    assert_eq!(generated([100.0, 80.0, 60.0], &few).kept.len(), 7);
+    assert_eq!(generated([100.0, 80.0, 60.0], &few).remaining.len(), 7);
 }
 
 #[test]
@@ -278,7 +326,8 @@ fn re_sampling_stays_around_the_best_and_closes_in() {
     let (mesh, scanner, flag) = (box_mesh([0.0; 3], [100.0, 80.0, 60.0]), nominal_scanner(), AtomicBool::new(false));
     let surface =
         sample(&mesh, &PartParams::default(), &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
-    let (scope, ctx) = (scope(&mesh, &surface, &scanner), Context::new(&flag, &Silent));
+    let sight = Sight::of(&mesh, &surface, &scanner);
+    let (scope, ctx) = (scope(&mesh, &surface, &scanner, &sight), Context::new(&flag, &Silent));
     let params = CandidateParams { standoff: Standoff::Centre, ..only(Strategy::Iterative) };
     let best =
         poses(&generated([100.0, 80.0, 60.0], &CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() }));
@@ -327,7 +376,7 @@ fn stand_offs_move_back_along_the_axis() {
 fn a_pose_that_is_there_twice_is_dropped() {
     let params = CandidateParams { rolls_deg: vec![0.0, 360.0, 90.0], ..CandidateParams::ellipsoid() };
     let generated = generated([100.0, 80.0, 60.0], &params);
-    assert_eq!((generated.generated, generated.kept.len()), (3 * 54, 2 * 54));
+    assert_eq!((generated.generated, generated.remaining.len()), (3 * 54, 2 * 54));
     assert!(generated.rejected.iter().all(|(id, reason)| id.0 % 3 == 1 && *reason == Rejection::Duplicate));
 }
 

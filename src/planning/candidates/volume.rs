@@ -7,9 +7,11 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::aim::SlidesBy;
 use super::{Aim, Label, Scope};
 use crate::geometry::Aabb;
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
 use crate::planning::params::CandidateParams;
 use crate::planning::random::Stream;
 
@@ -23,11 +25,11 @@ const STREAM: u64 = 0x766f_6c75;
 pub(super) fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<Vec<Aim>, Cancelled> {
     let surface = scope.surface;
     let every = surface.sample_mm.len().div_ceil(SAMPLES).max(1);
-    let sample = |s: usize| {
-        let normal = scope.table_from_part.direction(&surface.patch_of(s).normal);
-        (scope.table_from_part.point(&surface.sample_mm[s]), normal)
+    let sample = |sample: SampleId| {
+        let normal = scope.table_from_part.direction(&surface.patch_of(sample).normal);
+        (scope.table_from_part.point(&surface.sample_mm[sample.index()]), normal)
     };
-    let samples: Vec<_> = (0..surface.sample_mm.len()).step_by(every).map(sample).collect();
+    let samples: Vec<_> = surface.samples().step_by(every).map(sample).collect();
     let aabb = Aabb::around(samples.iter().map(|(point, _)| point));
     let volume = Volume { scope, samples, aabb };
     let found: Vec<_> = (0..params.volume_points)
@@ -54,7 +56,7 @@ impl Volume<'_> {
             let nearest_mm2 = self.samples.iter().map(|(p, _)| (p - position_mm).norm_squared()).fold(f64::INFINITY, f64::min);
             let in_depth = (scanner.near_mm..=scanner.far_mm).contains(&nearest_mm2.sqrt());
             let axis = self.pull(&position_mm).filter(|_| in_depth)?;
-            Some(Aim { position_mm, axis, label: Label::of_direction(&-axis), slides: false, baseline: None })
+            Some(Aim { position_mm, axis, label: Label::of_direction(&-axis), slides_by: SlidesBy::None, baseline: None })
         })
     }
 

@@ -13,6 +13,7 @@ mod tests;
 use nalgebra::{Point3, UnitQuaternion};
 
 use super::context::{Cancelled, Context, PlanError};
+use super::ids::SetupId;
 use super::params::{Objective, PlanParams, PoseErrorParams};
 use super::plan::{Certificate, Drawn, Independent, PlannedView, Robust, share};
 use super::random::{Stream, split_mix};
@@ -34,7 +35,7 @@ pub(super) struct SetupViews<'a> {
 
 impl<'a> SetupViews<'a> {
     /// The views of a setup that measure something.
-    pub(super) fn of(occluders: &'a Occluders, views: &[PlannedView], setup: usize) -> Self {
+    pub(super) fn of(occluders: &'a Occluders, views: &[PlannedView], setup: SetupId) -> Self {
         let measuring = views.iter().filter(|view| view.rejected.is_none() && view.setup == setup);
         Self { occluders, views: measuring.map(|view| view.part_from_scanner).collect() }
     }
@@ -98,7 +99,7 @@ impl<'a> SecondSampling<'a> {
             let table = visibility::cast(&self.surface, &views, &usable, scanner, setup.occluders, &self.params, ctx)?;
             table.rows.iter().for_each(|row| measured.insert_all(row.measured()));
         }
-        Ok(measured.iter().map(|sample| self.asked_area_mm2[sample as usize]).sum())
+        Ok(measured.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum())
     }
 
     fn robust(&self, error: PoseErrorParams, nominal: f64, ctx: &Context<'_>) -> Result<Robust, Cancelled> {

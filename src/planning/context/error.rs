@@ -2,9 +2,10 @@
 
 use super::Cancelled;
 use crate::cell::FieldError;
+use crate::planning::verdict::{CandidateCounts, Cause};
 
 /// Reason for which there is no plan.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The job was cancelled.
     #[error("cancelled")]
@@ -13,8 +14,24 @@ pub enum PlanError {
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     BadParams(Vec<FieldError>),
     /// Nothing can be measured.
-    #[error("no plan is possible: {0}")]
-    NoPlan(String),
+    #[error("no plan is possible")]
+    NoPlan(NoPlan),
+}
+
+/// Finding that nothing can be measured.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoPlan {
+    /// No candidate of a plan measures anything worth a view.
+    NothingMeasured {
+        /// Numbers of candidates.
+        candidates: CandidateCounts,
+        /// Area that is asked for, mm².
+        asked_mm2: f64,
+        /// Asked area by the cause for which it is missed, mm²: the largest first, none of them 0.
+        missed_mm2: Vec<(Cause, f64)>,
+    },
+    /// No candidate measures anything, whatever value a study gives to what it varies.
+    NothingInStudy,
 }
 
 impl PlanError {

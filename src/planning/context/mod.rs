@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 mod error;
 
-pub use error::PlanError;
+pub use error::{NoPlan, PlanError};
 
 use crate::cell::closed_list;
 use crate::geometry::{Interrupted, SimdLevel};

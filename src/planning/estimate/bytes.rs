@@ -22,6 +22,9 @@ const MAP_OF_SAMPLE: f64 = 100.0;
 const CANDIDATE: f64 = 2000.0;
 /// An exchange of a view for a candidate: its deficit twice and what it adds.
 const EXCHANGE: f64 = 24.0;
+/// Samples that have twins at most, and a sample in the goals over twins.
+const TWINNED: f64 = 50e3;
+const SAMPLE_OF_FLOOR: f64 = 300.0;
 /// Nodes of branch and bound that are open at once, and a pair of row and class in one.
 const NODES: f64 = 40.0;
 const PAIR_OF_NODE: f64 = 4.0;
@@ -52,14 +55,18 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
         Solver::Certified => NODES * PAIR_OF_NODE * (measured * counts.pairs()).min(MAX_PAIRS_OF_NODE),
         Solver::Greedy | Solver::Lazy | Solver::Local => 0.0,
     };
+    // Twins, where fewer views must not give worse grades (`selection/grade_floor.rs`).
+    let floor = keeps_quality(params) && exchanges(params) && params.selection.max_grade_loss.is_some();
+    let twins = if floor { row + 0.25 * samples + 4.0 * samples.min(TWINNED) * measured } else { 0.0 };
+    let of_floor = if floor { SAMPLE_OF_FLOOR } else { 0.0 };
     let exchange = if exchanges(params) { EXCHANGE * candidates } else { 0.0 };
     // The surface that is planned on, the one that the outcome gets, and the one of the second samples.
     let surfaces = 3.0 * (PATCH * patches + SAMPLE * samples);
     let of_threads = threads * samples * (SAMPLE_OF_THREAD + MAP_OF_SAMPLE * measured);
     Shares {
         triangles: PROGRAM + triangles(input, counts.setups),
-        samples: surfaces + PATCH_OF_SPOT * patches + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS) * samples + of_threads,
-        candidates: candidates * (CANDIDATE + rows * row) + nodes,
+        samples: surfaces + PATCH_OF_SPOT * patches + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS + of_floor) * samples + of_threads,
+        candidates: candidates * (CANDIDATE + rows * row + twins) + nodes,
         views: views * (row + exchange) + views.min(MAX_PICTURES) * PICTURE,
     }
 }

@@ -53,6 +53,7 @@ fn refuse(counts: &Counts, shares: &Shares, takes: &str, allowed: &str) -> PlanE
 }
 
 /// Names the parameter to change where most grows with the largest of `shares`.
+#[expect(clippy::float_cmp, reason = "the largest is one of those that it is compared with")]
 fn remedy(counts: &Counts, shares: &Shares) -> (&'static str, &'static str) {
     let most = shares.triangles.max(shares.samples).max(shares.candidates).max(shares.views);
     if most == shares.candidates {

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::spot_samples::{FirstFailures, SpotSamples};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::CandidateIndex;
 use crate::planning::visibility::{Optics, Probe};
 
 /// Candidates that are looked at before any shadow; of more, so many evenly spaced ones.
@@ -17,31 +18,32 @@ const MAX_BASES: usize = 8;
 /// Candidates that get furthest at a spot, furthest first; each with how far it gets. Ties go to the lower number.
 pub(super) fn shortlist(
     poses: &[Pose<Part, ScannerFrame>],
-    keep: impl Fn(usize) -> bool + Sync,
+    keep: impl Fn(CandidateIndex) -> bool + Sync,
     samples: &SpotSamples,
     optics: &Optics,
     rays: &RayScene,
     ctx: &Context<'_>,
-) -> Result<Vec<(usize, FirstFailures)>, Cancelled> {
-    let probe = |candidate: usize| ctx.check().map(|()| Probe::new(optics, &poses[candidate], rays));
-    let considered: Vec<usize> =
-        (0..poses.len()).step_by(poses.len().div_ceil(MAX_CONSIDERED).max(1)).filter(|c| keep(*c)).collect();
-    let cheap = |candidate: usize| Ok((candidate, samples.progress_before_shadow(&probe(candidate)?)));
+) -> Result<Vec<(CandidateIndex, FirstFailures)>, Cancelled> {
+    let probe = |candidate: CandidateIndex| ctx.check().map(|()| Probe::new(optics, &poses[candidate.index()], rays));
+    let spread = CandidateIndex::first(poses.len()).step_by(poses.len().div_ceil(MAX_CONSIDERED).max(1));
+    let considered: Vec<_> = spread.filter(|candidate| keep(*candidate)).collect();
+    let cheap = |candidate: CandidateIndex| Ok((candidate, samples.progress_before_shadow(&probe(candidate)?)));
     let mut cheap = considered.into_par_iter().map(cheap).collect::<Result<Vec<_>, Cancelled>>()?;
     // Stable, like the next: ties stay in the order of candidates.
     cheap.sort_by_key(|(_, progress)| std::cmp::Reverse(*progress));
     cheap.truncate(MAX_SHORTLIST);
-    let full = |(candidate, _): (usize, u32)| Ok((candidate, samples.progress(&probe(candidate)?)));
+    let full = |(candidate, _): (CandidateIndex, u32)| Ok((candidate, samples.progress(&probe(candidate)?)));
     let mut full = cheap.into_par_iter().map(full).collect::<Result<Vec<_>, Cancelled>>()?;
     full.sort_by_key(|(candidate, progress)| (std::cmp::Reverse(progress.sum()), *candidate));
     Ok(full)
 }
 
 /// The fewest of a shortlist, greedily, that between them get furthest at every sample; then the furthest overall.
-pub(super) fn choose(shortlist: &[(usize, FirstFailures)]) -> Vec<usize> {
+pub(super) fn choose(shortlist: &[(CandidateIndex, FirstFailures)]) -> Vec<CandidateIndex> {
     let Some((first, rest)) = shortlist.split_first() else { return Vec::new() };
     let furthest = rest.iter().fold(first.1.clone(), |furthest, (_, progress)| furthest.or_further(progress));
-    let mut left: Vec<(usize, u64)> = shortlist.iter().map(|(candidate, p)| (*candidate, p.as_far_as(&furthest))).collect();
+    let as_far_as = |(candidate, progress): &(CandidateIndex, FirstFailures)| (*candidate, progress.as_far_as(&furthest));
+    let mut left: Vec<(CandidateIndex, u64)> = shortlist.iter().map(as_far_as).collect();
     let (mut open, mut bases) = (u64::MAX, Vec::new());
     while bases.len() < MAX_BASES && !left.is_empty() {
         // Of equal ones the first, which gets furthest overall.

@@ -3,15 +3,15 @@
 
 use super::search::MissAnalysis;
 use super::spot_samples::SpotSamples;
-use crate::cell::DeviceName;
+use crate::cell::{DeviceName, PerDevice};
 use crate::planning::params::PlanParams;
 use crate::planning::visibility::{Optics, Probe};
 
 /// Largest limit that is tried, degrees: beyond it a surface is seen edge on.
 const MAX_DEG: f64 = 89.0;
 
-/// Limits of a job, degrees: left, right, projector.
-pub(super) fn limits_deg(analysis: &MissAnalysis<'_>) -> [f64; 3] {
+/// Limits of a job, degrees.
+pub(super) fn limits_deg(analysis: &MissAnalysis<'_>) -> PerDevice<f64> {
     analysis.scanner.devices.map(|device| {
         let given = match device.name {
             DeviceName::Projector => analysis.params.limits.projector_deg,
@@ -31,13 +31,13 @@ pub(super) fn raised(analysis: &MissAnalysis<'_>, camera_deg: f64, projector_deg
 
 /// Optics that accept whatever the largest limit would.
 pub(super) fn widest(analysis: &MissAnalysis<'_>) -> Optics {
-    let [left, _, projector] = limits_deg(analysis);
+    let PerDevice { left, projector, .. } = limits_deg(analysis);
     Optics::new(analysis.scanner, &raised(analysis, left.max(MAX_DEG), projector.max(MAX_DEG)), &analysis.surface.requirements)
 }
 
 /// Limits that a view would need at each sample of a spot: `None` where no limit helps.
 pub(super) struct Needs {
-    by_sample: Vec<Option<[f64; 3]>>,
+    by_sample: Vec<Option<PerDevice<f64>>>,
 }
 
 impl Needs {
@@ -50,22 +50,23 @@ impl Needs {
     }
 
     /// Bits of the samples that limits reach.
-    pub(super) fn measured(&self, limits_deg: &[f64; 3]) -> u64 {
-        let reaches = |needs: &[f64; 3]| needs.iter().zip(limits_deg).all(|(need, limit)| need <= limit);
+    pub(super) fn measured(&self, limits_deg: &PerDevice<f64>) -> u64 {
+        let reaches = |needs: &PerDevice<f64>| needs.iter().zip(limits_deg).all(|(need, limit)| need <= limit);
         let reached = self.by_sample.iter().enumerate().filter(|(_, needs)| needs.as_ref().is_some_and(reaches));
         reached.fold(0, |bits, (sample, _)| bits | 1 << sample)
     }
 }
 
 /// Every whole number of degrees that raises some limit.
-pub(super) fn steps_deg(limits_deg: &[f64; 3]) -> impl Iterator<Item = f64> {
+pub(super) fn steps_deg(limits_deg: &PerDevice<f64>) -> impl Iterator<Item = f64> {
     let lowest = limits_deg.iter().copied().fold(MAX_DEG, f64::min).floor() as u32;
     (lowest + 1..=MAX_DEG as u32).map(f64::from)
 }
 
 /// Limits raised to `deg`: of the projector alone, of the cameras alone, of both.
-pub(super) fn options(limits_deg: &[f64; 3], deg: f64) -> [[f64; 3]; 3] {
-    let [left, right, projector] = *limits_deg;
-    let (cameras, lit) = ([left.max(deg), right.max(deg)], projector.max(deg));
-    [[left, right, lit], [cameras[0], cameras[1], projector], [cameras[0], cameras[1], lit]]
+pub(super) fn options(limits_deg: &PerDevice<f64>, deg: f64) -> [PerDevice<f64>; 3] {
+    let both = limits_deg.map(|limit_deg| limit_deg.max(deg));
+    let projector = PerDevice { projector: both.projector, ..*limits_deg };
+    let cameras = PerDevice { projector: limits_deg.projector, ..both };
+    [projector, cameras, both]
 }

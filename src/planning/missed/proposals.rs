@@ -9,6 +9,7 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use super::spot_samples::FirstFailures;
 use crate::cell::Scanner;
 use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::planning::ids::CandidateIndex;
 
 /// Rolls about the axis: every 30°.
 const ROLLS: u32 = 12;
@@ -20,7 +21,7 @@ const TILTS_DEG: [f64; 5] = [10.0, 20.0, 30.0, 45.0, 60.0];
 const TILT_SIDES: u32 = 6;
 /// Candidates that are tilted.
 const TILTED: usize = 4;
-/// Distances, as shares of the way from nearest to farthest, kept off both ends.
+/// Distances, as shares of the way from nearest to farthest, off both ends.
 const DEPTH_SHARES: [f64; 6] = [0.5, 0.05, 0.95, 0.25, 0.75, 0.85];
 /// Directions of the whole sphere that are tried for another setup.
 const SETUP_DIRECTIONS: usize = 150;
@@ -29,8 +30,8 @@ const SETUP_DIRECTIONS: usize = 150;
 #[derive(Clone)]
 pub(super) struct Proposal {
     pub(super) pose: Pose<Part, ScannerFrame>,
-    /// Index of the candidate that it is made from.
-    pub(super) candidate: usize,
+    /// Candidate that it is made from.
+    pub(super) candidate: CandidateIndex,
     pub(super) roll_rad: f64,
     pub(super) tilt_rad: f64,
 }
@@ -44,17 +45,21 @@ pub(super) struct Tried {
 /// Makes proposals for one spot.
 pub(super) struct ProposalSource<'a> {
     pub(super) scanner: &'a Scanner,
-    /// Every candidate.
+    /// Pose of each candidate.
     pub(super) poses: &'a [Pose<Part, ScannerFrame>],
-    /// Indices of those to start from, best first.
-    pub(super) bases: &'a [usize],
+    /// Candidates to start from, best first.
+    pub(super) bases: &'a [CandidateIndex],
     /// Centre of the spot.
     pub(super) centre_mm: Point3<f64>,
 }
 
 impl ProposalSource<'_> {
-    pub(super) fn as_is(&self, candidate: usize) -> Proposal {
-        Proposal { pose: self.poses[candidate], candidate, roll_rad: 0.0, tilt_rad: 0.0 }
+    fn pose(&self, candidate: CandidateIndex) -> &Pose<Part, ScannerFrame> {
+        &self.poses[candidate.index()]
+    }
+
+    pub(super) fn as_is(&self, candidate: CandidateIndex) -> Proposal {
+        Proposal { pose: *self.pose(candidate), candidate, roll_rad: 0.0, tilt_rad: 0.0 }
     }
 
     pub(super) fn rolls(&self) -> Vec<Proposal> {
@@ -74,28 +79,28 @@ impl ProposalSource<'_> {
             .iter()
             .flat_map(|tilt_deg| self.bases.iter().take(TILTED).flat_map(move |base| self.swings(*base, tilt_deg.to_radians())));
         let pans = self.bases.iter().map(|base| {
-            let towards = self.poses[*base].origin_mm() - self.centre_mm;
+            let towards = self.pose(*base).origin_mm() - self.centre_mm;
             self.aimed(*base, towards, towards.norm())
         });
         let openings = openings.iter().flat_map(|towards| {
             let nearest = self.nearest(towards);
-            Self::every_roll(self.aimed(nearest, towards.into_inner(), self.depth_mm(&self.poses[nearest])))
+            Self::every_roll(self.aimed(nearest, towards.into_inner(), self.depth_mm(self.pose(nearest))))
         });
         pans.chain(swings).chain(openings).collect()
     }
 
-    fn swings(&self, base: usize, tilt_rad: f64) -> impl Iterator<Item = Proposal> {
-        let back = -self.poses[base].direction(&Vector3::z());
+    fn swings(&self, base: CandidateIndex, tilt_rad: f64) -> impl Iterator<Item = Proposal> {
+        let back = -self.pose(base).direction(&Vector3::z());
         (0..TILT_SIDES).map(move |side| {
             let angle = TAU * f64::from(side) / f64::from(TILT_SIDES);
-            let across = self.poses[base].direction(&Vector3::new(angle.cos(), angle.sin(), 0.0));
-            self.aimed(base, back * tilt_rad.cos() + across * tilt_rad.sin(), self.depth_mm(&self.poses[base]))
+            let across = self.pose(base).direction(&Vector3::new(angle.cos(), angle.sin(), 0.0));
+            self.aimed(base, back * tilt_rad.cos() + across * tilt_rad.sin(), self.depth_mm(self.pose(base)))
         })
     }
 
     /// Looks at the spot's centre from the direction `towards`, turned the least from the candidate.
-    fn aimed(&self, candidate: usize, towards: Vector3<f64>, distance_mm: f64) -> Proposal {
-        let base = &self.poses[candidate];
+    fn aimed(&self, candidate: CandidateIndex, towards: Vector3<f64>, distance_mm: f64) -> Proposal {
+        let base = self.pose(candidate);
         let (from, axis) = (base.direction(&Vector3::z()), -towards.normalize());
         // Straight back there is no least turn: a half turn about the baseline.
         let turn = UnitQuaternion::rotation_between(&from, &axis)
@@ -110,9 +115,10 @@ impl ProposalSource<'_> {
     }
 
     /// The candidate whose axis is closest to looking back along `towards`, the lowest of equals.
-    fn nearest(&self, towards: &Unit<Vector3<f64>>) -> usize {
-        let cos = |candidate: usize| -self.poses[candidate].direction(&Vector3::z()).dot(towards);
-        (1..self.poses.len()).fold(0, |best, candidate| if cos(candidate) > cos(best) { candidate } else { best })
+    fn nearest(&self, towards: &Unit<Vector3<f64>>) -> CandidateIndex {
+        let cos = |candidate: CandidateIndex| -self.pose(candidate).direction(&Vector3::z()).dot(towards);
+        let others = CandidateIndex::first(self.poses.len()).skip(1);
+        others.fold(CandidateIndex(0), |best, candidate| if cos(candidate) > cos(best) { candidate } else { best })
     }
 
     /// Candidates, and the proposals that got furthest, at other distances.

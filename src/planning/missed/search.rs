@@ -12,10 +12,11 @@ use super::proposals::{Proposal, ProposalSource, Tried};
 use super::spot_samples::SpotSamples;
 use super::spots::{self, Spot};
 use super::{bases, limit, opening};
-use crate::cell::Scanner;
+use crate::cell::{DeviceName, Scanner};
 use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table};
-use crate::planning::candidates::Candidate;
+use crate::planning::candidates::CandidateSet;
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::CandidateIndex;
 use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::plan::{Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView, Verdict};
 use crate::planning::setups;
@@ -43,9 +44,10 @@ pub(in crate::planning) struct MissAnalysis<'a> {
     /// Pose of the part in each setup.
     pub(in crate::planning) setups: &'a [Pose<Table, Part>],
     pub(in crate::planning) occluders: &'a Occluders,
-    /// The kept candidates.
-    pub(in crate::planning) candidates: &'a [Candidate],
-    /// Samples that each of them measures.
+    /// The part without table and fixture.
+    pub(in crate::planning) part_alone: &'a RayScene,
+    pub(in crate::planning) candidates: &'a CandidateSet,
+    /// Samples that each candidate measures.
     pub(in crate::planning) rows: &'a [Row],
     /// True for candidates that could have been chosen.
     pub(in crate::planning) choosable: Vec<bool>,
@@ -85,7 +87,7 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
     if largest.is_empty() {
         return Ok(vec![None; spots.len()]);
     }
-    let context = RemedyContext::new(analysis, ctx)?;
+    let context = RemedyContext::new(analysis);
     let done = AtomicUsize::new(0);
     let found = largest.par_iter().map(|spot| {
         let remedy = RemedySearch::new(&context, &spots[*spot], ctx).remedy()?;
@@ -102,6 +104,7 @@ fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> R
 /// Context that the search for remedies shares between spots.
 struct RemedyContext<'a> {
     analysis: &'a MissAnalysis<'a>,
+    /// Pose of each candidate.
     poses: Vec<Pose<Part, ScannerFrame>>,
     optics: Optics,
     widest: Optics,
@@ -109,22 +112,22 @@ struct RemedyContext<'a> {
     /// Box of the part.
     aabb: Aabb,
     /// The part without table and fixture.
-    part_alone: RayScene,
+    part_alone: &'a RayScene,
     other_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
 
 impl<'a> RemedyContext<'a> {
-    fn new(analysis: &'a MissAnalysis<'a>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        Ok(Self {
+    fn new(analysis: &'a MissAnalysis<'a>) -> Self {
+        Self {
             analysis,
-            poses: analysis.candidates.iter().map(|candidate| candidate.part_from_scanner).collect(),
+            poses: analysis.candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect(),
             optics: Optics::new(analysis.scanner, analysis.params, &analysis.surface.requirements),
             widest: limit::widest(analysis),
             above_only: analysis.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
             aabb: analysis.mesh.aabb(),
-            part_alone: RayScene::interruptible([analysis.mesh], || ctx.check())?,
+            part_alone: analysis.part_alone,
             other_poses: OnceLock::new(),
-        })
+        }
     }
 
     /// Ways in which the part rests and that are not planned in, the likeliest first.
@@ -142,7 +145,7 @@ impl<'a> RemedyContext<'a> {
         setups::is_above(pose, table_from_part, self.analysis.scanner)
     }
 
-    /// Returns true if a candidate like this would have been kept.
+    /// Returns true if a candidate like this would not have been dropped.
     fn is_allowed(&self, pose: &Pose<Part, ScannerFrame>) -> bool {
         let above = |table_from_part: &Pose<Table, Part>| self.is_above(table_from_part, pose);
         (!self.above_only || self.analysis.setups.iter().any(above)) && self.is_outside(pose)
@@ -187,24 +190,20 @@ impl<'a> RemedySearch<'a> {
         let reach_mm = context.analysis.scanner.best_mm;
         let openings = opening::directions_of(&self.samples, rays, reach_mm);
         let mut tried = Vec::new();
-        for kind in [RemedyKind::Roll, RemedyKind::Tilt, RemedyKind::Standoff] {
-            let mut proposals = match kind {
-                RemedyKind::Roll => source.rolls(),
-                RemedyKind::Tilt => source.tilts(&openings),
-                _ => source.standoffs(&tried),
-            };
-            proposals.retain(|proposal| context.is_allowed(&proposal.pose));
-            let these = self.try_all(proposals, rays)?;
-            if let Some(remedy) = self.first_that_works(kind, &these, rays, &source)? {
-                return Ok(remedy);
-            }
-            tried.extend(these);
+        if let Some(remedy) = self.moved(RemedyKind::Roll, source.rolls(), &mut tried, &source)? {
+            return Ok(remedy);
+        }
+        if let Some(remedy) = self.moved(RemedyKind::Tilt, source.tilts(&openings), &mut tried, &source)? {
+            return Ok(remedy);
+        }
+        if let Some(remedy) = self.moved(RemedyKind::Standoff, source.standoffs(&tried), &mut tried, &source)? {
+            return Ok(remedy);
         }
         if context.above_only {
-            let openings = opening::directions_of(&self.samples, &context.part_alone, reach_mm);
+            let openings = opening::directions_of(&self.samples, context.part_alone, reach_mm);
             let mut proposals = source.setups(&openings);
             proposals.retain(|proposal| context.is_outside(&proposal.pose));
-            let these = self.try_all(proposals, &context.part_alone)?;
+            let these = self.try_all(proposals, context.part_alone)?;
             if let Some(remedy) = self.turned_over(&these, &source)? {
                 return Ok(remedy);
             }
@@ -218,15 +217,32 @@ impl<'a> RemedySearch<'a> {
             return Ok(None);
         }
         let analysis = self.context.analysis;
-        let bits = |candidate: &usize| {
-            let held = self.samples.ids.iter().enumerate().filter(|(_, sample)| analysis.rows[*candidate].holds(**sample));
+        let bits = |candidate: &CandidateIndex| {
+            let held = self.samples.ids.iter().enumerate().filter(|(_, sample)| analysis.rows[candidate.index()].holds(**sample));
             held.fold(0_u64, |bits, (place, _)| bits | 1 << place)
         };
-        let choosable: Vec<usize> = (0..analysis.candidates.len()).filter(|candidate| analysis.choosable[*candidate]).collect();
+        let choosable: Vec<CandidateIndex> =
+            analysis.candidates.indices().filter(|candidate| analysis.choosable[candidate.index()]).collect();
         let bits: Vec<u64> = choosable.iter().map(bits).collect();
         let Some(pick) = self.pick(&bits, |_| Ok(true))? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| source.as_is(choosable[*i])).collect();
         Ok(self.confirmed(RemedyKind::View, &views, &self.context.optics, analysis.occluders.rays(), source))
+    }
+
+    /// Finds a remedy of one kind among candidates that were moved; what was tried without success joins `tried`.
+    fn moved(
+        &mut self,
+        kind: RemedyKind,
+        mut proposals: Vec<Proposal>,
+        tried: &mut Vec<Tried>,
+        source: &ProposalSource<'_>,
+    ) -> Result<Option<Remedy>, Cancelled> {
+        let (context, rays) = (self.context, self.context.analysis.occluders.rays());
+        proposals.retain(|proposal| context.is_allowed(&proposal.pose));
+        let these = self.try_all(proposals, rays)?;
+        let remedy = self.first_that_works(kind, &these, rays, source)?;
+        tried.extend(these);
+        Ok(remedy)
     }
 
     fn try_all(&mut self, proposals: Vec<Proposal>, rays: &RayScene) -> Result<Vec<Tried>, Cancelled> {
@@ -263,7 +279,7 @@ impl<'a> RemedySearch<'a> {
             // Its stations are for a plan of that setup to find.
             let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
             let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
-            let remedy = self.confirmed(RemedyKind::Setup, &views, &context.optics, &context.part_alone, source);
+            let remedy = self.confirmed(RemedyKind::Setup, &views, &context.optics, context.part_alone, source);
             if let Some(remedy) = remedy {
                 return Ok(Some(Remedy { table_from_part: Some(*table_from_part), ..remedy }));
             }
@@ -338,7 +354,7 @@ impl<'a> RemedySearch<'a> {
     /// tried.
     fn raised_limit(&mut self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
-        let choosable = |candidate: usize| context.analysis.choosable[candidate];
+        let choosable = |candidate: CandidateIndex| context.analysis.choosable[candidate.index()];
         let shortlist = bases::shortlist(&context.poses, choosable, &self.samples, &context.widest, rays, self.ctx)?;
         let as_is: Vec<Proposal> = shortlist.iter().map(|(candidate, _)| source.as_is(*candidate)).collect();
         self.tried += as_is.len();
@@ -372,16 +388,16 @@ impl<'a> RemedySearch<'a> {
                 };
                 let Some(pick) = self.pick(&bits, accept)? else { continue };
                 let views: Vec<Proposal> = pick.iter().map(|i| proposals[*i].clone()).collect();
-                let [camera_deg, _, projector_deg] = raised;
                 let optics = Optics::new(
                     context.analysis.scanner,
-                    &limit::raised(context.analysis, camera_deg, projector_deg),
+                    &limit::raised(context.analysis, raised.left, raised.projector),
                     &context.analysis.surface.requirements,
                 );
                 let remedy = self.confirmed(RemedyKind::Limit, &views, &optics, rays, source);
                 if let Some(remedy) = remedy {
-                    let changed = |device: usize| (raised[device] > limits_deg[device]).then_some(raised[device]);
-                    return Ok(Some(Remedy { camera_deg: changed(0), projector_deg: changed(2), ..remedy }));
+                    let changed = |device: DeviceName| (raised[device] > limits_deg[device]).then_some(raised[device]);
+                    let (camera_deg, projector_deg) = (changed(DeviceName::Left), changed(DeviceName::Projector));
+                    return Ok(Some(Remedy { camera_deg, projector_deg, ..remedy }));
                 }
             }
         }

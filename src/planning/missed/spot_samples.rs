@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Probe, ones};
 
@@ -18,7 +19,7 @@ pub(super) type AskedPoint = (Point3<f64>, Vector3<f64>, u8);
 /// Points of a spot.
 pub(super) struct SpotSamples {
     points: Vec<AskedPoint>,
-    pub(super) ids: Vec<u32>,
+    pub(super) ids: Vec<SampleId>,
     /// Area that each stands for.
     area_mm2: Vec<f64>,
     /// Area of the whole spot.
@@ -59,25 +60,24 @@ impl FirstFailures {
 
 impl SpotSamples {
     /// Selects a few of the samples.
-    pub(super) fn few(surface: &Surface, samples: &[u32]) -> Self {
+    pub(super) fn few(surface: &Surface, samples: &[SampleId]) -> Self {
         Self::new(surface, samples, MAX_TRIED)
     }
 
     /// Selects enough of them to state an area: all in all but huge spots.
-    pub(super) fn many(surface: &Surface, samples: &[u32]) -> Self {
+    pub(super) fn many(surface: &Surface, samples: &[SampleId]) -> Self {
         Self::new(surface, samples, MAX_CONFIRMED)
     }
 
-    fn new(surface: &Surface, samples: &[u32], max: usize) -> Self {
-        let area = |sample: &u32| surface.sample_area_mm2(*sample as usize);
+    fn new(surface: &Surface, samples: &[SampleId], max: usize) -> Self {
+        let area = |sample: &SampleId| surface.sample_area_mm2(*sample);
         let total_mm2: f64 = samples.iter().map(area).sum();
         let count = samples.len().min(max);
-        let samples: Vec<u32> = (0..count).map(|i| samples[i * samples.len() / count]).collect();
+        let samples: Vec<SampleId> = (0..count).map(|i| samples[i * samples.len() / count]).collect();
         let looked_at_mm2: f64 = samples.iter().map(area).sum();
         let area_mm2 = samples.iter().map(|sample| area(sample) * total_mm2 / looked_at_mm2).collect();
-        let point = |sample: &u32| {
-            let sample = *sample as usize;
-            (surface.sample_mm[sample], surface.patch_of(sample).normal, surface.requirements.kind(sample))
+        let point = |sample: &SampleId| {
+            (surface.sample_mm[sample.index()], surface.patch_of(*sample).normal, surface.requirements.kind(*sample))
         };
         Self { points: samples.iter().map(point).collect(), ids: samples, area_mm2, total_mm2 }
     }

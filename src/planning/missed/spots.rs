@@ -4,8 +4,9 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::geometry::{Aabb, Mesh, Part, Pose, Table, components_sharing};
+use crate::planning::ids::{PatchId, SampleId};
 use crate::planning::plan::{Cause, Verdict};
-use crate::planning::surface::{PatchId, Surface};
+use crate::planning::surface::Surface;
 
 /// Largest distance from the plate of a sample that the part rests on, mm.
 const RESTING_WITHIN_MM: f64 = 0.1;
@@ -14,8 +15,8 @@ const RESTING_NORMAL_COS: f64 = -0.99;
 
 /// Returns true if a sample belongs to the faces that the part stands on.
 #[must_use]
-pub(in crate::planning) fn stands_on(surface: &Surface, sample: usize, table_from_part: &Pose<Table, Part>) -> bool {
-    let height_mm = table_from_part.point(&surface.sample_mm[sample]).z;
+pub(in crate::planning) fn stands_on(surface: &Surface, sample: SampleId, table_from_part: &Pose<Table, Part>) -> bool {
+    let height_mm = table_from_part.point(&surface.sample_mm[sample.index()]).z;
     let down = table_from_part.direction(&surface.patch_of(sample).normal).z;
     height_mm.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS
 }
@@ -24,7 +25,7 @@ pub(in crate::planning) fn stands_on(surface: &Surface, sample: usize, table_fro
 pub(super) struct Spot {
     pub(super) cause: Cause,
     /// Ascending.
-    pub(super) samples: Vec<u32>,
+    pub(super) samples: Vec<SampleId>,
     pub(super) area_mm2: f64,
     /// Area-weighted.
     pub(super) centre_mm: Point3<f64>,
@@ -40,16 +41,16 @@ pub(super) fn find(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<
 }
 
 fn spots_of(cause: Cause, mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<Spot> {
-    let missed = |sample: &u32| verdicts[*sample as usize] == Verdict::Missed(cause);
-    let samples: Vec<u32> = (0..verdicts.len() as u32).filter(missed).collect();
-    let mut patches: Vec<PatchId> = samples.iter().map(|sample| surface.sample_patch[*sample as usize]).collect();
+    let missed = |sample: &SampleId| verdicts[sample.index()] == Verdict::Missed(cause);
+    let samples: Vec<SampleId> = SampleId::first(verdicts.len()).filter(missed).collect();
+    let mut patches: Vec<PatchId> = samples.iter().map(|sample| surface.sample_patch[sample.index()]).collect();
     patches.dedup();
     let component = components_sharing(patches.iter().map(|patch| corner_keys(surface, *patch)));
-    let mut members: Vec<Vec<u32>> = vec![Vec::new(); component.iter().max().map_or(0, |last| last + 1)];
+    let mut members: Vec<Vec<SampleId>> = vec![Vec::new(); component.iter().max().map_or(0, |last| last + 1)];
     let mut position = 0;
     for sample in samples {
         // Samples are ordered by patch.
-        while patches[position] != surface.sample_patch[sample as usize] {
+        while patches[position] != surface.sample_patch[sample.index()] {
             position += 1;
         }
         members[component[position]].push(sample);
@@ -62,17 +63,17 @@ fn spots_of(cause: Cause, mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) 
 
 /// Keys of a patch's corners, equal for equal corners: adding 0 turns −0 into 0.
 fn corner_keys(surface: &Surface, patch: PatchId) -> [[u64; 3]; 3] {
-    surface.patches[patch.0 as usize].corners_mm.map(|corner| [corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits()))
+    surface.patches[patch.index()].corners_mm.map(|corner| [corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits()))
 }
 
 impl Spot {
-    fn new(cause: Cause, samples: Vec<u32>, mesh: &Mesh, surface: &Surface) -> Self {
+    fn new(cause: Cause, samples: Vec<SampleId>, mesh: &Mesh, surface: &Surface) -> Self {
         let (mut area_mm2, mut moment) = (0.0, Vector3::zeros());
-        for sample in samples.iter().map(|sample| *sample as usize) {
+        for sample in samples.iter().copied() {
             area_mm2 += surface.sample_area_mm2(sample);
-            moment += surface.sample_mm[sample].coords * surface.sample_area_mm2(sample);
+            moment += surface.sample_mm[sample.index()].coords * surface.sample_area_mm2(sample);
         }
-        let patches = || samples.iter().map(|sample| surface.patch_of(*sample as usize));
+        let patches = || samples.iter().map(|sample| surface.patch_of(*sample));
         let extent_mm = Aabb::around(patches().flat_map(|patch| &patch.corners_mm)).extent_mm();
         let mut source_faces: Vec<u32> = patches().map(|patch| mesh.source_face[patch.face as usize]).collect();
         source_faces.sort_unstable();

@@ -1,5 +1,6 @@
 //! Coverage with its denominators ([`crate::planning::method::coverage`]), of the part and of each region.
 
+use crate::planning::ids::SampleId;
 use crate::planning::plan::{Coverage, RegionCoverage, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
 use crate::planning::selection::{coverable, coverable_mm2};
@@ -9,17 +10,17 @@ use crate::planning::visibility::Row;
 /// Coverage, given what each chosen view measures.
 pub(super) fn of(problem: &ViewPlanningProblem<'_>, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
     let ViewPlanningProblem { surface, asked_area_mm2, .. } = problem;
-    let all: Vec<_> = (0..problem.candidates.kept.len()).collect();
+    let all: Vec<_> = problem.candidates.indices().collect();
     let mut coverage = Coverage {
         total_area_mm2: surface.area_where(|_| true),
-        asked_area_mm2: surface.area_where(|sample| surface.asked[sample]),
+        asked_area_mm2: surface.area_where(|sample| surface.asked[sample.index()]),
         coverable_area_mm2: coverable_mm2(&problem.rows(&problem.usable()), asked_area_mm2),
         optically_coverable_area_mm2: coverable_mm2(&problem.rows(&all), asked_area_mm2),
         ..Coverage::default()
     };
-    for (sample, verdict) in verdicts.iter().enumerate() {
+    for (verdict, area_mm2) in verdicts.iter().zip(asked_area_mm2) {
         if let Verdict::Measured(grade) = verdict {
-            coverage.grade_area_mm2[*grade as usize] += asked_area_mm2[sample];
+            coverage.grade_area_mm2[*grade as usize] += area_mm2;
         }
     }
     coverage.measured_area_mm2 = coverage.grade_area_mm2.iter().sum();
@@ -27,7 +28,7 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, measuring: &[Row], verdicts:
     let mut open_mm2 = asked_area_mm2.clone();
     let mut covered_mm2 = 0.0;
     for row in measuring {
-        covered_mm2 += row.samples().map(|sample| std::mem::take(&mut open_mm2[sample as usize])).sum::<f64>();
+        covered_mm2 += row.samples().map(|sample| std::mem::take(&mut open_mm2[sample.index()])).sum::<f64>();
         coverage.curve_area_mm2.push(covered_mm2);
     }
     coverage
@@ -41,11 +42,11 @@ fn of_regions(problem: &ViewPlanningProblem<'_>, verdicts: &[Verdict]) -> Vec<Re
         return regions;
     }
     let coverable = coverable(&problem.rows(&problem.usable()), problem.asked_area_mm2.len());
-    for (sample, verdict) in verdicts.iter().enumerate() {
+    for (sample, verdict) in SampleId::number(verdicts) {
         for &region in &problem.surface.requirements.of(sample).regions {
-            let (region, area_mm2) = (&mut regions[region], problem.asked_area_mm2[sample]);
+            let (region, area_mm2) = (&mut regions[region], problem.asked_area_mm2[sample.index()]);
             region.asked_area_mm2 += area_mm2;
-            region.coverable_area_mm2 += if coverable.holds(sample as u32) { area_mm2 } else { 0.0 };
+            region.coverable_area_mm2 += if coverable.holds(sample) { area_mm2 } else { 0.0 };
             region.measured_area_mm2 += if matches!(verdict, Verdict::Measured(_)) { area_mm2 } else { 0.0 };
         }
     }

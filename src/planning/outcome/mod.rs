@@ -9,32 +9,31 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 
 use super::candidates::Rejection;
-use super::context::{Cancelled, Context, PlanError};
+use super::context::{Cancelled, Context, NoPlan};
+use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
 use super::missed::{self, CanExecute, MissAnalysis};
 use super::params::{SelectionParams, TargetOf};
 use super::plan::{
     CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, SetupPlan, Stance, StopReason, Verdict,
-    ViewId, share,
+    share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
 use super::selection::coverable_mm2;
 use super::sequence::Ordered;
 use super::stations::StationFailure;
 use super::visibility::{self, Occluders, Row};
-
-/// Causes that are named where no plan is possible.
-const NAMED_CAUSES: usize = 3;
+use crate::geometry::RayScene;
 
 /// A solved problem: chosen views, with what became of each.
 struct Solution<'a> {
     problem: &'a ViewPlanningProblem<'a>,
     chosen: &'a ChosenViews,
-    /// Setups in which views are taken, ascending; the first where there are none.
-    used: Vec<usize>,
+    /// Setups of the plan: those in which views are taken, ascending; the first where there are none.
+    used: Vec<SetupIndex>,
     /// Chosen candidates to which no path was found.
-    no_path: BTreeSet<usize>,
+    no_path: BTreeSet<CandidateIndex>,
     /// Candidates that were given up for want of a path, chosen or not.
-    all_excluded: BTreeSet<usize>,
+    all_excluded: BTreeSet<CandidateIndex>,
     /// Samples that each chosen view measures, with its quality; none where it has no path.
     measuring: Vec<Row>,
 }
@@ -48,15 +47,16 @@ pub(super) fn assemble(
     problem: ViewPlanningProblem<'_>,
     chosen: &ChosenViews,
     ordered: Vec<Ordered>,
-    excluded: &BTreeSet<usize>,
+    excluded: &BTreeSet<CandidateIndex>,
     occluders: &Occluders,
     can_execute: Option<&CanExecute<'_>>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
     let solution = Solution::new(&problem, chosen, &ordered, excluded);
-    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded);
+    let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
+    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, &part, ctx)?;
     let coverage = coverage::of(&problem, &solution.measuring, &verdicts);
-    let missed = missed::explain(&solution.miss_analysis(occluders, can_execute), &verdicts, ctx)?;
+    let missed = missed::explain(&solution.miss_analysis(occluders, &part, can_execute), &verdicts, ctx)?;
     let plan = solution.plan(ordered, coverage, missed);
     let measured_by_view = solution.measuring;
     Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None })
@@ -67,14 +67,16 @@ impl<'a> Solution<'a> {
         problem: &'a ViewPlanningProblem<'a>,
         chosen: &'a ChosenViews,
         ordered: &[Ordered],
-        excluded: &BTreeSet<usize>,
+        excluded: &BTreeSet<CandidateIndex>,
     ) -> Self {
-        let no_path: BTreeSet<usize> = ordered.iter().flat_map(|o| problem.candidates_behind(chosen, &o.no_path)).collect();
-        let measured = |kept: &usize| if no_path.contains(kept) { Row::default() } else { graded(problem, *kept) };
-        let measuring = chosen.kept.par_iter().map(measured).collect();
+        let no_path: BTreeSet<_> = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path)).collect();
+        let measured = |candidate: &CandidateIndex| {
+            if no_path.contains(candidate) { Row::default() } else { graded(problem, *candidate) }
+        };
+        let measuring = chosen.candidates.par_iter().map(measured).collect();
         let all_excluded = excluded.union(&no_path).copied().collect();
-        let used: BTreeSet<usize> = chosen.kept.iter().map(|kept| problem.candidates.kept[*kept].setup).collect();
-        let used = if used.is_empty() { vec![0] } else { used.into_iter().collect() };
+        let used: BTreeSet<_> = chosen.candidates.iter().map(|candidate| problem.candidates[*candidate].setup).collect();
+        let used = if used.is_empty() { vec![SetupIndex(0)] } else { used.into_iter().collect() };
         Self { problem, chosen, used, no_path, all_excluded, measuring }
     }
 
@@ -87,7 +89,7 @@ impl<'a> Solution<'a> {
                 area_mm2: problem.input.mesh.area_mm2(),
                 aabb: problem.input.mesh.aabb(),
             },
-            table_from_part: problem.reach.is_some().then_some(problem.setups[self.used[0]]),
+            table_from_part: problem.reach.is_some().then_some(problem.setups[self.used[0].index()]),
             candidates: candidate_counts(problem),
             views: self.views(&ordered, &coverage),
             missed,
@@ -107,16 +109,16 @@ impl<'a> Solution<'a> {
         let Self { problem, chosen, measuring, .. } = self;
         let mut sequences: Vec<_> = ordered.into_iter().map(|ordered| Some(ordered.sequence)).collect();
         let asked_mm2 = |rows: &[&Row]| coverable_mm2(rows, &problem.asked_area_mm2);
-        let plan = |setup: &usize| {
-            let is_here = |kept: usize| problem.candidates.kept[kept].setup == *setup;
-            let views: Vec<_> = (0..chosen.kept.len()).filter(|view| is_here(chosen.kept[*view])).collect();
-            let usable: Vec<_> = problem.usable().into_iter().filter(|kept| is_here(*kept)).collect();
+        let plan = |setup: &SetupIndex| {
+            let is_here = |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup;
+            let views: Vec<ViewId> = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view).collect();
+            let usable: Vec<_> = problem.usable().into_iter().filter(|candidate| is_here(*candidate)).collect();
             SetupPlan {
-                table_from_part: problem.setups[*setup],
+                table_from_part: problem.setups[setup.index()],
                 coverable_area_mm2: asked_mm2(&problem.rows(&usable)),
-                measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[*view]).collect::<Vec<_>>()),
-                views: views.into_iter().map(|view| ViewId(view as u32)).collect(),
-                sequence: sequences.get_mut(*setup).and_then(Option::take),
+                measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[view.index()]).collect::<Vec<_>>()),
+                views,
+                sequence: sequences.get_mut(setup.index()).and_then(Option::take),
             }
         };
         self.used.iter().map(plan).collect()
@@ -129,31 +131,39 @@ impl<'a> Solution<'a> {
             visits.find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
         };
         let curve = &coverage.curve_area_mm2;
-        let gain_mm2 = |number: usize| if number == 0 { curve[0] } else { curve[number] - curve[number - 1] };
-        let choices = chosen.kept.iter().zip(&chosen.selection.choices).enumerate();
+        let gain_mm2 = |view: ViewId| match view.index() {
+            0 => curve[0],
+            number => curve[number] - curve[number - 1],
+        };
+        let number_of = |setup: SetupIndex| used.iter().position(|used| *used == setup).map_or(SetupId(0), SetupId::at);
+        let choices = chosen.views().zip(&chosen.selection.choices);
         choices
-            .map(|(number, (kept, choice))| {
-                let (id, candidate) = (ViewId(number as u32), &problem.candidates.kept[*kept]);
-                let station = station(id);
+            .map(|((id, index), choice)| {
+                let (candidate, station) = (&problem.candidates[index], station(id));
                 PlannedView {
                     id,
                     candidate: candidate.id,
-                    setup: used.iter().position(|setup| *setup == candidate.setup).unwrap_or_default(),
+                    setup: number_of(candidate.setup),
                     label: candidate.label,
                     part_from_scanner: candidate.part_from_scanner,
-                    gain_of_asked: share(gain_mm2(number), coverage.asked_area_mm2),
+                    gain_of_asked: share(gain_mm2(id), coverage.asked_area_mm2),
                     score: choice.score,
                     station,
                     stance: station.zip(problem.input.cell).map(|(station, cell)| Stance::of(&cell.robot, &station, None)),
-                    rejected: no_path.contains(kept).then_some(Cause::NoPath),
+                    rejected: no_path.contains(&index).then_some(Cause::NoPath),
                 }
             })
             .collect()
     }
 
-    fn miss_analysis<'c>(&'c self, occluders: &'c Occluders, can_execute: Option<&'c CanExecute<'c>>) -> MissAnalysis<'c> {
+    fn miss_analysis<'c>(
+        &'c self,
+        occluders: &'c Occluders,
+        part_alone: &'c RayScene,
+        can_execute: Option<&'c CanExecute<'c>>,
+    ) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
-        let kept = &problem.candidates.kept;
+        let is_choosable = |candidate: CandidateIndex| problem.blocked(candidate).is_none() && !all_excluded.contains(&candidate);
         MissAnalysis {
             mesh: problem.input.mesh,
             surface: &problem.surface,
@@ -161,18 +171,19 @@ impl<'a> Solution<'a> {
             params: problem.params,
             setups: &problem.setups,
             occluders,
-            candidates: kept,
+            part_alone,
+            candidates: &problem.candidates,
             rows: &problem.matrix.rows,
-            choosable: (0..kept.len()).map(|kept| problem.blocked(kept).is_none() && !all_excluded.contains(&kept)).collect(),
+            choosable: problem.candidates.indices().map(is_choosable).collect(),
             can_execute,
         }
     }
 }
 
-/// Samples that a kept candidate measures, with its quality.
-fn graded(problem: &ViewPlanningProblem<'_>, kept: usize) -> Row {
-    let pose = &problem.candidates.kept[kept].part_from_scanner;
-    visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, &problem.matrix.rows[kept])
+/// Samples that a candidate measures, with its quality.
+fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateIndex) -> Row {
+    let pose = &problem.candidates[candidate].part_from_scanner;
+    visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, problem.row(candidate))
 }
 
 /// A selection that met its target among the views that have a path has not met it when what the given-up views would
@@ -191,7 +202,7 @@ fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &Selection
 
 fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
     let mut rejected: BTreeMap<Rejection, usize> = BTreeMap::new();
-    let blocked = (0..problem.candidates.kept.len()).filter_map(|kept| problem.blocked(kept));
+    let blocked = problem.candidates.indices().filter_map(|candidate| problem.blocked(candidate));
     let by_cell = blocked.map(|blocked| match blocked {
         StationFailure::Unreachable => Rejection::Unreachable,
         StationFailure::Collision => Rejection::Collision,
@@ -202,30 +213,22 @@ fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
     CandidateCounts { generated: problem.candidates.generated, kept: problem.usable().len(), rejected }
 }
 
-/// The error of a problem of which no candidate measures anything, with the causes that keep them from it.
-pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>) -> PlanError {
-    let counts = candidate_counts(problem);
-    let dropped: Vec<_> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
-    let verdicts = verdicts::of(problem, &[], &BTreeSet::new());
+/// The finding that no candidate of a problem measures anything, with the causes that keep them from it.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>, ctx: &Context<'_>) -> Result<NoPlan, Cancelled> {
+    let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
+    let verdicts = verdicts::of(problem, &[], &BTreeSet::new(), &part, ctx)?;
     let area_of = |cause: Cause| -> f64 {
-        (0..verdicts.len()).filter(|s| verdicts[*s] == Verdict::Missed(cause)).map(|s| problem.asked_area_mm2[s]).sum()
+        let missed = verdicts.iter().zip(&problem.asked_area_mm2).filter(|(verdict, _)| **verdict == Verdict::Missed(cause));
+        missed.map(|(_, area_mm2)| area_mm2).sum()
     };
-    let mut causes: Vec<_> = Cause::ALL.map(|cause| (cause, area_of(cause))).into();
-    causes.retain(|(_, area_mm2)| *area_mm2 > 0.0);
-    causes.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let asked_mm2: f64 = problem.asked_area_mm2.iter().sum();
-    let named: Vec<_> = causes
-        .iter()
-        .take(NAMED_CAUSES)
-        .map(|(cause, area)| format!("{} {:.0} % of the area", cause.as_str(), 100.0 * area / asked_mm2))
-        .collect();
-    let dropped = if dropped.is_empty() { "none".to_owned() } else { dropped.join(", ") };
-    PlanError::NoPlan(format!(
-        "of {} candidates {} were usable (dropped: {dropped}), and none measures anything worth a view; causes: {}",
-        counts.generated,
-        counts.kept,
-        named.join(", ")
-    ))
+    let mut missed_mm2: Vec<_> = Cause::ALL.map(|cause| (cause, area_of(cause))).into();
+    missed_mm2.retain(|(_, area_mm2)| *area_mm2 > 0.0);
+    missed_mm2.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let asked_mm2 = problem.asked_area_mm2.iter().sum();
+    Ok(NoPlan::NothingMeasured { candidates: candidate_counts(problem), asked_mm2, missed_mm2 })
 }
 
 #[cfg(test)]

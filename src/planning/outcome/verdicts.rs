@@ -3,55 +3,95 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use rayon::prelude::*;
+
+use crate::geometry::RayScene;
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::missed;
+use crate::planning::params::Hemisphere;
 use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
+use crate::planning::sky::{Sky, SkyProbe};
 use crate::planning::stations::StationFailure;
 use crate::planning::visibility::{Row, SampleSet};
 
 /// Verdicts, given what each chosen view measures and the candidates that were given up for want of a path.
-pub(super) fn of(problem: &ViewPlanningProblem<'_>, measuring: &[Row], all_excluded: &BTreeSet<usize>) -> Vec<Verdict> {
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn of(
+    problem: &ViewPlanningProblem<'_>,
+    measuring: &[Row],
+    all_excluded: &BTreeSet<CandidateIndex>,
+    part: &RayScene,
+    ctx: &Context<'_>,
+) -> Result<Vec<Verdict>, Cancelled> {
     let samples = problem.surface.sample_mm.len();
     let mut best_quality = vec![f32::NEG_INFINITY; samples];
     for row in measuring {
         for (sample, quality) in row.graded() {
-            let best = &mut best_quality[sample as usize];
+            let best = &mut best_quality[sample.index()];
             *best = best.max(quality);
         }
     }
     let motion_cause = motion_causes(problem, all_excluded);
-    let rests_on = |sample: usize| {
+    let rests_on = |sample: SampleId| {
         problem.reach.is_some() && problem.setups.iter().all(|pose| missed::stands_on(&problem.surface, sample, pose))
     };
-    let cause = |sample: usize| match motion_cause[sample] {
+    let sky = sky_probe(problem, part, ctx);
+    let cause = |sample: SampleId| match motion_cause[sample.index()] {
         _ if rests_on(sample) => Cause::ExcludedResting,
         Some(cause) => cause,
-        None => problem.matrix.furthest_cause[sample],
+        None => {
+            let (surface, place) = (&problem.surface, sample.index());
+            match sky.sky(&surface.sample_mm[place], &surface.patch_of(sample).normal) {
+                Sky::Closed => Cause::Enclosed,
+                Sky::BelowPlate => Cause::FacesTable,
+                Sky::Open => problem.matrix.furthest_cause[place],
+            }
+        }
     };
-    let verdict = |sample: usize| match best_quality[sample] {
-        _ if !problem.surface.asked[sample] => Verdict::NotAsked,
-        quality if quality > f32::NEG_INFINITY => Verdict::Measured(Grade::of(f64::from(quality))),
-        _ => Verdict::Missed(cause(sample)),
+    let verdict = |place: usize| {
+        let sample = SampleId::at(place);
+        Ok(match best_quality[place] {
+            _ if !problem.surface.asked[place] => Verdict::NotAsked,
+            quality if quality > f32::NEG_INFINITY => Verdict::Measured(Grade::of(f64::from(quality))),
+            _ => {
+                ctx.check()?;
+                Verdict::Missed(cause(sample))
+            }
+        })
     };
-    (0..samples).map(verdict).collect()
+    (0..samples).into_par_iter().map(verdict).collect()
 }
 
-/// Cause by motion of each sample that some kept candidate measures: how far the best such candidate got with the cell.
-fn motion_causes(problem: &ViewPlanningProblem<'_>, all_excluded: &BTreeSet<usize>) -> Vec<Option<Cause>> {
+/// The sky over the part: with viewpoints above the plate alone, in the setups that are planned in.
+fn sky_probe<'a>(problem: &'a ViewPlanningProblem<'_>, part: &'a RayScene, ctx: &Context<'_>) -> SkyProbe<'a> {
+    let (input, params) = (problem.input, problem.params);
+    let above_only = params.candidates.hemisphere == Some(Hemisphere::AboveTable);
+    let setups = if above_only { &problem.setups[..] } else { &[] };
+    let limit_rad = |device| params.limits.incidence_max_rad(device);
+    let incidence_max_rad = input.scanner.devices.iter().map(limit_rad).fold(f64::INFINITY, f64::min);
+    SkyProbe::new(input.mesh, part, setups, input.scanner.best_mm, incidence_max_rad, ctx.simd_level())
+}
+
+/// Cause by motion of each sample that some candidate measures: how far the best such candidate got with the cell.
+fn motion_causes(problem: &ViewPlanningProblem<'_>, all_excluded: &BTreeSet<CandidateIndex>) -> Vec<Option<Cause>> {
     let samples = problem.surface.sample_mm.len();
     let mut samples_of: BTreeMap<Cause, SampleSet> = BTreeMap::new();
-    for (kept, row) in problem.matrix.rows.iter().enumerate() {
-        let cause = match problem.blocked(kept) {
+    for candidate in problem.candidates.indices() {
+        let cause = match problem.blocked(candidate) {
             Some(StationFailure::Unreachable) => Cause::Unreachable,
             Some(StationFailure::Collision) => Cause::Collision,
-            None if all_excluded.contains(&kept) => Cause::NoPath,
+            None if all_excluded.contains(&candidate) => Cause::NoPath,
             None => Cause::NotChosen,
         };
-        samples_of.entry(cause).or_insert_with(|| SampleSet::none_of(samples)).insert_all(row.measured());
+        samples_of.entry(cause).or_insert_with(|| SampleSet::none_of(samples)).insert_all(problem.row(candidate).measured());
     }
     let mut causes = vec![None; samples];
     for (cause, samples) in samples_of {
-        samples.iter().for_each(|sample| causes[sample as usize] = Some(cause));
+        samples.iter().for_each(|sample| causes[sample.index()] = Some(cause));
     }
     causes
 }

@@ -44,8 +44,10 @@ pub enum Hemisphere {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Standoff {
-    /// Half extent + F, then slid along the axis so that the seen surface lies around F.
+    /// Half extent + F, then slid along the axis to where the visible surface of its block scores highest.
     Surface,
+    /// Half extent + F, then slid along the axis until the first surface on it lies at F.
+    FirstSurface,
     /// F from the block's centre.
     Centre,
 }

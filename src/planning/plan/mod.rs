@@ -10,13 +10,14 @@ use nalgebra::{Point3, Vector3};
 pub use obstruction::{Advice, Obstruction};
 pub use remedy::{Remedy, RemedyKind, RemedyView};
 
-use super::candidates::{CandidateId, Label, Rejection};
+use super::candidates::Label;
+pub use super::ids::{CandidateId, SetupId, ViewId};
 use super::params::PlanParams;
-pub use super::selection::{Bound, StopReason, ViewId};
+pub use super::selection::{Bound, StopReason};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use super::surface::Surface;
-pub use super::verdict::{Cause, Grade, Verdict};
+pub use super::verdict::{CandidateCounts, Cause, Grade, Verdict};
 use super::visibility::Row;
 use crate::cell::{Posture, Robot};
 use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
@@ -88,17 +89,6 @@ pub struct PartFacts {
     pub aabb: Aabb,
 }
 
-/// Numbers of candidates.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct CandidateCounts {
-    /// Generated.
-    pub generated: usize,
-    /// Kept for selection.
-    pub kept: usize,
-    /// Dropped, by reason.
-    pub rejected: std::collections::BTreeMap<Rejection, usize>,
-}
-
 /// Areas and shares of what is measured. Sums run over samples ([`crate::planning::method::coverage`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Coverage {
@@ -108,7 +98,7 @@ pub struct Coverage {
     pub asked_area_mm2: f64,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
-    /// Asked area that at least one kept candidate measures, the cell's reach ignored.
+    /// Asked area that at least one candidate measures, the cell's reach ignored.
     pub optically_coverable_area_mm2: f64,
     /// Asked area that at least one chosen view measures.
     pub measured_area_mm2: f64,
@@ -173,8 +163,8 @@ pub struct PlannedView {
     pub id: ViewId,
     /// The candidate it was.
     pub candidate: CandidateId,
-    /// Setup of the plan that it is taken in, from 0.
-    pub setup: usize,
+    /// Setup of the plan that it is taken in.
+    pub setup: SetupId,
     /// Side of the part that it looks at.
     pub label: Label,
     /// Its pose.
@@ -249,9 +239,9 @@ pub struct Outcome {
     pub plan: Plan,
     /// Patches and samples planned on.
     pub surface: Surface,
-    /// Verdict on each sample.
+    /// Verdict on each sample: a [`super::ids::SampleId`] is a place here.
     pub verdicts: Vec<Verdict>,
-    /// Samples that each chosen view measures, with its quality at each.
+    /// Samples that each chosen view measures, with its quality at each: a [`ViewId`] is a place here.
     pub measured_by_view: Vec<Row>,
     /// Number of chosen views that hit each triangle planned on with a pixel of each device; with
     /// `visibility.pixel_set`.

@@ -2,7 +2,7 @@
 
 use crate::cell::closed_list;
 use crate::geometry::{Part, Pose, ScannerFrame, Table};
-use crate::planning::candidates::CandidateId;
+use crate::planning::ids::CandidateId;
 
 closed_list! {
     /// A kind of remedy, in the order in which they are tried.

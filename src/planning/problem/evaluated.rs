@@ -1,23 +1,24 @@
 //! Candidates with what is known of them: stations, and the samples that each measures.
 
 use crate::planning::candidates::{CandidateSet, Rejection};
+use crate::planning::ids::{CandidateIndex, SampleId, SetupIndex};
 use crate::planning::scene::Reach;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::Cause;
-use crate::planning::visibility::{SampleSet, VisibilityMatrix};
+use crate::planning::visibility::{Row, SampleSet, VisibilityMatrix};
 
 /// Candidates with everything that is known of them.
 pub(in crate::planning) struct EvaluatedCandidates {
     pub(in crate::planning) candidates: CandidateSet,
-    /// Row of each kept candidate.
+    /// Row of each candidate.
     pub(in crate::planning) matrix: VisibilityMatrix,
-    /// Stations of each kept candidate; `None` without a cell.
+    /// Stations of each candidate; `None` without a cell.
     pub(in crate::planning) reach: Option<Reach>,
 }
 
-/// Returns true if the cell can take a kept candidate.
-pub(super) fn is_usable(reach: Option<&Reach>, kept: usize) -> bool {
-    reach.is_none_or(|reach| reach[kept].is_ok())
+/// Returns true if the cell can take a candidate.
+pub(super) fn is_usable(reach: Option<&Reach>, candidate: CandidateIndex) -> bool {
+    reach.is_none_or(|reach| reach[candidate.index()].is_ok())
 }
 
 impl EvaluatedCandidates {
@@ -28,13 +29,19 @@ impl EvaluatedCandidates {
         Self { candidates: CandidateSet::default(), matrix, reach: with_cell.then(Vec::new) }
     }
 
-    pub(super) fn usable(&self) -> impl Iterator<Item = usize> {
-        (0..self.candidates.kept.len()).filter(|kept| is_usable(self.reach.as_ref(), *kept))
+    /// Samples that a candidate measures.
+    pub(super) fn row(&self, candidate: CandidateIndex) -> &Row {
+        &self.matrix.rows[candidate.index()]
+    }
+
+    /// Returns true if the cell can take a candidate.
+    pub(super) fn is_usable(&self, candidate: CandidateIndex) -> bool {
+        is_usable(self.reach.as_ref(), candidate)
     }
 
     /// Assigns the candidates to a setup.
-    pub(super) fn in_setup(mut self, setup: usize) -> Self {
-        self.candidates.kept.iter_mut().for_each(|candidate| candidate.setup = setup);
+    pub(super) fn in_setup(mut self, setup: SetupIndex) -> Self {
+        self.candidates.remaining.iter_mut().for_each(|candidate| candidate.setup = setup);
         self
     }
 
@@ -52,26 +59,25 @@ impl EvaluatedCandidates {
     /// their reason.
     pub(super) fn drop_what_measures_nothing(&mut self, asked_area_mm2: &[f64]) {
         let mut asked = SampleSet::none_of(asked_area_mm2.len());
-        (0_u32..).zip(asked_area_mm2).filter(|(_, mm2)| **mm2 > 0.0).for_each(|(sample, _)| asked.insert(sample));
+        SampleId::number(asked_area_mm2).filter(|(_, mm2)| **mm2 > 0.0).for_each(|(sample, _)| asked.insert(sample));
         let measures = |words: &[u64]| words.iter().zip(asked.words()).any(|(row, asked)| row & asked != 0);
-        let idle: Vec<bool> = (0..self.candidates.kept.len())
-            .map(|kept| is_usable(self.reach.as_ref(), kept) && !measures(self.matrix.rows[kept].words()))
-            .collect();
-        self.drop_where(|kept| idle[kept].then_some(Rejection::MeasuresNothing));
+        self.drop_where(|all, candidate| {
+            (all.is_usable(candidate) && !measures(all.row(candidate).words())).then_some(Rejection::MeasuresNothing)
+        });
     }
 
     /// Drops candidates that must not be chosen.
     pub(in crate::planning) fn drop_unusable(&mut self) {
-        let usable: Vec<bool> = (0..self.candidates.kept.len()).map(|kept| is_usable(self.reach.as_ref(), kept)).collect();
-        self.drop_where(|kept| (!usable[kept]).then_some(Rejection::Unreachable));
+        self.drop_where(|all, candidate| (!all.is_usable(candidate)).then_some(Rejection::Unreachable));
     }
 
-    pub(super) fn drop_where(&mut self, reason: impl Fn(usize) -> Option<Rejection>) {
-        let reasons: Vec<Option<Rejection>> = (0..self.candidates.kept.len()).map(reason).collect();
+    /// Drops the candidates that `reason` gives a reason for, knowing them all.
+    pub(super) fn drop_where(&mut self, reason: impl Fn(&Self, CandidateIndex) -> Option<Rejection>) {
+        let reasons: Vec<Option<Rejection>> = self.candidates.indices().map(|candidate| reason(self, candidate)).collect();
         let dropped =
-            self.candidates.kept.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
+            self.candidates.remaining.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
         self.candidates.rejected.extend(dropped);
-        retain(&mut self.candidates.kept, &reasons);
+        retain(&mut self.candidates.remaining, &reasons);
         retain(&mut self.matrix.rows, &reasons);
         if let Some(reach) = &mut self.reach {
             retain(reach, &reasons);

@@ -1,7 +1,7 @@
 //! The view planning problem: a part in its setups, candidates that the cell can or cannot take, what each of them measures;
 //! and the choice of views that solves it.
 //!
-//! Candidates are numbered by their place among those kept, the setups' one after another.
+//! Candidates have their places in [`ViewPlanningProblem::candidates`], the setups' one after another.
 
 mod evaluated;
 mod robust_rows;
@@ -15,9 +15,10 @@ pub(super) use sampled_part::{EvaluatedSetups, SampledPart};
 
 use super::candidates::{Candidate, CandidateSet};
 use super::context::{Context, PlanError};
+use super::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use super::params::{PlanParams, TargetOf};
 use super::scene::{PlanInput, Reach};
-use super::selection::{self, CoverProblem, Goal, Selection, ViewId, coverable};
+use super::selection::{self, CoverProblem, Goal, Selection, coverable};
 use super::sequence::straight_secs;
 use super::stations::{Station, StationFailure};
 use super::surface::{Surface, requirements};
@@ -29,136 +30,167 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) input: &'a PlanInput<'a>,
     pub(in crate::planning) params: &'a PlanParams,
     pub(in crate::planning) surface: Surface,
-    /// Pose of the part in each setup.
+    /// Pose of the part in each setup that is planned in.
     pub(in crate::planning) setups: Vec<Pose<Table, Part>>,
     pub(in crate::planning) candidates: CandidateSet,
-    /// Row of each kept candidate.
+    /// Row of each candidate.
     pub(in crate::planning) matrix: VisibilityMatrix,
     /// Rows by which views are chosen, where that is not the matrix: the samples measured under every stated error.
     pub(in crate::planning) robust_rows: Option<Vec<Row>>,
-    /// Stations of each kept candidate; `None` without a cell.
+    /// Stations of each candidate; `None` without a cell.
     pub(in crate::planning) reach: Option<Reach>,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
 }
 
-/// A selection over the kept candidates.
+/// A selection among the candidates.
 pub(in crate::planning) struct ChosenViews {
-    /// Index of each chosen candidate among the kept ones, in the order chosen.
-    pub(in crate::planning) kept: Vec<usize>,
+    /// Candidate of each view.
+    pub(in crate::planning) candidates: Vec<CandidateIndex>,
     pub(in crate::planning) selection: Selection,
 }
 
-impl ViewPlanningProblem<'_> {
-    /// Failure for which the cell cannot use a kept candidate, if so.
-    pub(in crate::planning) fn blocked(&self, kept: usize) -> Option<StationFailure> {
-        self.reach.as_ref().and_then(|reach| reach[kept].as_ref().err().copied())
+impl ChosenViews {
+    /// A selection whose rows are those of `choosable`.
+    fn of(selection: Selection, choosable: &[CandidateIndex]) -> Self {
+        Self { candidates: selection.choices.iter().map(|choice| choosable[choice.row.index()]).collect(), selection }
     }
 
-    pub(in crate::planning) fn cover_problem(&self, kept: &[usize]) -> CoverProblem<'_> {
+    /// The candidate that a view is.
+    pub(in crate::planning) fn candidate(&self, view: ViewId) -> CandidateIndex {
+        self.candidates[view.index()]
+    }
+
+    /// The candidates that views are.
+    pub(in crate::planning) fn candidates_of(&self, views: &[ViewId]) -> impl Iterator<Item = CandidateIndex> {
+        views.iter().map(|view| self.candidate(*view))
+    }
+
+    /// Views with their candidates, in the order chosen.
+    pub(in crate::planning) fn views(&self) -> impl Iterator<Item = (ViewId, CandidateIndex)> {
+        ViewId::number(self.candidates.iter().copied())
+    }
+}
+
+impl ViewPlanningProblem<'_> {
+    /// Samples that a candidate measures.
+    pub(in crate::planning) fn row(&self, candidate: CandidateIndex) -> &Row {
+        &self.matrix.rows[candidate.index()]
+    }
+
+    /// Failure for which the cell cannot use a candidate, if so.
+    pub(in crate::planning) fn blocked(&self, candidate: CandidateIndex) -> Option<StationFailure> {
+        self.reach.as_ref().and_then(|reach| reach[candidate.index()].as_ref().err().copied())
+    }
+
+    /// The problem of choosing among `choosable`: a [`RowIndex`] of it is a place there.
+    pub(in crate::planning) fn cover_problem(&self, choosable: &[CandidateIndex]) -> CoverProblem<'_> {
         let scan = &self.params.scan;
         let total_mm2 = self.surface.area_where(|_| true);
-        let mut cover = CoverProblem::new(self.rows_to_choose_by(kept), &self.asked_area_mm2, total_mm2, &self.params.selection);
+        let mut cover =
+            CoverProblem::new(self.rows_to_choose_by(choosable), &self.asked_area_mm2, total_mm2, &self.params.selection);
         cover.view_secs = scan.settle_secs + scan.capture_secs;
         let requirements = &self.surface.requirements;
         if requirements.kinds.len() > 1 {
-            let weighted = |(sample, area_mm2): (usize, &f64)| area_mm2 * requirements.of(sample).weight;
-            cover.weighted_area_mm2 = Cow::Owned(self.asked_area_mm2.iter().enumerate().map(weighted).collect());
-            cover.goals.extend(self.goals_of_regions(kept));
+            let weighted = |(sample, area_mm2): (SampleId, &f64)| area_mm2 * requirements.of(sample).weight;
+            cover.weighted_area_mm2 = Cow::Owned(SampleId::number(&self.asked_area_mm2).map(weighted).collect());
+            cover.goals.extend(self.goals_of_regions(choosable));
         }
         cover
     }
 
     /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
-    fn goals_of_regions(&self, kept: &[usize]) -> Vec<Goal<'static>> {
+    fn goals_of_regions(&self, choosable: &[CandidateIndex]) -> Vec<Goal<'static>> {
         let requirements = &self.surface.requirements;
-        let coverable = coverable(&self.rows_to_choose_by(kept), self.asked_area_mm2.len());
+        let coverable = coverable(&self.rows_to_choose_by(choosable), self.asked_area_mm2.len());
         let of_coverable = self.params.selection.target_of == TargetOf::Coverable;
-        let counts = |sample: usize| !of_coverable || coverable.holds(sample as u32);
+        let counts = |sample: SampleId| !of_coverable || coverable.holds(sample);
         let goal = |(number, region): (usize, requirements::NamedRegion)| {
-            let holds = |sample: usize| requirements.of(sample).regions.contains(&number);
-            let area = |sample: usize| if holds(sample) { self.asked_area_mm2[sample] } else { 0.0 };
-            let area_mm2: Vec<f64> = (0..self.asked_area_mm2.len()).map(area).collect();
-            let whole_mm2: f64 = (0..area_mm2.len()).filter(|sample| counts(*sample)).map(|sample| area_mm2[sample]).sum();
+            let holds = |sample: SampleId| requirements.of(sample).regions.contains(&number);
+            let area = |sample: SampleId| if holds(sample) { self.asked_area_mm2[sample.index()] } else { 0.0 };
+            let area_mm2: Vec<f64> = self.surface.samples().map(area).collect();
+            let counted = self.surface.samples().filter(|sample| counts(*sample));
+            let whole_mm2: f64 = counted.map(|sample| area_mm2[sample.index()]).sum();
             Some(Goal { needed_mm2: region.target? * whole_mm2, area_mm2: Cow::Owned(area_mm2) })
         };
         requirements::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
     }
 
     /// Rows by which views are chosen: as planned, or also with poses that are off.
-    fn rows_to_choose_by(&self, kept: &[usize]) -> Vec<&Row> {
+    fn rows_to_choose_by(&self, candidates: &[CandidateIndex]) -> Vec<&Row> {
         let rows = self.robust_rows.as_ref().unwrap_or(&self.matrix.rows);
-        kept.iter().map(|kept| &rows[*kept]).collect()
+        candidates.iter().map(|candidate| &rows[candidate.index()]).collect()
     }
 
-    pub(in crate::planning) fn rows(&self, kept: &[usize]) -> Vec<&Row> {
-        kept.iter().map(|kept| &self.matrix.rows[*kept]).collect()
+    /// Rows of `candidates` as planned.
+    pub(in crate::planning) fn rows(&self, candidates: &[CandidateIndex]) -> Vec<&Row> {
+        candidates.iter().map(|candidate| self.row(*candidate)).collect()
     }
 
-    /// Kept candidates that the cell can use.
-    pub(in crate::planning) fn usable(&self) -> Vec<usize> {
-        (0..self.candidates.kept.len()).filter(|kept| self.blocked(*kept).is_none()).collect()
+    /// Candidates that the cell can use, ascending.
+    pub(in crate::planning) fn usable(&self) -> Vec<CandidateIndex> {
+        self.candidates.indices().filter(|candidate| self.blocked(*candidate).is_none()).collect()
     }
 
-    /// Kept candidates that the cell can use and that are not `excluded`, ascending.
-    pub(in crate::planning) fn choosable(&self, excluded: &BTreeSet<usize>) -> Vec<usize> {
-        self.usable().into_iter().filter(|kept| !excluded.contains(kept)).collect()
+    /// Candidates that the cell can use and that are not `excluded`, ascending.
+    pub(in crate::planning) fn choosable(&self, excluded: &BTreeSet<CandidateIndex>) -> Vec<CandidateIndex> {
+        self.usable().into_iter().filter(|candidate| !excluded.contains(candidate)).collect()
     }
 
-    /// The selection of `rows` of a cover problem over `usable`, as many as `chosen` has.
+    /// The selection of `rows` of a cover problem over `choosable`, as many as `chosen` has.
     pub(in crate::planning) fn chosen_of(
         &self,
         cover: &CoverProblem<'_>,
-        usable: &[usize],
-        rows: &[usize],
+        choosable: &[CandidateIndex],
+        rows: &[RowIndex],
         chosen: &ChosenViews,
         ctx: &Context<'_>,
     ) -> Result<ChosenViews, PlanError> {
         let selection = selection::of_rows(cover, &self.params.selection, &self.params.score, rows, &chosen.selection, ctx)?;
-        Ok(ChosenViews { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+        Ok(ChosenViews::of(selection, choosable))
     }
 
     /// Chooses among the usable candidates that are not `excluded`. A target of the coverable area is here a share of what
     /// those measure; the outcome says then whether it was met.
-    pub(in crate::planning) fn select(&self, excluded: &BTreeSet<usize>, ctx: &Context<'_>) -> Result<ChosenViews, PlanError> {
-        let usable = self.choosable(excluded);
-        let travel_secs = |from: usize, to: usize| self.travel_secs(usable[from], usable[to]);
-        let mut cover = self.cover_problem(&usable);
+    pub(in crate::planning) fn select(
+        &self,
+        excluded: &BTreeSet<CandidateIndex>,
+        ctx: &Context<'_>,
+    ) -> Result<ChosenViews, PlanError> {
+        let choosable = self.choosable(excluded);
+        let travel_secs = |from: RowIndex, to: RowIndex| self.travel_secs(choosable[from.index()], choosable[to.index()]);
+        let mut cover = self.cover_problem(&choosable);
         cover.travel_secs = self.reach.is_some().then_some(&travel_secs);
         let selection = selection::select(&cover, &self.params.selection, &self.params.score, ctx)?;
-        Ok(ChosenViews { kept: selection.choices.iter().map(|choice| usable[choice.row]).collect(), selection })
+        Ok(ChosenViews::of(selection, &choosable))
     }
 
-    /// Time of the quickest straight move between stations of two kept candidates: what travel costs at least.
-    fn travel_secs(&self, from: usize, to: usize) -> f64 {
-        let (Some(cell), Some(reach)) = (self.input.cell, &self.reach) else { return 0.0 };
-        let stations = |kept: usize| reach[kept].as_deref().unwrap_or_default();
+    /// Time of the quickest straight move between stations of two candidates: what travel costs at least.
+    fn travel_secs(&self, from: CandidateIndex, to: CandidateIndex) -> f64 {
+        let Some(cell) = self.input.cell.filter(|_| self.reach.is_some()) else { return 0.0 };
         let axes = cell.axes();
-        let pairs = stations(from).iter().flat_map(|a| stations(to).iter().map(move |b| (a.configuration(), b.configuration())));
+        let ends = [from, to].map(|candidate| self.stations(candidate));
+        let pairs = ends[0].iter().flat_map(|a| ends[1].iter().map(move |b| (a.configuration(), b.configuration())));
         pairs.map(|(a, b)| straight_secs(&axes, &a, &b, &self.params.motion)).fold(f64::INFINITY, f64::min)
     }
 
+    /// Stations of a candidate; none where the cell cannot use it, or without a cell.
+    fn stations(&self, candidate: CandidateIndex) -> &[Station] {
+        self.reach.as_ref().and_then(|reach| reach[candidate.index()].as_deref().ok()).unwrap_or_default()
+    }
+
     /// Chosen views of a setup with their stations, for ordering.
-    pub(in crate::planning) fn stations_of(&self, chosen: &ChosenViews, setup: usize) -> Vec<(ViewId, &[Station])> {
-        let stations = |kept: usize| match &self.reach {
-            Some(reach) => reach[kept].as_deref().unwrap_or_default(),
-            None => &[],
-        };
-        let of_setup = |(_, kept): &(usize, &usize)| self.candidates.kept[**kept].setup == setup;
-        chosen.kept.iter().enumerate().filter(of_setup).map(|(view, kept)| (ViewId(view as u32), stations(*kept))).collect()
+    pub(in crate::planning) fn stations_of(&self, chosen: &ChosenViews, setup: SetupIndex) -> Vec<(ViewId, &[Station])> {
+        let is_here = |(_, candidate): &(ViewId, CandidateIndex)| self.candidates[*candidate].setup == setup;
+        chosen.views().filter(is_here).map(|(view, candidate)| (view, self.stations(candidate))).collect()
     }
 
-    /// The kept candidates behind `views`.
-    pub(in crate::planning) fn candidates_behind(&self, chosen: &ChosenViews, views: &[ViewId]) -> Vec<usize> {
-        views.iter().map(|view| chosen.kept[view.0 as usize]).collect()
-    }
-
-    /// Kept candidates that are reached but for collisions, with no stations, and those of `all_excluded`, with theirs.
-    pub(in crate::planning) fn obstructed(&self, all_excluded: &BTreeSet<usize>) -> Vec<(&Candidate, &[Station])> {
-        let stations = |kept: usize| match &self.reach.as_ref()?[kept] {
-            Ok(stations) => all_excluded.contains(&kept).then_some(stations.as_slice()),
+    /// Candidates that are reached but for collisions, with no stations, and those of `all_excluded`, with theirs.
+    pub(in crate::planning) fn obstructed(&self, all_excluded: &BTreeSet<CandidateIndex>) -> Vec<(&Candidate, &[Station])> {
+        let stations = |candidate: CandidateIndex| match &self.reach.as_ref()?[candidate.index()] {
+            Ok(stations) => all_excluded.contains(&candidate).then_some(stations.as_slice()),
             Err(blocked) => (*blocked == StationFailure::Collision).then_some(&[][..]),
         };
-        (0..self.candidates.kept.len()).filter_map(|kept| Some((&self.candidates.kept[kept], stations(kept)?))).collect()
+        self.candidates.indices().filter_map(|candidate| Some((&self.candidates[candidate], stations(candidate)?))).collect()
     }
 }

@@ -9,7 +9,7 @@ mod tests;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::evaluated::{EvaluatedCandidates, is_usable};
+use super::evaluated::EvaluatedCandidates;
 use crate::cell::Scanner;
 use crate::geometry::{Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
@@ -36,10 +36,10 @@ pub(super) fn rows(
     ctx: &Context<'_>,
 ) -> Result<Option<Vec<Row>>, Cancelled> {
     let Some(error) = scene.params.robust.pose_error.filter(|_| scene.params.robust.select) else { return Ok(None) };
-    let (kept, mut rows) = (&evaluated.candidates.kept, evaluated.matrix.rows.clone());
-    let usable: Vec<bool> = (0..kept.len()).map(|kept| is_usable(evaluated.reach.as_ref(), kept)).collect();
+    let (candidates, mut rows) = (&evaluated.candidates, evaluated.matrix.rows.clone());
+    let usable: Vec<bool> = candidates.indices().map(|candidate| evaluated.is_usable(candidate)).collect();
     for scanner_from_off in stated_errors(&error) {
-        let poses: Vec<_> = kept.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
+        let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner * scanner_from_off).collect();
         let off = visibility::cast(scene.surface, &poses, &usable, scene.scanner, scene.occluders, scene.params, ctx)?;
         rows.iter_mut().zip(&off.rows).for_each(|(row, off)| *row = row.within(off.measured()));
     }

@@ -6,10 +6,11 @@ use super::evaluated::{EvaluatedCandidates, is_usable};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::candidates::{self, CandidateSet, OpenSamples, Rejection, Scope};
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
+use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
 use crate::planning::scene::PlanningScene;
 use crate::planning::selection::{self, CoverProblem};
-use crate::planning::visibility::{self, Occluders, VisibilityMatrix};
+use crate::planning::visibility::{self, Occluders, Row};
 
 /// A targeted view is worth keeping for this share of the open area.
 const MIN_GAIN_OF_OPEN: f64 = 0.001;
@@ -51,11 +52,11 @@ impl Rounds<'_> {
     /// Evaluates candidates: their stations, and the samples that each measures.
     fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
         let candidates = self.scene.iter().fold(candidates, |candidates, scene| scene.drop_inside_obstacles(candidates));
-        let poses: Vec<_> = candidates.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
+        let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
         ctx.begin(Stage::Stations)?;
         let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;
         ctx.begin(Stage::Visibility)?;
-        let usable: Vec<bool> = (0..poses.len()).map(|kept| is_usable(reach.as_ref(), kept)).collect();
+        let usable: Vec<bool> = candidates.indices().map(|candidate| is_usable(reach.as_ref(), candidate)).collect();
         let (surface, scanner) = (self.scope.surface, self.scope.scanner);
         let matrix = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
         Ok(EvaluatedCandidates { candidates, matrix, reach })
@@ -70,7 +71,7 @@ impl Rounds<'_> {
         let target = self.params.selection.target;
         let params = SelectionParams { target, max_views: self.params.selection.max_views, ..for_area() };
         let best = self.fewest(evaluated, true, self.asked_area_mm2, &params, ctx)?;
-        Ok(best.into_iter().map(|kept| evaluated.candidates.kept[kept].part_from_scanner).collect())
+        Ok(best.into_iter().map(|candidate| evaluated.candidates[candidate].part_from_scanner).collect())
     }
 
     /// Views of what is open, as few as it takes. Those that the cell cannot take are added for what is then still open:
@@ -78,27 +79,29 @@ impl Rounds<'_> {
     fn targeted(&self, so_far: &EvaluatedCandidates, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
         ctx.begin(Stage::Candidates)?;
         let mut area_mm2 = self.asked_area_mm2.to_vec();
-        so_far.usable().for_each(|kept| close(&mut area_mm2, &so_far.matrix, kept));
-        let samples: Vec<u32> = (0_u32..).zip(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
-        let incidence_max_rad = [0, 1, 2].map(|d| self.params.limits.incidence_max_rad(&self.scope.scanner.devices[d]));
+        let usable = so_far.candidates.indices().filter(|candidate| so_far.is_usable(*candidate));
+        usable.for_each(|candidate| close(&mut area_mm2, so_far.row(candidate)));
+        let samples: Vec<SampleId> =
+            SampleId::number(&area_mm2).filter(|(_, mm2)| **mm2 > 0.0).map(|(sample, _)| sample).collect();
+        let incidence_max_rad = self.scope.scanner.devices.map(|device| self.params.limits.incidence_max_rad(&device));
         let open = OpenSamples { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
         let (already, params) = (so_far.candidates.generated, &self.params.candidates);
         let mut proposed = self.evaluate(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
-        let mut needed = vec![false; proposed.candidates.kept.len()];
+        let mut needed = vec![false; proposed.candidates.remaining.len()];
         let mut left = params.targeted_max;
         for usable in [true, false] {
             let params = SelectionParams { min_growth: MIN_GAIN_OF_OPEN, max_views: Some(left), ..for_area() };
-            for kept in self.fewest(&proposed, usable, &area_mm2, &params, ctx)? {
-                close(&mut area_mm2, &proposed.matrix, kept);
-                needed[kept] = true;
+            for candidate in self.fewest(&proposed, usable, &area_mm2, &params, ctx)? {
+                close(&mut area_mm2, proposed.row(candidate));
+                needed[candidate.index()] = true;
                 left -= 1;
             }
         }
-        proposed.drop_where(|kept| (!needed[kept]).then_some(Rejection::NotNeeded));
+        proposed.drop_where(|_, candidate| (!needed[candidate.index()]).then_some(Rejection::NotNeeded));
         Ok(proposed)
     }
 
-    /// Kept candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
+    /// Candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.
     fn fewest(
         &self,
         evaluated: &EvaluatedCandidates,
@@ -106,16 +109,16 @@ impl Rounds<'_> {
         area_mm2: &[f64],
         params: &SelectionParams,
         ctx: &Context<'_>,
-    ) -> Result<Vec<usize>, Cancelled> {
-        let all = 0..evaluated.candidates.kept.len();
-        let among: Vec<usize> = all.filter(|kept| is_usable(evaluated.reach.as_ref(), *kept) == usable).collect();
+    ) -> Result<Vec<CandidateIndex>, Cancelled> {
+        let all = evaluated.candidates.indices();
+        let among: Vec<CandidateIndex> = all.filter(|candidate| evaluated.is_usable(*candidate) == usable).collect();
         if among.is_empty() || params.max_views == Some(0) {
             return Ok(Vec::new());
         }
-        let rows = among.iter().map(|kept| &evaluated.matrix.rows[*kept]).collect();
+        let rows = among.iter().map(|candidate| evaluated.row(*candidate)).collect();
         let cover = CoverProblem::new(rows, area_mm2, area_mm2.iter().sum(), params);
         let choices = selection::greedily(&cover, params, &self.params.score, ctx)?;
-        Ok(choices.iter().map(|choice| among[choice.row]).collect())
+        Ok(choices.iter().map(|choice| among[choice.row.index()]).collect())
     }
 }
 
@@ -130,7 +133,7 @@ fn for_area() -> SelectionParams {
     }
 }
 
-/// Marks the samples measured by `kept` as covered.
-fn close(area_mm2: &mut [f64], matrix: &VisibilityMatrix, kept: usize) {
-    matrix.rows[kept].samples().for_each(|sample| area_mm2[sample as usize] = 0.0);
+/// Marks the samples of `row` as covered.
+fn close(area_mm2: &mut [f64], row: &Row) {
+    row.samples().for_each(|sample| area_mm2[sample.index()] = 0.0);
 }

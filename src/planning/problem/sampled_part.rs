@@ -3,15 +3,15 @@
 use super::evaluated::EvaluatedCandidates;
 use super::robust_rows::{self, VisibilityInput};
 use super::rounds::Rounds;
-use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates::{self, Scope};
 use crate::planning::context::{Context, PlanError, Stage};
 use crate::planning::estimate::Estimate;
+use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
 use crate::planning::scene::{self, PlanInput, PlanningScene};
 use crate::planning::setups::{self, Setup};
 use crate::planning::surface::{Surface, check_asked, requirements};
-use crate::planning::visibility::{Occluders, Row};
+use crate::planning::visibility::{Occluders, Optics, Row};
 
 /// A part in samples, before it is known how it lies.
 pub(in crate::planning) struct SampledPart {
@@ -46,7 +46,7 @@ impl SampledPart {
         let asked_area_mm2 = surface.asked_area_mm2();
         check_asked(&asked_area_mm2)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
-        params.candidates = candidates::resolve(&scope(input, &surface, table_from_part, params.seed), &params.candidates);
+        params.candidates = candidates::resolve(&surface, &table_from_part, input.scanner, &params.candidates);
         let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
         Ok(Self { params, surface, asked_area_mm2, alone })
     }
@@ -84,11 +84,22 @@ impl SampledPart {
     ) -> Result<EvaluatedSetups, PlanError> {
         let mut all =
             EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
-        for (number, setup) in setups.iter().enumerate() {
-            let scope = scope(input, &self.surface, setup.table_from_part, self.params.seed);
+        let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
+        for (index, setup) in SetupIndex::number(setups) {
             let (params, occluders, scene) = (&self.params, &setup.occluders, setup.scene.as_ref());
+            let scope = Scope {
+                part: input.mesh,
+                surface: &self.surface,
+                scanner: input.scanner,
+                cell: input.cell,
+                table_from_part: setup.table_from_part,
+                occluders,
+                optics: &optics,
+                score: &params.score,
+                seed: params.seed,
+            };
             let rounds = Rounds { scope, params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 };
-            let evaluated = rounds.run(ctx)?.in_setup(number);
+            let evaluated = rounds.run(ctx)?.in_setup(index);
             let visibility = VisibilityInput { surface: &self.surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
                 all.robust_rows.get_or_insert_default().extend(rows);
@@ -102,8 +113,4 @@ impl SampledPart {
     pub(in crate::planning) fn occluders<'a>(&'a self, setups: &'a [Setup<'_>]) -> &'a Occluders {
         self.alone.as_ref().filter(|_| setups.len() > 1).unwrap_or(&setups[0].occluders)
     }
-}
-
-fn scope<'a>(input: &PlanInput<'a>, surface: &'a Surface, table_from_part: Pose<Table, Part>, seed: u64) -> Scope<'a> {
-    Scope { part: input.mesh, surface, scanner: input.scanner, cell: input.cell, table_from_part, seed }
 }

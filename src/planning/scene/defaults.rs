@@ -17,7 +17,7 @@ pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
 
 /// Fills in every default that depends on the part, the scanner or the presence of a cell.
 pub(in crate::planning) fn resolve(params: &PlanParams, input: &PlanInput<'_>) -> PlanParams {
-    let mut resolved = params.clone();
+    let mut resolved = params.preset.apply(params);
     resolved.part = surface::resolve(&params.part, input.mesh);
     resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));
     for device in &input.scanner.devices {

@@ -12,17 +12,17 @@ pub(super) use placement::{check as check_placement, plate};
 
 use super::candidates::{Candidate, CandidateSet, Rejection};
 use super::context::{Cancelled, Context, PlanError};
+use super::ids::ViewId;
 use super::params::PlanParams;
-use super::selection::ViewId;
 use super::sequence::{self, Ordered, Permits, Roadmaps};
 use super::stations::{self, Station, StationFailure};
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Separation};
-use crate::geometry::{Part, Pose, ScannerFrame, Table};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 
 /// Largest separation that is measured, mm: as far as a clearance may be asked for.
 const MAX_SEPARATION_MM: f64 = 200.0;
 
-/// Stations of every kept candidate, or why it has none.
+/// Stations of every candidate, or why it has none; a [`super::ids::CandidateIndex`] is a place in it.
 pub(super) type Reach = Vec<Result<Vec<Station>, StationFailure>>;
 
 /// A cell with the part on its plate.
@@ -32,6 +32,15 @@ pub(super) struct PlanningScene<'a> {
     table_from_part: Pose<Table, Part>,
     params: &'a PlanParams,
     roadmaps: Option<&'a Roadmaps>,
+}
+
+/// Question about the unit of a part that is wider than the plate: most such parts were read in a wrong one.
+fn size_hint(cell: &Cell, mesh: &Mesh) -> String {
+    let size_mm = mesh.aabb().extent_mm();
+    if size_mm.x.hypot(size_mm.y) <= 2.0 * cell.turntable.plate_radius_mm {
+        return String::new();
+    }
+    format!("; the part is {:.0} x {:.0} x {:.0} mm: was it read in the right unit?", size_mm.x, size_mm.y, size_mm.z)
 }
 
 impl<'a> PlanningScene<'a> {
@@ -47,7 +56,8 @@ impl<'a> PlanningScene<'a> {
         let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
         match scene.placement_contact() {
             Some(contact) => {
-                let detail = format!("lets {contact} meet; move the part, or what it meets");
+                let hint = size_hint(cell, input.mesh);
+                let detail = format!("lets {contact} meet; move the part, or what it meets{hint}");
                 Err(PlanError::param("/part/table_from_part", detail))
             }
             None => Ok(Self { cell, scene, table_from_part, params, roadmaps: input.roadmaps }),
@@ -59,9 +69,9 @@ impl<'a> PlanningScene<'a> {
         let inside = |candidate: &Candidate| {
             stations::inside_obstacle(&candidate.part_from_scanner, self.cell, &self.scene, &self.table_from_part)
         };
-        let (dropped, kept): (Vec<_>, Vec<_>) = generated.kept.into_iter().partition(inside);
+        let (dropped, remaining): (Vec<_>, Vec<_>) = generated.remaining.into_iter().partition(inside);
         generated.rejected.extend(dropped.iter().map(|candidate| (candidate.id, Rejection::InsideObstacle)));
-        generated.kept = kept;
+        generated.remaining = remaining;
         generated
     }
 

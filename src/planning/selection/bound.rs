@@ -47,7 +47,7 @@ pub(super) fn quick(
     chosen: &Cover,
     ctx: &Context<'_>,
 ) -> Result<Bound, Cancelled> {
-    let rows: Vec<&Row> = chosen.choices.iter().map(|choice| problem.rows[choice.row]).collect();
+    let rows: Vec<&Row> = chosen.choices.iter().map(|choice| problem.row(choice.row)).collect();
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let multipliers = Multipliers::relaxed(problem, &goals, BoundTarget::FewestViews, &QUICK, ctx)?;
     let bound = Bound::of_views(multipliers.views_lower(problem), rows.len());

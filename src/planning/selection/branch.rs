@@ -3,6 +3,7 @@
 //! out or demands (reduced costs, as Caprara, Fischetti and Toth 1999, *A Heuristic Method for the Set Covering Problem*),
 //! rows go whose open classes another row holds as well, and the tree splits on taking a row or not.
 //!
+//! A row's id here is its place in [`Classes::rows`](super::classes::Classes), its place that among the rows left at a node.
 //! Whole numbers throughout, so that infeasibility is proved exactly. Nodes are taken in rounds whose make-up does not depend on
 //! threads. Cost: a subgradient step passes over the pairs of a node's rows and classes.
 
@@ -308,8 +309,8 @@ impl SearchNode {
     }
 
     fn keep_rows(&mut self, mut keep: impl FnMut(u32) -> bool) {
-        let kept: Vec<bool> = self.ids.iter().map(|id| keep(*id)).collect();
-        let (mut of_ids, mut of_rows) = (kept.iter(), kept.iter());
+        let stays: Vec<bool> = self.ids.iter().map(|id| keep(*id)).collect();
+        let (mut of_ids, mut of_rows) = (stays.iter(), stays.iter());
         self.ids.retain(|_| of_ids.next().copied().unwrap_or(true));
         self.of_row.retain(|_| of_rows.next().copied().unwrap_or(true));
     }
@@ -353,12 +354,12 @@ impl SearchNode {
 
     fn drop_dominated(&mut self, spent: &mut u64) {
         *spent += self.pairs() as u64;
-        let kept = undominated(&self.of_row, self.units.len());
-        if kept.len() < self.ids.len() {
-            let mut is_kept = vec![false; self.ids.len()];
-            kept.iter().for_each(|place| is_kept[*place] = true);
-            let mut is_kept = is_kept.into_iter();
-            self.keep_rows(|_| is_kept.next().unwrap_or(true));
+        let undominated = undominated(&self.of_row, self.units.len());
+        if undominated.len() < self.ids.len() {
+            let mut stays = vec![false; self.ids.len()];
+            undominated.iter().for_each(|place| stays[*place] = true);
+            let mut stays = stays.into_iter();
+            self.keep_rows(|_| stays.next().unwrap_or(true));
         }
     }
 }

@@ -14,10 +14,10 @@ use super::multipliers::{BoundTarget, Multipliers, RelaxationSize};
 use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
-use super::{CoverProblem, Selection, StopReason, greedy, improve_score, is_for_coverage, local, max_views};
+use super::{Cover, CoverProblem, Selection, StopReason, greedy, improve_score, is_for_coverage, local, max_views};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
-use crate::planning::visibility::Row;
 
 /// Size of the relaxation at the root.
 const THOROUGH: RelaxationSize = RelaxationSize { step: 2e8, rows: 600 };
@@ -28,10 +28,11 @@ pub(super) fn select(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
+    start: Option<&Cover>,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
     let scorer = Scorer::new(problem, params, weights);
-    let mut found = local::search(&scorer, params, ctx)?;
+    let mut found = local::search(&scorer, params, start, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
@@ -39,19 +40,14 @@ pub(super) fn select(
     } else {
         proof.fewest_views(&mut found.rows)?
     };
-    let rows = measured(problem, &found.rows);
+    let rows = problem.measured(&found.rows);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
     let rows = improve_score::run(&scorer, &exchange, found.rows, &mut Budget { left: u64::MAX }, ctx)?;
-    let stopped_because = match found.stopped_because {
-        StopReason::MaxViews if rows.len() < max_views(params) && !is_for_coverage(params) => StopReason::Target,
-        reason => reason,
-    };
+    let met_with_fewer =
+        found.stopped_because == StopReason::MaxViews && rows.len() < max_views(params) && !is_for_coverage(params);
+    let stopped_because = if met_with_fewer { StopReason::Target } else { found.stopped_because };
     Ok(Selection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
-}
-
-fn measured<'a>(problem: &CoverProblem<'a>, rows: &[usize]) -> Vec<&'a Row> {
-    rows.iter().map(|row| problem.rows[*row]).collect()
 }
 
 struct Proof<'a> {
@@ -64,8 +60,8 @@ struct Proof<'a> {
 
 impl Proof<'_> {
     /// Raises the bound to the number of views, or finds fewer.
-    fn fewest_views(&mut self, rows: &mut Vec<usize>) -> Result<Bound, Cancelled> {
-        let goals = goals_of(self.problem, &measured(self.problem, rows), false);
+    fn fewest_views(&mut self, rows: &mut Vec<RowIndex>) -> Result<Bound, Cancelled> {
+        let goals = goals_of(self.problem, &self.problem.measured(rows), false);
         let multipliers = Multipliers::relaxed(self.problem, &goals, BoundTarget::FewestViews, &THOROUGH, self.ctx)?;
         let mut lower = multipliers.views_lower(self.problem);
         let Some(instance) = self.instance(&goals, &multipliers, lower < rows.len()) else {
@@ -74,7 +70,7 @@ impl Proof<'_> {
         while lower < rows.len() {
             let accepts = |taken: &[u32]| {
                 let rows = instance.rows_of(taken);
-                goals.iter().all(|goal| goal.covered_by(&measured(self.problem, &rows)) >= goal.needed)
+                goals.iter().all(|goal| goal.covered_by(&self.problem.measured(&rows)) >= goal.needed)
             };
             match search(instance.node(multipliers.slack, lower), &accepts, &mut self.left, self.ctx)? {
                 CoverResult::Infeasible => lower += 1,
@@ -92,9 +88,9 @@ impl Proof<'_> {
     }
 
     /// Lowers the bound on the area of `views` views to the covered area, or finds better views.
-    fn max_area(&mut self, rows: &mut Vec<usize>, views: usize) -> Result<Bound, Cancelled> {
+    fn max_area(&mut self, rows: &mut Vec<RowIndex>, views: usize) -> Result<Bound, Cancelled> {
         let problem = self.problem;
-        let mut goal = goals_of(problem, &measured(problem, rows), true);
+        let mut goal = goals_of(problem, &problem.measured(rows), true);
         let multipliers = Multipliers::relaxed(problem, &goal, BoundTarget::MostArea(views), &THOROUGH, self.ctx)?;
         let mut upper = multipliers.max_units(problem, views).min(goal[0].measured);
         let instance = self.instance(&goal, &multipliers, upper > goal[0].needed);
@@ -104,7 +100,7 @@ impl Proof<'_> {
                 CoverResult::Infeasible => upper = goal[0].needed,
                 CoverResult::Found(taken) => {
                     let better = instance.rows_of(&taken);
-                    let covered = goal[0].covered_by(&measured(problem, &better));
+                    let covered = goal[0].covered_by(&problem.measured(&better));
                     if !self.overlap.connects(&better) {
                         break;
                     }
@@ -126,8 +122,8 @@ impl Proof<'_> {
         if !wanted || pairs > MAX_PAIRS {
             return None;
         }
-        let all: Vec<u32> = (0..multipliers.units.len() as u32).collect();
-        let rows: Vec<usize> = (0..self.problem.rows.len()).collect();
+        let all: Vec<SampleId> = SampleId::first(multipliers.units.len()).collect();
+        let rows: Vec<RowIndex> = self.problem.all_rows().collect();
         let classes = Classes::new(self.problem, goals, &all, &rows);
         let (mut units, mut multipliers_of_class) = (vec![0; classes.len()], vec![0; classes.len()]);
         let mut beyond = 0;
@@ -168,8 +164,9 @@ impl CoverInstance {
         }
     }
 
-    fn rows_of(&self, taken: &[u32]) -> Vec<usize> {
-        let mut rows: Vec<usize> = taken.iter().map(|id| self.classes.rows[*id as usize]).collect();
+    /// Rows of the problem by their places in [`Classes::rows`].
+    fn rows_of(&self, taken: &[u32]) -> Vec<RowIndex> {
+        let mut rows: Vec<RowIndex> = taken.iter().map(|id| self.classes.rows[*id as usize]).collect();
         rows.sort_unstable();
         rows
     }

@@ -6,13 +6,14 @@ use std::collections::HashMap;
 
 use super::CoverProblem;
 use super::units::Units;
+use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::visibility::ones;
 
 /// The reduced matrix.
 pub(super) struct Classes {
-    /// Number of each kept row in [`CoverProblem::rows`], ascending.
-    pub(super) rows: Vec<usize>,
-    /// Classes of each kept row, ascending.
+    /// The problem's rows that no other makes superfluous, ascending.
+    pub(super) rows: Vec<RowIndex>,
+    /// Classes of each of these rows, ascending.
     pub(super) of_row: Vec<Vec<u32>>,
     /// Units of each class, for each goal.
     pub(super) units: Vec<Vec<i64>>,
@@ -25,15 +26,15 @@ impl Classes {
     pub(super) const NONE: u32 = u32::MAX;
 
     /// Merges the `samples` that some goal counts, over the `rows` given.
-    pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32], rows: &[usize]) -> Self {
+    pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], samples: &[SampleId], rows: &[RowIndex]) -> Self {
         let index = index_of(problem, goals, samples);
-        let counted: Vec<u32> = samples.iter().copied().filter(|sample| index[*sample as usize] != Self::NONE).collect();
+        let counted: Vec<SampleId> = samples.iter().copied().filter(|sample| index[sample.index()] != Self::NONE).collect();
         let signatures = Signatures::new(problem, rows, &index, counted.len());
         let mut class_of: HashMap<&[u64], u32> = HashMap::new();
         let mut representatives = Vec::new();
         let mut units = vec![Vec::new(); goals.len()];
         let mut of_sample = vec![Self::NONE; index.len()];
-        for (at, sample) in counted.iter().map(|sample| *sample as usize).enumerate() {
+        for (at, sample) in counted.iter().map(|sample| sample.index()).enumerate() {
             let signature = signatures.of(at);
             if signature.iter().all(|word| *word == 0) {
                 continue;
@@ -48,11 +49,11 @@ impl Classes {
         }
         let mut of_row = vec![Vec::new(); rows.len()];
         for (class, at) in (0..).zip(&representatives) {
-            signatures.rows(*at).for_each(|row| of_row[row].push(class));
+            signatures.places(*at).for_each(|place| of_row[place].push(class));
         }
-        let kept = undominated(&of_row, representatives.len());
-        let of_row = kept.iter().map(|row| std::mem::take(&mut of_row[*row])).collect();
-        Self { rows: kept.iter().map(|row| rows[*row]).collect(), of_row, units, of_sample }
+        let places = undominated(&of_row, representatives.len());
+        let of_row = places.iter().map(|place| std::mem::take(&mut of_row[*place])).collect();
+        Self { rows: places.iter().map(|place| rows[*place]).collect(), of_row, units, of_sample }
     }
 
     /// Work of a step of the relaxation: half the square of the rows of each class.
@@ -69,25 +70,25 @@ impl Classes {
 }
 
 /// Position of each sample among the `samples` that count.
-fn index_of(problem: &CoverProblem<'_>, goals: &[Units], samples: &[u32]) -> Vec<u32> {
+fn index_of(problem: &CoverProblem<'_>, goals: &[Units], samples: &[SampleId]) -> Vec<u32> {
     let mut index = vec![Classes::NONE; problem.asked_area_mm2.len()];
-    let counts = |sample: &&u32| goals.iter().any(|goal| goal.of_sample[**sample as usize] > 0);
-    (0..).zip(samples.iter().filter(counts)).for_each(|(place, sample)| index[*sample as usize] = place);
+    let counts = |sample: &&SampleId| goals.iter().any(|goal| goal.of_sample[sample.index()] > 0);
+    (0..).zip(samples.iter().filter(counts)).for_each(|(place, sample)| index[sample.index()] = place);
     index
 }
 
-/// Rows that measure each sample, a bit a row.
+/// Rows that measure each sample, a bit a row: its place among the rows given.
 struct Signatures {
     words: Vec<u64>,
     width: usize,
 }
 
 impl Signatures {
-    fn new(problem: &CoverProblem<'_>, rows: &[usize], index: &[u32], samples: usize) -> Self {
+    fn new(problem: &CoverProblem<'_>, rows: &[RowIndex], index: &[u32], samples: usize) -> Self {
         let width = rows.len().div_ceil(64).max(1);
         let mut words = vec![0; samples * width];
         for (place, row) in rows.iter().enumerate() {
-            let placed = problem.rows[*row].samples().map(|sample| index[sample as usize]).filter(|at| *at != Classes::NONE);
+            let placed = problem.row(*row).samples().map(|sample| index[sample.index()]).filter(|at| *at != Classes::NONE);
             placed.for_each(|at| words[at as usize * width + place / 64] |= 1 << (place % 64));
         }
         Self { words, width }
@@ -97,26 +98,26 @@ impl Signatures {
         &self.words[sample * self.width..][..self.width]
     }
 
-    fn rows(&self, sample: usize) -> impl Iterator<Item = usize> {
+    fn places(&self, sample: usize) -> impl Iterator<Item = usize> {
         let words = (0..).step_by(64).zip(self.of(sample));
         words.flat_map(|(first, word)| ones(*word).map(move |bit| first + bit as usize))
     }
 }
 
-/// Finds the rows, given by their classes, that no other contains; of equal ones the first.
+/// Finds the places of rows, given by their classes, that no other contains; of equal ones the first.
 pub(super) fn undominated(of_row: &[Vec<u32>], classes: usize) -> Vec<usize> {
     let bits: Vec<Vec<u64>> = of_row.iter().map(|row| bits_of(row, classes)).collect();
     let mut largest_first: Vec<usize> = (0..of_row.len()).filter(|row| !of_row[*row].is_empty()).collect();
     largest_first.sort_by_key(|row| std::cmp::Reverse(of_row[*row].len()));
-    let mut kept: Vec<usize> = Vec::new();
+    let mut found: Vec<usize> = Vec::new();
     for row in largest_first {
         let within = |other: &usize| bits[row].iter().zip(&bits[*other]).all(|(own, other)| own & !other == 0);
-        if !kept.iter().any(within) {
-            kept.push(row);
+        if !found.iter().any(within) {
+            found.push(row);
         }
     }
-    kept.sort_unstable();
-    kept
+    found.sort_unstable();
+    found
 }
 
 fn bits_of(row: &[u32], classes: usize) -> Vec<u64> {

@@ -11,6 +11,7 @@ use super::overlap::Overlap;
 use super::score::{Scorer, Uncovered};
 use super::{Choice, Cover, CoverProblem, Goal, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
 /// Rounding of the running sum of areas: a target of 100 % is met by the sum of all parts in another order.
@@ -29,7 +30,7 @@ pub(super) fn select(
 }
 
 /// Orders the rows of `among` as greedy takes them, whatever they add.
-pub(super) fn order(scorer: &Scorer<'_>, among: &[usize], ctx: &Context<'_>) -> Result<Vec<Choice>, Cancelled> {
+pub(super) fn order(scorer: &Scorer<'_>, among: &[RowIndex], ctx: &Context<'_>) -> Result<Vec<Choice>, Cancelled> {
     let mut round = Round::first(scorer);
     let mut rest = among.to_vec();
     rest.sort_unstable();
@@ -45,7 +46,8 @@ pub(super) fn order(scorer: &Scorer<'_>, among: &[usize], ctx: &Context<'_>) -> 
 /// Finds the best candidate of a round.
 pub(super) trait CandidateQueue {
     /// The candidate with the highest positive score that may be chosen; the lowest number among equals.
-    fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>) -> Result<Option<(usize, f64)>, Cancelled>;
+    fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>)
+    -> Result<Option<(RowIndex, f64)>, Cancelled>;
 }
 
 /// Chooses until a rule ends it.
@@ -71,7 +73,7 @@ pub(super) fn run(
             break StopReason::MaxViews;
         }
         let Some((row, score)) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
-        if round.asked.area_mm2(problem.rows[row]) < min_gain_mm2 {
+        if round.asked.area_mm2(problem.row(row)) < min_gain_mm2 {
             break StopReason::Growth;
         }
         round.take(row, score);
@@ -104,13 +106,13 @@ impl<'a> GoalProgress<'a> {
         self.covered_mm2 >= self.target_mm2
     }
 
-    fn counts(&self, sample: usize) -> bool {
-        self.goal.area_mm2[sample] > 0.0
+    fn counts(&self, sample: SampleId) -> bool {
+        self.goal.area_mm2[sample.index()] > 0.0
     }
 
-    fn close(&mut self, problem: &CoverProblem<'_>, row: usize) {
-        self.covered_mm2 += self.open.area_mm2(problem.rows[row]);
-        self.open.close(problem.rows[row]);
+    fn close(&mut self, problem: &CoverProblem<'_>, row: RowIndex) {
+        self.covered_mm2 += self.open.area_mm2(problem.row(row));
+        self.open.close(problem.row(row));
     }
 }
 
@@ -121,7 +123,7 @@ pub(super) struct Round<'a> {
     pub(super) open: Uncovered,
     /// Asked samples that are not covered.
     asked: Uncovered,
-    pub(super) chosen: Vec<usize>,
+    pub(super) chosen: Vec<RowIndex>,
     choices: Vec<Choice>,
 }
 
@@ -132,12 +134,12 @@ impl<'a> Round<'a> {
     }
 
     /// A row's score less the cost of the travel to it.
-    pub(super) fn net_score(&self, row: usize, score: f64) -> f64 {
+    pub(super) fn net_score(&self, row: RowIndex, score: f64) -> f64 {
         score - self.scorer.travel_cost_mm2(row, &self.chosen)
     }
 
-    fn take(&mut self, row: usize, score: f64) {
-        let measured = self.scorer.problem.rows[row];
+    fn take(&mut self, row: RowIndex, score: f64) {
+        let measured = self.scorer.problem.row(row);
         self.choices.push(Choice { row, gain_mm2: self.asked.area_mm2(measured), score });
         self.open.close(measured);
         self.asked.close(measured);
@@ -147,6 +149,7 @@ impl<'a> Round<'a> {
 
 /// Scores candidates in batches, those with the highest upper bound first.
 pub(super) struct BatchQueue {
+    /// Upper bound of each row's score.
     upper_bound: Vec<f64>,
 }
 
@@ -158,18 +161,23 @@ impl BatchQueue {
 
 impl CandidateQueue for BatchQueue {
     /// Skips candidates whose upper bound from an earlier round is already too low.
-    fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>) -> Result<Option<(usize, f64)>, Cancelled> {
+    fn best(
+        &mut self,
+        round: &Round<'_>,
+        overlap: &Overlap<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<(RowIndex, f64)>, Cancelled> {
         let scorer = round.scorer;
-        let mut order: Vec<usize> = (0..self.upper_bound.len()).collect();
-        order.sort_by(|a, b| self.upper_bound[*b].total_cmp(&self.upper_bound[*a]));
+        let mut order: Vec<RowIndex> = RowIndex::first(self.upper_bound.len()).collect();
+        order.sort_by(|a, b| self.upper_bound[b.index()].total_cmp(&self.upper_bound[a.index()]));
         let mut best = None;
         for batch in order.chunks(BATCH) {
-            if best.is_some_and(|best| precedes(best, (batch[0], self.upper_bound[batch[0]]))) {
+            if best.is_some_and(|best| precedes(best, (batch[0], self.upper_bound[batch[0].index()]))) {
                 break;
             }
-            let score = |row: &usize| ctx.check().map(|()| (*row, scorer.score(*row, &round.open)));
+            let score = |row: &RowIndex| ctx.check().map(|()| (*row, scorer.score(*row, &round.open)));
             for (row, upper_bound) in batch.par_iter().map(score).collect::<Result<Vec<_>, Cancelled>>()? {
-                self.upper_bound[row] = if scorer.scores_only_fall(row) { upper_bound } else { f64::INFINITY };
+                self.upper_bound[row.index()] = if scorer.scores_only_fall(row) { upper_bound } else { f64::INFINITY };
                 let score = round.net_score(row, upper_bound);
                 let leads = score > 0.0 && best.is_none_or(|best| precedes((row, score), best));
                 if leads && !round.chosen.contains(&row) && overlap.joins(row, &round.chosen) {
@@ -182,6 +190,7 @@ impl CandidateQueue for BatchQueue {
 }
 
 /// Returns true if a candidate goes before another: by score, then by number.
-pub(super) fn precedes((row, score): (usize, f64), (other, other_score): (usize, f64)) -> bool {
+#[expect(clippy::float_cmp, reason = "scores that differ in the last bit differ")]
+pub(super) fn precedes((row, score): (RowIndex, f64), (other, other_score): (RowIndex, f64)) -> bool {
     score > other_score || score == other_score && row < other
 }

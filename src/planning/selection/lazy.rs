@@ -12,6 +12,7 @@ use super::overlap::Overlap;
 use super::score::Scorer;
 use super::{Cover, CoverProblem};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::RowIndex;
 use crate::planning::params::{ScoreParams, SelectionParams};
 
 pub(super) fn select(
@@ -30,7 +31,7 @@ struct LazyQueue {
 
 /// A row and the upper bound of its score; the lower row is the greater among equals.
 #[derive(PartialEq)]
-struct Entry(f64, Reverse<usize>);
+struct Entry(f64, Reverse<RowIndex>);
 
 impl Eq for Entry {}
 
@@ -48,13 +49,18 @@ impl Ord for Entry {
 
 impl LazyQueue {
     fn new(rows: usize) -> Self {
-        Self { heap: (0..rows).map(|row| Entry(f64::INFINITY, Reverse(row))).collect() }
+        Self { heap: RowIndex::first(rows).map(|row| Entry(f64::INFINITY, Reverse(row))).collect() }
     }
 }
 
 impl CandidateQueue for LazyQueue {
-    fn best(&mut self, round: &Round<'_>, overlap: &Overlap<'_>, ctx: &Context<'_>) -> Result<Option<(usize, f64)>, Cancelled> {
-        let mut best: Option<(usize, f64)> = None;
+    fn best(
+        &mut self,
+        round: &Round<'_>,
+        overlap: &Overlap<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<(RowIndex, f64)>, Cancelled> {
+        let mut best: Option<(RowIndex, f64)> = None;
         let mut scored = Vec::new();
         while let Some(Entry(upper_bound, Reverse(row))) = self.heap.pop() {
             if best.is_some_and(|best| precedes(best, (row, upper_bound))) {

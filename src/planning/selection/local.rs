@@ -14,6 +14,7 @@ use super::score::Scorer;
 use super::units::Units;
 use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::RowIndex;
 use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::visibility::{Row, SampleSet, ones};
 
@@ -30,26 +31,32 @@ pub(super) fn select(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
+    start: Option<&Cover>,
     ctx: &Context<'_>,
 ) -> Result<Cover, Cancelled> {
     let scorer = Scorer::new(problem, params, weights);
-    let found = search(&scorer, params, ctx)?;
+    let found = search(&scorer, params, start, ctx)?;
     Ok(Cover { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because })
 }
 
 /// Views without their order.
 pub(super) struct LocalOptimum {
-    pub(super) rows: Vec<usize>,
+    pub(super) rows: Vec<RowIndex>,
     pub(super) stopped_because: StopReason,
 }
 
-/// The best views that exchanges find.
-pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Context<'_>) -> Result<LocalOptimum, Cancelled> {
+/// The best views that exchanges find, begun at `start`, or where greedy by area ends.
+pub(super) fn search(
+    scorer: &Scorer<'_>,
+    params: &SelectionParams,
+    start: Option<&Cover>,
+    ctx: &Context<'_>,
+) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
-    let by_area = scorer.by_area();
-    let start = greedy::run(BatchQueue::new(problem.rows.len()), &by_area, params, ctx)?;
+    let by_area = || greedy::run(BatchQueue::new(problem.rows.len()), &scorer.by_area(), params, ctx);
+    let start = start.map_or_else(by_area, |start| Ok(start.clone()))?;
     let overlap = Overlap::new(problem, &params.overlap);
-    let mut rows: Vec<usize> = start.choices.iter().map(|choice| choice.row).collect();
+    let mut rows: Vec<RowIndex> = start.choices.iter().map(|choice| choice.row).collect();
     let mut stopped_because = start.stopped_because;
     let mut goals = Units::of_goals(problem);
     let mut budget = Budget { left: u64::from(params.work_limit) * 1_000_000 };
@@ -61,7 +68,7 @@ pub(super) fn search(scorer: &Scorer<'_>, params: &SelectionParams, ctx: &Contex
     if limited && !rows.is_empty() {
         rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, &mut budget, ctx)?;
     }
-    let measured: Vec<&Row> = rows.iter().map(|row| problem.rows[*row]).collect();
+    let measured = problem.measured(&rows);
     goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
     if !is_for_coverage(params) {
         if limited && problem.goals.len() == goals.len() && are_met(problem, &measured) {
@@ -97,7 +104,7 @@ pub(super) struct Exchange<'a> {
 
 impl Exchange<'_> {
     /// Meets the same goals with as few views as are found.
-    pub(super) fn fewer(&self, rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+    pub(super) fn fewer(&self, rows: Vec<RowIndex>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
         let mut best = self.remove_redundant(rows, ctx)?;
         while best.len() > 1 && budget.left > 0 {
             let Some(start) = self.remove_one(&best) else { break };
@@ -111,7 +118,7 @@ impl Exchange<'_> {
     }
 
     /// Removes redundant views, the last first, as long as the goals stay met.
-    fn remove_redundant(&self, mut rows: Vec<usize>, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+    fn remove_redundant(&self, mut rows: Vec<RowIndex>, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
         for at in (0..rows.len()).rev() {
             ctx.check()?;
             let mut fewer = rows.clone();
@@ -124,7 +131,7 @@ impl Exchange<'_> {
     }
 
     /// Removes the view whose loss leaves the smallest deficit.
-    fn remove_one(&self, rows: &[usize]) -> Option<Vec<usize>> {
+    fn remove_one(&self, rows: &[RowIndex]) -> Option<Vec<RowIndex>> {
         let without =
             |at: usize| rows.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, row)| *row).collect::<Vec<_>>();
         let allowed = (0..rows.len()).map(without).filter(|fewer| self.overlap.connects(fewer));
@@ -132,7 +139,7 @@ impl Exchange<'_> {
     }
 
     /// Tabu search from `rows`; returns the best that it finds.
-    fn run(&self, mut rows: Vec<usize>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+    fn run(&self, mut rows: Vec<RowIndex>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
         let mut tabu = vec![0_u64; self.problem.rows.len()];
         let mut best = (CoverState::new(self, &rows).deficit(), rows.clone());
         let mut spent = 0;
@@ -144,13 +151,13 @@ impl Exchange<'_> {
             spent += swaps.work;
             budget.spend(swaps.work);
             let chosen = swaps.best(|at, row, deficit| {
-                let allowed = deficit < best.0 || (tabu[row] < step && tabu[rows[at]] < step);
+                let allowed = deficit < best.0 || (tabu[row.index()] < step && tabu[rows[at].index()] < step);
                 allowed && self.connects(&rows, at, row)
             });
             let Some((at, row, deficit)) = chosen else { continue };
             let noise = mixed(step);
-            tabu[rows[at]] = step + 4 + noise % 8;
-            tabu[row] = step + 1 + noise / 8 % (rows.len() as u64 / 2 + 1);
+            tabu[rows[at].index()] = step + 4 + noise % 8;
+            tabu[row.index()] = step + 1 + noise / 8 % (rows.len() as u64 / 2 + 1);
             rows[at] = row;
             if deficit < best.0 {
                 best = (deficit, rows.clone());
@@ -159,8 +166,18 @@ impl Exchange<'_> {
         Ok(best.1)
     }
 
+    /// Units by which `rows` miss the goals.
+    pub(super) fn deficit(&self, rows: &[RowIndex]) -> i64 {
+        CoverState::new(self, rows).deficit()
+    }
+
+    /// A deficit as area.
+    pub(super) fn deficit_mm2(&self, deficit: i64) -> f64 {
+        self.goals.first().map_or(0.0, |goal| goal.area_mm2(deficit))
+    }
+
     /// Returns true if `rows` with the one at `at` exchanged may be chosen together.
-    pub(super) fn connects(&self, rows: &[usize], at: usize, row: usize) -> bool {
+    pub(super) fn connects(&self, rows: &[RowIndex], at: usize, row: RowIndex) -> bool {
         let mut exchanged = rows.to_vec();
         exchanged[at] = row;
         self.overlap.connects(&exchanged)
@@ -185,10 +202,10 @@ struct CoverState<'a> {
 }
 
 impl<'a> CoverState<'a> {
-    fn new(exchange: &Exchange<'a>, rows: &[usize]) -> Self {
+    fn new(exchange: &Exchange<'a>, rows: &[RowIndex]) -> Self {
         let words = exchange.problem.asked_area_mm2.len().div_ceil(64);
         let (mut once, mut twice) = (vec![0_u64; words], vec![0_u64; words]);
-        let measured: Vec<&Row> = rows.iter().map(|row| exchange.problem.rows[*row]).collect();
+        let measured = exchange.problem.measured(rows);
         for row in &measured {
             for ((once, twice), word) in once.iter_mut().zip(&mut twice).zip(row.words()) {
                 *twice |= *once & word;
@@ -234,12 +251,12 @@ pub(super) struct Swaps {
 }
 
 impl Swaps {
-    pub(super) fn new(exchange: &Exchange<'_>, rows: &[usize], ctx: &Context<'_>) -> Result<Self, Cancelled> {
+    pub(super) fn new(exchange: &Exchange<'_>, rows: &[RowIndex], ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let state = CoverState::new(exchange, rows);
         let views = rows.len();
         let mut sole = vec![u16::MAX; exchange.problem.asked_area_mm2.len().next_multiple_of(64)];
         for (view, samples) in (0..).zip(&state.alone) {
-            samples.iter().for_each(|sample| sole[sample as usize] = view);
+            samples.iter().for_each(|sample| sole[sample.index()] = view);
         }
         let moving = state.alone.iter().fold(vec![0; sole.len() / 64], |mut all: Vec<u64>, samples| {
             all.iter_mut().zip(samples.words()).for_each(|(all, word)| *all |= word);
@@ -267,21 +284,21 @@ impl Swaps {
             exchange.problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
         let work = of_rows.iter().map(|(_, work)| work).sum();
         let mut deficits: Vec<Vec<i64>> = of_rows.into_iter().map(|(deficits, _)| deficits).collect();
-        rows.iter().for_each(|row| deficits[*row].clear());
+        rows.iter().for_each(|row| deficits[row.index()].clear());
         Ok(Self { deficits, work })
     }
 
     /// Lists every exchange of a view for a row that is not chosen: position of the view, row, and the deficit after it.
-    pub(super) fn all(&self) -> impl Iterator<Item = (usize, usize, i64)> + '_ {
-        let of_row = |(row, deficits): (usize, &'_ Vec<i64>)| -> Vec<(usize, usize, i64)> {
+    pub(super) fn all(&self) -> impl Iterator<Item = (usize, RowIndex, i64)> + '_ {
+        let of_row = |(row, deficits): (RowIndex, &'_ Vec<i64>)| -> Vec<(usize, RowIndex, i64)> {
             deficits.iter().enumerate().map(|(at, deficit)| (at, row, *deficit)).collect()
         };
-        self.deficits.iter().enumerate().flat_map(of_row)
+        RowIndex::number(&self.deficits).flat_map(of_row)
     }
 
     /// The allowed exchange with the least deficit; the first among equals.
-    fn best(&self, allowed: impl Fn(usize, usize, i64) -> bool) -> Option<(usize, usize, i64)> {
-        let mut best: Option<(usize, usize, i64)> = None;
+    fn best(&self, allowed: impl Fn(usize, RowIndex, i64) -> bool) -> Option<(usize, RowIndex, i64)> {
+        let mut best: Option<(usize, RowIndex, i64)> = None;
         for (at, row, deficit) in self.all() {
             if best.is_none_or(|best| deficit < best.2) && allowed(at, row, deficit) {
                 best = Some((at, row, deficit));

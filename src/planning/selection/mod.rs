@@ -8,6 +8,7 @@ mod bound;
 mod branch;
 mod certified;
 mod classes;
+mod grade_floor;
 mod greedy;
 mod improve_score;
 mod lazy;
@@ -23,17 +24,15 @@ mod units;
 use std::borrow::Cow;
 
 use super::context::{Cancelled, Context};
+use super::ids::{RowIndex, ViewId};
 use super::params::{ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::visibility::{Row, SampleSet};
 
 pub use bound::Bound;
-
-/// Dense number of a chosen view, in the order chosen, from 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct ViewId(pub u32);
+use grade_floor::GradeFloor;
 
 /// Seconds that the cell needs from the view of one row to that of another.
-pub type TravelSecs<'a> = &'a (dyn Fn(usize, usize) -> f64 + Sync);
+pub type TravelSecs<'a> = &'a (dyn Fn(RowIndex, RowIndex) -> f64 + Sync);
 
 /// The problem of covering enough area with few views: candidates, goals and costs.
 #[derive(Clone)]
@@ -64,8 +63,8 @@ pub struct Goal<'a> {
 /// A chosen view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Index into [`CoverProblem::rows`].
-    pub row: usize,
+    /// Its row.
+    pub row: RowIndex,
     /// Asked area that it added, mm².
     pub gain_mm2: f64,
     /// Its score when chosen, mm²: G_v, or plain area, less what its time costs.
@@ -100,6 +99,7 @@ pub struct Selection {
 }
 
 /// Chosen views without their bound.
+#[derive(Clone)]
 pub(in crate::planning) struct Cover {
     choices: Vec<Choice>,
     stopped_because: StopReason,
@@ -118,9 +118,26 @@ pub fn select(
     let chosen = match params.solver {
         Solver::Greedy => greedy::select(problem, params, score, ctx)?,
         Solver::Lazy => lazy::select(problem, params, score, ctx)?,
-        Solver::Local => local::select(problem, params, score, ctx)?,
-        Solver::Certified => return certified::select(problem, params, score, ctx),
+        Solver::Local | Solver::Certified => return fewest(problem, params, score, ctx),
     };
+    let bound = bound::quick(problem, params, &chosen, ctx)?;
+    Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
+}
+
+/// Chooses the fewest views that meet the goals, the floors under grades among them, with the best score of that many.
+fn fewest(
+    problem: &CoverProblem<'_>,
+    params: &SelectionParams,
+    score: &ScoreParams,
+    ctx: &Context<'_>,
+) -> Result<Selection, Cancelled> {
+    let floor = GradeFloor::of(problem, params, score, ctx)?;
+    let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
+    let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
+    if params.solver == Solver::Certified {
+        return certified::select(problem, params, score, start, ctx);
+    }
+    let chosen = local::select(problem, params, score, start, ctx)?;
     let bound = bound::quick(problem, params, &chosen, ctx)?;
     Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
 }
@@ -138,23 +155,23 @@ pub(in crate::planning) fn greedily(
     Ok(greedy::select(problem, params, score, ctx)?.choices)
 }
 
-/// Lists every exchange of one of `rows` for another row after which the goals are met as far as `rows` meet them and overlap is
-/// as asked for: the position among `rows`, and the other row.
+/// Lists every exchange of one of the views, whose rows are `rows`, for another row after which the goals are met as far as
+/// `rows` meet them and overlap is as asked for: the view, and the other row.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub(in crate::planning) fn exchanges(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
-    rows: &[usize],
+    rows: &[RowIndex],
     ctx: &Context<'_>,
-) -> Result<Vec<(usize, usize)>, Cancelled> {
-    let measured: Vec<&Row> = rows.iter().map(|row| problem.rows[*row]).collect();
+) -> Result<Vec<(ViewId, RowIndex)>, Cancelled> {
+    let measured: Vec<&Row> = problem.measured(rows);
     let (goals, overlap) = (bound::goals_of(problem, &measured, false), overlap::Overlap::new(problem, &params.overlap));
     let exchange = local::Exchange { problem, goals: &goals, overlap: &overlap };
     let swaps = local::Swaps::new(&exchange, rows, ctx)?;
     let allowed = swaps.all().filter(|(at, row, deficit)| *deficit == 0 && exchange.connects(rows, *at, *row));
-    Ok(allowed.map(|(at, row, _)| (at, row)).collect())
+    Ok(allowed.map(|(at, row, _)| (ViewId::at(at), row)).collect())
 }
 
 /// Makes the selection of `rows`, as many as `like` has, in greedy's order, with the bound of `like`.
@@ -165,7 +182,7 @@ pub(in crate::planning) fn of_rows(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     score: &ScoreParams,
-    rows: &[usize],
+    rows: &[RowIndex],
     like: &Selection,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
@@ -188,6 +205,22 @@ impl<'a> CoverProblem<'a> {
         Self { rows, asked_area_mm2, weighted_area_mm2, goals: vec![target], view_secs: 0.0, travel_secs: None }
     }
 
+    /// Samples that a row's view measures.
+    #[must_use]
+    pub fn row(&self, row: RowIndex) -> &'a Row {
+        self.rows[row.index()]
+    }
+
+    /// Every row, ascending.
+    fn all_rows(&self) -> impl DoubleEndedIterator<Item = RowIndex> + ExactSizeIterator + Clone + use<> {
+        RowIndex::first(self.rows.len())
+    }
+
+    /// Samples that each of some rows' views measures.
+    fn measured(&self, rows: &[RowIndex]) -> Vec<&'a Row> {
+        rows.iter().map(|row| self.row(*row)).collect()
+    }
+
     /// Sum of the asked area.
     #[must_use]
     pub fn asked_mm2(&self) -> f64 {
@@ -206,7 +239,7 @@ pub fn coverable(rows: &[&Row], samples: usize) -> SampleSet {
 /// Asked area that at least one of `rows` measures.
 #[must_use]
 pub fn coverable_mm2(rows: &[&Row], asked_area_mm2: &[f64]) -> f64 {
-    coverable(rows, asked_area_mm2.len()).iter().map(|sample| asked_area_mm2[sample as usize]).sum()
+    coverable(rows, asked_area_mm2.len()).iter().map(|sample| asked_area_mm2[sample.index()]).sum()
 }
 
 /// Largest number of views that may be chosen.

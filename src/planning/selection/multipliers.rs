@@ -12,6 +12,7 @@ use super::classes::Classes;
 use super::relaxation::{Form, Solution, solve};
 use super::units::{Units, row_sums};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::{RowIndex, SampleId};
 
 /// Sum of the weights of the goals, about.
 const GOAL_WEIGHTS: f64 = 256.0;
@@ -69,12 +70,13 @@ impl Multipliers {
             let solution = solve(&classes.of_row, classes.len(), &form, if is_share { GAP_OF_SHARE } else { GAP }, ctx)?;
             let multipliers = Self::new(problem, goals, &classes, &form, &solution, is_share);
             let sums = row_sums(&problem.rows, &multipliers.values);
-            let largest = classes.rows.iter().map(|row| sums[*row]).max().unwrap_or(0);
-            let mut larger: Vec<usize> = (0..sums.len()).filter(|row| sums[*row] > largest && !rows.contains(row)).collect();
+            let largest = classes.rows.iter().map(|row| sums[row.index()]).max().unwrap_or(0);
+            let mut larger: Vec<RowIndex> =
+                problem.all_rows().filter(|row| sums[row.index()] > largest && !rows.contains(row)).collect();
             if larger.is_empty() || round == MAX_ROUNDS || is_share {
                 return Ok(multipliers);
             }
-            larger.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
+            larger.sort_by_key(|row| std::cmp::Reverse(sums[row.index()]));
             larger.truncate(size.rows / 4);
             rows.extend(larger);
             rows.sort_unstable();
@@ -136,13 +138,13 @@ impl Multipliers {
 }
 
 /// Samples for the relaxation, and if they are a share of all, spread evenly over those that count.
-fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[usize], size: &RelaxationSize) -> (Vec<u32>, bool) {
-    let counts = |sample: &u32| goals.iter().any(|goal| goal.of_sample[*sample as usize] > 0);
-    let all: Vec<u32> = (0..problem.asked_area_mm2.len() as u32).filter(counts).collect();
+fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[RowIndex], size: &RelaxationSize) -> (Vec<SampleId>, bool) {
+    let counts = |sample: &SampleId| goals.iter().any(|goal| goal.of_sample[sample.index()] > 0);
+    let all: Vec<SampleId> = SampleId::first(problem.asked_area_mm2.len()).filter(counts).collect();
     if all.len() <= MAX_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
         return (all, false);
     }
-    let pairs: f64 = rows.iter().map(|row| problem.rows[*row].count() as f64).sum();
+    let pairs: f64 = rows.iter().map(|row| problem.row(*row).count() as f64).sum();
     let rows_a_sample = (pairs / all.len().max(1) as f64).max(1.0);
     let max = (2.0 * size.step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
     if all.len() <= max {
@@ -152,11 +154,11 @@ fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[usize], size: &R
 }
 
 /// The rows that cover most, ascending by number.
-fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, max: usize) -> Vec<usize> {
-    let mut rows: Vec<usize> = (0..problem.rows.len()).collect();
+fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, max: usize) -> Vec<RowIndex> {
+    let mut rows: Vec<RowIndex> = problem.all_rows().collect();
     if rows.len() > max {
         let sums = row_sums(&problem.rows, &goal.of_sample);
-        rows.sort_by_key(|row| std::cmp::Reverse(sums[*row]));
+        rows.sort_by_key(|row| std::cmp::Reverse(sums[row.index()]));
         rows.truncate(max);
         rows.sort_unstable();
     }
@@ -211,7 +213,7 @@ fn goal_weights(goals: &[Units], multipliers: &[f64]) -> Vec<i64> {
 fn taken_of_samples(problem: &CoverProblem<'_>, classes: &Classes, solution: &Solution) -> Vec<f64> {
     let mut taken = vec![0.0; problem.asked_area_mm2.len()];
     for (row, share) in classes.rows.iter().zip(&solution.taken).filter(|(_, share)| **share > 1e-6) {
-        problem.rows[*row].samples().for_each(|sample| taken[sample as usize] += share);
+        problem.row(*row).samples().for_each(|sample| taken[sample.index()] += share);
     }
     taken
 }

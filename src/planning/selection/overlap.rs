@@ -1,11 +1,12 @@
 //! Overlap of views for registration: two are joined when the asked area that both measure
 //! reaches `selection.overlap`, and a choice is allowed when its views form one connected graph. Cost: a pass over two
-//! rows' words a pair, computed when asked for and kept.
+//! rows' words a pair, computed when asked for and remembered.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
 
 use super::CoverProblem;
+use crate::planning::ids::RowIndex;
 use crate::planning::params::OverlapParams;
 use crate::planning::visibility::ones;
 
@@ -13,7 +14,7 @@ use crate::planning::visibility::ones;
 pub(super) struct Overlap<'a> {
     problem: &'a CoverProblem<'a>,
     params: &'a OverlapParams,
-    joined: RefCell<HashMap<(usize, usize), bool>>,
+    joined: RefCell<HashMap<(RowIndex, RowIndex), bool>>,
 }
 
 impl<'a> Overlap<'a> {
@@ -27,12 +28,12 @@ impl<'a> Overlap<'a> {
     }
 
     /// Returns true if `row` may be added to `chosen`.
-    pub(super) fn joins(&self, row: usize, chosen: &[usize]) -> bool {
+    pub(super) fn joins(&self, row: RowIndex, chosen: &[RowIndex]) -> bool {
         !self.is_asked_for() || chosen.is_empty() || chosen.iter().any(|other| self.are_joined(row, *other))
     }
 
     /// Returns true if `chosen` form one connected graph.
-    pub(super) fn connects(&self, chosen: &[usize]) -> bool {
+    pub(super) fn connects(&self, chosen: &[RowIndex]) -> bool {
         let Some((first, rest)) = chosen.split_first().filter(|_| self.is_asked_for()) else { return true };
         let (mut reached, mut rest) = (vec![*first], rest.to_vec());
         while let Some(next) = rest.iter().position(|row| self.joins(*row, &reached)) {
@@ -41,7 +42,7 @@ impl<'a> Overlap<'a> {
         rest.is_empty()
     }
 
-    fn are_joined(&self, a: usize, b: usize) -> bool {
+    fn are_joined(&self, a: RowIndex, b: RowIndex) -> bool {
         let pair = (a.min(b), a.max(b));
         if let Some(known) = self.joined.borrow().get(&pair) {
             return *known;
@@ -58,8 +59,8 @@ impl<'a> Overlap<'a> {
     }
 
     /// Asked area that both rows measure.
-    fn shared_mm2(&self, a: usize, b: usize) -> f64 {
-        let words = self.problem.rows[a].words().iter().zip(self.problem.rows[b].words());
+    fn shared_mm2(&self, a: RowIndex, b: RowIndex) -> f64 {
+        let words = self.problem.row(a).words().iter().zip(self.problem.row(b).words());
         let areas = words.zip(self.problem.asked_area_mm2.chunks(64));
         areas.map(|((a, b), area_mm2)| ones(a & b).map(|bit| area_mm2[bit as usize]).sum::<f64>()).sum()
     }

@@ -3,6 +3,7 @@
 //! numbers alone decide, so that they do not depend on threads. Cost: a pass over the row's words and the open samples in them.
 
 use super::CoverProblem;
+use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
 use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
@@ -30,24 +31,24 @@ impl<'a> Scorer<'a> {
     }
 
     /// Scale and steps of a row's quality, where the score counts it.
-    fn quality(&self, row: usize) -> Option<(QualityScale, &'a [i16])> {
+    fn quality(&self, row: RowIndex) -> Option<(QualityScale, &'a [i16])> {
         let counts = self.objective == Objective::Score && self.weights.b > 0.0;
-        self.problem.rows[row].quality().filter(|_| counts)
+        self.problem.row(row).quality().filter(|_| counts)
     }
 
     /// Returns true if a row's score without travel can only fall as samples are closed: where no sample counts less than
     /// nothing. That holds to the last bit, since a sum in a fixed order never grows when some of its terms become 0.
-    pub(super) fn scores_only_fall(&self, row: usize) -> bool {
+    pub(super) fn scores_only_fall(&self, row: RowIndex) -> bool {
         self.quality(row).is_none_or(|(scale, _)| self.weights.a >= self.weights.b * f64::from(scale.max()))
     }
 
     /// Score of a row over `open`, less the time of the view itself.
-    pub(super) fn score(&self, row: usize, open: &Uncovered) -> f64 {
+    pub(super) fn score(&self, row: RowIndex, open: &Uncovered) -> f64 {
         self.gross_score(row, open) - self.cost_mm2_per_s * self.problem.view_secs
     }
 
-    fn gross_score(&self, row: usize, open: &Uncovered) -> f64 {
-        let measured = self.problem.rows[row];
+    fn gross_score(&self, row: RowIndex, open: &Uncovered) -> f64 {
+        let measured = self.problem.row(row);
         match (self.objective, self.quality(row)) {
             // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
             (_, Some((scale, steps))) => {
@@ -60,17 +61,17 @@ impl<'a> Scorer<'a> {
     }
 
     /// Cost of the travel from the nearest of `chosen` to `row`.
-    pub(super) fn travel_cost_mm2(&self, row: usize, chosen: &[usize]) -> f64 {
+    pub(super) fn travel_cost_mm2(&self, row: RowIndex, chosen: &[RowIndex]) -> f64 {
         let Some(travel_secs) = self.problem.travel_secs.filter(|_| self.cost_mm2_per_s > 0.0) else { return 0.0 };
         let nearest_secs = chosen.iter().map(|from| travel_secs(*from, row)).fold(f64::INFINITY, f64::min);
         if nearest_secs.is_finite() { self.cost_mm2_per_s * nearest_secs } else { 0.0 }
     }
 
     /// Cost of the travel between `rows`: their minimum spanning tree (Prim 1957).
-    pub(super) fn tree_cost_mm2(&self, rows: &[usize]) -> f64 {
+    pub(super) fn tree_cost_mm2(&self, rows: &[RowIndex]) -> f64 {
         let Some(travel_secs) = self.problem.travel_secs.filter(|_| self.cost_mm2_per_s > 0.0) else { return 0.0 };
         let Some((first, rest)) = rows.split_first() else { return 0.0 };
-        let mut away: Vec<(usize, f64)> = rest.iter().map(|row| (*row, travel_secs(*first, *row))).collect();
+        let mut away: Vec<(RowIndex, f64)> = rest.iter().map(|row| (*row, travel_secs(*first, *row))).collect();
         let mut secs = 0.0;
         while let Some(nearest) = (0..away.len()).min_by(|a, b| away[*a].1.total_cmp(&away[*b].1)) {
             let (joined, way_secs) = away.swap_remove(nearest);
@@ -81,17 +82,17 @@ impl<'a> Scorer<'a> {
     }
 
     /// Value of each measured sample of a row, ascending by sample.
-    pub(super) fn values(&self, row: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
+    pub(super) fn values(&self, row: RowIndex) -> impl Iterator<Item = (SampleId, f64)> + '_ {
         let (value, value_a_step, steps) = match (self.objective, self.quality(row)) {
             (_, Some((scale, steps))) => (self.weights.a, self.weights.b * f64::from(scale.max()) / f64::from(i16::MAX), steps),
             (Objective::Score, None) => (self.weights.a, 0.0, &[][..]),
             (Objective::Coverage, None) => (1.0, 0.0, &[][..]),
         };
         let steps = steps.iter().copied().chain(std::iter::repeat(0));
-        let of = move |sample: u32, step: i16| {
-            self.problem.weighted_area_mm2[sample as usize] * (value + value_a_step * f64::from(step))
+        let of = move |sample: SampleId, step: i16| {
+            self.problem.weighted_area_mm2[sample.index()] * (value + value_a_step * f64::from(step))
         };
-        self.problem.rows[row].samples().zip(steps).map(move |(sample, step)| (sample, of(sample, step)))
+        self.problem.row(row).samples().zip(steps).map(move |(sample, step)| (sample, of(sample, step)))
     }
 }
 
@@ -108,21 +109,21 @@ impl Uncovered {
     /// Opens every sample that has area.
     pub(super) fn all(area_mm2: &[f64]) -> Self {
         let mut samples = SampleSet::none_of(area_mm2.len());
-        let asked = (0..).zip(area_mm2).filter(|(_, area_mm2)| **area_mm2 > 0.0);
+        let asked = SampleId::number(area_mm2).filter(|(_, area_mm2)| **area_mm2 > 0.0);
         asked.for_each(|(sample, _)| samples.insert(sample));
         Self { samples, area_mm2: area_mm2.to_vec() }
     }
 
     pub(super) fn close(&mut self, row: &Row) {
         self.samples.remove_all(row.measured());
-        row.samples().for_each(|sample| self.area_mm2[sample as usize] = 0.0);
+        row.samples().for_each(|sample| self.area_mm2[sample.index()] = 0.0);
     }
 
     /// Closes the samples that are not `wanted`.
-    pub(super) fn retain(&mut self, wanted: impl Fn(usize) -> bool) {
+    pub(super) fn retain(&mut self, wanted: impl Fn(SampleId) -> bool) {
         let mut others = SampleSet::none_of(self.area_mm2.len());
-        (0..self.area_mm2.len()).filter(|sample| !wanted(*sample)).for_each(|sample| others.insert(sample as u32));
-        others.iter().for_each(|sample| self.area_mm2[sample as usize] = 0.0);
+        SampleId::first(self.area_mm2.len()).filter(|sample| !wanted(*sample)).for_each(|sample| others.insert(sample));
+        others.iter().for_each(|sample| self.area_mm2[sample.index()] = 0.0);
         self.samples.remove_all(&others);
     }
 

@@ -6,10 +6,11 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::planning::context::Silent;
+use crate::planning::ids::SampleId;
 use crate::planning::params::Objective;
 
 fn row(samples: &[u32], quality: f32) -> Row {
-    Row::from_samples(10, samples.iter().map(|sample| (*sample, quality)))
+    Row::from_samples(10, samples.iter().map(|sample| (SampleId(*sample), quality)))
 }
 
 fn chosen(rows: &[Row], params: &SelectionParams, score: &ScoreParams) -> Selection {
@@ -27,7 +28,7 @@ fn coverage() -> SelectionParams {
 }
 
 fn rows_of(selection: &Selection) -> Vec<usize> {
-    selection.choices.iter().map(|choice| choice.row).collect()
+    selection.choices.iter().map(|choice| choice.row.index()).collect()
 }
 
 #[test]
@@ -81,14 +82,14 @@ fn plain_greedy(rows: &[Row], area_mm2: &[f64], quality_weight: f64) -> Vec<(usi
     loop {
         let score = |row: &Row| -> f64 {
             let steps = row.quality().map_or(&[][..], |(_, steps)| steps);
-            row.samples().zip(steps).map(|(s, step)| open[s as usize] * (1.0 + quality_weight * f64::from(*step) / 32767.0)).sum()
+            row.samples().zip(steps).map(|(s, step)| open[s.index()] * (1.0 + quality_weight * f64::from(*step) / 32767.0)).sum()
         };
         let scores = rows.iter().map(score).enumerate();
         let best = scores.fold((0, 0.0), |best, (row, score)| if score > best.1 + 1e-9 { (row, score) } else { best });
         if best.1 <= 0.0 {
             return choices;
         }
-        rows[best.0].samples().for_each(|sample| open[sample as usize] = 0.0);
+        rows[best.0].samples().for_each(|sample| open[sample.index()] = 0.0);
         choices.push(best);
     }
 }
@@ -102,12 +103,19 @@ proptest! {
     ) {
         let row = |(first, length, step, quality): &(u32, u32, usize, i8)| {
             let samples = (*first..(first + length).min(300)).step_by(*step);
-            Row::from_samples(300, samples.map(|sample| (sample, f32::from(*quality) / 4.0)))
+            Row::from_samples(300, samples.map(|sample| (SampleId(sample), f32::from(*quality) / 4.0)))
         };
         let rows: Vec<Row> = runs.iter().map(row).collect();
         let area: Vec<f64> = areas.iter().map(|area| f64::from(*area)).collect();
         let objective = if quality_weight > 0.0 { Objective::Score } else { Objective::Coverage };
-        let params = SelectionParams { objective, target: 1.0, target_of: TargetOf::Total, min_growth: 0.0, ..SelectionParams::default() };
+        let params = SelectionParams {
+            solver: Solver::Greedy,
+            objective,
+            target: 1.0,
+            target_of: TargetOf::Total,
+            min_growth: 0.0,
+            ..SelectionParams::default()
+        };
         let weights = ScoreParams { a: 1.0, b: quality_weight, ..ScoreParams::default() };
         let problem = CoverProblem::new(rows.iter().collect(), &area, 1e9, &params);
         let chosen = solved(&problem, &params, &weights);

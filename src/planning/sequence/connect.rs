@@ -85,7 +85,7 @@ impl Tree {
 
 impl<'a> RrtConnect<'a> {
     fn new(from: Configuration, goals: Vec<Configuration>, moves: &'a Moves<'a>) -> Self {
-        let ends = from.iter().chain(goals.iter().flatten());
+        let ends = std::iter::once(&from).chain(&goals).flat_map(Configuration::axes_rad);
         let names: Vec<u64> = std::iter::once(STREAM).chain(ends.map(|angle| angle.to_bits())).collect();
         Self { moves, segments: SegmentCache::new(moves), stream: Stream::new(0, &names), from, goals }
     }
@@ -125,10 +125,8 @@ impl<'a> RrtConnect<'a> {
         for _ in 0..edges {
             ctx.check()?;
             let here = tree.0[at].0;
-            let widest = here.iter().zip(goal).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max);
-            let share = (MAX_EDGE_RAD / widest).min(1.0);
-            let next =
-                if share < 1.0 { std::array::from_fn(|axis| here[axis] + share * (goal[axis] - here[axis])) } else { *goal };
+            let share = (MAX_EDGE_RAD / here.max_turn_rad(goal)).min(1.0);
+            let next = if share < 1.0 { here.toward(goal, share) } else { *goal };
             if here == next || !self.moves.is_free(&here, &next) {
                 break;
             }
@@ -144,16 +142,17 @@ impl<'a> RrtConnect<'a> {
 
     fn sample(&mut self) -> Configuration {
         let far = self.stream.unit() < FAR_SHARE;
-        let goal = self.goals[(self.stream.unit() * self.goals.len() as f64) as usize];
-        std::array::from_fn(|axis| {
-            let (limits, a, b) = (&self.moves.axes.0[axis], self.from[axis], goal[axis]);
+        let goal = self.goals[(self.stream.unit() * self.goals.len() as f64) as usize].axes_rad();
+        let from = self.from.axes_rad();
+        Configuration::from_axes_rad(std::array::from_fn(|axis| {
+            let (limits, a, b) = (&self.moves.axes.0[axis], from[axis], goal[axis]);
             let (low, high) = if far {
                 (limits.min_rad, limits.max_rad)
             } else {
                 ((a.min(b) - AROUND_RAD).max(limits.min_rad), (a.max(b) + AROUND_RAD).min(limits.max_rad))
             };
             low + (high - low) * self.stream.unit()
-        })
+        }))
     }
 
     /// Drops points that are not needed, then cuts corners, where that is free and quicker.
@@ -194,7 +193,6 @@ impl<'a> RrtConnect<'a> {
     fn random_point(&mut self, path: &[Configuration]) -> (usize, Configuration) {
         let at = self.stream.unit() * (path.len() - 1) as f64;
         let segment = at as usize;
-        let ([from, to], share) = ([path[segment], path[segment + 1]], at - segment as f64);
-        (segment, std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis])))
+        (segment, path[segment].toward(&path[segment + 1], at - segment as f64))
     }
 }

@@ -74,7 +74,7 @@ impl LazyEdgeCosts {
         let straight_secs = |a: usize, b: usize| routes.moves.straight_secs(&nodes[a].configuration, &nodes[b].configuration);
         let mut views = BTreeSet::new();
         for ((a, b), route) in found {
-            let between = (nodes[a].view, nodes[b].view);
+            let between = (nodes[a].group, nodes[b].group);
             let detours = self.detours.entry(between).or_default();
             *detours = (detours.0 + route.secs - straight_secs(a, b), detours.1 + 1.0);
             views.insert(between);

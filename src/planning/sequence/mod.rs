@@ -34,8 +34,8 @@ use self::rounded::Rounded;
 use self::routes::{Route, Routes};
 use self::station_graph::StationGraph;
 use super::context::{Cancelled, Context};
+use super::ids::ViewId;
 use super::params::PlanParams;
-use super::selection::ViewId;
 use super::stations::Station;
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
@@ -140,7 +140,7 @@ pub fn order(
     let mut tour = Tour { stops: Vec::new(), paths: Vec::new() };
     for (at, node) in nodes.iter().enumerate() {
         let before = at.checked_sub(1).map(|at| nodes[at]);
-        tour.stops.push((graph.views[graph.nodes[*node].view], graph.nodes[*node].configuration));
+        tour.stops.push((graph.views[graph.nodes[*node].group], graph.nodes[*node].configuration));
         tour.paths.push(before.map_or_else(|| graph.nodes[*node].from_home.clone(), |before| edge_costs.route(before, *node)));
     }
     tour.paths.push(nodes.last().map(|node| graph.nodes[*node].from_home.reversed()).unwrap_or_default());

@@ -31,7 +31,7 @@ pub fn straight_secs(axes: &Axes, from: &Configuration, to: &Configuration, moti
 
 /// Configuration with the arm as in `from` and the table as in `to`.
 fn turned(from: &Configuration, to: &Configuration) -> Configuration {
-    std::array::from_fn(|axis| if axis == 6 { to[6] } else { from[axis] })
+    Configuration { table_rad: to.table_rad, ..*from }
 }
 
 impl<'a> Moves<'a> {
@@ -52,7 +52,7 @@ impl<'a> Moves<'a> {
 
     /// Seconds along `points` in which the table turns; `points` must be as [`Moves::with_all_stops`] returns them.
     pub(super) fn turning_secs(&self, points: &[Configuration]) -> f64 {
-        let turns = |ends: &&[Configuration]| ends[0][6] != ends[1][6];
+        let turns = |ends: &&[Configuration]| ends[0].turns_table(&ends[1]);
         points.windows(2).filter(turns).map(|ends| self.straight_secs(&ends[0], &ends[1])).sum()
     }
 
@@ -97,7 +97,7 @@ impl<'a> SegmentCache<'a> {
 
     /// Returns true if the straight move meets nothing.
     pub(super) fn is_free(&mut self, from: &Configuration, to: &Configuration) -> bool {
-        let ends = [from.map(f64::to_bits), to.map(f64::to_bits)];
+        let ends = [from, to].map(|end| end.axes_rad().map(f64::to_bits));
         *self.is_free.entry(ends).or_insert_with(|| self.moves.is_free(from, to))
     }
 }

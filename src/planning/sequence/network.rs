@@ -72,7 +72,7 @@ impl Network {
         let mut connections: Vec<_> = from
             .flat_map(|retreat| {
                 open().map(move |vertex| {
-                    let there = self.vertex(vertex, station[6]);
+                    let there = self.vertex(vertex, station.table_rad);
                     let secs = match retreat {
                         Some(point) => moves.straight_secs(station, &point) + moves.straight_secs(&point, &there),
                         None => moves.straight_secs(station, &there),
@@ -84,7 +84,7 @@ impl Network {
         connections.sort_by(|a, b| a.secs.total_cmp(&b.secs));
         let mut segments = SegmentCache::new(moves);
         let mut is_free = |connection: &Connection| {
-            segments.is_free(&connection.retreat.unwrap_or(*station), &self.vertex(connection.vertex, station[6]))
+            segments.is_free(&connection.retreat.unwrap_or(*station), &self.vertex(connection.vertex, station.table_rad))
         };
         connections.into_iter().take(MAX_CHECKED).filter(|connection| is_free(connection)).take(MAX_CONNECTIONS).collect()
     }
@@ -98,11 +98,11 @@ impl Network {
         moves: &Moves<'_>,
     ) -> Option<Vec<Configuration>> {
         let (vertices, enter, leave) = self.shortest_path(first, last, moves)?;
-        let angles = self.table_angles(&vertices, [from[6], to[6]], moves);
+        let angles = self.table_angles(&vertices, [from.table_rad, to.table_rad], moves);
         let on_edges = vertices.iter().zip(angles).map(|(vertex, angle)| self.vertex(*vertex, angle));
         let mut path: Vec<_> = enter.retreat.into_iter().chain(on_edges).collect();
         if vertices.len() == 1 {
-            path.push(self.vertex(vertices[0], to[6]));
+            path.push(self.vertex(vertices[0], to.table_rad));
         }
         path.extend(leave.retreat);
         Some(path)
@@ -166,10 +166,8 @@ impl Network {
         *self.is_free[edge].get_or_init(|| self.scene.check_segment(a, b).is_none())
     }
 
-    fn vertex(&self, vertex: usize, table_angle_rad: f64) -> Configuration {
-        let mut there = self.roadmap.vertices[vertex];
-        there[6] = table_angle_rad;
-        there
+    fn vertex(&self, vertex: usize, table_rad: f64) -> Configuration {
+        Configuration { table_rad, ..self.roadmap.vertices[vertex] }
     }
 
     /// The table's angle at each vertex: it turns as the arm advances.

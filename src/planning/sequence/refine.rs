@@ -5,11 +5,11 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::ViewId;
 use super::routes::{Route, Routes};
-use crate::cell::{Configuration, joints_of};
+use crate::cell::Configuration;
 use crate::geometry::{Plate, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::ViewId;
 
 /// Turns of the table that are tried either way, degrees: beyond, within and below the step of sampling.
 const STEPS_DEG: [f64; 8] = [40.0, 20.0, 10.0, 5.0, 2.5, 1.2, 0.6, 0.3];
@@ -121,14 +121,13 @@ impl Tour {
 impl Routes<'_> {
     fn plate_from_scanner(&self, station: &Configuration) -> Pose<Plate, ScannerFrame> {
         let cell = self.cell();
-        cell.base_from_plate(station[6]).inverse() * cell.base_from_scanner(&joints_of(station))
+        cell.base_from_plate(station.table_rad).inverse() * cell.base_from_scanner(&station.joints_rad)
     }
 
     /// Turns the table under the same view, with the IK solution nearest to `station`; `None` out of reach.
     fn turned(&self, station: &Configuration, turn_rad: f64) -> Option<Configuration> {
-        let mut turned = *station;
-        turned[6] += turn_rad;
-        self.nearest(&(self.cell().base_from_plate(turned[6]) * self.plate_from_scanner(station)), &turned)
+        let turned = Configuration { table_rad: station.table_rad + turn_rad, ..*station };
+        self.nearest(&(self.cell().base_from_plate(turned.table_rad) * self.plate_from_scanner(station)), &turned)
     }
 
     /// Rolls the scanner about its optical axis at the same table angle, with the IK solution nearest to `station`; `None` out of
@@ -136,6 +135,6 @@ impl Routes<'_> {
     fn rolled(&self, station: &Configuration, roll_rad: f64) -> Option<Configuration> {
         let about_axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
         let scanner_from_rolled = Pose::<ScannerFrame, ScannerFrame>::from_parts(Vector3::zeros(), about_axis);
-        self.nearest(&(self.cell().base_from_scanner(&joints_of(station)) * scanner_from_rolled), station)
+        self.nearest(&(self.cell().base_from_scanner(&station.joints_rad) * scanner_from_rolled), station)
     }
 }

@@ -55,7 +55,7 @@ impl Roadmap {
         let scene = CollisionScene::without_part(cell, MIN_CLEARANCE_MM);
         let axes = cell.axes();
         let mut vertices: Vec<_> = viewing(cell, &axes).into_iter().chain(random(&axes)).collect();
-        vertices.iter_mut().for_each(|vertex| vertex[6] = cell.home_rad[6]);
+        vertices.iter_mut().for_each(|vertex| vertex.table_rad = cell.home_rad.table_rad);
         ctx.check()?;
         let free: Vec<_> = vertices.into_par_iter().filter(|vertex| scene.check(vertex).is_none()).collect();
         let vertices: Vec<_> = std::iter::once(cell.home_rad).chain(free).collect();
@@ -92,12 +92,11 @@ fn viewing(cell: &Cell, axes: &Axes) -> Vec<Configuration> {
 }
 
 /// Picks the turns of a vertex's joints that are nearest to home.
-fn as_near_home(joints: &[f64; 6], cell: &Cell, axes: &Axes) -> Option<Configuration> {
-    let home = &cell.home_rad;
-    let mut vertex = *home;
-    for (axis, joint) in joints.iter().enumerate() {
-        let turns = axes.0[axis].windings(*joint);
-        vertex[axis] = turns.min_by(|a, b| (a - home[axis]).abs().total_cmp(&(b - home[axis]).abs()))?;
+fn as_near_home(joints_rad: &[f64; 6], cell: &Cell, axes: &Axes) -> Option<Configuration> {
+    let mut vertex = cell.home_rad;
+    for ((at, joint), axis) in vertex.joints_rad.iter_mut().zip(joints_rad).zip(&axes.0) {
+        let home = *at;
+        *at = axis.windings(*joint).min_by(|a, b| (a - home).abs().total_cmp(&(b - home).abs()))?;
     }
     Some(vertex)
 }
@@ -105,7 +104,8 @@ fn as_near_home(joints: &[f64; 6], cell: &Cell, axes: &Axes) -> Option<Configura
 fn random(axes: &Axes) -> impl Iterator<Item = Configuration> {
     let mut stream = Stream::new(0, &[STREAM]);
     let limits = axes.0;
-    (0..RANDOM_VERTICES).map(move |_| limits.map(|axis| axis.min_rad + (axis.max_rad - axis.min_rad) * stream.unit()))
+    let mut angles_rad = move || limits.map(|axis| axis.min_rad + (axis.max_rad - axis.min_rad) * stream.unit());
+    (0..RANDOM_VERTICES).map(move |_| Configuration::from_axes_rad(angles_rad()))
 }
 
 /// Pairs of a vertex and each of its nearest.

@@ -2,8 +2,8 @@
 //! polyline beside it, every segment of which was checked. The curve itself is nowhere further from it than the tolerance.
 
 use super::moves::Moves;
+use crate::cell::Configuration;
 use crate::cell::time_parameterisation::SmoothPath;
-use crate::cell::{Configuration, joint_distance_rad};
 
 /// Largest distance from the corner at which a cut begins, radians along the path (30°).
 const MAX_CUT_RAD: f64 = std::f64::consts::FRAC_PI_6;
@@ -34,7 +34,7 @@ pub(super) fn rounded(points: &[Configuration], moves: &Moves<'_>, tolerance_rad
 
 /// Replaces a corner by points along a parabola, or by itself where no parabola is free.
 fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, tolerance_rad: f64) -> Vec<Configuration> {
-    let half = |end: &Configuration| 0.5 * joint_distance_rad(corner, end);
+    let half = |end: &Configuration| 0.5 * corner.distance_rad(end);
     let mut reach_rad = MAX_CUT_RAD.min(half(before)).min(half(after));
     for _ in 0..HALVINGS {
         let arc = arc(&[toward(corner, before, reach_rad), *corner, toward(corner, after, reach_rad)], tolerance_rad);
@@ -48,19 +48,19 @@ fn cut([before, corner, after]: &[Configuration; 3], moves: &Moves<'_>, toleranc
 
 /// Points on the quadratic Bézier curve with these control points, a parabola, so many that no
 /// chord is further from it than half the tolerance.
-fn arc([from, pull, to]: &[Configuration; 3], tolerance_rad: f64) -> Vec<Configuration> {
+fn arc(controls: &[Configuration; 3], tolerance_rad: f64) -> Vec<Configuration> {
+    let [from, pull, to] = controls.map(|control| control.axes_rad());
     let bend = (0..7).map(|axis| (from[axis] - 2.0 * pull[axis] + to[axis]).abs()).fold(0.0, f64::max);
     // A chord of a share h leaves the curve by bend · h² / 4.
     let chords = (bend / (2.0 * tolerance_rad)).sqrt().ceil().max(1.0);
     let at = |chord: u32| {
         let share = f64::from(chord) / chords;
         let [a, b, c] = [(1.0 - share).powi(2), 2.0 * share * (1.0 - share), share * share];
-        std::array::from_fn(|axis| a * from[axis] + b * pull[axis] + c * to[axis])
+        Configuration::from_axes_rad(std::array::from_fn(|axis| a * from[axis] + b * pull[axis] + c * to[axis]))
     };
     (0..=chords as u32).map(at).collect()
 }
 
 fn toward(from: &Configuration, to: &Configuration, reach_rad: f64) -> Configuration {
-    let share = reach_rad / joint_distance_rad(from, to).max(f64::MIN_POSITIVE);
-    std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
+    from.toward(to, reach_rad / from.distance_rad(to).max(f64::MIN_POSITIVE))
 }

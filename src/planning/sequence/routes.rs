@@ -10,7 +10,7 @@ use super::connect::{connect, shortened};
 use super::moves::{Moves, SegmentCache};
 use super::network::{Connection, Network};
 use super::roadmap::Roadmaps;
-use crate::cell::{Cell, CollisionScene, Configuration, joints_of};
+use crate::cell::{Cell, CollisionScene, Configuration};
 use crate::geometry::{Base, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::MotionParams;
@@ -37,8 +37,8 @@ impl Route {
 /// A station that can be reached from home.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StationNode {
-    /// Index of the view that it takes.
-    pub(super) view: usize,
+    /// Place of its view in the graph: of the view's group, and of its id among the graph's views.
+    pub(super) group: usize,
     pub(super) configuration: Configuration,
     pub(super) from_home: Route,
     /// Points beside it with a free straight move to it; found on first use.
@@ -48,8 +48,8 @@ pub(super) struct StationNode {
 }
 
 impl StationNode {
-    pub(super) fn new(view: usize, configuration: Configuration, from_home: Route) -> Self {
-        Self { view, configuration, from_home, retreats: OnceLock::new(), connections: OnceLock::new() }
+    pub(super) fn new(group: usize, configuration: Configuration, from_home: Route) -> Self {
+        Self { group, configuration, from_home, retreats: OnceLock::new(), connections: OnceLock::new() }
     }
 }
 
@@ -86,7 +86,7 @@ impl<'a> Routes<'a> {
         if self.moves.is_free(home, station) {
             return Ok(Some(self.route(home, Vec::new(), station)));
         }
-        let turned = self.arm_at_home(station[6]);
+        let turned = self.arm_at_home(station.table_rad);
         let mut vias = vec![vec![turned]];
         for retreat in self.retreats(station) {
             vias.extend([vec![retreat], vec![turned, retreat]]);
@@ -122,7 +122,8 @@ impl<'a> Routes<'a> {
     ) -> Result<Option<(Configuration, Route)>, Cancelled> {
         let home = &self.cell.home_rad;
         // No motion of the arm helps where the part itself cannot be turned there.
-        let turns_there = |station: &&Configuration| self.moves.scene.check_table_rotation(home[6], station[6]).is_none();
+        let turns_there =
+            |station: &&Configuration| self.moves.scene.check_table_rotation(home.table_rad, station.table_rad).is_none();
         let stations: Vec<_> = stations.iter().filter(turns_there).collect();
         let lasts: Vec<_> = stations.iter().map(|station| self.retreats(station).first().copied()).collect();
         let goals: Vec<_> = stations.iter().zip(&lasts).map(|(station, last)| last.unwrap_or(**station)).collect();
@@ -178,7 +179,7 @@ impl<'a> Routes<'a> {
         let ends = |node: &StationNode| -> Vec<Vec<Configuration>> {
             std::iter::once(Vec::new()).chain(self.retreats_of(node).iter().map(|point| vec![*point])).collect()
         };
-        let over_home = vec![self.arm_at_home(a.configuration[6]), self.arm_at_home(b.configuration[6])];
+        let over_home = vec![self.arm_at_home(a.configuration.table_rad), self.arm_at_home(b.configuration.table_rad)];
         let mut detours = Vec::new();
         for first in ends(a) {
             for last in ends(b) {
@@ -210,7 +211,7 @@ impl<'a> Routes<'a> {
 
     /// Points beside `station` at the same table angle and with the same IK solution, each with a free straight move to it.
     fn retreats(&self, station: &Configuration) -> Vec<Configuration> {
-        let base_from_scanner = self.cell.base_from_scanner(&joints_of(station));
+        let base_from_scanner = self.cell.base_from_scanner(&station.joints_rad);
         RETREATS_MM
             .iter()
             .filter_map(|[back_mm, up_mm]| {
@@ -226,21 +227,15 @@ impl<'a> Routes<'a> {
     pub(super) fn nearest(&self, base_from_scanner: &Pose<Base, ScannerFrame>, station: &Configuration) -> Option<Configuration> {
         let base_from_flange = *base_from_scanner * self.cell.flange_from_scanner.inverse();
         let branches = self.cell.robot.kinematics.ik_solutions(&base_from_flange);
-        let widest = |point: &Configuration| point.iter().zip(station).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         branches
             .into_iter()
-            .flat_map(|joints| {
-                let at_table = std::array::from_fn(|axis| joints.get(axis).copied().unwrap_or(station[6]));
-                self.moves.axes.windings(&at_table)
-            })
-            .filter(|point| widest(point) <= RETREAT_TURN_RAD)
-            .min_by(|a, b| widest(a).total_cmp(&widest(b)))
+            .flat_map(|joints_rad| self.moves.axes.windings(&Configuration { joints_rad, ..*station }))
+            .filter(|point| station.max_turn_rad(point) <= RETREAT_TURN_RAD)
+            .min_by(|a, b| station.max_turn_rad(a).total_cmp(&station.max_turn_rad(b)))
     }
 
-    fn arm_at_home(&self, table_angle_rad: f64) -> Configuration {
-        let mut configuration = self.cell.home_rad;
-        configuration[6] = table_angle_rad;
-        configuration
+    fn arm_at_home(&self, table_rad: f64) -> Configuration {
+        Configuration { table_rad, ..self.cell.home_rad }
     }
 
     fn route(&self, from: &Configuration, via_rad: Vec<Configuration>, to: &Configuration) -> Route {

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use super::ViewId;
 use super::routes::{Route, Routes, StationNode};
 use crate::cell::Configuration;
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::ViewId;
 use crate::planning::stations::Station;
 
 /// Stations through which one is tried at most that no simple route from home reaches.
@@ -60,10 +60,10 @@ impl StationGraph {
                 graph.no_path.push(*view);
                 continue;
             }
-            let (first, index) = (graph.nodes.len(), graph.views.len());
+            let (first, group) = (graph.nodes.len(), graph.views.len());
             graph
                 .nodes
-                .extend(reached.into_iter().map(|(configuration, from_home)| StationNode::new(index, configuration, from_home)));
+                .extend(reached.into_iter().map(|(configuration, from_home)| StationNode::new(group, configuration, from_home)));
             graph.groups.push(first..graph.nodes.len());
             graph.views.push(*view);
         }

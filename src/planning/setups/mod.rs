@@ -18,7 +18,7 @@ use super::context::{Context, PlanError};
 use super::params::{CandidateParams, Hemisphere, PlanParams};
 use super::scene::{PlanInput, PlanningScene};
 use super::surface;
-use super::visibility::{self, Occluders, SampleSet};
+use super::visibility::{self, Occluders, Optics, SampleSet};
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, stable_poses};
 
@@ -112,11 +112,20 @@ fn measured_from(
         hemisphere: Some(Hemisphere::Full),
         ..CandidateParams::ellipsoid()
     };
-    let scope =
-        Scope { part: input.mesh, surface: &surface, scanner: input.scanner, cell: None, table_from_part: pool[0], seed: 0 };
-    let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
-    let views: Vec<_> = generated.kept.iter().map(|candidate| candidate.part_from_scanner).collect();
     let occluders = Occluders::interruptible([input.mesh], ctx)?;
+    let scope = Scope {
+        part: input.mesh,
+        surface: &surface,
+        scanner: input.scanner,
+        cell: None,
+        table_from_part: pool[0],
+        occluders: &occluders,
+        optics: &Optics::new(input.scanner, &coarse, &surface.requirements),
+        score: &coarse.score,
+        seed: 0,
+    };
+    let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
+    let views: Vec<_> = generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
     let usable = vec![true; views.len()];
     let table = visibility::cast(&surface, &views, &usable, input.scanner, &occluders, &coarse, &ctx.silent())?;
     let seen_in = |table_from_part: &Pose<Table, Part>| {
@@ -146,7 +155,7 @@ impl Reachable {
 
     fn extend(&self, poses: &mut Vec<usize>, measured: &SampleSet, count: usize, best: &mut (Vec<usize>, f64)) {
         if poses.len() == count {
-            let area_mm2 = measured.iter().map(|sample| self.area_mm2[sample as usize]).sum();
+            let area_mm2 = measured.iter().map(|sample| self.area_mm2[sample.index()]).sum();
             if area_mm2 > best.1 {
                 *best = (poses.clone(), area_mm2);
             }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::context::{Cancelled, Context};
-use crate::cell::{Axes, Cell, CollisionScene, Configuration, joints_of};
+use crate::cell::{Axes, Cell, CollisionScene, Configuration};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 
 /// Step of the table, in whole parts of a turn: 5°.
@@ -38,13 +38,13 @@ impl Station {
     /// Joints and table angle together.
     #[must_use]
     pub fn configuration(&self) -> Configuration {
-        std::array::from_fn(|axis| self.joints_rad.get(axis).copied().unwrap_or(self.table_angle_rad))
+        Configuration { joints_rad: self.joints_rad, table_rad: self.table_angle_rad }
     }
 }
 
 impl From<Configuration> for Station {
-    fn from(configuration: Configuration) -> Self {
-        Self { table_angle_rad: configuration[6], joints_rad: joints_of(&configuration) }
+    fn from(Configuration { joints_rad, table_rad }: Configuration) -> Self {
+        Self { table_angle_rad: table_rad, joints_rad }
     }
 }
 
@@ -208,13 +208,13 @@ impl StationSearch<'_> {
     fn ik_solutions(&self, view: &Pose<Part, ScannerFrame>, table_angles: &[f64]) -> (Vec<IkSolution>, usize) {
         let (mut solutions, mut poses) = (Vec::new(), 0);
         let scanner_from_flange = self.cell.flange_from_scanner.inverse();
-        for table_angle in table_angles.iter().copied() {
-            if self.axes.0[6].windings(table_angle).next().is_none() {
+        for table_rad in table_angles.iter().copied() {
+            if self.cell.turntable.axis.windings(table_rad).next().is_none() {
                 continue;
             }
-            let base_from_flange = base_from_scanner(view, self.cell, self.table_from_part, table_angle) * scanner_from_flange;
-            for joints in self.cell.robot.kinematics.ik_solutions(&base_from_flange) {
-                let wound = self.axes.windings(&Station { table_angle_rad: table_angle, joints_rad: joints }.configuration());
+            let base_from_flange = base_from_scanner(view, self.cell, self.table_from_part, table_rad) * scanner_from_flange;
+            for joints_rad in self.cell.robot.kinematics.ik_solutions(&base_from_flange) {
+                let wound = self.axes.windings(&Configuration { joints_rad, table_rad });
                 solutions.extend(wound.into_iter().map(|configuration| IkSolution {
                     secs_from_home: self.axes.move_secs(&self.cell.home_rad, &configuration, 1.0),
                     pose: poses,
@@ -230,7 +230,7 @@ impl StationSearch<'_> {
 }
 
 fn is_close(a: &Configuration, b: &Configuration) -> bool {
-    a.iter().zip(b).all(|(a, b)| (a - b).abs() < MIN_SPREAD_RAD)
+    a.travel_rad(b).iter().all(|turn| turn.abs() < MIN_SPREAD_RAD)
 }
 
 #[cfg(test)]

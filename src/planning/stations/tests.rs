@@ -63,7 +63,7 @@ fn stations_put_the_scanner_on_the_view_within_limits_and_clear() {
             let secs = |s: &Station| axes.move_secs(&cell.home_rad, &s.configuration(), 1.0);
             for other in &stations[..index] {
                 assert!(secs(other) <= secs(station), "cheapest first");
-                let apart = other.configuration().iter().zip(configuration).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let apart = configuration.max_turn_rad(&other.configuration());
                 assert!(apart >= MIN_SPREAD_RAD, "stations must differ");
             }
         }

@@ -3,6 +3,7 @@
 use super::steps::steps;
 use super::{Series, StudyCase};
 use crate::planning::context::{Context, PlanError, Stage};
+use crate::planning::ids::RowIndex;
 use crate::planning::params::{PlanParams, ScoreParams, SelectionParams, Solver, TargetOf};
 use crate::planning::pipeline::{Tabulated, tabulate};
 use crate::planning::plan::share;
@@ -47,9 +48,10 @@ impl StudyBase {
         };
         let cover = CoverProblem::new(table.rows.iter().collect(), &table.asked_area_mm2, total_mm2, &params);
         let chosen = selection::select(&cover, &params, &case.params.score, ctx)?;
-        let graded = |row: usize| {
-            let pose = &table.candidates[row].part_from_scanner;
-            visibility::grade(&table.surface, pose, input.scanner, &case.params, &table.rows[row])
+        // Every candidate of the table may be chosen, so that a row is the place of its candidate too.
+        let graded = |row: RowIndex| {
+            let pose = &table.candidates[row.index()].part_from_scanner;
+            visibility::grade(&table.surface, pose, input.scanner, &case.params, cover.row(row))
         };
         let graded: Vec<Row> = chosen.choices.iter().map(|choice| graded(choice.row)).collect();
         let coverable_mm2 = coverable_mm2(&cover.rows, cover.asked_area_mm2);

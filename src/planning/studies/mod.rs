@@ -13,7 +13,7 @@ mod steps;
 #[cfg(test)]
 mod tests;
 
-use super::context::{Context, PlanError};
+use super::context::{Context, NoPlan, PlanError};
 use super::params::{Objective, PlanParams, ScoreParams, Strategy};
 use super::scene::PlanInput;
 use super::selection::StopReason;
@@ -161,9 +161,7 @@ pub fn run(
     }
     match refused {
         Some(error) if findings.series.is_empty() => Err(error),
-        _ if findings.series.iter().all(|series| series.steps.is_empty()) => {
-            Err(PlanError::NoPlan("no candidate measures anything; look at the part's unit and size".into()))
-        }
+        _ if findings.series.iter().all(|series| series.steps.is_empty()) => Err(PlanError::NoPlan(NoPlan::NothingInStudy)),
         _ => Ok(findings),
     }
 }

@@ -147,7 +147,7 @@ fn laid_out(cell: &Cell, flange_from_scanner: &Pose<Flange, ScannerFrame>, foot_
     laid.flange_from_scanner = *flange_from_scanner;
     let still = &mut laid.turntable.axis;
     (still.min_rad, still.max_rad) = (-STILL_RAD, STILL_RAD);
-    laid.home_rad[6] = 0.0;
+    laid.home_rad.table_rad = 0.0;
     laid
 }
 

@@ -11,7 +11,7 @@ pub(super) fn steps(graded: &[Row], asked_area_mm2: &[f64], coverable_mm2: f64, 
     let mut best_quality = vec![f32::NEG_INFINITY; asked_area_mm2.len()];
     let step = |row: &Row| {
         for (sample, quality) in row.graded() {
-            let best = &mut best_quality[sample as usize];
+            let best = &mut best_quality[sample.index()];
             *best = best.max(quality);
         }
         let mut grade_mm2 = [0.0; 4];

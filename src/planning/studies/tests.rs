@@ -5,6 +5,7 @@ use utoipa::openapi::{RefOr, Schema};
 
 use super::*;
 use crate::planning::context::Silent;
+use crate::planning::ids::SampleId;
 use crate::planning::params::{CandidateParams, Engine};
 use crate::planning::visibility::Row;
 use crate::testing::{nominal_scanner, trough};
@@ -90,12 +91,13 @@ fn what_nothing_can_use_is_an_error() {
     assert!(matches!(found(Study::Limits, &params), Err(PlanError::BadParams(_))), "too many samples for every limit");
     params = coarse();
     params.candidates.standoffs_mm = vec![500.0];
-    assert!(matches!(found(Study::Weights, &params), Err(PlanError::NoPlan(_))), "nothing is in depth");
+    assert!(matches!(found(Study::Weights, &params), Err(PlanError::NoPlan(NoPlan::NothingInStudy))), "nothing is in depth");
 }
 
 #[test]
 fn steps_hold_each_sample_at_its_best_grade_so_far() {
-    let rows = [Row::from_samples(3, [(0, -0.8), (1, 0.2)]), Row::from_samples(3, [(0, 0.9)]), Row::from_samples(3, [(0, 0.1)])];
+    let graded = [&[(0, -0.8), (1, 0.2)][..], &[(0, 0.9)], &[(0, 0.1)]];
+    let rows = graded.map(|graded| Row::from_samples(3, graded.iter().map(|(sample, quality)| (SampleId(*sample), *quality))));
     let steps = steps::steps(&rows, &[1.0, 2.0, 1.0], 3.0, 8.0);
     assert_eq!(steps.iter().map(|step| step.of_asked).collect::<Vec<_>>(), [0.75; 3]);
     assert_eq!((steps[0].of_coverable, steps[0].of_total), (1.0, 0.375));

@@ -7,6 +7,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::context::{Context, PlanError};
+use super::ids::{PatchId, SampleId};
 use super::params::{PartParams, RegionParams};
 use super::random::split_mix;
 use crate::cell::FieldError;
@@ -30,10 +31,6 @@ const MAX_SAMPLES: f64 = 40e6;
 /// Patches, or samples, between two looks at whether to go on.
 const PATCHES_PER_LOOK: usize = 4096;
 
-/// Dense number of a patch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct PatchId(pub u32);
-
 /// A facet after refinement.
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
@@ -46,7 +43,7 @@ pub struct Patch {
     /// Area.
     pub area_mm2: f64,
     /// Its samples are `first_sample .. first_sample + samples`.
-    pub first_sample: u32,
+    pub first_sample: SampleId,
     /// Number of samples, at least 1.
     pub samples: u32,
 }
@@ -78,29 +75,34 @@ pub struct Surface {
 }
 
 impl Surface {
+    /// Every sample, ascending.
+    pub fn samples(&self) -> impl DoubleEndedIterator<Item = SampleId> + ExactSizeIterator + Clone + use<> {
+        SampleId::first(self.sample_mm.len())
+    }
+
     /// The patch that a sample lies in.
     #[must_use]
-    pub fn patch_of(&self, sample: usize) -> &Patch {
-        &self.patches[self.sample_patch[sample].0 as usize]
+    pub fn patch_of(&self, sample: SampleId) -> &Patch {
+        &self.patches[self.sample_patch[sample.index()].index()]
     }
 
     /// Area that a sample stands for.
     #[must_use]
-    pub fn sample_area_mm2(&self, sample: usize) -> f64 {
+    pub fn sample_area_mm2(&self, sample: SampleId) -> f64 {
         self.patch_of(sample).sample_area_mm2()
     }
 
     /// Area of each sample, 0 where it is not asked for.
     #[must_use]
     pub fn asked_area_mm2(&self) -> Vec<f64> {
-        let area = |sample: usize| if self.asked[sample] { self.sample_area_mm2(sample) } else { 0.0 };
-        (0..self.sample_mm.len()).map(area).collect()
+        let area = |sample: SampleId| if self.asked[sample.index()] { self.sample_area_mm2(sample) } else { 0.0 };
+        self.samples().map(area).collect()
     }
 
     /// Sum of the areas of the samples that `keep` accepts, in sample order.
     #[must_use]
-    pub fn area_where(&self, keep: impl Fn(usize) -> bool) -> f64 {
-        (0..self.sample_mm.len()).filter(|sample| keep(*sample)).map(|sample| self.sample_area_mm2(sample)).sum()
+    pub fn area_where(&self, keep: impl Fn(SampleId) -> bool) -> f64 {
+        self.samples().filter(|sample| keep(*sample)).map(|sample| self.sample_area_mm2(sample)).sum()
     }
 }
 
@@ -177,14 +179,14 @@ fn cut<E: From<Vec<FieldError>>>(
             }
         }
     }
-    let asked = |sample: usize| {
-        if sample.is_multiple_of(PATCHES_PER_LOOK) {
+    let asked = |sample: SampleId| {
+        if sample.index().is_multiple_of(PATCHES_PER_LOOK) {
             check()?;
         }
         let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
-        Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample])))
+        Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample.index()])))
     };
-    surface.asked = (0..surface.sample_mm.len()).map(asked).collect::<Result<_, E>>()?;
+    surface.asked = surface.samples().map(asked).collect::<Result<_, E>>()?;
     Ok(surface)
 }
 
@@ -238,7 +240,7 @@ fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, norma
     let patch = surface.patches.len() as u32;
     let area_mm2 = 0.5 * (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).norm();
     let samples = (area_mm2 * density).round().max(1.0) as u32;
-    let first_sample = surface.sample_mm.len() as u32;
+    let first_sample = SampleId::at(surface.sample_mm.len());
     surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
     for index in 0..samples {
         let offset_mm = stratified_point(&corners, patch, index, seed) - surface.centre_mm;

@@ -23,6 +23,7 @@ use super::{RegionFinder, Surface, sample_for};
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
+use crate::planning::ids::SampleId;
 use crate::planning::params::{InterestParams, PlanParams};
 use crate::planning::verdict::Grade;
 
@@ -119,7 +120,7 @@ impl Requirements {
         let finders =
             interest.chain(features).map(|(at, region)| RegionFinder::new(mesh, region, &at)).collect::<Result<Vec<_>, _>>()?;
         let mut kind_of: HashMap<Vec<usize>, u8> = HashMap::from([(Vec::new(), 0)]);
-        for (sample, p) in surface.sample_mm.iter().enumerate() {
+        for (sample, p) in SampleId::number(&surface.sample_mm) {
             let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
             let kind = match kind_of.entry(holding(&finders, source_face, p)) {
                 std::collections::hash_map::Entry::Occupied(known) => *known.get(),
@@ -136,13 +137,13 @@ impl Requirements {
 
     /// Number of a sample's kind.
     #[must_use]
-    pub fn kind(&self, sample: usize) -> u8 {
-        self.of_sample.get(sample).copied().unwrap_or(0)
+    pub fn kind(&self, sample: SampleId) -> u8 {
+        self.of_sample.get(sample.index()).copied().unwrap_or(0)
     }
 
     /// The requirement of a sample.
     #[must_use]
-    pub fn of(&self, sample: usize) -> &Requirement {
+    pub fn of(&self, sample: SampleId) -> &Requirement {
         &self.kinds[usize::from(self.kind(sample))]
     }
 

@@ -9,6 +9,10 @@ closed_list! {
     pub enum Cause {
         /// The part stands on it.
         ExcludedResting = "excluded_resting",
+        /// No line leaves the part from it: it cannot be seen from outside.
+        Enclosed = "enclosed",
+        /// Lines leave the part from it, but only to viewpoints below the plate: it can be seen when the part is turned over.
+        FacesTable = "faces_table",
         /// Faces away from a device.
         Facing = "facing",
         /// Outside the working depth.

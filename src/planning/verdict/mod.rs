@@ -1,10 +1,13 @@
-//! Verdicts on samples: the grade of what is measured, the cause of what is missed.
+//! Verdicts on samples: the grade of what is measured, the cause of what is missed; and on candidates: the reason for which
+//! one was dropped.
 
 mod cause;
 mod grade;
+mod rejection;
 
 pub use cause::Cause;
 pub use grade::Grade;
+pub use rejection::{CandidateCounts, Rejection};
 
 /// Verdict on a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,6 +17,7 @@ use std::convert::Infallible;
 use rayon::prelude::*;
 
 use super::context::{Cancelled, Context};
+use super::ids::SampleId;
 use super::params::{Engine, Objective, PlanParams};
 use super::surface::Surface;
 use super::verdict::Cause;
@@ -129,14 +130,14 @@ pub fn cast(
     params: &PlanParams,
     ctx: &Context<'_>,
 ) -> Result<VisibilityMatrix, Cancelled> {
-    let (optics, kept_quality) = (Optics::new(scanner, params, &surface.requirements), kept_quality(params, surface));
+    let (optics, scale) = (Optics::new(scanner, params, &surface.requirements), quality_scale(params, surface));
     let hold = surface.requirements.any_requires_quality();
     // What some usable view measures is not yet known to be measured well.
     let all = vec![true; views.len()];
     let usable = if hold { &all } else { usable };
     let mut table = match params.visibility.engine {
-        Engine::Raster => raster::cast(surface, &raster::Views { poses: views, usable }, &optics, kept_quality, occluders, ctx)?,
-        Engine::Rays => rays::cast(surface, views, &optics, kept_quality, &occluders.rays, ctx)?,
+        Engine::Raster => raster::cast(surface, &raster::Views { poses: views, usable }, &optics, scale, occluders, ctx)?,
+        Engine::Rays => rays::cast(surface, views, &optics, scale, &occluders.rays, ctx)?,
     };
     if hold {
         apply_requirements(&mut table, surface, views, &optics, ctx)?;
@@ -157,7 +158,7 @@ fn apply_requirements(
         let view = optics.at(pose);
         Ok(row.retained(|sample, quality| {
             let normal = &surface.patch_of(sample).normal;
-            view.meets_requirement(&surface.sample_mm[sample], normal, quality, surface.requirements.kind(sample))
+            view.meets_requirement(&surface.sample_mm[sample.index()], normal, quality, surface.requirements.kind(sample))
         }))
     });
     let held = held.collect::<Result<Vec<_>, Cancelled>>()?;
@@ -165,7 +166,7 @@ fn apply_requirements(
         // The last cause that a view's optics can give: no other view gets further.
         let mut lost = row.measured().clone();
         lost.remove_all(held.measured());
-        lost.iter().for_each(|sample| table.furthest_cause[sample as usize] = Cause::BelowGrade);
+        lost.iter().for_each(|sample| table.furthest_cause[sample.index()] = Cause::BelowGrade);
     }
     table.rows = held;
     Ok(())
@@ -173,7 +174,7 @@ fn apply_requirements(
 
 /// The scale of the quality in a table's rows; `None` where nothing is chosen by quality: that of the few chosen views is
 /// then computed by [`grade`].
-fn kept_quality(params: &PlanParams, surface: &Surface) -> Option<QualityScale> {
+fn quality_scale(params: &PlanParams, surface: &Surface) -> Option<QualityScale> {
     let chosen_by = params.selection.objective == Objective::Score && params.score.b > 0.0;
     let wanted = chosen_by || surface.requirements.any_requires_quality();
     wanted.then(|| QualityScale::of(&params.score))
@@ -188,9 +189,7 @@ pub fn grade(surface: &Surface, pose: &Pose<Part, ScannerFrame>, scanner: &Scann
     }
     let (optics, scale) = (Optics::new(scanner, params, &surface.requirements), QualityScale::of(&params.score));
     let view = optics.at(pose);
-    let step = |sample: u32| {
-        let sample = sample as usize;
-        scale.quantise(view.quality_at(&surface.sample_mm[sample], &surface.patch_of(sample).normal))
-    };
+    let step =
+        |sample: SampleId| scale.quantise(view.quality_at(&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal));
     row.clone().with_quality(row.samples().map(step).collect(), scale)
 }

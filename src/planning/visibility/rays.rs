@@ -9,8 +9,10 @@ use rayon::prelude::*;
 use super::VisibilityMatrix;
 use super::row::{QualityScale, Row};
 use super::view::{Optics, SHADOWS, View};
+use crate::cell::PerDevice;
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::Cause;
 
@@ -24,14 +26,14 @@ pub(super) fn cast(
     surface: &Surface,
     poses: &[Pose<Part, ScannerFrame>],
     optics: &Optics,
-    kept_quality: Option<QualityScale>,
+    quality_scale: Option<QualityScale>,
     scene: &RayScene,
     ctx: &Context<'_>,
 ) -> Result<VisibilityMatrix, Cancelled> {
     let mut furthest = vec![Cause::Facing; surface.sample_mm.len()];
     let mut rows = Vec::with_capacity(poses.len());
     for pose in poses {
-        let caster = Caster { surface, probe: Probe::new(optics, pose, scene), kept_quality };
+        let caster = Caster { surface, probe: Probe::new(optics, pose, scene), quality_scale };
         rows.push(caster.cast(&mut furthest, ctx)?);
         ctx.progress(rows.len(), poses.len());
     }
@@ -42,7 +44,7 @@ pub(super) fn cast(
 struct Caster<'a> {
     surface: &'a Surface,
     probe: Probe<'a>,
-    kept_quality: Option<QualityScale>,
+    quality_scale: Option<QualityScale>,
 }
 
 /// One viewpoint held against single points: what this engine asks of every sample, and others of a few.
@@ -73,13 +75,19 @@ impl<'a> Probe<'a> {
         Ok(quality)
     }
 
+    /// Returns true if a point faces all devices and nothing hides it from any, wherever their frames and the depth end.
+    pub(in crate::planning) fn has_clear_lines(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+        let clear = |centre: &Point3<f64>| normal.dot(&(centre - p)) > 0.0 && !self.scene.blocked(centre, p, RAY_END_SHARE);
+        self.view.centres_mm.iter().all(clear)
+    }
+
     /// The first step before any shadow at which a point fails; else its quality. Shadows cost a ray each.
     pub(in crate::planning) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u8) -> Result<f32, Cause> {
         self.view.before_shadow(p, normal, kind)
     }
 
-    /// The angle at which the left camera, the right camera and the projector see a point.
-    pub(in crate::planning) fn incidence_rad(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> [f64; 3] {
+    /// The angles at which the devices see a point.
+    pub(in crate::planning) fn incidence_rad(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> PerDevice<f64> {
         self.view.centres_mm.map(|centre| normal.angle(&(centre - p)))
     }
 }
@@ -102,7 +110,7 @@ impl Caster<'_> {
             })
             .collect::<Result<Vec<_>, Cancelled>>()?;
         let row = Row::new(pieces.iter().flat_map(|piece| &piece.words).copied().collect());
-        Ok(match self.kept_quality {
+        Ok(match self.quality_scale {
             Some(scale) => row.with_quality(pieces.iter().flat_map(|piece| &piece.steps).copied().collect(), scale),
             None => row,
         })
@@ -114,10 +122,10 @@ impl Caster<'_> {
         for (word_first, furthest) in (first..).step_by(64).zip(furthest.chunks_mut(64)) {
             let mut word = 0_u64;
             for (bit, furthest) in furthest.iter_mut().enumerate() {
-                match self.measure(word_first + bit) {
+                match self.measure(SampleId::at(word_first + bit)) {
                     Ok(quality) => {
                         word |= 1 << bit;
-                        piece.steps.extend(self.kept_quality.map(|scale| scale.quantise(quality)));
+                        piece.steps.extend(self.quality_scale.map(|scale| scale.quantise(quality)));
                     }
                     Err(cause) => *furthest = (*furthest).max(cause),
                 }
@@ -127,8 +135,8 @@ impl Caster<'_> {
         piece
     }
 
-    fn measure(&self, sample: usize) -> Result<f32, Cause> {
+    fn measure(&self, sample: SampleId) -> Result<f32, Cause> {
         let normal = &self.surface.patch_of(sample).normal;
-        self.probe.seen(&self.surface.sample_mm[sample], normal, self.surface.requirements.kind(sample))
+        self.probe.seen(&self.surface.sample_mm[sample.index()], normal, self.surface.requirements.kind(sample))
     }
 }

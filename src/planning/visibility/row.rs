@@ -8,6 +8,7 @@
 mod tests;
 
 use super::sample_set::SampleSet;
+use crate::planning::ids::SampleId;
 use crate::planning::params::ScoreParams;
 use crate::planning::surface::Surface;
 
@@ -93,7 +94,7 @@ impl Row {
     /// A row over a surface of `samples` samples from those that are measured, ascending, with their quality from −1
     /// to 1.
     #[must_use]
-    pub fn from_samples(samples: usize, graded: impl IntoIterator<Item = (u32, f32)>) -> Self {
+    pub fn from_samples(samples: usize, graded: impl IntoIterator<Item = (SampleId, f32)>) -> Self {
         let (mut measured, scale) = (SampleSet::none_of(samples), QualityScale::default());
         let steps = graded.into_iter().map(|(sample, quality)| {
             measured.insert(sample);
@@ -128,13 +129,13 @@ impl Row {
     }
 
     /// The samples that it measures, ascending.
-    pub fn samples(&self) -> impl Iterator<Item = u32> {
+    pub fn samples(&self) -> impl Iterator<Item = SampleId> {
         self.measured.iter()
     }
 
     /// Returns true if it measures `sample`.
     #[must_use]
-    pub fn holds(&self, sample: u32) -> bool {
+    pub fn holds(&self, sample: SampleId) -> bool {
         self.measured.holds(sample)
     }
 
@@ -151,7 +152,7 @@ impl Row {
     }
 
     /// Measured samples with their quality, ascending. Empty for a row without quality: see [`super::grade`].
-    pub fn graded(&self) -> impl Iterator<Item = (u32, f32)> {
+    pub fn graded(&self) -> impl Iterator<Item = (SampleId, f32)> {
         self.quality()
             .into_iter()
             .flat_map(|(scale, steps)| self.samples().zip(steps).map(move |(sample, step)| (sample, scale.quality(*step))))
@@ -159,24 +160,24 @@ impl Row {
 
     /// The samples that `keep` accepts, with their quality. Nothing is left of a row without quality.
     #[must_use]
-    pub fn retained(&self, keep: impl Fn(usize, f32) -> bool) -> Self {
+    pub fn retained(&self, keep: impl Fn(SampleId, f32) -> bool) -> Self {
         let Some((scale, steps)) = self.quality() else { return Self::default() };
         let mut measured = SampleSet::from_words(vec![0; self.words().len()]);
-        let mut kept = Vec::with_capacity(steps.len());
+        let mut retained = Vec::with_capacity(steps.len());
         for (sample, step) in self.samples().zip(steps) {
-            if keep(sample as usize, scale.quality(*step)) {
+            if keep(sample, scale.quality(*step)) {
                 measured.insert(sample);
-                kept.push(*step);
+                retained.push(*step);
             }
         }
-        Self::new(measured.into_words()).with_quality(kept, scale)
+        Self::new(measured.into_words()).with_quality(retained, scale)
     }
 
     /// Share of each patch's area that the view measures, 0 to 1.
     #[must_use]
     pub fn measured_fraction(&self, surface: &Surface) -> Vec<f32> {
         let mut measured = vec![0_u32; surface.patches.len()];
-        self.samples().for_each(|sample| measured[surface.sample_patch[sample as usize].0 as usize] += 1);
+        self.samples().for_each(|sample| measured[surface.sample_patch[sample.index()].index()] += 1);
         surface
             .patches
             .iter()
@@ -191,7 +192,7 @@ impl Row {
     pub fn best_quality(&self, surface: &Surface) -> Vec<Option<f32>> {
         let mut best = vec![None; surface.patches.len()];
         for (sample, quality) in self.graded() {
-            let best: &mut Option<f32> = &mut best[surface.sample_patch[sample as usize].0 as usize];
+            let best: &mut Option<f32> = &mut best[surface.sample_patch[sample.index()].index()];
             *best = Some(best.map_or(quality, |best| best.max(quality)));
         }
         best

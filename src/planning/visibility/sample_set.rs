@@ -1,5 +1,7 @@
 //! A set of samples, one bit each: bit s mod 64 of word s / 64. Cost: 1 bit a sample of the surface, in the set or not.
 
+use crate::planning::ids::SampleId;
+
 /// A set of samples of one surface.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SampleSet {
@@ -33,13 +35,13 @@ impl SampleSet {
 
     /// Returns true if it holds `sample`.
     #[must_use]
-    pub fn holds(&self, sample: u32) -> bool {
-        self.words.get(sample as usize / 64).is_some_and(|word| word >> (sample % 64) & 1 == 1)
+    pub fn holds(&self, sample: SampleId) -> bool {
+        self.words.get(sample.index() / 64).is_some_and(|word| word >> (sample.0 % 64) & 1 == 1)
     }
 
     /// Adds a sample of the surface that the set was made for.
-    pub fn insert(&mut self, sample: u32) {
-        self.words[sample as usize / 64] |= 1 << (sample % 64);
+    pub fn insert(&mut self, sample: SampleId) {
+        self.words[sample.index() / 64] |= 1 << (sample.0 % 64);
     }
 
     /// Number of samples that it holds.
@@ -49,8 +51,8 @@ impl SampleSet {
     }
 
     /// Samples that it holds, ascending.
-    pub fn iter(&self) -> impl Iterator<Item = u32> {
-        (0..).step_by(64).zip(&self.words).flat_map(|(first, word)| ones(*word).map(move |bit| first + bit))
+    pub fn iter(&self) -> impl Iterator<Item = SampleId> {
+        (0..).step_by(64).zip(&self.words).flat_map(|(first, word)| ones(*word).map(move |bit| SampleId(first + bit)))
     }
 
     /// Adds what `other`, a set of the same surface, holds.

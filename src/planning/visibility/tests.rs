@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::geometry::Mesh;
 use crate::planning::context::Silent;
+use crate::planning::ids::SampleId;
 use crate::planning::params::{FeatureParams, InterestParams, NoiseParams, PartParams, Region, RegionParams};
 use crate::planning::surface::requirements::Requirements;
 use crate::planning::surface::sample;
@@ -29,8 +30,8 @@ fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], par
 }
 
 fn top_area_mm2(surface: &Surface, row: &Row) -> f64 {
-    let up = |sample: &u32| surface.patch_of(*sample as usize).normal.z > 0.9;
-    row.samples().filter(up).map(|sample| surface.sample_area_mm2(sample as usize)).sum()
+    let up = |sample: &SampleId| surface.patch_of(*sample).normal.z > 0.9;
+    row.samples().filter(up).map(|sample| surface.sample_area_mm2(sample)).sum()
 }
 
 /// Area of a plate's top at depth `z_mm` that one view from above measures.
@@ -82,8 +83,8 @@ fn a_step_hides_a_strip_from_the_camera_behind_it() {
     };
     let surface = sampled(&both, 10.0);
     let row = table(&both, &surface, &[looking_down(depth_mm)], &PlanParams::default()).rows.remove(0);
-    let on_floor = |sample: &u32| surface.sample_mm[*sample as usize].z == 0.0;
-    let area_mm2: f64 = row.samples().filter(on_floor).map(|sample| surface.sample_area_mm2(sample as usize)).sum();
+    let on_floor = |sample: &SampleId| surface.sample_mm[sample.index()].z == 0.0;
+    let area_mm2: f64 = row.samples().filter(on_floor).map(|sample| surface.sample_area_mm2(sample)).sum();
     let centre_mm = 101.0;
     let hidden_to_mm = 0.5 + (centre_mm + 0.5) * wall_mm / (depth_mm - wall_mm);
     let expected_mm2 = 2.0 * half_mm * 2.0 * (half_mm - hidden_to_mm);
@@ -96,8 +97,8 @@ fn the_furthest_view_names_the_cause() {
     let surface = sampled(&mesh, 1.0);
     let causes = |height_mm: f64, params: &PlanParams| {
         let table = table(&mesh, &surface, &[looking_down(height_mm)], params);
-        let top = |sample: &usize| surface.patch_of(*sample).normal.z > 0.9;
-        (0..surface.sample_mm.len()).filter(top).map(|sample| table.furthest_cause[sample]).collect::<BTreeSet<_>>()
+        let top = |sample: &SampleId| surface.patch_of(*sample).normal.z > 0.9;
+        surface.samples().filter(top).map(|sample| table.furthest_cause[sample.index()]).collect::<BTreeSet<_>>()
     };
     let plain = PlanParams::default();
     assert_eq!(causes(300.0, &plain), BTreeSet::from([Cause::Depth]));

@@ -6,14 +6,15 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::cell::{Lens, Scanner};
+use crate::cell::{DeviceName, Lens, PerDevice, Scanner};
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::params::{PlanParams, ScoreAngle};
 use crate::planning::surface::requirements::{Requirement, Requirements};
 use crate::planning::verdict::Cause;
 
 /// Causes by device where it does not see a sample.
-pub(super) const SHADOWS: [Cause; 3] = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector];
+pub(super) const SHADOWS: PerDevice<Cause> =
+    PerDevice { left: Cause::ShadowLeft, right: Cause::ShadowRight, projector: Cause::ShadowProjector };
 /// Stands where a number of a cause may stand: no step before a shadow fails.
 pub(super) const PASSES: u8 = u8::MAX;
 
@@ -27,7 +28,7 @@ pub struct Optics {
     near_mm: f64,
     best_mm: f64,
     far_mm: f64,
-    devices: [DeviceOptics; 3],
+    devices: PerDevice<DeviceOptics>,
     angle_weight: f64,
     distance_weight: f64,
     angle: ScoreAngle,
@@ -45,6 +46,7 @@ pub struct Optics {
 
 struct DeviceOptics {
     device_from_scanner: Isometry3<f64>,
+    /// Optical centre, scanner frame.
     centre_mm: Point3<f64>,
     lens: Lens,
 }
@@ -56,15 +58,16 @@ impl Optics {
     /// Takes the limits from what is asked of the samples, else from `params`, else from the scanner.
     #[must_use]
     pub fn new(scanner: &Scanner, params: &PlanParams, requirements: &Requirements) -> Self {
-        let incidence_max_rad = |device: usize| params.limits.incidence_max_rad(&scanner.devices[device]);
-        let devices = [0, 1, 2].map(|d| DeviceOptics {
-            device_from_scanner: *scanner.devices[d].scanner_from_device.inverse().isometry(),
-            centre_mm: scanner.devices[d].scanner_from_device.origin_mm(),
-            lens: scanner.devices[d].lens,
+        let incidence_max_rad = scanner.devices.as_ref().map(|device| params.limits.incidence_max_rad(device));
+        let devices = scanner.devices.as_ref().map(|device| DeviceOptics {
+            device_from_scanner: *device.scanner_from_device.inverse().isometry(),
+            centre_mm: device.scanner_from_device.origin_mm(),
+            lens: device.lens,
         });
         let limits = |requirement: &Requirement| {
-            let own = [requirement.camera_max_rad, requirement.projector_max_rad];
-            [own[0].unwrap_or(incidence_max_rad(0)).cos(), own[1].unwrap_or(incidence_max_rad(2)).cos()]
+            let camera_rad = requirement.camera_max_rad.unwrap_or(incidence_max_rad.left);
+            let projector_rad = requirement.projector_max_rad.unwrap_or(incidence_max_rad.projector);
+            [camera_rad.cos(), projector_rad.cos()]
         };
         Self {
             near_mm: scanner.near_mm,
@@ -74,10 +77,10 @@ impl Optics {
             angle_weight: params.score.c,
             distance_weight: params.score.d,
             angle: params.score.angle,
-            incidence_reference_rad: incidence_max_rad(2),
+            incidence_reference_rad: incidence_max_rad.projector,
             requirements: requirements.kinds.clone(),
             incidence_min: requirements.kinds.iter().map(limits).collect(),
-            focal_px: [0, 1].map(|d| scanner.devices[d].lens.focal_px()).into_iter().fold(f64::INFINITY, f64::min),
+            focal_px: scanner.devices.cameras().into_iter().map(|camera| camera.lens.focal_px()).fold(f64::INFINITY, f64::min),
             noise_best_mm: params.regions.noise.best_mm,
             noise_depth_gain: params.regions.noise.depth_gain,
         }
@@ -96,9 +99,9 @@ impl Optics {
         View {
             optics: self,
             scanner: Rigid::new(&scanner_from_part),
-            devices: [0, 1, 2].map(|d| Rigid::new(&self.devices[d].device_from_scanner)),
-            device_from_part: [0, 1, 2].map(|d| self.devices[d].device_from_scanner * scanner_from_part),
-            centres_mm: [0, 1, 2].map(|d| part_from_scanner.point(&self.devices[d].centre_mm)),
+            devices: self.devices.as_ref().map(|device| Rigid::new(&device.device_from_scanner)),
+            device_from_part: self.devices.as_ref().map(|device| device.device_from_scanner * scanner_from_part),
+            centres_mm: self.devices.as_ref().map(|device| part_from_scanner.point(&device.centre_mm)),
         }
     }
 
@@ -107,9 +110,9 @@ impl Optics {
         &self.incidence_min
     }
 
-    /// Lens of device `d`: left, right, projector.
-    pub(super) fn lens(&self, d: usize) -> &Lens {
-        &self.devices[d].lens
+    /// Lenses of the devices.
+    pub(super) fn lenses(&self) -> PerDevice<&Lens> {
+        self.devices.as_ref().map(|device| &device.lens)
     }
 }
 
@@ -143,10 +146,10 @@ impl Rigid {
 pub struct View<'a> {
     optics: &'a Optics,
     scanner: Rigid,
-    devices: [Rigid; 3],
-    pub(super) device_from_part: [Isometry3<f64>; 3],
+    devices: PerDevice<Rigid>,
+    pub(super) device_from_part: PerDevice<Isometry3<f64>>,
     /// Optical centres, part frame, mm.
-    pub(super) centres_mm: [Point3<f64>; 3],
+    pub(super) centres_mm: PerDevice<Point3<f64>>,
 }
 
 /// One device's view of a sample.
@@ -176,9 +179,9 @@ impl View<'_> {
         let optics = self.optics;
         let in_scanner = self.scanner.apply(p);
         // Spelled out: a loop over the devices would keep the caller's loop over samples from being vectorised.
-        let left = self.seen_by(0, p, normal, in_scanner, camera_min);
-        let right = self.seen_by(1, p, normal, in_scanner, camera_min);
-        let projector = self.seen_by(2, p, normal, in_scanner, projector_min);
+        let left = self.seen_by(DeviceName::Left, p, normal, in_scanner, camera_min);
+        let right = self.seen_by(DeviceName::Right, p, normal, in_scanner, camera_min);
+        let projector = self.seen_by(DeviceName::Projector, p, normal, in_scanner, projector_min);
         let faces = left.faces & right.faces & projector.faces;
         let in_depth = (optics.near_mm <= in_scanner[2]) & (in_scanner[2] <= optics.far_mm);
         let mut cause = u64::from(PASSES);
@@ -193,17 +196,17 @@ impl View<'_> {
         (cause, self.quality(in_scanner, normal))
     }
 
-    /// Evaluates device `d` at a sample.
+    /// Evaluates a device at a sample.
     #[inline(always)]
-    fn seen_by(&self, d: usize, p: [f64; 3], normal: [f64; 3], in_scanner: [f64; 3], min_cos: f64) -> Seen {
-        let (device, centre) = (&self.optics.devices[d], &self.centres_mm[d]);
+    fn seen_by(&self, device: DeviceName, p: [f64; 3], normal: [f64; 3], in_scanner: [f64; 3], min_cos: f64) -> Seen {
+        let (lens, centre) = (&self.optics.devices[device].lens, &self.centres_mm[device]);
         let towards = [centre.x - p[0], centre.y - p[1], centre.z - p[2]];
         let along_normal = dot(normal, towards);
-        let [x, y, z] = self.devices[d].apply(in_scanner);
+        let [x, y, z] = self.devices[device].apply(in_scanner);
         Seen {
             faces: along_normal > 0.0,
             within: along_normal >= min_cos * dot(towards, towards).sqrt(),
-            in_frame: device.lens.image(x, y, z).2,
+            in_frame: lens.image(x, y, z).2,
         }
     }
 

@@ -5,7 +5,7 @@ use crate::testing::{box_mesh, nominal_scanner};
 /// The solver of the nominal rig among `walls`.
 fn solver(walls: &RayScene) -> ViewSolver<'_> {
     let scanner = nominal_scanner();
-    let devices = [0, 1, 2].map(|d| (scanner.devices[d].scanner_from_device.origin_mm(), 80.0_f64.to_radians().cos()));
+    let devices = scanner.devices.map(|device| (device.scanner_from_device.origin_mm(), 80.0_f64.to_radians().cos()));
     let (best_mm, far_mm) = (scanner.best_mm, scanner.far_mm);
     ViewSolver { occluders: walls, level: SimdLevel::widest(), best_mm, far_mm, devices }
 }

@@ -38,14 +38,14 @@ fn views_that_shall_tolerate_an_error_are_chosen_by_less_than_they_measure() {
     let table = tabulate(&input, &params, &ctx).expect("a table");
     let occluders = Occluders::new([&mesh]);
     let scene = VisibilityInput { surface: &table.surface, scanner: &scanner, occluders: &occluders, params: &params };
-    let candidates = CandidateSet { kept: table.candidates, ..Default::default() };
+    let candidates = CandidateSet { remaining: table.candidates, ..Default::default() };
     let visible = VisibilityMatrix { rows: table.rows, furthest_cause: Vec::new() };
     let evaluated = EvaluatedCandidates { candidates, matrix: visible, reach: None };
     let robust = rows(&scene, &evaluated, &ctx).expect("not cancelled").expect("asked for");
     let mut lost = 0;
     for (robust, nominal) in robust.iter().zip(&evaluated.matrix.rows) {
-        let kept: Vec<_> = nominal.graded().filter(|(sample, _)| robust.holds(*sample)).collect();
-        assert_eq!(robust.graded().collect::<Vec<_>>(), kept, "the quality of the view as planned");
+        let still: Vec<_> = nominal.graded().filter(|(sample, _)| robust.holds(*sample)).collect();
+        assert_eq!(robust.graded().collect::<Vec<_>>(), still, "the quality of the view as planned");
         lost += nominal.count() - robust.count();
     }
     assert!(lost > 0, "no error takes anything");

@@ -43,7 +43,7 @@ struct Table {
 impl Table {
     fn new(case: &Case) -> Self {
         let row = |(mask, quality): &(u32, i8)| {
-            Row::from_samples(SAMPLES, bits(*mask).map(|sample| (sample, f32::from(*quality) / 4.0)))
+            Row::from_samples(SAMPLES, bits(*mask).map(|sample| (SampleId(sample), f32::from(*quality) / 4.0)))
         };
         let area_mm2: Vec<f64> = case.areas.iter().map(|area| f64::from(*area) * 0.37).collect();
         let region = |(mask, share): &(u32, f64)| {
@@ -75,7 +75,7 @@ impl Table {
     }
 
     fn set_of(&self, selection: &Selection) -> u32 {
-        selection.choices.iter().fold(0, |set, choice| set | 1 << choice.row)
+        selection.choices.iter().fold(0, |set, choice| set | 1 << choice.row.0)
     }
 
     fn fewest(&self, goals: &[Goal<'_>]) -> Option<u32> {
@@ -166,7 +166,8 @@ proptest! {
             let params = SelectionParams { overlap, ..params(&case, solver) };
             let selection = solved(&table.problem(&params), &params, &ScoreParams::default());
             let shared = |a: usize, b: usize| -> f64 {
-                (0..SAMPLES).filter(|s| table.rows[a].holds(*s as u32) && table.rows[b].holds(*s as u32)).map(|s| table.area_mm2[s]).sum()
+                let both = SampleId::first(SAMPLES).filter(|s| table.rows[a].holds(*s) && table.rows[b].holds(*s));
+                both.map(|s| table.area_mm2[s.index()]).sum()
             };
             let mut rest = rows_of(&selection);
             let mut reached: Vec<usize> = rest.pop().into_iter().collect();

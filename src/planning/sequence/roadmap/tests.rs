@@ -43,8 +43,8 @@ fn a_cell_has_one_roadmap_and_its_edges_are_free_at_any_table_angle() {
     let scene = CollisionScene::without_part(&room.cell, MIN_CLEARANCE_MM);
     for (number, [a, b]) in made.edges.iter().enumerate() {
         let (mut from, mut to) = (made.vertices[*a], made.vertices[*b]);
-        (from[6], to[6]) = (0.1 * number as f64, -0.2 * number as f64);
-        let middle = std::array::from_fn(|axis| 0.5 * (from[axis] + to[axis]));
+        (from.table_rad, to.table_rad) = (0.1 * number as f64, -0.2 * number as f64);
+        let middle = from.toward(&to, 0.5);
         assert!([from, middle, to].iter().all(|vertex| scene.check(vertex).is_none()), "edge {number}");
     }
 }

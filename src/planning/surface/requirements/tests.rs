@@ -35,7 +35,7 @@ fn where_regions_overlap_the_greatest_weight_and_the_strictest_limits_count() {
         InterestParams { weight: 0.5, camera_deg: Some(40.0), min_grade: Some(Grade::B), ..interest(slab(2, 10.0, 31.0)) },
     ];
     let (surface, requirements) = requirements(&params);
-    for (sample, p) in surface.sample_mm.iter().enumerate() {
+    for (sample, p) in SampleId::number(&surface.sample_mm) {
         let requirement = requirements.of(sample);
         let (regions, weight, camera_deg, grade) = match p.z {
             z if z < 10.0 => (vec![0], 3.0, 50.0_f64, Grade::C),
@@ -54,7 +54,8 @@ fn a_finer_tolerance_weighs_more_and_allows_less_noise() {
     params.regions.features = vec![feature(slab(2, -1.0, 1.0), 0.4), feature(slab(2, 29.0, 31.0), 0.1)];
     let (surface, requirements) = requirements(&params);
     let at = |low: bool| {
-        (0..surface.sample_mm.len()).find(|s| if low { surface.sample_mm[*s].z < 1.0 } else { surface.sample_mm[*s].z > 29.0 })
+        let is_there = |p: &Point3<f64>| if low { p.z < 1.0 } else { p.z > 29.0 };
+        surface.samples().find(|sample| is_there(&surface.sample_mm[sample.index()]))
     };
     let [coarse, fine] = [true, false].map(|low| requirements.of(at(low).unwrap_or_else(|| panic!("a sample"))));
     assert_eq!((coarse.weight, fine.weight), (1.0, 4.0));

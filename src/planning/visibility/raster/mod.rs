@@ -30,8 +30,10 @@ use std::sync::{Mutex, PoisonError};
 use super::rays::RAY_END_SHARE;
 use super::view::{Optics, PASSES, SHADOWS, View};
 use super::{Occluders, QualityScale, Row, SampleSet, VisibilityMatrix, ones};
+use crate::cell::{DeviceName, PerDevice};
 use crate::geometry::{Part, Pose, ScannerFrame, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::Cause;
 pub(crate) use clusters::Clusters;
@@ -66,11 +68,11 @@ pub(super) fn cast(
     surface: &Surface,
     views: &Views<'_>,
     optics: &Optics,
-    kept_quality: Option<QualityScale>,
+    quality_scale: Option<QualityScale>,
     occluders: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<VisibilityMatrix, Cancelled> {
-    let engine = RasterEngine::new(surface, optics, kept_quality, occluders, ctx);
+    let engine = RasterEngine::new(surface, optics, quality_scale, occluders, ctx);
     let pool = ScratchPool { engine: &engine, free: Mutex::default(), done: AtomicUsize::new(0), views: views.poses.len() };
     let (usable, others): (Vec<_>, Vec<_>) = (0..views.poses.len()).partition(|view| views.usable[*view]);
     let mut rows = vec![Row::default(); views.poses.len()];
@@ -127,10 +129,10 @@ impl ScratchPool<'_> {
 struct RasterEngine<'a> {
     surface: &'a Surface,
     optics: &'a Optics,
-    kept_quality: Option<QualityScale>,
+    quality_scale: Option<QualityScale>,
     occluders: &'a Occluders,
     samples: Samples,
-    grids: [Grid; 3],
+    grids: PerDevice<Grid>,
     level: SimdLevel,
     ctx: &'a Context<'a>,
 }
@@ -146,7 +148,7 @@ struct Scratch {
     /// Highest number of a cause so far, of each sample.
     furthest: Vec<[u8; SAMPLES]>,
     /// Tiles that samples fall on, by device.
-    touched: [Vec<AtomicBool>; 3],
+    touched: PerDevice<Vec<AtomicBool>>,
     depth_buffer: TiledDepthBuffer,
 }
 
@@ -154,17 +156,17 @@ impl<'a> RasterEngine<'a> {
     fn new(
         surface: &'a Surface,
         optics: &'a Optics,
-        kept_quality: Option<QualityScale>,
+        quality_scale: Option<QualityScale>,
         occluders: &'a Occluders,
         ctx: &'a Context<'a>,
     ) -> Self {
         Self {
             surface,
             optics,
-            kept_quality,
+            quality_scale,
             occluders,
             samples: Samples::new(surface, occluders.clusters.order()),
-            grids: [0, 1, 2].map(|d| Grid::of(optics.lens(d))),
+            grids: optics.lenses().map(Grid::of),
             level: ctx.simd_level(),
             ctx,
         }
@@ -184,11 +186,11 @@ impl<'a> RasterEngine<'a> {
 
     fn row(&self, pose: &Pose<Part, ScannerFrame>, open: &Open, scratch: &mut Scratch, grain: usize) -> Result<Row, Cancelled> {
         let view = self.optics.at(pose);
-        let pinholes =
-            [0, 1, 2].map(|d| Pinhole::new(self.optics.lens(d), &view.device_from_part[d], &self.occluders.clusters.centre_mm));
+        let pinhole = |(lens, device_from_part)| Pinhole::new(lens, device_from_part, &self.occluders.clusters.centre_mm);
+        let pinholes = self.optics.lenses().zip(view.device_from_part.as_ref()).map(pinhole);
         self.evaluate_optics(&view, &pinholes, open, scratch, grain)?;
-        for d in 0..3 {
-            self.test_occlusion(d, &view, &pinholes[d], scratch, grain)?;
+        for device in DeviceName::ALL {
+            self.test_occlusion(device, &view, &pinholes[device], scratch, grain)?;
         }
         Ok(self.finish(scratch))
     }
@@ -197,7 +199,7 @@ impl<'a> RasterEngine<'a> {
     fn evaluate_optics(
         &self,
         view: &View<'_>,
-        pinholes: &[Pinhole; 3],
+        pinholes: &PerDevice<Pinhole>,
         open: &Open,
         scratch: &mut Scratch,
         grain: usize,
@@ -206,7 +208,7 @@ impl<'a> RasterEngine<'a> {
         let touched = &scratch.touched;
         let clusters = self.samples.clusters.par_chunks(TASK).zip(open.par_chunks(TASK));
         let tasks = clusters.zip(scratch.states.par_chunks_mut(TASK)).zip(scratch.steps.par_chunks_mut(TASK));
-        let scale = self.kept_quality.unwrap_or_default();
+        let scale = self.quality_scale.unwrap_or_default();
         tasks.with_min_len(grain).try_for_each(|(((clusters, open), states), steps)| {
             self.ctx.check()?;
             for (((cluster, open), states), steps) in clusters.iter().zip(open).zip(states).zip(steps) {
@@ -221,10 +223,10 @@ impl<'a> RasterEngine<'a> {
                     closed.for_each(|place| states[place] = Cause::Facing as u8);
                 }
                 if states.contains(&PASSES) {
-                    for d in 0..3 {
-                        let job =
-                            ScreenBounds { cluster, states, pinhole: &pinholes[d], offset_mm: self.scene_from_part_centre() };
-                        mark(&touched[d], &self.grids[d], self.level.run(job));
+                    for device in DeviceName::ALL {
+                        let (pinhole, offset_mm) = (&pinholes[device], self.scene_from_part_centre());
+                        let bounds = self.level.run(ScreenBounds { cluster, states, pinhole, offset_mm });
+                        mark(&touched[device], &self.grids[device], bounds);
                     }
                 }
             }
@@ -237,56 +239,56 @@ impl<'a> RasterEngine<'a> {
         (self.surface.centre_mm - self.occluders.clusters.centre_mm).map(|mm| mm as f32).into()
     }
 
-    /// Tests which of the remaining samples device `d` sees.
+    /// Tests which of the remaining samples a device sees.
     fn test_occlusion(
         &self,
-        d: usize,
+        device: DeviceName,
         view: &View<'_>,
         pinhole: &Pinhole,
         scratch: &mut Scratch,
         grain: usize,
     ) -> Result<(), Cancelled> {
-        let touched = &scratch.touched[d];
+        let touched = &scratch.touched[device];
         let passing = scratch.states.iter().flatten().filter(|state| **state == PASSES).count();
         let tiles = touched.iter().filter(|tile| tile.load(Ordering::Relaxed)).count();
         if passing < RAYS_OF_A_TILE * tiles + self.occluders.clusters.triangles / TRIANGLES_OF_A_RAY {
-            return self.cast_rays(d, view, scratch, grain);
+            return self.cast_rays(device, view, scratch, grain);
         }
-        let pass = RenderPass { scene: &self.occluders.clusters, pinhole, grid: self.grids[d], level: self.level, grain };
+        let pass = RenderPass { scene: &self.occluders.clusters, pinhole, grid: self.grids[device], level: self.level, grain };
         scratch.depth_buffer.prepare(&pass, |tile| touched[tile].load(Ordering::Relaxed), self.ctx)?;
         scratch.depth_buffer.draw(&pass, self.ctx)?;
         let (maps, slots) = scratch.depth_buffer.maps();
         let lookup = DepthLookup {
             maps,
             slots,
-            grid: &self.grids[d],
+            grid: &self.grids[device],
             pinhole,
             offset_mm: self.scene_from_part_centre(),
-            hidden: SHADOWS[d] as u8,
+            hidden: SHADOWS[device] as u8,
         };
-        self.decide(d, view, &mut scratch.states, grain, |cluster, states| {
+        self.decide(device, view, &mut scratch.states, grain, |cluster, states| {
             self.level.run(Compare { lookup: &lookup, cluster, states })
         })
     }
 
     /// Tests occlusion by rays alone, where the map would cost more than a ray for every sample.
-    fn cast_rays(&self, d: usize, view: &View<'_>, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
-        self.decide(d, view, &mut scratch.states, grain, |_, states| {
+    fn cast_rays(&self, device: DeviceName, view: &View<'_>, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
+        self.decide(device, view, &mut scratch.states, grain, |_, states| {
             (0..SAMPLES).filter(|place| states[*place] == PASSES).fold(0, |doubts, place| doubts | 1 << place)
         })
     }
 
-    /// Settles by rays to device `d` what `compare` leaves in doubt of each cluster.
+    /// Settles by rays to a device what `compare` leaves in doubt of each cluster.
     fn decide(
         &self,
-        d: usize,
+        device: DeviceName,
         view: &View<'_>,
         states: &mut [[u8; SAMPLES]],
         grain: usize,
         compare: impl Fn(&SampleCluster, &mut [u8; SAMPLES]) -> u64 + Sync,
     ) -> Result<(), Cancelled> {
         let tasks = self.samples.clusters.par_chunks(TASK).zip(states.par_chunks_mut(TASK));
-        let centre = view.centres_mm[d];
+        let centre = view.centres_mm[device];
         tasks.with_min_len(grain).try_for_each(|(clusters, states)| {
             self.ctx.check()?;
             let (mut doubtful, mut targets, mut hidden) = (Vec::new(), Vec::new(), Vec::new());
@@ -302,14 +304,14 @@ impl<'a> RasterEngine<'a> {
                 targets.extend(doubtful.iter().map(target));
                 self.occluders.rays.blocked_from(self.level, &centre, &targets, RAY_END_SHARE, &mut hidden);
                 for (&(index, place), &hidden) in doubtful.iter().zip(&hidden) {
-                    states[index][place] = if hidden { SHADOWS[d] as u8 } else { PASSES };
+                    states[index][place] = if hidden { SHADOWS[device] as u8 } else { PASSES };
                 }
             }
             Ok(())
         })
     }
 
-    /// The row in the surface's order; the furthest causes are kept.
+    /// The row in the surface's order; the furthest causes are remembered.
     fn finish(&self, scratch: &mut Scratch) -> Row {
         let mut measured = SampleSet::none_of(self.surface.sample_mm.len());
         let Scratch { states, steps, steps_by_sample, furthest, .. } = scratch;
@@ -322,16 +324,16 @@ impl<'a> RasterEngine<'a> {
                 furthest[place] = furthest[place].max(cause);
             }
             for place in (0..SAMPLES).filter(|place| states[*place] == PASSES) {
-                measured.insert(cluster.number[place]);
+                measured.insert(SampleId(cluster.number[place]));
                 steps_by_sample[cluster.number[place] as usize] = steps[place];
             }
         }
         let row = Row::new(measured.into_words());
-        match self.kept_quality {
+        match self.quality_scale {
             Some(scale) => {
                 // Iterated from within: a nested iterator is slow from outside.
                 let mut steps = Vec::with_capacity(row.count());
-                row.samples().for_each(|sample| steps.push(steps_by_sample[sample as usize]));
+                row.samples().for_each(|sample| steps.push(steps_by_sample[sample.index()]));
                 row.with_quality(steps, scale)
             }
             None => row,

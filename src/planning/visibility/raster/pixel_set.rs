@@ -29,7 +29,7 @@ pub(in super::super) fn pixel_set(
     let mut devices = vec![0_u8; triangles];
     let hit: Vec<AtomicBool> = std::iter::repeat_with(AtomicBool::default).take(triangles).collect();
     let mut depth_buffer = TiledDepthBuffer::default();
-    for (d, device) in scanner.devices.iter().enumerate() {
+    for (bit, device) in scanner.devices.iter().enumerate() {
         let device_from_part = device.scanner_from_device.inverse().isometry() * pose.inverse().isometry();
         let pinhole = Pinhole::new(&device.lens, &device_from_part, &scene.centre_mm);
         let grid = Grid::of(&device.lens);
@@ -39,7 +39,7 @@ pub(in super::super) fn pixel_set(
             pass.level.run(Mark { hit: &hit, lens: &device.lens, corner_px, numbers });
         })?;
         devices.par_iter_mut().zip(&hit).with_min_len(MERGED).for_each(|(devices, hit)| {
-            *devices |= u8::from(hit.load(Ordering::Relaxed)) << d;
+            *devices |= u8::from(hit.load(Ordering::Relaxed)) << bit;
             hit.store(false, Ordering::Relaxed);
         });
     }

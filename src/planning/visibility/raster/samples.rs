@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::clusters::Cone;
 use super::pinhole::LANES;
 use crate::geometry::Aabb;
+use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::SampleSet;
 
@@ -28,7 +29,7 @@ pub(super) struct SampleCluster {
     pub(super) offset_mm: [[f32; SAMPLES]; 3],
     /// Unit normal by axis; zero where there is no sample, which faces nothing.
     pub(super) normal: [[f32; SAMPLES]; 3],
-    /// Number of each sample in the surface.
+    /// Number of each sample in the surface, or [`NO_SAMPLE`].
     pub(super) number: [u32; SAMPLES],
     /// Kind of requirement of each sample.
     pub(super) kind: [u8; SAMPLES],
@@ -49,7 +50,7 @@ impl Samples {
         (0..faces).for_each(|face| first_patch[face + 1] += first_patch[face]);
         let of_face = |face: usize| &surface.patches[first_patch[face]..first_patch[face + 1]];
         let patches = order.map(|face| face as usize).filter(|face| *face < faces).flat_map(of_face);
-        let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample..patch.first_sample + patch.samples).collect();
+        let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample.0..patch.first_sample.0 + patch.samples).collect();
         Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
     }
 }
@@ -58,7 +59,7 @@ impl Samples {
     /// Samples of each cluster that are not in `set`, one bit each.
     pub(super) fn outside(&self, set: &SampleSet) -> Vec<u64> {
         let bits = |cluster: &SampleCluster| {
-            let outside = |number: u32| number != NO_SAMPLE && !set.holds(number);
+            let outside = |number: u32| number != NO_SAMPLE && !set.holds(SampleId(number));
             cluster.number.iter().enumerate().fold(0, |bits, (place, number)| bits | u64::from(outside(*number)) << place)
         };
         self.clusters.iter().map(bits).collect()
@@ -70,7 +71,7 @@ impl SampleCluster {
         let offset = |number: &u32| surface.sample_mm[*number as usize] - surface.centre_mm;
         let aabb = numbers.iter().fold(Aabb::empty(), |aabb, number| aabb.with(&Point3::from(offset(number))));
         let centre_mm = aabb.centre().coords;
-        let patches = numbers.iter().map(|number| surface.patch_of(*number as usize));
+        let patches = numbers.iter().map(|number| surface.patch_of(SampleId(*number)));
         let normals: Vec<_> = patches.clone().map(|patch| patch.normal).collect();
         let mut cluster = Self {
             offset_mm: [[0.0; SAMPLES]; 3],
@@ -84,7 +85,7 @@ impl SampleCluster {
         };
         for (place, (number, normal)) in numbers.iter().zip(&normals).enumerate() {
             cluster.number[place] = *number;
-            cluster.kind[place] = surface.requirements.kind(*number as usize);
+            cluster.kind[place] = surface.requirements.kind(SampleId(*number));
             for axis in 0..3 {
                 cluster.offset_mm[axis][place] = offset(number)[axis] as f32;
                 cluster.normal[axis][place] = normal[axis] as f32;

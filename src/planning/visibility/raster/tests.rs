@@ -14,7 +14,7 @@ use crate::testing::{box_mesh, nominal_scanner};
 
 /// The inverse depth, 1/mm, at a pixel of the map that the left camera of the nominal rig would have at the origin.
 fn map(meshes: &[&Mesh]) -> impl Fn(u32, u32) -> f32 + use<> {
-    let lens: Lens = nominal_scanner().devices[0].lens;
+    let lens: Lens = nominal_scanner().devices.left.lens;
     let scene = Clusters::new(meshes, &|| Ok::<(), Infallible>(()));
     let Ok(scene) = scene;
     let pinhole = Pinhole::new(&lens, &Isometry3::identity(), &scene.centre_mm);
@@ -73,7 +73,7 @@ fn nearness_of_sheet(lens: &Lens, x: u32) -> f64 {
 
 #[test]
 fn neighbours_leave_no_crack_and_lie_at_their_depth() {
-    let lens = nominal_scanner().devices[0].lens;
+    let lens = nominal_scanner().devices.left.lens;
     // From triangles of half a pixel to such that fill tiles.
     for (half_mm, cells) in [(4.0, 220), (20.0, 130), (60.0, 40), (130.0, 3)] {
         let inverse_depth = map(&[&sheet(half_mm, cells)]);
@@ -117,7 +117,7 @@ fn a_plane_that_passes_the_camera_is_cut_before_it() {
     // From far behind the camera to far before it, 50 mm below: depth 50 · f / (v − cy).
     let floor = box_mesh([-5000.0, 50.0, -3000.0], [5000.0, 60.0, 3000.0]);
     let inverse_depth = map(&[&floor]);
-    let lens = nominal_scanner().devices[0].lens;
+    let lens = nominal_scanner().devices.left.lens;
     for (x, y) in [(5, 1700), (2000, 1800), (3995, 3000)] {
         let wanted = (f64::from(y) + 0.5 - lens.cy) / lens.fy / 50.0;
         assert!((f64::from(inverse_depth(x, y)) / wanted - 1.0).abs() < 1e-4, "{} instead of {wanted}", inverse_depth(x, y));
@@ -127,7 +127,7 @@ fn a_plane_that_passes_the_camera_is_cut_before_it() {
 
 #[test]
 fn a_point_is_projected_as_the_lens_does() {
-    let lens = nominal_scanner().devices[1].lens;
+    let lens = nominal_scanner().devices.right.lens;
     let device_from_part = Isometry3::new(Vector3::new(11.0, -7.0, 480.0), Vector3::new(0.3, 2.9, -0.2));
     let centre_mm = Point3::new(100.0, -50.0, 20.0);
     let pinhole = Pinhole::new(&lens, &device_from_part, &centre_mm);

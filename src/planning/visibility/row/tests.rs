@@ -8,8 +8,8 @@ use crate::planning::surface::sample;
 use crate::testing::box_mesh;
 
 /// Samples of a surface of `samples`, with their quality.
-fn graded(samples: u32) -> impl Strategy<Value = BTreeMap<u32, f32>> {
-    proptest::collection::btree_map(0..samples, -1.0_f32..=1.0, 0..samples as usize)
+fn graded(samples: u32) -> impl Strategy<Value = BTreeMap<SampleId, f32>> {
+    proptest::collection::btree_map((0..samples).prop_map(SampleId), -1.0_f32..=1.0, 0..samples as usize)
 }
 
 proptest! {
@@ -19,40 +19,40 @@ proptest! {
         prop_assert_eq!(row.words().len(), total.div_ceil(64) as usize);
         prop_assert_eq!(row.count(), graded.len());
         prop_assert!(row.samples().eq(graded.keys().copied()), "ascending, each once");
-        prop_assert!((0..total + 100).all(|sample| row.holds(sample) == graded.contains_key(&sample)));
-        for ((sample, kept), (expected, quality)) in row.graded().zip(&graded) {
+        prop_assert!(SampleId::first(total as usize + 100).all(|sample| row.holds(sample) == graded.contains_key(&sample)));
+        for ((sample, stored), (expected, quality)) in row.graded().zip(&graded) {
             prop_assert_eq!(sample, *expected);
-            prop_assert!((kept - quality).abs() <= 1.53e-5, "{} kept as {}", quality, kept);
+            prop_assert!((stored - quality).abs() <= 1.53e-5, "{} stored as {}", quality, stored);
         }
     }
 
     #[test]
     fn sets_join_and_part_like_sets(a in graded(300), b in graded(300)) {
-        let set = |samples: &BTreeMap<u32, f32>| Row::from_samples(300, samples.clone()).measured().clone();
+        let set = |samples: &BTreeMap<SampleId, f32>| Row::from_samples(300, samples.clone()).measured().clone();
         let (mut joined, mut parted) = (set(&a), set(&a));
         joined.insert_all(&set(&b));
         parted.remove_all(&set(&b));
-        prop_assert!((0..300).all(|s| joined.holds(s) == (a.contains_key(&s) || b.contains_key(&s))));
-        prop_assert!((0..300).all(|s| parted.holds(s) == (a.contains_key(&s) && !b.contains_key(&s))));
+        prop_assert!(SampleId::first(300).all(|s| joined.holds(s) == (a.contains_key(&s) || b.contains_key(&s))));
+        prop_assert!(SampleId::first(300).all(|s| parted.holds(s) == (a.contains_key(&s) && !b.contains_key(&s))));
     }
 
     #[test]
     fn patches_sum_up_their_samples(seed in any::<u64>(), from in 0_usize..200, step in 1_usize..7) {
         let surface = box_of_patches();
         let count = surface.sample_mm.len();
-        let quality = |sample: u32| (f64::from(sample) + seed as f64 / 1e18).sin() as f32;
-        let row = Row::from_samples(count, (from..count).step_by(step).map(|s| (s as u32, quality(s as u32))));
+        let quality = |sample: SampleId| (f64::from(sample.0) + seed as f64 / 1e18).sin() as f32;
+        let row = Row::from_samples(count, surface.samples().skip(from).step_by(step).map(|s| (s, quality(s))));
         let (fraction, best) = (row.measured_fraction(&surface), row.best_quality(&surface));
         for (number, patch) in surface.patches.iter().enumerate() {
-            let own = patch.first_sample..patch.first_sample + patch.samples;
-            let measured: Vec<u32> = own.filter(|sample| row.holds(*sample)).collect();
+            let own = surface.samples().skip(patch.first_sample.index()).take(patch.samples as usize);
+            let measured: Vec<SampleId> = own.filter(|sample| row.holds(*sample)).collect();
             prop_assert!((fraction[number] - measured.len() as f32 / patch.samples as f32).abs() < 1e-6);
             let expected = measured.into_iter().map(quality).reduce(f32::max);
             prop_assert_eq!(best[number].is_some(), expected.is_some());
             prop_assert!((best[number].unwrap_or(0.0) - expected.unwrap_or(0.0)).abs() < 2e-5);
         }
         let area_mm2: f64 = surface.patches.iter().zip(fraction).map(|(patch, share)| patch.area_mm2 * f64::from(share)).sum();
-        prop_assert!((area_mm2 - surface.area_where(|sample| row.holds(sample as u32))).abs() < 1e-2);
+        prop_assert!((area_mm2 - surface.area_where(|sample| row.holds(sample))).abs() < 1e-2);
     }
 }
 

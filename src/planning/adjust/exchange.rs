@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 
 use crate::cell::{Axes, Cell, Configuration};
 use crate::planning::context::{Context, PlanError};
+use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex, ViewId};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::scene::PlanningScene;
 use crate::planning::selection;
@@ -19,8 +20,8 @@ const MAX_EXCHANGES: usize = 40;
 /// Smallest saving of an exchange, seconds.
 const MIN_SAVING_SECS: f64 = 0.02;
 
-/// A plan's views in the order visited, by setup: number of the view and where the cell takes it.
-type Tours = Vec<Vec<(usize, Configuration)>>;
+/// A plan's views in the order visited, by setup: the view and where the cell takes it.
+type Tours = Vec<Vec<(ViewId, Configuration)>>;
 
 /// The selection, or a quicker one, with its order.
 ///
@@ -30,14 +31,15 @@ pub(in crate::planning) fn exchange_views(
     problem: &ViewPlanningProblem<'_>,
     scenes: &[&PlanningScene<'_>],
     (mut chosen, mut ordered): (ChosenViews, Vec<Ordered>),
-    excluded: &BTreeSet<usize>,
+    excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
 ) -> Result<(ChosenViews, Vec<Ordered>), PlanError> {
     let moving = |ordered: &[Ordered]| ordered.iter().map(|ordered| ordered.sequence.motion_secs()).sum::<f64>();
     for _ in 0..MAX_ROUNDS {
         let Some(other) = exchanged(problem, &chosen, &ordered, excluded, ctx)? else { break };
-        let order = |(setup, scene): (usize, &&PlanningScene<'_>)| scene.order(&problem.stations_of(&other, setup), true, ctx);
-        let again: Vec<Ordered> = scenes.iter().enumerate().map(order).collect::<Result<_, _>>()?;
+        let order =
+            |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| scene.order(&problem.stations_of(&other, setup), true, ctx);
+        let again: Vec<Ordered> = SetupIndex::number(scenes).map(order).collect::<Result<_, _>>()?;
         if again.iter().any(|ordered| !ordered.no_path.is_empty()) || moving(&again) >= moving(&ordered) - MIN_SAVING_SECS {
             break;
         }
@@ -51,36 +53,37 @@ fn exchanged(
     problem: &ViewPlanningProblem<'_>,
     chosen: &ChosenViews,
     ordered: &[Ordered],
-    excluded: &BTreeSet<usize>,
+    excluded: &BTreeSet<CandidateIndex>,
     ctx: &Context<'_>,
 ) -> Result<Option<ChosenViews>, PlanError> {
     let Some(cell) = problem.input.cell else { return Ok(None) };
     let exchange = TourExchange { problem, cell, axes: cell.axes() };
-    let usable = problem.choosable(excluded);
-    let cover = problem.cover_problem(&usable);
-    let mut rows: Vec<usize> = chosen.kept.iter().filter_map(|kept| usable.binary_search(kept).ok()).collect();
+    let choosable = problem.choosable(excluded);
+    let cover = problem.cover_problem(&choosable);
+    // Every chosen candidate is choosable, so that the places among these are the views.
+    let row_of = |candidate: &CandidateIndex| choosable.binary_search(candidate).ok().map(RowIndex::at);
+    let mut rows: Vec<RowIndex> = chosen.candidates.iter().filter_map(row_of).collect();
     let mut tours = tours(ordered.iter().map(|ordered| &ordered.sequence));
     let mut found = false;
     for _ in 0..MAX_EXCHANGES {
         let allowed = selection::exchanges(&cover, &problem.params.selection, &rows, ctx)?;
         let savings = allowed.into_iter().filter_map(|(view, row)| {
-            let (saved_secs, tours) = exchange.evaluate(&tours, view, usable[row])?;
+            let (saved_secs, tours) = exchange.evaluate(&tours, view, choosable[row.index()])?;
             Some((saved_secs, view, row, tours))
         });
-        let best = savings.fold(None, |best: Option<(f64, usize, usize, Tours)>, next| match best {
+        let best = savings.fold(None, |best: Option<(f64, ViewId, RowIndex, Tours)>, next| match best {
             Some(best) if best.0 >= next.0 => Some(best),
             _ => Some(next),
         });
         let Some((_, view, row, quicker)) = best.filter(|best| best.0 > MIN_SAVING_SECS) else { break };
-        (rows[view], tours, found) = (row, quicker, true);
+        (rows[view.index()], tours, found) = (row, quicker, true);
     }
-    found.then(|| problem.chosen_of(&cover, &usable, &rows, chosen, ctx)).transpose()
+    found.then(|| problem.chosen_of(&cover, &choosable, &rows, chosen, ctx)).transpose()
 }
 
 fn tours<'a>(sequences: impl Iterator<Item = &'a Sequence>) -> Tours {
-    let tour = |sequence: &Sequence| {
-        sequence.visits.iter().map(|(view, leg)| (view.0 as usize, leg.target.configuration())).collect::<Vec<_>>()
-    };
+    let tour =
+        |sequence: &Sequence| sequence.visits.iter().map(|(view, leg)| (*view, leg.target.configuration())).collect::<Vec<_>>();
     sequences.map(tour).collect()
 }
 
@@ -91,15 +94,15 @@ struct TourExchange<'a> {
 }
 
 impl TourExchange<'_> {
-    /// Saving by a kept candidate in place of a view, and the tours then; `None` where the candidate has no station,
+    /// Saving by a candidate in place of a view, and the tours then; `None` where the candidate has no station,
     /// or belongs to another setup.
-    fn evaluate(&self, tours: &Tours, view: usize, kept: usize) -> Option<(f64, Tours)> {
-        let setup = self.problem.candidates.kept[kept].setup;
+    fn evaluate(&self, tours: &Tours, view: ViewId, candidate: CandidateIndex) -> Option<(f64, Tours)> {
+        let setup = self.problem.candidates[candidate].setup.index();
         let at = tours.get(setup)?.iter().position(|(other, _)| *other == view)?;
         let mut without = tours[setup].clone();
         let (_, here) = without.remove(at);
         let saved_secs = self.detour_secs(&without, at, &here);
-        let stations = self.problem.reach.as_ref()?[kept].as_deref().ok()?;
+        let stations = self.problem.reach.as_ref()?[candidate.index()].as_deref().ok()?;
         let insertions = (0..=without.len()).flat_map(|at| stations.iter().map(move |station| (at, station.configuration())));
         let costs = insertions.map(|(at, there)| (self.detour_secs(&without, at, &there), at, there));
         let (cost_secs, at, there) = costs.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -110,7 +113,7 @@ impl TourExchange<'_> {
     }
 
     /// Extra time of the move through `here` between the stops before and at `at`.
-    fn detour_secs(&self, tour: &[(usize, Configuration)], at: usize, here: &Configuration) -> f64 {
+    fn detour_secs(&self, tour: &[(ViewId, Configuration)], at: usize, here: &Configuration) -> f64 {
         let home = &self.cell.home_rad;
         let stop = |at: Option<usize>| at.and_then(|at| tour.get(at)).map_or(home, |(_, configuration)| configuration);
         let (before, after) = (stop(at.checked_sub(1)), stop(Some(at)));

@@ -1,0 +1,20 @@
+//! Chosen views adjusted: slid to where they score higher; exchanged for others that lie better on the way, and rolled about their
+//! axes, for shorter cycles of the same plan.
+
+mod exchange;
+mod guard;
+mod rolls;
+mod slides;
+
+use super::problem::ViewPlanningProblem;
+
+pub(super) use exchange::exchange_views;
+pub(super) use rolls::roll_views;
+pub(super) use slides::slide_views;
+
+/// Returns true if the poses of chosen views must stay: what views share, and what they measure under stated errors, would have
+/// to be judged anew too.
+fn keeps_views(problem: &ViewPlanningProblem<'_>) -> bool {
+    let overlap = &problem.params.selection.overlap;
+    overlap.min_area_mm2.is_some() || overlap.min_share.is_some() || problem.robust_rows.is_some()
+}

@@ -1,0 +1,175 @@
+//! Slides of chosen views: each moves along its axis to where what it contributes scores highest, as its candidate did for its
+//! whole block. What it contributes are the samples that no other chosen view measures as well. A view is slid only where all
+//! views together lose nothing by it ([`super::guard`]) and the cell can take it there. The slid view joins the candidates.
+//!
+//! Plans that ask for overlap, or for views that tolerate stated errors, keep their views; poses that the job gives are kept.
+//!
+//! Cost: a view evaluated anew, and [`STEPS`] projections of at most [`MAX_SAMPLES`] samples, for each chosen view.
+
+use std::collections::BTreeSet;
+
+use super::guard::{Guard, graded};
+use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::planning::candidates::Candidate;
+use crate::planning::candidates::slide::{better, moved, refined};
+use crate::planning::context::{Cancelled, Context, PlanError};
+use crate::planning::ids::{CandidateId, CandidateIndex, RowIndex, SampleId, ViewId};
+use crate::planning::params::{Hemisphere, Standoff};
+use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
+use crate::planning::setups::{self, Setup};
+use crate::planning::stations::Station;
+use crate::planning::visibility::{self, Optics, Probe, Row};
+
+/// Samples that stand for what a view contributes.
+const MAX_SAMPLES: usize = 400;
+/// Largest move, mm.
+const MAX_MOVE_MM: f64 = 60.0;
+/// Distances that are compared first, evenly to both sides.
+const STEPS: i32 = 24;
+/// Times that the step is halved around the best.
+const HALVINGS: i32 = 3;
+/// Smallest move that is tried, mm.
+const MIN_MOVE_MM: f64 = 1.0;
+
+/// The chosen views, slid, and the problem with the slid views among its candidates.
+///
+/// # Errors
+/// [`PlanError::Cancelled`].
+pub(in crate::planning) fn slide_views(
+    problem: &mut ViewPlanningProblem<'_>,
+    setups: &[Setup<'_>],
+    chosen: ChosenViews,
+    excluded: &BTreeSet<CandidateIndex>,
+    ctx: &Context<'_>,
+) -> Result<ChosenViews, PlanError> {
+    if problem.params.candidates.standoff != Standoff::Surface || super::keeps_views(problem) {
+        return Ok(chosen);
+    }
+    let ctx = ctx.silent();
+    let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
+    let mut slid_views = chosen.candidates.clone();
+    let mut guard = Guard::new(problem, chosen.views());
+    for (view, candidate) in ViewId::number(&mut slid_views) {
+        ctx.check()?;
+        let slide = Slide { problem, optics: &optics, guard: &guard, view, candidate: *candidate };
+        let before = graded(problem, *candidate);
+        let Some(slid) = slide.better(&before, setups, &ctx)? else { continue };
+        guard.exchange(view, &before, &slid.row);
+        *candidate = slid.join(problem);
+    }
+    if slid_views == chosen.candidates {
+        return Ok(chosen);
+    }
+    let usable = problem.choosable(excluded);
+    let place = |candidate| usable.binary_search(candidate).ok().map(RowIndex::at);
+    let rows: Vec<RowIndex> = slid_views.iter().filter_map(place).collect();
+    problem.chosen_of(&problem.cover_problem(&usable), &usable, &rows, &chosen, &ctx)
+}
+
+/// A chosen view that may slide.
+struct Slide<'a, 'b> {
+    problem: &'a ViewPlanningProblem<'b>,
+    optics: &'a Optics,
+    guard: &'a Guard,
+    view: ViewId,
+    candidate: CandidateIndex,
+}
+
+/// A slid view, with everything that is known of it.
+struct Slid {
+    candidate: Candidate,
+    stations: Option<Vec<Station>>,
+    row: Row,
+}
+
+impl Slide<'_, '_> {
+    fn of(&self) -> &Candidate {
+        &self.problem.candidates[self.candidate]
+    }
+
+    /// The view slid to where it scores higher, or half as far, where nothing is lost by it and the cell can take it.
+    fn better(&self, before: &Row, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
+        let contributed = self.contributed(before);
+        let forward_mm = if self.of().is_given { 0.0 } else { self.best_move_mm(&setups[self.of().setup.index()], &contributed) };
+        for forward_mm in [forward_mm, 0.5 * forward_mm] {
+            if forward_mm.abs() < MIN_MOVE_MM {
+                break;
+            }
+            let pose = moved(&self.of().part_from_scanner, forward_mm);
+            if let Some(slid) = self.slid(&setups[self.of().setup.index()], pose, ctx)? {
+                let change = self.guard.change(self.problem, self.view, before, &slid.row);
+                if change.score_mm2 > 0.0 && change.loses_nothing() {
+                    return Ok(Some(slid));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Samples of the view that no other measures as well, with the value of each by the others.
+    fn contributed(&self, row: &Row) -> Vec<(SampleId, f64)> {
+        let value = |quality: f32| self.problem.params.score.value(f64::from(quality));
+        let of_others = |sample: SampleId| self.guard.best_of_others(self.view, sample);
+        let own = row.graded().filter(|(sample, quality)| of_others(*sample).is_none_or(|others| others < *quality));
+        let own: Vec<_> = own.map(|(sample, _)| (sample, of_others(sample).map_or(0.0, value))).collect();
+        let count = own.len().min(MAX_SAMPLES);
+        (0..count).map(|i| own[i * own.len() / count]).collect()
+    }
+
+    /// The move forward by which the contributed samples score highest, mm. What hides them is taken not to change.
+    fn best_move_mm(&self, setup: &Setup<'_>, contributed: &[(SampleId, f64)]) -> f64 {
+        let surface = &self.problem.surface;
+        let score = |forward_mm: f64| {
+            let pose = moved(&self.of().part_from_scanner, forward_mm);
+            let probe = Probe::new(self.optics, &pose, setup.occluders.rays());
+            let value = |sample: SampleId| {
+                let (normal, kind) = (&surface.patch_of(sample).normal, surface.requirements.kind(sample));
+                let quality = probe.before_shadow(&surface.sample_mm[sample.index()], normal, kind).ok()?;
+                Some(self.problem.params.score.value(f64::from(quality)))
+            };
+            let of_sample = |(sample, by_others): &(SampleId, f64)| {
+                let weight = surface.requirements.of(*sample).weight;
+                weight
+                    * self.problem.asked_area_mm2[sample.index()]
+                    * value(*sample).map_or(*by_others, |own| own.max(*by_others))
+            };
+            (contributed.iter().map(of_sample).sum::<f64>(), forward_mm)
+        };
+        let step_mm = 2.0 * MAX_MOVE_MM / f64::from(STEPS);
+        let sides = (1..=STEPS / 2).flat_map(|step| [step_mm, -step_mm].map(|mm| mm * f64::from(step)));
+        refined(sides.map(score).fold(score(0.0), better), step_mm, HALVINGS, score).1
+    }
+
+    /// The view at `pose`; `None` where it may not stand there, or the cell cannot take it.
+    fn slid(&self, setup: &Setup<'_>, pose: Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
+        let (problem, input) = (self.problem, self.problem.input);
+        let above_only = problem.params.candidates.hemisphere == Some(Hemisphere::AboveTable);
+        if above_only && !setups::is_above(&pose, &setup.table_from_part, input.scanner) {
+            return Ok(None);
+        }
+        let reach = setup.scene.as_ref().map(|scene| scene.reach(&[pose], ctx)).transpose()?;
+        let stations = match reach.and_then(|mut reach| reach.pop()).transpose() {
+            Ok(stations) => stations,
+            Err(_) => return Ok(None),
+        };
+        let (occluders, params) = (&setup.occluders, problem.params);
+        let matrix = visibility::cast(&problem.surface, &[pose], &[true], input.scanner, occluders, params, ctx)?;
+        let mut rows = matrix.rows.iter().map(|row| visibility::grade(&problem.surface, &pose, input.scanner, params, row));
+        let candidate =
+            Candidate { id: CandidateId::at(problem.candidates.generated), part_from_scanner: pose, ..self.of().clone() };
+        Ok(rows.next().map(|row| Slid { candidate, stations, row }))
+    }
+}
+
+impl Slid {
+    /// Adds the view to the candidates; returns its place among them.
+    fn join(self, problem: &mut ViewPlanningProblem<'_>) -> CandidateIndex {
+        problem.candidates.generated += 1;
+        problem.candidates.remaining.push(self.candidate);
+        problem.matrix.rows.push(self.row);
+        if let (Some(reach), Some(stations)) = (&mut problem.reach, self.stations) {
+            reach.push(Ok(stations));
+        }
+        CandidateIndex::at(problem.candidates.remaining.len() - 1)
+    }
+}

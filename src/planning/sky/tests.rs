@@ -1,0 +1,80 @@
+use super::*;
+use crate::geometry::Mesh;
+use crate::testing::box_mesh;
+
+/// Meshes as one.
+fn merged(meshes: impl IntoIterator<Item = Mesh>) -> Mesh {
+    let mut meshes = meshes.into_iter();
+    let mut all = meshes.next().unwrap_or_else(|| unreachable!());
+    for more in meshes {
+        let first = all.vertices_mm.len() as u32;
+        all.vertices_mm.extend(more.vertices_mm);
+        all.source_face.extend(more.source_face);
+        all.faces.extend(more.faces.iter().map(|face| face.map(|vertex| first + vertex)));
+    }
+    all
+}
+
+/// A hollow in a body: a box whose faces look inwards.
+fn hollow(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
+    let mut mesh = box_mesh(min_mm, max_mm);
+    mesh.faces.iter_mut().for_each(|face| face.swap(0, 1));
+    mesh
+}
+
+fn sky_of(mesh: &Mesh, setups: &[Pose<Table, Part>], point_mm: [f64; 3], normal: Vector3<f64>) -> Sky {
+    let part = RayScene::new([mesh]);
+    let probe = SkyProbe::new(mesh, &part, setups, 480.0, 77.5_f64.to_radians(), SimdLevel::widest());
+    probe.sky(&point_mm.into(), &normal)
+}
+
+#[test]
+fn what_lies_in_a_closed_hollow_is_enclosed() {
+    let shell = [box_mesh([-50.0; 3], [50.0; 3]), hollow([-40.0; 3], [40.0; 3])];
+    let mesh = merged(shell.into_iter().chain([box_mesh([-10.0; 3], [10.0; 3])]));
+    for (axis, side) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+        let along = Vector3::ith(axis, side);
+        let at = |distance_mm: f64| <[f64; 3]>::from(along * distance_mm);
+        assert_eq!(sky_of(&mesh, &[], at(50.0), along), Sky::Open, "outside");
+        assert_eq!(sky_of(&mesh, &[], at(40.0), -along), Sky::Closed, "the wall of the hollow");
+        assert_eq!(sky_of(&mesh, &[], at(10.0), along), Sky::Closed, "the cube in it");
+    }
+}
+
+#[test]
+fn a_way_out_of_a_few_degrees_is_found() {
+    // A hole of 16 mm in the lid, 80 mm above the floor: 5.7° to each side.
+    let wall = [box_mesh([-50.0, -50.0, -50.0], [50.0, 50.0, -40.0]), box_mesh([-50.0, -50.0, -40.0], [-40.0, 50.0, 50.0])];
+    let walls = [box_mesh([40.0, -50.0, -40.0], [50.0, 50.0, 50.0]), box_mesh([-40.0, -50.0, -40.0], [40.0, -40.0, 50.0])];
+    let rest = [box_mesh([-40.0, 40.0, -40.0], [40.0, 50.0, 50.0]), box_mesh([-40.0, -40.0, 40.0], [-8.0, 40.0, 50.0])];
+    let lid = [
+        box_mesh([8.0, -40.0, 40.0], [40.0, 40.0, 50.0]),
+        box_mesh([-8.0, -40.0, 40.0], [8.0, -8.0, 50.0]),
+        box_mesh([-8.0, 8.0, 40.0], [8.0, 40.0, 50.0]),
+    ];
+    let mesh = merged(wall.into_iter().chain(walls).chain(rest).chain(lid));
+    assert_eq!(sky_of(&mesh, &[], [0.0, 0.0, -40.0], Vector3::z()), Sky::Open);
+    let plug = merged([mesh, box_mesh([-8.0, -8.0, 40.0], [8.0, 8.0, 50.0])]);
+    assert_eq!(sky_of(&plug, &[], [0.0, 0.0, -40.0], Vector3::z()), Sky::Closed);
+}
+
+#[test]
+fn an_underside_is_seen_from_below_the_plate_alone_unless_it_is_high_enough() {
+    let table = |height_mm: f64| {
+        let leg = box_mesh([-10.0, -10.0, 0.0], [10.0, 10.0, height_mm]);
+        merged([leg, box_mesh([-100.0, -100.0, height_mm], [100.0, 100.0, height_mm + 5.0])])
+    };
+    let standing = [Pose::identity()];
+    let underside =
+        |height_mm: f64, setups: &[Pose<Table, Part>]| sky_of(&table(height_mm), setups, [80.0, 0.0, height_mm], -Vector3::z());
+    assert_eq!(underside(40.0, &standing), Sky::BelowPlate);
+    assert_eq!(underside(40.0, &[]), Sky::Open, "without a plate");
+    // At 77.5° a viewpoint 480 mm away stands 104 mm below what it sees.
+    assert_eq!(underside(100.0, &standing), Sky::BelowPlate);
+    assert_eq!(underside(112.0, &standing), Sky::Open);
+    assert_eq!(sky_of(&table(40.0), &standing, [80.0, 0.0, 45.0], Vector3::z()), Sky::Open, "its top");
+    // Turned over, the underside looks up.
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    let over = Pose::from_parts(Vector3::new(0.0, 0.0, 45.0), half_turn);
+    assert_eq!(underside(40.0, &[Pose::identity(), over]), Sky::Open);
+}
