@@ -1,4 +1,5 @@
 #![doc = include_str!("ARCHITECTURE.md")]
+#![cfg_attr(test, expect(clippy::float_cmp, reason = "tests hold to the bit what is exact"))]
 
 pub mod cell;
 pub mod check;

@@ -11,13 +11,74 @@ use utoipa::ToSchema;
 
 use super::field_error::Findings;
 
-/// Joints 1 to 6 and the table angle, radians.
-pub type Configuration = [f64; 7];
+/// Angles of the seven axes of a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Configuration {
+    /// Joints 1 to 6, vendor's convention, windings included.
+    pub joints_rad: [f64; 6],
+    /// Angle of the table.
+    pub table_rad: f64,
+}
 
-/// Length of the straight way between two configurations, radians: the root of the sum over all axes.
-#[must_use]
-pub fn joint_distance_rad(from: &Configuration, to: &Configuration) -> f64 {
-    from.iter().zip(to).map(|(from, to)| (to - from).powi(2)).sum::<f64>().sqrt()
+impl Configuration {
+    /// Configuration of these angles: joints 1 to 6, then the table.
+    #[must_use]
+    pub fn from_axes_rad([j1, j2, j3, j4, j5, j6, table_rad]: [f64; 7]) -> Self {
+        Self { joints_rad: [j1, j2, j3, j4, j5, j6], table_rad }
+    }
+
+    /// Angles of all axes alike: joints 1 to 6, then the table.
+    #[must_use]
+    pub fn axes_rad(&self) -> [f64; 7] {
+        let [j1, j2, j3, j4, j5, j6] = self.joints_rad;
+        [j1, j2, j3, j4, j5, j6, self.table_rad]
+    }
+
+    /// Turn of each axis from here to another configuration.
+    #[must_use]
+    pub fn travel_rad(&self, to: &Self) -> [f64; 7] {
+        let (from, to) = (self.axes_rad(), to.axes_rad());
+        std::array::from_fn(|axis| to[axis] - from[axis])
+    }
+
+    /// Returns true if the table turns from here to another configuration, by however little.
+    #[must_use]
+    #[expect(clippy::float_cmp, reason = "a table that stands still keeps its angle to the bit")]
+    pub fn turns_table(&self, to: &Self) -> bool {
+        self.table_rad != to.table_rad
+    }
+
+    /// Returns true if the arm moves from here to another configuration, by however little.
+    #[must_use]
+    #[expect(clippy::float_cmp, reason = "an arm that stands still keeps its joints to the bit")]
+    pub fn moves_arm(&self, to: &Self) -> bool {
+        self.joints_rad != to.joints_rad
+    }
+
+    /// Turn of the axis that turns furthest from here to another configuration.
+    #[must_use]
+    pub fn max_turn_rad(&self, to: &Self) -> f64 {
+        self.travel_rad(to).into_iter().map(f64::abs).fold(0.0, f64::max)
+    }
+
+    /// Length of the straight way from here to another configuration: the root of the sum over all axes.
+    #[must_use]
+    pub fn distance_rad(&self, to: &Self) -> f64 {
+        self.travel_rad(to).into_iter().map(|turn| turn.powi(2)).sum::<f64>().sqrt()
+    }
+
+    /// Configuration with each axis further by `share` of its `travel`.
+    #[must_use]
+    pub fn along(&self, travel: &[f64; 7], share: f64) -> Self {
+        let from = self.axes_rad();
+        Self::from_axes_rad(std::array::from_fn(|axis| from[axis] + share * travel[axis]))
+    }
+
+    /// Configuration at `share` of the straight way to another one.
+    #[must_use]
+    pub fn toward(&self, to: &Self, share: f64) -> Self {
+        self.along(&self.travel_rad(to), share)
+    }
 }
 
 /// Largest angle that an axis may be given, degrees.
@@ -100,15 +161,15 @@ impl Axes {
     /// Returns true if every axis is within its limits.
     #[must_use]
     pub fn allow(&self, configuration: &Configuration) -> bool {
-        self.0.iter().zip(configuration).all(|(axis, angle)| axis.allows(*angle))
+        self.0.iter().zip(configuration.axes_rad()).all(|(axis, angle)| axis.allows(angle))
     }
 
     /// Every configuration within the limits that differs from `configuration` by whole turns only.
     #[must_use]
     pub fn windings(&self, configuration: &Configuration) -> Vec<Configuration> {
-        let mut wound = vec![*configuration];
+        let mut wound = vec![configuration.axes_rad()];
         for (index, axis) in self.0.iter().enumerate() {
-            let turned = |partial: Configuration| {
+            let turned = |partial: [f64; 7]| {
                 axis.windings(partial[index]).map(move |angle| {
                     let mut next = partial;
                     next[index] = angle;
@@ -117,7 +178,7 @@ impl Axes {
             };
             wound = wound.into_iter().flat_map(turned).collect();
         }
-        wound
+        wound.into_iter().map(Configuration::from_axes_rad).collect()
     }
 
     /// Seconds of the straight, synchronised move from rest to rest; `speed_fraction` scales rated speeds and rated
@@ -125,8 +186,7 @@ impl Axes {
     #[must_use]
     pub fn move_secs(&self, from: &Configuration, to: &Configuration, speed_fraction: f64) -> f64 {
         let (mut speed, mut acceleration) = (f64::INFINITY, f64::INFINITY);
-        for ((axis, a), b) in self.0.iter().zip(from).zip(to) {
-            let travel_rad = (b - a).abs();
+        for (axis, travel_rad) in self.0.iter().zip(from.travel_rad(to).map(f64::abs)) {
             if travel_rad > 0.0 {
                 speed = speed.min(axis.max_speed_rad_per_s * speed_fraction / travel_rad);
                 acceleration = acceleration.min(axis.max_acceleration_rad_per_s2 * speed_fraction / travel_rad);

@@ -137,7 +137,7 @@ impl CellSpec {
             turntable,
             base_from_table: self.base_from_table.pose(),
             flange_from_scanner: self.flange_from_scanner.pose(),
-            home_rad: self.home_deg.map(f64::to_radians),
+            home_rad: Configuration::from_axes_rad(self.home_deg.map(f64::to_radians)),
             scanner_bodies,
             mount,
             mount_mass_kg: self.mount_mass_kg,
@@ -290,7 +290,7 @@ impl Cell {
                 )
             });
         }
-        for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad).enumerate() {
+        for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad.axes_rad()).enumerate() {
             findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {
                 let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
                 format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°", angle.to_degrees())
@@ -324,12 +324,6 @@ fn out_of_capsules(surface: &LinkBody, capsules: &[LinkCapsule]) -> (f64, Point3
     };
     match &body.shape {
         Shape::Mesh(mesh) => of_mesh(mesh).unwrap_or((0.0, Point3::origin())),
-        _ => worst(&body.corners_mm()),
+        Shape::Box { .. } | Shape::Cylinder { .. } | Shape::Capsule { .. } => worst(&body.corners_mm()),
     }
-}
-
-/// Joints 1 to 6 of a configuration.
-#[must_use]
-pub fn joints_of(configuration: &Configuration) -> [f64; 6] {
-    std::array::from_fn(|joint| configuration[joint])
 }

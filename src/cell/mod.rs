@@ -1,4 +1,4 @@
-//! Floor 2, the hardware: scanner optics, robot, turntable, kinematics, collision. Specifications (`*Spec`) are the
+//! The hardware: scanner optics, robot, turntable, kinematics, collision. Specifications (`*Spec`) are the
 //! shapes users write, with degrees in `_deg` fields; what is built from them holds radians.
 
 mod axis;
@@ -19,20 +19,20 @@ pub mod time_parameterisation;
 mod turntable;
 pub mod urdf;
 
-pub use axis::{Axes, Axis, AxisSpec, Configuration, joint_distance_rad};
+pub use axis::{Axes, Axis, AxisSpec, Configuration};
 pub use body::{Body, LinkBody, Shape};
 pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
 pub(crate) use closed_list::closed_list;
 pub use collision::{CollisionScene, Contact, Separation};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
-pub use layout::{Cell, CellSpec, joints_of};
+pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
 pub use pose_spec::PoseSpec;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
     BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
-    OpticalDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
+    OpticalDevice, PerDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};

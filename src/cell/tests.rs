@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use super::{
-    Axes, AxisSpec, Cell, CellSpec, FieldError, MAX_MESH_BODIES, MAX_TRIANGLES, Named, NotFound, Presets, RobotSpec,
-    RotationSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec, preset_text,
+    Axes, AxisSpec, Cell, CellSpec, Configuration, FieldError, MAX_MESH_BODIES, MAX_TRIANGLES, Named, NotFound, Presets,
+    RobotSpec, RotationSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec, preset_text,
 };
 use crate::geometry::Mesh;
 use crate::testing::box_mesh;
@@ -246,7 +246,7 @@ fn a_continuous_table_plans_within_a_turn_each_way() {
 fn move_time_is_the_trapezoid_of_the_slowest_axis() {
     let axis = AxisSpec { min_deg: -360.0, max_deg: 360.0, max_speed_deg_per_s: 90.0, max_acceleration_deg_per_s2: 180.0 };
     let axes = Axes([axis.build(); 7]);
-    let to = |deg: f64| [0.0, 0.0, deg.to_radians(), 0.0, 0.1, 0.0, 0.0];
+    let to = |deg: f64| Configuration { joints_rad: [0.0, 0.0, deg.to_radians(), 0.0, 0.1, 0.0], table_rad: 0.0 };
     let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
     // 90° at 90°/s: 1 s of travel at full speed, and 0.5 s more for starting and stopping.
     assert!(near(axes.move_secs(&to(0.0), &to(90.0), 1.0), 1.5));

@@ -7,7 +7,7 @@
 //! |q'_k u + q''_k x| ≤ a_k, and x' = x + 2 Δ u from one grid point to the next. Backwards over the grid, the largest x from
 //! which the end can still be reached; forwards, the largest u that stays below it. Cost: microseconds a grid point.
 
-use super::axis::{Axes, Configuration, joint_distance_rad};
+use super::axis::{Axes, Configuration};
 
 /// Grid points of a path, of each straight piece and of each bend at least: a limit that is met between two grid points is
 /// met a little late.
@@ -35,9 +35,15 @@ pub struct Piece {
     /// q at its beginning.
     pub start_rad: Configuration,
     /// q' there.
-    pub slope: Configuration,
+    pub slope: [f64; 7],
     /// q'', 1/rad.
-    pub bend_per_rad: Configuration,
+    pub bend_per_rad: [f64; 7],
+}
+
+impl Piece {
+    fn is_straight(&self) -> bool {
+        self.bend_per_rad.iter().all(|bend| *bend == 0.0)
+    }
 }
 
 impl SmoothPath {
@@ -46,10 +52,10 @@ impl SmoothPath {
     #[must_use]
     pub fn through(points: &[Configuration], tolerance_rad: f64) -> Self {
         let mut corners = points.to_vec();
-        corners.dedup_by(|next, last| joint_distance_rad(last, next) <= NOTHING_RAD);
-        let lengths: Vec<f64> = corners.windows(2).map(|ends| joint_distance_rad(&ends[0], &ends[1])).collect();
-        let directions: Vec<Configuration> =
-            corners.windows(2).zip(&lengths).map(|(ends, length)| map(|axis| (ends[1][axis] - ends[0][axis]) / length)).collect();
+        corners.dedup_by(|next, last| last.distance_rad(next) <= NOTHING_RAD);
+        let lengths: Vec<f64> = corners.windows(2).map(|ends| ends[0].distance_rad(&ends[1])).collect();
+        let direction = |(ends, length): (&[Configuration], &f64)| ends[0].travel_rad(&ends[1]).map(|turn| turn / length);
+        let directions: Vec<[f64; 7]> = corners.windows(2).zip(&lengths).map(direction).collect();
         // How far before and after each point its parabola begins and ends.
         let cut = |corner: usize| {
             let [before, after] = [&directions[corner - 1], &directions[corner]];
@@ -62,11 +68,11 @@ impl SmoothPath {
         let mut pieces = Vec::with_capacity(2 * corners.len());
         for (segment, (direction, length)) in directions.iter().zip(&lengths).enumerate() {
             let straight = length - cuts[segment] - cuts[segment + 1];
-            let start_rad = along(&corners[segment], direction, cuts[segment]);
+            let start_rad = corners[segment].along(direction, cuts[segment]);
             pieces.push(Piece { length_rad: straight, start_rad, slope: *direction, bend_per_rad: [0.0; 7] });
             let Some(next) = directions.get(segment + 1) else { break };
             let cut = cuts[segment + 1];
-            let start_rad = along(&corners[segment + 1], direction, -cut);
+            let start_rad = corners[segment + 1].along(direction, -cut);
             let bend_per_rad = map(|axis| (next[axis] - direction[axis]) / (2.0 * cut));
             pieces.push(Piece { length_rad: 2.0 * cut, start_rad, slope: *direction, bend_per_rad });
         }
@@ -102,7 +108,7 @@ impl SmoothPath {
         let whole_rad: f64 = self.pieces.iter().map(|piece| piece.length_rad).sum();
         let mut grid = Vec::new();
         for piece in &self.pieces {
-            let min = if piece.bend_per_rad == [0.0; 7] { GRID_OF_A_LINE } else { GRID_OF_A_BEND };
+            let min = if piece.is_straight() { GRID_OF_A_LINE } else { GRID_OF_A_BEND };
             let steps = ((piece.length_rad / whole_rad * GRID - ROUNDING).ceil() as usize).max(min);
             let step_rad = piece.length_rad / steps as f64;
             for step in 0..steps {
@@ -124,7 +130,7 @@ struct GridPoint {
 }
 
 impl GridPoint {
-    fn new(step_rad: f64, slope: &Configuration, bend: &Configuration, axes: &Axes, speed_fraction: f64) -> Self {
+    fn new(step_rad: f64, slope: &[f64; 7], bend: &[f64; 7], axes: &Axes, speed_fraction: f64) -> Self {
         let (mut x_max, mut limits) = (f64::INFINITY, Vec::with_capacity(14));
         for ((axis, slope), bend) in axes.0.iter().zip(slope).zip(bend) {
             let speed = axis.max_speed_rad_per_s * speed_fraction;
@@ -170,12 +176,8 @@ impl GridPoint {
     }
 }
 
-fn map(of: impl Fn(usize) -> f64) -> Configuration {
+fn map(of: impl Fn(usize) -> f64) -> [f64; 7] {
     std::array::from_fn(of)
-}
-
-fn along(from: &Configuration, direction: &Configuration, way: f64) -> Configuration {
-    map(|axis| from[axis] + way * direction[axis])
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::expected;
-use crate::cell::{Cell, FieldError, Findings};
+use crate::cell::{Cell, Configuration, FieldError, Findings};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
 use crate::program::{self, Expected};
@@ -249,12 +249,18 @@ fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, fin
     for (index, view) in document.viewpoints.iter().enumerate() {
         let is_here = expected.views.iter().any(|(id, _)| id.0 == view.id);
         let Some(station) = view.station.as_ref().filter(|_| is_here) else { continue };
-        let [j1, j2, j3, j4, j5, j6] = station.joints_deg;
-        let configuration = [j1, j2, j3, j4, j5, j6, station.table_angle_deg].map(f64::to_radians);
+        let configuration = Configuration {
+            joints_rad: station.joints_deg.map(f64::to_radians),
+            table_rad: station.table_angle_deg.to_radians(),
+        };
         let at = format!("/viewpoints/{index}/station");
-        for (axis, (limits, angle)) in axes.0.iter().zip(configuration).enumerate() {
+        for (axis, (limits, angle)) in axes.0.iter().zip(configuration.axes_rad()).enumerate() {
             let (min_deg, max_deg) = (limits.min_rad.to_degrees(), limits.max_rad.to_degrees());
-            let field = if axis < 6 { format!("{at}/joints_deg/{axis}") } else { format!("{at}/table_angle_deg") };
+            let field = if axis < configuration.joints_rad.len() {
+                format!("{at}/joints_deg/{axis}")
+            } else {
+                format!("{at}/table_angle_deg")
+            };
             findings.range(field, angle.to_degrees(), min_deg - ROUNDING_DEG, max_deg + ROUNDING_DEG, "°");
         }
         let wanted = view.part_from_scanner.pose();

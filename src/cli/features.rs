@@ -38,11 +38,9 @@ fn parse(text: &str, shown: &str) -> Result<Vec<FeatureParams>, CliError> {
     if !text.trim_start().starts_with(['{', '[']) {
         return csv(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")));
     }
-    let value: Value = serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
-    let list = match value {
-        Value::Object(mut fields) if fields.len() == 1 => fields.remove("features"),
-        other => Some(other),
-    };
+    let mut value: Value = serde_json::from_str(text).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let only_field = value.as_object_mut().filter(|fields| fields.len() == 1);
+    let list = if let Some(field) = only_field { field.remove("features") } else { Some(value) };
     from_value(list.unwrap_or_default(), shown)
 }
 

@@ -145,6 +145,6 @@ pub fn unusable_mesh(path: &Path, error: &ReadError) -> CliError {
     match error {
         ReadError::Mesh(MeshError::Interrupted) => CliError::Cancelled("interrupted; nothing was written".into()),
         ReadError::Mesh(MeshError::UnitMissing) => CliError::BadInput(format!("{}: {error} with --unit", path.display())),
-        _ => CliError::BadInput(format!("{}: {error}", path.display())),
+        ReadError::Mesh(_) | ReadError::Io(_) => CliError::BadInput(format!("{}: {error}", path.display())),
     }
 }

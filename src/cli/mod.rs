@@ -1,4 +1,4 @@
-//! Floor 11, the command line: one binary, `vantage`, its commands and their exit codes.
+//! The command line: one binary, `vantage`, its commands and their exit codes.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

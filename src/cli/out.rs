@@ -14,11 +14,12 @@ const PROBE: &str = ".vantage-probe";
 /// # Errors
 /// [`CliError::BadInput`] if the path is, or leads through, a file; [`CliError::Failed`] if the system refuses.
 pub(super) fn prepare(out: &Path) -> Result<(), CliError> {
-    std::fs::create_dir_all(out).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists | ErrorKind::NotADirectory => {
+    std::fs::create_dir_all(out).map_err(|error| {
+        if matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotADirectory) {
             CliError::BadInput(format!("--out {}: is a file, or below a file; name a folder", out.display()))
+        } else {
+            refused(out, &error)
         }
-        _ => refused(out, &error),
     })?;
     let probe = out.join(PROBE);
     std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(|error| refused(out, &error))

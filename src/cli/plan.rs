@@ -22,6 +22,7 @@ use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{PlanDocument, RemedyDocument};
+use crate::wire::words::no_plan_sentence;
 use crate::wire::{json_file_bytes, parameters};
 
 const EXAMPLES: &str = "Examples:
@@ -221,7 +222,7 @@ pub(super) fn to_cli_error(error: PlanError) -> CliError {
     match error {
         PlanError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
-        PlanError::NoPlan(_) => CliError::NoPlan(error.to_string()),
+        PlanError::NoPlan(finding) => CliError::NoPlan(format!("no plan is possible: {}", no_plan_sentence(&finding))),
     }
 }
 

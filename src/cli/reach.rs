@@ -64,6 +64,7 @@ pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cance
     let _ = progress.finish();
     let found = found.map_err(|cancelled| super::plan::to_cli_error(PlanError::from(cancelled)))?;
     let results = ReachInput { layouts: &layouts, found: &found, cell_name: &cell.name };
+    #[expect(clippy::float_cmp, reason = "the cell's own distances are among those compared, as they are")]
     let is_own = |layout: &&Layout| layout.mounting == 0 && [layout.foot_mm, layout.table_mm] == own;
     let files = [("reach.csv", csv(&results)), ("reach.svg", svg(&results))];
     out::write(folder, &files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }))?;

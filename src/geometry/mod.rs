@@ -1,4 +1,4 @@
-//! Floor 1, pure maths: frames, meshes and their files, ray queries. No I/O, no clock, no global state.
+//! Pure maths: frames, meshes and their files, ray queries. No I/O, no clock, no global state.
 
 mod adjacency;
 mod convex;

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::{Move, Program, Step};
-use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact, joints_of};
+use crate::cell::{Axes, Cell, CollisionScene, Configuration, Contact};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 use crate::planning::plan::ViewId;
 
@@ -202,8 +202,8 @@ fn part_from_scanner(
     table_from_part: &Pose<Table, Part>,
     configuration: &Configuration,
 ) -> Pose<Part, ScannerFrame> {
-    let base_from_part = cell.base_from_plate(configuration[6]) * plate_from_placed(table_from_part);
-    base_from_part.inverse() * cell.base_from_scanner(&joints_of(configuration))
+    let base_from_part = cell.base_from_plate(configuration.table_rad) * plate_from_placed(table_from_part);
+    base_from_part.inverse() * cell.base_from_scanner(&configuration.joints_rad)
 }
 
 /// [`Fault::OffPose`] where the scanner is not on `wanted` at these joints and this table angle.
@@ -280,7 +280,7 @@ impl Linter<'_> {
         }
         let table_alone = self.expected.is_some_and(|expected| expected.table_alone);
         for (segment, ends) in points.windows(2).enumerate() {
-            if table_alone && ends[0][6] != ends[1][6] && ends[0][..6] != ends[1][..6] {
+            if table_alone && ends[0].turns_table(&ends[1]) && ends[0].moves_arm(&ends[1]) {
                 self.find(Some(index), Fault::Together { segment });
             }
             if let Some(contact) = self.scene.check_segment(&ends[0], &ends[1]) {
@@ -291,11 +291,11 @@ impl Linter<'_> {
 
     fn within_limits(&mut self, index: usize, point: &Configuration) -> bool {
         let mut within = true;
-        for (axis, (limits, angle)) in self.axes.0.into_iter().zip(point).enumerate() {
+        for (axis, (limits, angle)) in self.axes.0.into_iter().zip(point.axes_rad()).enumerate() {
             let (min_rad, max_rad) = (limits.min_rad - ROUNDING_RAD, limits.max_rad + ROUNDING_RAD);
-            if !(min_rad <= *angle && *angle <= max_rad) {
+            if !(min_rad <= angle && angle <= max_rad) {
                 within = false;
-                let [angle_deg, min_deg, max_deg] = [*angle, limits.min_rad, limits.max_rad].map(f64::to_degrees);
+                let [angle_deg, min_deg, max_deg] = [angle, limits.min_rad, limits.max_rad].map(f64::to_degrees);
                 self.find(Some(index), Fault::OutsideLimits { axis: axis + 1, angle_deg, min_deg, max_deg });
             }
         }
@@ -337,5 +337,5 @@ impl Linter<'_> {
 }
 
 fn is_same(a: &Configuration, b: &Configuration) -> bool {
-    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= ROUNDING_RAD)
+    a.travel_rad(b).iter().all(|turn| turn.abs() <= ROUNDING_RAD)
 }

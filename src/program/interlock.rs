@@ -36,7 +36,7 @@ pub fn interlock(program: &Program, cell: &Cell, scene: &CollisionScene) -> Resu
                 here = step.target_rad;
                 Step::Move(separate)
             }
-            standing => standing.clone(),
+            standing @ (Step::Settle { .. } | Step::Scan { .. }) => standing.clone(),
         });
     }
     let cycle_secs = steps.iter().map(Step::secs).sum();
@@ -71,7 +71,8 @@ fn corners(
     if halvings == 0 {
         return Err(contact);
     }
-    let middle = std::array::from_fn(|axis| 0.5 * (from[axis] + to[axis]));
+    let (a, b) = (from.axes_rad(), to.axes_rad());
+    let middle = Configuration::from_axes_rad(std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis])));
     let mut points = corners(from, &middle, scene, halvings - 1)?;
     points.extend(corners(&middle, to, scene, halvings - 1)?);
     Ok(points)

@@ -1,4 +1,4 @@
-//! Floor 4, the robot program: everything an executor needs and nothing left to decide, whatever the robot's make.
+//! The robot program: everything an executor needs and nothing left to decide, whatever the robot's make.
 //! Radians and millimetres; degrees are the business of the shapes that leave the house.
 
 mod check;

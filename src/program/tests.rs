@@ -37,12 +37,12 @@ fn job() -> Job {
     let ctx = Context::new(&flag, &Silent);
     let stations = solve(&poses, &cell, &scene, &table_from_part, &ctx).expect("not cancelled");
     let listed: Vec<_> =
-        stations.iter().enumerate().map(|(i, found)| (ViewId(i as u32), found.as_deref().expect("reached"))).collect();
+        stations.iter().enumerate().map(|(i, found)| (ViewId::at(i), found.as_deref().expect("reached"))).collect();
     let params = PlanParams::default();
     let ordered = order(&listed, &cell, &scene, &params, None, false, &ctx).expect("not cancelled");
     let plan_sha256 = "ab".repeat(32);
     let program = compile(&ordered.sequence, 0, &cell, &plan_sha256, &params);
-    let views = poses.into_iter().enumerate().map(|(i, pose)| (ViewId(i as u32), pose)).collect();
+    let views = poses.into_iter().enumerate().map(|(i, pose)| (ViewId::at(i), pose)).collect();
     Job { cell, scene, program, expected: Expected { plan_sha256, table_from_part, table_alone: false, views } }
 }
 
@@ -62,10 +62,8 @@ impl Job {
 }
 
 fn first_move(program: &mut Program) -> &mut super::Move {
-    match &mut program.steps[0] {
-        Step::Move(step) => step,
-        other => panic!("a program begins with a move, not {other:?}"),
-    }
+    let Step::Move(step) = &mut program.steps[0] else { panic!("a program begins with a move") };
+    step
 }
 
 #[test]
@@ -92,11 +90,11 @@ fn a_compiled_program_is_sound_and_does_what_each_view_needs() {
 #[test]
 fn each_fault_is_found_and_named() {
     let job = job();
-    let turned = |by: f64, axis: usize| move |program: &mut Program| first_move(program).target_rad[axis] += by;
+    let turned = |by: f64, joint: usize| move |program: &mut Program| first_move(program).target_rad.joints_rad[joint] += by;
     assert!(matches!(job.fault_after(turned(10.0, 3)), Fault::OutsideLimits { axis: 4, .. }));
     assert!(matches!(job.fault_after(|p| first_move(p).duration_secs *= 0.9), Fault::Duration { .. }));
     assert!(matches!(job.fault_after(|p| first_move(p).speed_fraction = 1.5), Fault::SpeedFraction(_)));
-    let into_table: Configuration = [0.0, -110.0, 60.0, 0.0, 0.0, 0.0, 0.0].map(f64::to_radians);
+    let into_table = Configuration { joints_rad: [0.0, -110.0, 60.0, 0.0, 0.0, 0.0].map(f64::to_radians), table_rad: 0.0 };
     let detour = |p: &mut Program| {
         let from = p.home_rad;
         let step = first_move(p);
@@ -106,7 +104,7 @@ fn each_fault_is_found_and_named() {
     assert!(matches!(job.fault_after(detour), Fault::Collision { segment: 0, .. }));
     assert!(matches!(job.fault_after(|p| p.robot = "other".into()), Fault::OtherHardware { what: "robot", .. }));
     assert!(matches!(job.fault_after(|p| p.plan_sha256 = "cd".repeat(32)), Fault::OtherPlan { .. }));
-    assert!(matches!(job.fault_after(|p| p.home_rad[6] = 0.1), Fault::OtherHome));
+    assert!(matches!(job.fault_after(|p| p.home_rad.table_rad = 0.1), Fault::OtherHome));
     assert!(matches!(job.fault_after(|p| p.cycle_secs += 1.0), Fault::CycleTime { .. }));
     assert!(matches!(job.fault_after(|p| p.cycle_secs = f64::NAN), Fault::CycleTime { .. }));
     assert!(matches!(job.fault_after(|p| p.steps.truncate(9)), Fault::NotHome));
@@ -124,7 +122,7 @@ fn a_scan_off_its_pose_is_found_at_a_tenth_of_a_millimetre() {
     let job = job();
     let off_by = |angle: f64| {
         let mut program = job.program.clone();
-        first_move(&mut program).target_rad[0] += angle;
+        first_move(&mut program).target_rad.joints_rad[0] += angle;
         job.faults(&program).into_iter().any(|fault| matches!(fault, Fault::OffPose { .. }))
     };
     // About a metre from axis 1: 0.1 mm is near 1e-4 rad, 0.01° is 1.7e-4 rad.

@@ -6,6 +6,7 @@ use std::fmt::{self, Write};
 
 use nalgebra::{Point3, Vector3};
 
+use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, share};
@@ -167,11 +168,11 @@ fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Re
     for Obstruction { bodies, without_station, without_path, separation, advice, .. } in obstructions.iter().take(SHOWN) {
         write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
         match separation {
-            Some(separation) if separation.distance_mm < 0.0 => {
-                write!(out, "; {} mm deep at {} in the base", fixed(-separation.distance_mm, 1), point(&separation.place_mm))?
+            Some(Separation { distance_mm, place_in_base_mm, .. }) if *distance_mm < 0.0 => {
+                write!(out, "; {} mm deep at {} in the base", fixed(-distance_mm, 1), point(place_in_base_mm))?
             }
-            Some(separation) => {
-                write!(out, "; {} mm apart at {} in the base", fixed(separation.distance_mm, 1), point(&separation.place_mm))?
+            Some(Separation { distance_mm, place_in_base_mm, .. }) => {
+                write!(out, "; {} mm apart at {} in the base", fixed(*distance_mm, 1), point(place_in_base_mm))?
             }
             None => {}
         }

@@ -44,6 +44,7 @@ impl<'a> Layers<'a> {
     pub(super) fn settings<T: DeserializeOwned>(&self) -> Result<T, SettingsError> {
         serde_path_to_error::deserialize(self.config.clone()).map_err(|error| {
             let key = error.path().to_string();
+            #[expect(clippy::wildcard_enum_match_arm, reason = "config may add kinds of errors, each of which has its own words")]
             let what = match error.inner() {
                 ConfigError::At { error, .. } => error.to_string(),
                 ConfigError::Type { unexpected, expected, .. } => format!("is {unexpected}, but must be {expected}"),
@@ -58,9 +59,8 @@ impl<'a> Layers<'a> {
         if self.flags.iter().any(|(flag, _)| *flag == key) {
             return "a flag".to_owned();
         }
-        let value = key.split('.').try_fold(&self.config.cache, |value, name| match &value.kind {
-            ValueKind::Table(table) => table.get(name),
-            _ => None,
+        let value = key.split('.').try_fold(&self.config.cache, |value, name| {
+            if let ValueKind::Table(table) = &value.kind { table.get(name) } else { None }
         });
         value.and_then(Value::origin).unwrap_or("config/default.toml, built in").to_owned()
     }

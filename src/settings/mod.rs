@@ -1,4 +1,4 @@
-//! Floor 10, the server's settings, in order of precedence: built-in `config/default.toml` < file < `VANTAGE_…__…`
+//! The server's settings, in order of precedence: built-in `config/default.toml` < file < `VANTAGE_…__…`
 //! environment < flags. Unknown keys are refused; an error names the key, its layer and what is allowed.
 
 mod layers;

@@ -291,12 +291,12 @@ pub struct JobPage {
 /// The complete labels of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
-pub struct JobLabels {
+pub struct LabelsRequest {
     /// Labels: at most 32, keys of 1 to 64 and values of up to 256 characters.
     pub labels: BTreeMap<String, String>,
 }
 
-impl JobLabels {
+impl LabelsRequest {
     /// Checks the number and the lengths of the labels.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! Floor 7, what leaves the house: versioned JSON and CSV documents with typed ids, and the pages and pictures made for people.
+//! Documents that leave the house: versioned JSON and CSV documents with typed ids, and the words that all outputs share.
 //! Keys carry their units; degrees and plain arrays exist only here; unknown fields in a request are refused with their
 //! JSON pointer.
 
@@ -31,7 +31,7 @@ pub mod words;
 pub use check::{CheckReport, CheckRequest, DocumentKind};
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};
-pub use job::{Job, JobFile, JobLabels, JobListItem, JobPage, JobRequest, JobState};
+pub use job::{Job, JobFile, JobListItem, JobPage, JobRequest, JobState, LabelsRequest};
 pub use json::{ParseError, parse, pointer_of};
 pub use json_file::json_file_bytes;
 pub use mesh::{MeshPage, MeshUnit, UploadedMesh};

@@ -210,7 +210,7 @@ impl OvpDocument {
 }
 
 fn camera(scanner: &Scanner) -> OvpCamera {
-    let device = &scanner.devices[0];
+    let device = &scanner.devices.left;
     let pix_size_mm = device.pixel_pitch_mm.unwrap_or_default();
     OvpCamera {
         distance_mm: scanner.best_mm,
@@ -250,8 +250,8 @@ fn triangles_added(outcome: &Outcome, mesh: &Mesh) -> Vec<usize> {
     let mut added = Vec::with_capacity(outcome.measured_by_view.len());
     for row in &outcome.measured_by_view {
         let mut count = 0;
-        for sample in row.samples().map(|sample| sample as usize) {
-            if !std::mem::take(&mut open[sample]) {
+        for sample in row.samples() {
+            if !std::mem::take(&mut open[sample.index()]) {
                 continue;
             }
             let face = surface.patch_of(sample).face as usize;

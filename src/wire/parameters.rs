@@ -37,10 +37,8 @@ fn rows() -> Vec<Row> {
             if is_group(&key) {
                 continue;
             }
-            let default = match &defaults[knob.field] {
-                Value::Null => String::new(),
-                value => value.to_string(),
-            };
+            let default = &defaults[knob.field];
+            let default = if default.is_null() { String::new() } else { default.to_string() };
             let Some(property) = schema.properties.get(knob.field) else { continue };
             let range = values(property, &schemas).unwrap_or_else(|| range_text(knob));
             rows.push(Row { key, default, range, description: without_links(&description(property)) });

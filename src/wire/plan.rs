@@ -18,7 +18,7 @@ pub use motion::{MotionDocument, ObstructionDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
-use crate::cell::{OpticalDevice, PoseSpec, Scanner};
+use crate::cell::{OpticalDevice, PerDevice, PoseSpec, Scanner};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Bound, Cause, Outcome, Plan, PlannedView, SetupPlan};
 
@@ -320,11 +320,11 @@ fn part(plan: &Plan) -> PartDocument {
 }
 
 fn scanner_document(scanner: &Scanner, params: &PlanParams) -> ScannerDocument {
-    let limits = [params.limits.camera_deg, params.limits.camera_deg, params.limits.projector_deg];
+    let limits_deg = PerDevice::of_cameras(params.limits.camera_deg, params.limits.projector_deg);
     ScannerDocument {
         name: scanner.name.clone(),
         depth_mm: DepthDocument { near: scanner.near_mm, best: scanner.best_mm, far: scanner.far_mm },
-        devices: scanner.devices.iter().zip(limits).map(|(device, limit)| device_document(device, limit)).collect(),
+        devices: scanner.devices.iter().zip(limits_deg).map(|(device, limit_deg)| device_document(device, limit_deg)).collect(),
     }
 }
 

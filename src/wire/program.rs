@@ -123,7 +123,7 @@ impl ProgramDocument {
             setup: self.setup,
             robot: self.robot.clone(),
             turntable: self.turntable.clone(),
-            home_rad: self.home_deg.map(f64::to_radians),
+            home_rad: radians(&self.home_deg),
             steps: self.steps.iter().map(Step::from).collect(),
             cycle_secs: self.cycle_secs,
         })
@@ -177,10 +177,10 @@ impl From<&Step> for StepDocument {
     fn from(step: &Step) -> Self {
         match step {
             Step::Move(step) => {
-                let [j1, j2, j3, j4, j5, j6, table_angle_deg] = degrees(&step.target_rad);
+                let Configuration { joints_rad, table_rad } = step.target_rad;
                 Self::MoveJoints {
-                    joints_deg: [j1, j2, j3, j4, j5, j6],
-                    table_angle_deg,
+                    joints_deg: joints_rad.map(angle::degrees),
+                    table_angle_deg: angle::degrees(table_rad),
                     speed_fraction: step.speed_fraction,
                     via: step.via_rad.iter().map(degrees).collect(),
                     duration_secs: step.duration_secs,
@@ -198,20 +198,18 @@ impl From<&Step> for StepDocument {
 impl From<&StepDocument> for Step {
     fn from(step: &StepDocument) -> Self {
         match step {
-            StepDocument::MoveJoints {
-                joints_deg: [j1, j2, j3, j4, j5, j6],
-                table_angle_deg,
-                speed_fraction,
-                via,
-                duration_secs,
-                passed_within_deg,
-            } => Self::Move(Move {
-                via_rad: via.iter().map(|point| point.map(f64::to_radians)).collect(),
-                target_rad: [*j1, *j2, *j3, *j4, *j5, *j6, *table_angle_deg].map(f64::to_radians),
-                speed_fraction: *speed_fraction,
-                duration_secs: *duration_secs,
-                passed_within_rad: passed_within_deg.map(f64::to_radians),
-            }),
+            StepDocument::MoveJoints { joints_deg, table_angle_deg, speed_fraction, via, duration_secs, passed_within_deg } => {
+                Self::Move(Move {
+                    via_rad: via.iter().map(radians).collect(),
+                    target_rad: Configuration {
+                        joints_rad: joints_deg.map(f64::to_radians),
+                        table_rad: table_angle_deg.to_radians(),
+                    },
+                    speed_fraction: *speed_fraction,
+                    duration_secs: *duration_secs,
+                    passed_within_rad: passed_within_deg.map(f64::to_radians),
+                })
+            }
             StepDocument::Settle { secs } => Self::Settle { secs: *secs },
             StepDocument::Scan { viewpoint, brightness, capture_secs } => {
                 Self::Scan { view: ViewId(*viewpoint), brightness: *brightness, capture_secs: *capture_secs }
@@ -221,7 +219,11 @@ impl From<&StepDocument> for Step {
 }
 
 fn degrees(configuration: &Configuration) -> [f64; 7] {
-    configuration.map(angle::degrees)
+    configuration.axes_rad().map(angle::degrees)
+}
+
+fn radians(axes_deg: &[f64; 7]) -> Configuration {
+    Configuration::from_axes_rad(axes_deg.map(f64::to_radians))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::cell::{DepthOfField, DeviceName, Field, MeasurementVolume, OpticalDevice, Scanner, hyperfocal_distance_mm};
+use crate::cell::{DepthOfField, Field, MeasurementVolume, OpticalDevice, Scanner, hyperfocal_distance_mm};
 use crate::geometry::box_half_spaces;
 
 /// Schema name in the document.
@@ -185,7 +185,7 @@ fn field_facts(scanner: &Scanner, depth_mm: f64) -> FieldFacts {
 }
 
 fn depth_of_field(scanner: &Scanner) -> Option<DepthOfFieldFacts> {
-    let left = scanner.devices.iter().find(|device| device.name == DeviceName::Left)?;
+    let left = &scanner.devices.left;
     let pitch_mm = left.pixel_pitch_mm?;
     let (focal_mm, circle_mm) = (left.lens.fx * pitch_mm, CIRCLE_PX * pitch_mm);
     let working = DepthOfField { front_mm: scanner.best_mm - scanner.near_mm, rear_mm: scanner.far_mm - scanner.best_mm };

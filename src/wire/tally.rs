@@ -33,7 +33,7 @@ impl Tally {
     /// Adds a patch; each of its samples stands for an equal share of its area.
     pub(crate) fn add_patch(&mut self, patch: &Patch, verdicts: &[Verdict]) {
         let share_mm2 = patch.area_mm2 / f64::from(patch.samples);
-        let first = patch.first_sample as usize;
+        let first = patch.first_sample.index();
         for verdict in &verdicts[first..first + patch.samples as usize] {
             self.add(*verdict, share_mm2);
         }

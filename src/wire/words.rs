@@ -5,6 +5,7 @@ use std::fmt::Write;
 use serde_json::Value;
 
 use crate::geometry::Pose;
+use crate::planning::context::NoPlan;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView};
 
@@ -13,6 +14,8 @@ mod tests;
 
 /// Max characters shown of a parameter's value.
 const MAX_VALUE_CHARS: usize = 160;
+/// Causes that are named where no plan is possible.
+const NAMED_CAUSES: usize = 3;
 
 /// Every parameter that differs from its default, by its dotted key in alphabetical order, with its value as JSON, cut
 /// where it is long. Defaults that were resolved (`part.patch_edge_mm` …) are among them.
@@ -47,7 +50,7 @@ fn rounded(value: &Value) -> Value {
         }
         Value::Array(items) => items.iter().map(rounded).collect(),
         Value::Object(fields) => Value::Object(fields.iter().map(|(key, field)| (key.clone(), rounded(field))).collect()),
-        other => other.clone(),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => value.clone(),
     }
 }
 
@@ -69,6 +72,24 @@ pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy
         .collect();
     treated.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
     treated
+}
+
+/// Reasons for which no plan is possible, in a sentence.
+#[must_use]
+pub fn no_plan_sentence(finding: &NoPlan) -> String {
+    let NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2 } = finding else {
+        return "no candidate measures anything; look at the part's unit and size".to_owned();
+    };
+    let dropped: Vec<_> = candidates.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
+    let dropped = if dropped.is_empty() { "none".to_owned() } else { dropped.join(", ") };
+    let named = missed_mm2.iter().take(NAMED_CAUSES);
+    let named = named.map(|(cause, mm2)| format!("{} {:.0} % of the area", cause.as_str(), 100.0 * mm2 / asked_mm2));
+    format!(
+        "of {} candidates {} were usable (dropped: {dropped}), and none measures anything worth a view; causes: {}",
+        candidates.generated,
+        candidates.kept,
+        named.collect::<Vec<_>>().join(", ")
+    )
 }
 
 /// Advice on how to keep two bodies apart, in a sentence.

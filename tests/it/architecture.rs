@@ -71,14 +71,16 @@ const IMPURE_WORDS: &[&str] =
 const PARRY_PLACES: &[&str] = &["geometry/", "cell/collision"];
 /// The rooms of planning, in order: a room imports only earlier ones. Their tests may call the whole pipeline.
 const PLANNING_ROOMS: &[&str] = &[
+    "ids",
     "verdict",
     "random",
     "context",
     "params",
     "surface",
-    "candidates",
-    "stations",
     "visibility",
+    "candidates",
+    "sky",
+    "stations",
     "selection",
     "sequence",
     "plan",
@@ -87,7 +89,7 @@ const PLANNING_ROOMS: &[&str] = &[
     "estimate",
     "certificate",
     "problem",
-    "cycle",
+    "adjust",
     "missed",
     "outcome",
     "pipeline",

@@ -6,6 +6,7 @@ use vantage::cell::{Presets, SpecLibrary};
 use vantage::geometry::Mesh;
 use vantage::planning::candidates::Rejection;
 use vantage::planning::context::{Context, Silent};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{CandidateParams, Objective, PlanParams, Strategy};
 use vantage::planning::plan::Outcome;
 use vantage::planning::{PlanInput, plan, tabulate};
@@ -55,11 +56,10 @@ fn the_floor_of_a_pocket_is_measured_by_targeted_views_alone() {
         let (cancel, params) = (AtomicBool::new(false), params(candidates));
         let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
         let table = tabulate(&input, &params, &Context::new(&cancel, &Silent)).expect("a table");
-        let on_floor: Vec<u32> = (0_u32..)
-            .zip(&table.surface.sample_mm)
+        let on_floor: Vec<SampleId> = SampleId::number(&table.surface.sample_mm)
             .filter(|(_, p)| (p.z - 5.0).abs() < 1e-3 && p.x.abs() < 6.0 && p.y.abs() < 19.0)
             .map(|(sample, _)| sample)
-            .filter(|sample| table.surface.patch_of(*sample as usize).normal.z > 0.9)
+            .filter(|sample| table.surface.patch_of(*sample).normal.z > 0.9)
             .collect();
         let seen = on_floor.iter().filter(|sample| table.rows.iter().any(|row| row.holds(**sample))).count();
         seen as f64 / on_floor.len() as f64

@@ -8,9 +8,10 @@ use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
-use vantage::cell::Scanner;
+use vantage::cell::{OpticalDevice, PerDevice, Scanner};
 use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
 use vantage::planning::context::{Context, Silent};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{Objective, PlanParams};
 use vantage::planning::surface::{self, Surface};
 use vantage::planning::visibility::{self, Row};
@@ -46,7 +47,7 @@ pub(crate) fn rows(
 fn share(mesh: &Mesh, pose: Pose<Part, ScannerFrame>, scanner: &Scanner, params: &PlanParams) -> f64 {
     let surface = sampled(mesh, 60_000.0);
     let row = rows(mesh, &surface, &[pose], scanner, params).remove(0);
-    row.samples().map(|sample| surface.sample_area_mm2(sample as usize)).sum::<f64>() / mesh.area_mm2()
+    row.samples().map(|sample| surface.sample_area_mm2(sample)).sum::<f64>() / mesh.area_mm2()
 }
 
 fn limits(camera_deg: f64, projector_deg: f64) -> PlanParams {
@@ -70,13 +71,14 @@ fn looking_down(height_mm: f64) -> Pose<Part, ScannerFrame> {
 
 /// The points of a sphere about the origin that a device at distance L from its centre sees at an incidence up to θ are
 /// a cap: by the law of sines its half angle is θ − asin(R sin θ / L). A view measures where the three caps meet.
-fn caps_of(scanner: &Scanner, pose: &Pose<Part, ScannerFrame>, radius_mm: f64, params: &PlanParams) -> [Cap; 3] {
+fn caps_of(scanner: &Scanner, pose: &Pose<Part, ScannerFrame>, radius_mm: f64, params: &PlanParams) -> Vec<Cap> {
     let (camera, projector) = (params.limits.camera_deg, params.limits.projector_deg);
-    let limits = [camera, camera, projector].map(|deg| deg.expect("given").to_radians());
-    [0, 1, 2].map(|d| {
-        let centre = pose.point(&scanner.devices[d].scanner_from_device.origin_mm()).coords;
-        Cap { axis: centre.normalize(), half_angle: limits[d] - (radius_mm * limits[d].sin() / centre.norm()).asin() }
-    })
+    let limits_rad = PerDevice::of_cameras(camera, projector).map(|deg| deg.expect("given").to_radians());
+    let cap = |(device, limit_rad): (OpticalDevice, f64)| {
+        let centre = pose.point(&device.scanner_from_device.origin_mm()).coords;
+        Cap { axis: centre.normalize(), half_angle: limit_rad - (radius_mm * limit_rad.sin() / centre.norm()).asin() }
+    };
+    scanner.devices.into_iter().zip(limits_rad).map(cap).collect()
 }
 
 #[test]
@@ -157,20 +159,20 @@ fn step_hides_a_strip_of_its_floor_from_one_camera() {
     let scanner = nominal_scanner();
     let surface = sampled(&part, 150_000.0);
     let row = rows(&part, &surface, &[looking_down(above_mm)], &scanner, &limits(85.0, 77.5)).remove(0);
-    let up = |sample: &usize, z: f64| surface.patch_of(*sample).normal.z > 0.9 && (surface.sample_mm[*sample].z - z).abs() < 1e-9;
-    let area = |z: f64| -> f64 {
-        let samples = row.samples().map(|sample| sample as usize);
-        samples.filter(|sample| up(sample, z)).map(|sample| surface.sample_area_mm2(sample)).sum()
-    };
+    let z_mm = |sample: &SampleId| surface.sample_mm[sample.index()].z;
+    let up = |sample: &SampleId, z: f64| surface.patch_of(*sample).normal.z > 0.9 && (z_mm(sample) - z).abs() < 1e-9;
+    let area =
+        |z: f64| -> f64 { row.samples().filter(|sample| up(sample, z)).map(|sample| surface.sample_area_mm2(sample)).sum() };
     // Seen from above, +x of the scanner is +x of the part: the left camera stands over x = −101, and the line from it
     // past the step's edge meets the floor at height · 101 / (above − height). The others see the whole floor.
     let strip_mm = height_mm * 101.0 / (above_mm - height_mm);
     let floor_mm2 = (width_mm - strip_mm) * 2.0 * half_length_mm;
     assert!((area(0.0) - floor_mm2).abs() < 0.1 * 2.0 * half_length_mm, "{} against {floor_mm2}", area(0.0));
     assert!((area(height_mm) - 20.0 * 2.0 * half_length_mm).abs() < 1e-6, "the step's top is seen whole");
-    let hidden = (0..surface.sample_mm.len()).filter(|sample| up(sample, 0.0) && surface.sample_mm[*sample].x < strip_mm - 1e-3);
+    let in_strip = |sample: &SampleId| surface.sample_mm[sample.index()].x < strip_mm - 1e-3;
+    let hidden = surface.samples().filter(|sample| up(sample, 0.0) && in_strip(sample));
     assert!(hidden.clone().count() > 1000);
-    assert!(hidden.into_iter().all(|sample| !row.holds(sample as u32)), "the strip is hidden");
+    assert!(hidden.into_iter().all(|sample| !row.holds(sample)), "the strip is hidden");
 }
 
 #[test]
@@ -182,9 +184,10 @@ fn rolled_by_a_quarter_the_scanner_sees_the_whole_floor_of_the_step() {
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI / 2.0);
     let pose = Pose::from_parts(Vector3::new(1.0, 0.0, 480.0), rotation);
     let row = rows(&part, &surface, &[pose], &nominal_scanner(), &limits(85.0, 77.5)).remove(0);
-    let floor = |sample: &usize| surface.patch_of(*sample).normal.z > 0.9 && surface.sample_mm[*sample].z.abs() < 1e-9;
-    let all = (0..surface.sample_mm.len()).filter(floor).count();
-    assert_eq!(row.samples().map(|sample| sample as usize).filter(floor).count(), all);
+    let level = |sample: &SampleId| surface.sample_mm[sample.index()].z.abs() < 1e-9;
+    let floor = |sample: &SampleId| surface.patch_of(*sample).normal.z > 0.9 && level(sample);
+    let all = surface.samples().filter(floor).count();
+    assert_eq!(row.samples().filter(floor).count(), all);
 }
 
 #[test]
@@ -220,11 +223,12 @@ fn plan_has_the_same_bytes_on_any_number_of_threads() {
 fn plan_has_the_same_bytes_whether_the_table_kept_quality() {
     let scanner = preset_scanner("transcan-c");
     let part = step(90.0, 45.0, 40.0);
-    let mut by_area = limits(60.0, 55.0);
-    by_area.selection.objective = Objective::Coverage;
     // A weight so small that it adds nothing to the area: the same choices, from a table with quality.
     let mut by_score = limits(60.0, 55.0);
     (by_score.score.a, by_score.score.b) = (1.0, 1e-300);
+    by_score.selection.max_grade_loss = None;
+    let mut by_area = by_score.clone();
+    by_area.selection.objective = Objective::Coverage;
     let bare = plan_viewpoints(&part, &scanner, &by_area);
     let mut full = plan_viewpoints(&part, &scanner, &by_score);
     assert!(bare.plan.views.len() > 2 && bare.plan.coverage.grade_area_mm2.iter().filter(|area| **area > 0.0).count() > 1);

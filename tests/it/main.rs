@@ -1,5 +1,7 @@
 //! The integration tests: one binary, one module a topic.
 
+#![expect(clippy::float_cmp, reason = "tests hold to the bit what is exact")]
+
 mod architecture;
 mod arms;
 mod bounds;

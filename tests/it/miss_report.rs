@@ -8,8 +8,9 @@ mod remedies;
 use std::f64::consts::PI;
 
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
-use vantage::cell::PoseSpec;
+use vantage::cell::{PerDevice, PoseSpec};
 use vantage::geometry::{Part, Pose, ScannerFrame};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{CandidateParams, Objective, PlanParams, Region, TargetOf};
 use vantage::planning::plan::{Cause, Outcome, Verdict};
 
@@ -51,7 +52,7 @@ pub(crate) fn everything((camera_deg, projector_deg): Limits) -> PlanParams {
 
 /// Asked area by what became of it, mm²: `None` is measured.
 fn areas(outcome: &Outcome) -> Vec<(Option<Cause>, f64)> {
-    let area = |wanted: Verdict| outcome.surface.area_where(|sample| outcome.verdicts[sample] == wanted);
+    let area = |wanted: Verdict| outcome.surface.area_where(|sample| outcome.verdicts[sample.index()] == wanted);
     let missed = Cause::ALL.map(|cause| (Some(cause), area(Verdict::Missed(cause))));
     missed.into_iter().chain([(None, outcome.plan.coverage.measured_area_mm2)]).collect()
 }
@@ -88,7 +89,7 @@ fn bowl_is_missed_where_caps_of_incidence_end() {
             Cap { axis: -towards.normalize(), half_angle: limit + (RADIUS_MM * limit.sin() / towards.norm()).asin() }
         };
         let inside = Cap { axis: -Vector3::z(), half_angle: HALF_ANGLE_DEG.to_radians() };
-        let [left, right, projector] = eyes_of(&scanner, &view, limits).map(|eye| cap(&eye));
+        let PerDevice { left, right, projector } = eyes_of(&scanner, &view, limits).map(|eye| cap(&eye));
         let area = |caps: &[Cap]| common_area(caps) * RADIUS_MM * RADIUS_MM;
         let left_to =
             [area(&[inside]), area(&[inside, left]), area(&[inside, left, right]), area(&[inside, left, right, projector])];
@@ -118,8 +119,9 @@ fn floor_of_a_blind_hole_is_hidden_outside_a_lens() {
         params.regions.exclude.clear();
         let outcome = plan_viewpoints(&body.mesh, &nominal_scanner(), &params);
         let floor = body.faces("floor");
-        let on_floor = |sample: usize| floor.contains(&outcome.surface.patch_of(sample).face);
-        let hidden_mm2 = outcome.surface.area_where(|s| on_floor(s) && outcome.verdicts[s] == Verdict::Missed(Cause::ShadowLeft));
+        let on_floor = |sample: SampleId| floor.contains(&outcome.surface.patch_of(sample).face);
+        let hidden_mm2 =
+            outcome.surface.area_where(|s| on_floor(s) && outcome.verdicts[s.index()] == Verdict::Missed(Cause::ShadowLeft));
         let (shift_mm, lit_mm) = (101.0 * depth_mm / 480.0, RADIUS_MM * (480.0 + depth_mm) / 480.0);
         let expected_mm2 = PI * RADIUS_MM * RADIUS_MM - lens_mm2(RADIUS_MM, lit_mm, shift_mm);
         println!(
@@ -169,15 +171,16 @@ fn wall_of_a_blind_hole_is_measured_as_deep_as_all_three_lines_reach() {
         let expected_mm2: f64 = azimuths.map(reach_mm).sum::<f64>() * 2.0 * PI * RADIUS_MM / f64::from(STEPS);
         let outcome = plan_viewpoints(&body.mesh, &scanner, &given(&body, &[view], limits));
         let wall = body.faces("wall");
-        let is_measured =
-            |s: usize| wall.contains(&outcome.surface.patch_of(s).face) && matches!(outcome.verdicts[s], Verdict::Measured(_));
+        let is_measured = |s: SampleId| {
+            wall.contains(&outcome.surface.patch_of(s).face) && matches!(outcome.verdicts[s.index()], Verdict::Measured(_))
+        };
         let measured_mm2 = outcome.surface.area_where(is_measured);
         println!("depth/diameter {ratio}: {measured_mm2:.2} mm² of the wall measured, in closed form {expected_mm2:.2}");
         assert!(
             expected_mm2 > 50.0 && (measured_mm2 - expected_mm2).abs() < 0.02 * expected_mm2,
             "{measured_mm2} {expected_mm2}"
         );
-        let deepest = (0..outcome.verdicts.len()).filter(|s| is_measured(*s)).map(|s| -outcome.surface.sample_mm[s].z);
+        let deepest = outcome.surface.samples().filter(|s| is_measured(*s)).map(|s| -outcome.surface.sample_mm[s.index()].z);
         let (deepest_mm, allowed_mm) = (deepest.fold(0.0, f64::max), reach_mm(PI).max(reach_mm(0.0)));
         assert!(deepest_mm <= allowed_mm + 0.5 && deepest_mm >= allowed_mm - 2.0, "{deepest_mm} of {allowed_mm}");
     }
@@ -238,8 +241,8 @@ fn l_pocket_is_missed_behind_its_inner_corner_and_under_its_ceiling() {
         let what = format!("L-pocket, view tilted by {tilt_deg}°");
         hold(&what, &outcome, |cause| expected.get(&cause).copied().unwrap_or(0.0), 0.006);
         let ceiling = body.faces("ceiling");
-        for sample in (0..outcome.verdicts.len()).filter(|s| ceiling.contains(&outcome.surface.patch_of(*s).face)) {
-            assert_eq!(outcome.verdicts[sample], Verdict::Missed(Cause::Facing), "the ceiling faces no view from above");
+        for sample in outcome.surface.samples().filter(|s| ceiling.contains(&outcome.surface.patch_of(*s).face)) {
+            assert_eq!(outcome.verdicts[sample.index()], Verdict::Missed(Cause::Facing), "the ceiling faces no view from above");
         }
         if tilt_deg == 0.0 {
             let past = |eye: &Eye, corner_mm: f64| {
@@ -249,11 +252,14 @@ fn l_pocket_is_missed_behind_its_inner_corner_and_under_its_ceiling() {
             let to_mm = |eye: &Eye| past(eye, 0.0).min(past(eye, pocket.depth_mm - pocket.leg_height_mm));
             let farthest_mm = eyes.iter().map(to_mm).fold(f64::INFINITY, f64::min);
             let floor = body.faces("floor");
-            let seen = (0..outcome.verdicts.len())
+            let seen = outcome
+                .surface
+                .samples()
                 .filter(|s| {
-                    floor.contains(&outcome.surface.patch_of(*s).face) && matches!(outcome.verdicts[*s], Verdict::Measured(_))
+                    floor.contains(&outcome.surface.patch_of(*s).face)
+                        && matches!(outcome.verdicts[s.index()], Verdict::Measured(_))
                 })
-                .map(|s| outcome.surface.sample_mm[s].x)
+                .map(|s| outcome.surface.sample_mm[s.index()].x)
                 .fold(0.0, f64::max);
             assert!((seen - farthest_mm).abs() < 0.5, "the floor is measured to {seen}, in closed form {farthest_mm}");
         }

@@ -102,11 +102,14 @@ fn ask(python: &Path, mesh_file: &Path, outcome: &Outcome, mesh: &Mesh, scanner:
     serde_json::from_slice(&output.stdout).expect("the oracle answers in JSON")
 }
 
-/// The poses of every candidate that the plan kept.
+/// The poses of every candidate that the plan kept: those that the views were chosen from, and the views that slid since.
 fn candidate_poses(outcome: &Outcome, mesh: &Mesh, scanner: &Scanner) -> Vec<PoseSpec> {
     let cancel = AtomicBool::new(false);
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None, roadmaps: None };
     let table = tabulate(&input, &outcome.plan.params, &Context::new(&cancel, &Silent)).expect("a table");
-    assert_eq!(table.candidates.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");
-    table.candidates.iter().map(|candidate| PoseSpec::from(&candidate.part_from_scanner)).collect()
+    let mut poses: Vec<_> = table.candidates.iter().map(|candidate| candidate.part_from_scanner).collect();
+    let slid = outcome.plan.views.iter().map(|view| view.part_from_scanner).filter(|pose| !poses.contains(pose));
+    poses.extend(slid.collect::<Vec<_>>());
+    assert_eq!(poses.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");
+    poses.iter().map(PoseSpec::from).collect()
 }

@@ -25,7 +25,7 @@ fn robodks_own_package_takes_every_call() {
         let folder = tempfile::tempdir().expect("a folder");
         let script = folder.path().join("scan.py");
         std::fs::write(&script, &job.render(Dialect::RoboDk, &params)[0].text).expect("written");
-        let home: Vec<String> = job.program.home_rad.iter().map(|rad| rad.to_degrees().to_string()).collect();
+        let home: Vec<String> = job.program.home_rad.axes_rad().iter().map(|rad| rad.to_degrees().to_string()).collect();
         let output = Command::new(&python)
             .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/oracles/dialects_oracle.py"))
             .args([&script.display().to_string(), &job.cell.robot.name, &home.join(",")])

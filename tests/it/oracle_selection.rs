@@ -57,7 +57,7 @@ fn a_mixed_integer_solver_finds_the_same_optima() {
 }
 
 fn ask(python: &Path, table: &SelectionTable) -> Answer {
-    let rows = table.rows.iter().map(|row| row.samples().collect()).collect();
+    let rows = table.rows.iter().map(|row| row.samples().map(|sample| sample.0).collect()).collect();
     let question = Question { area_mm2: &table.area_mm2, rows, target: SelectionParams::default().target, views: VIEWS };
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("table.json");

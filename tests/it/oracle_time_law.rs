@@ -15,7 +15,10 @@ const SPEED_FRACTION: f64 = 0.25;
 /// Corners of a path, up to a radian from zero, of which there are 2 to 9.
 fn corners(path: usize) -> Vec<Configuration> {
     let step = |axis: usize| [2.0_f64, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0][axis].sqrt();
-    let at = |corner: usize| std::array::from_fn(|axis| 2.0 * ((10 * path + corner + 1) as f64 * step(axis)).fract() - 1.0);
+    let at = |corner: usize| {
+        let axes_rad = std::array::from_fn(|axis| 2.0 * ((10 * path + corner + 1) as f64 * step(axis)).fract() - 1.0);
+        Configuration::from_axes_rad(axes_rad)
+    };
     (0..2 + path % 8).map(at).collect()
 }
 
@@ -31,7 +34,7 @@ fn times_are_those_of_toppra() {
         let pieces: Vec<_> = path
             .pieces()
             .iter()
-            .map(|p| json!({"length": p.length_rad, "start": p.start_rad, "slope": p.slope, "bend": p.bend_per_rad}))
+            .map(|p| json!({"length": p.length_rad, "start": p.start_rad.axes_rad(), "slope": p.slope, "bend": p.bend_per_rad}))
             .collect();
         let [speed, acceleration] = [limit(|axis| axis.max_speed_rad_per_s), limit(|axis| axis.max_acceleration_rad_per_s2)];
         format!("{}\n", json!({"speed": speed, "acceleration": acceleration, "pieces": pieces}))

@@ -7,10 +7,11 @@ use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec
 use vantage::geometry::demo_parts::DemoPart;
 use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
 use vantage::planning::certificate::recheck;
-use vantage::planning::context::{Context, Silent};
+use vantage::planning::context::{Context, NoPlan, Silent};
 use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region, Roll, SelectionGoal};
 use vantage::planning::plan::{Advice, Cause, Outcome, Plan, PlannedView, StopReason};
 use vantage::planning::sequence::Sequence;
+use vantage::planning::verdict::Rejection;
 use vantage::planning::{PlanError, PlanInput, plan};
 use vantage::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError};
 use vantage::program::{check, compile, off_coverage, scan_poses};
@@ -111,8 +112,9 @@ fn a_part_beyond_the_arm_is_no_plan_with_reasons() {
     let (mut cell, mesh) = (default_cell(), box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 40.0]));
     let away = cell.base_from_table.origin_mm() + Vector3::new(3000.0, 0.0, 0.0);
     cell.base_from_table = Pose::from_parts((away - Point3::origin()).cast(), nalgebra::UnitQuaternion::identity());
-    let refused = planned(&mesh, None, &cell, &quick()).expect_err("out of reach").to_string();
-    assert!(refused.contains("unreachable 33") && refused.contains("0 were usable"), "{refused}");
+    let refused = planned(&mesh, None, &cell, &quick()).expect_err("out of reach");
+    let PlanError::NoPlan(NoPlan::NothingMeasured { candidates, .. }) = refused else { panic!("{refused}") };
+    assert_eq!((candidates.kept, candidates.rejected.get(&Rejection::Unreachable)), (0, Some(&33)));
 }
 
 #[test]
@@ -180,7 +182,7 @@ fn what_keeps_the_cell_from_views_is_named_with_where_how_deep_and_what_helps() 
     let beam = beam.expect("the beam is in the way");
     assert!(beam.without_station > 0 && beam.advice == Advice::MoveObstacle("beam".into()), "{beam:?}");
     let separation = beam.separation.as_ref().expect("of a box it is known");
-    assert!(separation.distance_mm < plan.params.motion.clearance_mm && separation.place_mm.z > 400.0, "{separation:?}");
+    assert!(separation.distance_mm < plan.params.motion.clearance_mm && separation.place_in_base_mm.z > 400.0, "{separation:?}");
     let scene = CollisionScene::new(&cell, &mesh, None, &plan.table_from_part.expect("a cell"), 5.0);
     assert_eq!(scene.check(&beam.configuration), Some(beam.bodies.clone()));
     let counted: usize = plan.obstructions.iter().map(|found| found.without_station).sum();

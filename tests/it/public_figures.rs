@@ -2,7 +2,7 @@
 //! scaled to 120 mm, ellipsoid 30/45 at `centre`, plain area greedy, 98.5 % of the coverable area, no cell. The
 //! figures were made with 60 000 samples and two seeds by another program (Embree rays, numpy).
 
-use vantage::planning::params::{CandidateParams, Objective, PlanParams, Standoff};
+use vantage::planning::params::{CandidateParams, Objective, PlanParams, Solver, Standoff};
 
 use crate::support::{nominal_scanner, plan_viewpoints, shared_mesh_scaled};
 
@@ -29,6 +29,7 @@ fn views_and_coverable_area_stand_beside_independent_figures() {
         params.limits.projector_deg = Some(projector_deg);
         params.candidates = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
         params.selection.objective = Objective::Coverage;
+        params.selection.solver = Solver::Greedy;
         let plan = plan_viewpoints(&mesh, &scanner, &params).plan;
         let (views, share) = (plan.views.len(), plan.coverage.coverable_area_mm2 / plan.coverage.asked_area_mm2);
         println!(

@@ -12,6 +12,7 @@ use vantage::geometry::demo_parts;
 use vantage::geometry::mesh_io::{self, Limits};
 use vantage::geometry::{LengthUnit, Mesh, Part, Pose, RayScene, ScannerFrame, SimdLevel, assess};
 use vantage::planning::context::{Context, Silent};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{CandidateParams, Engine, PlanParams};
 use vantage::planning::surface::{self, Surface};
 use vantage::planning::visibility::{self, Occluders, VisibilityMatrix};
@@ -65,9 +66,8 @@ impl Case {
         let rays = self.table(&surface, Engine::Rays, &usable, SimdLevel::widest());
         let (mut judged, mut differ_mm2, mut measured_mm2, mut excess_mm2) = (0, 0.0, 0.0, 0.0);
         for (raster, rays) in raster.rows.iter().zip(&rays.rows) {
-            for sample in 0..surface.sample_mm.len() as u32 {
-                let (mine, theirs, area_mm2) =
-                    (raster.holds(sample), rays.holds(sample), surface.sample_area_mm2(sample as usize));
+            for sample in surface.samples() {
+                let (mine, theirs, area_mm2) = (raster.holds(sample), rays.holds(sample), surface.sample_area_mm2(sample));
                 judged += usize::from(mine || theirs);
                 differ_mm2 += if mine == theirs { 0.0 } else { area_mm2 };
                 measured_mm2 += if theirs { area_mm2 } else { 0.0 };
@@ -197,16 +197,16 @@ fn views_that_cannot_be_chosen_are_asked_only_what_the_others_leave_open() {
     let usable = [true, false, true, false, false, true, false];
     let all = case.table(&surface, Engine::Raster, &[true; 7], SimdLevel::widest());
     let some = case.table(&surface, Engine::Raster, &usable, SimdLevel::widest());
-    let by_usable = |sample: u32| (0..7).any(|view| usable[view] && all.rows[view].holds(sample));
+    let by_usable = |sample: SampleId| (0..7).any(|view| usable[view] && all.rows[view].holds(sample));
     let mut left_open = 0;
-    for sample in 0..surface.sample_mm.len() as u32 {
+    for sample in surface.samples() {
         for view in 0..7 {
             let wanted = all.rows[view].holds(sample) && (usable[view] || !by_usable(sample));
-            assert_eq!(some.rows[view].holds(sample), wanted, "sample {sample}, view {view}");
+            assert_eq!(some.rows[view].holds(sample), wanted, "{sample:?}, view {view}");
         }
         let measured = all.rows.iter().any(|row| row.holds(sample));
         left_open += usize::from(measured && !by_usable(sample));
-        assert!(measured || some.furthest_cause[sample as usize] == all.furthest_cause[sample as usize], "sample {sample}");
+        assert!(measured || some.furthest_cause[sample.index()] == all.furthest_cause[sample.index()], "{sample:?}");
     }
     assert!(left_open > 100, "the views that cannot be chosen have something of their own: {left_open}");
 }

@@ -7,14 +7,16 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use vantage::cell::{Contact, Posture, Separation};
+use vantage::cell::{Configuration, Contact, Posture, Separation};
 use vantage::geometry::{Mesh, NOT_DRAWN, Part, Poll, Pose, ScannerFrame, preview};
-use vantage::planning::candidates::{CandidateId, Label, Rejection};
+use vantage::planning::candidates::{Label, Rejection};
 use vantage::planning::context::{Context, Silent};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Advice, Bound, CandidateCounts, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Obstruction, Outcome,
-    PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupPlan, Stance, StopReason, Verdict, ViewId,
+    Advice, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Obstruction,
+    Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance, StopReason, Verdict,
+    ViewId,
 };
 use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
@@ -63,8 +65,8 @@ fn looking_from(direction: Vector3<f64>) -> Pose<Part, ScannerFrame> {
 }
 
 fn row(surface: &Surface, pose: &Pose<Part, ScannerFrame>) -> Row {
-    let graded = (0..).zip(&surface.sample_mm).filter_map(|(sample, p)| {
-        let angle = surface.patch_of(sample as usize).normal.angle(&(pose.origin_mm() - p));
+    let graded = SampleId::number(&surface.sample_mm).filter_map(|(sample, p)| {
+        let angle = surface.patch_of(sample).normal.angle(&(pose.origin_mm() - p));
         (angle < MEASURED_WITHIN).then(|| (sample, (1.0 - 2.0 * angle / 77.5f64.to_radians()) as f32))
     });
     Row::from_samples(surface.sample_mm.len(), graded)
@@ -73,7 +75,7 @@ fn row(surface: &Surface, pose: &Pose<Part, ScannerFrame>) -> Row {
 fn verdicts(surface: &Surface, rows: &[Row]) -> Vec<Verdict> {
     let mut best = vec![f32::NEG_INFINITY; surface.sample_mm.len()];
     for (sample, quality) in rows.iter().flat_map(Row::graded) {
-        best[sample as usize] = best[sample as usize].max(quality);
+        best[sample.index()] = best[sample.index()].max(quality);
     }
     let missed = |p: &Point3<f64>| if p.z < -0.8 * RADIUS_MM { Cause::ExcludedResting } else { Cause::ShadowLeft };
     (0..best.len())
@@ -86,17 +88,17 @@ fn verdicts(surface: &Surface, rows: &[Row]) -> Vec<Verdict> {
 }
 
 fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverage {
-    let area = |keep: &dyn Fn(usize) -> bool| surface.area_where(keep);
-    let measured = area(&|sample| matches!(verdicts[sample], Verdict::Measured(_)));
-    let seen_by = |first: usize| area(&|s| surface.asked[s] && rows[..first].iter().any(|row| row.holds(s as u32)));
+    let area = |keep: &dyn Fn(SampleId) -> bool| surface.area_where(keep);
+    let measured = area(&|sample| matches!(verdicts[sample.index()], Verdict::Measured(_)));
+    let seen_by = |first: usize| area(&|s| surface.asked[s.index()] && rows[..first].iter().any(|row| row.holds(s)));
     Coverage {
         total_area_mm2: area(&|_| true),
-        asked_area_mm2: area(&|sample| surface.asked[sample]),
+        asked_area_mm2: area(&|sample| surface.asked[sample.index()]),
         coverable_area_mm2: measured * 1.01,
         optically_coverable_area_mm2: measured * 1.02,
         measured_area_mm2: measured,
         grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
-            .map(|grade| area(&|sample| verdicts[sample] == Verdict::Measured(grade))),
+            .map(|grade| area(&|sample| verdicts[sample.index()] == Verdict::Measured(grade))),
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
         regions: Vec::new(),
         independent: Independent::default(),
@@ -107,10 +109,11 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
 
 fn missed_of(mesh: &Mesh, surface: &Surface, verdicts: &[Verdict]) -> Vec<MissedCause> {
     let spot = |cause: Cause| {
-        let samples: Vec<usize> = (0..verdicts.len()).filter(|sample| verdicts[*sample] == Verdict::Missed(cause)).collect();
+        let samples: Vec<SampleId> =
+            surface.samples().filter(|sample| verdicts[sample.index()] == Verdict::Missed(cause)).collect();
         let area_mm2: f64 = samples.iter().map(|sample| surface.sample_area_mm2(*sample)).sum();
         let centre: Vector3<f64> =
-            samples.iter().map(|s| surface.sample_mm[*s].coords * surface.sample_area_mm2(*s) / area_mm2).sum();
+            samples.iter().map(|s| surface.sample_mm[s.index()].coords * surface.sample_area_mm2(*s) / area_mm2).sum();
         let mut source_faces: Vec<u32> = samples.iter().map(|s| mesh.source_face[surface.patch_of(*s).face as usize]).collect();
         source_faces.dedup();
         MissedCause {
@@ -157,7 +160,7 @@ fn station(turns: f64) -> Station {
 
 fn sequence(views: usize) -> Sequence {
     let leg = |turns: f64| Leg {
-        via_rad: vec![[0.0; 7]; turns as usize % 2],
+        via_rad: vec![Configuration { joints_rad: [0.0; 6], table_rad: 0.0 }; turns as usize % 2],
         target: station(turns),
         duration_secs: 1.25 + turns,
         turning_secs: 0.5,
@@ -169,12 +172,12 @@ fn sequence(views: usize) -> Sequence {
 
 fn obstruction() -> Obstruction {
     let bodies = Contact { a: "camera <left>".into(), b: "post".into() };
-    let separation = Separation { bodies: bodies.clone(), distance_mm: -2.5, place_mm: Point3::new(300.0, -40.0, 210.0) };
+    let separation = Separation { bodies: bodies.clone(), distance_mm: -2.5, place_in_base_mm: Point3::new(300.0, -40.0, 210.0) };
     Obstruction {
         bodies,
         without_station: 3,
         without_path: 1,
-        configuration: [0.1; 7],
+        configuration: Configuration { joints_rad: [0.1; 6], table_rad: 0.1 },
         separation: Some(separation),
         advice: Advice::MoveObstacle("post".into()),
     }
@@ -198,9 +201,9 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
     let gain = |view: usize| coverage.curve_area_mm2[view] - if view == 0 { 0.0 } else { coverage.curve_area_mm2[view - 1] };
     let posture = Posture { shoulder_back: false, elbow_down: false, wrist_flipped: true };
     let views = (0..sides.len()).map(|view| PlannedView {
-        id: ViewId(view as u32),
-        candidate: CandidateId(view as u32 * 7),
-        setup: 0,
+        id: ViewId::at(view),
+        candidate: CandidateId::at(view * 7),
+        setup: SetupId(0),
         label: sides[view].1,
         part_from_scanner: poses[view],
         gain_of_asked: gain(view) / coverage.asked_area_mm2,
@@ -212,7 +215,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
     let table_from_part = Pose::from_parts(Vector3::new(0.0, 0.0, RADIUS_MM), UnitQuaternion::identity());
     let setup = SetupPlan {
         table_from_part,
-        views: (0..sides.len()).map(|view| ViewId(view as u32)).collect(),
+        views: ViewId::first(sides.len()).collect(),
         coverable_area_mm2: coverage.coverable_area_mm2,
         measured_area_mm2: coverage.measured_area_mm2,
         sequence: Some(sequence(sides.len())),

@@ -49,7 +49,7 @@ fn checked(mesh: &Mesh, outcome: &Outcome, samples: f64) -> f64 {
     let occluders = visibility::Occluders::new([mesh]);
     let usable = vec![true; views.len()];
     let table = visibility::cast(&surface, &views, &usable, &scanner, &occluders, &params, &ctx).expect("not cancelled");
-    surface.area_where(|sample| table.rows.iter().any(|row| row.holds(sample as u32))) / surface.area_where(|_| true)
+    surface.area_where(|sample| table.rows.iter().any(|row| row.holds(sample))) / surface.area_where(|_| true)
 }
 
 /// Mean and worst drop, points.

@@ -8,7 +8,7 @@ use vantage::cell::{Cell, CollisionScene, PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Pose, Table};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams};
-use vantage::planning::plan::Outcome;
+use vantage::planning::plan::{Outcome, SetupId};
 use vantage::planning::{PlanInput, plan};
 use vantage::program::{Expected, check, compile};
 
@@ -36,13 +36,13 @@ fn a_box_is_measured_whole_once_it_is_turned_over() {
     let two = plan_viewpoints(&mesh, &nominal_scanner(), &quick(3));
     assert_eq!(two.plan.setups.len(), 2, "a third adds nothing");
     assert!((two.plan.coverage.coverable_area_mm2 - 12_800.0).abs() < 1e-6, "all six sides");
-    for (number, setup) in two.plan.setups.iter().enumerate() {
+    for (id, setup) in SetupId::number(&two.plan.setups) {
         assert!(setup.coverable_area_mm2 < 12_799.0, "one side is down");
         assert!(!setup.views.is_empty() && setup.measured_area_mm2 <= setup.coverable_area_mm2 + 1e-6);
         for view in &setup.views {
-            let planned = &two.plan.views[view.0 as usize];
+            let planned = &two.plan.views[view.index()];
             let viewpoint = (setup.table_from_part * planned.part_from_scanner).origin_mm();
-            assert!(planned.setup == number && viewpoint.z > 0.0, "{viewpoint}");
+            assert!(planned.setup == id && viewpoint.z > 0.0, "{viewpoint}");
         }
     }
     assert_eq!(two.plan.setups.iter().map(|setup| setup.views.len()).sum::<usize>(), two.plan.views.len());
@@ -62,7 +62,7 @@ fn the_program_of_every_setup_is_sound() {
         let sequence = setup.sequence.as_ref().expect("with a cell");
         let program = compile(sequence, number, &cell, &plan_sha256, &plan.params);
         let scene = CollisionScene::new(&cell, &mesh, None, &setup.table_from_part, params.motion.clearance_mm - 1e-6);
-        let views = setup.views.iter().map(|view| (*view, plan.views[view.0 as usize].part_from_scanner)).collect();
+        let views = setup.views.iter().map(|view| (*view, plan.views[view.index()].part_from_scanner)).collect();
         let expected =
             Expected { plan_sha256: plan_sha256.clone(), table_from_part: setup.table_from_part, table_alone: false, views };
         let findings = check(&program, &cell, &scene, Some(&expected));

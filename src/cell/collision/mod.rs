@@ -30,7 +30,7 @@ use self::solid::{near, parry_pose};
 use super::axis::{Axis, Configuration};
 use super::halton::{PRIMES, halton};
 use super::kinematics::Kinematics;
-use super::layout::{Cell, joints_of};
+use super::layout::Cell;
 use crate::geometry::{Base, Mesh, Part, Pose, Table};
 
 /// Coarsest step along a segment, radians of any axis.
@@ -39,6 +39,8 @@ const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 pub const MIN_CLEARANCE_MM: f64 = 1.0;
 /// Configurations at which a pair must touch to be taken as touching by construction.
 const ALLOWED_PAIR_SAMPLES: u32 = 200;
+/// Place of the table among the axes.
+const TABLE_AXIS: usize = 6;
 /// A point that is moved less by a turn is on its axis, mm.
 const ON_AXIS_MM: f64 = 1e-3;
 /// Largest depth of what stands on the plate in what stands below, mm: it may lie on it, as on a floor level with the plate.
@@ -76,7 +78,7 @@ struct Pair {
     a: usize,
     b: usize,
     /// Upper bound on how far they move against each other for each radian of each axis, mm.
-    motion_bound_mm: Configuration,
+    motion_bound_mm: [f64; 7],
     /// Distance that they keep.
     clearance_mm: f64,
 }
@@ -84,13 +86,13 @@ struct Pair {
 /// A straight way in joint space.
 struct Segment<'a> {
     from: &'a Configuration,
-    travel: &'a Configuration,
+    travel_rad: &'a [f64; 7],
 }
 
 impl Segment<'_> {
     /// The configuration at `share` of the way.
     fn at(&self, share: f64) -> Configuration {
-        std::array::from_fn(|axis| self.from[axis] + share * self.travel[axis])
+        self.from.along(self.travel_rad, share)
     }
 }
 
@@ -145,7 +147,7 @@ impl CollisionScene {
                 let place = |body: usize| if body == attached { scene.bodies.len() } else { body };
                 scene.pairs.extend(own.iter().filter(moving).map(|pair| {
                     let mut motion_bound_mm = pair.motion_bound_mm;
-                    motion_bound_mm[6] = 0.0;
+                    motion_bound_mm[TABLE_AXIS] = 0.0;
                     Pair { a: place(pair.a), b: place(pair.b), motion_bound_mm, ..*pair }
                 }));
                 scene.bodies.push(ring);
@@ -185,11 +187,9 @@ impl CollisionScene {
     #[must_use]
     pub fn check_segment(&self, from: &Configuration, to: &Configuration) -> Option<Contact> {
         // The same samples whichever way it is run.
-        let (from, to) = if from <= to { (from, to) } else { (to, from) };
-        let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
-        let widest_rad = travel.iter().fold(0.0, |widest: f64, angle| widest.max(angle.abs()));
-        let steps = (widest_rad / STEP_RAD).ceil().max(1.0);
-        let segment = Segment { from, travel: &travel };
+        let (from, to) = if from.axes_rad() <= to.axes_rad() { (from, to) } else { (to, from) };
+        let steps = (from.max_turn_rad(to) / STEP_RAD).ceil().max(1.0);
+        let segment = Segment { from, travel_rad: &from.travel_rad(to) };
         let inside = || self.check_inside(&segment, steps, self.pairs.iter().collect()).err();
         self.check(from).or_else(|| self.check(to)).or_else(inside)
     }
@@ -200,11 +200,11 @@ impl CollisionScene {
     /// # Errors
     /// The contact where neither order is free.
     pub fn corner_between(&self, from: &Configuration, to: &Configuration) -> Result<Option<Configuration>, Contact> {
-        if from[6] == to[6] || from[..6] == to[..6] {
+        if !(from.turns_table(to) && from.moves_arm(to)) {
             return self.check_segment(from, to).map_or(Ok(None), Err);
         }
-        let (mut turned, mut moved) = (*from, *to);
-        (turned[6], moved[6]) = (to[6], from[6]);
+        let turned = Configuration { table_rad: to.table_rad, ..*from };
+        let moved = Configuration { table_rad: from.table_rad, ..*to };
         let contact = |corner| self.check_segment(from, corner).or_else(|| self.check_segment(corner, to));
         let Some(contact_turned) = contact(&turned) else { return Ok(Some(turned)) };
         if contact(&moved).is_none() { Ok(Some(moved)) } else { Err(contact_turned) }
@@ -213,13 +213,12 @@ impl CollisionScene {
     /// The first contact of part or fixture, wherever the arm is, as the table turns from one angle to another.
     #[must_use]
     pub fn check_table_rotation(&self, from_rad: f64, to_rad: f64) -> Option<Contact> {
-        let [from, to] = [from_rad, to_rad].map(|angle| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, angle]);
-        let travel: Configuration = std::array::from_fn(|axis| to[axis] - from[axis]);
-        let steps = (travel[6].abs() / STEP_RAD).ceil().max(1.0);
+        let [from, to] = [from_rad, to_rad].map(|table_rad| Configuration { joints_rad: [0.0; 6], table_rad });
+        let steps = ((to_rad - from_rad).abs() / STEP_RAD).ceil().max(1.0);
         let turns = |body: usize| self.bodies[body].is_attached();
         let still = |body: usize| self.bodies[body].parent.is_still();
         let pairs = self.pairs.iter().filter(|pair| (turns(pair.a) && still(pair.b)) || (turns(pair.b) && still(pair.a)));
-        self.check_inside(&Segment { from: &from, travel: &travel }, steps, pairs.collect()).err()
+        self.check_inside(&Segment { from: &from, travel_rad: &from.travel_rad(&to) }, steps, pairs.collect()).err()
     }
 
     /// Proves a segment free. Pieces are looked at coarse to fine, all of one length before any shorter one: a contact
@@ -251,13 +250,13 @@ impl CollisionScene {
         half: f64,
         pairs: &[&'a Pair],
     ) -> Result<Vec<&'a Pair>, Contact> {
-        let sweep = segment.travel.map(|angle| half * angle.abs());
+        let sweep_rad = segment.travel_rad.map(|angle| half * angle.abs());
         let placement = self.place(&segment.at(middle));
-        let mut open: Vec<&Pair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep)).copied().collect();
+        let mut open: Vec<&Pair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep_rad)).copied().collect();
         if let Some(pair) = open.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])) {
             return Err(self.contact_of(pair));
         }
-        open.retain(|pair| pair.motion_mm(&sweep) > pair.clearance_mm);
+        open.retain(|pair| pair.motion_mm(&sweep_rad) > pair.clearance_mm);
         Ok(open)
     }
 
@@ -268,8 +267,8 @@ impl CollisionScene {
     }
 
     fn place(&self, configuration: &Configuration) -> Placement {
-        let frames = self.kinematics.link_frames(&joints_of(configuration));
-        let plate = self.base_from_table * crate::geometry::table_from_plate(configuration[6]);
+        let frames = self.kinematics.link_frames(&configuration.joints_rad);
+        let plate = self.base_from_table * crate::geometry::table_from_plate(configuration.table_rad);
         let poses: Vec<_> = self
             .bodies
             .iter()
@@ -287,9 +286,9 @@ impl CollisionScene {
         Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) }
     }
 
-    /// Returns true if the two may come closer than their clearance while every axis moves by up to `sweep`.
-    fn is_near(&self, pair: &Pair, placement: &Placement, sweep: &Configuration) -> bool {
-        self.is_closer(pair, placement, pair.clearance_mm + pair.motion_mm(sweep))
+    /// Returns true if the two may come closer than their clearance while every axis moves by up to `sweep_rad`.
+    fn is_near(&self, pair: &Pair, placement: &Placement, sweep_rad: &[f64; 7]) -> bool {
+        self.is_closer(pair, placement, pair.clearance_mm + pair.motion_mm(sweep_rad))
     }
 
     fn is_closer(&self, pair: &Pair, placement: &Placement, distance_mm: f64) -> bool {
@@ -322,11 +321,11 @@ impl CollisionScene {
             (0..self.pairs.len()).filter(|index| on_arm(self.pairs[*index].a) && on_arm(self.pairs[*index].b)).collect();
         let mut touching = crowded.clone();
         for sample in 1..=ALLOWED_PAIR_SAMPLES {
-            let configuration = std::array::from_fn(|axis| {
+            let axes_rad = std::array::from_fn(|axis| {
                 let axis_limits = &axes.0[axis];
                 axis_limits.min_rad + (axis_limits.max_rad - axis_limits.min_rad) * halton(sample, PRIMES[axis])
             });
-            let placement = self.place(&configuration);
+            let placement = self.place(&Configuration::from_axes_rad(axes_rad));
             touching.retain(|index| self.is_closer(&self.pairs[*index], &placement, 0.0));
             crowded.retain(|index| self.is_near(&self.pairs[*index], &placement, &[0.0; 7]));
             if crowded.is_empty() {
@@ -379,15 +378,15 @@ impl CollisionScene {
             Self { pairs, ..lifted.clone() }
         };
         let Axis { min_rad, max_rad, .. } = self.table_axis;
-        let turned = |angle: f64| [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, angle];
+        let turned = |table_rad: f64| Configuration { joints_rad: [0.0; 6], table_rad };
         let below = with(SceneBody::is_below_part).check_segment(&turned(min_rad), &turned(max_rad.min(min_rad + TAU)));
         below.or_else(|| with(SceneBody::is_around_part).check(&turned(0.0_f64.clamp(min_rad, max_rad))))
     }
 }
 
 impl Pair {
-    fn motion_mm(&self, sweep: &Configuration) -> f64 {
-        self.motion_bound_mm.iter().zip(sweep).map(|(bound, angle)| bound * angle).sum()
+    fn motion_mm(&self, sweep_rad: &[f64; 7]) -> f64 {
+        self.motion_bound_mm.iter().zip(sweep_rad).map(|(bound, angle)| bound * angle).sum()
     }
 }
 
@@ -418,7 +417,7 @@ fn pairs(
 }
 
 /// Farthest distance of a point of the outer body from each axis, 0 for axes that move both or neither.
-fn relative_motion_bound_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> Configuration {
+fn relative_motion_bound_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> [f64; 7] {
     let (inner, outer) = if a.parent.link() <= b.parent.link() { (a, b) } else { (b, a) };
     // A flange beside axis 6 is nearer to axis 5 in some postures than it is at zero.
     let off_axis_mm = if outer.parent.link() == 6 { 2.0 * kinematics.flange_off_axis_mm() } else { 0.0 };
@@ -428,7 +427,8 @@ fn relative_motion_bound_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6],
         motion_bound_mm[joint] =
             between_mm[joint + 1..outer.parent.link()].iter().sum::<f64>() + outer.motion_bound_mm + off_axis_mm;
     }
-    motion_bound_mm[6] = [a, b].iter().filter(|body| body.parent == ParentLink::Plate).map(|body| body.motion_bound_mm).sum();
+    motion_bound_mm[TABLE_AXIS] =
+        [a, b].iter().filter(|body| body.parent == ParentLink::Plate).map(|body| body.motion_bound_mm).sum();
     kinematics.of_vendor_joints(motion_bound_mm)
 }
 

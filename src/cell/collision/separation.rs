@@ -23,7 +23,7 @@ pub struct Separation {
     /// Distance of the two; below zero the depth of one in the other, as far as that is known.
     pub distance_mm: f64,
     /// Point between them, base frame, mm.
-    pub place_mm: Point3<f64>,
+    pub place_in_base_mm: Point3<f64>,
 }
 
 impl CollisionScene {
@@ -42,8 +42,7 @@ impl CollisionScene {
     #[must_use]
     pub fn nearest_on(&self, bodies: &Contact, ends: &[Configuration; 2], within_mm: f64) -> Option<(Configuration, Separation)> {
         let pair = self.pairs.iter().find(|pair| self.contact_of(pair) == *bodies)?;
-        let travel = std::array::from_fn(|axis| ends[1][axis] - ends[0][axis]);
-        let segment = Segment { from: &ends[0], travel: &travel };
+        let segment = Segment { from: &ends[0], travel_rad: &ends[0].travel_rad(&ends[1]) };
         let probes = if ends[0] == ends[1] { 0 } else { PROBES };
         let places = (0..=probes).map(|probe| segment.at(f64::from(probe) / f64::from(PROBES)));
         let separations = places.filter_map(|place| Some((place, self.separation(pair, &self.place(&place), within_mm)?)));
@@ -62,7 +61,11 @@ impl CollisionScene {
             },
         };
         let distance_mm = self.surface_distance_mm(pair, placement, within_mm)?.unwrap_or(distance_mm);
-        Some(Separation { bodies: self.contact_of(pair), distance_mm, place_mm: Point3::new(place.x, place.y, place.z).cast() })
+        Some(Separation {
+            bodies: self.contact_of(pair),
+            distance_mm,
+            place_in_base_mm: Point3::new(place.x, place.y, place.z).cast(),
+        })
     }
 
     /// The distance of what is in the two bodies where they only envelop it, by halving; `None` where they are farther apart

@@ -123,7 +123,7 @@ impl Solid {
         let distance = |point: Vector| if from_axis { point.x.hypot(point.y) } else { point.length() };
         let corners = match self {
             Self::Mesh(surface) => surface.vertices().iter().map(|vertex| pose * *vertex).collect(),
-            _ => self.aabb(&pose).vertices().to_vec(),
+            Self::Segment { .. } | Self::Box(_) | Self::Cylinder { .. } => self.aabb(&pose).vertices().to_vec(),
         };
         f64::from(corners.into_iter().map(distance).fold(0.0, f32::max))
     }

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::solid::{Solid, near, parry_pose};
 use super::{CollisionScene, Contact};
 use crate::cell::body::{Body, LinkBody, Shape};
-use crate::cell::{Cell, Configuration, Presets, SpecLibrary};
+use crate::cell::{Axes, Cell, Configuration, Presets, SpecLibrary};
 use crate::geometry::{Mesh, Pose};
 use crate::testing::box_mesh;
 
@@ -109,13 +109,26 @@ fn names(contact: &Contact) -> [&str; 2] {
     [&contact.a, &contact.b]
 }
 
+/// These joints, in degrees, the table at angle zero.
+fn at_zero_table(joints_deg: [f64; 6]) -> Configuration {
+    Configuration { joints_rad: joints_deg.map(f64::to_radians), table_rad: 0.0 }
+}
+
+/// The configuration of a number, spread over all that the axes allow.
+fn spread(axes: &Axes, number: u32) -> Configuration {
+    Configuration::from_axes_rad(std::array::from_fn(|i| {
+        let axis = axes.0[i];
+        axis.min_rad + (axis.max_rad - axis.min_rad) * super::halton(number, super::PRIMES[i])
+    }))
+}
+
 #[test]
 fn the_home_of_the_default_cell_is_clear_and_names_come_with_a_contact() {
     let cell = cell();
     let scene = CollisionScene::without_part(&cell, 5.0);
     assert_eq!(scene.check(&cell.home_rad), None);
     // Flat forward over the plate and down: something of the arm or scanner meets the table.
-    let down: Configuration = [0.0, -110.0, 60.0, 0.0, 0.0, 0.0, 0.0].map(f64::to_radians);
+    let down = at_zero_table([0.0, -110.0, 60.0, 0.0, 0.0, 0.0]);
     let contact = scene.check(&down).expect("must collide");
     assert!(names(&contact).iter().any(|name| name.starts_with("turntable") || *name == "floor"), "{contact}");
 }
@@ -126,10 +139,10 @@ fn a_part_collides_where_it_is_and_turns_with_the_table() {
     let on_plate = Pose::identity();
     // A thin post near the rim that reaches up to where the flange is when the arm leans over it.
     let flange_mm = |configuration: &Configuration| {
-        let base_from_flange = cell.robot.base_from_flange(&crate::cell::joints_of(configuration));
+        let base_from_flange = cell.robot.base_from_flange(&configuration.joints_rad);
         cell.base_from_table.inverse().point(&base_from_flange.origin_mm())
     };
-    let pose: Configuration = [0.0, -30.0, 80.0, 0.0, 60.0, 0.0, 0.0].map(f64::to_radians);
+    let pose = at_zero_table([0.0, -30.0, 80.0, 0.0, 60.0, 0.0]);
     let tip = flange_mm(&pose);
     let post = box_mesh([tip.x - 5.0, tip.y - 5.0, tip.z - 5.0], [tip.x + 5.0, tip.y + 5.0, tip.z + 5.0]);
     let scene = CollisionScene::new(&cell, &post, None, &on_plate, 1.0);
@@ -137,8 +150,7 @@ fn a_part_collides_where_it_is_and_turns_with_the_table() {
     assert_eq!(free.check(&pose), None);
     assert!(names(&scene.check(&pose).expect("must collide")).contains(&"part"));
     assert_eq!(scene.check_view(&pose).map(|contact| contact.to_string()).as_deref(), Some("flange and part"));
-    let mut turned = pose;
-    turned[6] = std::f64::consts::PI;
+    let turned = Configuration { table_rad: std::f64::consts::PI, ..pose };
     assert_eq!((scene.check(&turned), scene.check_view(&turned)), (None, None));
     let fixture = CollisionScene::new(&cell, &box_mesh([0.0; 3], [1.0; 3]), Some(&post), &on_plate, 1.0);
     assert!(names(&fixture.check(&pose).expect("must collide")).contains(&"fixture"));
@@ -154,13 +166,10 @@ fn what_is_free_at_every_table_angle_is_free_at_each() {
     let axes = cell.axes();
     let (mut free, mut only_at_some) = (0, 0);
     for seed in 1..4000 {
-        let mut configuration: Configuration = std::array::from_fn(|i| {
-            let axis = axes.0[i];
-            axis.min_rad + (axis.max_rad - axis.min_rad) * super::halton(seed, super::PRIMES[i])
-        });
+        let mut configuration = spread(&axes, seed);
         let is_free = every.check(&configuration).is_none();
         let at_each = (0..72).all(|step| {
-            configuration[6] = f64::from(step) * std::f64::consts::TAU / 72.0;
+            configuration.table_rad = f64::from(step) * std::f64::consts::TAU / 72.0;
             scene.check(&configuration).is_none()
         });
         assert!(at_each || !is_free, "seed {seed}");
@@ -176,18 +185,12 @@ fn a_segment_is_refused_exactly_when_a_fine_sampling_finds_a_contact() {
     let part = box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 200.0]);
     let scene = CollisionScene::new(&cell, &part, None, &Pose::identity(), 5.0);
     let axes = cell.axes();
-    let random = |seed: u32| -> Configuration {
-        std::array::from_fn(|i| {
-            let axis = axes.0[i];
-            axis.min_rad + (axis.max_rad - axis.min_rad) * super::halton(seed + 1, super::PRIMES[i])
-        })
-    };
     let (mut free, mut blocked) = (0, 0);
     for seed in 0..40 {
-        let (from, to) = (random(3 * seed), random(3 * seed + 1));
+        let (from, to) = (spread(&axes, 3 * seed + 1), spread(&axes, 3 * seed + 2));
         let fine = (0..=2000).any(|step| {
             let t = f64::from(step) / 2000.0;
-            scene.check(&std::array::from_fn(|i| from[i] + t * (to[i] - from[i]))).is_some()
+            scene.check(&from.toward(&to, t)).is_some()
         });
         let found = scene.check_segment(&from, &to).is_some();
         // The proof may pass a graze that stays above zero distance, never a real contact; here both agree.
@@ -204,10 +207,11 @@ fn reach_bounds_every_motion() {
     let scene = CollisionScene::new(&cell, &part, None, &Pose::identity(), 5.0);
     for seed in 1..200 {
         let axes = cell.axes();
-        let from: Configuration =
-            std::array::from_fn(|i| axes.0[i].min_rad * (1.0 - 2.0 * super::halton(seed, super::PRIMES[i])));
-        let step: Configuration = std::array::from_fn(|i| 0.05 * super::halton(seed, super::PRIMES[6 - i]));
-        let to = std::array::from_fn(|i| from[i] + step[i]);
+        let from = Configuration::from_axes_rad(std::array::from_fn(|i| {
+            axes.0[i].min_rad * (1.0 - 2.0 * super::halton(seed, super::PRIMES[i]))
+        }));
+        let step = std::array::from_fn(|i| 0.05 * super::halton(seed, super::PRIMES[6 - i]));
+        let to = from.along(&step, 1.0);
         let (before, after) = (scene.place(&from), scene.place(&to));
         for pair in &scene.pairs {
             let mut moved = 0.0;
@@ -308,7 +312,7 @@ fn what_the_flange_carries_may_reach_back_to_the_link_before_it() {
     let scene = CollisionScene::without_part(&cell, 1.0);
     let turned = |turn_deg: f64| {
         let mut configuration = cell.home_rad;
-        configuration[5] = turn_deg.to_radians();
+        configuration.joints_rad[5] = turn_deg.to_radians();
         scene.check(&configuration).map(|contact| contact.to_string())
     };
     let found: Vec<_> = (-17..18).map(|step| turned(10.0 * f64::from(step))).collect();
@@ -317,7 +321,7 @@ fn what_the_flange_carries_may_reach_back_to_the_link_before_it() {
 
 /// A ball beside the axis of the upper arm at home, so far from it.
 fn ball_beside_upper_arm(cell: &Cell, off_axis_mm: f64) -> Body {
-    let upper_arm = cell.robot.link_frames(&crate::cell::joints_of(&cell.home_rad))[2];
+    let upper_arm = cell.robot.link_frames(&cell.home_rad.joints_rad)[2];
     let place = upper_arm * Point3::new(off_axis_mm, -127.0, 190.0);
     Body {
         name: "ball".into(),
@@ -339,8 +343,8 @@ fn the_surface_of_a_link_decides_where_its_capsule_is_too_close() {
     let (capsules, mut cell) = (cell(), cell());
     cell.link_surfaces = vec![bar()];
     let mut swung = cell.home_rad;
-    swung[0] += 0.01;
-    let swung_back = std::array::from_fn(|axis| 2.0 * cell.home_rad[axis] - swung[axis]);
+    swung.joints_rad[0] += 0.01;
+    let swung_back = swung.toward(&cell.home_rad, 2.0);
     let pair = Contact { a: "upper arm".into(), b: "ball".into() };
     // The bar's side is 10 mm from its axis, the ball is 5 mm wide.
     for (off_axis_mm, in_capsule, at_bar) in [(60.0, true, false), (22.0, true, false), (18.0, true, true), (90.0, false, false)]
@@ -375,7 +379,7 @@ fn a_surface_beside_a_surface_is_told_by_both() {
             shape: Shape::Mesh(Arc::new(box_mesh([-10.0, -137.0, 0.0], [10.0, -117.0, 380.0]))),
         },
     }];
-    let upper_arm = cell.robot.link_frames(&crate::cell::joints_of(&cell.home_rad))[2];
+    let upper_arm = cell.robot.link_frames(&cell.home_rad.joints_rad)[2];
     for (off_axis_mm, is_near) in [(40.0, false), (17.0, true), (0.0, true)] {
         let wall = Body {
             name: "wall".into(),
@@ -419,7 +423,7 @@ fn a_cable_is_kept_clear_of_what_is_around() {
     let hose = Shape::Capsule { radius_mm: 15.0, length_mm: 120.0 };
     cell.cable =
         vec![LinkBody { link: 3, body: Body { name: "hose".into(), owner_from_body: at(0.0, 62.0, 90.0), shape: hose } }];
-    let elbow = cell.robot.link_frames(&crate::cell::joints_of(&cell.home_rad))[3];
+    let elbow = cell.robot.link_frames(&cell.home_rad.joints_rad)[3];
     let place = elbow * Point3::new(0.0, 92.0, 140.0);
     let shelf = Body {
         name: "shelf".into(),

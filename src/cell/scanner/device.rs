@@ -21,6 +21,9 @@ pub enum DeviceName {
 }
 
 impl DeviceName {
+    /// Every device, in the order of [`super::PerDevice`].
+    pub const ALL: [Self; 3] = [Self::Left, Self::Right, Self::Projector];
+
     /// `left`, `right`, `projector`.
     #[must_use]
     pub fn as_str(self) -> &'static str {

@@ -8,7 +8,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{OpticalDevice, Scanner};
+use super::{OpticalDevice, PerDevice, Scanner};
 use crate::geometry::{ConvexPolytope, HalfSpace, largest_centred_box};
 
 /// The polytope is cut off this many working depths to the sides: frusta that open to infinity stay bounded.
@@ -108,7 +108,7 @@ impl Scanner {
     /// Field that all three devices see at `depth_mm`.
     #[must_use]
     pub fn common_field_at(&self, depth_mm: f64) -> Field {
-        let [left, right, projector] = self.devices.map(|device| device.field_at(depth_mm));
+        let PerDevice { left, right, projector } = self.devices.map(|device| device.field_at(depth_mm));
         left.common(&right).common(&projector)
     }
 

@@ -3,6 +3,7 @@
 mod depth_of_field;
 mod device;
 mod measurement_volume;
+mod per_device;
 mod spec;
 #[cfg(test)]
 mod tests;
@@ -12,6 +13,7 @@ use nalgebra::{Point3, Vector3};
 pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
 pub use measurement_volume::{Field, MeasurementVolume};
+pub use per_device::PerDevice;
 pub use spec::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceSpec, ScannerSpec};
 
 use super::shape_spec::BodySpec;
@@ -27,8 +29,8 @@ pub struct Scanner {
     pub best_mm: f64,
     /// Farthest working depth, mm.
     pub far_mm: f64,
-    /// Left camera, right camera, projector, in this order.
-    pub devices: [OpticalDevice; 3],
+    /// Cameras and projector.
+    pub devices: PerDevice<OpticalDevice>,
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass, scanner frame, mm, if it is known.
@@ -47,14 +49,14 @@ impl Scanner {
     /// Distance between the cameras' optical centres, mm.
     #[must_use]
     pub fn baseline_mm(&self) -> f64 {
-        let [left, right, _] = &self.devices;
+        let [left, right] = self.devices.cameras();
         (right.scanner_from_device.origin_mm() - left.scanner_from_device.origin_mm()).norm()
     }
 
     /// Angle between the cameras' optical axes, radians.
     #[must_use]
     pub fn axes_angle_rad(&self) -> f64 {
-        let [left, right, _] = self.devices.map(|device| device.scanner_from_device.direction(&Vector3::z()));
+        let [left, right] = self.devices.cameras().map(|camera| camera.scanner_from_device.direction(&Vector3::z()));
         left.angle(&right)
     }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::device::{DeviceName, Lens, OpticalDevice};
+use super::per_device::PerDevice;
 use crate::cell::field_error::{FieldError, Findings};
 use crate::cell::pose_spec::PoseSpec;
 use crate::cell::shape_spec::BodySpec;
@@ -132,11 +133,11 @@ impl ScannerSpec {
         let mut findings = Findings::default();
         let (scanner_from_left, scanner_from_right) = self.camera_poses();
         let projector = self.projector.scanner_from_device.unwrap_or_default().pose();
-        let devices = [
-            self.left.build(DeviceName::Left, scanner_from_left, &mut findings),
-            self.right.build(DeviceName::Right, scanner_from_right, &mut findings),
-            self.projector.build(DeviceName::Projector, projector, &mut findings),
-        ];
+        let devices = PerDevice {
+            left: self.left.build(DeviceName::Left, scanner_from_left, &mut findings),
+            right: self.right.build(DeviceName::Right, scanner_from_right, &mut findings),
+            projector: self.projector.build(DeviceName::Projector, projector, &mut findings),
+        };
         self.check_rig(&devices, &mut findings);
         findings.into_result()?;
         Ok(super::Scanner {
@@ -165,8 +166,8 @@ impl ScannerSpec {
     }
 
     /// The left camera is at −x of the right one, and all three devices see (0, 0, best).
-    fn check_rig(&self, devices: &[OpticalDevice; 3], findings: &mut Findings) {
-        let [left_mm, right_mm] = [0, 1].map(|camera: usize| devices[camera].scanner_from_device.origin_mm().x);
+    fn check_rig(&self, devices: &PerDevice<OpticalDevice>, findings: &mut Findings) {
+        let [left_mm, right_mm] = devices.cameras().map(|camera| camera.scanner_from_device.origin_mm().x);
         let baseline_mm = right_mm - left_mm;
         // Two equal board poses leave no baseline to lay x along: what comes out is not a number.
         if baseline_mm.is_nan() || baseline_mm < BASELINE_MIN_MM {
@@ -192,9 +193,11 @@ impl ScannerSpec {
         findings.require(near < best && best < far, "/depth_mm", || {
             format!("near {near}, best {best}, far {far}: must be near < best < far")
         });
-        for (name, device) in [("left", &self.left), ("right", &self.right), ("projector", &self.projector)] {
+        let devices = PerDevice { left: &self.left, right: &self.right, projector: &self.projector };
+        for (device, name) in devices.into_iter().zip(DeviceName::ALL) {
+            let from_board = self.board_poses.is_some() && name != DeviceName::Projector;
+            let name = name.as_str();
             device.check(&format!("/{name}"), findings);
-            let from_board = self.board_poses.is_some() && name != "projector";
             findings.require(from_board != device.scanner_from_device.is_some(), format!("/{name}/scanner_from_device"), || {
                 if from_board {
                     "is given beside board_poses; give one of the two".into()

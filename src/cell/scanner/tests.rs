@@ -1,6 +1,6 @@
 use nalgebra::{Point3, Vector2, Vector3};
 
-use super::{Field, Scanner, ScannerSpec};
+use super::{Field, PerDevice, Scanner, ScannerSpec};
 
 const CALIBRATED: &str = include_str!("../../../config/scanners/transcan-c.toml");
 const NOMINAL: &str = include_str!("../../../config/scanners/transcan-c-nominal.toml");
@@ -49,7 +49,7 @@ fn projection_inverts_unprojection_over_every_image() {
 
 #[test]
 fn image_ends_where_its_pixels_end() {
-    let lens = scanner(NOMINAL).devices[0].lens;
+    let lens = scanner(NOMINAL).devices.left.lens;
     let seen = |u: f64, v: f64| {
         let point = Point3::new((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, 1.0);
         lens.project(&point).is_some()
@@ -66,7 +66,7 @@ fn skew_and_distortion_follow_bouguet() {
     let mut wanted = spec(NOMINAL);
     wanted.left.skew = 0.01;
     wanted.left.distortion = [-0.1, 0.2, 0.001, -0.002, 0.3];
-    let lens = wanted.build().expect("a mild lens").devices[0].lens;
+    let lens = wanted.build().expect("a mild lens").devices.left.lens;
     let radial = 1.0 - 0.1 * 0.05 + 0.2 * 0.0025 + 0.3 * 0.000125;
     let x = 0.2 * radial + 2.0 * 0.001 * 0.2 * -0.1 + -0.002 * (0.05 + 2.0 * 0.04);
     let y = -0.1 * radial + 0.001 * (0.05 + 2.0 * 0.01) + 2.0 * -0.002 * 0.2 * -0.1;
@@ -80,7 +80,7 @@ fn points_far_outside_the_field_do_not_fold_back_into_the_image() {
     // r (1 - r² + 0.28 r⁴) rises, falls and rises again: at r = 1.4 it is back at 0.16, inside an image of radius 0.3.
     let mut wanted = spec(NOMINAL);
     wanted.left.distortion = [-1.0, 0.28, 0.0, 0.0, 0.0];
-    let lens = wanted.build().expect("one-to-one within the field").devices[0].lens;
+    let lens = wanted.build().expect("one-to-one within the field").devices.left.lens;
     let r = 1.4_f64;
     let folded = r * (1.0 - r * r + 0.28 * r.powi(4));
     assert!(folded.abs() * lens.fx < 2000.0, "the polynomial puts it inside: {folded}");
@@ -101,7 +101,7 @@ fn calibrated_rig_has_the_figures_derived_from_its_board_poses() {
     let rig = scanner(CALIBRATED);
     close(rig.baseline_mm(), 209.94, 0.005);
     close(rig.axes_angle_rad().to_degrees(), 21.3, 0.05);
-    let [left, right, _] = rig.devices.map(|device| device.scanner_from_device);
+    let [left, right] = rig.devices.cameras().map(|camera| camera.scanner_from_device);
     close((left.origin_mm().coords + right.origin_mm().coords).norm(), 0.0, 1e-9);
     close((right.origin_mm() - left.origin_mm()).normalize().x, 1.0, 1e-12);
     let mean_axis = left.direction(&Vector3::z()) + right.direction(&Vector3::z());
@@ -114,7 +114,7 @@ fn board_poses_relate_the_cameras_as_they_relate_the_board() {
     // Without the rig's frame: a point of the board must come out at the same scanner position by way of each camera.
     let rig = scanner(CALIBRATED);
     let boards = spec(CALIBRATED).board_poses.expect("board poses");
-    let [left, right, _] = rig.devices.map(|device| device.scanner_from_device);
+    let [left, right] = rig.devices.cameras().map(|camera| camera.scanner_from_device);
     for point in [Vector3::new(0.0, 0.0, 0.0), Vector3::new(40.0, -30.0, 0.0), Vector3::new(-55.0, 20.0, 0.0)] {
         let camera = |board: &super::BoardPoseSpec| {
             let [a, b, c] = board.rotation_rows.map(Vector3::from);
@@ -129,7 +129,7 @@ fn board_poses_relate_the_cameras_as_they_relate_the_board() {
 #[test]
 fn fields_at_480_mm_are_those_of_the_method() {
     let rig = scanner(CALIBRATED);
-    let [left, right, projector] = rig.devices.map(|device| device.field_at(480.0));
+    let PerDevice { left, right, projector } = rig.devices.map(|device| device.field_at(480.0));
     interval_close(left.x_mm, [-168.0, 128.0]);
     interval_close(right.x_mm, [-162.0, 141.0]);
     interval_close(projector.x_mm, [-150.0, 150.0]);
@@ -171,7 +171,7 @@ fn fields_end_where_projection_ends() {
 
 #[test]
 fn angles_of_view_are_those_of_the_camera() {
-    let [horizontal, vertical] = scanner(NOMINAL).devices[0].lens.field_of_view_rad().map(f64::to_degrees);
+    let [horizontal, vertical] = scanner(NOMINAL).devices.left.lens.field_of_view_rad().map(f64::to_degrees);
     close(horizontal, 33.4, 0.05);
     close(vertical, 25.66, 0.05);
 }
@@ -305,7 +305,7 @@ mod volume {
         for rig in rigs() {
             let [x, _, z] = rig.practical_volume_mm;
             let near = rig.best_mm - z / 2.0;
-            let [left, right, projector] = rig.devices.map(|d| d.field_at(near).x_mm);
+            let super::PerDevice { left, right, projector } = rig.devices.map(|d| d.field_at(near).x_mm);
             assert!(left[1] < x / 2.0 && right[0] > -x / 2.0, "{}: {left:?} {right:?}", rig.name);
             // 300 mm at 480 mm leave 256 mm at 410 mm.
             close(projector[1], 150.0 * near / rig.best_mm, 1e-9);

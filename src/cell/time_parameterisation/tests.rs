@@ -8,7 +8,8 @@ fn axes() -> Axes {
 /// Evenly spread configurations, up to a radian from zero.
 fn spread(count: usize) -> Vec<Configuration> {
     let step = |axis: usize| [2.0_f64, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0][axis].sqrt();
-    (1..=count).map(|i| std::array::from_fn(|axis| 2.0 * (i as f64 * step(axis)).fract() - 1.0)).collect()
+    let at = |i: usize| std::array::from_fn(|axis| 2.0 * (i as f64 * step(axis)).fract() - 1.0);
+    (1..=count).map(|i| Configuration::from_axes_rad(at(i))).collect()
 }
 
 #[test]
@@ -27,22 +28,20 @@ fn the_curve_passes_its_corners_within_the_tolerance_and_has_no_kink() {
     for tolerance_rad in [1e-3, 2e-2] {
         let points = spread(12);
         let path = SmoothPath::through(&points, tolerance_rad);
+        let place = |piece: &super::Piece, t: f64| piece.start_rad.along(&piece.slope, t).along(&piece.bend_per_rad, 0.5 * t * t);
         let end = |piece: &super::Piece| {
             let t = piece.length_rad;
-            let place = super::map(|a| piece.start_rad[a] + t * piece.slope[a] + 0.5 * t * t * piece.bend_per_rad[a]);
-            (place, super::map(|a| piece.slope[a] + t * piece.bend_per_rad[a]))
+            (place(piece, t), super::map(|a| piece.slope[a] + t * piece.bend_per_rad[a]))
         };
         for pair in path.pieces().windows(2) {
             let (place, slope) = end(&pair[0]);
-            let off = |a: &Configuration, b: &Configuration| super::joint_distance_rad(a, b);
-            assert!(off(&place, &pair[1].start_rad) < 1e-12 && off(&slope, &pair[1].slope) < 1e-9);
+            let off_slope = slope.iter().zip(&pair[1].slope).map(|(a, b)| (b - a).powi(2)).sum::<f64>().sqrt();
+            assert!(place.distance_rad(&pair[1].start_rad) < 1e-12 && off_slope < 1e-9);
         }
         assert_eq!(path.pieces()[0].start_rad, points[0]);
-        assert!(super::joint_distance_rad(&end(path.pieces().last().expect("pieces")).0, &points[11]) < 1e-12);
-        for (corner, piece) in points[1..11].iter().zip(path.pieces().iter().filter(|piece| piece.bend_per_rad != [0.0; 7])) {
-            let t = 0.5 * piece.length_rad;
-            let middle = super::map(|a| piece.start_rad[a] + t * piece.slope[a] + 0.5 * t * t * piece.bend_per_rad[a]);
-            let off = super::map(|a| (middle[a] - corner[a]).abs()).into_iter().fold(0.0, f64::max);
+        assert!(end(path.pieces().last().expect("pieces")).0.distance_rad(&points[11]) < 1e-12);
+        for (corner, piece) in points[1..11].iter().zip(path.pieces().iter().filter(|piece| !piece.is_straight())) {
+            let off = corner.max_turn_rad(&place(piece, 0.5 * piece.length_rad));
             assert!(off <= tolerance_rad * (1.0 + 1e-9) && off > 0.9 * tolerance_rad, "{off}");
         }
     }

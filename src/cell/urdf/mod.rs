@@ -286,7 +286,7 @@ fn chain<'a>(path: &[&'a Joint], base: &str, tip: &str) -> Result<(ChainSpec, Ve
                 moving.push(*joint);
                 at = Isometry3::identity();
             }
-            ref kind => {
+            ref kind @ (JointType::Prismatic | JointType::Floating | JointType::Planar | JointType::Spherical) => {
                 let (joint, kind) = (joint.name.clone(), format!("{kind:?}").to_lowercase());
                 return Err(UrdfError::JointKind { joint, kind, base: base.to_owned(), tip: tip.to_owned() });
             }
@@ -298,10 +298,8 @@ fn chain<'a>(path: &[&'a Joint], base: &str, tip: &str) -> Result<(ChainSpec, Ve
 
 fn axis(joint: &Joint, ramp_secs: f64) -> Result<AxisSpec, UrdfError> {
     let limit = &joint.limit;
-    let (min_rad, max_rad) = match joint.joint_type {
-        JointType::Continuous => (-ENDLESS_RAD, ENDLESS_RAD),
-        _ => (limit.lower, limit.upper),
-    };
+    let turns_endlessly = matches!(joint.joint_type, JointType::Continuous);
+    let (min_rad, max_rad) = if turns_endlessly { (-ENDLESS_RAD, ENDLESS_RAD) } else { (limit.lower, limit.upper) };
     let bad = |what: &'static str, value: f64| UrdfError::Number { joint: joint.name.clone(), what, value };
     if !(min_rad.is_finite() && max_rad > min_rad) {
         return Err(bad("upper limit", max_rad));

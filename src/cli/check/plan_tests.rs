@@ -48,7 +48,11 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
     assert!(views > 1 && plan["missed"].as_array().is_some_and(|missed| !missed.is_empty()), "too little to falsify");
     let half = plan["coverage"]["of_asked"].as_f64().map(|share| 0.5 * share);
     let cases = [
-        ("/missed/0/reason", json!("gremlins"), "is \"gremlins\"; allowed is one of excluded_resting, facing, depth"),
+        (
+            "/missed/0/reason",
+            json!("gremlins"),
+            "is \"gremlins\"; allowed is one of excluded_resting, enclosed, faces_table, facing, depth",
+        ),
         ("/missed/0/area_mm2", json!(-4.0), "is -4 mm²; allowed is above 0 mm²"),
         ("/viewpoints/0/label", json!("above"), "is \"above\"; allowed is one of top, bottom, right, back, left, front"),
         ("/viewpoints/0/rejected", json!("tired"), "is \"tired\"; allowed is one of unreachable, collision, no_path"),

@@ -35,9 +35,9 @@ impl Folder {
 
 fn check(args: &[&str]) -> Result<(), String> {
     let line = Line::try_parse_from([&["check"], args].concat()).map_err(|error| error.to_string())?;
-    run(&line.args).map_err(|error| match error {
-        CliError::BadInput(text) => text,
-        other => panic!("{other}"),
+    run(&line.args).map_err(|error| {
+        let CliError::BadInput(text) = error else { panic!("{error}") };
+        text
     })
 }
 

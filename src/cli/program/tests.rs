@@ -24,9 +24,9 @@ fn planned(folder: &Path, cycle_secs: f64) {
 fn written(folder: &Path, args: &[&str]) -> Result<Vec<String>, String> {
     let fixed = ["program", "--cell", "e05-transcan", folder.to_str().expect("a path")];
     let line = Line::try_parse_from([&fixed, args].concat()).map_err(|error| error.to_string())?;
-    run(&line.args).map_err(|error| match error {
-        CliError::BadInput(text) => text,
-        other => panic!("{other}"),
+    run(&line.args).map_err(|error| {
+        let CliError::BadInput(text) = error else { panic!("{error}") };
+        text
     })?;
     let files = std::fs::read_dir(&line.args.out).map_err(|error| error.to_string())?;
     let mut names: Vec<_> = files.map(|file| file.expect("lists").file_name().to_string_lossy().into_owned()).collect();

@@ -40,9 +40,12 @@ pub(super) fn read_records(head: &[u8; HEAD_BYTES], source: &mut dyn Read, soup:
     let mut buffer = vec![[0; RECORD_BYTES]; RECORDS_AT_ONCE.min(left)];
     while left > 0 {
         let records = &mut buffer[..RECORDS_AT_ONCE.min(left)];
-        source.read_exact(records.as_flattened_mut()).map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof => MeshError::Truncated { at: Position::Byte(at), expected: "a triangle" }.into(),
-            _ => ReadError::Io(error),
+        source.read_exact(records.as_flattened_mut()).map_err(|error| {
+            if error.kind() == ErrorKind::UnexpectedEof {
+                MeshError::Truncated { at: Position::Byte(at), expected: "a triangle" }.into()
+            } else {
+                ReadError::Io(error)
+            }
         })?;
         add(records, at, soup)?;
         (at, left) = (at + (records.len() * RECORD_BYTES) as u64, left - records.len());

@@ -320,9 +320,9 @@ fn ply_agrees_with_another_reader() {
         let other = Parser::<DefaultElement>::new().read_ply(&mut &bytes[..]).expect("the cube");
         assert_eq!((other.payload["vertex"].len(), other.payload["face"].len()), (8, 6));
         for (v, ours) in other.payload["vertex"].iter().zip(&read_mm(&bytes).expect("the cube").mesh.vertices_mm) {
-            let theirs = ["x", "y", "z"].map(|axis| match v[axis] {
-                ply_rs_bw::ply::Property::Double(value) => value,
-                _ => f64::NAN,
+            let theirs = ["x", "y", "z"].map(|axis| {
+                let ply_rs_bw::ply::Property::Double(value) = v[axis] else { panic!("{:?}", v[axis]) };
+                value
             });
             assert_eq!(theirs, [ours.x, ours.y, ours.z]);
         }

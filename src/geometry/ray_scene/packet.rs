@@ -263,6 +263,7 @@ impl Crossing {
     /// Returns true if this is a hit of triangle `number` before the one at `end`. Of two at the same place the lower number
     /// counts, so that the answer does not depend on who was asked first.
     #[inline(always)]
+    #[expect(clippy::float_cmp, reason = "the same place is the same number")]
     fn hits<const ANY_HIT: bool>(self, number: u32, end: f32, triangle: u32) -> bool {
         if ANY_HIT {
             return (self.height > 0.0) & (self.height < end * self.descent);

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use super::{DialectFacts, DialectFile, DialectOutput, Job};
-use crate::cell::{Cell, Configuration, joints_of};
+use crate::cell::{Cell, Configuration};
 use crate::program::Step;
 
 const HEADER: &str = "step,op,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,table_angle_deg,speed_fraction,secs,viewpoint,brightness,\
@@ -59,8 +59,8 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
 
 impl Row {
     fn write(&self, text: &mut String, cell: &Cell, at: &Configuration) {
-        let angles = at.map(|angle| number(angle.to_degrees(), 1e9)).join(",");
-        let base_from_scanner = cell.base_from_scanner(&joints_of(at));
+        let angles = at.axes_rad().map(|angle| number(angle.to_degrees(), 1e9)).join(",");
+        let base_from_scanner = cell.base_from_scanner(&at.joints_rad);
         let base_from_scanner = base_from_scanner.isometry();
         let [x, y, z] = base_from_scanner.translation.vector.into();
         let q = base_from_scanner.rotation.coords;

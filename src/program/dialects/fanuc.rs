@@ -129,8 +129,8 @@ fn scan(job: &Job<'_>) -> [String; 4] {
 }
 
 fn position(index: usize, point: &Configuration, job: &Job<'_>) -> Vec<String> {
-    let joints = angles(point, &job.axes, DEGREE, 3);
-    let joint = |axis: usize| format!("J{}= {:>9} deg", axis + 1, joints[axis]);
+    let [joints @ .., table] = angles(point, &job.axes, DEGREE, 3);
+    let joint = |joint: usize| format!("J{}= {:>9} deg", joint + 1, joints[joint]);
     let text = format!(
         "P[{}{}]{{
    GP1:
@@ -149,7 +149,7 @@ fn position(index: usize, point: &Configuration, job: &Job<'_>) -> Vec<String> {
         joint(3),
         joint(4),
         joint(5),
-        joints[6]
+        table
     );
     text.lines().map(str::to_owned).collect()
 }

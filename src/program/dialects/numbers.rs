@@ -15,6 +15,7 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
 /// half a digit.
 pub(super) fn angles(at_rad: &Configuration, axes: &Axes, unit_rad: f64, decimals: usize) -> [String; 7] {
     let scale = 10_f64.powi(decimals as i32) / unit_rad;
+    let at_rad = at_rad.axes_rad();
     std::array::from_fn(|axis| {
         let limits = &axes.0[axis];
         // Limits that came from degrees are off by the last digit of a double.

@@ -2,7 +2,7 @@ use super::names::{NameRule, comment, identifier, wrap};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, actions};
 use super::{CheckedProgram, CheckedWith, Dialect, DialectError};
-use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
 use crate::planning::params::DialectParams;
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, Step};
@@ -16,12 +16,12 @@ fn program(cell: &Cell) -> Program {
     let home = cell.home_rad;
     let at = |joint_deg: f64, table_deg: f64| {
         let mut point = home;
-        point[0] += joint_deg.to_radians();
-        point[6] += table_deg.to_radians();
+        point.joints_rad[0] += joint_deg.to_radians();
+        point.table_rad += table_deg.to_radians();
         point
     };
     let axes = cell.axes();
-    let travel = |points: &[[f64; 7]]| {
+    let travel = |points: &[Configuration]| {
         let (target, before) = points.split_last().expect("a target");
         Step::Move(Move {
             via_rad: before[1..].to_vec(),
@@ -88,11 +88,12 @@ fn numbers_are_rounded_within_the_limits_and_never_minus_zero() {
     let mut axes = cell().axes();
     axes.0[0].max_rad = 1.234_56_f64.to_radians();
     axes.0[0].min_rad = -1.234_56_f64.to_radians();
-    let mut at = [0.0; 7];
-    at[0] = axes.0[0].max_rad;
-    assert_eq!(angles(&at, &axes, DEGREE, 4)[0], "1.2345");
-    at[0] = axes.0[0].min_rad;
-    assert_eq!(angles(&at, &axes, DEGREE, 4)[0], "-1.2345");
+    let first = |joint_rad: f64| {
+        let at = Configuration { joints_rad: [joint_rad, 0.0, 0.0, 0.0, 0.0, 0.0], table_rad: 0.0 };
+        angles(&at, &axes, DEGREE, 4)[0].clone()
+    };
+    assert_eq!(first(axes.0[0].max_rad), "1.2345");
+    assert_eq!(first(axes.0[0].min_rad), "-1.2345");
 }
 
 #[test]
@@ -105,7 +106,7 @@ fn the_interlocked_program_turns_the_table_with_the_arm_at_rest() {
         .into_iter()
         .filter_map(|a| if let Action::Go(stretch) = a { Some(stretch) } else { None })
         .collect();
-    assert!(stretches.iter().all(|stretch| (stretch.from_rad[..6] != stretch.to_rad[..6]) != stretch.moves_table()));
+    assert!(stretches.iter().all(|stretch| stretch.from_rad.moves_arm(&stretch.to_rad) != stretch.moves_table()));
     assert_eq!(stretches.len(), 6, "one for table or arm alone, two for both: {stretches:?}");
     assert_eq!(crate::program::check(&interlocked, &cell, &scene, None), []);
     assert!(interlocked.cycle_secs > program.cycle_secs);
@@ -209,8 +210,8 @@ fn the_table_has_a_row_a_point_and_action() {
     assert_eq!((&rows[6][2..9], &rows[6][13..]), (&rows[4][2..9], &rows[4][13..]));
     assert_eq!(rows[6][11..13], ["7", "5"]);
     let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("number");
-    let home_deg = cell.home_rad.map(f64::to_degrees);
-    assert!((number(4, 2) - home_deg[0] - 10.0).abs() < 1e-8 && (number(4, 8) - home_deg[6] - 45.0).abs() < 1e-8);
-    let scanner = cell.base_from_scanner(&crate::cell::joints_of(&cell.home_rad));
+    let (joint_deg, table_deg) = (cell.home_rad.joints_rad[0].to_degrees(), cell.home_rad.table_rad.to_degrees());
+    assert!((number(4, 2) - joint_deg - 10.0).abs() < 1e-8 && (number(4, 8) - table_deg - 45.0).abs() < 1e-8);
+    let scanner = cell.base_from_scanner(&cell.home_rad.joints_rad);
     assert!((0..3).all(|axis| (number(1, 13 + axis) - scanner.origin_mm()[axis]).abs() < 1e-6));
 }

@@ -52,6 +52,7 @@ fn functions(job: &Job<'_>) -> String {
     let (output, input) = (params.scan_output, params.scan_input);
     let (pulse, timeout) = (fixed(params.pulse_secs, 3), fixed(params.timeout_secs, 3));
     let [j1, j2, j3, j4, j5, j6, _] = angles(&job.program.home_rad, &job.axes, 1.0, 7);
+    let [.., table] = angles(&job.program.home_rad, &job.axes, super::numbers::DEGREE, 4);
     format!(
         "def vantage_stop(reason):
   popup(reason, title=\"Vantage\", error=True, blocking=True)
@@ -91,15 +92,15 @@ def vantage_require_home():
   end
   vantage_table({table})
 end
-",
-        table = angles(&job.program.home_rad, &job.axes, super::numbers::DEGREE, 4)[6]
+"
     )
 }
 
 /// Arm or table; never both, since the program is interlocked.
 fn go(stretch: &Stretch, job: &Job<'_>) -> String {
     if stretch.moves_table() {
-        return format!("  vantage_table({})", angles(&stretch.to_rad, &job.axes, super::numbers::DEGREE, 4)[6]);
+        let [.., table] = angles(&stretch.to_rad, &job.axes, super::numbers::DEGREE, 4);
+        return format!("  vantage_table({table})");
     }
     let [j1, j2, j3, j4, j5, j6, _] = angles(&stretch.to_rad, &job.axes, 1.0, 7);
     let lead = stretch.lead(&job.axes);

@@ -44,7 +44,7 @@ pub(super) struct Lead {
 impl Stretch {
     /// Returns true if the table turns.
     pub(super) fn moves_table(&self) -> bool {
-        self.from_rad[6] != self.to_rad[6]
+        self.from_rad.turns_table(&self.to_rad)
     }
 
     /// Time from rest to rest.
@@ -54,10 +54,10 @@ impl Stretch {
 
     /// Speed and acceleration for a controller that is given those of one axis: no axis then exceeds its share.
     pub(super) fn lead(&self, axes: &Axes) -> Lead {
-        let travels = || self.from_rad.iter().zip(&self.to_rad).map(|(from, to)| (to - from).abs());
-        let longest = travels().fold(0.0, f64::max);
+        let travels = self.from_rad.travel_rad(&self.to_rad).map(f64::abs);
+        let longest = travels.into_iter().fold(0.0, f64::max);
         let (mut rad_per_s, mut rad_per_s2) = (f64::INFINITY, f64::INFINITY);
-        for (axis, travel) in axes.0.iter().zip(travels()).filter(|(_, travel)| *travel > 0.0) {
+        for (axis, travel) in axes.0.iter().zip(travels).filter(|(_, travel)| *travel > 0.0) {
             let scale = self.speed_fraction * longest / travel;
             rad_per_s = rad_per_s.min(axis.max_speed_rad_per_s * scale);
             rad_per_s2 = rad_per_s2.min(axis.max_acceleration_rad_per_s2 * scale);

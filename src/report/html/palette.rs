@@ -19,7 +19,7 @@ pub(in crate::report) enum MissGroup {
     Depth,
     /// Out of the cell's reach.
     Reach,
-    /// The part stands on it.
+    /// The part stands on it, or it faces the table or is enclosed.
     Resting,
     /// Measurable, but by no chosen view.
     NotChosen,
@@ -29,7 +29,7 @@ impl MissGroup {
     /// The group of a cause.
     pub(super) fn of(cause: Cause) -> Self {
         match cause {
-            Cause::ExcludedResting => Self::Resting,
+            Cause::ExcludedResting | Cause::Enclosed | Cause::FacesTable => Self::Resting,
             Cause::Facing => Self::Facing,
             Cause::Depth => Self::Depth,
             Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector => Self::Frame,
@@ -109,7 +109,7 @@ impl Ink {
             Self::Missed(MissGroup::Frame) => "Missed: outside the image",
             Self::Missed(MissGroup::Depth) => "Missed: outside the working depth",
             Self::Missed(MissGroup::Reach) => "Missed: out of the cell’s reach",
-            Self::Missed(MissGroup::Resting) => "Missed: the part stands on it",
+            Self::Missed(MissGroup::Resting) => "Missed: rests on or faces the table, or enclosed",
             Self::Missed(MissGroup::NotChosen) => "Missed: measurable, no view chosen for it",
         }
     }

@@ -82,7 +82,7 @@ pub(super) fn from_view(input: &ReportInput<'_>, scene: &Scene<'_>, view: &Plann
 fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
     let mut inks = without_view(outcome);
     for (sample, quality) in row.graded() {
-        let ink = &mut inks[sample as usize];
+        let ink = &mut inks[sample.index()];
         if *ink != Ink::NotAsked {
             *ink = Ink::Measured(Grade::of(f64::from(quality)));
         }
@@ -94,7 +94,7 @@ fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
 fn without_view(outcome: &Outcome) -> Vec<Ink> {
     let grey = |verdict: &Verdict| match verdict {
         Verdict::Measured(_) => Ink::ByOthers,
-        other => Ink::of(*other),
+        Verdict::Missed(_) | Verdict::NotAsked => Ink::of(*verdict),
     };
     outcome.verdicts.iter().map(grey).collect()
 }

@@ -97,7 +97,7 @@ impl<'a> Scene<'a> {
     fn nearest_sample(&self, patch: &Patch, p: &Point3<f64>) -> usize {
         let distance = |sample: &usize| (self.surface.sample_mm[*sample] - p).norm_squared();
         let nearest = samples_of(patch).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        nearest.unwrap_or(patch.first_sample as usize)
+        nearest.unwrap_or(patch.first_sample.index())
     }
 
     /// Darkening of a sample whose neighbour to the right or below lies on another sheet or across a crease.
@@ -158,7 +158,7 @@ fn resolve(fine: &Camera, colour: impl Fn(usize, usize) -> Option<[u8; 3]>) -> I
 }
 
 fn samples_of(patch: &Patch) -> Range<usize> {
-    let first = patch.first_sample as usize;
+    let first = patch.first_sample.index();
     first..first + patch.samples as usize
 }
 

@@ -39,7 +39,7 @@ pub(super) fn obstructions(input: &ReportInput<'_>) -> String {
 fn obstruction_row(obstruction: &Obstruction) -> String {
     let Obstruction { bodies, without_station, without_path, separation, advice, .. } = obstruction;
     let apart = separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", number(found.distance_mm, 1)));
-    let place = separation.as_ref().map_or_else(|| "—".into(), |found| triple(found.place_mm.into(), 0));
+    let place = separation.as_ref().map_or_else(|| "—".into(), |found| triple(found.place_in_base_mm.into(), 0));
     format!(
         "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
          <td class=\"n\">{place}</td><td>{}</td></tr>\n",

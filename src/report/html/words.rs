@@ -1,7 +1,7 @@
 //! Plain words for causes, stop rules and grades, filled with the values of the scanner and the job.
 
 use super::markup::{escape, number, percent};
-use crate::cell::Scanner;
+use crate::cell::{OpticalDevice, Scanner};
 use crate::planning::params::{PlanParams, TargetOf};
 use crate::planning::plan::{Cause, Remedy, RemedyKind, StopReason};
 use crate::wire::words::remedy_sentence;
@@ -10,6 +10,8 @@ use crate::wire::words::remedy_sentence;
 pub(super) fn cause_name(cause: Cause) -> &'static str {
     match cause {
         Cause::ExcludedResting => "The part stands on it",
+        Cause::Enclosed => "Enclosed by the part",
+        Cause::FacesTable => "Faces the table",
         Cause::Facing => "Faces away",
         Cause::Depth => "Outside the working depth",
         Cause::FrameLeft => "Outside the left image",
@@ -35,6 +37,10 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::ExcludedResting => {
             "This surface lies on the turntable. It can be measured only with the part placed another way.".into()
         }
+        Cause::Enclosed => "No straight line leads from the surface out of the part: no scanner can see it from outside.".into(),
+        Cause::FacesTable => {
+            "The surface can be seen only from below the turntable. Turn the part over, and plan two setups (setups = 2).".into()
+        }
         Cause::Facing => "The surface is turned away from a camera or from the projector.".into(),
         Cause::Depth => format!(
             "The surface is nearer than {} mm or farther than {} mm along the viewing axis, where images are out of focus.",
@@ -45,13 +51,19 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::FrameRight => "The point falls outside the image of the right camera.".into(),
         Cause::FrameProjector => "The projector’s pattern does not reach the point.".into(),
         Cause::IncidenceLeft => {
-            format!("The left camera sees the surface too obliquely: {}.", limit(params.limits.camera_deg, scanner, 0))
+            format!("The left camera sees the surface too obliquely: {}.", limit(params.limits.camera_deg, &scanner.devices.left))
         }
         Cause::IncidenceRight => {
-            format!("The right camera sees the surface too obliquely: {}.", limit(params.limits.camera_deg, scanner, 1))
+            format!(
+                "The right camera sees the surface too obliquely: {}.",
+                limit(params.limits.camera_deg, &scanner.devices.right)
+            )
         }
         Cause::IncidenceProjector => {
-            format!("The projector hits the surface too obliquely: {}.", limit(params.limits.projector_deg, scanner, 2))
+            format!(
+                "The projector hits the surface too obliquely: {}.",
+                limit(params.limits.projector_deg, &scanner.devices.projector)
+            )
         }
         Cause::ShadowLeft => "The part itself or its fixture hides the point from the left camera.".into(),
         Cause::ShadowRight => "The part itself or its fixture hides the point from the right camera.".into(),
@@ -67,8 +79,8 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
     }
 }
 
-fn limit(limit_deg: Option<f64>, scanner: &Scanner, device: usize) -> String {
-    let deg = limit_deg.unwrap_or_else(|| scanner.devices[device].incidence_max_rad.to_degrees());
+fn limit(limit_deg: Option<f64>, device: &OpticalDevice) -> String {
+    let deg = limit_deg.unwrap_or_else(|| device.incidence_max_rad.to_degrees());
     format!("more than {}° from the surface’s normal", number(deg, 1))
 }
 

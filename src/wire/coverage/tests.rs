@@ -1,6 +1,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{FaceCounts, byte, byte_meanings, face_row};
+use crate::planning::ids::SampleId;
 use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::surface::Patch;
 use crate::wire::csv::Csv;
@@ -9,8 +10,8 @@ use crate::wire::tally::Tally;
 fn tally(verdicts: &[Verdict]) -> Tally {
     let mut tally = Tally::default();
     let corners_mm = [Point3::origin(); 3];
-    let patch =
-        Patch { corners_mm, face: 0, normal: Vector3::z(), area_mm2: 3.0, first_sample: 0, samples: verdicts.len() as u32 };
+    let (first_sample, samples) = (SampleId(0), verdicts.len() as u32);
+    let patch = Patch { corners_mm, face: 0, normal: Vector3::z(), area_mm2: 3.0, first_sample, samples };
     tally.add_patch(&patch, verdicts);
     tally
 }
@@ -47,5 +48,5 @@ fn every_byte_has_one_meaning() {
     assert_eq!(meanings.len(), 4 + Cause::ALL.len() + 1);
     assert!(meanings.windows(2).all(|pair| pair[0].byte < pair[1].byte));
     assert_eq!((byte(Verdict::Measured(Grade::D)), byte(Verdict::Missed(Cause::ExcludedResting)), byte(OUT)), (3, 16, 255));
-    assert_eq!(meanings[5].meaning, "facing");
+    assert_eq!(meanings[5].meaning, "enclosed");
 }

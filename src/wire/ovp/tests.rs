@@ -67,5 +67,5 @@ fn the_log_has_the_benchmarks_fields_and_its_counts_add_up() {
     // 6668 pixels of 1.85 µm.
     assert!((log.log.camera.focal_length - 12.336).abs() < 1e-3, "{:?}", log.log.camera);
     assert_eq!((log.log.duration.ray_tracing_sec, log.log.duration.optimization_sec), (1.5, 0.25));
-    assert_eq!((log.log.vpc.functional.as_str(), log.log.optimization_type.as_str()), ("ellipsoid", "greedy"));
+    assert_eq!((log.log.vpc.functional.as_str(), log.log.optimization_type.as_str()), ("ellipsoid", "local"));
 }

@@ -81,9 +81,9 @@ impl From<&Obstruction> for ObstructionDocument {
             bodies: [bodies.a.to_string(), bodies.b.to_string()],
             without_station: *without_station,
             without_path: *without_path,
-            configuration_deg: configuration.map(degrees),
+            configuration_deg: configuration.axes_rad().map(degrees),
             apart_mm: separation.as_ref().map(|found| found.distance_mm),
-            place_in_base_mm: separation.as_ref().map(|found| found.place_mm.into()),
+            place_in_base_mm: separation.as_ref().map(|found| found.place_in_base_mm.into()),
             help: advice_sentence(advice),
         }
     }

@@ -1,6 +1,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::Tally;
+use crate::planning::ids::SampleId;
 use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::surface::Patch;
 
@@ -10,7 +11,7 @@ fn tally(verdicts: &[Verdict]) -> Tally {
         face: 0,
         normal: Vector3::z(),
         area_mm2: verdicts.len() as f64,
-        first_sample: 0,
+        first_sample: SampleId(0),
         samples: verdicts.len() as u32,
     };
     let mut tally = Tally::default();

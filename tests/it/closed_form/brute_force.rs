@@ -2,8 +2,9 @@
 //! planner's engine: every sample of every view must agree.
 
 use nalgebra::{Point3, Vector3};
-use vantage::cell::Scanner;
+use vantage::cell::{PerDevice, Scanner};
 use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::PlanParams;
 
 use super::{limits, looking_at_origin, rows, sampled};
@@ -26,7 +27,7 @@ fn is_measured(
     mesh: &Mesh,
     scanner: &Scanner,
     pose: &Pose<Part, ScannerFrame>,
-    limits_rad: [f64; 3],
+    limits_rad: PerDevice<f64>,
     (p, normal): (&Point3<f64>, &Vector3<f64>),
 ) -> bool {
     let in_scanner = pose.inverse().point(p);
@@ -50,7 +51,7 @@ fn trough() -> Mesh {
 #[test]
 fn every_sample_of_every_view_agrees_with_the_plain_loop() {
     let params: PlanParams = limits(85.0, 77.5);
-    let limits_rad = [85.0_f64, 85.0, 77.5].map(f64::to_radians);
+    let limits_rad = PerDevice::of_cameras(85.0_f64, 77.5).map(f64::to_radians);
     for (name, mesh) in [("sphere", sphere(30.0, 3)), ("step", step(60.0, 30.0, 25.0)), ("trough", trough())] {
         for scanner in [nominal_scanner(), preset_scanner("transcan-c")] {
             let surface = sampled(&mesh, 1500.0);
@@ -65,12 +66,12 @@ fn every_sample_of_every_view_agrees_with_the_plain_loop() {
             let cast = rows(&mesh, &surface, &poses, &scanner, &params);
             let (mut measured, mut hidden) = (0, 0);
             for (pose, row) in poses.iter().zip(&cast) {
-                let plain: Vec<u32> = (0..surface.sample_mm.len())
+                let plain: Vec<SampleId> = surface
+                    .samples()
                     .filter(|s| {
-                        let sample = (&surface.sample_mm[*s], &surface.patch_of(*s).normal);
+                        let sample = (&surface.sample_mm[s.index()], &surface.patch_of(*s).normal);
                         is_measured(&mesh, &scanner, pose, limits_rad, sample)
                     })
-                    .map(|s| s as u32)
                     .collect();
                 assert_eq!(row.samples().collect::<Vec<_>>(), plain, "{name} with {}", scanner.name);
                 measured += plain.len();

@@ -116,7 +116,14 @@ fn said(program: &Program, lines: &[&Line], params: &DialectParams) -> Vec<Said>
                 rest = &rest[3..];
                 Said::Scan
             }
-            other => panic!("{other:?}"),
+            other @ (Line::Remark(_)
+            | Line::System(..)
+            | Line::Output(_, false)
+            | Line::WaitInput { .. }
+            | Line::Label(_)
+            | Line::Message(_)
+            | Line::End
+            | Line::Abort) => panic!("{other:?}"),
         });
     }
     said

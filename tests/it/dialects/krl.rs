@@ -163,7 +163,11 @@ impl Module {
                 );
                 None
             }
-            other => panic!("{other:?}"),
+            other @ (Statement::While(..)
+            | Statement::Assign(..)
+            | Statement::If(..)
+            | Statement::Return(_)
+            | Statement::Halt) => panic!("{other:?}"),
         }
     }
 

@@ -50,8 +50,8 @@ impl Job {
     pub(crate) fn tour() -> Self {
         let cell = default_cell();
         let at = |joints_deg: [f64; 6], table_deg: f64| -> Configuration {
-            let off = [joints_deg.as_slice(), &[table_deg]].concat();
-            std::array::from_fn(|axis| cell.home_rad[axis] + off[axis].to_radians())
+            let off = Configuration { joints_rad: joints_deg.map(f64::to_radians), table_rad: table_deg.to_radians() };
+            cell.home_rad.along(&off.axes_rad(), 1.0)
         };
         let home = cell.home_rad;
         let first = at([10.123_456_7, -3.0, 4.0, 5.0, -6.0, 7.0], 45.0);
@@ -109,7 +109,7 @@ impl Job {
         let separate = matches!(dialect, Dialect::Hans | Dialect::UrScript);
         let interlocked = interlock(&self.program, &self.cell, &self.scene).expect("free");
         let program = if separate { &interlocked } else { &self.program };
-        let degrees = |point: &Configuration| point.map(f64::to_degrees);
+        let degrees = |point: &Configuration| point.axes_rad().map(f64::to_degrees);
         let mut wanted = vec![Said::Begin(degrees(&program.home_rad))];
         for step in &program.steps {
             match step {

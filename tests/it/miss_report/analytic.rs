@@ -4,14 +4,14 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
-use vantage::cell::Scanner;
+use vantage::cell::{PerDevice, Scanner};
 use vantage::geometry::{Part, Pose, ScannerFrame};
 use vantage::planning::plan::Cause;
 
 /// Points along each side of a face.
 const GRID: u32 = 500;
 
-/// A device as one view places it: left, right, projector.
+/// A device as one view places it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Eye {
     /// Optical centre, part frame, mm.
@@ -19,11 +19,15 @@ pub(super) struct Eye {
     pub(super) limit_rad: f64,
 }
 
-pub(super) fn eyes_of(scanner: &Scanner, view: &Pose<Part, ScannerFrame>, (camera_deg, projector_deg): (f64, f64)) -> [Eye; 3] {
-    let limits = [camera_deg, camera_deg, projector_deg];
-    [0, 1, 2].map(|d| Eye {
-        centre: view.point(&scanner.devices[d].scanner_from_device.origin_mm()),
-        limit_rad: limits[d].to_radians(),
+pub(super) fn eyes_of(
+    scanner: &Scanner,
+    view: &Pose<Part, ScannerFrame>,
+    (camera_deg, projector_deg): (f64, f64),
+) -> PerDevice<Eye> {
+    let limits_deg = PerDevice::of_cameras(camera_deg, projector_deg);
+    scanner.devices.zip(limits_deg).map(|(device, limit_deg)| Eye {
+        centre: view.point(&device.scanner_from_device.origin_mm()),
+        limit_rad: limit_deg.to_radians(),
     })
 }
 
@@ -65,23 +69,24 @@ impl Opening {
 
 /// The first failing cause of one view; `None` where it measures. Depth and frames are left out: the bodies lie well
 /// within both.
-fn cause(p: &Point3<f64>, normal: &Vector3<f64>, eyes: &[Eye; 3], openings: &[Opening]) -> Option<Cause> {
+fn cause(p: &Point3<f64>, normal: &Vector3<f64>, eyes: &PerDevice<Eye>, openings: &[Opening]) -> Option<Cause> {
     if eyes.iter().any(|eye| normal.dot(&(eye.centre - p)) <= 0.0) {
         return Some(Cause::Facing);
     }
-    let oblique = [Cause::IncidenceLeft, Cause::IncidenceRight, Cause::IncidenceProjector];
-    let shadow = [Cause::ShadowLeft, Cause::ShadowRight, Cause::ShadowProjector];
+    let oblique = PerDevice { left: Cause::IncidenceLeft, right: Cause::IncidenceRight, projector: Cause::IncidenceProjector };
+    let shadow = PerDevice { left: Cause::ShadowLeft, right: Cause::ShadowRight, projector: Cause::ShadowProjector };
     let too_oblique = |eye: &Eye| normal.angle(&(eye.centre - p)) > eye.limit_rad;
     let hidden = |eye: &Eye| openings.iter().any(|opening| !opening.lets_pass(p, eye));
-    let first =
-        |fails: &dyn Fn(&Eye) -> bool, causes: [Cause; 3]| eyes.iter().zip(causes).find(|(eye, _)| fails(eye)).map(|(_, c)| c);
+    let first = |fails: &dyn Fn(&Eye) -> bool, causes: PerDevice<Cause>| {
+        eyes.iter().zip(causes).find(|(eye, _)| fails(eye)).map(|(_, c)| c)
+    };
     first(&too_oblique, oblique).or_else(|| first(&hidden, shadow))
 }
 
 /// Area of a face by what becomes of it with several views: measured (`None`), or the cause of the view that gets
 /// furthest. `point` maps the unit square evenly onto the face.
 pub(super) fn area_by_cause(
-    views: &[[Eye; 3]],
+    views: &[PerDevice<Eye>],
     openings: &[Opening],
     area_mm2: f64,
     point: impl Fn(f64, f64) -> (Point3<f64>, Vector3<f64>),

@@ -43,8 +43,8 @@ fn applied(params: &PlanParams, remedy: &Remedy) -> PlanParams {
 /// Area that was missed for `cause` on the spot's faces and is measured now.
 fn cured_mm2(mesh: &Mesh, before: &Outcome, after: &Outcome, cause: Cause, spot: &MissedSpot) -> f64 {
     before.surface.area_where(|s| {
-        before.verdicts[s] == Verdict::Missed(cause)
-            && matches!(after.verdicts[s], Verdict::Measured(_))
+        before.verdicts[s.index()] == Verdict::Missed(cause)
+            && matches!(after.verdicts[s.index()], Verdict::Measured(_))
             && spot.source_faces.binary_search(&mesh.source_face[before.surface.patch_of(s).face as usize]).is_ok()
     })
 }
@@ -147,7 +147,7 @@ fn a_closed_cavity_has_no_remedy_and_says_so() {
     let outcome = plan_viewpoints(&block, &nominal_scanner(), &quick(&block, (85.0, 77.5)));
     let treated = treated(&outcome);
     let [(cause, spot, remedy)] = treated[..] else { panic!("one spot: {treated:?}") };
-    assert_eq!((cause, remedy.kind, remedy.views.len()), (Cause::ShadowLeft, RemedyKind::None, 0));
+    assert_eq!((cause, remedy.kind, remedy.views.len()), (Cause::Enclosed, RemedyKind::None, 0));
     assert!((spot.area_mm2 - 2400.0).abs() < 1e-6 && (spot.extent_mm - Vector3::repeat(20.0)).norm() < 1e-9, "{spot:?}");
     assert!(spot.centre_mm.coords.norm() < 0.5 && remedy.tried > 100, "{spot:?} {remedy:?}");
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use serde_json::json;
-use vantage::cell::{BodySpec, Cell, CellSpec, CollisionScene, Configuration, Presets, ShapeSpec};
+use vantage::cell::{BodySpec, Cell, CellSpec, CollisionScene, Presets, ShapeSpec};
 use vantage::geometry::{Mesh, Part, Pose, ScannerFrame, Table, demo_parts};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
@@ -143,9 +143,9 @@ struct Answer {
 fn by_ompl(python: &Path, cell: &Cell, description: String, no_path: &[Vec<Station>], left_secs: f64) -> Vec<Answer> {
     let axes = cell.axes().0;
     let question = |stations: &Vec<Station>| {
-        let goals: Vec<Configuration> = stations.iter().map(Station::configuration).collect();
+        let goals: Vec<_> = stations.iter().map(|station| station.configuration().axes_rad()).collect();
         let (low, high) = (axes.map(|axis| axis.min_rad), axes.map(|axis| axis.max_rad));
-        format!("{}\n", json!({"home": cell.home_rad, "goals": goals, "low": low, "high": high}))
+        format!("{}\n", json!({"home": cell.home_rad.axes_rad(), "goals": goals, "low": low, "high": high}))
     };
     let input = description + &no_path.iter().map(question).collect::<String>();
     let [each, left] = [seconds()[0], left_secs].map(|secs| secs.to_string());

@@ -106,7 +106,8 @@ pub(super) fn ways(program: &Program) -> Vec<Vec<Configuration>> {
 }
 
 pub(super) fn lines(ways: &[Vec<Configuration>]) -> String {
-    ways.iter().map(|way| format!("{way:?}\n")).collect()
+    let line = |way: &Vec<Configuration>| format!("{:?}\n", way.iter().map(Configuration::axes_rad).collect::<Vec<_>>());
+    ways.iter().map(line).collect()
 }
 
 #[test]

@@ -20,7 +20,7 @@ fn spread(cell: &Cell, count: u32) -> Vec<Configuration> {
     let at = |i: u32, axis: usize| {
         axes[axis].min_rad + (axes[axis].max_rad - axes[axis].min_rad) * (f64::from(i) * steps[axis]).fract()
     };
-    (1..=count).map(|i| std::array::from_fn(|axis| at(i, axis))).collect()
+    (1..=count).map(|i| Configuration::from_axes_rad(std::array::from_fn(|axis| at(i, axis)))).collect()
 }
 
 /// Compares and prints; fails where a collision is missed, and, where surfaces decide, where one is found that is none.
@@ -30,7 +30,7 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
     let table_from_part = resting(&part);
     let Some(description) = described(cell, vendor, Some((&part, &table_from_part)), false) else { return };
     let states = spread(cell, count);
-    let input: String = states.iter().map(|state| format!("[{state:?}]\n")).collect();
+    let input: String = states.iter().map(|state| format!("[{:?}]\n", state.axes_rad())).collect();
     let widest = format!("{}", 2.0 * CLEARANCE_MM);
     let verdicts = asked(&python, ["1", &widest], description + &input);
     assert_eq!(verdicts.len(), states.len());
@@ -53,7 +53,7 @@ fn compare(cell: &Cell, vendor: &Vendor, count: u32) {
             let is_nearer = |(mm, pair): &&Nearest| *mm < CLEARANCE_MM - OUT_MM && pair[1] != cell.mount[0].name;
             if verdict.own.iter().chain(&verdict.others).any(|found| is_nearer(&found)) {
                 nearer += 1;
-                println!("free at {CLEARANCE_MM} mm: {:?} at {state:?}", verdict.nearest());
+                println!("free at {CLEARANCE_MM} mm: {:?} at {:?}", verdict.nearest(), state.axes_rad());
             }
         }
     }

@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use vantage::planning::context::{Context, Silent};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{CandidateParams, Hemisphere, Objective, PlanParams, ScoreParams, SelectionParams, Strategy};
 use vantage::planning::selection::{CoverProblem, Selection, select};
 use vantage::planning::visibility::Row;
@@ -63,18 +64,18 @@ impl SelectionTable {
         let step_mm2 = areas_mm2.iter().sum::<f64>() / samples as f64;
         let (mut reached_mm2, mut next_mm2) = (0.0, step_mm2 / 2.0);
         let (mut drawn, mut area_mm2) = (Vec::new(), Vec::new());
-        for (sample, own_mm2) in areas_mm2.iter().enumerate() {
+        for (sample, own_mm2) in SampleId::number(areas_mm2) {
             reached_mm2 += own_mm2;
             let times = ((reached_mm2 - next_mm2) / step_mm2 + 1.0).floor().max(0.0);
             if times > 0.0 {
                 next_mm2 += times * step_mm2;
-                drawn.push(sample as u32);
+                drawn.push(sample);
                 area_mm2.push(times * step_mm2);
             }
         }
         let row = |row: &Row| {
-            let graded: std::collections::HashMap<u32, f32> = row.graded().collect();
-            let own = (0..).zip(&drawn).filter_map(|(place, sample)| graded.get(sample).map(|quality| (place, *quality)));
+            let graded: std::collections::BTreeMap<SampleId, f32> = row.graded().collect();
+            let own = SampleId::number(&drawn).filter_map(|(place, sample)| graded.get(sample).map(|quality| (place, *quality)));
             Row::from_samples(drawn.len(), own)
         };
         Self { rows: rows.iter().map(row).collect(), area_mm2 }

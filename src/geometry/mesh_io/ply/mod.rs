@@ -76,7 +76,7 @@ fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>,
                 PropertyKind::List { count, item } if is_corners(&property.name) => {
                     read_corners(count, item, values, vertices, &mut corners)?;
                 }
-                kind => skip_property(kind, values)?,
+                kind @ (PropertyKind::Scalar(_) | PropertyKind::List { .. }) => skip_property(kind, values)?,
             }
         }
         soup.face(&corners, at)?;

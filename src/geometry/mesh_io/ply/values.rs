@@ -15,12 +15,14 @@ pub(super) enum Values<'a> {
 
 impl<'a> Values<'a> {
     pub(super) fn new(bytes: &'a [u8], header: &Header, poll: &'a Poll<'a>) -> Self {
+        let binary = |big_endian: bool| Self::Binary { bytes, at: header.body_at, big_endian, poll };
         match header.encoding {
             BodyEncoding::Ascii => {
                 let lines = Lines::new(&bytes[header.body_at..], header.body_line, poll);
                 Self::Text { lines, tokens: Tokens::of(&[], poll) }
             }
-            encoding => Self::Binary { bytes, at: header.body_at, big_endian: encoding == BodyEncoding::BigEndian, poll },
+            BodyEncoding::LittleEndian => binary(false),
+            BodyEncoding::BigEndian => binary(true),
         }
     }
 
