@@ -8,7 +8,7 @@ use crate::cell::{Cell, Configuration, FieldError, Findings};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
 use crate::program::{self, Expected};
-use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument};
+use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument, VisibleSharesDocument};
 
 /// Tolerance of sums of shares.
 const SHARE_TOLERANCE: f64 = 1e-9;
@@ -81,11 +81,13 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
         ("measured_area_mm2", coverage.measured_area_mm2, coverage.coverable_area_mm2),
         ("coverable_area_mm2", coverage.coverable_area_mm2, coverage.optically_coverable_area_mm2),
         ("optically_coverable_area_mm2", coverage.optically_coverable_area_mm2, asked_mm2),
+        ("visible_area_mm2", coverage.visible_area_mm2, asked_mm2),
     ];
     for (field, area_mm2, whole_mm2) in areas {
         let fits = (0.0..=whole_mm2 + AREA_TOLERANCE * asked_mm2).contains(&area_mm2);
         findings.require(fits, format!("/coverage/{field}"), || format!("is {area_mm2} mm²; allowed is 0 to {whole_mm2} mm²"));
     }
+    check_visible("/coverage", &coverage.visible, findings);
     let shares = [("of_asked", coverage.of_asked), ("of_coverable", coverage.of_coverable), ("of_total", coverage.of_total)];
     for (field, value) in shares {
         share(format!("/coverage/{field}"), value, findings);
@@ -103,14 +105,31 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
     check_certificate(coverage, findings);
 }
 
+/// Requires shares of the visible area, none of a part larger than that of the whole.
+fn check_visible(at: &str, shares: &VisibleSharesDocument, findings: &mut Findings) {
+    share(format!("{at}/of_visible"), shares.of_visible, findings);
+    let parts = [
+        ("grades_a_b_of_visible", shares.grades_a_b_of_visible, shares.of_visible),
+        ("within_35_deg_of_visible", shares.within_35_deg_of_visible, shares.within_60_deg_of_visible),
+        ("within_60_deg_of_visible", shares.within_60_deg_of_visible, shares.of_visible),
+    ];
+    for (field, value, whole) in parts {
+        let fits = (0.0..=whole + SHARE_TOLERANCE).contains(&value);
+        findings.require(fits, format!("{at}/{field}"), || format!("is {value}; allowed is 0 to {whole}"));
+    }
+}
+
 fn check_certificate(coverage: &CoverageDocument, findings: &mut Findings) {
     if let Some(independent) = &coverage.independent {
         share("/coverage/independent/of_asked", independent.of_asked, findings);
         share("/coverage/independent/of_total", independent.of_total, findings);
+        check_visible("/coverage/independent", &independent.visible, findings);
     }
     let Some(robust) = &coverage.robust else { return };
-    for (at, drawn) in [("/coverage/robust/of_asked", robust.of_asked), ("/coverage/robust/part/of_asked", robust.part.of_asked)]
-    {
+    let mut cases =
+        vec![("/coverage/robust/of_asked", robust.of_asked), ("/coverage/robust/part/of_asked", robust.part.of_asked)];
+    cases.extend(robust.hand_eye.map(|hand_eye| ("/coverage/robust/hand_eye/of_asked", hand_eye.of_asked)));
+    for (at, drawn) in cases {
         share(format!("{at}/nominal"), drawn.nominal, findings);
         share(format!("{at}/mean"), drawn.mean, findings);
         let ordered = 0.0 <= drawn.worst && drawn.worst <= drawn.p5 && drawn.p5 <= 1.0;

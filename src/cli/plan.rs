@@ -21,8 +21,8 @@ use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
-use crate::wire::plan::{PlanDocument, RemedyDocument};
-use crate::wire::words::no_plan_sentence;
+use crate::wire::plan::{DrawnDocument, PlanDocument, RemedyDocument, RobustDocument};
+use crate::wire::words::{headline, no_plan_sentence};
 use crate::wire::{json_file_bytes, parameters};
 
 const EXAMPLES: &str = "Examples:
@@ -235,19 +235,12 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     }
     let plan: PlanDocument = serde_json::from_slice(bytes).map_err(|error| CliError::BadInput(error.to_string()))?;
     let coverage = &plan.coverage;
-    println!(
-        "{} views measure {:.2} % of the asked area, {:.2} % of the coverable area (stopped: {}).",
-        plan.viewpoints.len(),
-        100.0 * coverage.of_asked,
-        100.0 * coverage.of_coverable,
-        plan.stopped_because
-    );
-    if let Some(independent) = &coverage.independent {
-        println!("  independent check: {:.2} % of the asked area", 100.0 * independent.of_asked);
+    println!("{} views (stopped: {}); simulated coverage:", plan.viewpoints.len(), plan.stopped_because);
+    for figure in headline(coverage) {
+        println!("  {:>6.2} %  {:<26} {}", 100.0 * figure.share, figure.name, figure.meaning);
     }
     if let Some(robust) = &coverage.robust {
-        let worst = [robust.of_asked.worst, robust.part.of_asked.worst].map(|share| 100.0 * share);
-        println!("  worst case with pose errors: {:.2} % (views off), {:.2} % (part off)", worst[0], worst[1]);
+        println!("  {}", under_pose_errors(robust));
     }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
@@ -257,6 +250,15 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     }
     println!("Report: {}", args.out.join("report.html").display());
     Ok(())
+}
+
+/// Lowest shares of the asked area under pose errors, on one line.
+fn under_pose_errors(robust: &RobustDocument) -> String {
+    let worst = |name: &str, drawn: &DrawnDocument| format!("{:.2} % {name}", 100.0 * drawn.worst);
+    let mut cases = vec![worst("each view", &robust.of_asked), worst("the part", &robust.part.of_asked)];
+    cases.extend(robust.hand_eye.as_ref().map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked)));
+    let error = robust.pose_error;
+    format!("of asked at worst, off by {}° and {} mm: {}", error.angle_deg, error.translation_mm, cases.join(", "))
 }
 
 /// Advice for a missed spot, on one line; `setups` is the number that the plan allowed.

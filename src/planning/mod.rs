@@ -22,6 +22,7 @@ mod sky;
 pub mod stations;
 pub mod studies;
 pub mod surface;
+mod tally;
 pub mod verdict;
 pub mod visibility;
 

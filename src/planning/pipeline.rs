@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::adjust;
-use super::candidates::Candidate;
+use super::candidates::{Candidate, CandidateSet};
 use super::certificate::{self, SetupViews};
 use super::context::{Cancelled, Context, PlanError, Stage};
 use super::ids::{CandidateIndex, SetupId, SetupIndex};
@@ -19,7 +19,7 @@ use super::sequence::Ordered;
 use super::setups::Setup;
 use super::surface::Surface;
 use super::visibility::{self, Occluders, Row};
-use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 
 /// Times that views without a path are exchanged for others at most; views without one after that carry it as a rejection.
 const MAX_RESELECTIONS: usize = 4;
@@ -43,8 +43,9 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let mut problem = problem(input, &sampled, &setups, ctx)?;
     let views = select_and_order(&mut problem, &setups, ctx)?;
     let views = shorten(&mut problem, &setups, views, ctx)?;
-    let mut outcome = explain(problem, &sampled, &setups, views, ctx)?;
-    certify(&mut outcome, input, &sampled.params, &setups, ctx)?;
+    let part = RayScene::interruptible([input.mesh], || ctx.check())?;
+    let mut outcome = explain(problem, &sampled, &setups, views, &part, ctx)?;
+    certify(&mut outcome, input, &sampled.params, &setups, &part, ctx)?;
     Ok(outcome)
 }
 
@@ -55,8 +56,8 @@ pub struct Tabulated {
     pub surface: Surface,
     /// Area of each sample, 0 where it is not asked for.
     pub asked_area_mm2: Vec<f64>,
-    /// The candidates that may be chosen.
-    pub candidates: Vec<Candidate>,
+    /// The candidates that may be chosen, and those that were dropped.
+    pub candidates: CandidateSet,
     /// Samples that each of them measures; a problem of covering with them all has the same rows.
     pub rows: Vec<Row>,
 }
@@ -71,7 +72,7 @@ pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -
     let mut evaluated = sampled.evaluate(input, &setups, ctx)?.evaluated;
     evaluated.drop_unusable();
     let SampledPart { surface, asked_area_mm2, .. } = sampled;
-    Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates.remaining, rows: evaluated.matrix.rows })
+    Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates, rows: evaluated.matrix.rows })
 }
 
 /// Stages candidates, stations and visibility, in as many rounds as the strategies take.
@@ -153,6 +154,7 @@ fn explain(
     sampled: &SampledPart,
     setups: &[Setup<'_>],
     views: OrderedViews,
+    part: &RayScene,
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     ctx.begin(Stage::Missed)?;
@@ -163,7 +165,7 @@ fn explain(
     let without_path = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path));
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
-    let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, occluders, can_execute, ctx)?;
+    let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, occluders, part, can_execute, ctx)?;
     if sampled.params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }
@@ -178,13 +180,15 @@ fn certify(
     input: &PlanInput<'_>,
     params: &PlanParams,
     setups: &[Setup<'_>],
+    part: &RayScene,
     ctx: &Context<'_>,
 ) -> Result<(), PlanError> {
     ctx.begin(Stage::Certificate)?;
     let plan = &mut outcome.plan;
     let views = |(id, setup): (SetupId, &SetupPlan)| Some(SetupViews::of(&setup_of(setups, setup)?.occluders, &plan.views, id));
     let views: Vec<_> = SetupId::number(&plan.setups).filter_map(views).collect();
-    let Certificate { independent, robust } = certificate::certify(input, params, &views, ctx)?;
+    let standing: Vec<_> = setups.iter().filter(|setup| setup.scene.is_some()).map(|setup| setup.table_from_part).collect();
+    let Certificate { independent, robust } = certificate::certify(input, params, &views, part, &standing, ctx)?;
     (plan.coverage.independent, plan.coverage.robust) = (independent, robust);
     Ok(())
 }

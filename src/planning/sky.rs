@@ -13,6 +13,8 @@ use std::f64::consts::PI;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::candidates::spiral;
+use super::ids::SampleId;
+use super::surface::Surface;
 use crate::geometry::{Mesh, Part, Pose, RayScene, SimdLevel, Table};
 
 /// Directions that are looked into.
@@ -21,6 +23,19 @@ const DIRECTIONS: usize = 1024;
 const STRIDE: usize = 16;
 /// Height above the surface at which lines begin, mm: clear of the point's own facet.
 const ABOVE_MM: f64 = 0.02;
+
+/// Largest distance from the plate of a sample that the part rests on, mm.
+const RESTING_WITHIN_MM: f64 = 0.1;
+/// Cosine below which such a sample faces down: within 8° of the vertical.
+const RESTING_NORMAL_COS: f64 = -0.99;
+
+/// Returns true if a sample belongs to the faces that the part stands on.
+#[must_use]
+pub(super) fn stands_on(surface: &Surface, sample: SampleId, table_from_part: &Pose<Table, Part>) -> bool {
+    let height_mm = table_from_part.point(&surface.sample_mm[sample.index()]).z;
+    let down = table_from_part.direction(&surface.patch_of(sample).normal).z;
+    height_mm.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS
+}
 
 /// Sky of a surface point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,7 +12,8 @@ use crate::planning::params::PlanParams;
 use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
-use crate::wire::words::{advice_sentence, changed_params, fixed, remedy_sentence, treated_spots};
+use crate::wire::plan::CoverageDocument;
+use crate::wire::words::{advice_sentence, changed_params, fixed, headline, remedy_sentence, treated_spots};
 
 /// The text. Same plan, same text; every line ends with a newline.
 #[must_use]
@@ -82,9 +83,10 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
     for (name, area_mm2) in [
         ("whole surface", coverage.total_area_mm2),
         ("asked", coverage.asked_area_mm2),
+        ("visible", coverage.visible_area_mm2),
         ("coverable, reach ignored", coverage.optically_coverable_area_mm2),
         ("coverable", coverage.coverable_area_mm2),
-        ("measured", coverage.measured_area_mm2),
+        ("measured", coverage.measured.area_mm2),
     ] {
         writeln!(out, "  {name:<24} {:>12} mm²", fixed(area_mm2, 1))?;
     }
@@ -95,7 +97,7 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
     ] {
         writeln!(out, "  {name:<24} {:>12} %", percent(fraction))?;
     }
-    for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.grade_area_mm2) {
+    for (name, area_mm2) in ["A", "B", "C", "D"].into_iter().zip(coverage.measured.grade_area_mm2) {
         writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
     }
     write_certificate(out, coverage)
@@ -103,13 +105,18 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
 
 fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     let independent = &coverage.independent;
-    writeln!(out, "\non {} samples that no view was chosen on: the figure to trust", independent.samples)?;
-    writeln!(out, "  measured of asked        {:>12} %", percent(independent.of_asked()))?;
-    writeln!(out, "  measured of total        {:>12} %", percent(independent.of_total()))?;
+    writeln!(
+        out,
+        "\non {} samples that no view was chosen on, but for the coverable area: the figures to trust",
+        independent.samples
+    )?;
+    for figure in headline(&CoverageDocument::from(coverage)) {
+        writeln!(out, "  {:<26} {:>10} %  {}", figure.name, percent(figure.share), figure.meaning)?;
+    }
     let Some(robust) = &coverage.robust else { return Ok(()) };
     let (angle_deg, shift_mm) = (robust.pose_error.angle_deg, robust.pose_error.translation_mm);
     writeln!(out, "\nmeasured of asked there, poses off by {angle_deg}° and {shift_mm} mm")?;
-    for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part)] {
+    for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part), ("hand-eye", &robust.hand_eye)] {
         write!(out, "  {name:<12} {:>4} draws: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
         let [worst, p5, mean] = [drawn.worst(), drawn.p5(), drawn.mean()].map(percent);
         writeln!(out, ", worst {worst} %, 5th percentile {p5} %, mean {mean} %")?;

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 
 pub use coverage::{
     CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RegionCoverageDocument,
-    RobustDocument,
+    RobustDocument, VisibleSharesDocument,
 };
 pub use missed::{MissedDocument, RemedyDocument, RemedyViewDocument, TreatedSpotDocument};
 pub use motion::{MotionDocument, ObstructionDocument};

@@ -8,6 +8,7 @@ use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView};
+use crate::wire::plan::CoverageDocument;
 
 #[cfg(test)]
 mod tests;
@@ -60,6 +61,45 @@ fn abridged(text: String) -> String {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text,
     }
+}
+
+/// A share that heads a plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeadlineShare {
+    /// Name, with its denominator.
+    pub name: &'static str,
+    /// The share, 0 to 1.
+    pub share: f64,
+    /// Meaning, in a sentence without a full stop.
+    pub meaning: &'static str,
+}
+
+/// The shares that head a plan, the one to read first at the top: on independent samples, but for the coverable area, which is
+/// known on the others alone.
+#[must_use]
+pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
+    let independent = coverage.independent;
+    let visible = independent.map_or(coverage.visible, |independent| independent.visible);
+    let of_asked = independent.map_or(coverage.of_asked, |independent| independent.of_asked);
+    let of_total = independent.map_or(coverage.of_total, |independent| independent.of_total);
+    [
+        (
+            "measured of visible",
+            visible.of_visible,
+            "visible: asked area that can be seen at all, which neither stands on the table nor is enclosed by the part",
+        ),
+        ("grades A and B of visible", visible.grades_a_b_of_visible, "measured near best focus and fairly squarely"),
+        ("within 35° of visible", visible.within_35_deg_of_visible, "measured at 35° from the surface's normal or less"),
+        ("within 60° of visible", visible.within_60_deg_of_visible, "measured at 60° from the surface's normal or less"),
+        ("measured of asked", of_asked, "asked: every face outside excluded regions"),
+        (
+            "measured of coverable",
+            coverage.of_coverable,
+            "coverable: asked area that some viewpoint considered measures in this cell; targets are shares of it by default",
+        ),
+        ("measured of total", of_total, "total: every face of the part"),
+    ]
+    .map(|(name, share, meaning)| HeadlineShare { name, share, meaning })
 }
 
 /// The spots for which a remedy was searched for, largest first.

@@ -86,6 +86,7 @@ const PLANNING_ROOMS: &[&str] = &[
     "plan",
     "scene",
     "setups",
+    "tally",
     "estimate",
     "certificate",
     "problem",

@@ -231,7 +231,9 @@ fn plan_has_the_same_bytes_whether_the_table_kept_quality() {
     by_area.selection.objective = Objective::Coverage;
     let bare = plan_viewpoints(&part, &scanner, &by_area);
     let mut full = plan_viewpoints(&part, &scanner, &by_score);
-    assert!(bare.plan.views.len() > 2 && bare.plan.coverage.grade_area_mm2.iter().filter(|area| **area > 0.0).count() > 1);
+    assert!(
+        bare.plan.views.len() > 2 && bare.plan.coverage.measured.grade_area_mm2.iter().filter(|area| **area > 0.0).count() > 1
+    );
     assert_eq!(bare.measured_by_view, full.measured_by_view);
     full.plan.params = bare.plan.params.clone();
     let bytes = |outcome| PlanDocument::new(outcome, &scanner, None, Echo::default()).to_bytes();

@@ -54,7 +54,7 @@ pub(crate) fn everything((camera_deg, projector_deg): Limits) -> PlanParams {
 fn areas(outcome: &Outcome) -> Vec<(Option<Cause>, f64)> {
     let area = |wanted: Verdict| outcome.surface.area_where(|sample| outcome.verdicts[sample.index()] == wanted);
     let missed = Cause::ALL.map(|cause| (Some(cause), area(Verdict::Missed(cause))));
-    missed.into_iter().chain([(None, outcome.plan.coverage.measured_area_mm2)]).collect()
+    missed.into_iter().chain([(None, outcome.plan.coverage.measured.area_mm2)]).collect()
 }
 
 /// Holds the areas by cause against those written down, to `tolerance` of the asked area.

@@ -107,7 +107,7 @@ fn candidate_poses(outcome: &Outcome, mesh: &Mesh, scanner: &Scanner) -> Vec<Pos
     let cancel = AtomicBool::new(false);
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner, cell: None, roadmaps: None };
     let table = tabulate(&input, &outcome.plan.params, &Context::new(&cancel, &Silent)).expect("a table");
-    let mut poses: Vec<_> = table.candidates.iter().map(|candidate| candidate.part_from_scanner).collect();
+    let mut poses: Vec<_> = table.candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
     let slid = outcome.plan.views.iter().map(|view| view.part_from_scanner).filter(|pose| !poses.contains(pose));
     poses.extend(slid.collect::<Vec<_>>());
     assert_eq!(poses.len(), outcome.plan.candidates.kept, "the same candidates as the plan's");

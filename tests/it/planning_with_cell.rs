@@ -48,9 +48,9 @@ fn a_box_on_the_table_is_measured_but_for_the_face_it_stands_on() {
     assert!((missed_mm2(&outcome, Cause::ExcludedResting) - 2400.0).abs() < 1e-6);
     assert!((coverage.asked_area_mm2 - 12_800.0).abs() < 1e-6);
     assert!((coverage.coverable_area_mm2 - 10_400.0).abs() < 1e-6, "all but the underside: {coverage:?}");
-    assert!((coverage.grade_area_mm2.iter().sum::<f64>() - coverage.measured_area_mm2).abs() < 1e-6);
+    assert!((coverage.measured.grade_area_mm2.iter().sum::<f64>() - coverage.measured.area_mm2).abs() < 1e-6);
     let missed: f64 = outcome.plan.missed.iter().map(|missed| missed.area_mm2).sum();
-    assert!((coverage.measured_area_mm2 + missed - coverage.asked_area_mm2).abs() < 1e-6);
+    assert!((coverage.measured.area_mm2 + missed - coverage.asked_area_mm2).abs() < 1e-6);
     assert!(coverage.curve_area_mm2.windows(2).all(|pair| pair[0] <= pair[1]));
     assert!(coverage.of_coverable() >= 0.985);
 }
@@ -230,7 +230,7 @@ fn views_are_rolled_where_moves_are_shorter_then_and_no_less_is_measured() {
     let rolls_deg: Vec<_> = fixed.views.iter().zip(&free.views).map(about_axis).collect();
     println!("{:.2} s moving, rolled {:.2} s, by {rolls_deg:.1?} degrees", secs(&fixed), secs(&free));
     assert!(secs(&free) < secs(&fixed) - 0.1 && rolls_deg.iter().any(|roll| roll.abs() > 1.0));
-    assert!(free.coverage.measured_area_mm2 >= fixed.coverage.measured_area_mm2 - 1e-6);
+    assert!(free.coverage.measured.area_mm2 >= fixed.coverage.measured.area_mm2 - 1e-6);
     let program = compile(free.sequences().next().expect("a sequence"), 0, &cell, &"00".repeat(32), &free.params);
     let scene = CollisionScene::new(&cell, &mesh, None, &free.table_from_part.expect("a cell"), 5.0 - 0.01);
     assert_eq!(check(&program, &cell, &scene, None), []);

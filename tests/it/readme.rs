@@ -107,7 +107,7 @@ fn thesis_row(name: &str, mesh: &Mesh, weight: f64) -> String {
         plan.views.len(),
         percent(coverage.of_coverable()),
         percent(coverage.of_asked()),
-        percent(coverage.grade_area_mm2[0] / coverage.asked_area_mm2)
+        percent(coverage.measured.grade_area_mm2[0] / coverage.asked_area_mm2)
     )
 }
 

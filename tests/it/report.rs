@@ -14,9 +14,9 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Advice, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MissedCause, MissedSpot, Obstruction,
-    Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance, StopReason, Verdict,
-    ViewId,
+    Advice, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MeasuredArea, MissedCause, MissedSpot,
+    Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance, StopReason,
+    Verdict, ViewId,
 };
 use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
@@ -94,11 +94,15 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
     Coverage {
         total_area_mm2: area(&|_| true),
         asked_area_mm2: area(&|sample| surface.asked[sample.index()]),
+        visible_area_mm2: measured * 1.03,
         coverable_area_mm2: measured * 1.01,
         optically_coverable_area_mm2: measured * 1.02,
-        measured_area_mm2: measured,
-        grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
-            .map(|grade| area(&|sample| verdicts[sample.index()] == Verdict::Measured(grade))),
+        measured: MeasuredArea {
+            area_mm2: measured,
+            grade_area_mm2: [Grade::A, Grade::B, Grade::C, Grade::D]
+                .map(|grade| area(&|sample| verdicts[sample.index()] == Verdict::Measured(grade))),
+            within_area_mm2: [0.4 * measured, 0.9 * measured],
+        },
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
         regions: Vec::new(),
         independent: Independent::default(),
@@ -217,7 +221,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         table_from_part,
         views: ViewId::first(sides.len()).collect(),
         coverable_area_mm2: coverage.coverable_area_mm2,
-        measured_area_mm2: coverage.measured_area_mm2,
+        measured_area_mm2: coverage.measured.area_mm2,
         sequence: Some(sequence(sides.len())),
     };
     let plan = Plan {
@@ -373,7 +377,7 @@ fn face_table_adds_up() {
     let measured: f64 = rows.iter().map(|row| number(row[1]) * number(row[2])).sum();
     let coverage = &outcome.plan.coverage;
     assert!((area / coverage.total_area_mm2 - 1.0).abs() < 1e-9);
-    assert!((measured - coverage.measured_area_mm2).abs() < 1e-3 * coverage.measured_area_mm2);
+    assert!((measured - coverage.measured.area_mm2).abs() < 1e-3 * coverage.measured.area_mm2);
     assert!(rows.iter().any(|row| row[4] == "shadow_left") && rows.iter().any(|row| row[4] == "not_asked"));
     let document = coverage::json(&outcome, &mesh);
     let counts = document.faces;

@@ -3,29 +3,36 @@
 //! Views chosen on a set of samples fit that set: its share reads high, by up to half a point on machined parts. So it is
 //! evaluated again on a second set, as dense, from another seed. A pose that is off is turned by the whole angle of
 //! `robust.pose_error` about a random axis and moved by its whole distance in a random direction: each view by an error
-//! of its own about the viewpoint, or the part as a whole about the centre of its box. Every draw has a stream of its own,
-//! so that neither threads nor the number of draws change it. Cost: a view of the table for each chosen view and draw.
+//! of its own about the viewpoint, the part as a whole about the centre of its box, or every view by the same error in the
+//! scanner frame. Every draw has a stream of its own, so that neither threads nor the number of draws change it. Cost: a view of
+//! the table for each chosen view and draw.
 
 pub mod recheck;
 #[cfg(test)]
 mod tests;
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{Point3, UnitQuaternion};
+use rayon::prelude::*;
 
 use super::context::{Cancelled, Context, PlanError};
-use super::ids::SetupId;
+use super::ids::{SampleId, SetupId};
 use super::params::{Objective, PlanParams, PoseErrorParams};
 use super::plan::{Certificate, Drawn, Independent, PlannedView, Robust, share};
 use super::random::{Stream, split_mix};
 use super::scene::PlanInput;
+use super::sky::{Sky, SkyProbe, stands_on};
 use super::surface::{Surface, requirements};
-use super::visibility::{self, Occluders, SampleSet};
-use crate::geometry::{Part, Pose, ScannerFrame};
+use super::tally::measured_area;
+use super::visibility::{self, Occluders, Row, SampleSet};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame, Table};
 
 /// Names of the streams of random numbers.
 const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
 const EACH_VIEW: u64 = 0x76_6965_7773;
 const WHOLE_PART: u64 = 0x7061_7274;
+const HAND_EYE: u64 = 0x68_616e_6465_7965;
 
 /// Views that are taken while the part lies in one way.
 pub(super) struct SetupViews<'a> {
@@ -41,7 +48,8 @@ impl<'a> SetupViews<'a> {
     }
 }
 
-/// Evaluates the views of all setups together.
+/// Evaluates the views of all setups together. `part` is the scene of the part alone; `standing` are the poses in which it is
+/// planned, if there is a plate.
 ///
 /// # Errors
 /// [`PlanError::Cancelled`].
@@ -49,12 +57,12 @@ pub(super) fn certify(
     input: &PlanInput<'_>,
     params: &PlanParams,
     setups: &[SetupViews<'_>],
+    part: &RayScene,
+    standing: &[Pose<Table, Part>],
     ctx: &Context<'_>,
 ) -> Result<Certificate, PlanError> {
     let second = SecondSampling::new(input, params, setups, ctx)?;
-    let measured_area_mm2 = second.measured_mm2(|_, view| *view, &ctx.silent())?;
-    let (samples, total_area_mm2) = (second.asked_area_mm2.len(), second.surface.area_where(|_| true));
-    let independent = Independent { samples, asked_area_mm2: second.asked_mm2, total_area_mm2, measured_area_mm2 };
+    let independent = second.independent(part, standing, ctx)?;
     let robust = params.robust.pose_error.map(|error| second.robust(error, independent.of_asked(), ctx)).transpose()?;
     Ok(Certificate { independent, robust })
 }
@@ -86,6 +94,61 @@ impl<'a> SecondSampling<'a> {
         Ok(Self { input, params, setups, surface, asked_area_mm2, asked_mm2 })
     }
 
+    /// Coverage with the poses as planned.
+    fn independent(&self, part: &RayScene, standing: &[Pose<Table, Part>], ctx: &Context<'_>) -> Result<Independent, Cancelled> {
+        let mut views = Vec::new();
+        for setup in self.setups {
+            let rows = self.rows(setup.occluders, &setup.views, &ctx.silent())?;
+            views.extend(setup.views.iter().zip(rows).map(|(view, row)| {
+                (view.origin_mm(), visibility::grade(&self.surface, view, self.input.scanner, &self.params, &row))
+            }));
+        }
+        let measured = measured_area(&self.surface, &self.asked_area_mm2, views.iter().map(|(origin, row)| (*origin, row)));
+        let mut is_measured = SampleSet::none_of(self.asked_area_mm2.len());
+        views.iter().for_each(|(_, row)| is_measured.insert_all(row.measured()));
+        Ok(Independent {
+            samples: self.asked_area_mm2.len(),
+            asked_area_mm2: self.asked_mm2,
+            total_area_mm2: self.surface.area_where(|_| true),
+            visible_area_mm2: self.visible_mm2(&is_measured, part, standing, ctx)?,
+            measured,
+        })
+    }
+
+    /// Asked area that is measured, or neither rests on the plate in every pose of `standing` nor is enclosed.
+    fn visible_mm2(
+        &self,
+        is_measured: &SampleSet,
+        part: &RayScene,
+        standing: &[Pose<Table, Part>],
+        ctx: &Context<'_>,
+    ) -> Result<f64, Cancelled> {
+        let (mesh, best_mm, level) = (self.input.mesh, self.input.scanner.best_mm, ctx.simd_level());
+        // Whether the sky is open does not depend on where the plate is, nor on limits.
+        let sky = SkyProbe::new(mesh, part, &[], best_mm, FRAC_PI_2, level);
+        let rests = |sample| !standing.is_empty() && standing.iter().all(|pose| stands_on(&self.surface, sample, pose));
+        let is_enclosed = |sample: SampleId| {
+            let (point_mm, patch) = (&self.surface.sample_mm[sample.index()], self.surface.patch_of(sample));
+            sky.sky(point_mm, &patch.normal) == Sky::Closed
+        };
+        let visible_mm2 = |place: usize| {
+            let (sample, area_mm2) = (SampleId::at(place), self.asked_area_mm2[place]);
+            if area_mm2 == 0.0 || is_measured.holds(sample) {
+                return Ok(area_mm2);
+            }
+            ctx.check()?;
+            Ok(if rests(sample) || is_enclosed(sample) { 0.0 } else { area_mm2 })
+        };
+        let of_samples = (0..self.asked_area_mm2.len()).into_par_iter().map(visible_mm2);
+        Ok(of_samples.collect::<Result<Vec<f64>, Cancelled>>()?.iter().sum())
+    }
+
+    /// Samples that each of some views measures.
+    fn rows(&self, occluders: &Occluders, views: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Vec<Row>, Cancelled> {
+        let (scanner, usable) = (self.input.scanner, vec![true; views.len()]);
+        Ok(visibility::cast(&self.surface, views, &usable, scanner, occluders, &self.params, ctx)?.rows)
+    }
+
     /// Asked area that the views measure from where `moved` puts those of a setup.
     fn measured_mm2(
         &self,
@@ -95,21 +158,23 @@ impl<'a> SecondSampling<'a> {
         let mut measured = SampleSet::none_of(self.asked_area_mm2.len());
         for (number, setup) in self.setups.iter().enumerate() {
             let views: Vec<_> = setup.views.iter().map(|view| moved(number, view)).collect();
-            let (scanner, usable) = (self.input.scanner, vec![true; views.len()]);
-            let table = visibility::cast(&self.surface, &views, &usable, scanner, setup.occluders, &self.params, ctx)?;
-            table.rows.iter().for_each(|row| measured.insert_all(row.measured()));
+            let rows = self.rows(setup.occluders, &views, ctx)?;
+            rows.iter().for_each(|row| measured.insert_all(row.measured()));
         }
         Ok(measured.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum())
     }
 
     fn robust(&self, error: PoseErrorParams, nominal: f64, ctx: &Context<'_>) -> Result<Robust, Cancelled> {
-        let (draws, part_draws) = (self.params.robust.draws as usize, self.params.robust.part_draws as usize);
+        let robust = &self.params.robust;
+        let draws = robust.draws as usize;
+        let (part_draws, hand_eye_draws) = (robust.part_draws as usize, robust.hand_eye_draws as usize);
+        let all = draws + part_draws + hand_eye_draws;
         let stream = |kind: u64, draw: usize| Stream::new(self.params.seed, &[kind, draw as u64]);
         let mut views = Vec::with_capacity(draws);
         for draw in 0..draws {
             let mut stream = stream(EACH_VIEW, draw);
             views.push(self.of_asked(|_, view| *view * random_error(&error, &Point3::origin(), &mut stream), ctx)?);
-            ctx.progress(draw + 1, draws + part_draws);
+            ctx.progress(draw + 1, all);
         }
         let mut part = Vec::with_capacity(part_draws);
         for draw in 0..part_draws {
@@ -118,9 +183,16 @@ impl<'a> SecondSampling<'a> {
             let errors: Vec<Pose<Part, Part>> =
                 self.setups.iter().map(|_| random_error(&error, centre_mm, &mut stream)).collect();
             part.push(self.of_asked(|setup, view| errors[setup] * *view, ctx)?);
-            ctx.progress(draws + draw + 1, draws + part_draws);
+            ctx.progress(draws + draw + 1, all);
         }
-        Ok(Robust { pose_error: error, views: Drawn::new(nominal, views), part: Drawn::new(nominal, part) })
+        let mut hand_eye = Vec::with_capacity(hand_eye_draws);
+        for draw in 0..hand_eye_draws {
+            let error = random_error(&error, &Point3::origin(), &mut stream(HAND_EYE, draw));
+            hand_eye.push(self.of_asked(|_, view| *view * error, ctx)?);
+            ctx.progress(draws + part_draws + draw + 1, all);
+        }
+        let [views, part, hand_eye] = [views, part, hand_eye].map(|of_asked| Drawn::new(nominal, of_asked));
+        Ok(Robust { pose_error: error, views, part, hand_eye })
     }
 
     fn of_asked(

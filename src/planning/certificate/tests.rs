@@ -34,7 +34,8 @@ fn params(error: Option<PoseErrorParams>) -> PlanParams {
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.02), Some(20.0));
     (params.visibility.engine, params.missed.remedies) = (Engine::Rays, 0);
     params.selection.max_views = Some(3);
-    (params.robust.pose_error, params.robust.draws, params.robust.part_draws) = (error, 3, 3);
+    (params.robust.pose_error, params.robust.draws) = (error, 3);
+    (params.robust.part_draws, params.robust.hand_eye_draws) = (3, 3);
     params
 }
 
@@ -48,14 +49,16 @@ fn planned(params: &PlanParams) -> Outcome {
 fn no_error_changes_nothing_and_a_large_one_costs_coverage() {
     let none = planned(&params(Some(PoseErrorParams { angle_deg: 0.0, translation_mm: 0.0 }))).plan.coverage;
     let robust = none.robust.expect("asked for");
-    for drawn in [&robust.views, &robust.part] {
+    for drawn in [&robust.views, &robust.part, &robust.hand_eye] {
         assert_eq!((drawn.draws(), drawn.worst(), drawn.p5()), (3, drawn.nominal, drawn.nominal));
         assert!((drawn.mean() - drawn.nominal).abs() < 1e-12);
     }
     assert_eq!(robust.views.nominal, none.independent.of_asked());
     let large = planned(&params(Some(PoseErrorParams { angle_deg: 15.0, translation_mm: 60.0 }))).plan.coverage;
     let robust = large.robust.expect("asked for");
-    assert!(robust.views.worst() < robust.views.nominal && robust.part.worst() < robust.part.nominal, "{robust:?}");
+    for drawn in [&robust.views, &robust.part, &robust.hand_eye] {
+        assert!(drawn.worst() < drawn.nominal, "{robust:?}");
+    }
     assert!(planned(&params(None)).plan.coverage.robust.is_none());
 }
 
@@ -65,6 +68,6 @@ fn the_second_samples_are_other_points_as_dense_of_the_same_surface() {
     let (coverage, samples) = (&outcome.plan.coverage, outcome.surface.sample_mm.len());
     assert_eq!(coverage.independent.samples, samples);
     assert!((coverage.independent.total_area_mm2 / coverage.total_area_mm2 - 1.0).abs() < 1e-12);
-    assert!(coverage.independent.measured_area_mm2 != coverage.measured_area_mm2, "the same points");
+    assert!(coverage.independent.measured.area_mm2 != coverage.measured.area_mm2, "the same points");
     assert!((coverage.independent.of_asked() - coverage.of_asked()).abs() < 0.03, "{coverage:?}");
 }

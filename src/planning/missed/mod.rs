@@ -17,4 +17,3 @@ mod spots;
 mod tests;
 
 pub(super) use search::{CanExecute, MissAnalysis, explain};
-pub(super) use spots::stands_on;

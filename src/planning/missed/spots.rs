@@ -3,23 +3,10 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{Aabb, Mesh, Part, Pose, Table, components_sharing};
+use crate::geometry::{Aabb, Mesh, components_sharing};
 use crate::planning::ids::{PatchId, SampleId};
 use crate::planning::plan::{Cause, Verdict};
 use crate::planning::surface::Surface;
-
-/// Largest distance from the plate of a sample that the part rests on, mm.
-const RESTING_WITHIN_MM: f64 = 0.1;
-/// Cosine below which such a sample faces down: within 8° of the vertical.
-const RESTING_NORMAL_COS: f64 = -0.99;
-
-/// Returns true if a sample belongs to the faces that the part stands on.
-#[must_use]
-pub(in crate::planning) fn stands_on(surface: &Surface, sample: SampleId, table_from_part: &Pose<Table, Part>) -> bool {
-    let height_mm = table_from_part.point(&surface.sample_mm[sample.index()]).z;
-    let down = table_from_part.direction(&surface.patch_of(sample).normal).z;
-    height_mm.abs() <= RESTING_WITHIN_MM && down <= RESTING_NORMAL_COS
-}
 
 /// Samples of one cause that hang together.
 pub(super) struct Spot {

@@ -1,14 +1,15 @@
 //! Coverage with its denominators ([`crate::planning::method::coverage`]), of the part and of each region.
 
 use crate::planning::ids::SampleId;
-use crate::planning::plan::{Coverage, RegionCoverage, Verdict};
-use crate::planning::problem::ViewPlanningProblem;
+use crate::planning::plan::{Cause, Coverage, RegionCoverage, Verdict};
+use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::selection::{coverable, coverable_mm2};
 use crate::planning::surface::requirements;
+use crate::planning::tally::measured_area;
 use crate::planning::visibility::Row;
 
 /// Coverage, given what each chosen view measures.
-pub(super) fn of(problem: &ViewPlanningProblem<'_>, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
+pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
     let ViewPlanningProblem { surface, asked_area_mm2, .. } = problem;
     let all: Vec<_> = problem.candidates.indices().collect();
     let mut coverage = Coverage {
@@ -18,12 +19,11 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, measuring: &[Row], verdicts:
         optically_coverable_area_mm2: coverable_mm2(&problem.rows(&all), asked_area_mm2),
         ..Coverage::default()
     };
-    for (verdict, area_mm2) in verdicts.iter().zip(asked_area_mm2) {
-        if let Verdict::Measured(grade) = verdict {
-            coverage.grade_area_mm2[*grade as usize] += area_mm2;
-        }
-    }
-    coverage.measured_area_mm2 = coverage.grade_area_mm2.iter().sum();
+    let viewpoints = chosen.candidates.iter().map(|candidate| problem.candidates[*candidate].part_from_scanner.origin_mm());
+    coverage.measured = measured_area(surface, asked_area_mm2, viewpoints.zip(measuring));
+    let is_visible = |verdict: &Verdict| !matches!(verdict, Verdict::Missed(Cause::ExcludedResting | Cause::Enclosed));
+    let visible = verdicts.iter().zip(asked_area_mm2).filter(|(verdict, _)| is_visible(verdict));
+    coverage.visible_area_mm2 = visible.map(|(_, area_mm2)| area_mm2).sum();
     coverage.regions = of_regions(problem, verdicts);
     let mut open_mm2 = asked_area_mm2.clone();
     let mut covered_mm2 = 0.0;

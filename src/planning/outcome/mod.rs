@@ -39,7 +39,8 @@ struct Solution<'a> {
 }
 
 /// Assembles the outcome of a selection, ordered, setup by setup, when there is a cell. `excluded` are candidates that were
-/// given up for want of a path; `occluders` and `can_execute` are for the remedies of what is missed.
+/// given up for want of a path; `part` is the scene of the part alone; `occluders` and `can_execute` are for the remedies of what
+/// is missed.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -49,14 +50,14 @@ pub(super) fn assemble(
     ordered: Vec<Ordered>,
     excluded: &BTreeSet<CandidateIndex>,
     occluders: &Occluders,
+    part: &RayScene,
     can_execute: Option<&CanExecute<'_>>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
     let solution = Solution::new(&problem, chosen, &ordered, excluded);
-    let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
-    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, &part, ctx)?;
-    let coverage = coverage::of(&problem, &solution.measuring, &verdicts);
-    let missed = missed::explain(&solution.miss_analysis(occluders, &part, can_execute), &verdicts, ctx)?;
+    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, part, ctx)?;
+    let coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
+    let missed = missed::explain(&solution.miss_analysis(occluders, part, can_execute), &verdicts, ctx)?;
     let plan = solution.plan(ordered, coverage, missed);
     let measured_by_view = solution.measuring;
     Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None })
@@ -234,11 +235,15 @@ pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>, ctx: &Context<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::plan::MeasuredArea;
 
     #[test]
     fn a_target_met_without_the_given_up_views_is_not_called_met() {
         let params = SelectionParams::default();
-        let covered = |measured_area_mm2| Coverage { measured_area_mm2, coverable_area_mm2: 100.0, ..Coverage::default() };
+        let covered = |area_mm2| {
+            let measured = MeasuredArea { area_mm2, ..MeasuredArea::default() };
+            Coverage { measured, coverable_area_mm2: 100.0, ..Coverage::default() }
+        };
         assert_eq!(stopped_because(StopReason::Target, &covered(98.5), &params), StopReason::Target);
         assert_eq!(stopped_because(StopReason::Target, &covered(95.0), &params), StopReason::NoPath);
         assert_eq!(stopped_because(StopReason::Growth, &covered(95.0), &params), StopReason::Growth);

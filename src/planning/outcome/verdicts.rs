@@ -8,11 +8,10 @@ use rayon::prelude::*;
 use crate::geometry::RayScene;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId};
-use crate::planning::missed;
 use crate::planning::params::Hemisphere;
 use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
-use crate::planning::sky::{Sky, SkyProbe};
+use crate::planning::sky::{Sky, SkyProbe, stands_on};
 use crate::planning::stations::StationFailure;
 use crate::planning::visibility::{Row, SampleSet};
 
@@ -36,9 +35,8 @@ pub(super) fn of(
         }
     }
     let motion_cause = motion_causes(problem, all_excluded);
-    let rests_on = |sample: SampleId| {
-        problem.reach.is_some() && problem.setups.iter().all(|pose| missed::stands_on(&problem.surface, sample, pose))
-    };
+    let rests_on =
+        |sample: SampleId| problem.reach.is_some() && problem.setups.iter().all(|pose| stands_on(&problem.surface, sample, pose));
     let sky = sky_probe(problem, part, ctx);
     let cause = |sample: SampleId| match motion_cause[sample.index()] {
         _ if rests_on(sample) => Cause::ExcludedResting,

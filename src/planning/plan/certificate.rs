@@ -1,6 +1,6 @@
 //! Coverage of the chosen views on samples that they were not chosen on.
 
-use super::share;
+use super::{MeasuredArea, VisibleShares, share};
 use crate::planning::params::PoseErrorParams;
 
 /// Coverage of the chosen views on a second set of samples.
@@ -21,21 +21,29 @@ pub struct Independent {
     pub asked_area_mm2: f64,
     /// Whole surface.
     pub total_area_mm2: f64,
+    /// Asked area that neither rests on the plate in every setup nor is enclosed by the part.
+    pub visible_area_mm2: f64,
     /// Asked area that the chosen views measure.
-    pub measured_area_mm2: f64,
+    pub measured: MeasuredArea,
 }
 
 impl Independent {
     /// Measured share of the asked area.
     #[must_use]
     pub fn of_asked(&self) -> f64 {
-        share(self.measured_area_mm2, self.asked_area_mm2)
+        share(self.measured.area_mm2, self.asked_area_mm2)
     }
 
     /// Measured share of the whole surface.
     #[must_use]
     pub fn of_total(&self) -> f64 {
-        share(self.measured_area_mm2, self.total_area_mm2)
+        share(self.measured.area_mm2, self.total_area_mm2)
+    }
+
+    /// Shares of the visible area.
+    #[must_use]
+    pub fn of_visible(&self) -> VisibleShares {
+        self.measured.of_visible(self.visible_area_mm2)
     }
 }
 
@@ -48,6 +56,8 @@ pub struct Robust {
     pub views: Drawn,
     /// The part off as a whole.
     pub part: Drawn,
+    /// Every view off by the same error in the scanner frame, as a wrong hand-eye calibration puts it.
+    pub hand_eye: Drawn,
 }
 
 /// Measured share of the asked area in a number of draws.

@@ -2,10 +2,12 @@
 //! make them.
 
 mod certificate;
+mod measured;
 mod obstruction;
 mod remedy;
 
 pub use certificate::{Certificate, Drawn, Independent, Robust};
+pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 use nalgebra::{Point3, Vector3};
 pub use obstruction::{Advice, Obstruction};
 pub use remedy::{Remedy, RemedyKind, RemedyView};
@@ -96,14 +98,14 @@ pub struct Coverage {
     pub total_area_mm2: f64,
     /// All faces but excluded regions.
     pub asked_area_mm2: f64,
+    /// Asked area that neither rests on the plate in every setup nor is enclosed by the part.
+    pub visible_area_mm2: f64,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
     /// Asked area that at least one candidate measures, the cell's reach ignored.
     pub optically_coverable_area_mm2: f64,
-    /// Asked area that at least one chosen view measures.
-    pub measured_area_mm2: f64,
-    /// Measured area by grade A, B, C, D.
-    pub grade_area_mm2: [f64; 4],
+    /// Asked area that the chosen views measure.
+    pub measured: MeasuredArea,
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
     /// Coverage of each region of interest and feature.
@@ -135,19 +137,25 @@ impl Coverage {
     /// Measured share of the asked area; 0 when nothing is asked.
     #[must_use]
     pub fn of_asked(&self) -> f64 {
-        share(self.measured_area_mm2, self.asked_area_mm2)
+        share(self.measured.area_mm2, self.asked_area_mm2)
     }
 
     /// Measured share of the coverable area.
     #[must_use]
     pub fn of_coverable(&self) -> f64 {
-        share(self.measured_area_mm2, self.coverable_area_mm2)
+        share(self.measured.area_mm2, self.coverable_area_mm2)
     }
 
     /// Measured share of the whole surface.
     #[must_use]
     pub fn of_total(&self) -> f64 {
-        share(self.measured_area_mm2, self.total_area_mm2)
+        share(self.measured.area_mm2, self.total_area_mm2)
+    }
+
+    /// Shares of the visible area.
+    #[must_use]
+    pub fn of_visible(&self) -> VisibleShares {
+        self.measured.of_visible(self.visible_area_mm2)
     }
 }
 

@@ -50,7 +50,7 @@ impl StudyBase {
         let chosen = selection::select(&cover, &params, &case.params.score, ctx)?;
         // Every candidate of the table may be chosen, so that a row is the place of its candidate too.
         let graded = |row: RowIndex| {
-            let pose = &table.candidates[row.index()].part_from_scanner;
+            let pose = &table.candidates.remaining[row.index()].part_from_scanner;
             visibility::grade(&table.surface, pose, input.scanner, &case.params, cover.row(row))
         };
         let graded: Vec<Row> = chosen.choices.iter().map(|choice| graded(choice.row)).collect();

@@ -10,7 +10,8 @@ use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, share};
 use crate::planning::sequence::{Leg, Sequence};
-use crate::wire::words::{advice_sentence, changed_params, treated_spots};
+use crate::wire::plan::CoverageDocument;
+use crate::wire::words::{HeadlineShare, advice_sentence, changed_params, headline as headline_shares, treated_spots};
 
 /// Max spots listed for each cause.
 const SPOTS_LISTED: usize = 3;
@@ -83,15 +84,15 @@ pub(super) fn header(input: &ReportInput<'_>) -> String {
 /// Section with the main figures and the limits of their validity.
 pub(super) fn headline(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
-    let coverage = &plan.coverage;
+    let (coverage, visible) = (&plan.coverage, plan.coverage.independent.of_visible());
     let measuring = plan.views.iter().filter(|view| view.rejected.is_none()).count();
     let mut figures = vec![
         ("figure main", number(measuring as f64, 0), if measuring == 1 { "view" } else { "views" }),
         ("figure", number(f64::from(plan.bound.views_lower), 0), "lower bound on views"),
-        ("figure main", percent(coverage.of_coverable()), "of the coverable area"),
-        ("figure", percent(coverage.of_asked()), "of the asked area"),
-        ("figure", percent(coverage.of_total()), "of the whole surface"),
-        ("figure main", percent(coverage.independent.of_asked()), "of the asked area, independent check"),
+        ("figure main", percent(visible.measured), "of the visible area measured"),
+        ("figure main", percent(visible.grades_a_b), "of the visible area at grade A or B"),
+        ("figure", percent(visible.within[0]), "of it at 35° or less"),
+        ("figure", percent(visible.within[1]), "of it at 60° or less"),
     ];
     let motion_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
     if plan.sequences().next().is_some() {
@@ -103,7 +104,7 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         .map(|(class, value, name)| format!("<div class=\"{class}\"><b>{value}</b><span>{name}</span></div>"))
         .collect();
     format!(
-        "<section>\n<div class=\"figures\">{}</div>\n{}<p style=\"margin-top:12px\"><b>Why the selection ended:</b> {} \
+        "<section>\n<div class=\"figures\">{}</div>\n{}{}<p style=\"margin-top:12px\"><b>Why the selection ended:</b> {} \
          Of the {} asked for, the viewpoints considered can measure {} (the coverable area).</p>\n\
          <div class=\"notice\"><p><b>This is simulated coverage, computed from the models of the part and of the scanner. \
          It is not a measurement.</b> Shiny, dark or transparent surfaces, and parts that differ from their model, give less. \
@@ -111,9 +112,27 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
          system.</p></div>\n</section>\n",
         figures.concat(),
         grades_bar(input),
+        shares_table(&CoverageDocument::from(coverage)),
         words::stop(plan.stopped_because, &plan.params),
         area(coverage.asked_area_mm2),
         area(coverage.coverable_area_mm2),
+    )
+}
+
+/// Table of the shares that head a plan, with the meaning of each denominator.
+fn shares_table(coverage: &CoverageDocument) -> String {
+    let row = |figure: &HeadlineShare| {
+        format!(
+            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"soft keep\">{}</td></tr>\n",
+            figure.name,
+            percent(figure.share),
+            escape(figure.meaning)
+        )
+    };
+    let rows: String = headline_shares(coverage).iter().map(row).collect();
+    format!(
+        "<div class=\"card scroll\"><table>\n<thead><tr><th>Share</th><th class=\"n\">Simulated</th><th>Meaning</th></tr></thead>\n\
+         <tbody>\n{rows}</tbody></table></div>\n"
     )
 }
 
@@ -121,8 +140,8 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
 fn grades_bar(input: &ReportInput<'_>) -> String {
     let coverage = &input.outcome.plan.coverage;
     let grades = [(Grade::A, "A"), (Grade::B, "B"), (Grade::C, "C"), (Grade::D, "D")];
-    let shares =
-        grades.map(|(grade, name)| (grade, name, share(coverage.grade_area_mm2[grade as usize], coverage.asked_area_mm2)));
+    let shares = grades
+        .map(|(grade, name)| (grade, name, share(coverage.measured.grade_area_mm2[grade as usize], coverage.asked_area_mm2)));
     let (mut bar, mut legend, mut spoken) = (String::new(), String::new(), String::new());
     for (grade, name, share) in shares {
         let ink = Ink::Measured(grade);
@@ -167,11 +186,12 @@ fn under_pose_errors(robust: &Robust) -> String {
         "<p>Measured share of the asked area if poses are off by {}° about a random axis and by {}\u{a0}mm in a random \
          direction:</p>\n<div class=\"card scroll\"><table>\n\
          <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th>\
-         <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}</tbody></table></div>\n",
+         <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}{}</tbody></table></div>\n",
         number(robust.pose_error.angle_deg, 2),
         number(robust.pose_error.translation_mm, 2),
         row("Every view, independently", &robust.views),
         row("The part as a whole", &robust.part),
+        row("The hand-eye calibration, the same in every view", &robust.hand_eye),
     )
 }
 

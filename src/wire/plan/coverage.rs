@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::planning::params::PoseErrorParams;
-use crate::planning::plan::{Coverage, Drawn, Independent, RegionCoverage, Robust, share};
+use crate::planning::plan::{Coverage, Drawn, Independent, RegionCoverage, Robust, VisibleShares, share};
 
 /// Measured area and its shares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -12,6 +12,13 @@ use crate::planning::plan::{Coverage, Drawn, Independent, RegionCoverage, Robust
 pub struct CoverageDocument {
     /// Area asked for: all faces outside excluded regions.
     pub asked_area_mm2: f64,
+    /// Asked area that can be seen at all: it neither rests on the plate in every setup nor is enclosed by the part. 0 in plans
+    /// from before it was introduced.
+    #[serde(default)]
+    pub visible_area_mm2: f64,
+    /// Shares of the visible area.
+    #[serde(flatten)]
+    pub visible: VisibleSharesDocument,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
     /// Asked area that at least one kept candidate measures, regardless of the cell's reach.
@@ -42,6 +49,36 @@ pub struct CoverageDocument {
     /// and incidence; present with `visibility.pixel_set`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixel_set_of_total: Option<f64>,
+}
+
+/// Shares of the visible area: the first figures to read. 0 in plans from before they were introduced.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct VisibleSharesDocument {
+    /// Measured share of the visible area.
+    #[serde(default)]
+    pub of_visible: f64,
+    /// Share of the visible area measured at grade A or B.
+    #[serde(default)]
+    pub grades_a_b_of_visible: f64,
+    /// Share of the visible area measured at an incidence of at most 35°, against the direction to the viewpoint.
+    #[serde(default)]
+    pub within_35_deg_of_visible: f64,
+    /// Share of the visible area measured at an incidence of at most 60°.
+    #[serde(default)]
+    pub within_60_deg_of_visible: f64,
+}
+
+impl From<VisibleShares> for VisibleSharesDocument {
+    fn from(shares: VisibleShares) -> Self {
+        let [within_35_deg_of_visible, within_60_deg_of_visible] = shares.within;
+        Self {
+            of_visible: shares.measured,
+            grades_a_b_of_visible: shares.grades_a_b,
+            within_35_deg_of_visible,
+            within_60_deg_of_visible,
+        }
+    }
 }
 
 /// Coverage of a region; only what meets the requirements of the region counts as measured.
@@ -86,10 +123,13 @@ pub struct IndependentDocument {
     pub of_asked: f64,
     /// Measured share of the whole surface.
     pub of_total: f64,
+    /// Shares of the visible area: the figures to quote.
+    #[serde(flatten)]
+    pub visible: VisibleSharesDocument,
 }
 
-/// Coverage under pose errors, on the independent samples: with an independent error of every view and, in `part`, with an
-/// error of the part as a whole.
+/// Coverage under pose errors, on the independent samples: with an independent error of every view; in `part`, with an error of
+/// the part as a whole; in `hand_eye`, with one error that every view shares.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RobustDocument {
@@ -102,13 +142,17 @@ pub struct RobustDocument {
     pub of_asked: DrawnDocument,
     /// Coverage with an error of the part as a whole.
     pub part: MisplacedDocument,
+    /// Coverage with one error in the scanner frame that every view shares, as a wrong hand-eye calibration causes it. `null` in
+    /// plans from before it was introduced.
+    #[serde(default)]
+    pub hand_eye: Option<MisplacedDocument>,
 }
 
-/// Coverage with an error of the part as a whole.
+/// Coverage with an error that all views share.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct MisplacedDocument {
-    /// Number of draws of an error for the part.
+    /// Number of draws of the error.
     pub draws: usize,
     /// Measured shares of the asked area.
     pub of_asked: DrawnDocument,
@@ -149,12 +193,14 @@ pub struct GradesDocument {
 impl From<&Coverage> for CoverageDocument {
     fn from(coverage: &Coverage) -> Self {
         let of_asked = |area_mm2: f64| share(area_mm2, coverage.asked_area_mm2);
-        let [a, b, c, d] = coverage.grade_area_mm2.map(of_asked);
+        let [a, b, c, d] = coverage.measured.grade_area_mm2.map(of_asked);
         Self {
             asked_area_mm2: coverage.asked_area_mm2,
+            visible_area_mm2: coverage.visible_area_mm2,
+            visible: coverage.of_visible().into(),
             coverable_area_mm2: coverage.coverable_area_mm2,
             optically_coverable_area_mm2: coverage.optically_coverable_area_mm2,
-            measured_area_mm2: coverage.measured_area_mm2,
+            measured_area_mm2: coverage.measured.area_mm2,
             of_asked: coverage.of_asked(),
             of_coverable: coverage.of_coverable(),
             of_total: coverage.of_total(),
@@ -170,7 +216,12 @@ impl From<&Coverage> for CoverageDocument {
 
 impl From<&Independent> for IndependentDocument {
     fn from(independent: &Independent) -> Self {
-        Self { samples: independent.samples, of_asked: independent.of_asked(), of_total: independent.of_total() }
+        Self {
+            samples: independent.samples,
+            of_asked: independent.of_asked(),
+            of_total: independent.of_total(),
+            visible: independent.of_visible().into(),
+        }
     }
 }
 
@@ -180,8 +231,15 @@ impl From<&Robust> for RobustDocument {
             pose_error: robust.pose_error,
             draws: robust.views.draws(),
             of_asked: DrawnDocument::from(&robust.views),
-            part: MisplacedDocument { draws: robust.part.draws(), of_asked: DrawnDocument::from(&robust.part) },
+            part: MisplacedDocument::from(&robust.part),
+            hand_eye: Some(MisplacedDocument::from(&robust.hand_eye)),
         }
+    }
+}
+
+impl From<&Drawn> for MisplacedDocument {
+    fn from(drawn: &Drawn) -> Self {
+        Self { draws: drawn.draws(), of_asked: DrawnDocument::from(drawn) }
     }
 }
 

@@ -3,7 +3,6 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::Point3;
 
 use super::*;
-use crate::planning::candidates::CandidateSet;
 use crate::planning::context::Silent;
 use crate::planning::params::{CandidateParams, Engine};
 use crate::planning::visibility::VisibilityMatrix;
@@ -38,9 +37,8 @@ fn views_that_shall_tolerate_an_error_are_chosen_by_less_than_they_measure() {
     let table = tabulate(&input, &params, &ctx).expect("a table");
     let occluders = Occluders::new([&mesh]);
     let scene = VisibilityInput { surface: &table.surface, scanner: &scanner, occluders: &occluders, params: &params };
-    let candidates = CandidateSet { remaining: table.candidates, ..Default::default() };
     let visible = VisibilityMatrix { rows: table.rows, furthest_cause: Vec::new() };
-    let evaluated = EvaluatedCandidates { candidates, matrix: visible, reach: None };
+    let evaluated = EvaluatedCandidates { candidates: table.candidates, matrix: visible, reach: None };
     let robust = rows(&scene, &evaluated, &ctx).expect("not cancelled").expect("asked for");
     let mut lost = 0;
     for (robust, nominal) in robust.iter().zip(&evaluated.matrix.rows) {
