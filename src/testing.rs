@@ -13,6 +13,24 @@ pub(crate) fn box_mesh(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
     Mesh { vertices_mm: (0..8).map(corner).collect(), source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
 }
 
+/// A closed cylinder about z, standing on the origin, of so many plane sides around.
+pub(crate) fn cylinder_mesh(radius_mm: f64, height_mm: f64, sides: u32) -> Mesh {
+    let corner = |side: u32, z_mm: f64| {
+        let angle_rad = std::f64::consts::TAU * f64::from(side) / f64::from(sides);
+        Point3::new(radius_mm * angle_rad.cos(), radius_mm * angle_rad.sin(), z_mm)
+    };
+    let rings = [0.0, height_mm].map(|z_mm| (0..sides).map(move |side| corner(side, z_mm)).collect::<Vec<_>>());
+    let mut vertices_mm = rings.concat();
+    vertices_mm.extend([Point3::origin(), Point3::new(0.0, 0.0, height_mm)]);
+    let [below, above] = [2 * sides, 2 * sides + 1];
+    let around = (0..sides).flat_map(|side| {
+        let (next, up) = ((side + 1) % sides, sides);
+        [[side, next, next + up], [side, next + up, side + up], [below, next, side], [above, side + up, next + up]]
+    });
+    let faces: Vec<[u32; 3]> = around.collect();
+    Mesh { vertices_mm, source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
+}
+
 /// A trough on a plate, 30 mm wide and 60 mm deep, open along x and to the top: three boxes that touch.
 pub(crate) fn trough() -> Mesh {
     let boxes = [

@@ -22,7 +22,7 @@ use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RemedyDocument, RobustDocument};
-use crate::wire::words::{headline, no_plan_sentence};
+use crate::wire::words::{area_mm2, headline, no_plan_sentence, stability_sentence};
 use crate::wire::{json_file_bytes, parameters};
 
 const EXAMPLES: &str = "Examples:
@@ -242,6 +242,9 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     if let Some(robust) = &coverage.robust {
         println!("  {}", under_pose_errors(robust));
     }
+    for link in &plan.setup_links {
+        println!("  setups {} and {} {}", link.setups[0], link.setups[1], stability_sentence(&link.stability));
+    }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
         if let Some(remedy) = &missed.remedy {
@@ -263,7 +266,7 @@ fn under_pose_errors(robust: &RobustDocument) -> String {
 
 /// Advice for a missed spot, on one line; `setups` is the number that the plan allowed.
 pub(super) fn advice(remedy: &RemedyDocument, setups: u32) -> String {
-    let recovers = format!("recovers {:.0} mm² ({:.0} %)", remedy.area_mm2, 100.0 * remedy.of_spot);
+    let recovers = format!("recovers {} mm² ({:.0} %)", area_mm2(remedy.area_mm2), 100.0 * remedy.of_spot);
     match remedy.kind.as_str() {
         "none" if remedy.tried == 1 => "no fix found (the one view tried does not see half of it)".to_owned(),
         "none" => format!("no fix found (no 8 of the {} views tried see half of it)", remedy.tried),

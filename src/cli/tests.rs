@@ -149,10 +149,10 @@ fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
     };
     for (kind, views, setups, advice) in [
         ("none", 0, 1, "no fix found (no 8 of the 830 views tried see half of it)"),
-        ("setup", 1, 1, "turn the part onto another side and scan again (try --set setups=2): recovers 61 mm² (93 %)"),
-        ("setup", 1, 2, "turn the part onto another side and scan again (set part.resting_poses): recovers 61 mm² (93 %)"),
-        ("view", 1, 1, "1 more view would measure it (raise selection.target or selection.max_views): recovers 61 mm² (93 %)"),
-        ("view", 3, 1, "3 more views would measure it (raise selection.target or selection.max_views): recovers 61 mm² (93 %)"),
+        ("setup", 1, 1, "turn the part onto another side and scan again (try --set setups=2): recovers 61.1 mm² (93 %)"),
+        ("setup", 1, 2, "turn the part onto another side and scan again (set part.resting_poses): recovers 61.1 mm² (93 %)"),
+        ("view", 1, 1, "1 more view would measure it (raise selection.target or selection.max_views): recovers 61.1 mm² (93 %)"),
+        ("view", 3, 1, "3 more views would measure it (raise selection.target or selection.max_views): recovers 61.1 mm² (93 %)"),
         ("tilt", 1, 1, "tilt candidate 7 by 20°"),
     ] {
         assert_eq!(plan::advice(&remedy(kind, views), setups), advice);

@@ -14,6 +14,7 @@ mod pipeline;
 pub mod plan;
 mod problem;
 mod random;
+pub mod registration;
 mod scene;
 pub mod selection;
 pub mod sequence;

@@ -13,6 +13,7 @@ mod dialects;
 mod knob;
 mod preset;
 mod regions;
+mod registration;
 mod robust;
 mod selection;
 
@@ -22,6 +23,7 @@ use knob::params;
 pub use knob::{Knob, KnobGroup};
 pub use preset::Preset;
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
+pub use registration::Registration;
 pub use robust::{PoseErrorParams, RobustParams};
 pub use selection::{OverlapParams, SelectionGoal};
 
@@ -57,6 +59,9 @@ params! {
         /// Resting poses in which the part may be planned; fewer are used where they do. With more than 1 every setup is planned
         /// with viewpoints above the plate.
         setups: u32 = 1, [1.0, 4.0] "";
+        /// Means by which measurements of different setups are registered to each other. With `surface` every setup has to share
+        /// surface with another that fixes all six freedoms; views are added where it takes them.
+        registration: Registration = Registration::Surface;
         /// Seed of every pseudo-random choice.
         seed: u64 = 0;
     }

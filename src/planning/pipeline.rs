@@ -96,8 +96,8 @@ fn problem<'a>(
     })
 }
 
-/// Stages selection, with the chosen views slid, and sequence, setup by setup: a chosen view to which no path is found is excluded and selection runs
-/// again, a bounded number of times.
+/// Stages selection, with the chosen views slid, and sequence, setup by setup: a chosen view to which no path is found is
+/// excluded and selection runs again, a bounded number of times.
 fn select_and_order(
     problem: &mut ViewPlanningProblem<'_>,
     setups: &[Setup<'_>],
@@ -111,6 +111,7 @@ fn select_and_order(
         if chosen.candidates.is_empty() && excluded.is_empty() {
             return Err(PlanError::NoPlan(outcome::nothing_measured(problem, ctx)?));
         }
+        let chosen = adjust::join_setups(problem, chosen, &excluded, ctx)?;
         let chosen = adjust::slide_views(problem, setups, chosen, &excluded, ctx)?;
         let scenes: Vec<_> = scenes(setups).collect();
         if scenes.is_empty() {
@@ -145,6 +146,8 @@ fn shorten(
     let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
     let ordered = bounded.collect::<Result<_, _>>()?;
     let ordered = adjust::roll_views(problem, setups, &chosen, ordered, ctx)?;
+    let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded_as_moved(ordered, ctx));
+    let ordered = bounded.collect::<Result<_, _>>()?;
     Ok(OrderedViews { chosen, ordered, excluded })
 }
 

@@ -9,11 +9,11 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, share};
+use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::CoverageDocument;
-use crate::wire::words::{advice_sentence, changed_params, fixed, headline, remedy_sentence, treated_spots};
+use crate::wire::words::{advice_sentence, area_mm2, changed_params, fixed, freedom, headline, remedy_sentence, treated_spots};
 
 /// The text. Same plan, same text; every line ends with a newline.
 #[must_use]
@@ -30,6 +30,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
     write_setups(out, plan)?;
+    write_links(out, plan)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
     write_bound(out, &plan.bound)?;
     write_views(out, plan)?;
@@ -41,7 +42,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
 fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {
     let part = &plan.part;
     writeln!(out, "part {}", part.sha256)?;
-    writeln!(out, "  {} triangles, {} mm²", part.triangles, fixed(part.area_mm2, 1))?;
+    writeln!(out, "  {} triangles, {} mm²", part.triangles, area_mm2(part.area_mm2))?;
     writeln!(out, "  box {} to {} mm", point(&part.aabb.min), point(&part.aabb.max))?;
     if let Some(table_from_part) = &plan.table_from_part {
         writeln!(out, "  on the table: {}", pose(table_from_part))?;
@@ -59,8 +60,26 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         let asked_mm2 = plan.coverage.asked_area_mm2;
         let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
         let (views, lies) = (setup.views.len(), pose(&setup.table_from_part));
-        writeln!(out, "  {number}: {views} views measure {measured} of the asked area, of {coverable} that they could; {lies}")
+        writeln!(out, "  {number}: {views} views measure {measured} % of the asked area, of {coverable} % that candidates here could; {lies}")
     })
+}
+
+/// Lists what setups, and the two worst joined views of each, share for a registration.
+fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
+    let told = |stability: &Stability| {
+        let (shared, weakest) = (area_mm2(stability.shared_area_mm2), freedom(stability));
+        format!("share {shared} mm²; weakest is {weakest}, resistance {}", fixed(stability.resistance, 3))
+    };
+    for link in &plan.setup_links {
+        let [a, b] = link.setups.map(|setup| setup.0);
+        writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;
+    }
+    for (number, setup) in plan.setups.iter().enumerate() {
+        if let Some(([a, b], stability)) = &setup.weakest_link {
+            writeln!(out, "  weakest link of the views of setup {number}: {} and {} {}", a.0, b.0, told(stability))?;
+        }
+    }
+    Ok(())
 }
 
 fn write_params(out: &mut String, params: &PlanParams) -> fmt::Result {
@@ -80,7 +99,7 @@ fn write_candidates(out: &mut String, plan: &Plan) -> fmt::Result {
 
 fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
     writeln!(out, "\ncoverage")?;
-    for (name, area_mm2) in [
+    for (name, mm2) in [
         ("whole surface", coverage.total_area_mm2),
         ("asked", coverage.asked_area_mm2),
         ("visible", coverage.visible_area_mm2),
@@ -88,7 +107,7 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
         ("coverable", coverage.coverable_area_mm2),
         ("measured", coverage.measured.area_mm2),
     ] {
-        writeln!(out, "  {name:<24} {:>12} mm²", fixed(area_mm2, 1))?;
+        writeln!(out, "  {name:<24} {:>12} mm²", area_mm2(mm2))?;
     }
     for (name, fraction) in [
         ("measured of asked", coverage.of_asked()),
@@ -159,7 +178,9 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
     writeln!(out, "  the table turns {} s of these", fixed(sequence.turning_secs(), 1))?;
     let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.lower_bound_secs].map(|secs| fixed(secs, 1));
     let [moving, ordered, lower_bound] = secs;
+    let straight = fixed(sequence.moving_lower_secs, 1);
     writeln!(out, "  moving {moving} s in all, stations moved along the table's angle and rolled")?;
+    writeln!(out, "  at least {straight} s through these stations in any order, if every move were straight")?;
     match sequence.is_shortest() {
         true => writeln!(out, "  ordered with {ordered} s, the least over the stations and moves considered"),
         false => writeln!(out, "  ordered with {ordered} s, at least {lower_bound} s over the stations and moves considered"),
@@ -197,10 +218,10 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
         writeln!(out, "  nothing")?;
     }
     for cause in missed {
-        write!(out, "  {:<20} {:>10} mm²", cause.cause.as_str(), fixed(cause.area_mm2, 1))?;
+        write!(out, "  {:<20} {:>10} mm²", cause.cause.as_str(), area_mm2(cause.area_mm2))?;
         write!(out, " {:>6} % of asked, {}", percent(share(cause.area_mm2, asked_area_mm2)), counted(cause.spots.len(), "spot"))?;
         match cause.spots.first() {
-            Some(spot) => writeln!(out, ", largest {} mm² at {}", fixed(spot.area_mm2, 1), point(&spot.centre_mm))?,
+            Some(spot) => writeln!(out, ", largest {} mm² at {}", area_mm2(spot.area_mm2), point(&spot.centre_mm))?,
             None => writeln!(out)?,
         }
     }
@@ -214,7 +235,7 @@ fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
         writeln!(out, "\nlargest missed spots, and what was tried and works")?;
     }
     for (cause, spot, remedy) in treated {
-        write!(out, "  {:<20} {:>10} mm²", cause.as_str(), fixed(spot.area_mm2, 1))?;
+        write!(out, "  {:<20} {:>10} mm²", cause.as_str(), area_mm2(spot.area_mm2))?;
         let extent = [spot.extent_mm.x, spot.extent_mm.y, spot.extent_mm.z].map(|x| fixed(x, 1)).join(" × ");
         writeln!(out, " at {}, {extent} mm", point(&spot.centre_mm))?;
         writeln!(out, "       {}", remedy_sentence(remedy))?;

@@ -3,6 +3,7 @@
 mod coverage;
 mod missed;
 mod motion;
+mod registration;
 
 use std::collections::BTreeMap;
 
@@ -15,6 +16,7 @@ pub use coverage::{
 };
 pub use missed::{MissedDocument, RemedyDocument, RemedyViewDocument, TreatedSpotDocument};
 pub use motion::{MotionDocument, ObstructionDocument};
+pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
@@ -52,6 +54,13 @@ pub struct PlanDocument {
     /// `program-2.json` to the second, and so on.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub setups: Vec<SetupDocument>,
+    /// Registration of every two setups to each other by the surface that both measure. Measurements of a part that is turned over
+    /// are one only if it fixes all six freedoms, or if markers or a fixture do (`params.registration`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub setup_links: Vec<SetupLinkDocument>,
+    /// The weakest link between the views of each setup.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub view_links: Vec<ViewLinkDocument>,
     /// The chosen views, in the order chosen.
     pub viewpoints: Vec<ViewpointDocument>,
     /// Viewpoint ids in the order visited, setup by setup.
@@ -293,6 +302,8 @@ impl PlanDocument {
             },
             coverage: CoverageDocument::from(&plan.coverage),
             setups: setups(plan),
+            setup_links: registration::setup_links(plan, scanner),
+            view_links: registration::view_links(plan, scanner),
             viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
             sequence,
             motion: MotionDocument::of(plan),

@@ -8,7 +8,8 @@ use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView};
-use crate::wire::plan::CoverageDocument;
+use crate::planning::registration::Stability;
+use crate::wire::plan::{CoverageDocument, StabilityDocument};
 
 #[cfg(test)]
 mod tests;
@@ -117,8 +118,17 @@ pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy
 /// Reasons for which no plan is possible, in a sentence.
 #[must_use]
 pub fn no_plan_sentence(finding: &NoPlan) -> String {
-    let NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2 } = finding else {
-        return "no candidate measures anything; look at the part's unit and size".to_owned();
+    let (candidates, asked_mm2, missed_mm2) = match finding {
+        NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2 } => (candidates, asked_mm2, missed_mm2),
+        NoPlan::NothingInStudy => return "no candidate measures anything; look at the part's unit and size".to_owned(),
+        NoPlan::NotRegistered { stability } => {
+            return format!(
+                "the setups share {} mm² of surface, which leaves {} free, so that they cannot be registered to each other; set \
+                 registration = markers or fixture if something else does it, none if it need not be done, or setups = 1",
+                area_mm2(stability.shared_area_mm2),
+                freedom(stability)
+            );
+        }
     };
     let dropped: Vec<_> = candidates.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
     let dropped = if dropped.is_empty() { "none".to_owned() } else { dropped.join(", ") };
@@ -130,6 +140,28 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
         candidates.kept,
         named.collect::<Vec<_>>().join(", ")
     )
+}
+
+/// What two measurements share, in a sentence.
+#[must_use]
+pub fn stability_sentence(stability: &StabilityDocument) -> String {
+    let StabilityDocument { shared_area_mm2, fixed: is_fixed, resistance, weakest, expected_error_mm } = stability;
+    let error = expected_error_mm.map_or("unbounded".to_owned(), |error_mm| format!("{error_mm:.2e} mm"));
+    format!(
+        "share {} mm², {}: weakest is {weakest}, resistance {resistance:.3}, expected error {error} (1 σ, noise alone)",
+        area_mm2(*shared_area_mm2),
+        if *is_fixed { "all six freedoms fixed" } else { "not all six freedoms fixed" }
+    )
+}
+
+/// Names the motion of one measurement against another that shared surface resists least.
+#[must_use]
+pub fn freedom(stability: &Stability) -> String {
+    let (turn, shift) = (stability.turn, stability.shift);
+    let (what, axis) = if turn.norm() > shift.norm() { ("turning about", turn) } else { ("sliding along", shift) };
+    let Some(axis) = axis.try_normalize(f64::MIN_POSITIVE) else { return "every motion".to_owned() };
+    let [x, y, z] = [axis.x, axis.y, axis.z].map(|part| fixed(part, 2));
+    format!("{what} ({x} {y} {z})")
 }
 
 /// Advice on how to keep two bodies apart, in a sentence.
@@ -190,7 +222,7 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
         1 => write!(text, "; with 1 more view"),
         more => write!(text, "; with {more} more views"),
     };
-    let _ = write!(text, ": measures {} mm², {} % of it", fixed(remedy.area_mm2, 1), fixed(100.0 * remedy.of_spot, 0));
+    let _ = write!(text, ": measures {} mm², {} % of it", area_mm2(remedy.area_mm2), fixed(100.0 * remedy.of_spot, 0));
     text
 }
 
@@ -214,6 +246,16 @@ fn rolled(view: &RemedyView) -> String {
 
 fn degrees(angle_rad: f64) -> String {
     fixed(angle_rad.to_degrees(), 0)
+}
+
+/// Formats an area with one decimal, and with as many more as show three digits where it is small.
+pub(crate) fn area_mm2(area_mm2: f64) -> String {
+    /// Area below which three digits are fewer than one decimal, mm².
+    const SMALL_MM2: f64 = 10.0;
+    const MAX_DECIMALS: f64 = 9.0;
+    let size = area_mm2.abs();
+    let decimals = if size > 0.0 && size < SMALL_MM2 { (2.0 - size.log10().floor()).min(MAX_DECIMALS) } else { 1.0 };
+    fixed(area_mm2, decimals as usize)
 }
 
 /// Formats `value` with so many decimals; zero has no sign.

@@ -78,6 +78,7 @@ const PLANNING_ROOMS: &[&str] = &[
     "params",
     "surface",
     "visibility",
+    "registration",
     "candidates",
     "sky",
     "stations",

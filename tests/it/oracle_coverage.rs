@@ -10,7 +10,7 @@ use vantage::cell::{PoseSpec, Scanner};
 use vantage::geometry::Mesh;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, PlanParams, Standoff};
-use vantage::planning::plan::Outcome;
+use vantage::planning::plan::{Independent, Outcome};
 use vantage::planning::{PlanInput, tabulate};
 use vantage::wire::echo::Echo;
 use vantage::wire::plan::PlanDocument;
@@ -38,6 +38,10 @@ struct Answer {
     coverable_of_asked: f64,
     of_coverable: f64,
     covered_not_coverable: f64,
+    visible_of_asked: f64,
+    of_visible: f64,
+    within_35_deg_of_visible: f64,
+    within_60_deg_of_visible: f64,
     seconds: f64,
 }
 
@@ -80,6 +84,17 @@ fn compare(scanner: &Scanner, params: &PlanParams) {
         assert!((coverage.of_asked() - oracle.of_asked).abs() <= WITHIN, "{part}: {coverage:?}, {oracle:?}");
         let independent = coverage.independent.of_asked();
         assert!((independent - oracle.of_asked).abs() <= WITHIN, "{part}: on other samples {independent}, {oracle:?}");
+        let Independent { visible_area_mm2, asked_area_mm2, .. } = coverage.independent;
+        let shares = coverage.independent.of_visible();
+        for (name, own, oracle) in [
+            ("visible", visible_area_mm2 / asked_area_mm2, oracle.visible_of_asked),
+            ("of visible", shares.measured, oracle.of_visible),
+            ("within 35°", shares.within[0], oracle.within_35_deg_of_visible),
+            ("within 60°", shares.within[1], oracle.within_60_deg_of_visible),
+        ] {
+            println!("{:40} {name:>12} {own:.4} ({oracle:.4})", "");
+            assert!((own - oracle).abs() <= WITHIN, "{part}: {name} {own}, {oracle}");
+        }
         assert!((coverage.of_coverable() - oracle.of_coverable).abs() <= WITHIN, "{part}: {coverage:?}, {oracle:?}");
     }
 }

@@ -46,6 +46,12 @@ fn a_box_on_the_table_is_measured_but_for_the_face_it_stands_on() {
     let outcome = planned(&mesh, None, &cell, &quick()).expect("a plan");
     let coverage = &outcome.plan.coverage;
     assert!((missed_mm2(&outcome, Cause::ExcludedResting) - 2400.0).abs() < 1e-6);
+    for (visible_mm2, asked_mm2) in [
+        (coverage.visible_area_mm2, coverage.asked_area_mm2),
+        (coverage.independent.visible_area_mm2, coverage.independent.asked_area_mm2),
+    ] {
+        assert!((visible_mm2 - (asked_mm2 - 2400.0)).abs() < 1e-6, "all but the face it stands on: {visible_mm2} of {asked_mm2}");
+    }
     assert!((coverage.asked_area_mm2 - 12_800.0).abs() < 1e-6);
     assert!((coverage.coverable_area_mm2 - 10_400.0).abs() < 1e-6, "all but the underside: {coverage:?}");
     assert!((coverage.measured.grade_area_mm2.iter().sum::<f64>() - coverage.measured.area_mm2).abs() < 1e-6);

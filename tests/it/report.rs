@@ -171,7 +171,7 @@ fn sequence(views: usize) -> Sequence {
         passed_within_rad: None,
     };
     let visits = (0..views as u32).rev().map(|view| (ViewId(view), leg(f64::from(view)))).collect();
-    Sequence { visits, return_home: leg(0.0), ordered_secs: 12.5, lower_bound_secs: 11.5 }
+    Sequence { visits, return_home: leg(0.0), ordered_secs: 12.5, lower_bound_secs: 11.5, moving_lower_secs: 11.0 }
 }
 
 fn obstruction() -> Obstruction {
@@ -223,6 +223,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         coverable_area_mm2: coverage.coverable_area_mm2,
         measured_area_mm2: coverage.measured.area_mm2,
         sequence: Some(sequence(sides.len())),
+        weakest_link: None,
     };
     let plan = Plan {
         part: PartFacts { sha256: "ab".repeat(32), triangles: mesh.faces.len(), area_mm2: mesh.area_mm2(), aabb: mesh.aabb() },
@@ -231,6 +232,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         candidates: CandidateCounts { generated: 62, kept: 50, rejected: [(Rejection::BelowTable, 12)].into() },
         views: views.collect(),
         setups: vec![setup],
+        setup_links: Vec::new(),
         obstructions: vec![obstruction()],
         missed: missed_of(mesh, &surface, &verdicts),
         stopped_because: StopReason::Target,

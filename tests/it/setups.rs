@@ -6,11 +6,12 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{UnitQuaternion, Vector3};
 use vantage::cell::{Cell, CollisionScene, PoseSpec, Presets, SpecLibrary};
 use vantage::geometry::{Mesh, Part, Pose, Table};
-use vantage::planning::context::{Context, Silent};
-use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams};
+use vantage::planning::context::{Context, NoPlan, PlanError, Silent};
+use vantage::planning::params::{CandidateParams, Hemisphere, PlanParams, Registration};
 use vantage::planning::plan::{Outcome, SetupId};
 use vantage::planning::{PlanInput, plan};
 use vantage::program::{Expected, check, compile};
+use vantage::wire::words::no_plan_sentence;
 
 use crate::support::{PARTS, all_asked, box_mesh, nominal_scanner, plan_viewpoints, shared_mesh_scaled};
 
@@ -80,6 +81,38 @@ fn the_same_setups_on_one_thread_and_two() {
     assert_eq!(one, two);
 }
 
+/// Two setups of a thin plate see its rim together, and nothing that would keep the two faces from sliding apart.
+#[test]
+fn a_plate_is_not_joined_by_its_rim() {
+    let mesh = box_mesh([-50.0, -30.0, 0.0], [50.0, 30.0, 2.0]);
+    let mut params = quick(2);
+    params.part.resting_poses = as_filed_and_turned_over(&mesh);
+    let planned = |params: &PlanParams| {
+        let (cancel, scanner) = (AtomicBool::new(false), nominal_scanner());
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        plan(&input, params, &Context::new(&cancel, &Silent))
+    };
+    let Err(PlanError::NoPlan(NoPlan::NotRegistered { stability })) = planned(&params) else { panic!("refused") };
+    assert!(stability.shared_area_mm2 <= 640.0 + 1e-6 && !stability.is_fixed(), "{stability:?}");
+    let said = no_plan_sentence(&NoPlan::NotRegistered { stability });
+    assert!(said.contains("(0.00 0.00 1.00)") && said.contains("registration = markers"), "{said}");
+    params.registration = Registration::Markers;
+    let outcome = planned(&params).expect("a plan");
+    let [link] = outcome.plan.setup_links[..] else { panic!("{:?}", outcome.plan.setup_links) };
+    assert!(!link.stability.is_fixed() && outcome.plan.coverage.of_total() > 0.95, "{link:?}");
+}
+
+/// A block that lies on one side, then on another beside it, shows three sides and more in both.
+#[test]
+fn a_block_is_joined_by_the_sides_that_two_setups_share() {
+    let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
+    let outcome = plan_viewpoints(&mesh, &nominal_scanner(), &quick(2));
+    let [link] = outcome.plan.setup_links[..] else { panic!("{:?}", outcome.plan.setup_links) };
+    assert!(link.stability.is_fixed() && link.stability.shared_area_mm2 > 1000.0, "{link:?}");
+    let text = vantage::report::text::text(&outcome.plan);
+    assert!(text.contains("setups 0 and 1 share") && text.contains(" % of the asked area, of "), "{text}");
+}
+
 /// Standing as in its file, and turned 180° about x; its box's centre on the axis, its bottom on the plate.
 fn as_filed_and_turned_over(mesh: &Mesh) -> Vec<PoseSpec> {
     let (centre, height_mm) = (mesh.aabb().centre(), mesh.aabb().extent_mm().z);
@@ -117,8 +150,9 @@ fn two_setups_measure_what_was_found_independently() {
             let mut params = quick(2);
             params.part.resting_poses = as_filed_and_turned_over(&mesh);
             params.part.samples_per_mm2 = Some(8000.0 / mesh.area_mm2());
-            // What can be measured is known before a view is chosen.
+            // What can be measured is known before a view is chosen; one view joins no setups.
             params.selection.max_views = Some(1);
+            params.registration = Registration::None;
             params.missed.remedies = 0;
             if let Some([camera_deg, projector_deg]) = limits_deg {
                 (params.limits.camera_deg, params.limits.projector_deg) = (Some(*camera_deg), Some(*projector_deg));

@@ -9,7 +9,8 @@ depth. Points are drawn uniformly by area; each survivor of the cheap tests cost
 
 MESH is the file that was planned on, in millimetres; --largest-extent scales it and puts the middle of its box at the
 origin, as the planner's input was. POSES.json is a list of part_from_scanner, one for every candidate that was considered; with it `of_coverable` is
-printed too. The answer is one JSON object on standard output. Lengths in millimetres.
+printed too. Of visible counts points from which a straight line leads out of the part; incidence is against the direction to the
+viewpoint. The answer is one JSON object on standard output. Lengths in millimetres.
 """
 
 import argparse
@@ -151,6 +152,36 @@ def union(part, scanner, poses, points, normals):
     return seen
 
 
+def squarest(part, scanner, poses, points, normals):
+    """Cosine of the smallest incidence, against the direction to the viewpoint, at which each point is measured; else -1."""
+    best = np.full(len(points), -1.0)
+    for pose in poses:
+        seen = np.flatnonzero(measured(part, scanner, pose, points, normals))
+        towards = matrix(pose)[:3, 3] - points[seen]
+        cosine = np.einsum("ij,ij->i", normals[seen], towards) / np.linalg.norm(towards, axis=1)
+        best[seen] = np.maximum(best[seen], cosine)
+    return best
+
+
+def open_sky(part, points, normals, seed, directions=4096, batch=32):
+    """Which points have a straight way out of the part: random directions in front of each until one is free."""
+    random = np.random.default_rng(seed)
+    is_open = np.zeros(len(points), dtype=bool)
+    beyond = 10 * np.abs(points).max() + 1000
+    for _ in range(directions // batch):
+        left = np.flatnonzero(~is_open)
+        for _ in range(batch if len(left) else 0):
+            direction = random.normal(size=(len(left), 3))
+            direction /= np.linalg.norm(direction, axis=1)[:, None]
+            direction *= np.sign(np.einsum("ij,ij->i", direction, normals[left]))[:, None]
+            free = part.free(points[left], normals[left], points[left] + beyond * direction)
+            is_open[left[free]] = True
+            left = left[~free]
+            if not len(left):
+                break
+    return is_open
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mesh")
@@ -173,6 +204,15 @@ def main():
     poses = [view["part_from_scanner"] for view in plan["viewpoints"] if view["rejected"] is None]
     covered = union(part, scanner, poses, points, normals)
     answer = {"points": args.points, "area_mm2": area, "of_asked": covered.mean()}
+    # Without a plate nothing rests: visible is whatever a straight line leads out from.
+    visible = covered.copy()
+    rest = np.flatnonzero(~covered)
+    visible[rest] = open_sky(part, points[rest], normals[rest], args.seed)
+    best = squarest(part, scanner, poses, points, normals)
+    answer["visible_of_asked"] = visible.mean()
+    answer["of_visible"] = covered.mean() / visible.mean()
+    for degrees in (35, 60):
+        answer[f"within_{degrees}_deg_of_visible"] = (best >= np.cos(np.radians(degrees))).mean() / visible.mean()
     if args.candidates:
         with open(args.candidates) as file:
             coverable = union(part, scanner, json.load(file), points, normals)

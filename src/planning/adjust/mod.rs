@@ -1,14 +1,16 @@
-//! Chosen views adjusted: slid to where they score higher; exchanged for others that lie better on the way, and rolled about their
+//! Chosen views adjusted: joined by others where setups share too little surface; slid to where they score higher; exchanged for others that lie better on the way, and rolled about their
 //! axes, for shorter cycles of the same plan.
 
 mod exchange;
 mod guard;
+mod joins;
 mod rolls;
 mod slides;
 
 use super::problem::ViewPlanningProblem;
 
 pub(super) use exchange::exchange_views;
+pub(super) use joins::join_setups;
 pub(super) use rolls::roll_views;
 pub(super) use slides::slide_views;
 

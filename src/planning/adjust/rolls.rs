@@ -1,8 +1,9 @@
 //! Rolls of chosen views: a view may be taken turned about its optical axis where the moves are shorter then and, measured
 //! anew, the views together lose nothing ([`super::guard`]). At most three poses are evaluated for each view. Plans that ask for
-//! overlap, or for views that tolerate stated errors, keep their rolls.
+//! overlap, for setups that share surface, or for views that tolerate stated errors, keep their rolls.
 
 use super::guard::{Guard, graded};
+use super::joins;
 use crate::geometry::{Part, Pose, ScannerFrame, plate_from_placed};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::Roll;
@@ -23,7 +24,7 @@ pub(in crate::planning) fn roll_views(
     ordered: Vec<Ordered>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Ordered>, Cancelled> {
-    if problem.params.motion.roll == Roll::Fixed || super::keeps_views(problem) {
+    if problem.params.motion.roll == Roll::Fixed || super::keeps_views(problem) || joins::must_join(problem) {
         return Ok(ordered);
     }
     let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();

@@ -2,13 +2,14 @@
 //! whole block. What it contributes are the samples that no other chosen view measures as well. A view is slid only where all
 //! views together lose nothing by it ([`super::guard`]) and the cell can take it there. The slid view joins the candidates.
 //!
-//! Plans that ask for overlap, or for views that tolerate stated errors, keep their views; poses that the job gives are kept.
+//! Where setups would no longer share the surface that registers them, no view is slid. Plans that ask for overlap, or for views that tolerate stated errors, keep their views; poses that the job gives are kept.
 //!
 //! Cost: a view evaluated anew, and [`STEPS`] projections of at most [`MAX_SAMPLES`] samples, for each chosen view.
 
 use std::collections::BTreeSet;
 
 use super::guard::{Guard, graded};
+use super::joins;
 use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::candidates::Candidate;
 use crate::planning::candidates::slide::{better, moved, refined};
@@ -57,7 +58,8 @@ pub(in crate::planning) fn slide_views(
         guard.exchange(view, &before, &slid.row);
         *candidate = slid.join(problem);
     }
-    if slid_views == chosen.candidates {
+    let parts_setups = || joins::must_join(problem) && !joins::are_joined(problem, &slid_views);
+    if slid_views == chosen.candidates || parts_setups() {
         return Ok(chosen);
     }
     let usable = problem.choosable(excluded);

@@ -30,6 +30,11 @@ pub enum NoPlan {
         /// Asked area by the cause for which it is missed, mm²: the largest first, none of them 0.
         missed_mm2: Vec<(Cause, f64)>,
     },
+    /// Setups share no surface by which they could be registered to each other.
+    NotRegistered {
+        /// The best that two of them share.
+        stability: Stability,
+    },
     /// No candidate measures anything, whatever value a study gives to what it varies.
     NothingInStudy,
 }

@@ -14,14 +14,15 @@ use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
 use super::missed::{self, CanExecute, MissAnalysis};
 use super::params::{SelectionParams, TargetOf};
 use super::plan::{
-    CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, SetupPlan, Stance, StopReason, Verdict,
-    share,
+    CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, SetupLink, SetupPlan, Stance,
+    StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
+use super::registration;
 use super::selection::coverable_mm2;
 use super::sequence::Ordered;
 use super::stations::StationFailure;
-use super::visibility::{self, Occluders, Row};
+use super::visibility::{self, Occluders, Row, SampleSet};
 use crate::geometry::RayScene;
 
 /// A solved problem: chosen views, with what became of each.
@@ -100,6 +101,7 @@ impl<'a> Solution<'a> {
             },
             bound: chosen.selection.bound,
             setups: self.setups(ordered),
+            setup_links: self.setup_links(),
             obstructions: Vec::new(),
             coverage,
             params: problem.params.clone(),
@@ -114,7 +116,10 @@ impl<'a> Solution<'a> {
             let is_here = |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup;
             let views: Vec<ViewId> = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view).collect();
             let usable: Vec<_> = problem.usable().into_iter().filter(|candidate| is_here(*candidate)).collect();
+            let measured: Vec<SampleSet> = views.iter().map(|view| measuring[view.index()].measured().clone()).collect();
+            let link = registration::weakest_link(&problem.surface, &measured);
             SetupPlan {
+                weakest_link: link.map(|(pair, stability)| (pair.map(|place| views[place]), stability)),
                 table_from_part: problem.setups[setup.index()],
                 coverable_area_mm2: asked_mm2(&problem.rows(&usable)),
                 measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[view.index()]).collect::<Vec<_>>()),
@@ -123,6 +128,22 @@ impl<'a> Solution<'a> {
             }
         };
         self.used.iter().map(plan).collect()
+    }
+
+    /// Registration of every two setups by what both measure.
+    fn setup_links(&self) -> Vec<SetupLink> {
+        let Self { problem, chosen, measuring, used, .. } = self;
+        let measured = |setup: &SetupIndex| {
+            let is_here = |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup;
+            let here = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| &measuring[view.index()]);
+            registration::union_of(here, problem.surface.sample_mm.len())
+        };
+        let measured: Vec<SampleSet> = used.iter().map(measured).collect();
+        let link = |a: usize, b: usize| SetupLink {
+            setups: [a, b].map(SetupId::at),
+            stability: registration::stability(&problem.surface, &registration::shared(&measured[a], &measured[b])),
+        };
+        (0..measured.len()).flat_map(|b| (0..b).map(move |a| (a, b))).map(|(a, b)| link(a, b)).collect()
     }
 
     fn views(&self, ordered: &[Ordered], coverage: &Coverage) -> Vec<PlannedView> {

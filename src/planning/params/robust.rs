@@ -22,11 +22,11 @@ params! {
         /// none. The default turn is the one that the thesis accepts (§4.1.2); the shift has no source.
         pose_error: Option<PoseErrorParams> = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
         /// Draws in which every view is put off by an error of its own.
-        draws: u32 = 20, [1.0, 1000.0] "";
+        draws: u32 = 5, [1.0, 1000.0] "";
         /// Draws in which the part as a whole is put off.
-        part_draws: u32 = 20, [1.0, 1000.0] "";
+        part_draws: u32 = 5, [1.0, 1000.0] "";
         /// Draws of one error that every view shares in the scanner frame: a wrong hand-eye calibration.
-        hand_eye_draws: u32 = 20, [1.0, 1000.0] "";
+        hand_eye_draws: u32 = 5, [1.0, 1000.0] "";
         /// Chooses views by what they measure under each of six stated errors as well (`planning/problem/robust_rows.rs`): turned
         /// about x, y and z both ways by the angle, and moved by the distance to where the turn takes the field. Seven times
         /// the time for visibility.

@@ -15,6 +15,7 @@ pub use remedy::{Remedy, RemedyKind, RemedyView};
 use super::candidates::Label;
 pub use super::ids::{CandidateId, SetupId, ViewId};
 use super::params::PlanParams;
+pub use super::registration::Stability;
 pub use super::selection::{Bound, StopReason};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
@@ -41,6 +42,8 @@ pub struct Plan {
     pub views: Vec<PlannedView>,
     /// The ways in which the part lies while views are taken, in that order; at least one.
     pub setups: Vec<SetupPlan>,
+    /// Registration of every two setups to each other.
+    pub setup_links: Vec<SetupLink>,
     /// Pairs of bodies that keep the cell from candidates, the one that keeps it from most first.
     pub obstructions: Vec<Obstruction>,
     /// Missed area by cause, in the order of [`Cause`].
@@ -64,6 +67,18 @@ pub struct SetupPlan {
     pub measured_area_mm2: f64,
     /// Order and paths; present with a cell.
     pub sequence: Option<Sequence>,
+    /// The two views that are registered to each other worst, by the surface that they share, if each is to the one that it shares
+    /// most with. Views of one setup share the table's frame, so this is information. `None` for a single view.
+    pub weakest_link: Option<([ViewId; 2], Stability)>,
+}
+
+/// Registration of two setups to each other by the surface that both measure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetupLink {
+    /// The setups.
+    pub setups: [SetupId; 2],
+    /// What they share.
+    pub stability: Stability,
 }
 
 impl Plan {

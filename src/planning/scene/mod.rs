@@ -103,6 +103,11 @@ impl<'a> PlanningScene<'a> {
         sequence::bounded(ordered, self.cell, self.params, ctx)
     }
 
+    /// Adds the bound of the moves as they are to a sequence; see [`sequence::bounded_as_moved`].
+    pub(super) fn bounded_as_moved(&self, ordered: Ordered, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
+        sequence::bounded_as_moved(ordered, self.cell, self.params, ctx)
+    }
+
     /// Rolls views of a sequence; see [`sequence::roll`].
     pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut Permits<'_>) -> Result<Ordered, Cancelled> {
         sequence::roll(ordered, self.cell, &self.scene, self.params, permits, ctx)

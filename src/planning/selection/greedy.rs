@@ -72,10 +72,10 @@ pub(super) fn run(
         if round.choices.len() >= max_views(params) {
             break StopReason::MaxViews;
         }
-        let Some((row, score)) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
-        if round.asked.area_mm2(problem.row(row)) < min_gain_mm2 {
-            break StopReason::Growth;
-        }
+        let Some(best) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
+        // The view with the highest score may add less area than others.
+        let grows = if round.gain_mm2(best.0) < min_gain_mm2 { round.best_that_adds(min_gain_mm2, &overlap) } else { Some(best) };
+        let Some((row, score)) = grows else { break StopReason::Growth };
         round.take(row, score);
         goals.iter_mut().for_each(|goal| goal.close(problem, row));
         let still_unmet: Vec<&GoalProgress<'_>> = goals.iter().filter(|goal| !goal.is_met()).collect();
@@ -138,9 +138,23 @@ impl<'a> Round<'a> {
         score - self.scorer.travel_cost_mm2(row, &self.chosen)
     }
 
+    /// Asked area that a row would add.
+    fn gain_mm2(&self, row: RowIndex) -> f64 {
+        self.asked.area_mm2(self.scorer.problem.row(row))
+    }
+
+    /// The candidate with the highest positive score that may be chosen and adds so much area; the lowest number among equals.
+    fn best_that_adds(&self, min_gain_mm2: f64, overlap: &Overlap<'_>) -> Option<(RowIndex, f64)> {
+        let adds = |row: &RowIndex| !self.chosen.contains(row) && self.gain_mm2(*row) >= min_gain_mm2;
+        let scored =
+            self.scorer.problem.all_rows().filter(adds).map(|row| (row, self.net_score(row, self.scorer.score(row, &self.open))));
+        let may_be_chosen = scored.filter(|(row, score)| *score > 0.0 && overlap.joins(*row, &self.chosen));
+        may_be_chosen.reduce(|best, next| if precedes(next, best) { next } else { best })
+    }
+
     fn take(&mut self, row: RowIndex, score: f64) {
         let measured = self.scorer.problem.row(row);
-        self.choices.push(Choice { row, gain_mm2: self.asked.area_mm2(measured), score });
+        self.choices.push(Choice { row, gain_mm2: self.gain_mm2(row), score });
         self.open.close(measured);
         self.asked.close(measured);
         self.chosen.push(row);

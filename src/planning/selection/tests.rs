@@ -61,6 +61,12 @@ fn growth_and_view_limits_end_it() {
     let rows = [row(&[0, 1, 2, 3], 0.0), row(&[4], 0.0)];
     let growth = SelectionParams { min_growth: 0.2, ..coverage() };
     assert_eq!(chosen(&rows, &growth, &ScoreParams::default()).stopped_because, StopReason::Growth);
+    // A small patch of the highest quality scores more than four samples at the limit of the scanner.
+    let rows = [row(&[0], 1.0), row(&[1, 2, 3, 4], -0.9)];
+    let scored = SelectionParams { solver: Solver::Greedy, min_growth: 0.3, target: 1.0, ..SelectionParams::default() };
+    let selection = chosen(&rows, &scored, &ScoreParams::default());
+    assert_eq!((rows_of(&selection), selection.stopped_because), (vec![1], StopReason::Growth), "growth counts area, not score");
+    let rows = [row(&[0, 1, 2, 3], 0.0), row(&[4], 0.0)];
     let limited = SelectionParams { max_views: Some(1), ..coverage() };
     let selection = chosen(&rows, &limited, &ScoreParams::default());
     assert_eq!((selection.choices.len(), selection.stopped_because), (1, StopReason::MaxViews));

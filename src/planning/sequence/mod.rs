@@ -71,6 +71,9 @@ pub struct Sequence {
     pub ordered_secs: f64,
     /// Lower bound of `ordered_secs` over all tours of the stations and moves that were considered. Zero until [`bounded`].
     pub lower_bound_secs: f64,
+    /// Lower bound of the time of all moves through these stations in any order, if every move were straight. Zero until
+    /// [`bounded_as_moved`].
+    pub moving_lower_secs: f64,
 }
 
 impl Sequence {
@@ -159,6 +162,25 @@ pub fn bounded(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Con
     Ok(ordered)
 }
 
+/// Adds the lower bound of the moves through the stations as they are now, moved along the table's angle and rolled.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn bounded_as_moved(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
+    let (axes, stops) = (cell.axes(), &ordered.tour.stops);
+    let at = |node: usize| stops.get(node).map_or(cell.home_rad, |(_, configuration)| *configuration);
+    let costs = tour::Costs::new(stops.len(), |a, b| straight_secs(&axes, &at(a), &at(b), &params.motion));
+    let groups: Vec<_> = (0..stops.len()).map(|node| node..node + 1).collect();
+    // Where tours are exact, the bound is the time of the shortest.
+    let known: Vec<usize> = if groups.len() <= tour::EXACT_GROUPS {
+        tour::shortest(&groups, &costs, &[], tour::Effort::Thorough, ctx)?.into_iter().next().unwrap_or_default()
+    } else {
+        (0..stops.len()).collect()
+    };
+    ordered.sequence.moving_lower_secs = tour::lower_bound_secs(&groups, &costs, &known, ctx)?;
+    Ok(ordered)
+}
+
 /// Rolls the scanner about its optical axis wherever that makes the moves shorter and `permits` lets a view be taken from such a
 /// pose on the plate. `permits` is called a few times a view, for each roll that is quicker.
 ///
@@ -184,7 +206,8 @@ fn sequence(tour: &Tour, routes: &Routes<'_>, [ordered_secs, lower_bound_secs]: 
     let home = *routes.home();
     let leg_to = |stop: usize, target: Configuration| leg(&tour.before(stop, &home), tour.paths[stop].clone(), target, routes);
     let visits = tour.stops.iter().enumerate().map(|(stop, (view, target))| (*view, leg_to(stop, *target))).collect();
-    Sequence { visits, return_home: leg_to(tour.stops.len(), home), ordered_secs, lower_bound_secs }
+    let return_home = leg_to(tour.stops.len(), home);
+    Sequence { visits, return_home, ordered_secs, lower_bound_secs, moving_lower_secs: 0.0 }
 }
 
 fn leg(from: &Configuration, route: Route, target: Configuration, routes: &Routes<'_>) -> Leg {

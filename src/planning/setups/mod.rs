@@ -14,10 +14,11 @@ mod tests;
 use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::candidates::{self, Scope};
-use super::context::{Context, PlanError};
-use super::params::{CandidateParams, Hemisphere, PlanParams};
+use super::context::{Context, NoPlan, PlanError};
+use super::params::{CandidateParams, Hemisphere, PlanParams, Registration};
+use super::registration::{Stability, shared, stability};
 use super::scene::{PlanInput, PlanningScene};
-use super::surface;
+use super::surface::{self, Surface};
 use super::visibility::{self, Occluders, Optics, SampleSet};
 use crate::cell::Scanner;
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, stable_poses};
@@ -56,9 +57,18 @@ pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_
     let reachable = measured_from(&pool, input, params, ctx)?;
     let asked_mm2 = reachable.area_mm2.iter().sum::<f64>();
     let max_setups = (params.setups as usize).min(pool.len());
-    let best: Vec<(Vec<usize>, f64)> = (1..=max_setups).map(|count| reachable.best_of(count)).collect();
-    let enough_mm2 = best.iter().map(|(_, mm2)| *mm2).fold(0.0, f64::max) - FLIP_WORTH * asked_mm2;
-    let fewest = best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![0], |(poses, _)| poses);
+    let links = (params.registration == Registration::Surface).then(|| reachable.links());
+    let worth_mm2 = FLIP_WORTH * asked_mm2;
+    let fewest = reachable.fewest(max_setups, worth_mm2, links.as_ref());
+    if let Some(links) = &links
+        && fewest.len() == 1
+    {
+        let freely = reachable.fewest(max_setups, worth_mm2, None);
+        if freely.len() > 1 {
+            let stability = links.best_among(&freely);
+            return Err(PlanError::NoPlan(NoPlan::NotRegistered { stability }));
+        }
+    }
     Ok(fewest.into_iter().map(|pose| pool[pose]).collect())
 }
 
@@ -90,6 +100,7 @@ fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose<Table, Part> {
 
 /// Samples that can be measured from above the plate in each pose.
 struct Reachable {
+    surface: Surface,
     by_pose: Vec<SampleSet>,
     /// Asked area of each sample.
     area_mm2: Vec<f64>,
@@ -134,7 +145,8 @@ fn measured_from(
         taken.for_each(|(_, row)| measured.insert_all(row.measured()));
         measured
     };
-    Ok(Reachable { by_pose: pool.iter().map(seen_in).collect(), area_mm2: surface.asked_area_mm2() })
+    let by_pose = pool.iter().map(seen_in).collect();
+    Ok(Reachable { by_pose, area_mm2: surface.asked_area_mm2(), surface })
 }
 
 /// Returns true if the viewpoint and all devices stand above the plate's plane.
@@ -144,19 +156,64 @@ pub(super) fn is_above(view: &Pose<Part, ScannerFrame>, table_from_part: &Pose<T
     centres.chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
 }
 
+/// Stability of the registration of every two poses, by all that can be measured in both.
+struct Links {
+    by_pair: Vec<Vec<Stability>>,
+}
+
+impl Links {
+    fn between(&self, a: usize, b: usize) -> &Stability {
+        &self.by_pair[a.max(b)][a.min(b)]
+    }
+
+    /// Returns true if poses are registered to each other, each directly or through others.
+    fn join(&self, poses: &[usize]) -> bool {
+        let Some((first, rest)) = poses.split_first() else { return true };
+        let (mut reached, mut rest) = (vec![*first], rest.to_vec());
+        while let Some(next) = rest.iter().position(|pose| reached.iter().any(|other| self.between(*pose, *other).is_fixed())) {
+            reached.push(rest.swap_remove(next));
+        }
+        rest.is_empty()
+    }
+
+    /// The most stable link of two of several poses.
+    fn best_among(&self, poses: &[usize]) -> Stability {
+        let pairs = poses.iter().enumerate().flat_map(|(at, b)| poses[..at].iter().map(|a| *self.between(*a, *b)));
+        pairs.reduce(|a, b| if b.resistance > a.resistance { b } else { a }).unwrap_or_else(|| unreachable!("two poses"))
+    }
+}
+
 impl Reachable {
+    fn links(&self) -> Links {
+        let link = |b: usize, a: usize| stability(&self.surface, &shared(&self.by_pose[a], &self.by_pose[b]));
+        Links { by_pair: (0..self.by_pose.len()).map(|b| (0..b).map(|a| link(b, a)).collect()).collect() }
+    }
+
+    /// The fewest poses that lose no more than `worth_mm2` against the best of at most `max`, of those that `links` join.
+    fn fewest(&self, max: usize, worth_mm2: f64, links: Option<&Links>) -> Vec<usize> {
+        let best: Vec<(Vec<usize>, f64)> = (1..=max).map(|count| self.best_of(count, links)).collect();
+        let enough_mm2 = best.iter().map(|(_, mm2)| *mm2).fold(0.0, f64::max) - worth_mm2;
+        best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![0], |(poses, _)| poses)
+    }
+
     /// The poses that measure most together, so many; the first of equals. With the area, mm².
-    fn best_of(&self, count: usize) -> (Vec<usize>, f64) {
+    fn best_of(&self, count: usize, links: Option<&Links>) -> (Vec<usize>, f64) {
         let mut best = (Vec::new(), f64::NEG_INFINITY);
         let nothing = SampleSet::none_of(self.area_mm2.len());
-        self.extend(&mut Vec::new(), &nothing, count, &mut best);
+        self.extend(&mut Vec::new(), &nothing, (count, links), &mut best);
         best
     }
 
-    fn extend(&self, poses: &mut Vec<usize>, measured: &SampleSet, count: usize, best: &mut (Vec<usize>, f64)) {
+    fn extend(
+        &self,
+        poses: &mut Vec<usize>,
+        measured: &SampleSet,
+        (count, links): (usize, Option<&Links>),
+        best: &mut (Vec<usize>, f64),
+    ) {
         if poses.len() == count {
             let area_mm2 = measured.iter().map(|sample| self.area_mm2[sample.index()]).sum();
-            if area_mm2 > best.1 {
+            if area_mm2 > best.1 && links.is_none_or(|links| links.join(poses)) {
                 *best = (poses.clone(), area_mm2);
             }
             return;
@@ -165,7 +222,7 @@ impl Reachable {
             let mut measured = measured.clone();
             measured.insert_all(&self.by_pose[pose]);
             poses.push(pose);
-            self.extend(poses, &measured, count, best);
+            self.extend(poses, &measured, (count, links), best);
             poses.pop();
         }
     }

@@ -1,6 +1,6 @@
 //! Helpers that all sections of a page share: escaping of text, and numbers formatted for people.
 
-use crate::wire::words::fixed;
+use crate::wire::words::{self, fixed};
 
 /// Escapes untrusted text for use between tags and inside quoted attributes. Characters that markup forbids become the
 /// replacement character.
@@ -43,10 +43,10 @@ pub(in crate::report) fn percent(share: f64) -> String {
     format!("{}\u{a0}%", number(share * 100.0, 2))
 }
 
-/// Formats an area, with one decimal if it is small.
+/// Formats an area, with three digits or one decimal if it is small.
 pub(in crate::report) fn area(area_mm2: f64) -> String {
-    let decimals = if area_mm2.abs() < 100.0 { 1 } else { 0 };
-    format!("{}\u{a0}mm²", number(area_mm2, decimals))
+    let text = if area_mm2.abs() < 100.0 { words::area_mm2(area_mm2) } else { number(area_mm2, 0) };
+    format!("{text}\u{a0}mm²")
 }
 
 /// Formats a point or direction, its coordinates with so many decimals.

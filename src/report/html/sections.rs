@@ -8,9 +8,9 @@ use super::markup::{area, duration, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
-use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, share};
+use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
-use crate::wire::plan::CoverageDocument;
+use crate::wire::plan::{CoverageDocument, StabilityDocument};
 use crate::wire::words::{HeadlineShare, advice_sentence, changed_params, headline as headline_shares, treated_spots};
 
 /// Max spots listed for each cause.
@@ -272,6 +272,43 @@ fn missed_row(input: &ReportInput<'_>, missed: &MissedCause) -> String {
         percent(share(missed.area_mm2, plan.coverage.asked_area_mm2)),
         number(missed.spots.len() as f64, 0),
         spots.join("<br/>")
+    )
+}
+
+/// Section on the registration of setups and views by shared surface; empty for a single view.
+pub(super) fn registration(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let row = |name: String, stability: &Stability| {
+        let document = StabilityDocument::new(stability, input.scanner, &plan.params);
+        let error = document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{:.1} µm", 1e3 * mm));
+        format!(
+            "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{error}</td>\
+             <td>{}</td></tr>\n",
+            area(document.shared_area_mm2),
+            document.weakest,
+            number(document.resistance, 3),
+            if document.fixed { "yes" } else { "no" }
+        )
+    };
+    let pairs = plan.setup_links.iter().map(|link| {
+        let [a, b] = link.setups.map(|setup| setup.0 + 1);
+        row(format!("Setups {a} and {b}"), &link.stability)
+    });
+    let views = plan.setups.iter().enumerate().filter_map(|(number, setup)| {
+        let ([a, b], stability) = setup.weakest_link.as_ref()?;
+        Some(row(format!("Views {} and {}, the worst joined of setup {}", a.0, b.0, number + 1), stability))
+    });
+    let rows: String = pairs.chain(views).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<section>\n<h2>Registration by shared surface</h2>\n<p>Setups are one measurement only if they can be registered to each \
+         other: the surface that both measure has to resist every motion of one against the other. Views of one setup share \
+         the table's frame; theirs is information. The error is that of the scanner's noise alone (1 σ).</p>\n\
+         <div class=\"card scroll\"><table>\n<thead><tr><th>Between</th><th class=\"n\">Shared</th><th>Weakest motion</th>\
+         <th class=\"n\">Resistance</th><th class=\"n\">Expected error</th><th>All fixed</th></tr></thead>\n<tbody>\n{rows}</tbody>\
+         </table></div>\n</section>\n"
     )
 }
 

@@ -30,8 +30,11 @@ pub struct MotionDocument {
     /// roll, s.
     #[serde(default)]
     pub ordered_secs: f64,
-    /// Lower bound on the time of all moves, for any order over the stations and moves considered, s; equal to `ordered_secs` if
-    /// the order is proven optimal.
+    /// Lower bound on `ordered_secs`, for any order over the stations and moves considered, s; equal to `ordered_secs` if the
+    /// order is proven optimal.
+    #[serde(default)]
+    pub ordered_secs_lower: f64,
+    /// Lower bound on `moving_secs`, for the same stations in any order, if every move were straight, s.
     pub moving_secs_lower: f64,
 }
 
@@ -49,7 +52,8 @@ impl MotionDocument {
             settling_secs,
             scanning_secs,
             ordered_secs: plan.sequences().map(|sequence| sequence.ordered_secs).sum(),
-            moving_secs_lower: plan.sequences().map(|sequence| sequence.lower_bound_secs).sum(),
+            ordered_secs_lower: plan.sequences().map(|sequence| sequence.lower_bound_secs).sum(),
+            moving_secs_lower: plan.sequences().map(|sequence| sequence.moving_lower_secs).sum(),
         })
     }
 }

@@ -150,6 +150,10 @@ fn a_closed_cavity_has_no_remedy_and_says_so() {
     assert_eq!((cause, remedy.kind, remedy.views.len()), (Cause::Enclosed, RemedyKind::None, 0));
     assert!((spot.area_mm2 - 2400.0).abs() < 1e-6 && (spot.extent_mm - Vector3::repeat(20.0)).norm() < 1e-9, "{spot:?}");
     assert!(spot.centre_mm.coords.norm() < 0.5 && remedy.tried > 100, "{spot:?} {remedy:?}");
+    let coverage = &outcome.plan.coverage;
+    for visible_mm2 in [coverage.visible_area_mm2, coverage.independent.visible_area_mm2] {
+        assert!((visible_mm2 - 21_600.0).abs() < 1e-6, "the outside alone is visible: {visible_mm2}");
+    }
 }
 
 #[test]

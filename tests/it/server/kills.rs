@@ -154,6 +154,18 @@ fn start(data: &Path) -> (Server, Duration) {
     (server, began.elapsed())
 }
 
+/// Waits until this process has planned a job, 20 s at most: were each killed before, the first job would be tried for ever.
+fn wait_for_a_plan(server: &Server) {
+    let until = Instant::now() + Duration::from_secs(20);
+    let has_planned = || {
+        let mut metrics = ureq::get(server.url("/metrics")).call().ok()?;
+        Some(metrics.body_mut().read_to_string().ok()?.contains("vantage_attempts_total{state=\"succeeded\"}"))
+    };
+    while Instant::now() < until && has_planned() == Some(false) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 #[test]
 fn kills_at_random_moments_lose_nothing_that_was_acknowledged() {
     let kills = if long_asked() {
@@ -177,6 +189,9 @@ fn kills_at_random_moments_lose_nothing_that_was_acknowledged() {
         std::thread::scope(|scope| {
             for _ in 0..3 {
                 scope.spawn(|| work(&server, &ledger, &random, &stop));
+            }
+            if kill % 5 == 4 {
+                wait_for_a_plan(&server);
             }
             std::thread::sleep(Duration::from_millis(20 + random.below(500)));
             server.signal("KILL");

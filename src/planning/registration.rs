@@ -1,0 +1,121 @@
+//! Stability of a registration by shared surface ([`crate::planning::method::setups`]): which rigid motion of one measurement
+//! against another the surface that both show resists least, and how much (Gelfand, Ikemoto, Rusinkiewicz and Levoy 2003,
+//! *Geometrically Stable Sampling for the ICP Algorithm*).
+//!
+//! Part frame, mm. Cost: two passes over the shared samples.
+
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+
+use super::ids::SampleId;
+use super::surface::Surface;
+use super::visibility::{Row, SampleSet};
+
+/// Resistance below which a freedom is open: a motion by 1 mm moves the surface along its normals by less than 0.1 mm (root mean
+/// square). Our choice.
+pub const MIN_RESISTANCE: f64 = 0.01;
+
+/// Stability of a registration by shared surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stability {
+    /// Shared area, mm².
+    pub shared_area_mm2: f64,
+    /// Smallest eigenvalue of the normal matrix: the mean square by which the shared surface moves along its normals when it
+    /// makes the weakest motion by 1, turns measured at the radius of the part. 0 where nothing is shared.
+    pub resistance: f64,
+    /// Turning part of the weakest motion: its axis, as long as the motion at the radius of the part is a turn.
+    pub turn: Vector3<f64>,
+    /// Shifting part of the weakest motion.
+    pub shift: Vector3<f64>,
+    /// Centre of the shared surface, about which it turns.
+    pub centre_mm: Point3<f64>,
+}
+
+impl Stability {
+    /// Returns true if all six freedoms are fixed.
+    #[must_use]
+    pub fn is_fixed(&self) -> bool {
+        self.resistance >= MIN_RESISTANCE
+    }
+
+    /// Expected error of a registration along the weakest motion, mm, if points of both measurements lie `spacing_mm` apart with
+    /// independent noise of `noise_mm` (1 σ): √2 · σ / √(λ · number of points). `None` where that motion is not resisted at all.
+    #[must_use]
+    pub fn expected_error_mm(&self, noise_mm: f64, spacing_mm: f64) -> Option<f64> {
+        let points = self.shared_area_mm2 / (spacing_mm * spacing_mm);
+        let information = self.resistance * points;
+        (information > 0.0).then(|| std::f64::consts::SQRT_2 * noise_mm / information.sqrt())
+    }
+}
+
+/// Samples that at least one of some rows' views measures, of so many.
+pub(super) fn union_of<'a>(rows: impl IntoIterator<Item = &'a Row>, samples: usize) -> SampleSet {
+    let mut union = SampleSet::none_of(samples);
+    rows.into_iter().for_each(|row| union.insert_all(row.measured()));
+    union
+}
+
+/// Samples of both sets.
+pub(super) fn shared(a: &SampleSet, b: &SampleSet) -> SampleSet {
+    let mut shared = a.clone();
+    shared.retain_all(b);
+    shared
+}
+
+/// Evaluates a registration by the samples of `shared`.
+#[must_use]
+pub(super) fn stability(surface: &Surface, shared: &SampleSet) -> Stability {
+    let weighted = || shared.iter().map(|sample| (sample, surface.sample_area_mm2(sample)));
+    let shared_area_mm2: f64 = weighted().map(|(_, area_mm2)| area_mm2).sum();
+    if shared_area_mm2 <= 0.0 {
+        let (none, centre_mm) = (Vector3::zeros(), surface.centre_mm);
+        return Stability { shared_area_mm2: 0.0, resistance: 0.0, turn: none, shift: none, centre_mm };
+    }
+    let moment: Vector3<f64> = weighted().map(|(sample, mm2)| surface.sample_mm[sample.index()].coords * mm2).sum();
+    let centre_mm = Point3::from(moment / shared_area_mm2);
+    let radius_mm = surface.sample_mm.iter().map(|p| (p - surface.centre_mm).norm()).fold(0.0, f64::max);
+    let mut normal_matrix = Matrix6::<f64>::zeros();
+    for (sample, area_mm2) in weighted() {
+        let row = shift_along_normal(surface, sample, &centre_mm, radius_mm);
+        normal_matrix.ger(area_mm2 / shared_area_mm2, &row, &row, 1.0);
+    }
+    let eigen = normal_matrix.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    let motion: Vector6<f64> = eigen.eigenvectors.column(least).into();
+    let [turn, shift] = [0, 3].map(|first| motion.fixed_rows::<3>(first).into_owned());
+    // An eigenvector has no sign of its own: its largest entry is made positive.
+    let sign = if motion[motion.iamax()] < 0.0 { -1.0 } else { 1.0 };
+    let resistance = eigen.eigenvalues[least].max(0.0);
+    Stability { shared_area_mm2, resistance, turn: turn * sign, shift: shift * sign, centre_mm }
+}
+
+/// Shift of a sample along its normal by a turn of 1 mm at the radius about each axis, and by 1 mm along each: [p × n; n].
+fn shift_along_normal(surface: &Surface, sample: SampleId, centre_mm: &Point3<f64>, radius_mm: f64) -> Vector6<f64> {
+    let normal = surface.patch_of(sample).normal;
+    let turn = (surface.sample_mm[sample.index()] - centre_mm).cross(&normal) / radius_mm;
+    Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
+}
+
+/// The pair of sets that is the weakest link where all are joined one to another, each by the strongest link there is: the weakest
+/// edge of a maximum spanning tree (Prim 1957). `None` for fewer than two sets.
+pub(super) fn weakest_link(surface: &Surface, sets: &[SampleSet]) -> Option<([usize; 2], Stability)> {
+    let link = |a: usize, b: usize| ([a, b], stability(surface, &shared(&sets[a], &sets[b])));
+    let mut best: Vec<_> = (1..sets.len()).map(|other| link(0, other)).collect();
+    let mut weakest: Option<([usize; 2], Stability)> = None;
+    while !best.is_empty() {
+        let strongest = (1..best.len()).fold(0, |a, b| if best[b].1.resistance > best[a].1.resistance { b } else { a });
+        let ([from, joined], found) = best.swap_remove(strongest);
+        if weakest.is_none_or(|(_, weakest)| found.resistance < weakest.resistance) {
+            weakest = Some(([from, joined], found));
+        }
+        for other in &mut best {
+            let through = link(joined, other.0[1]);
+            if through.1.resistance > other.1.resistance {
+                *other = through;
+            }
+        }
+    }
+    weakest
+}
