@@ -44,7 +44,8 @@ pub struct Sound {
     pub measured_of_asked: Option<f64>,
 }
 
-/// Checks a document. `cell` is what plans and programs are checked in; without one, only structure and ranges are.
+/// Checks a document. `cell` is what plans and programs are checked in; without one, only structure and ranges are. The limits
+/// of parameters are held against its scanner.
 ///
 /// # Errors
 /// Every finding; at the empty pointer, what concerns the whole.
@@ -67,7 +68,9 @@ pub fn check(
         DocumentKind::Turntable => format!("turntable {}", read::<TurntableSpec>(value)?.build()?.name),
         DocumentKind::Cell => format!("cell {}", read::<CellSpec>(value)?.build(library)?.name),
         DocumentKind::Params => {
-            read::<PlanParams>(value)?.check()?;
+            let params = read::<PlanParams>(value)?;
+            params.check()?;
+            cell.map_or(Ok(()), |cell| params.check_limits(&cell.scanner))?;
             "parameters".to_owned()
         }
         DocumentKind::Plan => {

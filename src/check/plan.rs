@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::expected;
-use crate::cell::{Cell, Configuration, FieldError, Findings};
+use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings};
 use crate::planning::candidates::Label;
 use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
 use crate::program::{self, Expected};
@@ -26,6 +26,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
         errors.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
     }
     check_part(&document.part, &mut findings);
+    check_limits(document, cell.filter(|_| document.cell.is_some()), &mut findings);
     check_candidates(document, &mut findings);
     check_coverage(&document.coverage, &mut findings);
     check_views(document, &mut findings);
@@ -65,6 +66,25 @@ fn check_part(part: &PartDocument, findings: &mut Findings) {
     findings.require((0..3).all(|axis| min[axis] <= max[axis]), "/part/bbox_mm/min", || {
         format!("is {min:?}; allowed is up to max, {max:?}, in every axis")
     });
+}
+
+/// Requires of each device the limit of incidence that is in force: its own or the job's, whichever is tighter.
+fn check_limits(document: &PlanDocument, cell: Option<&Cell>, findings: &mut Findings) {
+    let limits_beyond = cell.and_then(|cell| document.params.check_limits(&cell.scanner).err()).unwrap_or_default();
+    limits_beyond.into_iter().for_each(|error| findings.push(format!("/params{}", error.pointer), error.detail));
+    for (index, device) in document.scanner.devices.iter().enumerate() {
+        let Some(name) = DeviceName::ALL.into_iter().find(|name| name.as_str() == device.name) else { continue };
+        let of_cell_deg = cell.map(|cell| cell.scanner.devices[name].incidence_max_rad.to_degrees());
+        let limits_deg = [of_cell_deg, device.incidence_own_deg, document.params.limits.given_deg(name)];
+        let max_deg = limits_deg.into_iter().flatten().fold(f64::INFINITY, f64::min);
+        let is_within = device.incidence_max_deg <= max_deg + ROUNDING_DEG;
+        findings.require(is_within, format!("/scanner/devices/{index}/incidence_max_deg"), || {
+            format!(
+                "is {} °; allowed is up to {max_deg} °, the tighter of the device's own limit and the job's",
+                device.incidence_max_deg
+            )
+        });
+    }
 }
 
 fn check_candidates(document: &PlanDocument, findings: &mut Findings) {
@@ -243,7 +263,9 @@ fn check_missed(document: &PlanDocument, findings: &mut Findings) {
         });
         above_zero(&format!("{at}/area_mm2"), missed.area_mm2, "mm²", findings);
         for (spot, treated) in missed.largest.iter().enumerate() {
-            check_remedy(&format!("{at}/largest/{spot}/remedy"), &treated.remedy, findings);
+            let at = format!("{at}/largest/{spot}/remedy");
+            check_remedy(&at, &treated.remedy, findings);
+            check_raised_limits(&at, &treated.remedy, document, findings);
         }
     }
     let coverage = &document.coverage;
@@ -261,6 +283,20 @@ fn check_remedy(at: &str, remedy: &RemedyDocument, findings: &mut Findings) {
     findings.require(works != remedy.views.is_empty(), format!("{at}/views"), || {
         format!("has {} entries with kind {:?}; only none has no view", remedy.views.len(), remedy.kind)
     });
+}
+
+/// Requires that a remedy raises no limit beyond the own limit of a device.
+fn check_raised_limits(at: &str, remedy: &RemedyDocument, document: &PlanDocument, findings: &mut Findings) {
+    for device in &document.scanner.devices {
+        let (field, raised_deg) = match device.name.as_str() {
+            "projector" => ("projector_deg", remedy.projector_deg),
+            _ => ("camera_deg", remedy.camera_deg),
+        };
+        let (Some(own_deg), Some(raised_deg)) = (device.incidence_own_deg, raised_deg) else { continue };
+        findings.require(raised_deg <= own_deg + ROUNDING_DEG, format!("{at}/{field}"), || {
+            format!("is {raised_deg} °; allowed is up to {own_deg} °, the own limit of the device {}", device.name)
+        });
+    }
 }
 
 fn check_stations(document: &PlanDocument, cell: &Cell, expected: &Expected, findings: &mut Findings) {

@@ -90,6 +90,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
+    params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
     out::prepare(&args.out)?;
     let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(Path::new(path), args.unit, cancel)).transpose()?;
@@ -264,18 +265,23 @@ fn under_pose_errors(robust: &RobustDocument) -> String {
     format!("of asked at worst, off by {}° and {} mm: {}", error.angle_deg, error.translation_mm, cases.join(", "))
 }
 
-/// Advice for a missed spot, on one line; `setups` is the number that the plan allowed.
+/// Advice for a missed spot, on one line; `setups` is the number that the plan allowed. Where it does not do for the spot, the
+/// share that it measures comes first.
 pub(super) fn advice(remedy: &RemedyDocument, setups: u32) -> String {
-    let recovers = format!("recovers {} mm² ({:.0} %)", area_mm2(remedy.area_mm2), 100.0 * remedy.of_spot);
+    let recovers = |advice: &str| match remedy.partial_share() {
+        Some(share) => format!("{share}: {advice}"),
+        None => format!("{advice}: recovers {} mm² ({:.0} %)", area_mm2(remedy.area_mm2), 100.0 * remedy.of_spot),
+    };
     match remedy.kind.as_str() {
         "none" if remedy.tried == 1 => "no fix found (the one view tried does not see half of it)".to_owned(),
         "none" => format!("no fix found (no 8 of the {} views tried see half of it)", remedy.tried),
-        "setup" if setups == 1 => format!("turn the part onto another side and scan again (try --set setups=2): {recovers}"),
-        "setup" => format!("turn the part onto another side and scan again (set part.resting_poses): {recovers}"),
+        "setup" if setups == 1 => recovers("turn the part onto another side and scan again (try --set setups=2)"),
+        "setup" => recovers("turn the part onto another side and scan again (set part.resting_poses)"),
         "view" => {
             let views =
                 if remedy.views.len() == 1 { "1 more view".to_owned() } else { format!("{} more views", remedy.views.len()) };
-            format!("{views} would measure it (raise selection.target or selection.max_views): {recovers}")
+            let would = if remedy.partial_share().is_some() { "" } else { " would measure it" };
+            recovers(&format!("{views}{would} (raise selection.target or selection.max_views)"))
         }
         _ => remedy.text.clone(),
     }

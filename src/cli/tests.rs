@@ -157,6 +157,12 @@ fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
     ] {
         assert_eq!(plan::advice(&remedy(kind, views), setups), advice);
     }
+    for (kind, advice) in [
+        ("setup", "only 75 % of it, 61.1 mm²: turn the part onto another side and scan again (try --set setups=2)"),
+        ("view", "only 75 % of it, 61.1 mm²: 2 more views (raise selection.target or selection.max_views)"),
+    ] {
+        assert_eq!(plan::advice(&RemedyDocument { of_spot: 0.75, ..remedy(kind, 2) }, 1), advice);
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::verdict::Grade;
-use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec};
+use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec, Scanner};
 
 mod candidates;
 mod dialects;
@@ -153,25 +153,55 @@ pub enum Roll {
 }
 
 params! {
-    /// Incidence limits of this job.
+    /// Incidence limits of this job. They tighten the scanner's own, which they may not exceed.
     LimitParams {
-        /// Largest angle between surface normal and camera ray, degrees. Default: the scanner's.
+        /// Largest angle between surface normal and the ray of either camera, degrees; at most the own limit of each camera.
+        /// Default: each camera's own.
         camera_deg: Option<f64> = None, [1.0, 89.9] "°";
-        /// Largest angle between surface normal and projector ray, degrees. Default: the scanner's.
+        /// Largest angle between surface normal and projector ray, degrees; at most the projector's own limit. Default: that.
         projector_deg: Option<f64> = None, [1.0, 89.9] "°";
     }
 }
 
+/// Difference between limits that were converted to degrees and back, rad.
+const SAME_LIMIT_RAD: f64 = 1e-9;
+
 impl LimitParams {
-    /// The limit in force for a device, radians: the job's, else the device's own.
+    /// Limit that the job gives for a device, degrees.
     #[must_use]
-    pub fn incidence_max_rad(&self, device: &OpticalDevice) -> f64 {
-        let limit_deg = match device.name {
+    pub fn given_deg(&self, device: DeviceName) -> Option<f64> {
+        match device {
             DeviceName::Projector => self.projector_deg,
             DeviceName::Left | DeviceName::Right => self.camera_deg,
-        };
-        limit_deg.map_or(device.incidence_max_rad, f64::to_radians)
+        }
     }
+
+    /// Limit that the job gives for a device, degrees, where it is tighter than the device's own.
+    #[must_use]
+    pub fn tightened_deg(&self, device: &OpticalDevice) -> Option<f64> {
+        self.given_deg(device.name).filter(|deg| deg.to_radians() < device.incidence_max_rad - SAME_LIMIT_RAD)
+    }
+
+    /// Limit in force for a device, radians: the device's own or the job's, whichever is tighter.
+    #[must_use]
+    pub fn incidence_max_rad(&self, device: &OpticalDevice) -> f64 {
+        let given_rad = self.given_deg(device.name).map(f64::to_radians);
+        given_rad.map_or(device.incidence_max_rad, |given_rad| given_rad.min(device.incidence_max_rad))
+    }
+}
+
+/// Requires that a limit, degrees, does not exceed the own limit of a device.
+fn check_within_own(at: String, limit_deg: Option<f64>, device: &OpticalDevice, findings: &mut Findings) {
+    let Some(limit_deg) = limit_deg else { return };
+    let is_within = limit_deg.to_radians() <= device.incidence_max_rad + SAME_LIMIT_RAD;
+    findings.require(is_within, at, || {
+        let own_deg = device.incidence_max_rad.to_degrees();
+        let (name, own_deg) = (device.name.as_str(), (own_deg * 1e6).round() / 1e6);
+        let kind = if device.name == DeviceName::Projector { "" } else { " camera" };
+        format!(
+            "is {limit_deg} °; allowed is 1 to {own_deg} °, the own limit of the {name}{kind}: a job may tighten it, not widen it"
+        )
+    });
 }
 
 /// A way to compute visibility. All agree on [`crate::planning::method::visibility`].
@@ -322,6 +352,26 @@ impl PlanParams {
         self.score.check(&mut findings);
         self.selection.check(&mut findings);
         self.robust.check(&mut findings);
+        findings.into_result()
+    }
+
+    /// Checks the limits of incidence, the job's and those of its regions, against those of the scanner's devices. Both cameras
+    /// have one limit in a job, so that the camera whose own is tighter bounds it.
+    ///
+    /// # Errors
+    /// All limits that a device does not reach, with the range and the device's name.
+    pub fn check_limits(&self, scanner: &Scanner) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        let [left, right] = scanner.devices.cameras();
+        let camera = if right.incidence_max_rad < left.incidence_max_rad { right } else { left };
+        let mut check = |at: &str, camera_deg: Option<f64>, projector_deg: Option<f64>| {
+            check_within_own(format!("{at}/camera_deg"), camera_deg, camera, &mut findings);
+            check_within_own(format!("{at}/projector_deg"), projector_deg, &scanner.devices.projector, &mut findings);
+        };
+        check("/limits", self.limits.camera_deg, self.limits.projector_deg);
+        for (index, region) in self.regions.interest.iter().enumerate() {
+            check(&format!("/regions/interest/{index}"), region.camera_deg, region.projector_deg);
+        }
         findings.into_result()
     }
 

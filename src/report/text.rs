@@ -232,7 +232,7 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
 fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
     let treated = treated_spots(missed);
     if !treated.is_empty() {
-        writeln!(out, "\nlargest missed spots, and what was tried and works")?;
+        writeln!(out, "\nlargest missed spots, and what was tried and helps")?;
     }
     for (cause, spot, remedy) in treated {
         write!(out, "  {:<20} {:>10} mm²", cause.as_str(), area_mm2(spot.area_mm2))?;

@@ -139,6 +139,8 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let body_meshes: BTreeMap<_, _> =
         shapes.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
     let used = std::mem::take(&mut lookup.used);
+    let beyond = scanner.as_ref().map(|scanner| limits_beyond(request, scanner, &errors));
+    errors.extend(beyond.into_iter().flatten());
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
             let part_name = library.part_name(request.mesh_id);
@@ -146,6 +148,15 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
         }
         _ => Err(errors),
     }
+}
+
+/// Limits of incidence beyond the scanner's own, except for values that are known to be out of range.
+fn limits_beyond(request: &JobRequest, scanner: &ScannerSpec, known: &[FieldError]) -> Vec<FieldError> {
+    // Without its cell it is not known which scanner the job is for; one that cannot be built has errors of its own.
+    let is_of_cell = |error: &FieldError| error.pointer.starts_with("/cell");
+    let (false, Ok(scanner)) = (known.iter().any(is_of_cell), scanner.build()) else { return Vec::new() };
+    let beyond = request.params.check_limits(&scanner).err().into_iter().flatten().map(|error| error.below("/params"));
+    beyond.filter(|error| known.iter().all(|known| known.pointer != error.pointer)).collect()
 }
 
 /// Lookup of what a request names; collects an error for everything that does not exist or cannot be used.

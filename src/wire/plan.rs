@@ -20,8 +20,8 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
-use crate::cell::{OpticalDevice, PerDevice, PoseSpec, Scanner};
-use crate::planning::params::PlanParams;
+use crate::cell::{OpticalDevice, PoseSpec, Scanner};
+use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Bound, Cause, Outcome, Plan, PlannedView, SetupPlan};
 
 /// Schema name in the document.
@@ -44,7 +44,8 @@ pub struct PlanDocument {
     pub scanner: ScannerDocument,
     /// The cell; `null` for a plan of viewpoints only.
     pub cell: Option<CellDocument>,
-    /// Planning parameters, with defaults filled in.
+    /// Planning parameters, with defaults filled in. `limits.camera_deg` stays `null` if the job gave none and the cameras' own
+    /// limits differ; `scanner.devices` has the limit of each device.
     pub params: PlanParams,
     /// Numbers of candidates.
     pub candidates: CandidatesDocument,
@@ -152,8 +153,11 @@ pub struct DeviceDocument {
     pub skew: f64,
     /// Distortion coefficients k1, k2, p1, p2, k3 (Bouguet).
     pub distortion: [f64; 5],
-    /// Max angle of incidence in force.
+    /// Max angle of incidence in force: the device's own or the job's, whichever is tighter.
     pub incidence_max_deg: f64,
+    /// Max angle of incidence of the device itself; present if the job's is tighter. Grades refer to that of the projector.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub incidence_own_deg: Option<f64>,
 }
 
 /// The cell.
@@ -331,16 +335,15 @@ fn part(plan: &Plan) -> PartDocument {
 }
 
 fn scanner_document(scanner: &Scanner, params: &PlanParams) -> ScannerDocument {
-    let limits_deg = PerDevice::of_cameras(params.limits.camera_deg, params.limits.projector_deg);
     ScannerDocument {
         name: scanner.name.clone(),
         depth_mm: DepthDocument { near: scanner.near_mm, best: scanner.best_mm, far: scanner.far_mm },
-        devices: scanner.devices.iter().zip(limits_deg).map(|(device, limit_deg)| device_document(device, limit_deg)).collect(),
+        devices: scanner.devices.iter().map(|device| device_document(device, &params.limits)).collect(),
     }
 }
 
-fn device_document(device: &OpticalDevice, limit_deg: Option<f64>) -> DeviceDocument {
-    let lens = &device.lens;
+fn device_document(device: &OpticalDevice, limits: &LimitParams) -> DeviceDocument {
+    let (lens, own_deg, tightened_deg) = (&device.lens, degrees(device.incidence_max_rad), limits.tightened_deg(device));
     DeviceDocument {
         name: device.name.as_str().to_owned(),
         scanner_from_device: PoseSpec::from(&device.scanner_from_device),
@@ -352,7 +355,8 @@ fn device_document(device: &OpticalDevice, limit_deg: Option<f64>) -> DeviceDocu
         cy: lens.cy,
         skew: lens.skew,
         distortion: lens.distortion,
-        incidence_max_deg: limit_deg.unwrap_or_else(|| degrees(device.incidence_max_rad)),
+        incidence_max_deg: tightened_deg.unwrap_or(own_deg),
+        incidence_own_deg: tightened_deg.map(|_| own_deg),
     }
 }
 

@@ -190,7 +190,21 @@ pub fn advice_sentence(advice: &Advice) -> String {
     text.to_owned()
 }
 
-/// A remedy in a sentence.
+/// Share of a spot that a remedy measures, in whole percent; `None` where it works.
+#[must_use]
+pub fn partial_percent(of_spot: f64) -> Option<String> {
+    // A share that does not suffice is not rounded to one that does.
+    let max_percent = 100.0 * Remedy::WORKS_FROM - 1.0;
+    (of_spot < Remedy::WORKS_FROM).then(|| format!("{} %", fixed((100.0 * of_spot).min(max_percent), 0)))
+}
+
+/// Share and area of a spot that a remedy measures, to be said before the remedy; `None` where it works.
+#[must_use]
+pub fn partial_share(of_spot: f64, area_mm2: f64) -> Option<String> {
+    partial_percent(of_spot).map(|percent| format!("only {percent} of it, {} mm²", fixed(area_mm2, 1)))
+}
+
+/// A remedy in a sentence. Where it does not work, the share that it measures comes first.
 #[must_use]
 pub fn remedy_sentence(remedy: &Remedy) -> String {
     let Some(first) = remedy.views.first() else {
@@ -222,6 +236,9 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
         1 => write!(text, "; with 1 more view"),
         more => write!(text, "; with {more} more views"),
     };
+    if let Some(share) = partial_share(remedy.of_spot, remedy.area_mm2) {
+        return format!("{share}: {text}");
+    }
     let _ = write!(text, ": measures {} mm², {} % of it", area_mm2(remedy.area_mm2), fixed(100.0 * remedy.of_spot, 0));
     text
 }

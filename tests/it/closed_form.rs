@@ -12,14 +12,14 @@ use vantage::cell::{OpticalDevice, PerDevice, Scanner};
 use vantage::geometry::{Mesh, Part, Pose, ScannerFrame};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
-use vantage::planning::params::{Objective, PlanParams};
+use vantage::planning::params::{Engine, Objective, PlanParams};
 use vantage::planning::surface::{self, Surface};
 use vantage::planning::visibility::{self, Row};
 use vantage::wire::echo::Echo;
 use vantage::wire::plan::PlanDocument;
 
 use crate::support::shapes::{sphere, step};
-use crate::support::{box_mesh, nominal_scanner, plan_viewpoints, preset_scanner};
+use crate::support::{box_mesh, limited_to, nominal_scanner, plan_viewpoints, preset_scanner};
 use caps::Cap;
 
 /// Samples of a mesh, about `count` of them.
@@ -71,9 +71,8 @@ fn looking_down(height_mm: f64) -> Pose<Part, ScannerFrame> {
 
 /// The points of a sphere about the origin that a device at distance L from its centre sees at an incidence up to θ are
 /// a cap: by the law of sines its half angle is θ − asin(R sin θ / L). A view measures where the three caps meet.
-fn caps_of(scanner: &Scanner, pose: &Pose<Part, ScannerFrame>, radius_mm: f64, params: &PlanParams) -> Vec<Cap> {
-    let (camera, projector) = (params.limits.camera_deg, params.limits.projector_deg);
-    let limits_rad = PerDevice::of_cameras(camera, projector).map(|deg| deg.expect("given").to_radians());
+fn caps_of(scanner: &Scanner, pose: &Pose<Part, ScannerFrame>, radius_mm: f64, limits_deg: PerDevice<f64>) -> Vec<Cap> {
+    let limits_rad = limits_deg.map(f64::to_radians);
     let cap = |(device, limit_rad): (OpticalDevice, f64)| {
         let centre = pose.point(&device.scanner_from_device.origin_mm()).coords;
         Cap { axis: centre.normalize(), half_angle: limit_rad - (radius_mm * limit_rad.sin() / centre.norm()).asin() }
@@ -85,12 +84,12 @@ fn caps_of(scanner: &Scanner, pose: &Pose<Part, ScannerFrame>, radius_mm: f64, p
 fn sphere_is_measured_where_three_caps_meet() {
     let radius_mm = 20.0;
     let ball = sphere(radius_mm, 6);
-    for scanner in [nominal_scanner(), preset_scanner("transcan-c")] {
+    for scanner in [nominal_scanner(), preset_scanner("transcan-c")].map(|scanner| limited_to(scanner, [89.9; 3])) {
         for (camera_deg, projector_deg) in [(85.0, 85.0), (85.0, 77.5), (60.0, 55.0), (30.0, 40.0), (12.0, 60.0)] {
             for (from, roll_rad) in [(Vector3::z(), 0.0), (Vector3::new(1.0, -2.0, 0.4), 0.7)] {
                 let params = limits(camera_deg, projector_deg);
                 let pose = looking_at_origin(from, 480.0, roll_rad);
-                let caps = caps_of(&scanner, &pose, radius_mm, &params);
+                let caps = caps_of(&scanner, &pose, radius_mm, PerDevice::of_cameras(camera_deg, projector_deg));
                 let expected = caps::common_area(&caps) / (4.0 * PI);
                 let measured = share(&ball, pose, &scanner, &params);
                 assert!(
@@ -99,6 +98,23 @@ fn sphere_is_measured_where_three_caps_meet() {
                     scanner.name
                 );
             }
+        }
+    }
+}
+
+#[test]
+fn sphere_is_measured_up_to_each_device_s_own_limit() {
+    let (radius_mm, pose) = (20.0, looking_at_origin(Vector3::new(1.0, -2.0, 0.4), 480.0, 0.7));
+    let ball = sphere(radius_mm, 6);
+    for [left, right, projector] in [[85.0, 45.0, 77.5], [45.0, 85.0, 77.5], [70.0, 55.0, 40.0]] {
+        let scanner = limited_to(nominal_scanner(), [left, right, projector]);
+        let caps = caps_of(&scanner, &pose, radius_mm, PerDevice { left, right, projector });
+        let expected = caps::common_area(&caps) / (4.0 * PI);
+        for engine in [Engine::Raster, Engine::Rays] {
+            let mut params = PlanParams::default();
+            params.visibility.engine = engine;
+            let measured = share(&ball, pose, &scanner, &params);
+            assert!((measured - expected).abs() < 1e-3, "{left}/{right}/{projector} {engine:?}: {measured}, expected {expected}");
         }
     }
 }
@@ -115,7 +131,7 @@ fn sphere_that_only_the_baseline_hides_is_not_measured_at_all() {
 fn sphere_is_cut_by_the_working_depth_into_a_zone() {
     // A zone's area is 2πR times its height (Archimedes): with the centre 15 mm behind the far depth, the cap in front
     // of it is R − 15 mm high.
-    let (radius_mm, scanner) = (40.0, nominal_scanner());
+    let (radius_mm, scanner) = (40.0, limited_to(nominal_scanner(), [89.0; 3]));
     let pose = looking_at_origin(Vector3::z(), scanner.far_mm + 15.0, 0.0);
     let measured = share(&sphere(radius_mm, 6), pose, &scanner, &limits(89.0, 89.0));
     let expected = (radius_mm - 15.0) / (2.0 * radius_mm);

@@ -9,6 +9,7 @@ mod candidate_rounds;
 mod candidate_study;
 mod certified_figures;
 mod closed_form;
+mod device_limits;
 mod dialects;
 mod goldens;
 mod http;

@@ -15,7 +15,7 @@ use vantage::planning::params::{CandidateParams, Objective, PlanParams, Region, 
 use vantage::planning::plan::{Cause, Outcome, Verdict};
 
 use crate::closed_form::caps::{Cap, common_area};
-use crate::support::{nominal_scanner, plan_viewpoints};
+use crate::support::{limited_to, nominal_scanner, plan_viewpoints};
 use analytic::{Eye, Opening, area_by_cause, eyes_of};
 use bodies::{Body, blind_hole, bowl, l_pocket};
 
@@ -222,7 +222,7 @@ fn blind_holes_are_missed_for_the_causes_and_areas_that_lines_through_the_mouth_
 /// w + (w − X) (h − c) / (H + c): the corners are the mouth's and the one above the leg.
 #[test]
 fn l_pocket_is_missed_behind_its_inner_corner_and_under_its_ceiling() {
-    let (scanner, limits) = (nominal_scanner(), (85.0, 80.0));
+    let (scanner, limits) = (limited_to(nominal_scanner(), [85.0, 85.0, 80.0]), (85.0, 80.0));
     let pocket = bodies::Pocket { width_mm: 40.0, depth_mm: 30.0, leg_mm: 25.0, leg_height_mm: 12.0, half_length_mm: 8.0 };
     let body = l_pocket(&pocket);
     for tilt_deg in [0.0, -15.0] {

@@ -38,3 +38,19 @@ fn a_doubtful_mesh_is_told_before_planning_and_sigterm_cancels_with_4() {
     assert!(told.contains("nothing was written"), "{told}");
     assert_eq!(std::fs::read_dir(out).expect("made before").count(), 0);
 }
+
+#[test]
+fn a_limit_beyond_the_scanner_s_is_refused_with_2_and_the_range() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let part = folder.path().join("part.obj");
+    std::fs::write(&part, "v 0 0 0\nv 100 0 0\nv 0 100 0\nf 1 2 3\n").expect("a file");
+    let out = folder.path().join("out");
+    let output = vantage()
+        .args(["plan", &part.display().to_string(), "--unit", "mm", "--cell", "none", "--out", &out.display().to_string()])
+        .args(["--set", "limits.camera_deg=89"])
+        .output()
+        .expect("the program");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("/limits/camera_deg: is 89 °; allowed is 1 to 85 °, the own limit of the left camera"), "{told}");
+}

@@ -276,10 +276,10 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         "2\u{a0}min 23\u{a0}s",
         "Hidden from the left camera",
         "coverage.csv",
-        "The largest spots, and what would fix them",
+        "The largest spots, and what would help",
         "12.0 × 34.5 × 6.0",
-        "<b>Another tilt</b>",
-        "tilt candidate 7 by 20°: measures 1013.8 mm², 75 % of it",
+        "<b>75 % of it: another tilt</b>",
+        "only 75 % of it, 1013.8 mm²: tilt candidate 7 by 20°",
         "It is not a measurement",
         "not safety-rated",
     ] {

@@ -75,6 +75,13 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/coverage/asked_area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
         ("/missed/0/largest/0/remedy/kind", json!("hope"), "is \"hope\"; allowed is one of view, roll, tilt"),
         ("/missed/0/largest/0/remedy/of_spot", json!(2), "is 2; allowed is 0 to 1"),
+        ("/missed/0/largest/0/remedy/camera_deg", json!(88), "is 88 °; allowed is up to 85 °, the own limit of the device left"),
+        ("/scanner/devices/1/incidence_max_deg", json!(85), "is 85 °; allowed is up to 35 °"),
+        (
+            "/scanner/devices/0/incidence_own_deg",
+            json!(20),
+            "/scanner/devices/0/incidence_max_deg: is 35 °; allowed is up to 20 °",
+        ),
         ("/part/sha256", json!("0A".repeat(32)), "allowed are 64 of 0-9 and a-f"),
         ("/part/area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
         ("/part/triangles", json!(0), "allowed is 1 and more"),

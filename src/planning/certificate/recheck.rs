@@ -31,7 +31,8 @@ pub fn measured(
     views: &[Pose<Part, ScannerFrame>],
     ctx: &Context<'_>,
 ) -> Result<Measured, PlanError> {
-    params.check().map_err(PlanError::BadParams)?;
+    params.check()?;
+    params.check_limits(input.scanner)?;
     Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
     let mut params = params.clone();
     params.visibility.engine = Engine::Rays;

@@ -1,18 +1,21 @@
 //! Remedies in the order of their cost: what is left out chosen too, a candidate rolled, tilted, moved, the part turned
-//! onto another side, limits raised. Of each kind some views are tried on the spot's samples; the first kind with at most
-//! eight views that together measure half of the spot is the remedy. Every step runs over lists in a fixed order, so that
-//! the answer is the same on any number of threads; nothing looks at a clock.
+//! onto another side, limits raised that the job had tightened. Of each kind some views are tried on the spot's samples; the
+//! first kind with at most eight views that together measure nine tenths of the spot is the remedy. Where there is none, the
+//! first that measures half of it is. Every step runs over lists in a fixed order, so that the answer is the same on any number
+//! of threads; nothing looks at a clock.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
+use super::fallback::Fallback;
+use super::limit::{LimitRange, Needs};
 use super::proposals::{Proposal, ProposalSource, Tried};
 use super::spot_samples::SpotSamples;
 use super::spots::{self, Spot};
-use super::{bases, limit, opening};
-use crate::cell::{DeviceName, Scanner};
+use super::{bases, opening};
+use crate::cell::Scanner;
 use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table};
 use crate::planning::candidates::CandidateSet;
 use crate::planning::context::{Cancelled, Context};
@@ -23,8 +26,6 @@ use crate::planning::setups;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Occluders, Optics, Probe, Row};
 
-/// Share of a spot's area that a remedy measures at least.
-const MIN_SHARE: f64 = 0.5;
 /// A further view adds at least this share of the spot.
 const MIN_VIEW_SHARE: f64 = 0.05;
 /// Views of a remedy at most: each of a ring of views down a hole sees a part of its wall.
@@ -107,6 +108,8 @@ struct RemedyContext<'a> {
     /// Pose of each candidate.
     poses: Vec<Pose<Part, ScannerFrame>>,
     optics: Optics,
+    limits: LimitRange,
+    /// Optics with the largest limits that the job may give.
     widest: Optics,
     above_only: bool,
     /// Box of the part.
@@ -118,11 +121,13 @@ struct RemedyContext<'a> {
 
 impl<'a> RemedyContext<'a> {
     fn new(analysis: &'a MissAnalysis<'a>) -> Self {
+        let limits = LimitRange::of(analysis.scanner, &analysis.params.limits);
         Self {
             analysis,
             poses: analysis.candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect(),
             optics: Optics::new(analysis.scanner, analysis.params, &analysis.surface.requirements),
-            widest: limit::widest(analysis),
+            widest: limits.optics(analysis, &limits.widest_deg()),
+            limits,
             above_only: analysis.params.candidates.hemisphere == Some(Hemisphere::AboveTable),
             aabb: analysis.mesh.aabb(),
             part_alone: analysis.part_alone,
@@ -166,11 +171,13 @@ struct RemedySearch<'a> {
     samples: SpotSamples,
     ctx: &'a Context<'a>,
     tried: usize,
+    fallback: Fallback,
 }
 
 impl<'a> RemedySearch<'a> {
     fn new(context: &'a RemedyContext<'a>, spot: &'a Spot, ctx: &'a Context<'a>) -> Self {
-        Self { context, spot, samples: SpotSamples::few(context.analysis.surface, &spot.samples), ctx, tried: 0 }
+        let samples = SpotSamples::few(context.analysis.surface, &spot.samples);
+        Self { context, spot, samples, ctx, tried: 0, fallback: Fallback::default() }
     }
 
     fn remedy(mut self) -> Result<Remedy, Cancelled> {
@@ -199,6 +206,10 @@ impl<'a> RemedySearch<'a> {
         if let Some(remedy) = self.moved(RemedyKind::Standoff, source.standoffs(&tried), &mut tried, &source)? {
             return Ok(remedy);
         }
+        // Rolled, tilted and moved ones together may do what those of one kind do not.
+        if let Some(remedy) = self.first_that_works(RemedyKind::Standoff, &tried, rays, &source)? {
+            return Ok(remedy);
+        }
         if context.above_only {
             let openings = opening::directions_of(&self.samples, context.part_alone, reach_mm);
             let mut proposals = source.setups(&openings);
@@ -208,11 +219,12 @@ impl<'a> RemedySearch<'a> {
                 return Ok(remedy);
             }
         }
-        Ok(self.raised_limit(&tried, &source)?.unwrap_or_else(|| Remedy::none(self.tried)))
+        let raised = if context.limits.can_raise() { self.raised_limit(&tried, &source)? } else { None };
+        Ok(raised.unwrap_or_else(|| self.fallback.into_remedy(self.tried)))
     }
 
     /// Candidates that measure it and could have been chosen.
-    fn left_out(&self, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
+    fn left_out(&mut self, source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         if self.spot.cause != Cause::NotChosen {
             return Ok(None);
         }
@@ -226,7 +238,8 @@ impl<'a> RemedySearch<'a> {
         let bits: Vec<u64> = choosable.iter().map(bits).collect();
         let Some(pick) = self.pick(&bits, |_| Ok(true))? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| source.as_is(choosable[*i])).collect();
-        Ok(self.confirmed(RemedyKind::View, &views, &self.context.optics, analysis.occluders.rays(), source))
+        let remedy = self.confirmed(RemedyKind::View, &views, &self.context.optics, analysis.occluders.rays(), source);
+        Ok(self.fallback.unless_works(remedy))
     }
 
     /// Finds a remedy of one kind among candidates that were moved; what was tried without success joins `tried`.
@@ -256,7 +269,7 @@ impl<'a> RemedySearch<'a> {
     }
 
     fn first_that_works(
-        &self,
+        &mut self,
         kind: RemedyKind,
         tried: &[Tried],
         rays: &RayScene,
@@ -265,11 +278,12 @@ impl<'a> RemedySearch<'a> {
         let bits: Vec<u64> = tried.iter().map(|tried| tried.progress.measured()).collect();
         let Some(pick) = self.pick(&bits, |i| self.can_execute(&tried[i].proposal))? else { return Ok(None) };
         let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
-        Ok(self.confirmed(kind, &views, &self.context.optics, rays, source))
+        let remedy = self.confirmed(kind, &views, &self.context.optics, rays, source);
+        Ok(self.fallback.unless_works(remedy))
     }
 
     /// Finds a remedy in the first of the part's other resting poses that lets views from above the plate measure enough.
-    fn turned_over(&self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
+    fn turned_over(&mut self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let context = self.context;
         for table_from_part in context.other_poses() {
             let bits = |tried: &Tried| {
@@ -280,8 +294,9 @@ impl<'a> RemedySearch<'a> {
             let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
             let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
             let remedy = self.confirmed(RemedyKind::Setup, &views, &context.optics, context.part_alone, source);
-            if let Some(remedy) = remedy {
-                return Ok(Some(Remedy { table_from_part: Some(*table_from_part), ..remedy }));
+            let remedy = remedy.map(|remedy| Remedy { table_from_part: Some(*table_from_part), ..remedy });
+            if let Some(remedy) = self.fallback.unless_works(remedy) {
+                return Ok(Some(remedy));
             }
         }
         Ok(None)
@@ -295,7 +310,7 @@ impl<'a> RemedySearch<'a> {
     /// is too little. Ties go to the first.
     fn pick(&self, bits: &[u64], mut accept: impl FnMut(usize) -> Result<bool, Cancelled>) -> Result<Option<Pick>, Cancelled> {
         let (mut pick, mut covered, mut refused) = (Pick::new(), 0, Vec::new());
-        let enough = |bits: u64| self.samples.area_mm2(bits) >= MIN_SHARE * self.samples.total_mm2;
+        let enough = |bits: u64| self.samples.area_mm2(bits) >= self.fallback.wanted_share() * self.samples.total_mm2;
         if !enough(bits.iter().fold(0, |all, bits| all | bits)) {
             return Ok(None);
         }
@@ -316,7 +331,7 @@ impl<'a> RemedySearch<'a> {
         Ok(enough(covered).then_some(pick))
     }
 
-    /// The views as a remedy, if they work at all samples too.
+    /// The views as a remedy, if they measure enough to be one of all samples too.
     fn confirmed(
         &self,
         kind: RemedyKind,
@@ -338,7 +353,7 @@ impl<'a> RemedySearch<'a> {
             area_mm2,
         };
         let of_spot = area_mm2 / samples.total_mm2;
-        (of_spot >= MIN_SHARE).then(|| Remedy {
+        (of_spot >= Fallback::MIN_SHARE).then(|| Remedy {
             kind,
             views: views.iter().zip(added_mm2).map(view).collect(),
             table_from_part: None,
@@ -366,7 +381,7 @@ impl<'a> RemedySearch<'a> {
     }
 
     fn smallest_limit(
-        &self,
+        &mut self,
         proposals: &[Proposal],
         taken: bool,
         source: &ProposalSource<'_>,
@@ -374,31 +389,30 @@ impl<'a> RemedySearch<'a> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let needs = |proposal: &Proposal| {
             self.ctx.check()?;
-            Ok(limit::Needs::of(&self.samples, &Probe::new(&context.widest, &proposal.pose, rays)))
+            Ok(Needs::of(&self.samples, &Probe::new(&context.widest, &proposal.pose, rays)))
         };
         let needs = proposals.par_iter().map(needs).collect::<Result<Vec<_>, Cancelled>>()?;
         let mut answers: Vec<Option<bool>> = vec![taken.then_some(true); proposals.len()];
-        let limits_deg = limit::limits_deg(context.analysis);
-        for deg in limit::steps_deg(&limits_deg) {
-            for raised in limit::options(&limits_deg, deg) {
-                let bits: Vec<u64> = needs.iter().map(|needs| needs.measured(&raised)).collect();
-                let accept = |i: usize| match answers[i] {
-                    Some(answer) => Ok(answer),
-                    None => self.can_execute(&proposals[i]).inspect(|answer| answers[i] = Some(*answer)),
-                };
-                let Some(pick) = self.pick(&bits, accept)? else { continue };
-                let views: Vec<Proposal> = pick.iter().map(|i| proposals[*i].clone()).collect();
-                let optics = Optics::new(
-                    context.analysis.scanner,
-                    &limit::raised(context.analysis, raised.left, raised.projector),
-                    &context.analysis.surface.requirements,
-                );
-                let remedy = self.confirmed(RemedyKind::Limit, &views, &optics, rays, source);
-                if let Some(remedy) = remedy {
-                    let changed = |device: DeviceName| (raised[device] > limits_deg[device]).then_some(raised[device]);
-                    let (camera_deg, projector_deg) = (changed(DeviceName::Left), changed(DeviceName::Projector));
-                    return Ok(Some(Remedy { camera_deg, projector_deg, ..remedy }));
-                }
+        // Few samples that views last measured which did not do on all samples.
+        let mut refuted = None;
+        for limits_deg in context.limits.steps_deg() {
+            let bits: Vec<u64> = needs.iter().map(|needs| needs.measured(&limits_deg)).collect();
+            let accept = |i: usize| match answers[i] {
+                Some(answer) => Ok(answer),
+                None => self.can_execute(&proposals[i]).inspect(|answer| answers[i] = Some(*answer)),
+            };
+            let Some(pick) = self.pick(&bits, accept)? else { continue };
+            let covered = pick.iter().fold(0, |covered, i| covered | bits[*i]);
+            if refuted.replace(covered) == Some(covered) {
+                continue;
+            }
+            let views: Vec<Proposal> = pick.iter().map(|i| proposals[*i].clone()).collect();
+            let optics = context.limits.optics(context.analysis, &limits_deg);
+            let (camera_deg, projector_deg) = context.limits.changed(&limits_deg);
+            let remedy = self.confirmed(RemedyKind::Limit, &views, &optics, rays, source);
+            let remedy = remedy.map(|remedy| Remedy { camera_deg, projector_deg, ..remedy });
+            if let Some(remedy) = self.fallback.unless_works(remedy) {
+                return Ok(Some(remedy));
             }
         }
         Ok(None)

@@ -93,10 +93,12 @@ params! {
         /// Share of its area that is to be measured, beside the plan's own target. Default: none of its own.
         #[serde(default)]
         target: Option<f64>, [0.0, 1.0] "";
-        /// Largest angle between surface normal and camera ray here, degrees. Default: the job's.
+        /// Largest angle between surface normal and the ray of either camera here, degrees; at most the own limit of each camera.
+        /// Default: the job's.
         #[serde(default)]
         camera_deg: Option<f64>, [1.0, 89.9] "°";
-        /// Largest angle between surface normal and projector ray here, degrees. Default: the job's.
+        /// Largest angle between surface normal and projector ray here, degrees; at most the projector's own limit. Default: the
+        /// job's.
         #[serde(default)]
         projector_deg: Option<f64>, [1.0, 89.9] "°";
         /// Count only area that is measured at this grade or better here. Default: `selection.min_grade`.

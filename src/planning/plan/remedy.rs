@@ -17,27 +17,27 @@ closed_list! {
         Standoff = "standoff",
         /// The part turned onto another side.
         Setup = "setup",
-        /// A larger limit of incidence.
+        /// A larger limit of incidence, where the job had tightened that of a device: at most the device's own.
         Limit = "limit",
-        /// No view that was tried works.
+        /// No views that were tried measure half of the spot.
         None = "none",
     }
 }
 
-/// A remedy that was tried and works for a spot, or the finding that none does. It works when its views together measure at
-/// least half of the spot's area, by the plan's own definition of visibility; with a cell also from a station free of collision
-/// to which a path leads, except in another setup.
+/// The cheapest remedy that was tried and [works](Self::works) for a spot; else the cheapest whose views together measure at
+/// least half of the spot's area; else the finding that none does. Measured is meant by the plan's own definition of visibility;
+/// with a cell also from a station free of collision to which a path leads, except in another setup.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remedy {
     /// Kind of remedy.
     pub kind: RemedyKind,
-    /// The views, best first, at most 8. None where nothing works.
+    /// The views, best first, at most 8. None where the kind is [`RemedyKind::None`].
     pub views: Vec<RemedyView>,
     /// Pose of the part for [`RemedyKind::Setup`], to give as `part.table_from_part`.
     pub table_from_part: Option<Pose<Table, Part>>,
-    /// Limit of the cameras that is needed, where it has to be raised, degrees.
+    /// Limit of the cameras that is needed, where it has to be raised, degrees; at most the own limit of each.
     pub camera_deg: Option<f64>,
-    /// Limit of the projector that is needed, where it has to be raised, degrees.
+    /// Limit of the projector that is needed, where it has to be raised, degrees; at most its own.
     pub projector_deg: Option<f64>,
     /// Area of the spot that the views together measure.
     pub area_mm2: f64,
@@ -65,7 +65,16 @@ pub struct RemedyView {
 }
 
 impl Remedy {
-    /// The finding that no view that was tried works.
+    /// Smallest share of a spot that a remedy measures which works.
+    pub const WORKS_FROM: f64 = 0.9;
+
+    /// Returns true if the views together measure so much of the spot that it counts as mended.
+    #[must_use]
+    pub fn works(&self) -> bool {
+        self.of_spot >= Self::WORKS_FROM
+    }
+
+    /// The finding that no views that were tried measure half of the spot.
     pub(in crate::planning) fn none(tried: usize) -> Self {
         Self {
             kind: RemedyKind::None,

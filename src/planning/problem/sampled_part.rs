@@ -37,7 +37,8 @@ impl SampledPart {
     /// # Errors
     /// [`PlanError`].
     pub(in crate::planning) fn new(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Self, PlanError> {
-        params.check().map_err(PlanError::BadParams)?;
+        params.check()?;
+        params.check_limits(input.scanner)?;
         ctx.check()?;
         Estimate::of(input, params, rayon::current_num_threads()).check(ctx.allowance())?;
         let mut params = scene::resolve(params, input);

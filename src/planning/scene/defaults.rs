@@ -1,7 +1,7 @@
 //! Defaults that depend on the part, the scanner or the presence of a cell.
 
 use super::PlanInput;
-use crate::cell::{DeviceName, PoseSpec};
+use crate::cell::PoseSpec;
 use crate::geometry::{Mesh, Part, Pose, Table};
 use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::surface;
@@ -20,13 +20,12 @@ pub(in crate::planning) fn resolve(params: &PlanParams, input: &PlanInput<'_>) -
     let mut resolved = params.preset.apply(params);
     resolved.part = surface::resolve(&params.part, input.mesh);
     resolved.part.table_from_part.get_or_insert_with(|| PoseSpec::from(&resting(input.mesh)));
-    for device in &input.scanner.devices {
-        let limit_deg = match device.name {
-            DeviceName::Left | DeviceName::Right => &mut resolved.limits.camera_deg,
-            DeviceName::Projector => &mut resolved.limits.projector_deg,
-        };
-        limit_deg.get_or_insert(device.incidence_max_rad.to_degrees());
+    let own_deg = input.scanner.devices.as_ref().map(|device| device.incidence_max_rad.to_degrees());
+    // One number stands for both cameras: where their own limits differ, it would be false of one of them.
+    if own_deg.left.to_bits() == own_deg.right.to_bits() {
+        resolved.limits.camera_deg.get_or_insert(own_deg.left);
     }
+    resolved.limits.projector_deg.get_or_insert(own_deg.projector);
     let hemisphere = if input.cell.is_some() || params.setups > 1 { Hemisphere::AboveTable } else { Hemisphere::Full };
     resolved.candidates.hemisphere.get_or_insert(hemisphere);
     resolved

@@ -24,8 +24,18 @@ fn sampled(mesh: &Mesh, density: f64) -> Surface {
 }
 
 fn table(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> VisibilityMatrix {
+    table_by(&nominal_scanner(), mesh, surface, poses, params)
+}
+
+fn table_by(
+    scanner: &Scanner,
+    mesh: &Mesh,
+    surface: &Surface,
+    poses: &[Pose<Part, ScannerFrame>],
+    params: &PlanParams,
+) -> VisibilityMatrix {
     let (scene, flag) = (Occluders::new([mesh]), AtomicBool::new(false));
-    cast(surface, poses, &vec![true; poses.len()], &nominal_scanner(), &scene, params, &Context::new(&flag, &Silent))
+    cast(surface, poses, &vec![true; poses.len()], scanner, &scene, params, &Context::new(&flag, &Silent))
         .unwrap_or_else(|_| unreachable!())
 }
 
@@ -168,6 +178,10 @@ fn cancelling_ends_it() {
 
 /// Measured area of a plate at best focus, straight below, with what `features` and `interest` ask everywhere, by each engine.
 fn plate_area_held_mm2(change: impl Fn(&mut PlanParams)) -> f64 {
+    plate_area_held_by_mm2(&nominal_scanner(), change)
+}
+
+fn plate_area_held_by_mm2(scanner: &Scanner, change: impl Fn(&mut PlanParams)) -> f64 {
     let mesh = box_mesh([-150.0, -100.0, -5.0], [150.0, 100.0, 0.0]);
     let mut params = PlanParams::default();
     change(&mut params);
@@ -175,7 +189,7 @@ fn plate_area_held_mm2(change: impl Fn(&mut PlanParams)) -> f64 {
     surface.requirements = Requirements::new(&mesh, &surface, &params).unwrap_or_else(|errors| panic!("{errors:?}"));
     let [area_mm2, reference_mm2] = [Engine::Raster, Engine::Rays].map(|engine| {
         params.visibility.engine = engine;
-        top_area_mm2(&surface, &table(&mesh, &surface, &[looking_down(480.0)], &params).rows[0])
+        top_area_mm2(&surface, &table_by(scanner, &mesh, &surface, &[looking_down(480.0)], &params).rows[0])
     });
     assert!((area_mm2 - reference_mm2).abs() < 1e-9, "{area_mm2} by depth maps, {reference_mm2} by rays");
     area_mm2
@@ -243,12 +257,51 @@ fn a_least_grade_leaves_what_is_measured_so_well() {
     assert_eq!(areas[0], whole_mm2);
     areas.windows(2).for_each(|pair| assert!(pair[0] >= pair[1], "{areas:?}"));
     // Q = c (1 − 2δ/δ_max) + d at best focus is above 0.5 within δ = δ_max (1 − 0.1 / 0.6) / 2 of the viewpoint's axis.
-    areas[3] = plate_area_held_mm2(|params| {
+    let mut scanner = nominal_scanner();
+    scanner.devices.projector.incidence_max_rad = 30.0_f64.to_radians();
+    areas[3] = plate_area_held_by_mm2(&scanner, |params| {
         params.selection.min_grade = Some(Grade::A);
-        params.limits.projector_deg = Some(30.0);
         params.limits.camera_deg = Some(80.0);
     });
     let radius_mm = 480.0 * (30.0_f64 * (1.0 - 0.1 / 0.6) / 2.0).to_radians().tan();
     let in_frame_mm2 = areas[3] / (std::f64::consts::PI * radius_mm * radius_mm);
     assert!(in_frame_mm2 > 0.9 && in_frame_mm2 < 1.01, "{in_frame_mm2}");
+}
+
+#[test]
+fn grades_of_two_jobs_mean_the_same() {
+    let mesh = box_mesh([-150.0, -100.0, -5.0], [150.0, 100.0, 0.0]);
+    let surface = sampled(&mesh, 0.05);
+    let mut tight = PlanParams::default();
+    tight.limits.projector_deg = Some(12.0);
+    for engine in [Engine::Raster, Engine::Rays] {
+        tight.visibility.engine = engine;
+        let mut wide = tight.clone();
+        wide.limits.projector_deg = None;
+        let [wide, tight] = [wide, tight.clone()]
+            .map(|params| table(&mesh, &surface, &[looking_down(480.0)], &params).rows.remove(0).graded().collect::<Vec<_>>());
+        assert!(tight.len() > 500 && tight.len() < wide.len(), "{} of {}", tight.len(), wide.len());
+        assert!(tight.iter().all(|graded| wide.contains(graded)), "the job's limit changes what is measured, not how well");
+    }
+}
+
+#[test]
+fn no_limit_of_job_or_region_goes_beyond_a_device_s_own() {
+    let mut scanner = nominal_scanner();
+    scanner.devices.right.incidence_max_rad = 15.0_f64.to_radians();
+    let own_mm2 = plate_area_held_by_mm2(&scanner, |_| ());
+    assert_eq!(plate_area_held_by_mm2(&scanner, |params| params.limits.camera_deg = Some(80.0)), own_mm2);
+    let region = |params: &mut PlanParams| {
+        params.regions.interest = vec![InterestParams {
+            name: None,
+            region: everywhere(),
+            weight: 1.0,
+            target: None,
+            camera_deg: Some(80.0),
+            projector_deg: None,
+            min_grade: None,
+        }];
+    };
+    assert_eq!(plate_area_held_by_mm2(&scanner, region), own_mm2);
+    assert!(own_mm2 < 0.7 * plate_area_held_mm2(|_| ()), "the right camera alone sees less");
 }

@@ -32,7 +32,7 @@ pub struct Optics {
     angle_weight: f64,
     distance_weight: f64,
     angle: ScoreAngle,
-    /// δ_max of [`crate::planning::method::quality`]: the projector's limit.
+    /// δ_max of [`crate::planning::method::quality`]: the projector's own limit, so that grades of two jobs mean the same.
     incidence_reference_rad: f64,
     requirements: Vec<Requirement>,
     /// Limits of each kind of requirement.
@@ -51,23 +51,24 @@ struct DeviceOptics {
     lens: Lens,
 }
 
-/// Minimum cosines of the incidence against cameras and projector.
-pub(super) type IncidenceMin = [f64; 2];
+/// Minimum cosines of the incidence against each device.
+pub(super) type IncidenceMin = PerDevice<f64>;
 
 impl Optics {
-    /// Takes the limits from what is asked of the samples, else from `params`, else from the scanner.
+    /// Takes the limits from what is asked of the samples, else from `params`, and from the scanner where its own are tighter.
     #[must_use]
     pub fn new(scanner: &Scanner, params: &PlanParams, requirements: &Requirements) -> Self {
-        let incidence_max_rad = scanner.devices.as_ref().map(|device| params.limits.incidence_max_rad(device));
+        let limits_rad =
+            scanner.devices.as_ref().map(|device| (params.limits.incidence_max_rad(device), device.incidence_max_rad));
         let devices = scanner.devices.as_ref().map(|device| DeviceOptics {
             device_from_scanner: *device.scanner_from_device.inverse().isometry(),
             centre_mm: device.scanner_from_device.origin_mm(),
             lens: device.lens,
         });
         let limits = |requirement: &Requirement| {
-            let camera_rad = requirement.camera_max_rad.unwrap_or(incidence_max_rad.left);
-            let projector_rad = requirement.projector_max_rad.unwrap_or(incidence_max_rad.projector);
-            [camera_rad.cos(), projector_rad.cos()]
+            let required_rad = PerDevice::of_cameras(requirement.camera_max_rad, requirement.projector_max_rad);
+            let in_force_rad = required_rad.zip(limits_rad);
+            in_force_rad.map(|(required_rad, (job_rad, own_rad))| required_rad.map_or(job_rad, |rad| rad.min(own_rad)).cos())
         };
         Self {
             near_mm: scanner.near_mm,
@@ -77,7 +78,7 @@ impl Optics {
             angle_weight: params.score.c,
             distance_weight: params.score.d,
             angle: params.score.angle,
-            incidence_reference_rad: incidence_max_rad.projector,
+            incidence_reference_rad: scanner.devices.projector.incidence_max_rad,
             requirements: requirements.kinds.clone(),
             incidence_min: requirements.kinds.iter().map(limits).collect(),
             focal_px: scanner.devices.cameras().into_iter().map(|camera| camera.lens.focal_px()).fold(f64::INFINITY, f64::min),
@@ -175,13 +176,13 @@ impl View<'_> {
 
     /// The number of the first step before any shadow at which a sample fails, [`PASSES`] if none does, and its quality.
     #[inline(always)]
-    pub(super) fn evaluate_optics(&self, p: [f64; 3], normal: [f64; 3], [camera_min, projector_min]: IncidenceMin) -> (u64, f64) {
+    pub(super) fn evaluate_optics(&self, p: [f64; 3], normal: [f64; 3], min_cos: IncidenceMin) -> (u64, f64) {
         let optics = self.optics;
         let in_scanner = self.scanner.apply(p);
         // Spelled out: a loop over the devices would keep the caller's loop over samples from being vectorised.
-        let left = self.seen_by(DeviceName::Left, p, normal, in_scanner, camera_min);
-        let right = self.seen_by(DeviceName::Right, p, normal, in_scanner, camera_min);
-        let projector = self.seen_by(DeviceName::Projector, p, normal, in_scanner, projector_min);
+        let left = self.seen_by(DeviceName::Left, p, normal, in_scanner, min_cos.left);
+        let right = self.seen_by(DeviceName::Right, p, normal, in_scanner, min_cos.right);
+        let projector = self.seen_by(DeviceName::Projector, p, normal, in_scanner, min_cos.projector);
         let faces = left.faces & right.faces & projector.faces;
         let in_depth = (optics.near_mm <= in_scanner[2]) & (in_scanner[2] <= optics.far_mm);
         let mut cause = u64::from(PASSES);

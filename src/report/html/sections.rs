@@ -232,8 +232,9 @@ fn spots(input: &ReportInput<'_>) -> String {
     }
     let rows: Vec<String> = treated.iter().map(|(cause, spot, remedy)| spot_row(*cause, spot, remedy)).collect();
     format!(
-        "<h3 style=\"margin-top:20px\">The largest spots, and what would fix them</h3>\n<p>For each spot, the cheapest remedy \
-         that was simulated and measures at least half of it. Its views are in <code>plan.json</code>; to plan with them, put \
+        "<h3 style=\"margin-top:20px\">The largest spots, and what would help</h3>\n<p>For each spot, the cheapest remedy \
+         that was simulated and measures at least 90 % of it; where none does, the cheapest that measures at least half, its \
+         share first. Its views are in <code>plan.json</code>; to plan with them, put \
          their poses into <code>candidates.poses</code>.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th>\
          <th class=\"n\">Area</th><th class=\"n\">Centre in mm</th><th class=\"n\">Size in mm</th><th>Remedy</th></tr></thead>\n\
          <tbody>\n{}</tbody></table></div>\n",

@@ -2,9 +2,9 @@
 
 use super::markup::{escape, number, percent};
 use crate::cell::{OpticalDevice, Scanner};
-use crate::planning::params::{PlanParams, TargetOf};
+use crate::planning::params::{LimitParams, PlanParams, TargetOf};
 use crate::planning::plan::{Cause, Remedy, RemedyKind, StopReason};
-use crate::wire::words::remedy_sentence;
+use crate::wire::words::{partial_percent, remedy_sentence};
 
 /// Names a cause in a few words.
 pub(super) fn cause_name(cause: Cause) -> &'static str {
@@ -51,19 +51,13 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::FrameRight => "The point falls outside the image of the right camera.".into(),
         Cause::FrameProjector => "The projector’s pattern does not reach the point.".into(),
         Cause::IncidenceLeft => {
-            format!("The left camera sees the surface too obliquely: {}.", limit(params.limits.camera_deg, &scanner.devices.left))
+            format!("The left camera sees the surface too obliquely: {}.", limit(&params.limits, &scanner.devices.left))
         }
         Cause::IncidenceRight => {
-            format!(
-                "The right camera sees the surface too obliquely: {}.",
-                limit(params.limits.camera_deg, &scanner.devices.right)
-            )
+            format!("The right camera sees the surface too obliquely: {}.", limit(&params.limits, &scanner.devices.right))
         }
         Cause::IncidenceProjector => {
-            format!(
-                "The projector hits the surface too obliquely: {}.",
-                limit(params.limits.projector_deg, &scanner.devices.projector)
-            )
+            format!("The projector hits the surface too obliquely: {}.", limit(&params.limits, &scanner.devices.projector))
         }
         Cause::ShadowLeft => "The part itself or its fixture hides the point from the left camera.".into(),
         Cause::ShadowRight => "The part itself or its fixture hides the point from the right camera.".into(),
@@ -79,12 +73,14 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
     }
 }
 
-fn limit(limit_deg: Option<f64>, device: &OpticalDevice) -> String {
-    let deg = limit_deg.unwrap_or_else(|| device.incidence_max_rad.to_degrees());
+/// Names the limit in force for a device.
+fn limit(limits: &LimitParams, device: &OpticalDevice) -> String {
+    let deg = limits.incidence_max_rad(device).to_degrees();
     format!("more than {}° from the surface’s normal", number(deg, 1))
 }
 
-/// Describes the remedy for a spot: its kind in a word or two, then the plan's own sentence.
+/// Describes the remedy for a spot: its kind in a word or two, then the plan's own sentence, which begins with the share that
+/// it measures where it does not work.
 pub(super) fn remedy(remedy: &Remedy) -> String {
     let kind = match remedy.kind {
         RemedyKind::View => "One more view",
@@ -94,6 +90,10 @@ pub(super) fn remedy(remedy: &Remedy) -> String {
         RemedyKind::Setup => "Another setup",
         RemedyKind::Limit => "A larger limit",
         RemedyKind::None => "None found",
+    };
+    let kind = match partial_percent(remedy.of_spot).filter(|_| remedy.kind != RemedyKind::None) {
+        Some(percent) => format!("{percent} of it: {}", kind.to_lowercase()),
+        None => kind.to_owned(),
     };
     format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy_sentence(remedy)))
 }

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use crate::cell::PoseSpec;
 use crate::planning::plan::{MissedCause, MissedSpot, Remedy, RemedyView};
 use crate::wire::angle::degrees;
-use crate::wire::words::remedy_sentence;
+use crate::wire::words::{partial_share, remedy_sentence};
 
 /// Area missed for one cause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -21,7 +21,7 @@ pub struct MissedDocument {
     pub spots: usize,
     /// Centre of the largest spot, part frame.
     pub centre_mm: [f64; 3],
-    /// Cheapest remedy for the largest spot that was simulated and works, or kind `none`; `null` if none was searched for.
+    /// Remedy for the largest spot, or kind `none`; `null` if none was searched for.
     pub remedy: Option<RemedyDocument>,
     /// Spots of this cause among the largest of all, for which remedies were searched; the `/missed` listing has every spot.
     #[serde(default)]
@@ -42,27 +42,28 @@ pub struct TreatedSpotDocument {
     pub remedy: RemedyDocument,
 }
 
-/// Cheapest remedy for a missed spot that was simulated and works, or the finding that none does.
+/// Cheapest remedy for a missed spot that was simulated and works: it measures at least 90 % of the spot. Else the cheapest that
+/// measures at least half; else kind `none`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct RemedyDocument {
     /// Kind of remedy.
     #[schema(value_type = crate::planning::plan::RemedyKind)]
     pub kind: String,
-    /// Description in one sentence.
+    /// Description in one sentence; of a remedy that does not work it begins with the share of the spot that it measures.
     pub text: String,
     /// Views of the remedy, best first; to apply it, put their poses into `candidates.poses`.
     pub views: Vec<RemedyViewDocument>,
     /// Pose that the part has to rest in, for `part.table_from_part` or `part.resting_poses`; `null` if it need not be moved.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
-    /// Value that `limits.camera_deg` has to be raised to; `null` if it need not be.
+    /// Value that `limits.camera_deg` has to be raised to, at most the own limit of each camera; `null` if it need not be.
     pub camera_deg: Option<f64>,
-    /// Value that `limits.projector_deg` has to be raised to; `null` if it need not be.
+    /// Value that `limits.projector_deg` has to be raised to, at most the projector's own limit; `null` if it need not be.
     pub projector_deg: Option<f64>,
     /// Area of the spot that the views measure together.
     pub area_mm2: f64,
-    /// Share of the spot that the views measure together; a remedy works from 0.5 on.
+    /// Share of the spot that the views measure together: at least 0.5, and 0 with kind `none`; a remedy works from 0.9 on.
     pub of_spot: f64,
     /// Number of views tried for the spot.
     pub tried: usize,
@@ -109,6 +110,19 @@ fn treated_spot(spot: &MissedSpot) -> Option<TreatedSpotDocument> {
     })
 }
 
+/// An angle that may come from a device in radians, rounded as [`degrees`] does.
+fn rounded_deg(angle_deg: f64) -> f64 {
+    degrees(angle_deg.to_radians())
+}
+
+impl RemedyDocument {
+    /// Share and area of the spot that the views measure, to be said first; `None` for a remedy that works.
+    #[must_use]
+    pub fn partial_share(&self) -> Option<String> {
+        partial_share(self.of_spot, self.area_mm2)
+    }
+}
+
 impl From<&Remedy> for RemedyDocument {
     fn from(remedy: &Remedy) -> Self {
         let view = |view: &RemedyView| RemedyViewDocument {
@@ -124,8 +138,8 @@ impl From<&Remedy> for RemedyDocument {
             text: remedy_sentence(remedy),
             views: remedy.views.iter().map(view).collect(),
             table_from_part: remedy.table_from_part.as_ref().map(PoseSpec::from),
-            camera_deg: remedy.camera_deg,
-            projector_deg: remedy.projector_deg,
+            camera_deg: remedy.camera_deg.map(rounded_deg),
+            projector_deg: remedy.projector_deg.map(rounded_deg),
             area_mm2: remedy.area_mm2,
             of_spot: remedy.of_spot,
             tried: remedy.tried,

@@ -1,7 +1,9 @@
-use super::{changed_params, fixed, no_plan_sentence};
+use super::{changed_params, fixed, no_plan_sentence, remedy_sentence};
+use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
+use crate::planning::ids::CandidateId;
 use crate::planning::params::{PlanParams, Region};
-use crate::planning::plan::{CandidateCounts, Cause};
+use crate::planning::plan::{CandidateCounts, Cause, Remedy, RemedyKind, RemedyView};
 use crate::planning::verdict::Rejection;
 
 #[test]
@@ -48,4 +50,34 @@ fn long_values_are_cut() {
     let changed = changed_params(&params);
     assert_eq!(changed.len(), 1);
     assert!(changed[0].1.chars().count() == 161 && changed[0].1.ends_with('…'));
+}
+
+/// A tilted view that measures so much of a spot of 200 mm².
+fn tilt(of_spot: f64) -> Remedy {
+    let area_mm2 = 200.0 * of_spot;
+    let view = RemedyView {
+        candidate: CandidateId(7),
+        roll_rad: 0.0,
+        tilt_rad: 20_f64.to_radians(),
+        standoff_mm: 480.0,
+        part_from_scanner: Pose::identity(),
+        area_mm2,
+    };
+    let (table_from_part, camera_deg, projector_deg, tried) = (None, None, None, 30);
+    Remedy { kind: RemedyKind::Tilt, views: vec![view], table_from_part, camera_deg, projector_deg, area_mm2, of_spot, tried }
+}
+
+#[test]
+fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
+    for (of_spot, said) in [
+        (1.0, "tilt candidate 7 by 20°: measures 200.0 mm², 100 % of it"),
+        (0.9, "tilt candidate 7 by 20°: measures 180.0 mm², 90 % of it"),
+        (0.75, "only 75 % of it, 150.0 mm²: tilt candidate 7 by 20°"),
+        (0.899, "only 89 % of it, 179.8 mm²: tilt candidate 7 by 20°"),
+    ] {
+        assert_eq!(remedy_sentence(&tilt(of_spot)), said);
+    }
+    let mut none = tilt(0.0);
+    (none.kind, none.views) = (RemedyKind::None, Vec::new());
+    assert_eq!(remedy_sentence(&none), "none: no eight of 30 views tried measure half of it");
 }

@@ -50,6 +50,16 @@ async fn findings_name_field_value_and_range() {
 }
 
 #[tokio::test]
+async fn limits_are_held_against_the_scanner_of_a_cell() {
+    let api = Api::start().await;
+    let beyond = json!({"limits": {"camera_deg": 89}});
+    let report = api.post_json("/api/v1/check", &json!({"document": beyond, "cell": "e05-transcan"})).await.ok(200);
+    assert_eq!((&report["sound"], &report["findings"][0]["pointer"]), (&json!(false), &json!("/limits/camera_deg")), "{report}");
+    let alone = api.post_json("/api/v1/check", &json!({"document": beyond})).await.ok(200);
+    assert_eq!(alone["sound"], true, "it is not known for which scanner: {alone}");
+}
+
+#[tokio::test]
 async fn a_request_may_name_only_what_there_is() {
     let api = Api::start().await;
     let missing = json!({"document": {}, "mesh_id": uuid::Uuid::nil().to_string()});

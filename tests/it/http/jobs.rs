@@ -114,6 +114,12 @@ async fn a_request_is_refused_with_every_pointer() {
             "invalid_fields",
             &["/priority", "/params/score/a", "/params/selection/target"],
         ),
+        (
+            json!({"params": {"limits": {"camera_deg": 89, "projector_deg": 80}}, "scanner": "transcan-c"}),
+            "invalid_fields",
+            &["/params/limits/camera_deg", "/params/limits/projector_deg"],
+        ),
+        (json!({"params": {"limits": {"camera_deg": 95}}}), "invalid_fields", &["/params/limits/camera_deg"]),
         (json!({"params": {"part": {"fixture_mesh": nobody}}}), "invalid_fields", &["/params/part/fixture_mesh"]),
         (json!({"params": {"part": {"fixture_mesh": "../x"}}}), "invalid_fields", &["/params/part/fixture_mesh"]),
         (json!({"labels": labels}), "invalid_fields", &["/labels"]),
@@ -126,6 +132,26 @@ async fn a_request_is_refused_with_every_pointer() {
         api.post_json("/api/v1/jobs", &merged(fields)).await.problem_at(code, pointers);
     }
     assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
+}
+
+#[tokio::test]
+async fn a_limit_beyond_a_device_s_own_is_refused_with_the_range_and_the_device() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let mut scanner = api.get("/api/v1/scanners/transcan-c-nominal").await.ok(200);
+    scanner["name"] = json!("worn");
+    scanner["right"]["incidence_max_deg"] = json!(45.0);
+    let mut cell = api.get("/api/v1/cells/e05-transcan").await.ok(200);
+    (cell["name"], cell["scanner"]) = (json!("ours"), scanner.clone());
+    for own in [json!({"cell": "none", "scanner": scanner}), json!({"cell": cell})] {
+        let mut request = own;
+        (request["mesh_id"], request["params"]) = (json!(mesh), json!({"limits": {"camera_deg": 60}}));
+        let problem = api.post_json("/api/v1/jobs", &request).await.problem_at("invalid_fields", &["/params/limits/camera_deg"]);
+        let detail = problem["errors"][0]["detail"].as_str().expect("a text");
+        assert!(detail.starts_with("is 60 °; allowed is 1 to 45 °, the own limit of the right camera"), "{detail}");
+        request["params"]["limits"]["camera_deg"] = json!(45);
+        api.post_json("/api/v1/jobs", &request).await.ok(202);
+    }
 }
 
 #[tokio::test]

@@ -14,7 +14,7 @@ use vantage::wire::words::{remedy_sentence, treated_spots};
 use super::bodies::blind_hole;
 use super::{everything, given, looking};
 use crate::support::shapes::prism;
-use crate::support::{box_mesh, nominal_scanner, plan_viewpoints};
+use crate::support::{box_mesh, limited_to, nominal_scanner, plan_viewpoints};
 
 /// Said and found areas differ by no more than this share: huge spots alone are looked at in part.
 const SAID: f64 = 1e-6;
@@ -61,6 +61,7 @@ fn every_remedy_works(mesh: &Mesh, params: &PlanParams, most: usize) -> Vec<Reme
         let cured_mm2 = cured_mm2(mesh, &before, &after, *cause, spot);
         println!("{} {:.1} mm²: {} → {cured_mm2:.1}", cause.as_str(), spot.area_mm2, remedy_sentence(remedy));
         assert!(remedy.area_mm2 >= 0.5 * spot.area_mm2 && (1..=8).contains(&remedy.views.len()));
+        assert_eq!(remedy_sentence(remedy).starts_with("only "), remedy.area_mm2 < 0.9 * spot.area_mm2, "{remedy:?}");
         assert!(
             cured_mm2 >= remedy.area_mm2 * (1.0 - SAID),
             "{cured_mm2} of {} with {}",
@@ -135,6 +136,28 @@ fn the_lower_wall_of_a_hole_needs_a_larger_limit() {
     params.regions.exclude = vec![Region::Faces { faces: body.outside() }];
     params.missed.remedies = 1;
     assert_eq!(every_remedy_works(&body.mesh, &params, 1), [RemedyKind::Limit]);
+}
+
+#[test]
+fn no_remedy_raises_a_limit_beyond_the_hardware() {
+    // The hole of the test above, seen by hardware that sees no more obliquely than the job asks.
+    let body = blind_hole(30.0, 60.0);
+    let mut params = quick(&body.mesh, (40.0, 35.0));
+    params.regions.exclude = vec![Region::Faces { faces: body.outside() }];
+    let outcome = plan_viewpoints(&body.mesh, &limited_to(nominal_scanner(), [40.0, 40.0, 35.0]), &params);
+    let found = treated(&outcome);
+    assert!(!found.is_empty());
+    for (.., remedy) in found {
+        assert_ne!(remedy.kind, RemedyKind::Limit, "{}", remedy_sentence(remedy));
+        assert_eq!((remedy.camera_deg, remedy.projector_deg), (None, None), "{remedy:?}");
+    }
+    // Where the job had tightened the limits they are raised, one for both cameras up to the tighter of theirs.
+    params.missed.remedies = 1;
+    let outcome = plan_viewpoints(&body.mesh, &limited_to(nominal_scanner(), [75.0, 70.0, 72.0]), &params);
+    let [(_, _, remedy)] = treated(&outcome)[..] else { panic!("one spot") };
+    assert_eq!(remedy.kind, RemedyKind::Limit, "{}", remedy_sentence(remedy));
+    assert!(remedy.camera_deg.is_none_or(|deg| deg <= 70.0 + 1e-9), "{remedy:?}");
+    assert!(remedy.projector_deg.is_none_or(|deg| deg <= 72.0 + 1e-9), "{remedy:?}");
 }
 
 #[test]

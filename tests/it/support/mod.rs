@@ -44,6 +44,14 @@ pub(crate) fn preset_scanner(name: &str) -> Scanner {
     Presets.scanner(name).expect("a preset").build().expect("the preset is valid")
 }
 
+/// `scanner` with these own limits of incidence of left camera, right camera and projector, degrees.
+pub(crate) fn limited_to(mut scanner: Scanner, [left, right, projector]: [f64; 3]) -> Scanner {
+    scanner.devices.left.incidence_max_rad = left.to_radians();
+    scanner.devices.right.incidence_max_rad = right.to_radians();
+    scanner.devices.projector.incidence_max_rad = projector.to_radians();
+    scanner
+}
+
 /// A mesh of the shared data, its file axes kept, scaled about its box's centre to `extent_mm` along the longest axis.
 pub(crate) fn shared_mesh_scaled(path: &str, extent_mm: f64) -> Option<Mesh> {
     let mut bytes = std::fs::read(shared(path)?).expect("readable");

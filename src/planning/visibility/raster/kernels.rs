@@ -47,16 +47,19 @@ impl Kernel for EvaluateOptics<'_> {
         let centre = [self.centre_mm.x, self.centre_mm.y, self.centre_mm.z];
         // Results go to arrays of this function first: only then is it plain that they overlap nothing that is read.
         let (mut causes, mut qualities) = ([0_u64; SAMPLES], [0.0; SAMPLES]);
-        let (mut cameras, mut projectors) = ([self.incidence_min[0][0]; SAMPLES], [self.incidence_min[0][1]; SAMPLES]);
+        let IncidenceMin { left, right, projector } = self.incidence_min[0];
+        let (mut left, mut right, mut projector) = ([left; SAMPLES], [right; SAMPLES], [projector; SAMPLES]);
         if self.incidence_min.len() > 1 {
             for i in 0..SAMPLES {
-                [cameras[i], projectors[i]] = self.incidence_min[usize::from(self.cluster.kind[i])];
+                let of_kind = &self.incidence_min[usize::from(self.cluster.kind[i])];
+                (left[i], right[i], projector[i]) = (of_kind.left, of_kind.right, of_kind.projector);
             }
         }
         for i in 0..SAMPLES {
             let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
             let normal = [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])];
-            let (cause, quality) = self.view.evaluate_optics(p, normal, [cameras[i], projectors[i]]);
+            let min_cos = IncidenceMin { left: left[i], right: right[i], projector: projector[i] };
+            let (cause, quality) = self.view.evaluate_optics(p, normal, min_cos);
             causes[i] = cause;
             qualities[i] = quality;
         }
