@@ -3,18 +3,17 @@
 mod coverage;
 mod missed;
 mod motion;
+mod regions;
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use coverage::{
-    CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RegionCoverageDocument,
-    RobustDocument,
-};
+pub use coverage::{CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument};
 pub use missed::{MissedDocument, RemedyDocument, RemedyViewDocument, TreatedSpotDocument};
 pub use motion::{MotionDocument, ObstructionDocument};
+pub use regions::{RegionCoverageDocument, RegionMissDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
