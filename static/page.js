@@ -78,6 +78,7 @@ const results = [
   ["report.html", "Report", "report"], ["plan.json", "Plan", "plan"], ["program.json", "Program", "program"],
   ["program.csv", "Program (CSV)", "program?dialect=csv"], ["viewpoints.csv", "Viewpoints (CSV)", "viewpoints?format=csv"],
   ["coverage.csv", "Coverage (CSV)", "coverage?format=csv"], ["missed.json", "Missed", "missed"],
+  ["regions.csv", "Regions (CSV)", "files/regions.csv"],
   ["timings.json", "Timings", "timings"],
 ];
 
@@ -101,6 +102,28 @@ function actions(job) {
     return [button("Cancel", () => ask(`/jobs/${job.id}/cancel`, { method: "POST" }))];
   }
   return job.state === "cancelling" ? [] : [button("Delete", () => ask(`/jobs/${job.id}`, { method: "DELETE" }))];
+}
+
+const percent = (share) => `${(100 * share).toFixed(2)} %`;
+const hasRegions = (job) => job.results.some((file) => file.name === "regions.csv");
+
+function regionRow(region) {
+  const verdict = { true: "met", false: "not met" }[region.met] ?? "–";
+  const cell = (text, className = "") => element("td", { textContent: text, className });
+  return element("tr", { className: region.met === false ? "unmet" : "" },
+    cell(region.name),
+    cell(region.tolerance_mm === undefined ? region.kind : `${region.kind}, ${region.tolerance_mm} mm`),
+    cell(region.asked_area_mm2.toFixed(1), "number"), cell(region.samples, "number"),
+    cell(region.target === undefined ? "–" : percent(region.target), "number"), cell(percent(region.of_asked), "number"),
+    cell(verdict), cell(region.why_unmet ?? ""));
+}
+
+function regionTable(regions) {
+  const names = ["Region", "Kind", "Area, mm²", "Samples", "Target", "Reached", "Verdict", "Why not"];
+  return element("table", {},
+    element("caption", {}, "Regions"),
+    element("thead", {}, element("tr", {}, ...names.map((name) => element("th", { scope: "col" }, name)))),
+    element("tbody", {}, ...regions.map(regionRow)));
 }
 
 function draw(job) {
@@ -129,6 +152,7 @@ function draw(job) {
   const names = new Set(job.results.map((file) => file.name));
   item.querySelector(".results").replaceChildren(...results.filter(([name]) => names.has(name))
     .map(([, text, path]) => element("a", { href: `${api}/jobs/${job.id}/${path}`, target: "_blank", rel: "noopener" }, text)));
+  item.querySelector(".regions").replaceChildren(...(job.regions?.length ? [regionTable(job.regions)] : []));
   // Buttons are left alone while nothing changes for them, so that focus stays.
   if (old !== job.state) item.querySelector(".actions").replaceChildren(...actions(job));
   byId("empty").hidden = true;
@@ -136,6 +160,10 @@ function draw(job) {
 
 async function show(job) {
   jobs.set(job.id, job);
+  // Lists come without regions.
+  if (!job.regions && hasRegions(job)) {
+    job.regions = await ask(`/jobs/${job.id}`).then((whole) => whole.regions, () => []);
+  }
   if (!meshNames.has(job.mesh_id)) {
     meshNames.set(job.mesh_id, await ask(`/meshes/${job.mesh_id}`).then((mesh) => mesh.name, () => null) ?? job.mesh_id);
   }

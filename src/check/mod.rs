@@ -17,7 +17,8 @@ use crate::planning::{PlanInput, resting};
 use crate::program::{self, Expected, Finding, Program};
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
-use crate::wire::{DocumentKind, pointer_of};
+use crate::wire::warnings::FieldWarning;
+use crate::wire::{DocumentKind, pointer_of, warnings};
 
 /// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
 const ROUNDING_MM: f64 = 0.01;
@@ -42,6 +43,8 @@ pub struct Sound {
     pub description: String,
     /// Share of the asked area that the scans of a program measure, if plan and part are given.
     pub measured_of_asked: Option<f64>,
+    /// Warnings on parameters that cannot be reached.
+    pub warnings: Vec<FieldWarning>,
 }
 
 /// Checks a document. `cell` is what plans and programs are checked in; without one, only structure and ranges are. The limits
@@ -61,21 +64,23 @@ pub fn check(
             "is neither a scanner, robot, turntable or cell, nor parameters, a plan ({PLAN_SCHEMA}) or a program ({PROGRAM_SCHEMA})"
         )));
     };
-    let mut measured_of_asked = None;
+    let (mut measured_of_asked, mut warnings) = (None, Vec::new());
     let description = match kind {
         DocumentKind::Scanner => format!("scanner {}", read::<ScannerSpec>(value)?.build()?.name),
         DocumentKind::Robot => format!("robot {}", read::<RobotSpec>(value)?.build()?.name),
         DocumentKind::Turntable => format!("turntable {}", read::<TurntableSpec>(value)?.build()?.name),
         DocumentKind::Cell => format!("cell {}", read::<CellSpec>(value)?.build(library)?.name),
         DocumentKind::Params => {
-            let params = read::<PlanParams>(value)?;
+            let params: PlanParams = read(value)?;
             params.check()?;
             cell.map_or(Ok(()), |cell| params.check_limits(&cell.scanner))?;
+            warnings = warnings::of_params(&params, "");
             "parameters".to_owned()
         }
         DocumentKind::Plan => {
             let document: PlanDocument = read(value)?;
             plan::check(&document, cell)?;
+            warnings = warnings::of_params(&document.params, "/params");
             format!("plan with {} viewpoints{}", document.viewpoints.len(), extent(cell))
         }
         DocumentKind::Program => {
@@ -87,7 +92,7 @@ pub fn check(
             format!("program with {} steps, {:.1} s{}{measured}", document.steps.len(), document.cycle_secs, extent(cell))
         }
     };
-    Ok(Sound { kind, description, measured_of_asked })
+    Ok(Sound { kind, description, measured_of_asked, warnings })
 }
 
 /// Reads the document of a plan.

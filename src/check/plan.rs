@@ -1,6 +1,8 @@
 //! Checks on the document of a plan, whoever wrote it: names from closed lists, shares in range that add up, ids and sequence
 //! that are consistent; and with the cell, that every station puts the scanner on its viewpoint.
 
+mod regions;
+
 use std::collections::BTreeSet;
 
 use super::expected;
@@ -29,6 +31,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     check_limits(document, cell.filter(|_| document.cell.is_some()), &mut findings);
     check_candidates(document, &mut findings);
     check_coverage(&document.coverage, &mut findings);
+    regions::check(document, &mut findings);
     check_views(document, &mut findings);
     check_missed(document, &mut findings);
     check_bound(document, &mut findings);

@@ -13,6 +13,7 @@ use crate::check::{Reference, check};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::wire::plan::PlanDocument;
+use crate::wire::warnings::FieldWarning;
 
 /// Check specifications, parameters, plans and programs.
 #[derive(Debug, clap::Args)]
@@ -21,7 +22,8 @@ use crate::wire::plan::PlanDocument;
   vantage check plan/plan.json plan/program.json
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
 
-Without --cell only structure and ranges of a program are checked. Exit codes: 0 no findings, 2 findings.")]
+Without --cell only structure and ranges of a program are checked. Warnings, as of a tolerance that is finer than the scanner's
+noise can serve, are not findings. Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
@@ -66,12 +68,22 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
             check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors))
         });
         match checked {
-            Ok(sound) => println!("{shown}: {}", sound.description),
+            Ok(sound) => {
+                println!("{shown}: {}", sound.description);
+                warn(&shown, &sound.warnings);
+            }
             Err(CliError::BadInput(findings)) => wrong.push(findings),
             Err(other) => return Err(other),
         }
     }
     if wrong.is_empty() { Ok(()) } else { Err(CliError::BadInput(wrong.join("\n"))) }
+}
+
+/// Prints warnings on fields of `what`.
+pub(super) fn warn(what: &str, warnings: &[FieldWarning]) {
+    for FieldWarning { pointer, detail, remedy, .. } in warnings {
+        eprintln!("{what}: {pointer}: {detail}\n  → {remedy}");
+    }
 }
 
 /// Loads a cell: a preset or a file.

@@ -40,7 +40,8 @@ mod telemetry;
   vantage plan part.stl --unit mm --out plan       plan a part without a server
   vantage serve --data /var/lib/vantage            start the server at http://127.0.0.1:8080
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted."
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with `plan --strict` a region below its target,
+4 interrupted."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -73,7 +74,7 @@ struct CompletionsArgs {
     shell: clap_complete::Shell,
 }
 
-/// Error that ends a command; each kind has its own exit code (contract: 2, 3, 4).
+/// Error that ends a command, with an exit code (contract: 2, 3, 4); 3 stands for every lack of a plan that does what is asked.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CliError {
     /// System error: an address in use, a disk that cannot be written to, a server that does not answer.
@@ -85,6 +86,9 @@ pub enum CliError {
     /// Planning that found no plan, with the reasons.
     #[error("{0}")]
     NoPlan(String),
+    /// Plan with regions below their targets, where that is asked to be an error.
+    #[error("{0}")]
+    RegionsUnmet(String),
     /// Interruption by the user.
     #[error("{0}")]
     Cancelled(String),
@@ -97,7 +101,7 @@ impl CliError {
         match self {
             Self::Failed(_) => 1,
             Self::BadInput(_) => 2,
-            Self::NoPlan(_) => 3,
+            Self::NoPlan(_) | Self::RegionsUnmet(_) => 3,
             Self::Cancelled(_) => 4,
         }
     }

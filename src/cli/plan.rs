@@ -7,6 +7,7 @@ use serde_json::Value;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 
+use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
 use super::progress::Progress;
@@ -17,13 +18,14 @@ use crate::geometry::{LengthUnit, Poll};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
+use crate::planning::plan::RegionCoverage;
 use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
-use crate::wire::plan::{DrawnDocument, PlanDocument, RemedyDocument, RobustDocument};
+use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RemedyDocument, RobustDocument};
 use crate::wire::words::{area_mm2, headline, no_plan_sentence, stability_sentence};
-use crate::wire::{json_file_bytes, parameters};
+use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
   vantage plan part.stl --unit mm --out plan
@@ -31,8 +33,10 @@ const EXAMPLES: &str = "Examples:
   vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
 
 Files written to --out: plan.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
-spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning.
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted.";
+spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
+regions of interest or features.
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target,
+4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
 #[derive(Debug, clap::Args)]
@@ -65,6 +69,9 @@ pub struct PlanArgs {
     /// Print plan.json to standard output instead of a summary.
     #[arg(long)]
     json: bool,
+    /// Exit with code 3 if a region of interest or a feature does not reach its target; the results are written all the same.
+    #[arg(long)]
+    strict: bool,
     /// Number of threads, 0 to 1024; 0 for all cores. The plan does not depend on it.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
     threads: u16,
@@ -88,6 +95,7 @@ pub struct PlanArgs {
 pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let mut params = load_params(args.params.as_deref(), &args.sets)?;
     params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
+    warn("parameters", &warnings::of_params(&params, ""));
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
     params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
@@ -123,7 +131,23 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
     artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
     out::write(&args.out, &artifacts)?;
-    print_summary(args, &artifacts)
+    print_summary(args, &artifacts)?;
+    judge_regions(args.strict, &params, &outcome.plan.coverage.regions)
+}
+
+/// Warns of regions that do not reach their target; with `strict` they are an error.
+fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) -> Result<(), CliError> {
+    let regions: Vec<_> = regions.iter().map(RegionCoverageDocument::from).collect();
+    let unmet = warnings::of_regions(params, &regions, "");
+    warn("parameters", &unmet);
+    if !strict || unmet.is_empty() {
+        return Ok(());
+    }
+    let with_target = regions.iter().filter(|region| region.target.is_some()).count();
+    Err(CliError::RegionsUnmet(format!(
+        "{} of {with_target} regions and features with a target do not reach it (--strict); the results are written",
+        unmet.len()
+    )))
 }
 
 /// Loads a mesh and prints its warnings: a wrong unit is better noticed before an hour of planning than after.
@@ -246,6 +270,7 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     for link in &plan.setup_links {
         println!("  setups {} and {} {}", link.setups[0], link.setups[1], stability_sentence(&link.stability));
     }
+    coverage.regions.iter().for_each(|region| println!("{}", region_summary(region)));
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
         if let Some(remedy) = &missed.remedy {
@@ -254,6 +279,25 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     }
     println!("Report: {}", args.out.join("report.html").display());
     Ok(())
+}
+
+/// Coverage of a region: what is asked and what is reached on one line, and the reasons on another if that is too little.
+pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
+    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {mm} mm"));
+    let target = match (region.target, region.met) {
+        (Some(target), Some(true)) => format!("target {:.2} %: met", 100.0 * target),
+        (Some(target), _) => format!("target {:.2} %: NOT MET", 100.0 * target),
+        (None, _) => "no target".to_owned(),
+    };
+    let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n                   missed: {why}"));
+    format!(
+        "  region {:?} ({}{tolerance}; {} mm², {} samples): {:.2} %, {target}{why}",
+        region.name,
+        region.kind,
+        area_mm2(region.asked_area_mm2),
+        region.samples,
+        100.0 * region.of_asked
+    )
 }
 
 /// Lowest shares of the asked area under pose errors, on one line.

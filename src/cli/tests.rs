@@ -6,7 +6,7 @@ use crate::cell::{CellSpec, Named, PoseSpec, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
 use crate::testing::arm_urdf;
-use crate::wire::plan::{RemedyDocument, RemedyViewDocument};
+use crate::wire::plan::{RegionCoverageDocument, RegionMissDocument, RemedyDocument, RemedyViewDocument};
 
 fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String, CliError> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -163,6 +163,37 @@ fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
     ] {
         assert_eq!(plan::advice(&RemedyDocument { of_spot: 0.75, ..remedy(kind, 2) }, 1), advice);
     }
+}
+
+#[test]
+fn a_region_is_told_with_what_is_asked_reached_and_missed() {
+    let unmet = RegionCoverageDocument {
+        name: "bore".to_owned(),
+        kind: "feature".to_owned(),
+        samples: 90,
+        asked_area_mm2: 900.0,
+        coverable_area_mm2: 0.0,
+        measured_area_mm2: 0.0,
+        of_asked: 0.0,
+        of_coverable: 0.0,
+        target: Some(0.95),
+        met: Some(false),
+        tolerance_mm: Some(0.05),
+        min_tolerance_mm: Some(0.156),
+        missed: vec![RegionMissDocument { reason: "below_grade".to_owned(), area_mm2: 900.0 }],
+        beyond_noise_area_mm2: 900.0,
+        why_unmet: Some("below_grade 900.0 mm²".to_owned()),
+    };
+    let told = plan::region_summary(&unmet);
+    assert_eq!(
+        told,
+        "  region \"bore\" (feature, tolerance 0.05 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n                   \
+         missed: below_grade 900.0 mm²"
+    );
+    let met = RegionCoverageDocument { of_asked: 0.97, met: Some(true), why_unmet: None, ..unmet.clone() };
+    assert!(plan::region_summary(&met).ends_with(": 97.00 %, target 95.00 %: met"));
+    let free = RegionCoverageDocument { target: None, met: None, tolerance_mm: None, why_unmet: None, ..unmet };
+    assert!(plan::region_summary(&free).ends_with("(feature; 900.0 mm², 90 samples): 0.00 %, no target"));
 }
 
 #[test]

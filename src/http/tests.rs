@@ -10,6 +10,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use super::negotiate::{Representation, choose};
 use super::socket::TimeoutStream;
 use crate::wire::EventKind;
+use crate::wire::plan::RegionCoverageDocument;
+use crate::wire::regions::REGIONS_FILE;
 
 const OFFERED: [Representation; 2] = [
     Representation { name: "json", media_type: "application/json", file: std::borrow::Cow::Borrowed("a.json") },
@@ -165,4 +167,33 @@ fn the_page_listens_to_every_kind_of_event() {
     for kind in EventKind::ALL {
         assert!(page.contains(&format!("\"{}\"", kind.as_str())), "{}", kind.as_str());
     }
+}
+
+#[test]
+fn the_page_shows_every_figure_of_a_region_by_the_name_that_answers_have() {
+    let (script, page) = (include_str!("../../static/page.js"), include_str!("../../static/index.html"));
+    let region = RegionCoverageDocument {
+        name: String::new(),
+        kind: String::new(),
+        samples: 0,
+        asked_area_mm2: 0.0,
+        coverable_area_mm2: 0.0,
+        measured_area_mm2: 0.0,
+        of_asked: 0.0,
+        of_coverable: 0.0,
+        target: Some(0.0),
+        met: Some(true),
+        tolerance_mm: Some(0.0),
+        min_tolerance_mm: None,
+        missed: Vec::new(),
+        beyond_noise_area_mm2: 0.0,
+        why_unmet: Some(String::new()),
+    };
+    let region = serde_json::to_value(region).expect("JSON");
+    for field in ["name", "kind", "tolerance_mm", "asked_area_mm2", "samples", "target", "of_asked", "met", "why_unmet"] {
+        assert!(region.get(field).is_some(), "{field} is in no answer");
+        assert!(script.contains(&format!("region.{field}")), "{field}");
+    }
+    assert!(script.contains(&format!("\"{REGIONS_FILE}\"")), "the file by which the page knows that there are regions");
+    assert!(page.contains("class=\"regions\""), "the place of the table");
 }

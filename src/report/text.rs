@@ -9,11 +9,14 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, Stability, share};
+use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::CoverageDocument;
-use crate::wire::words::{advice_sentence, area_mm2, changed_params, fixed, freedom, headline, remedy_sentence, treated_spots};
+use crate::wire::words::{
+    NOTHING_IN_REGION, advice_sentence, area_mm2, changed_params, fixed, freedom, headline, noise_remark, remedy_sentence,
+    treated_spots,
+};
 
 /// The text. Same plan, same text; every line ends with a newline.
 #[must_use]
@@ -29,6 +32,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
+    write_regions(out, &plan.coverage.regions)?;
     write_setups(out, plan)?;
     write_links(out, plan)?;
     writeln!(out, "\nstopped because: {}", plan.stopped_because.as_str())?;
@@ -120,6 +124,33 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
         writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
     }
     write_certificate(out, coverage)
+}
+
+/// Lists regions of interest and features, where there are any: what is asked of each, what is reached, and why not more.
+fn write_regions(out: &mut String, regions: &[RegionCoverage]) -> fmt::Result {
+    if !regions.is_empty() {
+        writeln!(out, "\nregions of interest and features")?;
+    }
+    for region in regions {
+        let verdict = match (region.target, region.is_met()) {
+            (Some(target), Some(true)) => format!("target {} %: met", percent(target)),
+            (Some(target), _) => format!("target {} %: NOT MET", percent(target)),
+            (None, _) => "no target".to_owned(),
+        };
+        let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", fixed(mm, 3)));
+        // Quoted, so that no name breaks a line.
+        writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
+        let [asked, measured] = [region.asked_area_mm2, region.measured_area_mm2].map(|mm2| fixed(mm2, 1));
+        writeln!(out, "       {measured} of {asked} mm² measured, {} %; {verdict}", percent(region.of_asked()))?;
+        if region.samples == 0 {
+            writeln!(out, "       {NOTHING_IN_REGION}")?;
+        }
+        for (cause, area_mm2) in &region.missed_mm2 {
+            let noise = noise_remark(region, *cause).map_or_else(String::new, |remark| format!("; {remark}"));
+            writeln!(out, "       missed, {:<18} {:>10} mm²{noise}", cause.as_str(), fixed(*area_mm2, 1))?;
+        }
+    }
+    Ok(())
 }
 
 fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {

@@ -67,5 +67,6 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
         Err(errors) => (None, errors.into_iter().map(ProblemField::from).collect()),
     };
     let measured_of_asked = found.as_ref().and_then(|found| found.measured_of_asked);
-    Ok(CheckReport { kind, sound, description: found.map(|found| found.description), measured_of_asked, findings })
+    let (description, warnings) = found.map_or_else(Default::default, |found| (Some(found.description), found.warnings));
+    Ok(CheckReport { kind, sound, description, measured_of_asked, findings, warnings })
 }

@@ -20,7 +20,8 @@ use crate::report::text::text;
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
-use crate::wire::{coverage, json_file_bytes, missed, viewpoints};
+use crate::wire::regions::REGIONS_FILE;
+use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
 pub const PREVIEW_TRIANGLES: usize = 300_000;
@@ -121,6 +122,7 @@ impl PlanJob<'_> {
             ("report.txt".into(), text(plan).into_bytes()),
             ("report.html".into(), html::render(&report, ctx)?.into_bytes()),
         ];
+        files.extend(regions::csv(plan).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         let mut refused = BTreeMap::new();
         for (setup, program) in programs.iter().enumerate() {
             let stem = program_stem(setup);

@@ -3,13 +3,15 @@
 use std::io::Read;
 use std::time::Duration;
 
+use serde::Deserialize;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
 use super::store::{FileEncoding, ResultFile};
-use crate::wire::{Job, JobId, JobState, LabelsRequest};
+use crate::wire::plan::RegionCoverageDocument;
+use crate::wire::{Job, JobId, JobState, LabelsRequest, warnings};
 
 impl App {
     /// One job.
@@ -17,7 +19,7 @@ impl App {
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::Internal`].
     pub async fn job(&self, id: JobId) -> Result<Job, Error> {
-        self.0.store.job(id).await
+        Ok(self.with_regions(self.0.store.job(id).await?).await)
     }
 
     /// State of a job.
@@ -38,7 +40,7 @@ impl App {
         let mut events = self.0.store.subscribe();
         loop {
             if self.0.store.job_state(id).await?.is_ended() {
-                return self.0.store.job(id).await;
+                return self.job(id).await;
             }
             let next = async {
                 loop {
@@ -50,9 +52,9 @@ impl App {
                 }
             };
             tokio::select! {
-                () = self.0.stopping.cancelled() => return self.0.store.job(id).await,
+                () = self.0.stopping.cancelled() => return self.job(id).await,
                 changed = timeout_at(until, next) => if !matches!(changed, Ok(true)) {
-                    return self.0.store.job(id).await;
+                    return self.job(id).await;
                 },
             }
         }
@@ -88,7 +90,32 @@ impl App {
     pub async fn put_labels(&self, id: JobId, labels: LabelsRequest) -> Result<Job, Error> {
         labels.check().map_err(Error::Invalid)?;
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.put_labels(id, &labels.labels).await }).await
+        self.run_to_completion(async move { Ok(app.with_regions(app.0.store.put_labels(id, &labels.labels).await?).await) }).await
+    }
+
+    /// Adds to a job that has succeeded how well its regions are covered. Its state is told even where that cannot be read.
+    async fn with_regions(&self, mut job: Job) -> Job {
+        let asked = &job.params.regions;
+        if job.state != JobState::Succeeded || (asked.interest.is_empty() && asked.features.is_empty()) {
+            return job;
+        }
+        match self.regions(job.id).await {
+            Ok(regions) => {
+                job.warnings.extend(warnings::of_regions(&job.params, &regions, "/params"));
+                job.regions = regions;
+            }
+            Err(error) => {
+                tracing::warn!(job = %job.id, error = &error as &dyn std::error::Error, "the coverage of its regions cannot be read");
+            }
+        }
+        job
+    }
+
+    /// Coverage of the regions of a job that has succeeded.
+    async fn regions(&self, id: JobId) -> Result<Vec<RegionCoverageDocument>, Error> {
+        let bytes = self.result(id, "coverage.json").await?.read().await?;
+        let result: CoverageResult = serde_json::from_slice(&bytes)?;
+        Ok(result.coverage.regions)
     }
 
     /// One of a job's results; its file is not read yet.
@@ -98,6 +125,18 @@ impl App {
     pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
         Ok(ResultBody { app: self.clone(), file: self.0.store.result(id, name).await? })
     }
+}
+
+/// Part of `coverage.json` that a job shows.
+#[derive(Deserialize)]
+struct CoverageResult {
+    coverage: CoverageOfRegions,
+}
+
+#[derive(Deserialize)]
+struct CoverageOfRegions {
+    #[serde(default)]
+    regions: Vec<RegionCoverageDocument>,
 }
 
 /// A result of a job, ready to be read.

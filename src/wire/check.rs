@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 
 use super::ids::MeshId;
 use super::problem::ProblemField;
+use super::warnings::FieldWarning;
 use crate::cell::{CellSpec, Named, closed_list};
 
 closed_list! {
@@ -63,4 +64,7 @@ pub struct CheckReport {
     pub measured_of_asked: Option<f64>,
     /// Findings, each with the pointer into the document; empty for the whole.
     pub findings: Vec<ProblemField>,
+    /// Warnings on parameters of a sound document that cannot be reached.
+    #[serde(default)]
+    pub warnings: Vec<FieldWarning>,
 }

@@ -8,7 +8,9 @@ use utoipa::ToSchema;
 
 use super::echo::Echo;
 use super::ids::{JobId, MeshId};
+use super::plan::RegionCoverageDocument;
 use super::problem::JobProblem;
+use super::warnings::FieldWarning;
 use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec};
 use crate::planning::params::PlanParams;
 
@@ -209,6 +211,13 @@ pub struct Job {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
+    /// Warnings on parameters that were accepted: tolerances finer than the scanner's noise and, once the job has succeeded, regions
+    /// and features that do not reach their target.
+    #[serde(default)]
+    pub warnings: Vec<FieldWarning>,
+    /// Coverage of each region of interest and each feature, once the job has succeeded.
+    #[serde(default)]
+    pub regions: Vec<RegionCoverageDocument>,
     /// Reason for the failure of the job. With the code `job_unreadable` the stored request cannot be read, and `cell`, `scanner`
     /// and `params` are defaults.
     pub problem: Option<JobProblem>,

@@ -20,12 +20,14 @@ pub mod parameters;
 pub mod plan;
 mod problem;
 pub mod program;
+pub mod regions;
 pub mod scanner_facts;
 mod spec;
 mod storage;
 mod system;
 mod tally;
 pub mod viewpoints;
+pub mod warnings;
 pub mod words;
 
 pub use check::{CheckReport, CheckRequest, DocumentKind};

@@ -3,6 +3,7 @@
 mod coverage;
 mod missed;
 mod motion;
+mod regions;
 mod registration;
 
 use std::collections::BTreeMap;
@@ -11,11 +12,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use coverage::{
-    CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RegionCoverageDocument,
-    RobustDocument, VisibleSharesDocument,
+    CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument,
+    VisibleSharesDocument,
 };
 pub use missed::{MissedDocument, RemedyDocument, RemedyViewDocument, TreatedSpotDocument};
 pub use motion::{MotionDocument, ObstructionDocument};
+pub use regions::{RegionCoverageDocument, RegionMissDocument};
 pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 
 use super::angle::degrees;

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView};
+use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, RegionCoverage, Remedy, RemedyKind, RemedyView};
 use crate::planning::registration::Stability;
 use crate::wire::plan::{CoverageDocument, StabilityDocument};
 
@@ -18,6 +18,10 @@ mod tests;
 const MAX_VALUE_CHARS: usize = 160;
 /// Causes that are named where no plan is possible.
 const NAMED_CAUSES: usize = 3;
+/// Reason for which a region without samples does not reach its target.
+pub(crate) const NOTHING_IN_REGION: &str = "it holds none of the asked surface";
+/// Share from which on a part of an area counts as all of it: sums over samples are not exact to the last bit.
+const ALL: f64 = 1.0 - 1e-9;
 
 /// Every parameter that differs from its default, by its dotted key in alphabetical order, with its value as JSON, cut
 /// where it is long. Defaults that were resolved (`part.patch_edge_mm` …) are among them.
@@ -162,6 +166,42 @@ pub fn freedom(stability: &Stability) -> String {
     let Some(axis) = axis.try_normalize(f64::MIN_POSITIVE) else { return "every motion".to_owned() };
     let [x, y, z] = [axis.x, axis.y, axis.z].map(|part| fixed(part, 2));
     format!("{what} ({x} {y} {z})")
+}
+
+/// Reasons for which a region does not reach its target: the causes of its missed area, the largest first. `None` if it
+/// reaches it, or has none.
+#[must_use]
+pub fn shortfall(region: &RegionCoverage) -> Option<String> {
+    if !region.is_unmet() {
+        return None;
+    }
+    if region.samples == 0 {
+        return Some(NOTHING_IN_REGION.to_owned());
+    }
+    let miss = |(cause, area_mm2): &(Cause, f64)| {
+        let noise = noise_remark(region, *cause).map_or_else(String::new, |remark| format!(" ({remark})"));
+        format!("{} {} mm²{noise}", cause.as_str(), fixed(*area_mm2, 1))
+    };
+    Some(region.missed_mm2.iter().map(miss).collect::<Vec<_>>().join(", "))
+}
+
+/// Remark on the area of a region that is missed for a cause, where the scanner's noise is the reason for it.
+#[must_use]
+pub fn noise_remark(region: &RegionCoverage, cause: Cause) -> Option<String> {
+    let beyond_mm2 = region.beyond_noise_area_mm2;
+    if cause != Cause::BelowGrade || beyond_mm2 <= 0.0 {
+        return None;
+    }
+    let below_grade_mm2: f64 = region.missed_mm2.iter().filter(|(missed, _)| *missed == cause).map(|(_, mm2)| mm2).sum();
+    let part = if beyond_mm2 < below_grade_mm2 * ALL { format!(" on {} mm²", fixed(beyond_mm2, 1)) } else { String::new() };
+    let min_mm = rounded_up_mm(region.min_tolerance_mm);
+    Some(format!("tolerance beyond the scanner's noise{part}; the finest that it can serve is {min_mm} mm"))
+}
+
+/// Formats a length so that it is not below `length_mm`, with three decimals.
+pub(crate) fn rounded_up_mm(length_mm: f64) -> String {
+    // A value that three decimals hold is not rounded up for its last bit.
+    fixed((length_mm * 1e3 - 1e-6).ceil() / 1e3, 3)
 }
 
 /// Advice on how to keep two bodies apart, in a sentence.

@@ -29,6 +29,7 @@ mod public_figures;
 mod raster_engine;
 mod reach_study;
 mod readme;
+mod regions;
 mod report;
 mod robust;
 mod server;

@@ -4,10 +4,23 @@ use serde_json::{Value, json};
 
 use crate::check::check_plan as check;
 use crate::planning::context::{Context, Silent};
-use crate::planning::params::{CandidateParams, PlanParams, PoseErrorParams};
+use crate::planning::params::{CandidateParams, InterestParams, PlanParams, PoseErrorParams, Region};
 use crate::service::plan_job::PlanJob;
 use crate::testing::{box_mesh, nominal_scanner};
 use crate::wire::echo::Echo;
+
+/// Two views cannot measure all of a block, as this region asks.
+fn all_of_it() -> InterestParams {
+    InterestParams {
+        name: Some("all".into()),
+        region: Region::Box { min_mm: [-1e3; 3], max_mm: [1e3; 3] },
+        weight: 1.0,
+        target: Some(1.0),
+        camera_deg: None,
+        projector_deg: None,
+        min_grade: None,
+    }
+}
 
 /// The plan of a block without a cell, as a file holds it.
 fn plan() -> Value {
@@ -15,6 +28,7 @@ fn plan() -> Value {
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.selection.max_views = Some(2);
     params.limits.camera_deg = Some(35.0);
+    params.regions.interest = vec![all_of_it()];
     params.robust.pose_error = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
     (params.robust.draws, params.robust.part_draws) = (2, 2);
     let job = PlanJob {
@@ -88,6 +102,13 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/part/bbox_mm/min", json!([1e3, 0, 0]), "allowed is up to max"),
         ("/candidates/kept", json!(1_000_000), "allowed is up to generated"),
         ("/missed", json!([]), "adds up to 0 mm²; asked less measured is"),
+        ("/coverage/regions/0/kind", json!("whim"), "is \"whim\"; allowed is one of interest, feature"),
+        ("/coverage/regions/0/of_asked", json!(1.2), "is 1.2; allowed is 0 to 1"),
+        ("/coverage/regions/0/of_asked", json!(0.01), "is 0.01; by measured_area_mm2 it is"),
+        ("/coverage/regions/0/met", json!(true), "is true; by of_asked and target it is false"),
+        ("/coverage/regions/0/target", json!(0.0), "/coverage/regions/0/met: is false; by of_asked and target it is true"),
+        ("/coverage/regions/0/missed", json!([]), "adds up to 0 mm²; asked less measured is"),
+        ("/coverage/regions/0/missed/0/reason", json!("gremlins"), "is \"gremlins\"; allowed is one of"),
     ];
     for (pointer, value, words) in cases {
         let mut changed = plan.clone();
@@ -97,6 +118,11 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         let tells = |line: &str| line.contains(words) && (words.starts_with('/') || line.starts_with(pointer));
         assert!(found.lines().any(tells), "{pointer}: {words:?} in\n{found}");
     }
+    let mut without_unmet = plan.clone();
+    without_unmet["stopped_because"] = json!("regions_unmet");
+    assert_eq!(found(&without_unmet), "", "one is unmet");
+    without_unmet["coverage"]["regions"] = json!([]);
+    assert!(found(&without_unmet).contains("/stopped_because: is \"regions_unmet\", but no region misses its target"));
     let mut stationed = plan.clone();
     stationed["viewpoints"][0]["station"] = json!({"table_angle_deg": 0.0, "joints_deg": [0, 0, 0, 0, 0, 0]});
     assert!(found(&stationed).contains("/viewpoints/0/station: is given, but the plan has no cell"));

@@ -2,7 +2,7 @@
 
 use super::Cancelled;
 use crate::cell::FieldError;
-use crate::planning::verdict::{CandidateCounts, Cause};
+use crate::planning::verdict::{CandidateCounts, Cause, Stability};
 
 /// Reason for which there is no plan.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,10 +1,11 @@
 //! Coverage with its denominators ([`crate::planning::method::coverage`]), of the part and of each region.
 
 use crate::planning::ids::SampleId;
+use crate::planning::params::NoiseParams;
 use crate::planning::plan::{Cause, Coverage, RegionCoverage, Verdict};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::selection::{coverable, coverable_mm2};
-use crate::planning::surface::requirements;
+use crate::planning::surface::requirements::{self, NamedRegion};
 use crate::planning::tally::measured_area;
 use crate::planning::visibility::Row;
 
@@ -34,21 +35,73 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measur
     coverage
 }
 
+/// Coverage of each region of interest and feature.
 fn of_regions(problem: &ViewPlanningProblem<'_>, verdicts: &[Verdict]) -> Vec<RegionCoverage> {
+    let noise = &problem.params.regions.noise;
     let named = requirements::regions(problem.params).into_iter();
-    let mut regions: Vec<_> =
-        named.map(|region| RegionCoverage { name: region.name, target: region.target, ..RegionCoverage::default() }).collect();
+    let mut regions: Vec<_> = named.map(|region| nothing_of(region, noise)).collect();
     if regions.is_empty() {
         return regions;
     }
     let coverable = coverable(&problem.rows(&problem.usable()), problem.asked_area_mm2.len());
     for (sample, verdict) in SampleId::number(verdicts) {
-        for &region in &problem.surface.requirements.of(sample).regions {
-            let (region, area_mm2) = (&mut regions[region], problem.asked_area_mm2[sample.index()]);
-            region.asked_area_mm2 += area_mm2;
-            region.coverable_area_mm2 += if coverable.holds(sample) { area_mm2 } else { 0.0 };
-            region.measured_area_mm2 += if matches!(verdict, Verdict::Measured(_)) { area_mm2 } else { 0.0 };
-        }
+        let requirement = problem.surface.requirements.of(sample);
+        let judged = JudgedSample {
+            area_mm2: problem.asked_area_mm2[sample.index()],
+            verdict: *verdict,
+            is_coverable: coverable.holds(sample),
+            is_beyond_noise: requirement.noise_max_mm.is_some_and(|max_mm| noise.exceeds(max_mm)),
+        };
+        requirement.regions.iter().for_each(|region| add(&mut regions[*region], &judged));
+    }
+    for region in &mut regions {
+        region.missed_mm2.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     }
     regions
+}
+
+/// A sample with its verdict, as it counts in a region.
+struct JudgedSample {
+    /// 0 where it is not asked for.
+    area_mm2: f64,
+    verdict: Verdict,
+    is_coverable: bool,
+    /// True where a finer tolerance is asked for than the noise can serve.
+    is_beyond_noise: bool,
+}
+
+/// A region of which nothing is counted yet.
+fn nothing_of(region: NamedRegion, noise: &NoiseParams) -> RegionCoverage {
+    RegionCoverage {
+        name: region.name,
+        kind: region.kind,
+        samples: 0,
+        asked_area_mm2: 0.0,
+        coverable_area_mm2: 0.0,
+        measured_area_mm2: 0.0,
+        target: region.target,
+        tolerance_mm: region.tolerance_mm,
+        min_tolerance_mm: noise.min_tolerance_mm(),
+        missed_mm2: Vec::new(),
+        beyond_noise_area_mm2: 0.0,
+    }
+}
+
+fn add(region: &mut RegionCoverage, sample: &JudgedSample) {
+    let area_mm2 = sample.area_mm2;
+    match sample.verdict {
+        Verdict::NotAsked => return,
+        Verdict::Measured(_) => region.measured_area_mm2 += area_mm2,
+        Verdict::Missed(cause) => {
+            match region.missed_mm2.iter_mut().find(|(known, _)| *known == cause) {
+                Some((_, missed_mm2)) => *missed_mm2 += area_mm2,
+                None => region.missed_mm2.push((cause, area_mm2)),
+            }
+            let is_noise = sample.is_beyond_noise && cause == Cause::BelowGrade;
+            region.beyond_noise_area_mm2 += if is_noise { area_mm2 } else { 0.0 };
+        }
+    }
+    region.samples += 1;
+    region.asked_area_mm2 += area_mm2;
+    region.coverable_area_mm2 += if sample.is_coverable { area_mm2 } else { 0.0 };
 }

@@ -14,8 +14,8 @@ use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
 use super::missed::{self, CanExecute, MissAnalysis};
 use super::params::{SelectionParams, TargetOf};
 use super::plan::{
-    CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, SetupLink, SetupPlan, Stance,
-    StopReason, Verdict, share,
+    CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SHARE_SLACK, SetupLink,
+    SetupPlan, Stance, StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
 use super::registration;
@@ -95,10 +95,12 @@ impl<'a> Solution<'a> {
             candidates: candidate_counts(problem),
             views: self.views(&ordered, &coverage),
             missed,
-            stopped_because: match chosen.selection.stopped_because {
-                ended_by if self.all_excluded.is_empty() => ended_by,
-                ended_by => stopped_because(ended_by, &coverage, &problem.params.selection),
-            },
+            stopped_because: stopped_because(
+                chosen.selection.stopped_because,
+                !self.all_excluded.is_empty(),
+                &coverage,
+                &problem.params.selection,
+            ),
             bound: chosen.selection.bound,
             setups: self.setups(ordered),
             setup_links: self.setup_links(),
@@ -208,18 +210,30 @@ fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateIndex) -> Row {
     visibility::grade(&problem.surface, pose, problem.input.scanner, problem.params, problem.row(candidate))
 }
 
-/// A selection that met its target among the views that have a path has not met it when what the given-up views would
-/// have measured counts too, as it does in the coverable area.
-fn stopped_because(ended_by: StopReason, coverage: &Coverage, params: &SelectionParams) -> StopReason {
-    /// Sums of areas in another order.
-    const SUM_SLACK: f64 = 4e-9;
+/// The rule that ended the selection, held against what came of it ([`crate::planning::method::selection`]).
+///
+/// A selection that met its target among the views that have a path has not met it when what the given-up views would have
+/// measured counts too, as it does in the coverable area. One that met its target, or could gain nothing more, still leaves
+/// regions unmet whose measured share of the asked area is below their own target.
+fn stopped_because(ended_by: StopReason, gave_up_views: bool, coverage: &Coverage, params: &SelectionParams) -> StopReason {
     let reached = match params.target_of {
         TargetOf::Coverable => coverage.of_coverable(),
         TargetOf::Asked => coverage.of_asked(),
         TargetOf::Total => coverage.of_total(),
     };
-    let short = reached < params.target - SUM_SLACK;
-    if ended_by == StopReason::Target && short { StopReason::NoPath } else { ended_by }
+    let is_short = reached < params.target - SHARE_SLACK;
+    let leaves_unmet = coverage.regions.iter().any(RegionCoverage::is_unmet);
+    match ended_by {
+        StopReason::Target if gave_up_views && is_short => StopReason::NoPath,
+        StopReason::Target | StopReason::NoGain if leaves_unmet => StopReason::RegionsUnmet,
+        StopReason::Growth if leaves_unmet && !is_short => StopReason::RegionsUnmet,
+        StopReason::Target
+        | StopReason::Growth
+        | StopReason::MaxViews
+        | StopReason::NoGain
+        | StopReason::NoPath
+        | StopReason::RegionsUnmet => ended_by,
+    }
 }
 
 fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
@@ -256,17 +270,66 @@ pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>, ctx: &Context<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::plan::MeasuredArea;
+    use crate::planning::plan::{MeasuredArea, RegionKind};
+
+    fn covered(area_mm2: f64) -> Coverage {
+        let measured = MeasuredArea { area_mm2, ..MeasuredArea::default() };
+        Coverage { measured, coverable_area_mm2: 100.0, ..Coverage::default() }
+    }
+
+    /// A region of 10 mm² of which so much is measured, with a target of 0.9 of it.
+    fn region(measured_area_mm2: f64) -> RegionCoverage {
+        RegionCoverage {
+            name: "bore".into(),
+            kind: RegionKind::Feature,
+            samples: 10,
+            asked_area_mm2: 10.0,
+            coverable_area_mm2: measured_area_mm2,
+            measured_area_mm2,
+            target: Some(0.9),
+            tolerance_mm: Some(0.05),
+            min_tolerance_mm: 0.156,
+            missed_mm2: vec![(Cause::BelowGrade, 10.0 - measured_area_mm2)],
+            beyond_noise_area_mm2: 0.0,
+        }
+    }
 
     #[test]
     fn a_target_met_without_the_given_up_views_is_not_called_met() {
-        let params = SelectionParams::default();
-        let covered = |area_mm2| {
-            let measured = MeasuredArea { area_mm2, ..MeasuredArea::default() };
-            Coverage { measured, coverable_area_mm2: 100.0, ..Coverage::default() }
+        let ended = |ended_by, measured_mm2| stopped_because(ended_by, true, &covered(measured_mm2), &SelectionParams::default());
+        assert_eq!(ended(StopReason::Target, 98.5), StopReason::Target);
+        assert_eq!(ended(StopReason::Target, 95.0), StopReason::NoPath);
+        assert_eq!(ended(StopReason::Growth, 95.0), StopReason::Growth);
+        let kept_all = stopped_because(StopReason::Target, false, &covered(95.0), &SelectionParams::default());
+        assert_eq!(kept_all, StopReason::Target, "no view was given up");
+    }
+
+    #[test]
+    fn a_target_met_with_a_region_below_its_own_is_not_called_met() {
+        let ended = |ended_by, measured_mm2, of_region_mm2| {
+            let coverage = Coverage { regions: vec![region(10.0), region(of_region_mm2)], ..covered(measured_mm2) };
+            stopped_because(ended_by, true, &coverage, &SelectionParams::default())
         };
-        assert_eq!(stopped_because(StopReason::Target, &covered(98.5), &params), StopReason::Target);
-        assert_eq!(stopped_because(StopReason::Target, &covered(95.0), &params), StopReason::NoPath);
-        assert_eq!(stopped_because(StopReason::Growth, &covered(95.0), &params), StopReason::Growth);
+        // Nothing of the region is coverable: it asks nothing of the selection, and all the more of the outcome.
+        assert_eq!(ended(StopReason::Target, 99.0, 0.0), StopReason::RegionsUnmet);
+        assert_eq!(ended(StopReason::NoGain, 80.0, 8.9), StopReason::RegionsUnmet);
+        assert_eq!(ended(StopReason::Growth, 99.0, 8.9), StopReason::RegionsUnmet);
+        for met_mm2 in [9.0, 9.0 - 1e-9, 10.0] {
+            assert_eq!(ended(StopReason::Target, 99.0, met_mm2), StopReason::Target, "{met_mm2} of 9 mm²");
+        }
+        // Rules that a user can ease come first: the limit of views, growth short of the plan's own target, a missing path.
+        assert_eq!(ended(StopReason::MaxViews, 99.0, 0.0), StopReason::MaxViews);
+        assert_eq!(ended(StopReason::Growth, 80.0, 0.0), StopReason::Growth);
+        assert_eq!(ended(StopReason::Target, 80.0, 0.0), StopReason::NoPath);
+    }
+
+    #[test]
+    fn a_region_is_judged_by_its_asked_area_and_only_with_a_target() {
+        assert_eq!((region(9.0).is_met(), region(8.9).is_met()), (Some(true), Some(false)));
+        assert!(region(8.9).of_coverable() == 1.0, "all that can be measured of it, and yet too little");
+        let without = RegionCoverage { target: None, ..region(0.0) };
+        assert_eq!((without.is_met(), without.is_unmet()), (None, false));
+        let empty = RegionCoverage { samples: 0, asked_area_mm2: 0.0, ..region(0.0) };
+        assert_eq!(empty.is_met(), Some(false), "a region that holds no asked surface is not measured");
     }
 }

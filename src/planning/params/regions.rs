@@ -10,6 +10,8 @@ use crate::planning::verdict::Grade;
 
 /// Largest number of regions of interest and features of one job.
 const MAX_REGIONS: usize = 10_000;
+/// Standard deviations that an expanded uncertainty of k = 2 spans to both sides.
+const SIGMAS: f64 = 4.0;
 
 params! {
     /// Regions that are excluded, of interest, or toleranced.
@@ -90,7 +92,8 @@ params! {
         /// Weight of its area in the score; elsewhere it is 1. The target of the plan counts true area. Default: 1.
         #[serde(default = "one")]
         weight: f64, [0.0, 100.0] "";
-        /// Share of its area that is to be measured, beside the plan's own target. Default: none of its own.
+        /// Share of its asked area that is to be measured, beside the plan's own target; a plan that stays below it says so.
+        /// Default: none of its own.
         #[serde(default)]
         target: Option<f64>, [0.0, 1.0] "";
         /// Largest angle between surface normal and the ray of either camera here, degrees; at most the own limit of each camera.
@@ -115,12 +118,14 @@ params! {
         name: Option<String>;
         /// The region that has to keep the tolerance.
         region: Region;
-        /// Width of the tolerance zone, mm.
+        /// Width of the tolerance zone, mm. None of the feature counts as measured if it is finer than the noise allows at best,
+        /// 4 · `noise.best_mm` / `noise.budget`, 0.156 mm by default: such a feature is accepted with a warning.
         tolerance_mm: f64, [0.001, 100.0] "mm";
         /// Largest distance between measured points on the surface, mm. Default: none.
         #[serde(default)]
         point_spacing_mm: Option<f64>, [0.01, 100.0] "mm";
-        /// Share of its area that is to be measured so well. Default: the plan's own target alone.
+        /// Share of its asked area that is to be measured so well; a plan that stays below it says so. Default: the plan's own
+        /// target alone.
         #[serde(default)]
         target: Option<f64>, [0.0, 1.0] "";
     }
@@ -136,7 +141,7 @@ params! {
         /// figure is known for this scanner.
         depth_gain: f64 = 1.0, [0.0, 100.0] "";
         /// Share of the tolerance that the expanded uncertainty to both sides, four sigma, may take. The default is what
-        /// VDA Volume 5 recommends for a measurement process.
+        /// VDA Volume 5 recommends for a measurement process; taking the noise for all of its uncertainty is our choice.
         budget: f64 = 0.3, [0.01, 1.0] "";
     }
 }
@@ -145,7 +150,33 @@ fn one() -> f64 {
     1.0
 }
 
+impl NoiseParams {
+    /// Largest noise with which a feature of this tolerance is measured, mm: budget · T / 4.
+    #[must_use]
+    pub fn max_noise_mm(&self, tolerance_mm: f64) -> f64 {
+        self.budget * tolerance_mm / SIGMAS
+    }
+
+    /// Finest tolerance that can be served, mm: 4 σ_F / budget, at a point that is seen straight on at the best focus.
+    #[must_use]
+    pub fn min_tolerance_mm(&self) -> f64 {
+        SIGMAS * self.best_mm / self.budget
+    }
+
+    /// Returns true if no point can be measured with so little noise, wherever it is seen from.
+    #[must_use]
+    pub fn exceeds(&self, max_noise_mm: f64) -> bool {
+        self.best_mm > max_noise_mm
+    }
+}
+
 impl RegionParams {
+    /// Features of a finer tolerance than the noise allows anywhere, each with its place in the list.
+    pub fn beyond_noise(&self) -> impl Iterator<Item = (usize, &FeatureParams)> {
+        let is_beyond = |feature: &FeatureParams| self.noise.exceeds(self.noise.max_noise_mm(feature.tolerance_mm));
+        self.features.iter().enumerate().filter(move |(_, feature)| is_beyond(feature))
+    }
+
     pub(super) fn check(&self, findings: &mut Findings) {
         for (index, region) in self.exclude.iter().enumerate() {
             region.check(&format!("/regions/exclude/{index}"), findings);

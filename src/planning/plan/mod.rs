@@ -4,12 +4,15 @@
 mod certificate;
 mod measured;
 mod obstruction;
+mod region_coverage;
 mod remedy;
 
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 use nalgebra::{Point3, Vector3};
 pub use obstruction::{Advice, Obstruction};
+pub use region_coverage::RegionCoverage;
+pub(in crate::planning) use region_coverage::SHARE_SLACK;
 pub use remedy::{Remedy, RemedyKind, RemedyView};
 
 use super::candidates::Label;
@@ -20,6 +23,7 @@ pub use super::selection::{Bound, StopReason};
 use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use super::surface::Surface;
+pub use super::surface::requirements::RegionKind;
 pub use super::verdict::{CandidateCounts, Cause, Grade, Verdict};
 use super::visibility::Row;
 use crate::cell::{Posture, Robot};
@@ -123,7 +127,7 @@ pub struct Coverage {
     pub measured: MeasuredArea,
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
-    /// Coverage of each region of interest and feature.
+    /// Coverage of each region of interest and feature, in the order of their numbers: regions of interest come first.
     pub regions: Vec<RegionCoverage>,
     /// Coverage on samples that the views were not chosen on: the figure to trust.
     pub independent: Independent,
@@ -131,21 +135,6 @@ pub struct Coverage {
     pub robust: Option<Robust>,
     /// Area of the triangles that some chosen view hits with a pixel of each device; with `visibility.pixel_set`.
     pub pixel_set_area_mm2: Option<f64>,
-}
-
-/// Coverage of a region, counting only what is measured as well as is asked there.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RegionCoverage {
-    /// Its name.
-    pub name: String,
-    /// Its asked area.
-    pub asked_area_mm2: f64,
-    /// Part of the asked area that some kept candidate measures.
-    pub coverable_area_mm2: f64,
-    /// Part of the asked area that the chosen views measure.
-    pub measured_area_mm2: f64,
-    /// Share of the asked area that was to be measured.
-    pub target: Option<f64>,
 }
 
 impl Coverage {

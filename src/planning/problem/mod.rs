@@ -99,7 +99,8 @@ impl ViewPlanningProblem<'_> {
         cover
     }
 
-    /// Targets of the regions that have their own: a share of their area, counted as the plan's own target counts.
+    /// Targets of the regions that have their own, each as far as `choosable` can meet it ([`needed_mm2`]). Regions of which
+    /// nothing counts have no goal here: the outcome tells whether they were met.
     fn goals_of_regions(&self, choosable: &[CandidateIndex]) -> Vec<Goal<'static>> {
         let requirements = &self.surface.requirements;
         let coverable = coverable(&self.rows_to_choose_by(choosable), self.asked_area_mm2.len());
@@ -110,8 +111,9 @@ impl ViewPlanningProblem<'_> {
             let area = |sample: SampleId| if holds(sample) { self.asked_area_mm2[sample.index()] } else { 0.0 };
             let area_mm2: Vec<f64> = self.surface.samples().map(area).collect();
             let counted = self.surface.samples().filter(|sample| counts(*sample));
-            let whole_mm2: f64 = counted.map(|sample| area_mm2[sample.index()]).sum();
-            Some(Goal { needed_mm2: region.target? * whole_mm2, area_mm2: Cow::Owned(area_mm2) })
+            let counted_mm2: f64 = counted.map(|sample| area_mm2[sample.index()]).sum();
+            let needed_mm2 = needed_mm2(region.target?, area_mm2.iter().sum(), counted_mm2);
+            Some(Goal { needed_mm2, area_mm2: Cow::Owned(area_mm2) })
         };
         requirements::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
     }
@@ -192,5 +194,25 @@ impl ViewPlanningProblem<'_> {
             Err(blocked) => (*blocked == StationFailure::Collision).then_some(&[][..]),
         };
         self.candidates.indices().filter_map(|candidate| Some((&self.candidates[candidate], stations(candidate)?))).collect()
+    }
+}
+
+/// Area of a region that views have to measure: the target's share of the asked area, by which the outcome judges it, where so
+/// much counts for `selection.target_of`; else that share of what counts, so that the goal can be met.
+fn needed_mm2(target: f64, asked_mm2: f64, counted_mm2: f64) -> f64 {
+    let of_asked_mm2 = target * asked_mm2;
+    if of_asked_mm2 <= counted_mm2 { of_asked_mm2 } else { target * counted_mm2 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::needed_mm2;
+
+    #[test]
+    fn a_region_asks_for_its_asked_area_where_views_can_measure_that_and_for_what_they_can_elsewhere() {
+        assert_eq!(needed_mm2(0.5, 100.0, 100.0), 50.0);
+        assert_eq!(needed_mm2(0.5, 100.0, 60.0), 50.0, "half of what is asked, though 60 mm² alone can be measured");
+        assert_eq!(needed_mm2(0.5, 100.0, 40.0), 20.0, "half of what can be measured, since half of all cannot");
+        assert_eq!(needed_mm2(0.5, 100.0, 0.0), 0.0);
     }
 }

@@ -84,6 +84,9 @@ crate::cell::closed_list! {
         NoGain = "no_gain",
         /// The target was met only of the area that views with a path measure; others were tried in place of those without.
         NoPath = "no_path",
+        /// The target was met, or nothing more could be gained, but of a region or feature with a target of its own a smaller share
+        /// of the asked area is measured.
+        RegionsUnmet = "regions_unmet",
     }
 }
 

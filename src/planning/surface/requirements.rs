@@ -20,7 +20,7 @@ use std::collections::HashMap;
 use nalgebra::Point3;
 
 use super::{RegionFinder, Surface, sample_for};
-use crate::cell::FieldError;
+use crate::cell::{FieldError, closed_list};
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::SampleId;
@@ -32,8 +32,6 @@ mod tests;
 
 /// Largest weight of a finer tolerance beside the coarsest.
 const MAX_WEIGHT: f64 = 100.0;
-/// Standard deviations that an expanded uncertainty of k = 2 spans to both sides.
-const SIGMAS: f64 = 4.0;
 
 /// Requirements of some samples.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -70,11 +68,25 @@ impl Default for Requirements {
     }
 }
 
+closed_list! {
+    /// Kind of a region that has requirements of its own.
+    pub enum RegionKind {
+        /// Region of interest.
+        Interest = "interest",
+        /// Toleranced feature.
+        Feature = "feature",
+    }
+}
+
 /// A region with a name and a target of its own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedRegion {
     /// Name in plan and report.
     pub name: String,
+    /// Its kind.
+    pub kind: RegionKind,
+    /// Width of the tolerance zone of a feature, mm.
+    pub tolerance_mm: Option<f64>,
     /// Share of its asked area that is to be measured.
     pub target: Option<f64>,
 }
@@ -82,15 +94,22 @@ pub struct NamedRegion {
 /// The regions of a job in the order of their numbers.
 #[must_use]
 pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
-    let named = |name: &Option<String>, kind: &str, index: usize| name.clone().unwrap_or_else(|| format!("{kind} {}", index + 1));
-    let interest = params.regions.interest.iter().enumerate();
-    let features = params.regions.features.iter().enumerate();
-    interest
-        .map(|(index, region)| NamedRegion { name: named(&region.name, "interest", index), target: region.target })
-        .chain(
-            features.map(|(index, feature)| NamedRegion { name: named(&feature.name, "feature", index), target: feature.target }),
-        )
-        .collect()
+    let named = |name: &Option<String>, kind: RegionKind, index: usize| {
+        name.clone().unwrap_or_else(|| format!("{} {}", kind.as_str(), index + 1))
+    };
+    let interest = params.regions.interest.iter().enumerate().map(|(index, region)| NamedRegion {
+        name: named(&region.name, RegionKind::Interest, index),
+        kind: RegionKind::Interest,
+        tolerance_mm: None,
+        target: region.target,
+    });
+    let features = params.regions.features.iter().enumerate().map(|(index, feature)| NamedRegion {
+        name: named(&feature.name, RegionKind::Feature, index),
+        kind: RegionKind::Feature,
+        tolerance_mm: Some(feature.tolerance_mm),
+        target: feature.target,
+    });
+    interest.chain(features).collect()
 }
 
 /// The samples of a part, after [`super::resolve`], with what is asked of them.
@@ -180,7 +199,7 @@ impl Requirement {
                 None => requirement.tighten(&interest[region]),
                 Some(feature) => {
                     let feature = &features[feature];
-                    let noise_max_mm = params.regions.noise.budget * feature.tolerance_mm / SIGMAS;
+                    let noise_max_mm = params.regions.noise.max_noise_mm(feature.tolerance_mm);
                     requirement.weight = requirement.weight.max((coarsest_mm / feature.tolerance_mm).min(MAX_WEIGHT));
                     requirement.noise_max_mm = stricter(requirement.noise_max_mm, Some(noise_max_mm));
                     requirement.spacing_max_mm = stricter(requirement.spacing_max_mm, feature.point_spacing_mm);

@@ -4,10 +4,12 @@
 mod cause;
 mod grade;
 mod rejection;
+mod stability;
 
 pub use cause::Cause;
 pub use grade::Grade;
 pub use rejection::{CandidateCounts, Rejection};
+pub use stability::{MIN_RESISTANCE, Stability};
 
 /// Verdict on a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

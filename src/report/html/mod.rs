@@ -12,6 +12,7 @@ pub(super) mod page;
 pub(super) mod palette;
 mod pictures;
 mod quantise;
+mod regions;
 mod renderer;
 mod sections;
 mod shading;
@@ -56,11 +57,13 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
         sections::header(input),
         "<main>\n".to_owned(),
         sections::headline(input),
+        regions::section(input),
         views::overviews(input, &scene),
         views::chosen(input, &scene, ctx)?,
         sections::curve(input),
         sections::certificate(input),
         views::misses(input, &scene),
+        sections::registration(input),
         sections::missed(input),
         sections::order(input),
         sections::obstructions(input),

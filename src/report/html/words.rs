@@ -122,5 +122,10 @@ pub(super) fn stop(reason: StopReason, params: &PlanParams) -> String {
             "The target was reached only on the area of the views with a collision-free path; no path to the others was found."
                 .into()
         }
+        StopReason::RegionsUnmet => {
+            "The target of the plan was reached, or nothing more could be gained, but a region or feature does not reach its own \
+             target: see Regions and features."
+                .into()
+        }
     }
 }

@@ -89,7 +89,7 @@ fn row(input: &StudyInput<'_>, series: &Series) -> String {
         StopReason::Target => "all that can be measured",
         StopReason::Growth => "growth too small",
         StopReason::MaxViews => "limit of views",
-        StopReason::NoGain | StopReason::NoPath => "nothing left to gain",
+        StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => "nothing left to gain",
     };
     format!("<tr><td>{}</td>{}<td>{} views: {reason}</td></tr>\n", escape(&series.label), figures.concat(), series.steps.len())
 }

@@ -23,7 +23,7 @@ use crate::cell::Named;
 use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::service::jobs::failure;
-use crate::wire::{EventKind, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId};
+use crate::wire::{EventKind, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
 
 /// A job to be inserted.
 pub(crate) struct NewJob {
@@ -492,6 +492,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
     let results: Vec<JobFile> = serde_json::from_str(&row.try_get::<String, _>("results")?)?;
     let position: Option<i64> = row.try_get("position")?;
     let problem = read_problem(text("problem")).or(unreadable_request);
+    let warnings = warnings::of_params(&request.params, "/params");
     Ok(Job {
         id: parsed("job.id", &row.try_get::<String, _>("id")?)?,
         state: state.as_ref().copied().unwrap_or(JobState::Failed),
@@ -511,6 +512,8 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         started_at: text("started_at"),
         ended_at: text("ended_at"),
         timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        warnings,
+        regions: Vec::new(),
         problem: state.err().or(problem),
         plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
         results,

@@ -1,10 +1,11 @@
-//! Coverage in a plan: areas and shares in total, by grade and by region, on independent samples and under pose errors.
+//! Coverage in a plan: areas and shares in total, by grade, on independent samples and under pose errors.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::regions::RegionCoverageDocument;
 use crate::planning::params::PoseErrorParams;
-use crate::planning::plan::{Coverage, Drawn, Independent, RegionCoverage, Robust, VisibleShares, share};
+use crate::planning::plan::{Coverage, Drawn, Independent, Robust, VisibleShares, share};
 
 /// Measured area and its shares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -35,7 +36,7 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Measured share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
-    /// Coverage of each region of interest and each feature.
+    /// Coverage of each region of interest and each feature, in this order, as in `params.regions`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
     /// Coverage on an independent set of samples: the figure to quote. The other figures are slightly optimistic, because views
@@ -77,38 +78,6 @@ impl From<VisibleShares> for VisibleSharesDocument {
             grades_a_b_of_visible: shares.grades_a_b,
             within_35_deg_of_visible,
             within_60_deg_of_visible,
-        }
-    }
-}
-
-/// Coverage of a region; only what meets the requirements of the region counts as measured.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(expecting = "an object")]
-pub struct RegionCoverageDocument {
-    /// Name of the region.
-    pub name: String,
-    /// Asked area of the region.
-    pub asked_area_mm2: f64,
-    /// Asked area of the region that at least one kept candidate measures.
-    pub coverable_area_mm2: f64,
-    /// Measured share of the asked area.
-    pub of_asked: f64,
-    /// Measured share of the coverable area.
-    pub of_coverable: f64,
-    /// Target for the measured share of the asked area.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub target: Option<f64>,
-}
-
-impl From<&RegionCoverage> for RegionCoverageDocument {
-    fn from(region: &RegionCoverage) -> Self {
-        Self {
-            name: region.name.clone(),
-            asked_area_mm2: region.asked_area_mm2,
-            coverable_area_mm2: region.coverable_area_mm2,
-            of_asked: share(region.measured_area_mm2, region.asked_area_mm2),
-            of_coverable: share(region.measured_area_mm2, region.coverable_area_mm2),
-            target: region.target,
         }
     }
 }

@@ -58,6 +58,7 @@ fn planner() -> Planner {
             Some("no_plan") => return Err(JobError::NoPlan("nothing is in reach".into())),
             Some("bad_input") => input.mesh.read("/mesh_id", 1, &|| false).map(drop)?,
             Some("wait") => wait_for_cancel(ctx)?,
+            Some("regions") => return Ok(vec![coverage_of_regions()]),
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
                 return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);
@@ -67,6 +68,17 @@ fn planner() -> Planner {
         ctx.begin(Stage::Visibility).map_err(|_| JobError::Cancelled)?;
         Ok(FILES.map(|name| Artifact { name: name.into(), bytes: format!("{{\"file\": \"{name}\"}}").into_bytes() }).into())
     })
+}
+
+/// `coverage.json` of a plan that misses one of its two regions.
+fn coverage_of_regions() -> Artifact {
+    let region = |name: &str, of_asked: f64| {
+        json!({"name": name, "kind": "feature", "samples": 9, "asked_area_mm2": 90.0, "coverable_area_mm2": 90.0,
+            "measured_area_mm2": 90.0 * of_asked, "of_asked": of_asked, "of_coverable": of_asked, "target": 0.9,
+            "met": of_asked >= 0.9, "why_unmet": if of_asked < 0.9 { Some("below_grade 90.0 mm²") } else { None }})
+    };
+    let coverage = json!({"schema": "vantage.coverage/1", "coverage": {"regions": [region("bore", 0.0), region("face", 1.0)]}});
+    Artifact { name: "coverage.json".into(), bytes: coverage.to_string().into_bytes() }
 }
 
 fn wait_for_cancel(ctx: &Context<'_>) -> Result<(), JobError> {

@@ -60,6 +60,17 @@ async fn limits_are_held_against_the_scanner_of_a_cell() {
 }
 
 #[tokio::test]
+async fn a_tolerance_beyond_the_noise_is_a_warning_and_no_finding() {
+    let api = Api::start().await;
+    let feature = json!({"region": {"kind": "faces", "faces": [0]}, "tolerance_mm": 0.05, "target": 0.95});
+    let document = json!({"regions": {"features": [feature]}});
+    let report = api.post_json("/api/v1/check", &json!({ "document": document })).await.ok(200);
+    assert_eq!((&report["sound"], &report["findings"]), (&json!(true), &json!([])), "{report}");
+    assert_eq!(report["warnings"][0]["pointer"], "/regions/features/0/tolerance_mm", "{report}");
+    assert!(report["warnings"][0]["detail"].as_str().is_some_and(|detail| detail.contains("0.156 mm")), "{report}");
+}
+
+#[tokio::test]
 async fn a_request_may_name_only_what_there_is() {
     let api = Api::start().await;
     let missing = json!({"document": {}, "mesh_id": uuid::Uuid::nil().to_string()});

@@ -12,7 +12,10 @@ fn the_page_lists_a_job_and_links_its_results() {
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);
     let mesh = server.upload().expect("a mesh");
-    let job = server.submit(&mesh, r#"{"selection": {"max_views": 1}, "part": {"samples_per_mm2": 0.05}}"#).expect("a job");
+    // One view cannot measure all sides of a cube.
+    let regions = r#""regions": {"interest": [{"name": "every side", "region": {"kind": "sphere", "centre_mm": [0, 0, 0], "radius_mm": 999}, "target": 1}]}"#;
+    let params = format!(r#"{{"selection": {{"max_views": 1}}, "part": {{"samples_per_mm2": 0.05}}, {regions}}}"#);
+    let job = server.submit(&mesh, &params).expect("a job");
     let id = job["id"].as_str().expect("an id");
     assert_eq!(server.ended(id)["state"], "succeeded");
 
@@ -36,7 +39,8 @@ fn the_page_lists_a_job_and_links_its_results() {
     let output = started.wait_with_output().expect("the browser ends");
     let page = String::from_utf8_lossy(&output.stdout);
     let list = page.split("<template").next().expect("what stands before the template");
-    for wanted in ["succeeded", &format!("/api/v1/jobs/{id}/plan"), &format!("/api/v1/jobs/{id}/report")] {
+    let links = ["plan", "report", "files/regions.csv"].map(|path| format!("/api/v1/jobs/{id}/{path}"));
+    for wanted in ["succeeded", &links[0], &links[1], &links[2], "every side", "not met"] {
         assert!(list.contains(wanted), "{wanted} is not in\n{list}");
     }
 }

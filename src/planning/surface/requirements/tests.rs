@@ -64,6 +64,42 @@ fn a_finer_tolerance_weighs_more_and_allows_less_noise() {
 }
 
 #[test]
+fn the_finest_tolerance_is_the_one_that_the_noise_at_best_focus_just_fits() {
+    let mut params = PlanParams::default();
+    let feature = |tolerance_mm| FeatureParams {
+        name: None,
+        region: slab(2, -1.0, 1.0),
+        tolerance_mm,
+        point_spacing_mm: None,
+        target: None,
+    };
+    let min_mm = params.regions.noise.min_tolerance_mm();
+    assert!((min_mm - 4.0 * 0.035 / 3.0 / 0.3).abs() < 1e-12 && (0.155..0.156).contains(&min_mm), "{min_mm}");
+    params.regions.features = vec![feature(0.4), feature(min_mm * (1.0 - 1e-9)), feature(min_mm * (1.0 + 1e-9))];
+    let beyond: Vec<usize> = params.regions.beyond_noise().map(|(index, _)| index).collect();
+    assert_eq!(beyond, [1]);
+    params.regions.noise.budget = 0.1;
+    assert_eq!(params.regions.beyond_noise().count(), 3, "a third of the budget serves three times as coarse tolerances");
+}
+
+#[test]
+fn regions_are_numbered_with_their_kind_regions_of_interest_first() {
+    let mut params = PlanParams::default();
+    let feature = |name: Option<&str>| FeatureParams {
+        name: name.map(str::to_owned),
+        region: slab(2, -1.0, 1.0),
+        tolerance_mm: 0.4,
+        point_spacing_mm: None,
+        target: Some(0.5),
+    };
+    params.regions.features = vec![feature(Some("bore")), feature(None)];
+    params.regions.interest = vec![interest(slab(2, -1.0, 1.0))];
+    let found = regions(&params);
+    let told: Vec<_> = found.iter().map(|region| (region.name.as_str(), region.kind.as_str(), region.tolerance_mm)).collect();
+    assert_eq!(told, [("interest 1", "interest", None), ("bore", "feature", Some(0.4)), ("feature 2", "feature", Some(0.4))]);
+}
+
+#[test]
 fn a_region_that_the_part_does_not_have_is_named() {
     let mut params = PlanParams::default();
     params.regions.interest = vec![interest(Region::Name { name: "bore".into() })];

@@ -1,0 +1,79 @@
+//! The section on regions of interest and features: what was asked of each, what was reached, and why not more.
+
+use super::ReportInput;
+use super::markup::{area, escape, number, percent};
+use super::palette::{Ink, MissGroup};
+use super::views::swatch;
+use super::words;
+use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
+use crate::wire::words::{NOTHING_IN_REGION, noise_remark};
+
+/// The section; empty if there are no regions.
+pub(super) fn section(input: &ReportInput<'_>) -> String {
+    let regions = &input.outcome.plan.coverage.regions;
+    if regions.is_empty() {
+        return String::new();
+    }
+    let rows: Vec<String> = regions.iter().map(row).collect();
+    format!(
+        "<section>\n<h2>Regions and features</h2>\n{}<p>Shares are of the asked area of each region; only what meets its \
+         requirements counts as measured.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Region</th>\
+         <th class=\"n\">Area</th><th class=\"n\">Samples</th><th class=\"n\">Target</th><th class=\"n\">Reached</th><th>Verdict</th>\
+         <th>What is missed, and why</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n</section>\n",
+        notice(regions),
+        rows.concat()
+    )
+}
+
+/// Notice of regions below their targets; empty if there are none.
+fn notice(regions: &[RegionCoverage]) -> String {
+    let unmet = regions.iter().filter(|region| region.is_unmet()).count();
+    let with_target = regions.iter().filter(|region| region.target.is_some()).count();
+    if unmet == 0 {
+        return String::new();
+    }
+    let verb = if unmet == 1 { "does" } else { "do" };
+    format!(
+        "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>{} of {} {verb} not reach the target.</b></p></div>\n",
+        number(unmet as f64, 0),
+        number(with_target as f64, 0)
+    )
+}
+
+fn row(region: &RegionCoverage) -> String {
+    let kind = match region.kind {
+        RegionKind::Interest => "Region of interest",
+        RegionKind::Feature => "Feature",
+    };
+    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", number(mm, 3)));
+    let verdict = match region.is_met() {
+        Some(true) => "Met",
+        Some(false) => "<b>Not met</b>",
+        None => "—",
+    };
+    format!(
+        "<tr><td><b>{}</b><br/><span class=\"soft\">{kind}{tolerance}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
+         <td class=\"n\">{}</td><td class=\"n\">{}</td><td>{verdict}</td><td>{}</td></tr>\n",
+        escape(&region.name),
+        area(region.asked_area_mm2),
+        number(region.samples as f64, 0),
+        region.target.map_or_else(|| "—".to_owned(), percent),
+        percent(region.of_asked()),
+        misses(region)
+    )
+}
+
+/// Causes of the missed area, the largest first.
+fn misses(region: &RegionCoverage) -> String {
+    if region.samples == 0 {
+        return escape(NOTHING_IN_REGION);
+    }
+    let miss = |(cause, area_mm2): &(Cause, f64)| {
+        let noise = noise_remark(region, *cause);
+        let noise = noise.map_or_else(String::new, |remark| format!("<br/><span class=\"soft\">{}</span>", escape(&remark)));
+        let (mark, name) = (swatch(Ink::Missed(MissGroup::of(*cause))), words::cause_name(*cause));
+        format!("{mark}{name} {}{noise}", area(*area_mm2))
+    };
+    let misses: Vec<String> = region.missed_mm2.iter().map(miss).collect();
+    if misses.is_empty() { "Nothing".to_owned() } else { misses.join("<br/>") }
+}

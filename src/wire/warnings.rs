@@ -1,0 +1,118 @@
+//! Warnings on parameters that are accepted, although what they ask for cannot be reached or was not.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::plan::RegionCoverageDocument;
+use super::words::{fixed, rounded_up_mm};
+use crate::cell::closed_list;
+use crate::planning::params::{NoiseParams, PlanParams};
+
+#[cfg(test)]
+mod tests;
+
+closed_list! {
+    /// Kind of a warning.
+    pub enum WarningCode {
+        /// The tolerance of a feature is finer than the scanner's noise can serve anywhere.
+        ToleranceBeyondNoise = "tolerance_beyond_noise",
+        /// A smaller share of the region or feature is measured than its target.
+        RegionUnmet = "region_unmet",
+    }
+}
+
+/// A warning on a field that is accepted.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FieldWarning {
+    /// Stable code, for programs.
+    pub code: WarningCode,
+    /// JSON pointer of the field.
+    pub pointer: String,
+    /// Value that was found, and why it cannot be reached or was not.
+    pub detail: String,
+    /// Advice on what to do about it.
+    pub remedy: String,
+}
+
+/// Warnings on parameters before they are planned with; `at` is the pointer to them.
+#[must_use]
+pub fn of_params(params: &PlanParams, at: &str) -> Vec<FieldWarning> {
+    let noise = &params.regions.noise;
+    let warning = |(index, tolerance_mm): (usize, f64)| FieldWarning {
+        code: WarningCode::ToleranceBeyondNoise,
+        pointer: format!("{at}/regions/features/{index}/tolerance_mm"),
+        detail: format!(
+            "is {tolerance_mm} mm; the finest tolerance that this noise can serve is {} mm, at best focus and seen straight on, so \
+             none of the feature will count as measured. A tolerance has to be at least 4 · regions.noise.best_mm ({} mm) / \
+             regions.noise.budget ({}){}",
+            rounded_up_mm(noise.min_tolerance_mm()),
+            fixed(noise.best_mm, 4),
+            noise.budget,
+            sources(noise)
+        ),
+        remedy: remedy_for_noise(),
+    };
+    params.regions.beyond_noise().map(|(index, feature)| (index, feature.tolerance_mm)).map(warning).collect()
+}
+
+/// Sources of the values that are the defaults.
+fn sources(noise: &NoiseParams) -> String {
+    let default = NoiseParams::default();
+    let is_default = |value: f64, default: f64| value.total_cmp(&default).is_eq();
+    let mut sources = Vec::new();
+    if is_default(noise.best_mm, default.best_mm) {
+        sources
+            .push("best_mm is the default, a third of the TransCAN C's single-shot accuracy of 0.035 mm, taken as three sigma");
+    }
+    if is_default(noise.budget, default.budget) {
+        sources.push(
+            "budget is the default, the 30 % of the tolerance that VDA Volume 5 recommends for a measurement process, with the \
+             noise alone as its uncertainty, which is our choice",
+        );
+    }
+    if sources.is_empty() { String::new() } else { format!("; {}", sources.join("; ")) }
+}
+
+fn remedy_for_noise() -> String {
+    "give a coarser tolerance_mm, a smaller regions.noise.best_mm if yours was measured, or a larger regions.noise.budget if your \
+     rule for the uncertainty allows it"
+        .to_owned()
+}
+
+/// Warnings on the targets that the regions of a plan do not reach; `at` is the pointer to its parameters.
+#[must_use]
+pub fn of_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &str) -> Vec<FieldWarning> {
+    let unmet = regions.iter().enumerate().filter(|(_, region)| region.met == Some(false));
+    unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region)).collect()
+}
+
+/// Pointer to a region by its number: regions of interest come first, then features.
+fn pointer_of_region(params: &PlanParams, number: usize, at: &str) -> String {
+    match number.checked_sub(params.regions.interest.len()) {
+        None => format!("{at}/regions/interest/{number}"),
+        Some(feature) => format!("{at}/regions/features/{feature}"),
+    }
+}
+
+fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning {
+    let remedy = if region.beyond_noise_area_mm2 > 0.0 {
+        remedy_for_noise()
+    } else {
+        "see what would measure the largest missed spots, in missed of the plan and in the report; exclude what cannot be measured \
+         (regions.exclude), or lower the target"
+            .to_owned()
+    };
+    FieldWarning {
+        code: WarningCode::RegionUnmet,
+        pointer: format!("{pointer}/target"),
+        detail: format!(
+            "is {}, and {:.2} % of the {} mm² of {:?} are measured; missed: {}",
+            region.target.unwrap_or_default(),
+            100.0 * region.of_asked,
+            fixed(region.asked_area_mm2, 1),
+            region.name,
+            region.why_unmet.as_deref().unwrap_or("not known")
+        ),
+        remedy,
+    }
+}
