@@ -74,6 +74,9 @@ fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
         let (shared, weakest) = (area_mm2(stability.shared_area_mm2), freedom(stability));
         format!("share {shared} mm²; weakest is {weakest}, resistance {}", fixed(stability.resistance, 3))
     };
+    if !plan.setup_links.is_empty() || plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
+        writeln!(out, "\nregistration by shared surface")?;
+    }
     for link in &plan.setup_links {
         let [a, b] = link.setups.map(|setup| setup.0);
         writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;

@@ -146,7 +146,7 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
     )
 }
 
-/// What two measurements share, in a sentence.
+/// Stability of a registration in a sentence that begins with what two measurements share.
 #[must_use]
 pub fn stability_sentence(stability: &StabilityDocument) -> String {
     let StabilityDocument { shared_area_mm2, fixed: is_fixed, resistance, weakest, expected_error_mm } = stability;

@@ -17,6 +17,7 @@ use vantage::wire::plan::PlanDocument;
 
 use crate::closed_form::sampled;
 use crate::miss_report::looking;
+use crate::support::shapes::sphere;
 use crate::support::{box_mesh, limited_to, nominal_scanner, plan_viewpoints};
 
 const ENGINES: [Engine; 2] = [Engine::Raster, Engine::Rays];
@@ -75,7 +76,7 @@ fn quick(mesh: &Mesh) -> PlanParams {
 
 #[test]
 fn a_plan_holds_to_the_limit_of_each_device_and_states_it() {
-    let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
+    let mesh = sphere(40.0, 3);
     let scanner = limited_to(nominal_scanner(), [85.0, 45.0, 77.5]);
     let outcome = plan_viewpoints(&mesh, &scanner, &quick(&mesh));
     let mut most_oblique_deg = [0.0_f64; 2];

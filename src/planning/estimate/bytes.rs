@@ -32,7 +32,7 @@ const PAIR_OF_NODE: f64 = 4.0;
 const MAX_PAIRS_OF_NODE: f64 = 30e6;
 /// A picture in the report, as often as it is copied, and how many there are at most.
 const PICTURE: f64 = 400e3;
-const MAX_PICTURES: f64 = 106.0;
+const MAX_PICTURES: f64 = 54.0;
 /// A triangle: with its source face; in the tree of rays; in the clusters of the raster engine; while these are made; in the
 /// box trees of collision tests; in the files that list faces.
 const TRIANGLE: f64 = 16.0;

@@ -15,7 +15,7 @@ const TRIANGLE: f64 = 3e-6;
 const SAMPLE: f64 = 2e-6;
 /// A picture of the report, and how many there are at most.
 const PICTURE: f64 = 0.15;
-const MAX_PICTURES: f64 = 106.0;
+const MAX_PICTURES: f64 = 54.0;
 /// A way between two views.
 const WAY: f64 = 2e-3;
 /// A million pairs that exchanges look at.
@@ -30,7 +30,8 @@ pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams)
     let (stations, ways) = if input.cell.is_some() { (STATIONS, WAY * views * views) } else { (0.0, 0.0) };
     // As planned, and under each of six errors.
     let castings = if params.robust.select { 7.0 } else { 1.0 };
-    let draws = params.robust.pose_error.map_or(0, |_| params.robust.draws + params.robust.part_draws);
+    let robust = &params.robust;
+    let draws = robust.pose_error.map_or(0, |_| robust.draws + robust.part_draws + robust.hand_eye_draws);
     let looked_at = (measured * counts.pairs() * views / 1e6).min(f64::from(params.selection.work_limit));
     let exchanged = if exchanges(params) { MILLION_PAIRS * looked_at } else { 0.0 };
     Shares {

@@ -11,9 +11,9 @@ pub const WITHIN_DEG: [f64; 2] = [35.0, 60.0];
 pub struct MeasuredArea {
     /// All of it.
     pub area_mm2: f64,
-    /// By best grade A, B, C, D.
+    /// Area by best grade A, B, C, D.
     pub grade_area_mm2: [f64; 4],
-    /// Up to each incidence of [`WITHIN_DEG`], against the direction to the viewpoint that sees it most squarely.
+    /// Area up to each incidence of [`WITHIN_DEG`], against the direction to the viewpoint that sees it most squarely.
     pub within_area_mm2: [f64; 2],
 }
 

@@ -81,7 +81,7 @@ pub struct SetupPlan {
 pub struct SetupLink {
     /// The setups.
     pub setups: [SetupId; 2],
-    /// What they share.
+    /// Stability of it, by the surface that they share.
     pub stability: Stability,
 }
 

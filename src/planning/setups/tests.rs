@@ -43,6 +43,8 @@ fn given_poses_alone_are_chosen_from() {
     let poses = poses_of(&mesh, |params| {
         params.setups = 2;
         params.part.resting_poses = given.to_vec();
+        // Upright and upside down a box shares its walls alone, along which its two halves slide.
+        params.registration = Registration::None;
     });
     assert_eq!(poses.len(), 2);
     assert!(down(&poses[0]).z < -0.999 && down(&poses[1]).z > 0.999);

@@ -19,7 +19,7 @@ use crate::planning::stations::Station;
 use crate::planning::visibility::Row;
 
 /// Max views with a picture of their own; a page with more is slow to make and to open.
-pub(super) const MAX_PICTURES: usize = 100;
+pub(super) const MAX_PICTURES: usize = 48;
 
 const GRADES: [Ink; 4] = [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D)];
 
