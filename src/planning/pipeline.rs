@@ -10,7 +10,7 @@ use super::context::{Cancelled, Context, PlanError, Stage};
 use super::ids::{CandidateIndex, SetupId, SetupIndex};
 use super::missed::CanExecute;
 use super::missed::obstructions::{self, BlockedCandidate};
-use super::outcome;
+use super::outcome::{self, Surroundings};
 use super::params::{PlanParams, SelectionGoal};
 use super::plan::{Certificate, Obstruction, Outcome, SetupPlan};
 use super::problem::{ChosenViews, EvaluatedSetups, SampledPart, ViewPlanningProblem};
@@ -168,7 +168,8 @@ fn explain(
     let without_path = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path));
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
-    let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, occluders, part, can_execute, ctx)?;
+    let surroundings = Surroundings { occluders, part, can_execute };
+    let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
     if sampled.params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }

@@ -54,6 +54,18 @@ fn found(plan: &Value) -> String {
     errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
 }
 
+/// Asserts that each change of a sound plan, a pointer with a value, is found in these words.
+fn each_is_found(plan: &Value, cases: impl IntoIterator<Item = (&'static str, Value, &'static str)>) {
+    for (pointer, value, words) in cases {
+        let mut changed = plan.clone();
+        *changed.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer} is there")) = value;
+        let found = found(&changed);
+        // What contradicts the change may stand elsewhere; then the words say where.
+        let tells = |line: &str| line.contains(words) && (words.starts_with('/') || line.starts_with(pointer));
+        assert!(found.lines().any(tells), "{pointer}: {words:?} in\n{found}");
+    }
+}
+
 #[test]
 fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
     let plan = plan();
@@ -90,18 +102,29 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/missed/0/largest/0/remedy/kind", json!("hope"), "is \"hope\"; allowed is one of view, roll, tilt"),
         ("/missed/0/largest/0/remedy/of_spot", json!(2), "is 2; allowed is 0 to 1"),
         ("/missed/0/largest/0/remedy/camera_deg", json!(88), "is 88 °; allowed is up to 85 °, the own limit of the device left"),
-        ("/scanner/devices/1/incidence_max_deg", json!(85), "is 85 °; allowed is up to 35 °"),
-        (
-            "/scanner/devices/0/incidence_own_deg",
-            json!(20),
-            "/scanner/devices/0/incidence_max_deg: is 35 °; allowed is up to 20 °",
-        ),
         ("/part/sha256", json!("0A".repeat(32)), "allowed are 64 of 0-9 and a-f"),
         ("/part/area_mm2", json!(0), "is 0 mm²; allowed is above 0 mm²"),
         ("/part/triangles", json!(0), "allowed is 1 and more"),
         ("/part/bbox_mm/min", json!([1e3, 0, 0]), "allowed is up to max"),
         ("/candidates/kept", json!(1_000_000), "allowed is up to generated"),
         ("/missed", json!([]), "adds up to 0 mm²; asked less measured is"),
+    ];
+    each_is_found(&plan, cases);
+    let mut stationed = plan.clone();
+    stationed["viewpoints"][0]["station"] = json!({"table_angle_deg": 0.0, "joints_deg": [0, 0, 0, 0, 0, 0]});
+    assert!(found(&stationed).contains("/viewpoints/0/station: is given, but the plan has no cell"));
+}
+
+#[test]
+fn false_limits_and_regions_are_refused() {
+    let plan = plan();
+    let cases = [
+        ("/scanner/devices/1/incidence_max_deg", json!(85), "is 85 °; allowed is up to 35 °"),
+        (
+            "/scanner/devices/0/incidence_own_deg",
+            json!(20),
+            "/scanner/devices/0/incidence_max_deg: is 35 °; allowed is up to 20 °",
+        ),
         ("/coverage/regions/0/kind", json!("whim"), "is \"whim\"; allowed is one of interest, feature"),
         ("/coverage/regions/0/of_asked", json!(1.2), "is 1.2; allowed is 0 to 1"),
         ("/coverage/regions/0/of_asked", json!(0.01), "is 0.01; by measured_area_mm2 it is"),
@@ -110,20 +133,10 @@ fn a_false_plan_is_refused_with_pointer_value_and_what_is_allowed() {
         ("/coverage/regions/0/missed", json!([]), "adds up to 0 mm²; asked less measured is"),
         ("/coverage/regions/0/missed/0/reason", json!("gremlins"), "is \"gremlins\"; allowed is one of"),
     ];
-    for (pointer, value, words) in cases {
-        let mut changed = plan.clone();
-        *changed.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer} is there")) = value;
-        let found = found(&changed);
-        // What contradicts the change may stand elsewhere; then the words say where.
-        let tells = |line: &str| line.contains(words) && (words.starts_with('/') || line.starts_with(pointer));
-        assert!(found.lines().any(tells), "{pointer}: {words:?} in\n{found}");
-    }
+    each_is_found(&plan, cases);
     let mut without_unmet = plan.clone();
     without_unmet["stopped_because"] = json!("regions_unmet");
     assert_eq!(found(&without_unmet), "", "one is unmet");
     without_unmet["coverage"]["regions"] = json!([]);
     assert!(found(&without_unmet).contains("/stopped_because: is \"regions_unmet\", but no region misses its target"));
-    let mut stationed = plan.clone();
-    stationed["viewpoints"][0]["station"] = json!({"table_angle_deg": 0.0, "joints_deg": [0, 0, 0, 0, 0, 0]});
-    assert!(found(&stationed).contains("/viewpoints/0/station: is given, but the plan has no cell"));
 }

@@ -39,9 +39,16 @@ struct Solution<'a> {
     measuring: Vec<Row>,
 }
 
+/// Surroundings in which causes and remedies are looked for.
+pub(super) struct Surroundings<'a> {
+    pub(super) occluders: &'a Occluders,
+    /// The part alone.
+    pub(super) part: &'a RayScene,
+    pub(super) can_execute: Option<&'a CanExecute<'a>>,
+}
+
 /// Assembles the outcome of a selection, ordered, setup by setup, when there is a cell. `excluded` are candidates that were
-/// given up for want of a path; `part` is the scene of the part alone; `occluders` and `can_execute` are for the remedies of what
-/// is missed.
+/// given up for want of a path.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -50,15 +57,13 @@ pub(super) fn assemble(
     chosen: &ChosenViews,
     ordered: Vec<Ordered>,
     excluded: &BTreeSet<CandidateIndex>,
-    occluders: &Occluders,
-    part: &RayScene,
-    can_execute: Option<&CanExecute<'_>>,
+    surroundings: &Surroundings<'_>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
     let solution = Solution::new(&problem, chosen, &ordered, excluded);
-    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, part, ctx)?;
+    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, surroundings.part, ctx)?;
     let coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
-    let missed = missed::explain(&solution.miss_analysis(occluders, part, can_execute), &verdicts, ctx)?;
+    let missed = missed::explain(&solution.miss_analysis(surroundings), &verdicts, ctx)?;
     let plan = solution.plan(ordered, coverage, missed);
     let measured_by_view = solution.measuring;
     Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None })
@@ -180,13 +185,9 @@ impl<'a> Solution<'a> {
             .collect()
     }
 
-    fn miss_analysis<'c>(
-        &'c self,
-        occluders: &'c Occluders,
-        part_alone: &'c RayScene,
-        can_execute: Option<&'c CanExecute<'c>>,
-    ) -> MissAnalysis<'c> {
+    fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
+        let Surroundings { occluders, part: part_alone, can_execute } = *surroundings;
         let is_choosable = |candidate: CandidateIndex| problem.blocked(candidate).is_none() && !all_excluded.contains(&candidate);
         MissAnalysis {
             mesh: problem.input.mesh,
