@@ -113,7 +113,7 @@ function regionRow(region) {
   return element("tr", { className: region.met === false ? "unmet" : "" },
     cell(region.name),
     cell(region.tolerance_mm === undefined ? region.kind : `${region.kind}, ${region.tolerance_mm} mm`),
-    cell(region.asked_area_mm2.toFixed(1), "number"), cell(region.samples, "number"),
+    cell(region.asked_area_mm2 < 10 ? region.asked_area_mm2.toPrecision(3) : region.asked_area_mm2.toFixed(1), "number"), cell(region.samples, "number"),
     cell(region.target === undefined ? "–" : percent(region.target), "number"), cell(percent(region.of_asked), "number"),
     cell(verdict), cell(region.why_unmet ?? ""));
 }

@@ -268,7 +268,7 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
         println!("  {}", under_pose_errors(robust));
     }
     for link in &plan.setup_links {
-        println!("  setups {} and {} {}", link.setups[0], link.setups[1], stability_sentence(&link.stability));
+        println!("  setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability));
     }
     coverage.regions.iter().for_each(|region| println!("{}", region_summary(region)));
     for missed in &plan.missed {
@@ -306,7 +306,13 @@ fn under_pose_errors(robust: &RobustDocument) -> String {
     let mut cases = vec![worst("each view", &robust.of_asked), worst("the part", &robust.part.of_asked)];
     cases.extend(robust.hand_eye.as_ref().map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked)));
     let error = robust.pose_error;
-    format!("of asked at worst, off by {}° and {} mm: {}", error.angle_deg, error.translation_mm, cases.join(", "))
+    format!(
+        "lowest of asked in {} draws each, off by {}° and {} mm: {}",
+        robust.draws,
+        error.angle_deg,
+        error.translation_mm,
+        cases.join(", ")
+    )
 }
 
 /// Advice for a missed spot, on one line; `setups` is the number that the plan allowed. Where it does not do for the spot, the

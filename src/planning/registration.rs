@@ -8,7 +8,9 @@
 mod tests;
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use rayon::prelude::*;
 
+use super::context::{Cancelled, Context};
 use super::ids::SampleId;
 use super::surface::Surface;
 pub use super::verdict::Stability;
@@ -28,58 +30,82 @@ pub(super) fn shared(a: &SampleSet, b: &SampleSet) -> SampleSet {
     shared
 }
 
-/// Evaluates a registration by the samples of `shared`.
-#[must_use]
-pub(super) fn stability(surface: &Surface, shared: &SampleSet) -> Stability {
-    let weighted = || shared.iter().map(|sample| (sample, surface.sample_area_mm2(sample)));
-    let shared_area_mm2: f64 = weighted().map(|(_, area_mm2)| area_mm2).sum();
-    if shared_area_mm2 <= 0.0 {
-        let (none, centre_mm) = (Vector3::zeros(), surface.centre_mm);
-        return Stability { shared_area_mm2: 0.0, resistance: 0.0, turn: none, shift: none, centre_mm };
-    }
-    let moment: Vector3<f64> = weighted().map(|(sample, mm2)| surface.sample_mm[sample.index()].coords * mm2).sum();
-    let centre_mm = Point3::from(moment / shared_area_mm2);
-    let radius_mm = surface.sample_mm.iter().map(|p| (p - surface.centre_mm).norm()).fold(0.0, f64::max);
-    let mut normal_matrix = Matrix6::<f64>::zeros();
-    for (sample, area_mm2) in weighted() {
-        let row = shift_along_normal(surface, sample, &centre_mm, radius_mm);
-        normal_matrix.ger(area_mm2 / shared_area_mm2, &row, &row, 1.0);
-    }
-    let eigen = normal_matrix.symmetric_eigen();
-    let least = eigen.eigenvalues.imin();
-    let motion: Vector6<f64> = eigen.eigenvectors.column(least).into();
-    let [turn, shift] = [0, 3].map(|first| motion.fixed_rows::<3>(first).into_owned());
-    // An eigenvector has no sign of its own: its largest entry is made positive.
-    let sign = if motion[motion.iamax()] < 0.0 { -1.0 } else { 1.0 };
-    let resistance = eigen.eigenvalues[least].max(0.0);
-    Stability { shared_area_mm2, resistance, turn: turn * sign, shift: shift * sign, centre_mm }
+/// A part by whose surface measurements are registered.
+#[derive(Clone, Copy)]
+pub(super) struct SharedSurface<'a> {
+    surface: &'a Surface,
+    /// Radius of the part about its centre.
+    radius_mm: f64,
 }
+
+impl<'a> SharedSurface<'a> {
+    pub(super) fn new(surface: &'a Surface) -> Self {
+        let radius_mm = surface.sample_mm.iter().map(|p| (p - surface.centre_mm).norm()).fold(0.0, f64::max);
+        Self { surface, radius_mm }
+    }
+
+    /// Evaluates a registration by the samples of `shared`.
+    #[must_use]
+    pub(super) fn stability(&self, shared: &SampleSet) -> Stability {
+        let surface = self.surface;
+        let weighted = || shared.iter().map(|sample| (sample, surface.sample_area_mm2(sample)));
+        let shared_area_mm2: f64 = weighted().map(|(_, area_mm2)| area_mm2).sum();
+        if shared_area_mm2 <= 0.0 {
+            let (none, centre_mm) = (Vector3::zeros(), surface.centre_mm);
+            return Stability { shared_area_mm2: 0.0, resistance: 0.0, turn: none, shift: none, centre_mm };
+        }
+        let moment: Vector3<f64> = weighted().map(|(sample, mm2)| surface.sample_mm[sample.index()].coords * mm2).sum();
+        let centre_mm = Point3::from(moment / shared_area_mm2);
+        let mut normal_matrix = Matrix6::<f64>::zeros();
+        for (sample, area_mm2) in weighted() {
+            let row = shift_along_normal(surface, sample, &centre_mm, self.radius_mm);
+            normal_matrix.ger(area_mm2 / shared_area_mm2, &row, &row, 1.0);
+        }
+        let eigen = normal_matrix.symmetric_eigen();
+        let least = eigen.eigenvalues.imin();
+        let motion: Vector6<f64> = eigen.eigenvectors.column(least).into();
+        let [turn, shift] = [0, 3].map(|first| motion.fixed_rows::<3>(first).into_owned());
+        // An eigenvector has no sign of its own: its largest entry is made positive.
+        let sign = if motion[motion.iamax()] < 0.0 { -1.0 } else { 1.0 };
+        let resistance = eigen.eigenvalues[least].max(0.0);
+        Stability { shared_area_mm2, resistance, turn: turn * sign, shift: shift * sign, centre_mm }
+    }
+
+    /// The pair of sets that is the weakest link where all are joined one to another, each by the strongest link there is: the
+    /// weakest edge of a maximum spanning tree (Prim 1957). `None` for fewer than two sets.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn weakest_link(&self, sets: &[SampleSet], ctx: &Context<'_>) -> Result<Option<Link>, Cancelled> {
+        let link = |a: usize, b: usize| {
+            ctx.check()?;
+            Ok(([a, b], self.stability(&shared(&sets[a], &sets[b]))))
+        };
+        let mut best: Vec<Link> =
+            (1..sets.len()).into_par_iter().map(|other| link(0, other)).collect::<Result<_, Cancelled>>()?;
+        let mut weakest: Option<Link> = None;
+        while !best.is_empty() {
+            let strongest = (1..best.len()).fold(0, |a, b| if best[b].1.resistance > best[a].1.resistance { b } else { a });
+            let (pair, found) = best.swap_remove(strongest);
+            if weakest.is_none_or(|(_, weakest)| found.resistance < weakest.resistance) {
+                weakest = Some((pair, found));
+            }
+            let through = |other: &Link| {
+                let through = link(pair[1], other.0[1])?;
+                Ok(if through.1.resistance > other.1.resistance { through } else { *other })
+            };
+            best = best.par_iter().map(through).collect::<Result<_, Cancelled>>()?;
+        }
+        Ok(weakest)
+    }
+}
+
+/// Two sets, and what they share.
+pub(super) type Link = ([usize; 2], Stability);
 
 /// Shift of a sample along its normal by a turn of 1 mm at the radius about each axis, and by 1 mm along each: [p × n; n].
 fn shift_along_normal(surface: &Surface, sample: SampleId, centre_mm: &Point3<f64>, radius_mm: f64) -> Vector6<f64> {
     let normal = surface.patch_of(sample).normal;
     let turn = (surface.sample_mm[sample.index()] - centre_mm).cross(&normal) / radius_mm;
     Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
-}
-
-/// The pair of sets that is the weakest link where all are joined one to another, each by the strongest link there is: the weakest
-/// edge of a maximum spanning tree (Prim 1957). `None` for fewer than two sets.
-pub(super) fn weakest_link(surface: &Surface, sets: &[SampleSet]) -> Option<([usize; 2], Stability)> {
-    let link = |a: usize, b: usize| ([a, b], stability(surface, &shared(&sets[a], &sets[b])));
-    let mut best: Vec<_> = (1..sets.len()).map(|other| link(0, other)).collect();
-    let mut weakest: Option<([usize; 2], Stability)> = None;
-    while !best.is_empty() {
-        let strongest = (1..best.len()).fold(0, |a, b| if best[b].1.resistance > best[a].1.resistance { b } else { a });
-        let ([from, joined], found) = best.swap_remove(strongest);
-        if weakest.is_none_or(|(_, weakest)| found.resistance < weakest.resistance) {
-            weakest = Some(([from, joined], found));
-        }
-        for other in &mut best {
-            let through = link(joined, other.0[1]);
-            if through.1.resistance > other.1.resistance {
-                *other = through;
-            }
-        }
-    }
-    weakest
 }

@@ -64,7 +64,8 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         let asked_mm2 = plan.coverage.asked_area_mm2;
         let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
         let (views, lies) = (setup.views.len(), pose(&setup.table_from_part));
-        writeln!(out, "  {number}: {views} views measure {measured} % of the asked area, of {coverable} % that candidates here could; {lies}")
+        write!(out, "  {}: {views} views measure {measured} % of the asked area", number + 1)?;
+        writeln!(out, ", of {coverable} % that candidates here could; {lies}")
     })
 }
 
@@ -72,18 +73,19 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
 fn write_links(out: &mut String, plan: &Plan) -> fmt::Result {
     let told = |stability: &Stability| {
         let (shared, weakest) = (area_mm2(stability.shared_area_mm2), freedom(stability));
-        format!("share {shared} mm²; weakest is {weakest}, resistance {}", fixed(stability.resistance, 3))
+        let verdict = if stability.is_fixed() { "all freedoms fixed" } else { "not all freedoms fixed" };
+        format!("share {shared} mm²; weakest is {weakest}, resistance {}: {verdict}", fixed(stability.resistance, 3))
     };
     if !plan.setup_links.is_empty() || plan.setups.iter().any(|setup| setup.weakest_link.is_some()) {
         writeln!(out, "\nregistration by shared surface")?;
     }
     for link in &plan.setup_links {
-        let [a, b] = link.setups.map(|setup| setup.0);
+        let [a, b] = link.setups.map(|setup| setup.0 + 1);
         writeln!(out, "  setups {a} and {b} {}", told(&link.stability))?;
     }
     for (number, setup) in plan.setups.iter().enumerate() {
         if let Some(([a, b], stability)) = &setup.weakest_link {
-            writeln!(out, "  weakest link of the views of setup {number}: {} and {} {}", a.0, b.0, told(stability))?;
+            writeln!(out, "  weakest link of the views of setup {}: {} and {} {}", number + 1, a.0, b.0, told(stability))?;
         }
     }
     Ok(())
@@ -143,14 +145,14 @@ fn write_regions(out: &mut String, regions: &[RegionCoverage]) -> fmt::Result {
         let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", fixed(mm, 3)));
         // Quoted, so that no name breaks a line.
         writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
-        let [asked, measured] = [region.asked_area_mm2, region.measured_area_mm2].map(|mm2| fixed(mm2, 1));
+        let [asked, measured] = [region.asked_area_mm2, region.measured_area_mm2].map(area_mm2);
         writeln!(out, "       {measured} of {asked} mm² measured, {} %; {verdict}", percent(region.of_asked()))?;
         if region.samples == 0 {
             writeln!(out, "       {NOTHING_IN_REGION}")?;
         }
-        for (cause, area_mm2) in &region.missed_mm2 {
+        for (cause, missed_mm2) in &region.missed_mm2 {
             let noise = noise_remark(region, *cause).map_or_else(String::new, |remark| format!("; {remark}"));
-            writeln!(out, "       missed, {:<18} {:>10} mm²{noise}", cause.as_str(), fixed(*area_mm2, 1))?;
+            writeln!(out, "       missed, {:<18} {:>10} mm²{noise}", cause.as_str(), area_mm2(*missed_mm2))?;
         }
     }
     Ok(())

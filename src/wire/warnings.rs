@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::RegionCoverageDocument;
-use super::words::{fixed, rounded_up_mm};
+use super::words::{area_mm2, fixed, rounded_up_mm};
 use crate::cell::closed_list;
 use crate::planning::params::{NoiseParams, PlanParams};
 
@@ -95,7 +95,8 @@ fn pointer_of_region(params: &PlanParams, number: usize, at: &str) -> String {
 }
 
 fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning {
-    let remedy = if region.beyond_noise_area_mm2 > 0.0 {
+    let missed_mm2 = region.asked_area_mm2 - region.measured_area_mm2;
+    let remedy = if region.beyond_noise_area_mm2 > 0.5 * missed_mm2 {
         remedy_for_noise()
     } else {
         "see what would measure the largest missed spots, in missed of the plan and in the report; exclude what cannot be measured \
@@ -109,7 +110,7 @@ fn unmet_region(pointer: &str, region: &RegionCoverageDocument) -> FieldWarning 
             "is {}, and {:.2} % of the {} mm² of {:?} are measured; missed: {}",
             region.target.unwrap_or_default(),
             100.0 * region.of_asked,
-            fixed(region.asked_area_mm2, 1),
+            area_mm2(region.asked_area_mm2),
             region.name,
             region.why_unmet.as_deref().unwrap_or("not known")
         ),

@@ -128,7 +128,8 @@ pub fn no_plan_sentence(finding: &NoPlan) -> String {
         NoPlan::NotRegistered { stability } => {
             return format!(
                 "the setups share {} mm² of surface, which leaves {} free, so that they cannot be registered to each other; set \
-                 registration = markers or fixture if something else does it, none if it need not be done, or setups = 1",
+                 registration = markers or fixture if something else does it, or none if it need not be done; or allow more views \
+                 (selection.max_views) or more setups, or set setups = 1",
                 area_mm2(stability.shared_area_mm2),
                 freedom(stability)
             );
@@ -178,9 +179,9 @@ pub fn shortfall(region: &RegionCoverage) -> Option<String> {
     if region.samples == 0 {
         return Some(NOTHING_IN_REGION.to_owned());
     }
-    let miss = |(cause, area_mm2): &(Cause, f64)| {
+    let miss = |(cause, missed_mm2): &(Cause, f64)| {
         let noise = noise_remark(region, *cause).map_or_else(String::new, |remark| format!(" ({remark})"));
-        format!("{} {} mm²{noise}", cause.as_str(), fixed(*area_mm2, 1))
+        format!("{} {} mm²{noise}", cause.as_str(), area_mm2(*missed_mm2))
     };
     Some(region.missed_mm2.iter().map(miss).collect::<Vec<_>>().join(", "))
 }
@@ -193,7 +194,7 @@ pub fn noise_remark(region: &RegionCoverage, cause: Cause) -> Option<String> {
         return None;
     }
     let below_grade_mm2: f64 = region.missed_mm2.iter().filter(|(missed, _)| *missed == cause).map(|(_, mm2)| mm2).sum();
-    let part = if beyond_mm2 < below_grade_mm2 * ALL { format!(" on {} mm²", fixed(beyond_mm2, 1)) } else { String::new() };
+    let part = if beyond_mm2 < below_grade_mm2 * ALL { format!(" on {} mm²", area_mm2(beyond_mm2)) } else { String::new() };
     let min_mm = rounded_up_mm(region.min_tolerance_mm);
     Some(format!("tolerance beyond the scanner's noise{part}; the finest that it can serve is {min_mm} mm"))
 }
@@ -240,8 +241,8 @@ pub fn partial_percent(of_spot: f64) -> Option<String> {
 
 /// Share and area of a spot that a remedy measures, to be said before the remedy; `None` where it works.
 #[must_use]
-pub fn partial_share(of_spot: f64, area_mm2: f64) -> Option<String> {
-    partial_percent(of_spot).map(|percent| format!("only {percent} of it, {} mm²", fixed(area_mm2, 1)))
+pub fn partial_share(of_spot: f64, measured_mm2: f64) -> Option<String> {
+    partial_percent(of_spot).map(|percent| format!("only {percent} of it, {} mm²", area_mm2(measured_mm2)))
 }
 
 /// A remedy in a sentence. Where it does not work, the share that it measures comes first.
@@ -284,7 +285,8 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
 }
 
 fn limits_text(remedy: &Remedy) -> String {
-    let limit = |name: &str, deg: Option<f64>| deg.map(|deg| format!("{name} to {}°", fixed(deg, 1)));
+    let limit =
+        |name: &str, deg: Option<f64>| deg.map(|deg| format!("{name} to {}°", fixed((deg * 10.0 + 1e-6).floor() / 10.0, 1)));
     let limits = [limit("limits.camera_deg", remedy.camera_deg), limit("limits.projector_deg", remedy.projector_deg)];
     let limits: Vec<_> = limits.into_iter().flatten().collect();
     let from = remedy.views.first().map_or_else(String::new, |first| {

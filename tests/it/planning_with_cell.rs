@@ -59,6 +59,9 @@ fn a_box_on_the_table_is_measured_but_for_the_face_it_stands_on() {
     assert!((coverage.measured.area_mm2 + missed - coverage.asked_area_mm2).abs() < 1e-6);
     assert!(coverage.curve_area_mm2.windows(2).all(|pair| pair[0] <= pair[1]));
     assert!(coverage.of_coverable() >= 0.985);
+    let sequence = outcome.plan.setups[0].sequence.as_ref().expect("with a cell");
+    let (moving_secs, lower_secs) = (sequence.motion_secs(), sequence.moving_lower_secs);
+    assert!(0.0 < lower_secs && lower_secs <= moving_secs + 1e-9, "{lower_secs} s is a lower bound of {moving_secs} s");
 }
 
 #[test]

@@ -110,7 +110,27 @@ fn a_block_is_joined_by_the_sides_that_two_setups_share() {
     let [link] = outcome.plan.setup_links[..] else { panic!("{:?}", outcome.plan.setup_links) };
     assert!(link.stability.is_fixed() && link.stability.shared_area_mm2 > 1000.0, "{link:?}");
     let text = vantage::report::text::text(&outcome.plan);
-    assert!(text.contains("setups 0 and 1 share") && text.contains(" % of the asked area, of "), "{text}");
+    assert!(text.contains("setups 1 and 2 share") && text.contains(" % of the asked area, of "), "{text}");
+}
+
+/// Views that join setups count in the bound, and are added where the target alone does not ask for them.
+#[test]
+fn views_are_added_until_setups_are_joined() {
+    let mesh = box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]);
+    let mut added = 0;
+    for target in [0.6, 0.75, 0.9, 0.985] {
+        let [joined, free] = [Registration::Surface, Registration::None].map(|registration| {
+            let mut params = PlanParams { registration, ..quick(2) };
+            (params.selection.target, params.robust.pose_error) = (target, None);
+            plan_viewpoints(&mesh, &nominal_scanner(), &params).plan
+        });
+        assert!(joined.setup_links.iter().all(|link| link.stability.is_fixed()), "{target}: {:?}", joined.setup_links);
+        let bound = joined.bound;
+        assert_eq!((bound.views_lower + bound.gap) as usize, joined.views.len(), "{target}: {bound:?}");
+        added += joined.views.len().saturating_sub(free.views.len());
+    }
+    println!("{added} views added for targets of 0.6 to 0.985");
+    assert!(added > 0, "no view was added");
 }
 
 /// Standing as in its file, and turned 180° about x; its box's centre on the axis, its bottom on the plate.

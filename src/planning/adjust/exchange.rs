@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 
+use super::joins;
 use crate::cell::{Axes, Cell, Configuration};
 use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex, ViewId};
@@ -37,6 +38,9 @@ pub(in crate::planning) fn exchange_views(
     let moving = |ordered: &[Ordered]| ordered.iter().map(|ordered| ordered.sequence.motion_secs()).sum::<f64>();
     for _ in 0..MAX_ROUNDS {
         let Some(other) = exchanged(problem, &chosen, &ordered, excluded, ctx)? else { break };
+        if joins::must_join(problem) && !joins::are_joined(problem, &other.candidates) {
+            break;
+        }
         let order =
             |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| scene.order(&problem.stations_of(&other, setup), true, ctx);
         let again: Vec<Ordered> = SetupIndex::number(scenes).map(order).collect::<Result<_, _>>()?;

@@ -13,7 +13,8 @@ use crate::planning::context::{Context, NoPlan, PlanError};
 use crate::planning::ids::{CandidateIndex, RowIndex, SetupIndex};
 use crate::planning::params::Registration;
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
-use crate::planning::registration::{Stability, shared, stability, union_of};
+use crate::planning::registration::{SharedSurface, Stability, shared, union_of};
+use crate::planning::verdict::MIN_RESISTANCE;
 use crate::planning::visibility::SampleSet;
 
 /// Views that are added at most.
@@ -81,7 +82,8 @@ struct Gap {
 
 /// The gap that is closed next; `None` where all setups are joined, directly or through others.
 fn weakest_gap(problem: &ViewPlanningProblem<'_>, measured: &[(SetupIndex, SampleSet)]) -> Option<Gap> {
-    let link = |a: usize, b: usize| stability(&problem.surface, &shared(&measured[a].1, &measured[b].1));
+    let part = SharedSurface::new(&problem.surface);
+    let link = |a: usize, b: usize| part.stability(&shared(&measured[a].1, &measured[b].1));
     let (mut reached, mut rest) = (vec![0], (1..measured.len()).collect::<Vec<_>>());
     while !rest.is_empty() {
         let links = rest.iter().enumerate().flat_map(|(at, b)| reached.iter().map(move |a| (at, *a, *b)));
@@ -114,11 +116,12 @@ impl Gap {
         let sides = [(self.setups[0], first, second), (self.setups[1], second, first)];
         let candidates = sides.iter().flat_map(|side| of_setup(side.0).map(move |candidate| (*candidate, side)));
         let open: Vec<_> = candidates.filter(|(candidate, _)| !views.contains(candidate)).collect();
+        let part = SharedSurface::new(&problem.surface);
         let worth = |(candidate, (_, own, other)): &(CandidateIndex, &(SetupIndex, &SampleSet, &SampleSet))| {
             ctx.check()?;
             let mut with = (*own).clone();
             with.insert_all(problem.row(*candidate).measured());
-            let resistance = stability(&problem.surface, &shared(&with, other)).resistance;
+            let resistance = part.stability(&shared(&with, other)).resistance;
             let mut new = shared(problem.row(*candidate).measured(), &could_share);
             new.remove_all(own);
             let new_mm2: f64 = new.iter().map(|sample| problem.surface.sample_area_mm2(sample)).sum();
@@ -127,7 +130,9 @@ impl Gap {
         let worths: Vec<_> = open.par_iter().map(worth).collect::<Result<_, PlanError>>()?;
         let stiffest = worths.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a });
         let widest = worths.iter().copied().reduce(|a, b| if b.2 > a.2 { b } else { a });
-        let is_stiffer = |(_, resistance, _): &(CandidateIndex, f64, f64)| *resistance > 1.5 * self.stability.resistance + 1e-6;
+        let is_stiffer = |(_, resistance, _): &(CandidateIndex, f64, f64)| {
+            *resistance >= MIN_RESISTANCE || *resistance > 1.5 * self.stability.resistance + 1e-6
+        };
         let adds = |(_, _, new_mm2): &(CandidateIndex, f64, f64)| *new_mm2 > 0.0;
         Ok(stiffest.filter(is_stiffer).or(widest.filter(adds)).map(|(candidate, ..)| candidate))
     }

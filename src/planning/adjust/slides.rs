@@ -48,7 +48,7 @@ pub(in crate::planning) fn slide_views(
     }
     let ctx = ctx.silent();
     let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
-    let mut slid_views = chosen.candidates.clone();
+    let (mut slid_views, known) = (chosen.candidates.clone(), problem.candidates.remaining.len());
     let mut guard = Guard::new(problem, chosen.views());
     for (view, candidate) in ViewId::number(&mut slid_views) {
         ctx.check()?;
@@ -58,14 +58,27 @@ pub(in crate::planning) fn slide_views(
         guard.exchange(view, &before, &slid.row);
         *candidate = slid.join(problem);
     }
-    let parts_setups = || joins::must_join(problem) && !joins::are_joined(problem, &slid_views);
-    if slid_views == chosen.candidates || parts_setups() {
+    if slid_views == chosen.candidates {
+        return Ok(chosen);
+    }
+    if joins::must_join(problem) && !joins::are_joined(problem, &slid_views) {
+        forget_from(problem, known);
         return Ok(chosen);
     }
     let usable = problem.choosable(excluded);
     let place = |candidate| usable.binary_search(candidate).ok().map(RowIndex::at);
     let rows: Vec<RowIndex> = slid_views.iter().filter_map(place).collect();
     problem.chosen_of(&problem.cover_problem(&usable), &usable, &rows, &chosen, &ctx)
+}
+
+/// Takes out the candidates that joined the `known` ones.
+fn forget_from(problem: &mut ViewPlanningProblem<'_>, known: usize) {
+    problem.candidates.generated -= problem.candidates.remaining.len() - known;
+    problem.candidates.remaining.truncate(known);
+    problem.matrix.rows.truncate(known);
+    if let Some(reach) = &mut problem.reach {
+        reach.truncate(known);
+    }
 }
 
 /// A chosen view that may slide.

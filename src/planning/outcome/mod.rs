@@ -18,7 +18,7 @@ use super::plan::{
     SetupPlan, Stance, StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
-use super::registration;
+use super::registration::{self, SharedSurface, Stability};
 use super::selection::coverable_mm2;
 use super::sequence::Ordered;
 use super::stations::StationFailure;
@@ -64,10 +64,14 @@ pub(super) fn assemble(
     let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, surroundings.part, ctx)?;
     let coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
     let missed = missed::explain(&solution.miss_analysis(surroundings), &verdicts, ctx)?;
-    let plan = solution.plan(ordered, coverage, missed);
+    let weakest_links = solution.weakest_links(ctx)?;
+    let plan = solution.plan(ordered, coverage, missed, &weakest_links);
     let measured_by_view = solution.measuring;
     Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None })
 }
+
+/// The weakest link of the views of each setup.
+type WeakestLinks = BTreeMap<SetupIndex, ([ViewId; 2], Stability)>;
 
 impl<'a> Solution<'a> {
     fn new(
@@ -87,7 +91,7 @@ impl<'a> Solution<'a> {
         Self { problem, chosen, used, no_path, all_excluded, measuring }
     }
 
-    fn plan(&self, ordered: Vec<Ordered>, coverage: Coverage, missed: Vec<MissedCause>) -> Plan {
+    fn plan(&self, ordered: Vec<Ordered>, coverage: Coverage, missed: Vec<MissedCause>, weakest_links: &WeakestLinks) -> Plan {
         let Self { problem, chosen, .. } = self;
         Plan {
             part: PartFacts {
@@ -107,7 +111,7 @@ impl<'a> Solution<'a> {
                 &problem.params.selection,
             ),
             bound: chosen.selection.bound,
-            setups: self.setups(ordered),
+            setups: self.setups(ordered, weakest_links),
             setup_links: self.setup_links(),
             obstructions: Vec::new(),
             coverage,
@@ -115,7 +119,7 @@ impl<'a> Solution<'a> {
         }
     }
 
-    fn setups(&self, ordered: Vec<Ordered>) -> Vec<SetupPlan> {
+    fn setups(&self, ordered: Vec<Ordered>, weakest_links: &WeakestLinks) -> Vec<SetupPlan> {
         let Self { problem, chosen, measuring, .. } = self;
         let mut sequences: Vec<_> = ordered.into_iter().map(|ordered| Some(ordered.sequence)).collect();
         let asked_mm2 = |rows: &[&Row]| coverable_mm2(rows, &problem.asked_area_mm2);
@@ -123,10 +127,8 @@ impl<'a> Solution<'a> {
             let is_here = |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup;
             let views: Vec<ViewId> = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view).collect();
             let usable: Vec<_> = problem.usable().into_iter().filter(|candidate| is_here(*candidate)).collect();
-            let measured: Vec<SampleSet> = views.iter().map(|view| measuring[view.index()].measured().clone()).collect();
-            let link = registration::weakest_link(&problem.surface, &measured);
             SetupPlan {
-                weakest_link: link.map(|(pair, stability)| (pair.map(|place| views[place]), stability)),
+                weakest_link: weakest_links.get(setup).copied(),
                 table_from_part: problem.setups[setup.index()],
                 coverable_area_mm2: asked_mm2(&problem.rows(&usable)),
                 measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[view.index()]).collect::<Vec<_>>()),
@@ -135,6 +137,23 @@ impl<'a> Solution<'a> {
             }
         };
         self.used.iter().map(plan).collect()
+    }
+
+    /// The weakest link of the views of each setup that has more than one that measures something.
+    fn weakest_links(&self, ctx: &Context<'_>) -> Result<WeakestLinks, Cancelled> {
+        let Self { problem, chosen, measuring, used, no_path, .. } = self;
+        let part = SharedSurface::new(&problem.surface);
+        let mut links = WeakestLinks::new();
+        for setup in used {
+            let is_here =
+                |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup && !no_path.contains(&candidate);
+            let views: Vec<ViewId> = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view).collect();
+            let measured: Vec<SampleSet> = views.iter().map(|view| measuring[view.index()].measured().clone()).collect();
+            if let Some((pair, stability)) = part.weakest_link(&measured, ctx)? {
+                links.insert(*setup, (pair.map(|place| views[place]), stability));
+            }
+        }
+        Ok(links)
     }
 
     /// Registration of every two setups by what both measure.
@@ -146,9 +165,10 @@ impl<'a> Solution<'a> {
             registration::union_of(here, problem.surface.sample_mm.len())
         };
         let measured: Vec<SampleSet> = used.iter().map(measured).collect();
+        let part = SharedSurface::new(&problem.surface);
         let link = |a: usize, b: usize| SetupLink {
             setups: [a, b].map(SetupId::at),
-            stability: registration::stability(&problem.surface, &registration::shared(&measured[a], &measured[b])),
+            stability: part.stability(&registration::shared(&measured[a], &measured[b])),
         };
         (0..measured.len()).flat_map(|b| (0..b).map(move |a| (a, b))).map(|(a, b)| link(a, b)).collect()
     }

@@ -139,7 +139,7 @@ impl ViewPlanningProblem<'_> {
         self.usable().into_iter().filter(|candidate| !excluded.contains(candidate)).collect()
     }
 
-    /// The selection of `rows` of a cover problem over `choosable`, as many as `chosen` has.
+    /// The selection of `rows` of a cover problem over `choosable`, with the bound of `chosen`.
     pub(in crate::planning) fn chosen_of(
         &self,
         cover: &CoverProblem<'_>,

@@ -1,16 +1,17 @@
 use std::f64::consts::TAU;
+use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::geometry::Mesh;
+use crate::planning::context::Silent;
 use crate::planning::params::PlanParams;
 use crate::planning::surface;
 use crate::testing::{box_mesh, cylinder_mesh};
 
 fn sampled(mesh: &Mesh) -> Surface {
     let params = PlanParams::default();
-    let ctx = crate::planning::context::Silent;
-    let cancel = std::sync::atomic::AtomicBool::new(false);
-    let ctx = crate::planning::context::Context::new(&cancel, &ctx);
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(&cancel, &Silent);
     surface::sample_for(mesh, &params.part, &params.regions, 0, &ctx).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -32,14 +33,14 @@ fn all_of(surface: &Surface) -> SampleSet {
 fn a_corner_fixes_all_freedoms_and_a_face_none_along_itself() {
     let surface = sampled(&box_mesh([0.0; 3], [60.0, 40.0, 30.0]));
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
-    let corner = stability(&surface, &facing(&surface, &[x, y, z]));
+    let corner = SharedSurface::new(&surface).stability(&facing(&surface, &[x, y, z]));
     assert!(corner.is_fixed() && (corner.shared_area_mm2 - 5400.0).abs() < 1e-6, "{corner:?}");
     // The four walls around z resist neither a shift along z nor, to either side of their middle, more than a little of a tilt.
-    let walls = stability(&surface, &facing(&surface, &[x, y, -x, -y]));
+    let walls = SharedSurface::new(&surface).stability(&facing(&surface, &[x, y, -x, -y]));
     assert!(walls.resistance < 1e-12 && walls.shift.z > 0.99, "{walls:?}");
-    let face = stability(&surface, &facing(&surface, &[z]));
+    let face = SharedSurface::new(&surface).stability(&facing(&surface, &[z]));
     assert!(face.resistance < 1e-12 && face.shift.z.abs() < 1e-6, "{face:?}");
-    let nothing = stability(&surface, &SampleSet::none_of(surface.sample_mm.len()));
+    let nothing = SharedSurface::new(&surface).stability(&SampleSet::none_of(surface.sample_mm.len()));
     assert_eq!((nothing.shared_area_mm2, nothing.resistance, nothing.is_fixed()), (0.0, 0.0, false));
 }
 
@@ -49,7 +50,7 @@ fn a_corner_fixes_all_freedoms_and_a_face_none_along_itself() {
 fn a_cylinder_turns_about_its_axis_alone() {
     let (radius_mm, height_mm, facets) = (20.0, 50.0, 256);
     let surface = sampled(&cylinder_mesh(radius_mm, height_mm, facets));
-    let cylinder = stability(&surface, &all_of(&surface));
+    let cylinder = SharedSurface::new(&surface).stability(&all_of(&surface));
     let off_mm = radius_mm * (TAU / 2.0 / f64::from(facets)).tan() / 3.0_f64.sqrt();
     let side = height_mm / (height_mm + radius_mm);
     let radius_of_part_mm = radius_mm.hypot(0.5 * height_mm);
@@ -80,7 +81,14 @@ fn the_weakest_link_is_that_of_the_strongest_tree() {
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
     let sets = [facing(&surface, &[x, y, z]), facing(&surface, &[-x, -y, -z]), all_of(&surface)];
     // The first two share nothing, and are joined through the third.
-    let (pair, link) = weakest_link(&surface, &sets).unwrap_or_else(|| panic!("three sets"));
+    let cancel = AtomicBool::new(false);
+    let ctx = Context::new(&cancel, &Silent);
+    let weakest =
+        |sets: &[SampleSet]| SharedSurface::new(&surface).weakest_link(sets, &ctx).unwrap_or_else(|_| panic!("not cancelled"));
+    let (pair, link) = weakest(&sets).unwrap_or_else(|| panic!("three sets"));
     assert!(pair.contains(&2) && link.is_fixed(), "{pair:?} {link:?}");
-    assert!(weakest_link(&surface, &sets[..1]).is_none());
+    assert!(weakest(&sets[..1]).is_none());
+    // A view that measures nothing has a row without words.
+    let (_, link) = weakest(&[all_of(&surface), SampleSet::from_words(Vec::new())]).unwrap_or_else(|| panic!("two sets"));
+    assert_eq!((link.shared_area_mm2, link.is_fixed()), (0.0, false));
 }

@@ -74,7 +74,8 @@ pub(super) fn run(
         }
         let Some(best) = queue.best(&round, &overlap, ctx)? else { break StopReason::NoGain };
         // The view with the highest score may add less area than others.
-        let grows = if round.gain_mm2(best.0) < min_gain_mm2 { round.best_that_adds(min_gain_mm2, &overlap) } else { Some(best) };
+        let grows =
+            if round.gain_mm2(best.0) < min_gain_mm2 { round.best_that_adds(min_gain_mm2, &overlap, ctx)? } else { Some(best) };
         let Some((row, score)) = grows else { break StopReason::Growth };
         round.take(row, score);
         goals.iter_mut().for_each(|goal| goal.close(problem, row));
@@ -144,12 +145,21 @@ impl<'a> Round<'a> {
     }
 
     /// The candidate with the highest positive score that may be chosen and adds so much area; the lowest number among equals.
-    fn best_that_adds(&self, min_gain_mm2: f64, overlap: &Overlap<'_>) -> Option<(RowIndex, f64)> {
-        let adds = |row: &RowIndex| !self.chosen.contains(row) && self.gain_mm2(*row) >= min_gain_mm2;
-        let scored =
-            self.scorer.problem.all_rows().filter(adds).map(|row| (row, self.net_score(row, self.scorer.score(row, &self.open))));
-        let may_be_chosen = scored.filter(|(row, score)| *score > 0.0 && overlap.joins(*row, &self.chosen));
-        may_be_chosen.reduce(|best, next| if precedes(next, best) { next } else { best })
+    fn best_that_adds(
+        &self,
+        min_gain_mm2: f64,
+        overlap: &Overlap<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<(RowIndex, f64)>, Cancelled> {
+        let rows: Vec<RowIndex> = self.scorer.problem.all_rows().filter(|row| !self.chosen.contains(row)).collect();
+        let scored = |row: &RowIndex| {
+            ctx.check()?;
+            Ok((self.gain_mm2(*row) >= min_gain_mm2).then(|| (*row, self.scorer.score(*row, &self.open))))
+        };
+        let scored: Vec<_> = rows.par_iter().map(scored).collect::<Result<_, Cancelled>>()?;
+        let net = scored.into_iter().flatten().map(|(row, score)| (row, self.net_score(row, score)));
+        let may_be_chosen = net.filter(|(row, score)| *score > 0.0 && overlap.joins(*row, &self.chosen));
+        Ok(may_be_chosen.reduce(|best, next| if precedes(next, best) { next } else { best }))
     }
 
     fn take(&mut self, row: RowIndex, score: f64) {

@@ -177,7 +177,7 @@ pub(in crate::planning) fn exchanges(
     Ok(allowed.map(|(at, row, _)| (ViewId::at(at), row)).collect())
 }
 
-/// Makes the selection of `rows`, as many as `like` has, in greedy's order, with the bound of `like`.
+/// Makes the selection of `rows` in greedy's order, with the bound of `like`, whose views may be fewer.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -190,7 +190,8 @@ pub(in crate::planning) fn of_rows(
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
     let choices = greedy::order(&score::Scorer::new(problem, params, score), rows, ctx)?;
-    Ok(Selection { choices, stopped_because: like.stopped_because, bound: like.bound })
+    let gap = (choices.len() as u32).saturating_sub(like.bound.views_lower);
+    Ok(Selection { choices, stopped_because: like.stopped_because, bound: Bound { gap, ..like.bound } })
 }
 
 impl<'a> CoverProblem<'a> {

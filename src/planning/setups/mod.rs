@@ -16,7 +16,7 @@ use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
 use super::candidates::{self, Scope};
 use super::context::{Context, NoPlan, PlanError};
 use super::params::{CandidateParams, Hemisphere, PlanParams, Registration};
-use super::registration::{Stability, shared, stability};
+use super::registration::{SharedSurface, Stability, shared};
 use super::scene::{PlanInput, PlanningScene};
 use super::surface::{self, Surface};
 use super::visibility::{self, Occluders, Optics, SampleSet};
@@ -185,7 +185,8 @@ impl Links {
 
 impl Reachable {
     fn links(&self) -> Links {
-        let link = |b: usize, a: usize| stability(&self.surface, &shared(&self.by_pose[a], &self.by_pose[b]));
+        let part = SharedSurface::new(&self.surface);
+        let link = |b: usize, a: usize| part.stability(&shared(&self.by_pose[a], &self.by_pose[b]));
         Links { by_pair: (0..self.by_pose.len()).map(|b| (0..b).map(|a| link(b, a)).collect()).collect() }
     }
 

@@ -60,9 +60,10 @@ impl SampleSet {
         self.words.iter_mut().zip(&other.words).for_each(|(word, other)| *word |= other);
     }
 
-    /// Takes out what `other`, a set of the same surface, does not hold.
+    /// Takes out what `other`, a set of the same surface or the empty one of no surface, does not hold.
     pub fn retain_all(&mut self, other: &Self) {
-        self.words.iter_mut().zip(&other.words).for_each(|(word, other)| *word &= other);
+        let others = other.words.iter().copied().chain(std::iter::repeat(0));
+        self.words.iter_mut().zip(others).for_each(|(word, other)| *word &= other);
     }
 
     /// Takes out what `other`, a set of the same surface, holds.

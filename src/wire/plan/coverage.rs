@@ -22,7 +22,7 @@ pub struct CoverageDocument {
     pub visible: VisibleSharesDocument,
     /// Asked area that at least one kept candidate measures.
     pub coverable_area_mm2: f64,
-    /// Asked area that at least one kept candidate measures, regardless of the cell's reach.
+    /// Asked area that at least one candidate measures, regardless of the cell's reach.
     pub optically_coverable_area_mm2: f64,
     /// Asked area that at least one chosen view measures.
     pub measured_area_mm2: f64,
