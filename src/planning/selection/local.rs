@@ -16,7 +16,7 @@ use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::RowIndex;
 use crate::planning::params::{ScoreParams, SelectionParams};
-use crate::planning::visibility::{Row, SampleSet, ones};
+use crate::planning::visibility::{Row, ones};
 
 /// Work of an attempt with one view less: pairs of sample and row evaluated.
 const ATTEMPT_WORK: u64 = 400_000_000;
@@ -109,7 +109,7 @@ impl Exchange<'_> {
         while best.len() > 1 && budget.left > 0 {
             let Some(start) = self.remove_one(&best) else { break };
             let found = self.run(start, budget, ctx)?;
-            if CoverState::new(self, &found).deficit() > 0 || !self.overlap.connects(&found) {
+            if self.deficit(&found) > 0 || !self.overlap.connects(&found) {
                 break;
             }
             best = self.remove_redundant(found, ctx)?;
@@ -119,12 +119,16 @@ impl Exchange<'_> {
 
     /// Removes redundant views, the last first, as long as the goals stay met.
     fn remove_redundant(&self, mut rows: Vec<RowIndex>, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
+        let mut state = CoverState::new(self, &rows);
         for at in (0..rows.len()).rev() {
             ctx.check()?;
-            let mut fewer = rows.clone();
-            fewer.remove(at);
-            if !fewer.is_empty() && CoverState::new(self, &fewer).deficit() == 0 && self.overlap.connects(&fewer) {
+            if rows.len() == 1 || state.deficit_without(at) > 0 {
+                continue;
+            }
+            let fewer = without(&rows, at);
+            if self.overlap.connects(&fewer) {
                 rows = fewer;
+                state = CoverState::new(self, &rows);
             }
         }
         Ok(rows)
@@ -132,10 +136,10 @@ impl Exchange<'_> {
 
     /// Removes the view whose loss leaves the smallest deficit.
     fn remove_one(&self, rows: &[RowIndex]) -> Option<Vec<RowIndex>> {
-        let without =
-            |at: usize| rows.iter().enumerate().filter(|(other, _)| *other != at).map(|(_, row)| *row).collect::<Vec<_>>();
-        let allowed = (0..rows.len()).map(without).filter(|fewer| self.overlap.connects(fewer));
-        allowed.min_by_key(|fewer| CoverState::new(self, fewer).deficit())
+        let state = CoverState::new(self, rows);
+        let fewer = (0..rows.len()).map(|at| (state.deficit_without(at), without(rows, at)));
+        let allowed = fewer.filter(|(_, fewer)| self.overlap.connects(fewer));
+        allowed.min_by_key(|(deficit, _)| *deficit).map(|(_, fewer)| fewer)
     }
 
     /// Tabu search from `rows`; returns the best that it finds.
@@ -184,6 +188,11 @@ impl Exchange<'_> {
     }
 }
 
+/// The rows but the one at `at`.
+fn without(rows: &[RowIndex], at: usize) -> Vec<RowIndex> {
+    [&rows[..at], &rows[at + 1..]].concat()
+}
+
 /// Finaliser of SplitMix64 (Steele, Lea, Flood 2014).
 fn mixed(step: u64) -> u64 {
     let mut z = step.wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -195,8 +204,12 @@ fn mixed(step: u64) -> u64 {
 /// Samples that some views cover, and those that one of them covers alone.
 struct CoverState<'a> {
     goals: &'a [Units],
-    /// Samples that exactly one view covers, for each view; at last those that none covers.
-    alone: Vec<SampleSet>,
+    /// Samples that no view covers, or one alone, as words of bits.
+    moving: Vec<u64>,
+    /// The view that covers such a sample alone; the number of views where none does. Means nothing for other samples.
+    sole: Vec<u16>,
+    /// Units of each goal (outer) that each view covers alone.
+    lost: Vec<Vec<i64>>,
     /// Units covered of each goal.
     covered: Vec<i64>,
 }
@@ -212,16 +225,30 @@ impl<'a> CoverState<'a> {
                 *once |= word;
             }
         }
-        let only =
-            |row: &&Row| SampleSet::from_words(row.words().iter().zip(&twice).map(|(word, twice)| word & !twice).collect());
-        let mut alone: Vec<SampleSet> = measured.iter().map(only).collect();
-        alone.push(SampleSet::from_words(once.iter().map(|word| !word).collect()));
-        let covered = exchange.goals.iter().map(|goal| goal.total - units_in(&alone[rows.len()], goal)).collect();
-        Self { goals: exchange.goals, alone, covered }
+        let goals = exchange.goals;
+        let mut sole = vec![rows.len() as u16; 64 * words];
+        let mut lost = vec![vec![0; rows.len()]; goals.len()];
+        for (view, row) in measured.iter().enumerate() {
+            for (first, alone) in (0..).step_by(64).zip(row.words().iter().zip(&twice).map(|(word, twice)| word & !twice)) {
+                for sample in ones(alone).map(|bit| first + bit as usize) {
+                    sole[sample] = view as u16;
+                    lost.iter_mut().zip(goals).for_each(|(lost, goal)| lost[view] += goal.of_sample[sample]);
+                }
+            }
+        }
+        let covered = goals.iter().map(|goal| units_in(&once, goal)).collect();
+        twice.iter_mut().for_each(|word| *word = !*word);
+        Self { goals, moving: twice, sole, lost, covered }
     }
 
     fn deficit(&self) -> i64 {
         self.goals.iter().zip(&self.covered).map(|(goal, covered)| (goal.needed - covered).max(0)).sum()
+    }
+
+    /// Deficit of all views but one.
+    fn deficit_without(&self, view: usize) -> i64 {
+        let of_goals = self.goals.iter().zip(&self.covered).zip(&self.lost);
+        of_goals.map(|((goal, covered), lost)| (goal.needed - (covered - lost[view])).max(0)).sum()
     }
 }
 
@@ -237,10 +264,10 @@ fn regained(row: &Row, moving: &[u64], sole: &[u16], goal: &Units, views: usize)
     sums
 }
 
-/// Sums the units in a set whose last word may hold bits beyond the samples.
-fn units_in(samples: &SampleSet, goal: &Units) -> i64 {
-    let words = samples.words().iter().zip(goal.of_sample.chunks(64));
-    words.map(|(word, units)| ones(*word).filter_map(|bit| units.get(bit as usize)).sum::<i64>()).sum()
+/// Sums the units of a set of samples, given as words of bits.
+fn units_in(samples: &[u64], goal: &Units) -> i64 {
+    let words = samples.iter().zip(goal.of_sample.chunks(64));
+    words.map(|(word, units)| ones(*word).map(|bit| units[bit as usize]).sum::<i64>()).sum()
 }
 
 /// Deficits that every exchange would leave.
@@ -252,26 +279,15 @@ pub(super) struct Swaps {
 
 impl Swaps {
     pub(super) fn new(exchange: &Exchange<'_>, rows: &[RowIndex], ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        let state = CoverState::new(exchange, rows);
-        let views = rows.len();
-        let mut sole = vec![u16::MAX; exchange.problem.asked_area_mm2.len().next_multiple_of(64)];
-        for (view, samples) in (0..).zip(&state.alone) {
-            samples.iter().for_each(|sample| sole[sample.index()] = view);
-        }
-        let moving = state.alone.iter().fold(vec![0; sole.len() / 64], |mut all: Vec<u64>, samples| {
-            all.iter_mut().zip(samples.words()).for_each(|(all, word)| *all |= word);
-            all
-        });
-        let lost: Vec<Vec<i64>> =
-            exchange.goals.iter().map(|goal| state.alone[..views].iter().map(|alone| units_in(alone, goal)).collect()).collect();
-        let goals = exchange.goals;
+        let (views, goals) = (rows.len(), exchange.goals);
+        let CoverState { moving, sole, lost, covered, .. } = CoverState::new(exchange, rows);
         let of_row = |row: &&Row| {
             ctx.check()?;
             let regained: Vec<Vec<i64>> = goals.iter().map(|goal| regained(row, &moving, &sole, goal, views)).collect();
             let seen: usize = row.words().iter().zip(&moving).map(|(word, moving)| (word & moving).count_ones() as usize).sum();
             let work = (moving.len() / 4 + seen * goals.len()) as u64;
             let deficit = |view: usize| {
-                let of_goals = goals.iter().zip(&state.covered).zip(&lost).zip(&regained);
+                let of_goals = goals.iter().zip(&covered).zip(&lost).zip(&regained);
                 of_goals
                     .map(|(((goal, covered), lost), regained)| {
                         (goal.needed - (covered - lost[view] + regained[view] + regained[views])).max(0)
@@ -290,10 +306,8 @@ impl Swaps {
 
     /// Lists every exchange of a view for a row that is not chosen: position of the view, row, and the deficit after it.
     pub(super) fn all(&self) -> impl Iterator<Item = (usize, RowIndex, i64)> + '_ {
-        let of_row = |(row, deficits): (RowIndex, &'_ Vec<i64>)| -> Vec<(usize, RowIndex, i64)> {
-            deficits.iter().enumerate().map(|(at, deficit)| (at, row, *deficit)).collect()
-        };
-        RowIndex::number(&self.deficits).flat_map(of_row)
+        RowIndex::number(&self.deficits)
+            .flat_map(|(row, deficits)| deficits.iter().enumerate().map(move |(at, deficit)| (at, row, *deficit)))
     }
 
     /// The allowed exchange with the least deficit; the first among equals.

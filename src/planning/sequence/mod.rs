@@ -158,7 +158,8 @@ pub fn order(
 /// [`Cancelled`].
 pub fn bounded(mut ordered: Ordered, cell: &Cell, params: &PlanParams, ctx: &Context<'_>) -> Result<Ordered, Cancelled> {
     let costs = ordered.edge_costs.lower_bounds(&ordered.graph, &cell.axes(), &params.motion);
-    ordered.sequence.lower_bound_secs = tour::lower_bound_secs(&ordered.graph.groups, &costs, &ordered.nodes, ctx)?;
+    ordered.sequence.lower_bound_secs =
+        tour::lower_bound_secs(&ordered.graph.groups, &costs, &ordered.nodes, tour::Effort::Thorough, ctx)?;
     Ok(ordered)
 }
 
@@ -177,7 +178,7 @@ pub fn bounded_as_moved(mut ordered: Ordered, cell: &Cell, params: &PlanParams, 
     } else {
         (0..stops.len()).collect()
     };
-    ordered.sequence.moving_lower_secs = tour::lower_bound_secs(&groups, &costs, &known, ctx)?;
+    ordered.sequence.moving_lower_secs = tour::lower_bound_secs(&groups, &costs, &known, tour::Effort::Brief, ctx)?;
     Ok(ordered)
 }
 

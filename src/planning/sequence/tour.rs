@@ -78,7 +78,7 @@ impl Costs {
     }
 }
 
-/// Length of the search.
+/// Length of the search for a tour, or for a bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effort {
     /// Starts from nothing.
@@ -110,12 +110,13 @@ pub(super) fn lower_bound_secs(
     groups: &[Range<usize>],
     costs: &Costs,
     known: &[usize],
+    effort: Effort,
     ctx: &Context<'_>,
 ) -> Result<f64, Cancelled> {
     let Some((first, last)) = known.first().zip(known.last()) else { return Ok(0.0) };
     let between: f64 = known.windows(2).map(|step| costs.get(step[0], step[1])).sum();
     let secs = costs.home(*first) + between + costs.home(*last);
-    if groups.len() <= EXACT_GROUPS { Ok(secs) } else { bound::lower_bound_secs(groups, costs, secs, ctx) }
+    if groups.len() <= EXACT_GROUPS { Ok(secs) } else { bound::lower_bound_secs(groups, costs, secs, effort, ctx) }
 }
 
 /// Held–Karp: `best[set · nodes + node]` is the shortest path from home through one node of each group in `set` to `node`.

@@ -83,11 +83,14 @@ impl DepthBuffer {
         else {
             return;
         };
-        for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {
-            let at = y * self.width + x;
-            if let Some(inverse_depth) = triangle.inverse_depth(x, y).filter(|depth| *depth > self.inverse_depth[at]) {
-                self.inverse_depth[at] = inverse_depth;
-                self.patch[at] = patch;
+        for y in rows {
+            let mut values = triangle.values(columns.start, y);
+            for at in columns.clone().map(|x| y * self.width + x) {
+                if let Some(inverse_depth) = triangle.inverse_depth(&values).filter(|depth| *depth > self.inverse_depth[at]) {
+                    self.inverse_depth[at] = inverse_depth;
+                    self.patch[at] = patch;
+                }
+                triangle.step(&mut values);
             }
         }
     }
@@ -114,11 +117,21 @@ impl Triangle {
         Some(Self { edges, inverse_depths: [a, b, c].map(|corner| corner.inverse_depth * bias), twice_area })
     }
 
-    /// 1/z at the centre of a sample; `None` outside the triangle.
-    #[inline]
-    fn inverse_depth(&self, x: usize, y: usize) -> Option<f32> {
+    /// Edge functions at the centre of a sample.
+    fn values(&self, x: usize, y: usize) -> [i64; 3] {
         let [x, y] = [x, y].map(|n| n as i64 * STEPS + STEPS / 2);
-        let values = [0, 1, 2].map(|i| self.edges[i].at(x, y));
+        [0, 1, 2].map(|i| self.edges[i].at(x, y))
+    }
+
+    /// Moves on to the next sample of the row.
+    #[inline]
+    fn step(&self, values: &mut [i64; 3]) {
+        values.iter_mut().zip(&self.edges).for_each(|(value, edge)| *value -= edge.dy * STEPS);
+    }
+
+    /// 1/z where the edge functions have these values; `None` outside the triangle.
+    #[inline]
+    fn inverse_depth(&self, values: &[i64; 3]) -> Option<f32> {
         if (0..3).any(|i| values[i] + self.edges[i].tolerance() < 0) {
             return None;
         }

@@ -34,7 +34,7 @@ use rayon::prelude::*;
 use self::lanes::LANES;
 use self::ng_routes::{NgRoute, Relaxation, Terms};
 use self::ng_sets::NgSets;
-use super::Costs;
+use super::{Costs, Effort};
 use crate::planning::context::{Cancelled, Context};
 
 /// Size of each ng-set at first: the nearest groups.
@@ -58,6 +58,8 @@ const WORK_PER_GROUP: usize = 17_000_000;
 /// Largest number of additions: about a second's worth on two cores with 512-bit vectors. A count, not a time, for the bound
 /// has to be the same on every machine.
 const MAX_WORK: usize = 1_000_000_000;
+/// Share of the work that is spent on a bound that is told beside a better known one: one part in this many.
+const BRIEF: usize = 4;
 /// Rounds without gain after which steps become shorter, before all critical groups are found.
 const EARLY_PATIENCE: u32 = 3;
 /// Rounds without gain after which steps become shorter.
@@ -90,11 +92,12 @@ pub(super) fn lower_bound_secs(
     groups: &[Range<usize>],
     costs: &Costs,
     tour_secs: f64,
+    effort: Effort,
     ctx: &Context<'_>,
 ) -> Result<f64, Cancelled> {
     let entered_secs = entered_secs(groups, costs).min(tour_secs);
     let chunks = chunks(groups);
-    let max_work = MAX_WORK.min(WORK_PER_GROUP * groups.len());
+    let max_work = MAX_WORK.min(WORK_PER_GROUP * groups.len()) / if effort == Effort::Brief { BRIEF } else { 1 };
     if chunks > lanes::MAX_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > max_work {
         return Ok(entered_secs);
     }

@@ -82,7 +82,7 @@ proptest! {
         let flag = AtomicBool::new(false);
         let best = brute_force(&groups, &costs, &mut Vec::new(), &mut vec![false; groups.len()]);
         // Whatever tour is known, the bound holds for the shortest.
-        let bound = bound::lower_bound_secs(&groups, &costs, said * best, &Context::new(&flag, &Silent)).expect("not cancelled");
+        let bound = bound::lower_bound_secs(&groups, &costs, said * best, Effort::Thorough, &Context::new(&flag, &Silent)).expect("not cancelled");
         prop_assert!(bound <= best + 1e-9, "{bound} above {best}");
     }
 
@@ -96,7 +96,7 @@ proptest! {
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
         let best = length(&exact(&groups, &costs, &ctx).expect("not cancelled"), &costs);
-        let bound = bound::lower_bound_secs(&groups, &costs, said * best, &ctx).expect("not cancelled");
+        let bound = bound::lower_bound_secs(&groups, &costs, said * best, Effort::Thorough, &ctx).expect("not cancelled");
         prop_assert!(bound <= best + 1e-9, "{bound} above {best}");
     }
 
@@ -160,7 +160,8 @@ fn long_tours_are_proved_shortest_or_nearly() {
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
         let tour = &shortest(&groups, &costs, &[], Effort::Thorough, &ctx).expect("not cancelled")[0];
-        let (secs, bound) = (length(tour, &costs), lower_bound_secs(&groups, &costs, tour, &ctx).expect("not cancelled"));
+        let (secs, bound) =
+            (length(tour, &costs), lower_bound_secs(&groups, &costs, tour, Effort::Thorough, &ctx).expect("not cancelled"));
         println!("30 groups of 4, seed {seed}: {secs:.4}, at least {bound:.4}, gap {:.2} %", 100.0 * (secs / bound - 1.0));
         assert!(bound <= secs && secs < 1.001 * bound, "{secs} and {bound}");
     }
@@ -173,7 +174,7 @@ fn the_bound_is_the_same_on_any_threads_and_vector_instructions() {
     let bound = |threads: usize, level: SimdLevel| {
         let ctx = Context::new(&flag, &Silent).with_simd_level(level);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
-        pool.install(|| bound::lower_bound_secs(&groups, &costs, 100.0, &ctx)).expect("not cancelled").to_bits()
+        pool.install(|| bound::lower_bound_secs(&groups, &costs, 100.0, Effort::Thorough, &ctx)).expect("not cancelled").to_bits()
     };
     let one = bound(1, SimdLevel::PORTABLE);
     assert!(SimdLevel::available().into_iter().all(|level| bound(2, level) == one));
@@ -187,7 +188,7 @@ fn the_bound_of_tours_that_can_be_solved_is_their_optimum_or_close_to_it() {
         let flag = AtomicBool::new(false);
         let ctx = Context::new(&flag, &Silent);
         let best = length(&exact(&groups, &costs, &ctx).expect("not cancelled"), &costs);
-        let bound = bound::lower_bound_secs(&groups, &costs, 1.05 * best, &ctx).expect("not cancelled");
+        let bound = bound::lower_bound_secs(&groups, &costs, 1.05 * best, Effort::Thorough, &ctx).expect("not cancelled");
         assert!(bound <= best && bound > 0.99 * best, "{bound} of {best}");
         proved += u32::from(bound > (1.0 - 1e-4) * best);
         let entered = bound::entered_secs(&groups, &costs);
