@@ -281,14 +281,14 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
         println!("  setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability));
     }
     coverage.regions.iter().for_each(|region| println!("{}", region_summary(region)));
+    for advice in &plan.advice {
+        println!("  advice: {}\n                   {}", advice.text, advice.options());
+    }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
         if let Some(remedy) = &missed.remedy {
             println!("                   largest spot: {}", advice(remedy, plan.params.setups));
         }
-    }
-    for advice in &plan.advice {
-        println!("  advice: {}\n                   {}", advice.text, advice.options());
     }
     println!("Report: {}", args.out.join("report.html").display());
     Ok(())

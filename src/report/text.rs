@@ -42,8 +42,8 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_views(out, plan)?;
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
     write_obstructions(out, &plan.obstructions)?;
-    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)?;
-    write_advice(out, plan)
+    write_advice(out, plan)?;
+    write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
 }
 
 fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {

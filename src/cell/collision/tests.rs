@@ -444,7 +444,7 @@ fn a_cable_is_kept_clear_of_what_is_around() {
 fn of_two_bodies_that_keep_their_distance_nothing_is_said() {
     let cell = cell();
     let (scene, axes) = (CollisionScene::without_part(&cell, 5.0), cell.axes());
-    let farthest = scene.farthest(&cell, 200.0, || Ok::<(), ()>(())).expect("not interrupted");
+    let farthest = scene.farthest(&cell, 200.0, || Ok::<(), std::convert::Infallible>(())).expect("not interrupted");
     let constant = Contact { a: "wrist tip".into(), b: "adapter".into() };
     let mut found_mm = Vec::new();
     for sample in 1..=40 {

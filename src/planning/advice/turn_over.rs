@@ -57,7 +57,8 @@ pub(super) fn advice(
     ctx: &Context<'_>,
 ) -> Result<Option<PlanAdvice>, PlanError> {
     let regions = unmet_regions(basis, outcome);
-    if !may_plan_another(scope) || !(may_recover(basis, outcome) || !regions.is_empty()) {
+    let may_help = may_recover(basis, outcome) || !regions.is_empty();
+    if !may_plan_another(scope) || !may_help {
         return Ok(None);
     }
     match tried(basis, outcome, scope, regions, &ctx.silent()) {
@@ -91,6 +92,10 @@ fn tried(
         return Ok(None);
     }
     let moving_secs = trial.order(&setup, ctx)?;
+    // Views without a path were dropped.
+    if must_join && !trial.is_joined(outcome) {
+        return Ok(None);
+    }
     Ok(trial.into_advice(scope, outcome, &further, regions, (enough_mm2, moving_secs)))
 }
 
@@ -104,19 +109,26 @@ fn may_plan_another(scope: &AdviceScope<'_>) -> bool {
     above_only && has_all && params.setups < MAX_SETUPS && scope.input.fixture.is_none() && blocks <= MAX_BLOCKS
 }
 
+/// Returns true if another pose may let the cell measure what is missed for a cause.
+fn may_mend(cause: Cause) -> bool {
+    !matches!(cause, Cause::Enclosed | Cause::NotChosen)
+}
+
 /// Returns true if enough is missed for causes that another pose may mend.
 fn may_recover(basis: &Basis, outcome: &Outcome) -> bool {
     let is_open = |verdict: &Verdict| match verdict {
-        Verdict::Missed(cause) => !matches!(cause, Cause::Enclosed | Cause::NotChosen),
+        Verdict::Missed(cause) => may_mend(*cause),
         Verdict::Measured(_) | Verdict::NotAsked => false,
     };
     let open = outcome.verdicts.iter().zip(&basis.asked_area_mm2).filter(|(verdict, _)| is_open(verdict));
     open.map(|(_, area_mm2)| area_mm2).sum::<f64>() >= MIN_RECOVERED * basis.asked_mm2()
 }
 
+/// Regions that miss their target for causes that another pose may mend.
 fn unmet_regions(basis: &Basis, outcome: &Outcome) -> Vec<UnmetRegion> {
     let requirements = &outcome.surface.requirements;
-    let unmet = outcome.plan.coverage.regions.iter().enumerate().filter(|(_, region)| region.is_unmet() && region.samples > 0);
+    let may_be_met = |region: &RegionCoverage| region.is_unmet() && region.missed_mm2.iter().any(|(cause, _)| may_mend(*cause));
+    let unmet = outcome.plan.coverage.regions.iter().enumerate().filter(|(_, region)| may_be_met(region));
     let region = |(number, region): (usize, &RegionCoverage)| {
         let holds = |sample: SampleId| requirements.of(sample).regions.contains(&number);
         let area_mm2 = |sample: SampleId| if holds(sample) { basis.asked_area_mm2[sample.index()] } else { 0.0 };
@@ -178,13 +190,10 @@ impl Trial<'_> {
     /// Adds views until the setup shares surface with another that fixes all freedoms, as [`crate::planning::adjust`] does between
     /// the setups of a plan. Returns false where none would.
     fn join(&mut self, outcome: &Outcome, ctx: &Context<'_>) -> Result<bool, Cancelled> {
-        let part = SharedSurface::new(&outcome.surface);
-        let others = measured_by_setup(outcome);
-        let resistance =
-            |own: &SampleSet| others.iter().map(|other| part.stability(&shared(own, other)).resistance).fold(0.0, f64::max);
+        let link = SetupsLink::to_setups(outcome);
         for _ in 0..MAX_JOINING {
             let own = self.rows_of(&self.chosen);
-            let now = resistance(&own);
+            let now = link.resistance(&own);
             if now >= MIN_RESISTANCE {
                 return Ok(true);
             }
@@ -193,7 +202,7 @@ impl Trial<'_> {
                 ctx.check()?;
                 let mut with = own.clone();
                 with.insert_all(self.rows[*place].measured());
-                Ok((*place, resistance(&with), shared_area_mm2(&outcome.surface, &with, &others)))
+                Ok((*place, link.resistance(&with), link.shared_area_mm2(&with)))
             };
             let tried = free.par_iter().map(with).collect::<Result<Vec<_>, Cancelled>>()?;
             let stiffest = tried.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a }).filter(|best| best.1 > now + 1e-6);
@@ -201,7 +210,12 @@ impl Trial<'_> {
             let Some((place, ..)) = stiffest.or(widest) else { return Ok(false) };
             self.chosen.push(place);
         }
-        Ok(resistance(&self.rows_of(&self.chosen)) >= MIN_RESISTANCE)
+        Ok(self.is_joined(outcome))
+    }
+
+    /// Returns true if the setup shares surface with another that fixes all freedoms.
+    fn is_joined(&self, outcome: &Outcome) -> bool {
+        SetupsLink::to_setups(outcome).resistance(&self.rows_of(&self.chosen)) >= MIN_RESISTANCE
     }
 
     /// Orders the views that were chosen, and drops those without a path. Returns the time of their moves, 0 without a cell.
@@ -226,7 +240,8 @@ impl Trial<'_> {
         regions.retain(|region| region.measured_mm2(&measured) >= region.needed_mm2);
         // A plan ends once it meets its target.
         let measured_mm2 = self.basis.area_mm2(&measured).min(enough_mm2.max(self.basis.measured_mm2()));
-        if self.chosen.is_empty() || !(self.basis.is_worth(measured_mm2) || !regions.is_empty()) {
+        let is_worth = self.basis.is_worth(measured_mm2) || !regions.is_empty();
+        if self.chosen.is_empty() || !is_worth {
             return None;
         }
         let pose = further.table_from_part;
@@ -252,20 +267,36 @@ impl Trial<'_> {
     }
 }
 
-/// Samples that the views of each setup of a plan measure.
-fn measured_by_setup(outcome: &Outcome) -> Vec<SampleSet> {
-    let samples = outcome.surface.sample_mm.len();
-    let measured = |(id, _): (SetupId, &SetupPlan)| {
-        let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
-        union_of(views.filter(|(view, _)| view.setup == id).map(|(_, row)| row), samples)
-    };
-    SetupId::number(&outcome.plan.setups).map(measured).collect()
+/// Link of a further setup to those of a plan.
+struct SetupsLink<'a> {
+    surface: &'a Surface,
+    part: SharedSurface<'a>,
+    /// Samples that the views of each setup measure.
+    measured: Vec<SampleSet>,
 }
 
-/// Area that a set shares with any of others.
-fn shared_area_mm2(surface: &Surface, own: &SampleSet, others: &[SampleSet]) -> f64 {
-    let is_shared = |sample: &SampleId| others.iter().any(|other| other.holds(*sample));
-    own.iter().filter(is_shared).map(|sample| surface.sample_area_mm2(sample)).sum()
+impl<'a> SetupsLink<'a> {
+    fn to_setups(outcome: &'a Outcome) -> Self {
+        let (surface, samples) = (&outcome.surface, outcome.surface.sample_mm.len());
+        let measured = |(id, _): (SetupId, &SetupPlan)| {
+            let views = outcome.plan.views.iter().zip(&outcome.measured_by_view);
+            union_of(views.filter(|(view, _)| view.setup == id).map(|(_, row)| row), samples)
+        };
+        let measured = SetupId::number(&outcome.plan.setups).map(measured).collect();
+        Self { surface, part: SharedSurface::new(surface), measured }
+    }
+
+    /// Resistance of the strongest link of a setup whose views measure these samples.
+    fn resistance(&self, own: &SampleSet) -> f64 {
+        let links = self.measured.iter().map(|other| self.part.stability(&shared(own, other)));
+        links.map(|stability| stability.resistance).fold(0.0, f64::max)
+    }
+
+    /// Area that it shares with any of the others.
+    fn shared_area_mm2(&self, own: &SampleSet) -> f64 {
+        let is_shared = |sample: &SampleId| self.measured.iter().any(|other| other.holds(*sample));
+        own.iter().filter(is_shared).map(|sample| self.surface.sample_area_mm2(sample)).sum()
+    }
 }
 
 /// Parameters of a plan with the further setup and so many views.

@@ -130,7 +130,7 @@ impl AdviceDocument {
         let setting = |(name, value): (&String, &Value)| match value {
             Value::Array(_) => format!("{name} as in plan.json"),
             Value::String(text) => format!("{name} = {text}"),
-            _ => format!("{name} = {value}"),
+            Value::Null | Value::Bool(_) | Value::Number(_) | Value::Object(_) => format!("{name} = {value}"),
         };
         // The number of setups first, lists last.
         let (lists, values): (Vec<_>, Vec<_>) = self.set.iter().rev().partition(|(_, value)| value.is_array());
@@ -143,7 +143,7 @@ impl AdviceDocument {
         let option = |(name, value): (&String, &Value)| match value {
             Value::Array(_) | Value::Object(_) => format!("--set '{name}={value}'"),
             Value::String(text) => format!("--set {name}={text}"),
-            _ => format!("--set {name}={value}"),
+            Value::Null | Value::Bool(_) | Value::Number(_) => format!("--set {name}={value}"),
         };
         self.set.iter().rev().map(option).collect::<Vec<_>>().join(" ")
     }
