@@ -23,7 +23,7 @@ pub use axis::{Axes, Axis, AxisSpec, Configuration};
 pub use body::{Body, LinkBody, Shape};
 pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
 pub(crate) use closed_list::closed_list;
-pub use collision::{CollisionScene, Contact, Separation};
+pub use collision::{CollisionScene, Contact, Farthest, Separation};
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec};

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use super::expected;
 use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings};
 use crate::planning::candidates::Label;
-use crate::planning::plan::{Cause, RemedyKind, StopReason, ViewId};
+use crate::planning::plan::{AdviceKind, Cause, RemedyKind, StopReason, ViewId};
 use crate::program::{self, Expected};
 use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument, VisibleSharesDocument};
 
@@ -34,6 +34,7 @@ pub(super) fn check(document: &PlanDocument, cell: Option<&Cell>) -> Result<(), 
     regions::check(document, &mut findings);
     check_views(document, &mut findings);
     check_missed(document, &mut findings);
+    check_advice(document, &mut findings);
     check_bound(document, &mut findings);
     one_of("/stopped_because", &document.stopped_because, &StopReason::ALL.map(StopReason::as_str), &mut findings);
     check_setups(document, &mut findings);
@@ -277,6 +278,15 @@ fn check_missed(document: &PlanDocument, findings: &mut Findings) {
     findings.require((missed_mm2 - left_mm2).abs() <= AREA_TOLERANCE * coverage.asked_area_mm2, "/missed", || {
         format!("adds up to {missed_mm2} mm²; asked less measured is {left_mm2} mm²")
     });
+}
+
+fn check_advice(document: &PlanDocument, findings: &mut Findings) {
+    for (index, advice) in document.advice.iter().enumerate() {
+        let at = format!("/advice/{index}");
+        one_of(format!("{at}/kind"), &advice.kind, &AdviceKind::ALL.map(AdviceKind::as_str), findings);
+        share(format!("{at}/of_asked"), advice.of_asked, findings);
+        share(format!("{at}/of_visible"), advice.of_visible, findings);
+    }
 }
 
 fn check_remedy(at: &str, remedy: &RemedyDocument, findings: &mut Findings) {

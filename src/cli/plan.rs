@@ -18,12 +18,12 @@ use crate::geometry::{LengthUnit, Poll};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::RegionCoverage;
+use crate::planning::plan::{RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
-use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RemedyDocument, RobustDocument};
+use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RemedyDocument, RobustDocument, SetupDocument};
 use crate::wire::words::{area_mm2, headline, no_plan_sentence, stability_sentence};
 use crate::wire::{json_file_bytes, parameters, warnings};
 
@@ -132,7 +132,14 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
     out::write(&args.out, &artifacts)?;
     print_summary(args, &artifacts)?;
+    warn_of_errors(&params, outcome.plan.coverage.robust.as_ref());
     judge_regions(args.strict, &params, &outcome.plan.coverage.regions)
+}
+
+/// Warns of a plan that loses much under pose errors.
+fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>) {
+    let fragile = robust.and_then(|robust| warnings::of_robust(params, &RobustDocument::from(robust), ""));
+    warn("parameters", fragile.as_slice());
 }
 
 /// Warns of regions that do not reach their target; with `strict` they are an error.
@@ -267,10 +274,16 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     if let Some(robust) = &coverage.robust {
         println!("  {}", under_pose_errors(robust));
     }
+    for setup in setup_lines(&plan) {
+        println!("  {setup}");
+    }
     for link in &plan.setup_links {
         println!("  setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability));
     }
     coverage.regions.iter().for_each(|region| println!("{}", region_summary(region)));
+    for advice in &plan.advice {
+        println!("  advice: {}\n                   {}", advice.text, advice.options());
+    }
     for missed in &plan.missed {
         println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
         if let Some(remedy) = &missed.remedy {
@@ -279,6 +292,15 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     }
     println!("Report: {}", args.out.join("report.html").display());
     Ok(())
+}
+
+/// Setups with how the part lies in each, one on a line.
+fn setup_lines(plan: &PlanDocument) -> Vec<String> {
+    let line = |(number, setup): (usize, &SetupDocument)| {
+        let turn = setup.turn.as_ref().map_or_else(|| "as it is laid first".to_owned(), |turn| turn.text.clone());
+        format!("setup {}: {turn}; {} views", number + 1, setup.viewpoints.len())
+    };
+    plan.setups.iter().enumerate().map(line).collect()
 }
 
 /// Coverage of a region: what is asked and what is reached on one line, and the reasons on another if that is too little.
@@ -325,8 +347,11 @@ pub(super) fn advice(remedy: &RemedyDocument, setups: u32) -> String {
     match remedy.kind.as_str() {
         "none" if remedy.tried == 1 => "no fix found (the one view tried does not see half of it)".to_owned(),
         "none" => format!("no fix found (no 8 of the {} views tried see half of it)", remedy.tried),
-        "setup" if setups == 1 => recovers("turn the part onto another side and scan again (try --set setups=2)"),
-        "setup" => recovers("turn the part onto another side and scan again (set part.resting_poses)"),
+        "setup" => {
+            let turn = remedy.turn.as_ref().map_or("turn it onto another side", |turn| turn.text.as_str());
+            let knob = if setups == 1 { "try --set setups=2" } else { "set part.resting_poses" };
+            recovers(&format!("{turn} and scan again ({knob})"))
+        }
         "view" => {
             let views =
                 if remedy.views.len() == 1 { "1 more view".to_owned() } else { format!("{} more views", remedy.views.len()) };

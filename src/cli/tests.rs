@@ -6,7 +6,7 @@ use crate::cell::{CellSpec, Named, PoseSpec, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
 use crate::testing::arm_urdf;
-use crate::wire::plan::{RegionCoverageDocument, RegionMissDocument, RemedyDocument, RemedyViewDocument};
+use crate::wire::plan::{RegionCoverageDocument, RegionMissDocument, RemedyDocument, RemedyViewDocument, TurnDocument};
 
 fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String, CliError> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -126,6 +126,10 @@ fn results_replace_what_was_there_and_leave_no_parts() {
     assert_eq!(error.exit_code(), 1, "{error}");
 }
 
+fn upside_down() -> TurnDocument {
+    TurnDocument { kind: "upside_down".to_owned(), side: None, angle_deg: 180.0, text: "turn it upside down".to_owned() }
+}
+
 #[test]
 fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
     let view = RemedyViewDocument {
@@ -141,6 +145,7 @@ fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
         text: "tilt candidate 7 by 20°".to_owned(),
         views: vec![view.clone(); views],
         table_from_part: None,
+        turn: (kind == "setup").then(upside_down),
         camera_deg: None,
         projector_deg: None,
         area_mm2: 61.1,
@@ -149,8 +154,8 @@ fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
     };
     for (kind, views, setups, advice) in [
         ("none", 0, 1, "no fix found (no 8 of the 830 views tried see half of it)"),
-        ("setup", 1, 1, "turn the part onto another side and scan again (try --set setups=2): recovers 61.1 mm² (93 %)"),
-        ("setup", 1, 2, "turn the part onto another side and scan again (set part.resting_poses): recovers 61.1 mm² (93 %)"),
+        ("setup", 1, 1, "turn it upside down and scan again (try --set setups=2): recovers 61.1 mm² (93 %)"),
+        ("setup", 1, 2, "turn it upside down and scan again (set part.resting_poses): recovers 61.1 mm² (93 %)"),
         ("view", 1, 1, "1 more view would measure it (raise selection.target or selection.max_views): recovers 61.1 mm² (93 %)"),
         ("view", 3, 1, "3 more views would measure it (raise selection.target or selection.max_views): recovers 61.1 mm² (93 %)"),
         ("tilt", 1, 1, "tilt candidate 7 by 20°"),
@@ -158,7 +163,7 @@ fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
         assert_eq!(plan::advice(&remedy(kind, views), setups), advice);
     }
     for (kind, advice) in [
-        ("setup", "only 75 % of it, 61.1 mm²: turn the part onto another side and scan again (try --set setups=2)"),
+        ("setup", "only 75 % of it, 61.1 mm²: turn it upside down and scan again (try --set setups=2)"),
         ("view", "only 75 % of it, 61.1 mm²: 2 more views (raise selection.target or selection.max_views)"),
     ] {
         assert_eq!(plan::advice(&RemedyDocument { of_spot: 0.75, ..remedy(kind, 2) }, 1), advice);

@@ -1,6 +1,7 @@
 #![doc = include_str!("../METHOD.md")]
 
 mod adjust;
+mod advice;
 pub mod candidates;
 pub mod certificate;
 pub mod context;

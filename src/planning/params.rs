@@ -328,6 +328,8 @@ params! {
     MissedParams {
         /// Number of the largest missed spots for which a remedy is sought.
         remedies: u32 = 20, [0.0, 1000.0] "spots";
+        /// Tries advice on the plan as a whole: one more setup, more views.
+        advice: bool = true;
     }
 }
 

@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::adjust;
+use super::advice::{self, AdviceScope, Basis};
 use super::candidates::{Candidate, CandidateSet};
 use super::certificate::{self, SetupViews};
 use super::context::{Cancelled, Context, PlanError, Stage};
@@ -169,12 +170,16 @@ fn explain(
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
     let surroundings = Surroundings { occluders, part, can_execute };
+    let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
+    if let Some(basis) = basis {
+        outcome.plan.advice = advice::of(&basis, &outcome, &AdviceScope { input, sampled, setups }, ctx)?;
+    }
     if sampled.params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;
     }
     outcome.plan.obstructions = obstructions;
-    add_clearances(&mut outcome, setups);
+    add_clearances(&mut outcome, setups, ctx)?;
     Ok(outcome)
 }
 
@@ -222,14 +227,19 @@ fn obstructions(
 }
 
 /// Adds to each station how near anything comes there.
-fn add_clearances(outcome: &mut Outcome, setups: &[Setup<'_>]) {
-    let plans = &outcome.plan.setups;
+fn add_clearances(outcome: &mut Outcome, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<(), Cancelled> {
+    let scene_of = |plan: &SetupPlan| {
+        let scene = setup_of(setups, plan).and_then(|setup| setup.scene.as_ref());
+        scene.map(|scene| Ok((scene, scene.farthest(ctx)?))).transpose()
+    };
+    let scenes = outcome.plan.setups.iter().map(scene_of).collect::<Result<Vec<_>, Cancelled>>()?;
     for view in &mut outcome.plan.views {
-        let scene = plans.get(view.setup.index()).and_then(|plan| setup_of(setups, plan)?.scene.as_ref());
-        if let (Some(scene), Some(station), Some(stance)) = (scene, &view.station, &mut view.stance) {
-            stance.clearance_mm = scene.clearance_mm(station);
+        let scene = scenes.get(view.setup.index()).and_then(Option::as_ref);
+        if let (Some((scene, farthest)), Some(station), Some(stance)) = (scene, &view.station, &mut view.stance) {
+            stance.clearance_mm = scene.clearance_mm(station, farthest);
         }
     }
+    Ok(())
 }
 
 /// Returns true if the cell can take a view in one of the setups.

@@ -9,13 +9,14 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, Stability, share};
+use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
-use crate::wire::plan::CoverageDocument;
+use crate::wire::plan::{AdviceDocument, CoverageDocument, RobustDocument};
+use crate::wire::warnings::of_robust;
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, changed_params, fixed, freedom, headline, noise_remark, remedy_sentence,
-    treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, changed_params, fixed, freedom, headline, lie_phrase, noise_remark,
+    remedy_sentence, treated_spots,
 };
 
 /// The text. Same plan, same text; every line ends with a newline.
@@ -32,6 +33,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
+    write_warnings(out, plan)?;
     write_regions(out, &plan.coverage.regions)?;
     write_setups(out, plan)?;
     write_links(out, plan)?;
@@ -40,6 +42,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_views(out, plan)?;
     plan.sequences().try_for_each(|sequence| write_sequence(out, sequence))?;
     write_obstructions(out, &plan.obstructions)?;
+    write_advice(out, plan)?;
     write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
 }
 
@@ -60,11 +63,12 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
         return Ok(());
     }
     writeln!(out, "\nsetups")?;
-    plan.setups.iter().enumerate().try_for_each(|(number, setup)| {
+    SetupId::number(&plan.setups).try_for_each(|(id, setup)| {
         let asked_mm2 = plan.coverage.asked_area_mm2;
         let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
         let (views, lies) = (setup.views.len(), pose(&setup.table_from_part));
-        write!(out, "  {}: {views} views measure {measured} % of the asked area", number + 1)?;
+        let turn = plan.turn_into(id).map_or_else(String::new, |turn| format!("{}; ", lie_phrase(&turn)));
+        write!(out, "  {}: {turn}{views} views measure {measured} % of the asked area", id.0 + 1)?;
         writeln!(out, ", of {coverable} % that candidates here could; {lies}")
     })
 }
@@ -177,6 +181,25 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
         writeln!(out, ", worst {worst} %, 5th percentile {p5} %, mean {mean} %")?;
     }
     Ok(())
+}
+
+/// Says that the plan is fragile under pose errors, if it is.
+fn write_warnings(out: &mut String, plan: &Plan) -> fmt::Result {
+    let robust = plan.coverage.robust.as_ref().map(RobustDocument::from);
+    let warning = robust.and_then(|robust| of_robust(&plan.params, &robust, ""));
+    warning.map_or(Ok(()), |warning| {
+        let knob = warning.pointer.trim_start_matches('/').replace('/', ".");
+        writeln!(out, "\nwarning, {}: {knob} {}", warning.code.as_str(), warning.detail)?;
+        writeln!(out, "  {}", warning.remedy)
+    })
+}
+
+/// Lists the advice on the plan as a whole.
+fn write_advice(out: &mut String, plan: &Plan) -> fmt::Result {
+    if !plan.advice.is_empty() {
+        writeln!(out, "\nadvice, tried on the model")?;
+    }
+    AdviceDocument::all_of(plan).iter().try_for_each(|advice| writeln!(out, "  {}", advice.text))
 }
 
 fn write_bound(out: &mut String, bound: &Bound) -> fmt::Result {

@@ -1,5 +1,6 @@
 //! `plan.json`, schema `vantage.plan/1`. It depends on neither clock nor thread count: the same input gives the same bytes.
 
+mod advice;
 mod coverage;
 mod missed;
 mod motion;
@@ -11,6 +12,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub use advice::{AdviceDocument, TurnDocument};
 pub use coverage::{
     CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument,
     VisibleSharesDocument,
@@ -22,9 +24,10 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 
 use super::angle::degrees;
 use super::echo::Echo;
+use super::warnings::{self, FieldWarning};
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
-use crate::planning::plan::{Bound, Cause, Outcome, Plan, PlannedView, SetupPlan};
+use crate::planning::plan::{Bound, Cause, Outcome, Plan, PlannedView, SetupId, SetupPlan};
 
 /// Schema name in the document.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -76,6 +79,12 @@ pub struct PlanDocument {
     pub obstructions: Vec<ObstructionDocument>,
     /// Missed area by cause.
     pub missed: Vec<MissedDocument>,
+    /// Advice on the plan as a whole, what measures most first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub advice: Vec<AdviceDocument>,
+    /// Warnings on what the plan does not reach or tolerate.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<FieldWarning>,
     /// Bounds on the best selection from the same candidates.
     pub bound: BoundDocument,
     /// Rule that ended the selection.
@@ -186,6 +195,9 @@ pub struct CellDocument {
 pub struct SetupDocument {
     /// Pose of the part on the table in this setup.
     pub table_from_part: PoseSpec,
+    /// Turn into this pose from that of the first setup; absent in the first setup.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn: Option<TurnDocument>,
     /// Ids of the viewpoints taken in this setup.
     pub viewpoints: Vec<u32>,
     /// Asked area that at least one kept candidate of this setup measures.
@@ -195,13 +207,14 @@ pub struct SetupDocument {
 }
 
 fn setups(plan: &Plan) -> Vec<SetupDocument> {
-    let document = |setup: &SetupPlan| SetupDocument {
+    let document = |(id, setup): (SetupId, &SetupPlan)| SetupDocument {
         table_from_part: PoseSpec::from(&setup.table_from_part),
+        turn: plan.turn_into(id).as_ref().map(TurnDocument::from),
         viewpoints: setup.views.iter().map(|view| view.0).collect(),
         coverable_area_mm2: setup.coverable_area_mm2,
         measured_area_mm2: setup.measured_area_mm2,
     };
-    if plan.setups.len() > 1 { plan.setups.iter().map(document).collect() } else { Vec::new() }
+    if plan.setups.len() > 1 { SetupId::number(&plan.setups).map(document).collect() } else { Vec::new() }
 }
 
 /// Numbers of candidates.
@@ -256,7 +269,8 @@ pub struct StationDocument {
     /// singularity.
     #[serde(default)]
     pub singularity_margin: f64,
-    /// Distance between the two nearest bodies, mm; `null` if it is more than 200 mm.
+    /// Distance between the two nearest bodies, mm, of those that are nearer to each other here than they have to be: pairs that no
+    /// axis can bring farther apart are left out. `null` if it is more than 200 mm.
     #[serde(default)]
     pub clearance_mm: Option<f64>,
 }
@@ -315,6 +329,8 @@ impl PlanDocument {
             motion: MotionDocument::of(plan),
             obstructions: plan.obstructions.iter().map(ObstructionDocument::from).collect(),
             missed: plan.missed.iter().map(MissedDocument::from).collect(),
+            advice: AdviceDocument::all_of(plan),
+            warnings: warnings::of_coverage(&plan.params, &CoverageDocument::from(&plan.coverage), "/params"),
             bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),
         }

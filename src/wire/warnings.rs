@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::plan::RegionCoverageDocument;
+use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, fixed, rounded_up_mm};
 use crate::cell::closed_list;
 use crate::planning::params::{NoiseParams, PlanParams};
+use crate::planning::plan::Robust;
 
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,8 @@ closed_list! {
         ToleranceBeyondNoise = "tolerance_beyond_noise",
         /// A smaller share of the region or feature is measured than its target.
         RegionUnmet = "region_unmet",
+        /// The plan loses more than one point of the asked area if poses are off by the error that it was evaluated with.
+        FragileUnderPoseError = "fragile_under_pose_error",
     }
 }
 
@@ -84,6 +87,44 @@ fn remedy_for_noise() -> String {
 pub fn of_regions(params: &PlanParams, regions: &[RegionCoverageDocument], at: &str) -> Vec<FieldWarning> {
     let unmet = regions.iter().enumerate().filter(|(_, region)| region.met == Some(false));
     unmet.map(|(number, region)| unmet_region(&pointer_of_region(params, number, at), region)).collect()
+}
+
+/// Warnings on what the coverage of a plan does not reach or tolerate; `at` is the pointer to its parameters.
+#[must_use]
+pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -> Vec<FieldWarning> {
+    let mut warnings = of_regions(params, &coverage.regions, at);
+    warnings.extend(coverage.robust.as_ref().and_then(|robust| of_robust(params, robust, at)));
+    warnings
+}
+
+/// Warning on a plan that loses more than [`Robust::MAX_LOSS`] of the asked area in some draw of its pose errors; `at` is the
+/// pointer to its parameters.
+#[must_use]
+pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Option<FieldWarning> {
+    let mut kinds = vec![("each view", robust.of_asked), ("the part as a whole", robust.part.of_asked)];
+    kinds.extend(robust.hand_eye.map(|hand_eye| ("the hand-eye calibration", hand_eye.of_asked)));
+    let worst = kinds.into_iter().reduce(|a, b| if b.1.nominal - b.1.worst > a.1.nominal - a.1.worst { b } else { a });
+    let (kind, drawn) = worst.filter(|(_, drawn)| drawn.nominal - drawn.worst > Robust::MAX_LOSS)?;
+    let error = robust.pose_error;
+    let (state, remedy) = if params.robust.select {
+        ("true, and yet", "raise selection.target, so that more of the surface is measured twice")
+    } else {
+        ("false, and", "choose views that tolerate it (robust.select = true), or raise selection.target")
+    };
+    Some(FieldWarning {
+        code: WarningCode::FragileUnderPoseError,
+        pointer: format!("{at}/robust/select"),
+        detail: format!(
+            "is {state} an error of {kind} by {}° and {} mm costs up to {:.2} points of coverage: {:.2} % of the asked area instead              of {:.2} %; a plan that tolerates it loses at most {:.1}",
+            error.angle_deg,
+            error.translation_mm,
+            100.0 * (drawn.nominal - drawn.worst),
+            100.0 * drawn.worst,
+            100.0 * drawn.nominal,
+            100.0 * Robust::MAX_LOSS,
+        ),
+        remedy: remedy.to_owned(),
+    })
 }
 
 /// Pointer to a region by its number: regions of interest come first, then features.

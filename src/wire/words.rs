@@ -4,10 +4,11 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Advice, Cause, MissedCause, MissedSpot, RegionCoverage, Remedy, RemedyKind, RemedyView};
+use crate::planning::plan::{
+    Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, Turn, TurnKind,
+};
 use crate::planning::registration::Stability;
 use crate::wire::plan::{CoverageDocument, StabilityDocument};
 
@@ -250,23 +251,21 @@ pub fn partial_share(of_spot: f64, measured_mm2: f64) -> Option<String> {
 pub fn remedy_sentence(remedy: &Remedy) -> String {
     let Some(first) = remedy.views.first() else {
         return match remedy.tried {
-            1 => "none: the one view tried does not measure half of it".into(),
-            tried => format!("none: no eight of {tried} views tried measure half of it"),
+            1 => "no fix found (the one view tried does not see half of it)".into(),
+            tried => format!("no fix found (no 8 of the {tried} views tried see half of it)"),
         };
     };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
-        RemedyKind::View => format!("choose candidate {candidate} too: raise the target, or the limit of views"),
+        RemedyKind::View => format!("choose candidate {candidate} too (raise selection.target or selection.max_views)"),
         RemedyKind::Roll => format!("roll candidate {candidate} by {}°", degrees(first.roll_rad)),
         RemedyKind::Tilt => format!("tilt candidate {candidate} by {}°{}", degrees(first.tilt_rad), rolled(first)),
         RemedyKind::Standoff => {
             format!("take candidate {candidate} from {} mm{}{}", fixed(first.standoff_mm, 0), tilted(first), rolled(first))
         }
-        // The pose that it rests in, named by what points up there.
         RemedyKind::Setup => {
-            let up = remedy.table_from_part.unwrap_or(Pose::identity()).inverse().direction(&nalgebra::Vector3::z());
-            let up = [up.x, up.y, up.z].map(|x| fixed(x, 2)).join(" ");
-            format!("lay the part another way, its direction ({up}) up")
+            let turn = remedy.turn.as_ref().map_or_else(|| "turn it onto another side".to_owned(), turn_phrase);
+            format!("{turn} and scan again")
         }
         RemedyKind::Limit => limits_text(remedy),
         RemedyKind::None => String::new(),
@@ -282,6 +281,40 @@ pub fn remedy_sentence(remedy: &Remedy) -> String {
     }
     let _ = write!(text, ": measures {} mm², {} % of it", area_mm2(remedy.area_mm2), fixed(100.0 * remedy.of_spot, 0));
     text
+}
+
+/// Name of a side of the part as it lies.
+fn side_name(side: PartSide) -> &'static str {
+    match side {
+        PartSide::Right => "right side",
+        PartSide::Back => "back",
+        PartSide::Left => "left side",
+        PartSide::Front => "front",
+    }
+}
+
+/// A turn of the part as an operator is asked for it: "turn it upside down".
+#[must_use]
+pub fn turn_phrase(turn: &Turn) -> String {
+    let side = side_name(turn.side);
+    match turn.kind {
+        TurnKind::None => "lay it as it lies".to_owned(),
+        TurnKind::UpsideDown => "turn it upside down".to_owned(),
+        TurnKind::OnSide => format!("stand it on its {side}"),
+        TurnKind::Tilt => format!("tilt it by {}° towards its {side}", degrees(turn.angle_rad)),
+    }
+}
+
+/// Lie of the part after a turn from the first setup: "upside down".
+#[must_use]
+pub fn lie_phrase(turn: &Turn) -> String {
+    let side = side_name(turn.side);
+    match turn.kind {
+        TurnKind::None => "on the same side as in setup 1".to_owned(),
+        TurnKind::UpsideDown => "upside down".to_owned(),
+        TurnKind::OnSide => format!("on its {side}"),
+        TurnKind::Tilt => format!("tilted by {}° towards its {side}", degrees(turn.angle_rad)),
+    }
 }
 
 fn limits_text(remedy: &Remedy) -> String {

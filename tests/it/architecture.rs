@@ -94,6 +94,7 @@ const PLANNING_ROOMS: &[&str] = &[
     "adjust",
     "missed",
     "outcome",
+    "advice",
     "pipeline",
     "studies",
 ];

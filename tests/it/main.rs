@@ -2,6 +2,7 @@
 
 #![expect(clippy::float_cmp, reason = "tests hold to the bit what is exact")]
 
+mod advice;
 mod architecture;
 mod arms;
 mod bounds;

@@ -169,6 +169,18 @@ fn what_the_scans_of_a_program_measure_is_what_the_plan_says() {
     assert!(off_coverage(share(&poses), plan.coverage.of_asked()).is_some(), "one scan less measures less");
 }
 
+#[test]
+fn clearances_of_stations_are_not_that_of_two_bodies_that_never_move_apart() {
+    let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let plan = planned(&mesh, None, &cell, &quick()).expect("a plan").plan;
+    let clearances_mm: Vec<f64> = plan.views.iter().filter_map(|view| view.stance?.clearance_mm).collect();
+    println!("{clearances_mm:.3?} mm at {} stations", plan.views.len());
+    // The adapter on the flange is 11 mm from the tip of the wrist in any posture.
+    assert!(clearances_mm.iter().all(|mm| (mm - 11.0).abs() > 0.01), "{clearances_mm:?}");
+    let [first, rest @ ..] = &clearances_mm[..] else { panic!("nothing within 200 mm anywhere") };
+    assert!(rest.len() < 2 || rest.iter().any(|mm| (mm - first).abs() > 0.01), "one distance everywhere: {clearances_mm:?}");
+}
+
 /// A beam over the table, where the scanner would look down from.
 fn beamed() -> Cell {
     let mut spec = Presets.cell("e05-transcan").expect("a preset");

@@ -25,9 +25,9 @@ use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::Pose as ParryPose;
 
 use self::scene_body::{ParentLink, SceneBody, assemble};
-pub use self::separation::Separation;
+pub use self::separation::{Farthest, Separation};
 use self::solid::{near, parry_pose};
-use super::axis::{Axis, Configuration};
+use super::axis::{Axes, Axis, Configuration};
 use super::halton::{PRIMES, halton};
 use super::kinematics::Kinematics;
 use super::layout::Cell;
@@ -321,11 +321,7 @@ impl CollisionScene {
             (0..self.pairs.len()).filter(|index| on_arm(self.pairs[*index].a) && on_arm(self.pairs[*index].b)).collect();
         let mut touching = crowded.clone();
         for sample in 1..=ALLOWED_PAIR_SAMPLES {
-            let axes_rad = std::array::from_fn(|axis| {
-                let axis_limits = &axes.0[axis];
-                axis_limits.min_rad + (axis_limits.max_rad - axis_limits.min_rad) * halton(sample, PRIMES[axis])
-            });
-            let placement = self.place(&Configuration::from_axes_rad(axes_rad));
+            let placement = self.place(&spread_configuration(&axes, sample));
             touching.retain(|index| self.is_closer(&self.pairs[*index], &placement, 0.0));
             crowded.retain(|index| self.is_near(&self.pairs[*index], &placement, &[0.0; 7]));
             if crowded.is_empty() {
@@ -388,6 +384,14 @@ impl Pair {
     fn motion_mm(&self, sweep_rad: &[f64; 7]) -> f64 {
         self.motion_bound_mm.iter().zip(sweep_rad).map(|(bound, angle)| bound * angle).sum()
     }
+}
+
+/// One of configurations that are spread evenly over the ranges of all axes; `sample` counts from 1.
+fn spread_configuration(axes: &Axes, sample: u32) -> Configuration {
+    Configuration::from_axes_rad(std::array::from_fn(|axis| {
+        let axis_limits = &axes.0[axis];
+        axis_limits.min_rad + (axis_limits.max_rad - axis_limits.min_rad) * halton(sample, PRIMES[axis])
+    }))
 }
 
 /// Every two bodies that `may_meet`.

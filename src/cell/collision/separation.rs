@@ -7,13 +7,25 @@ use parry3d::query::{self, ClosestPoints};
 use parry3d::shape::{Capsule, Shape};
 
 use super::solid::Solid;
-use super::{CollisionScene, Contact, Pair, Placement, Segment};
+use super::{CollisionScene, Contact, Pair, Placement, Segment, spread_configuration};
 use crate::cell::axis::Configuration;
+use crate::cell::layout::Cell;
 
 /// Distances between surfaces are found this exactly.
 const PRECISION_MM: f64 = 0.05;
 /// Places looked at along a segment.
 const PROBES: u32 = 60;
+/// Configurations from which the largest distance of a pair is known.
+const FARTHEST_SAMPLES: u32 = 60;
+/// A pair is nearer than it has to be if it is by more than this nearer than its largest distance, mm: our choice.
+const NEARER_MM: f64 = 1.0;
+
+/// Largest distance of each pair of bodies, as far as configurations spread over the ranges of all axes tell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Farthest {
+    /// One for each pair of a scene, mm; infinite where the two can be farther apart than was looked for.
+    apart_mm: Vec<f64>,
+}
 
 /// Two bodies near each other.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,13 +39,43 @@ pub struct Separation {
 }
 
 impl CollisionScene {
-    /// The two bodies that are nearest to each other, of those closer than `within_mm`. Links of the arm that are closer
-    /// than the clearance by construction are left out.
+    /// Evaluates the largest distance of each pair of bodies, where it is not more than `within_mm`: of bodies that no axis can
+    /// bring farther apart. Cost: tens of milliseconds; `check` is asked in between.
+    ///
+    /// # Errors
+    /// The error of `check`.
+    pub fn farthest<E>(&self, cell: &Cell, within_mm: f64, check: impl Fn() -> Result<(), E>) -> Result<Farthest, E> {
+        let axes = cell.axes();
+        let mut apart_mm = vec![f64::NEG_INFINITY; self.pairs.len()];
+        let mut near: Vec<usize> = (0..self.pairs.len()).collect();
+        for sample in 1..=FARTHEST_SAMPLES {
+            check()?;
+            let placement = self.place(&spread_configuration(&axes, sample));
+            near.retain(|index| {
+                let pair = &self.pairs[*index];
+                let is_near = self.is_closer(pair, &placement, within_mm);
+                let found = is_near.then(|| self.separation(pair, &placement, within_mm)).flatten();
+                let found_mm = found.map_or(f64::INFINITY, |separation| separation.distance_mm);
+                apart_mm[*index] = apart_mm[*index].max(found_mm);
+                found_mm < f64::INFINITY
+            });
+        }
+        Ok(Farthest { apart_mm })
+    }
+
+    /// The two bodies that are nearest to each other, of those closer than `within_mm` and nearer to each other than they have to
+    /// be: a pair that is as far apart as the axes can bring it says nothing of a configuration, such as what the flange carries
+    /// and the link before it on the axis of the last joint. `farthest` is of this scene. Links of the arm that are closer than the
+    /// clearance by construction are left out too.
     #[must_use]
-    pub fn nearest(&self, configuration: &Configuration, within_mm: f64) -> Option<Separation> {
+    pub fn nearest(&self, configuration: &Configuration, farthest: &Farthest, within_mm: f64) -> Option<Separation> {
         let placement = self.place(configuration);
-        let may_be_near = |pair: &&Pair| pair.clearance_mm >= self.clearance_mm && self.is_closer(pair, &placement, within_mm);
-        let separations = self.pairs.iter().filter(may_be_near).filter_map(|pair| self.separation(pair, &placement, within_mm));
+        let may_be_near = |pair: &Pair| pair.clearance_mm >= self.clearance_mm && self.is_closer(pair, &placement, within_mm);
+        let pairs = self.pairs.iter().zip(&farthest.apart_mm).filter(|(pair, _)| may_be_near(pair));
+        let separations = pairs.filter_map(|(pair, farthest_mm)| {
+            let separation = self.separation(pair, &placement, within_mm)?;
+            (separation.distance_mm < farthest_mm - NEARER_MM).then_some(separation)
+        });
         separations.min_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm))
     }
 

@@ -438,3 +438,25 @@ fn a_cable_is_kept_clear_of_what_is_around() {
     let bare = Cell { cable: Vec::new(), ..shelved };
     assert_eq!(CollisionScene::without_part(&bare, 5.0).check(&cell.home_rad), None);
 }
+
+/// The adapter is round about the last axis, on which the tip of the wrist lies.
+#[test]
+fn of_two_bodies_that_keep_their_distance_nothing_is_said() {
+    let cell = cell();
+    let (scene, axes) = (CollisionScene::without_part(&cell, 5.0), cell.axes());
+    let farthest = scene.farthest(&cell, 200.0, || Ok::<(), std::convert::Infallible>(())).expect("not interrupted");
+    let constant = Contact { a: "wrist tip".into(), b: "adapter".into() };
+    let mut found_mm = Vec::new();
+    for sample in 1..=40 {
+        let configuration = super::spread_configuration(&axes, sample);
+        let (_, kept) = scene.nearest_on(&constant, &[configuration; 2], 200.0).expect("near each other");
+        assert!((kept.distance_mm - 11.0).abs() < 0.01, "{kept:?}");
+        if let Some(nearest) = scene.nearest(&configuration, &farthest, 200.0) {
+            assert_ne!(nearest.bodies, constant);
+            found_mm.push(nearest.distance_mm);
+        }
+    }
+    let most = found_mm.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let least = found_mm.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(found_mm.len() > 10 && most - least > 20.0, "{found_mm:?}");
+}

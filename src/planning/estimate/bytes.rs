@@ -64,11 +64,17 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
     let surfaces = 3.0 * (PATCH * patches + SAMPLE * samples);
     let of_threads = threads * samples * (SAMPLE_OF_THREAD + MAP_OF_SAMPLE * measured);
     Shares {
-        triangles: PROGRAM + triangles(input, counts.setups),
+        // One more setup is tried for advice.
+        triangles: PROGRAM + triangles(input, counts.setups + f64::from(u8::from(tries_setup(input, params)))),
         samples: surfaces + PATCH_OF_SPOT * patches + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS + of_floor) * samples + of_threads,
         candidates: candidates * (CANDIDATE + rows * row + twins) + nodes,
         views: views * (row + exchange) + views.min(MAX_PICTURES) * PICTURE,
     }
+}
+
+/// Returns true if one more setup may be tried: what the part stands on is missed then.
+fn tries_setup(input: &PlanInput<'_>, params: &PlanParams) -> bool {
+    params.missed.advice && input.cell.is_some() && input.fixture.is_none()
 }
 
 /// Bytes that grow with triangles and vertices of the meshes.

@@ -21,7 +21,7 @@ use crate::planning::candidates::CandidateSet;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::CandidateIndex;
 use crate::planning::params::{Hemisphere, PlanParams};
-use crate::planning::plan::{Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView, Verdict};
+use crate::planning::plan::{Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView, Turn, Verdict};
 use crate::planning::setups;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Occluders, Optics, Probe, Row};
@@ -294,7 +294,8 @@ impl<'a> RemedySearch<'a> {
             let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
             let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
             let remedy = self.confirmed(RemedyKind::Setup, &views, &context.optics, context.part_alone, source);
-            let remedy = remedy.map(|remedy| Remedy { table_from_part: Some(*table_from_part), ..remedy });
+            let turn = context.analysis.setups.first().map(|first| Turn::between(first, table_from_part));
+            let remedy = remedy.map(|remedy| Remedy { table_from_part: Some(*table_from_part), turn, ..remedy });
             if let Some(remedy) = self.fallback.unless_works(remedy) {
                 return Ok(Some(remedy));
             }
@@ -357,6 +358,7 @@ impl<'a> RemedySearch<'a> {
             kind,
             views: views.iter().zip(added_mm2).map(view).collect(),
             table_from_part: None,
+            turn: None,
             camera_deg: None,
             projector_deg: None,
             area_mm2,

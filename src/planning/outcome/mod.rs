@@ -114,6 +114,7 @@ impl<'a> Solution<'a> {
             setups: self.setups(ordered, weakest_links),
             setup_links: self.setup_links(),
             obstructions: Vec::new(),
+            advice: Vec::new(),
             coverage,
             params: problem.params.clone(),
         }

@@ -4,16 +4,20 @@
 mod certificate;
 mod measured;
 mod obstruction;
+mod plan_advice;
 mod region_coverage;
 mod remedy;
+mod turn;
 
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 use nalgebra::{Point3, Vector3};
 pub use obstruction::{Advice, Obstruction};
+pub use plan_advice::{AdviceKind, ParamChange, PlanAdvice};
 pub use region_coverage::RegionCoverage;
 pub(in crate::planning) use region_coverage::SHARE_SLACK;
 pub use remedy::{Remedy, RemedyKind, RemedyView};
+pub use turn::{PartSide, Turn, TurnKind};
 
 use super::candidates::Label;
 pub use super::ids::{CandidateId, SetupId, ViewId};
@@ -52,6 +56,8 @@ pub struct Plan {
     pub obstructions: Vec<Obstruction>,
     /// Missed area by cause, in the order of [`Cause`].
     pub missed: Vec<MissedCause>,
+    /// Advice that would measure more, what adds most first.
+    pub advice: Vec<PlanAdvice>,
     /// The rule that ended the selection.
     pub stopped_because: StopReason,
     /// Bound of the views, or of the area, of the best choice from the same candidates.
@@ -89,6 +95,13 @@ impl Plan {
     /// The sequences of all setups, one after another.
     pub fn sequences(&self) -> impl Iterator<Item = &Sequence> {
         self.setups.iter().filter_map(|setup| setup.sequence.as_ref())
+    }
+
+    /// Turn of the part from the first setup into another; `None` for the first itself.
+    #[must_use]
+    pub fn turn_into(&self, setup: SetupId) -> Option<Turn> {
+        let (first, other) = (self.setups.first()?, self.setups.get(setup.index())?);
+        (setup != SetupId(0)).then(|| Turn::between(&first.table_from_part, &other.table_from_part))
     }
 
     /// Views in the order visited, each with the move that leads to it.
@@ -200,8 +213,8 @@ pub struct Stance {
     pub posture: Posture,
     /// Distance from singularity, 0 at one ([`crate::cell::Kinematics::singularity_margin`]).
     pub singularity_margin: f64,
-    /// Distance of the two bodies that are nearest to each other, mm; `None` where all are farther apart than a clearance
-    /// may be asked for.
+    /// Distance of the two bodies that are nearest to each other, mm, of those that the axes can bring farther apart than they are
+    /// here ([`crate::cell::CollisionScene::nearest`]); `None` where all are farther apart than a clearance may be asked for.
     pub clearance_mm: Option<f64>,
 }
 

@@ -1,5 +1,6 @@
 //! Remedies of a missed spot.
 
+use super::Turn;
 use crate::cell::closed_list;
 use crate::geometry::{Part, Pose, ScannerFrame, Table};
 use crate::planning::ids::CandidateId;
@@ -35,6 +36,8 @@ pub struct Remedy {
     pub views: Vec<RemedyView>,
     /// Pose of the part for [`RemedyKind::Setup`], to give as `part.table_from_part`.
     pub table_from_part: Option<Pose<Table, Part>>,
+    /// Turn into that pose from the first setup.
+    pub turn: Option<Turn>,
     /// Limit of the cameras that is needed, where it has to be raised, degrees; at most the own limit of each.
     pub camera_deg: Option<f64>,
     /// Limit of the projector that is needed, where it has to be raised, degrees; at most its own.
@@ -80,6 +83,7 @@ impl Remedy {
             kind: RemedyKind::None,
             views: Vec::new(),
             table_from_part: None,
+            turn: None,
             camera_deg: None,
             projector_deg: None,
             area_mm2: 0.0,

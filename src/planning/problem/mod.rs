@@ -177,7 +177,7 @@ impl ViewPlanningProblem<'_> {
     }
 
     /// Stations of a candidate; none where the cell cannot use it, or without a cell.
-    fn stations(&self, candidate: CandidateIndex) -> &[Station] {
+    pub(in crate::planning) fn stations(&self, candidate: CandidateIndex) -> &[Station] {
         self.reach.as_ref().and_then(|reach| reach[candidate.index()].as_deref().ok()).unwrap_or_default()
     }
 

@@ -49,6 +49,18 @@ impl Rounds<'_> {
         Ok(evaluated)
     }
 
+    /// Evaluates at most `max` of the candidates of the strategies that know the part alone, evenly spaced.
+    ///
+    /// # Errors
+    /// The errors of [`candidates::generate`].
+    pub(super) fn run_some(&self, max: usize, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
+        let mut candidates = candidates::generate(&self.scope, &self.params.candidates, ctx)?;
+        let all = candidates.remaining.len();
+        let count = all.min(max);
+        candidates.remaining = (0..count).map(|i| candidates.remaining[i * all / count].clone()).collect();
+        Ok(self.evaluate(candidates, ctx)?)
+    }
+
     /// Evaluates candidates: their stations, and the samples that each measures.
     fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
         let candidates = self.scene.iter().fold(candidates, |candidates, scene| scene.drop_inside_obstacles(candidates));

@@ -3,6 +3,7 @@
 use super::evaluated::EvaluatedCandidates;
 use super::robust_rows::{self, VisibilityInput};
 use super::rounds::Rounds;
+use crate::geometry::{Part, Pose, Table};
 use crate::planning::candidates::{self, Scope};
 use crate::planning::context::{Context, PlanError, Stage};
 use crate::planning::estimate::Estimate;
@@ -61,16 +62,59 @@ impl SampledPart {
         input: &PlanInput<'a>,
         ctx: &Context<'_>,
     ) -> Result<Vec<Setup<'a>>, PlanError> {
-        let poses = setups::poses(input, &self.params, ctx)?.into_iter();
-        let setup = |table_from_part| {
-            let plate = input.cell.map(|cell| scene::plate(cell, &table_from_part));
-            let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
-            let occluders = Occluders::interruptible(occluders, ctx)?;
-            input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
-            let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part)).transpose()?;
-            Ok(Setup { table_from_part, occluders, scene })
+        setups::poses(input, &self.params, ctx)?.into_iter().map(|pose| self.setup(input, pose, ctx)).collect()
+    }
+
+    /// The part lying in one way, with everything that hides a sample or hinders the robot then.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn setup<'a>(
+        &'a self,
+        input: &PlanInput<'a>,
+        table_from_part: Pose<Table, Part>,
+        ctx: &Context<'_>,
+    ) -> Result<Setup<'a>, PlanError> {
+        let plate = input.cell.map(|cell| scene::plate(cell, &table_from_part));
+        let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
+        let occluders = Occluders::interruptible(occluders, ctx)?;
+        input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
+        let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part)).transpose()?;
+        Ok(Setup { table_from_part, occluders, scene })
+    }
+
+    /// Evaluates at most `max` candidates of a setup, evenly spaced among those of the strategies that know the part alone, and keeps
+    /// those that the cell can take: some of those that a plan in this setup chooses from.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn evaluate_some(
+        &self,
+        input: &PlanInput<'_>,
+        setup: &Setup<'_>,
+        max: usize,
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedCandidates, PlanError> {
+        let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
+        let mut some = self.rounds(input, setup, &optics).run_some(max, ctx)?;
+        some.drop_unusable();
+        Ok(some)
+    }
+
+    fn rounds<'a>(&'a self, input: &'a PlanInput<'_>, setup: &'a Setup<'_>, optics: &'a Optics) -> Rounds<'a> {
+        let scope = Scope {
+            part: input.mesh,
+            surface: &self.surface,
+            scanner: input.scanner,
+            cell: input.cell,
+            table_from_part: setup.table_from_part,
+            occluders: &setup.occluders,
+            optics,
+            score: &self.params.score,
+            seed: self.params.seed,
         };
-        poses.map(setup).collect()
+        let (occluders, scene) = (&setup.occluders, setup.scene.as_ref());
+        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 }
     }
 
     /// Every candidate with its stations and what it measures, the setups' candidates one after another.
@@ -87,20 +131,8 @@ impl SampledPart {
             EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
         let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
         for (index, setup) in SetupIndex::number(setups) {
-            let (params, occluders, scene) = (&self.params, &setup.occluders, setup.scene.as_ref());
-            let scope = Scope {
-                part: input.mesh,
-                surface: &self.surface,
-                scanner: input.scanner,
-                cell: input.cell,
-                table_from_part: setup.table_from_part,
-                occluders,
-                optics: &optics,
-                score: &params.score,
-                seed: params.seed,
-            };
-            let rounds = Rounds { scope, params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 };
-            let evaluated = rounds.run(ctx)?.in_setup(index);
+            let evaluated = self.rounds(input, setup, &optics).run(ctx)?.in_setup(index);
+            let (params, occluders) = (&self.params, &setup.occluders);
             let visibility = VisibilityInput { surface: &self.surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
                 all.robust_rows.get_or_insert_default().extend(rows);

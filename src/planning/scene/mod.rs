@@ -16,7 +16,7 @@ use super::ids::ViewId;
 use super::params::PlanParams;
 use super::sequence::{self, Ordered, Permits, Roadmaps};
 use super::stations::{self, Station, StationFailure};
-use crate::cell::{Cell, CollisionScene, Configuration, Contact, Separation};
+use crate::cell::{Cell, CollisionScene, Configuration, Contact, Farthest, Separation};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 
 /// Largest separation that is measured, mm: as far as a clearance may be asked for.
@@ -133,9 +133,16 @@ impl<'a> PlanningScene<'a> {
         self.scene.nearest_on(bodies, ends, MAX_SEPARATION_MM)
     }
 
-    /// Distance of what is nearest to each other at a station; `None` beyond [`MAX_SEPARATION_MM`].
-    pub(super) fn clearance_mm(&self, station: &Station) -> Option<f64> {
-        self.scene.nearest(&station.configuration(), MAX_SEPARATION_MM).map(|separation| separation.distance_mm)
+    /// Largest distance of each pair of bodies, for [`PlanningScene::clearance_mm`].
+    pub(super) fn farthest(&self, ctx: &Context<'_>) -> Result<Farthest, Cancelled> {
+        self.scene.farthest(self.cell, MAX_SEPARATION_MM, || ctx.check())
+    }
+
+    /// Distance of what is nearest to each other at a station, of what is nearer than it has to be; `None` beyond
+    /// [`MAX_SEPARATION_MM`].
+    pub(super) fn clearance_mm(&self, station: &Station, farthest: &Farthest) -> Option<f64> {
+        let nearest = self.scene.nearest(&station.configuration(), farthest, MAX_SEPARATION_MM);
+        nearest.map(|separation| separation.distance_mm)
     }
 
     pub(super) fn cell(&self) -> &Cell {

@@ -72,6 +72,49 @@ pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_
     Ok(fewest.into_iter().map(|pose| pool[pose]).collect())
 }
 
+/// One more pose to plan in.
+pub(super) struct FurtherPose {
+    pub(super) table_from_part: Pose<Table, Part>,
+    /// True if a plan in one more setup, registered like this, chooses the poses that it has and this one by itself.
+    pub(super) is_default: bool,
+    /// Means of registration that it takes: that of the job where the setups share enough surface, else markers.
+    pub(super) registration: Registration,
+}
+
+/// The pose that adds most to `standing`, the poses that are planned in, all that can be measured from above the plate counted;
+/// of those first that share enough surface with one of them. `None` where no pose adds what a setup is worth.
+///
+/// # Errors
+/// [`PlanError`].
+pub(super) fn further(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    standing: &[Pose<Table, Part>],
+    ctx: &Context<'_>,
+) -> Result<Option<FurtherPose>, PlanError> {
+    let first = params.part.table_from_part.unwrap_or_default().pose();
+    let mut pool = pool(input.mesh, params, &first);
+    let offered = pool.len();
+    pool.extend(standing.iter().filter(|pose| !pool.contains(pose)).copied().collect::<Vec<_>>());
+    let own: Vec<usize> = (0..pool.len()).filter(|place| standing.contains(&pool[*place])).collect();
+    if own.len() == pool.len() {
+        return Ok(None);
+    }
+    let reachable = measured_from(&pool, input, params, ctx)?;
+    let links = (params.registration == Registration::Surface).then(|| reachable.links());
+    let is_joined = |pose: usize| links.as_ref().is_none_or(|links| own.iter().any(|own| links.between(*own, pose).is_fixed()));
+    let worth_mm2 = FLIP_WORTH * reachable.area_mm2.iter().sum::<f64>();
+    let joined = reachable.best_beside(&own, worth_mm2, is_joined);
+    let registration = if joined.is_some() { params.registration } else { Registration::Markers };
+    let Some(pose) = joined.or_else(|| reachable.best_beside(&own, worth_mm2, |_| true)) else { return Ok(None) };
+    let links = links.filter(|_| registration == Registration::Surface);
+    let mut all = own;
+    all.push(pose);
+    all.sort_unstable();
+    let is_default = pool.len() == offered && reachable.fewest(all.len(), worth_mm2, links.as_ref()) == all;
+    Ok(Some(FurtherPose { table_from_part: pool[pose], is_default, registration }))
+}
+
 /// Poses to choose from: those given, else the first and the stable ones.
 pub(super) fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) -> Vec<Pose<Table, Part>> {
     if !params.part.resting_poses.is_empty() {
@@ -195,6 +238,19 @@ impl Reachable {
         let best: Vec<(Vec<usize>, f64)> = (1..=max).map(|count| self.best_of(count, links)).collect();
         let enough_mm2 = best.iter().map(|(_, mm2)| *mm2).fold(0.0, f64::max) - worth_mm2;
         best.into_iter().find(|(_, mm2)| *mm2 >= enough_mm2).map_or_else(|| vec![0], |(poses, _)| poses)
+    }
+
+    /// The pose that adds most to `own`, of those that `allows` lets through, if it adds as much as it is worth; the first of
+    /// equals.
+    fn best_beside(&self, own: &[usize], worth_mm2: f64, allows: impl Fn(usize) -> bool) -> Option<usize> {
+        let added_mm2 = |pose: usize| {
+            let mut added = self.by_pose[pose].clone();
+            own.iter().for_each(|own| added.remove_all(&self.by_pose[*own]));
+            added.iter().map(|sample| self.area_mm2[sample.index()]).sum::<f64>()
+        };
+        let others = (0..self.by_pose.len()).filter(|pose| !own.contains(pose) && allows(*pose));
+        let added = others.map(|pose| (pose, added_mm2(pose))).filter(|(_, mm2)| *mm2 > 0.0 && *mm2 >= worth_mm2);
+        added.reduce(|best, other| if other.1 > best.1 { other } else { best }).map(|(pose, _)| pose)
     }
 
     /// The poses that measure most together, so many; the first of equals. With the area, mm².

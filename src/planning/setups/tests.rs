@@ -3,6 +3,7 @@ use std::sync::atomic::AtomicBool;
 use super::*;
 use crate::cell::PoseSpec;
 use crate::planning::context::Silent;
+use crate::planning::params::Region;
 use crate::testing::{box_mesh, nominal_scanner};
 
 fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Part>> {
@@ -58,4 +59,39 @@ fn a_fixture_holds_one_setup() {
     let params = PlanParams { setups: 2, ..PlanParams::default() };
     let refused = poses(&input, &params, &Context::new(&cancel, &Silent)).err().unwrap_or_else(|| panic!("refused"));
     assert!(refused.to_string().contains("/setups"), "{refused}");
+}
+
+/// The further pose beside the one that a part is given in.
+fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<FurtherPose> {
+    let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
+    let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+    let mut params = PlanParams::default();
+    params.part.table_from_part = Some(PoseSpec::from(&super::super::resting(mesh)));
+    change(&mut params);
+    let standing = params.part.table_from_part.unwrap_or_default().pose();
+    further(&input, &params, &[standing], &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn the_further_pose_of_a_box_is_the_one_that_a_plan_in_two_setups_chooses() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    for registration in [Registration::None, Registration::Surface] {
+        let further = further_of(&mesh, |params| params.registration = registration).unwrap_or_else(|| panic!("a pose"));
+        assert!(further.is_default && further.registration == registration, "{registration:?}");
+        let chosen = poses_of(&mesh, |params| (params.setups, params.registration) = (2, registration));
+        assert_eq!(chosen[1], further.table_from_part, "{registration:?}");
+        // Upside down it shares its walls alone with how it lies, which joins nothing.
+        let is_over = down(&further.table_from_part).z > 0.999;
+        assert_eq!(is_over, registration == Registration::None, "{registration:?}");
+    }
+}
+
+#[test]
+fn no_further_pose_is_offered_where_none_may_be_chosen() {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    let alone = |params: &mut PlanParams| params.part.resting_poses = params.part.table_from_part.into_iter().collect();
+    assert!(further_of(&mesh, alone).is_none());
+    // The underside is not asked for: no other pose is worth it.
+    let without_underside = |params: &mut PlanParams| params.regions.exclude = vec![Region::Faces { faces: vec![0, 1] }];
+    assert!(further_of(&mesh, without_underside).is_none());
 }

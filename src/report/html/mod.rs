@@ -58,6 +58,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
         "<main>\n".to_owned(),
         sections::headline(input),
         regions::section(input),
+        sections::advice(input),
         views::overviews(input, &scene),
         views::chosen(input, &scene, ctx)?,
         sections::curve(input),

@@ -8,10 +8,16 @@ use super::markup::{area, duration, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
-use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, Stability, share};
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{
+    Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, SetupId, Stability, share,
+};
 use crate::planning::sequence::{Leg, Sequence};
-use crate::wire::plan::{CoverageDocument, StabilityDocument};
-use crate::wire::words::{HeadlineShare, advice_sentence, changed_params, headline as headline_shares, treated_spots};
+use crate::wire::plan::{AdviceDocument, CoverageDocument, RobustDocument, StabilityDocument};
+use crate::wire::warnings::of_robust;
+use crate::wire::words::{
+    HeadlineShare, advice_sentence, changed_params, headline as headline_shares, treated_spots, turn_phrase,
+};
 
 /// Max spots listed for each cause.
 const SPOTS_LISTED: usize = 3;
@@ -172,7 +178,9 @@ pub(super) fn certificate(input: &ReportInput<'_>) -> String {
         percent(independent.of_asked()),
         percent(independent.of_total()),
     );
-    said + &coverage.robust.as_ref().map_or_else(String::new, under_pose_errors) + "</section>\n"
+    let params = &input.outcome.plan.params;
+    let under_errors = |robust: &Robust| fragile(params, robust) + &under_pose_errors(robust);
+    said + &coverage.robust.as_ref().map_or_else(String::new, under_errors) + "</section>\n"
 }
 
 /// Coverage under pose errors.
@@ -192,6 +200,35 @@ fn under_pose_errors(robust: &Robust) -> String {
         row("Every view, independently", &robust.views),
         row("The part as a whole", &robust.part),
         row("The hand-eye calibration, the same in every view", &robust.hand_eye),
+    )
+}
+
+/// Notice that the plan is fragile under pose errors; empty if it is not.
+fn fragile(params: &PlanParams, robust: &Robust) -> String {
+    of_robust(params, &RobustDocument::from(robust), "").map_or_else(String::new, |warning| {
+        format!(
+            "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Fragile under pose errors</b> <code>{}</code>: \
+             <code>{}</code> {}. What helps: {}.</p></div>\n",
+            warning.code.as_str(),
+            escape(&warning.pointer.trim_start_matches('/').replace('/', ".")),
+            escape(&warning.detail),
+            escape(&warning.remedy)
+        )
+    })
+}
+
+/// Section on advice for the plan as a whole; empty if there is none.
+pub(super) fn advice(input: &ReportInput<'_>) -> String {
+    let item =
+        |advice: &AdviceDocument| format!("<li>{}<br/><code>{}</code></li>\n", escape(&advice.text), escape(&advice.options()));
+    let items: String = AdviceDocument::all_of(&input.outcome.plan).iter().map(item).collect();
+    if items.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<section>\n<h2>What would measure more</h2>\n<p>Changes of the whole plan, each tried on the model: views were chosen for \
+         it that the cell can take. “At least” holds for a plan with these parameters that meets its target.</p>\n\
+         <ul class=\"card\">\n{items}</ul>\n</section>\n"
     )
 }
 
@@ -320,7 +357,8 @@ pub(super) fn order(input: &ReportInput<'_>) -> String {
     let mut rows: Vec<String> = Vec::new();
     for (setup, sequence) in plan.sequences().enumerate() {
         if setup > 0 {
-            rows.push(format!("<tr><td></td><td colspan=\"5\">The part is turned over: setup {}.</td></tr>\n", setup + 1));
+            let turn = plan.turn_into(SetupId::at(setup)).map_or_else(|| "turn it over".to_owned(), |turn| turn_phrase(&turn));
+            rows.push(format!("<tr><td></td><td colspan=\"5\">Setup {}, from the first: {turn}.</td></tr>\n", setup + 1));
         }
         let visits = sequence.visits.iter().zip(1..);
         rows.extend(

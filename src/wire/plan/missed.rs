@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::advice::TurnDocument;
 use crate::cell::PoseSpec;
 use crate::planning::plan::{MissedCause, MissedSpot, Remedy, RemedyView};
 use crate::wire::angle::degrees;
@@ -57,6 +58,9 @@ pub struct RemedyDocument {
     /// Pose that the part has to rest in, for `part.table_from_part` or `part.resting_poses`; `null` if it need not be moved.
     #[serde(default)]
     pub table_from_part: Option<PoseSpec>,
+    /// Turn into that pose from the first setup; `null` if the part need not be moved.
+    #[serde(default)]
+    pub turn: Option<TurnDocument>,
     /// Value that `limits.camera_deg` has to be raised to, at most the own limit of each camera; `null` if it need not be.
     pub camera_deg: Option<f64>,
     /// Value that `limits.projector_deg` has to be raised to, at most the projector's own limit; `null` if it need not be.
@@ -138,6 +142,7 @@ impl From<&Remedy> for RemedyDocument {
             text: remedy_sentence(remedy),
             views: remedy.views.iter().map(view).collect(),
             table_from_part: remedy.table_from_part.as_ref().map(PoseSpec::from),
+            turn: remedy.turn.as_ref().map(TurnDocument::from),
             camera_deg: remedy.camera_deg.map(rounded_deg),
             projector_deg: remedy.projector_deg.map(rounded_deg),
             area_mm2: remedy.area_mm2,

@@ -1,6 +1,7 @@
 use super::*;
-use crate::planning::params::{FeatureParams, InterestParams, Region};
+use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
+use crate::wire::plan::{DrawnDocument, MisplacedDocument};
 use crate::wire::words::shortfall;
 
 fn everywhere() -> Region {
@@ -107,4 +108,40 @@ fn a_shortfall_names_causes_by_area_and_says_where_noise_is_a_part_of_it() {
     assert_eq!(shortfall(&empty).as_deref(), Some("it holds none of the asked surface"));
     assert_eq!(shortfall(&RegionCoverage { target: None, ..feature() }), None);
     assert_eq!(shortfall(&RegionCoverage { measured_area_mm2: 860.0, ..feature() }), None);
+}
+
+/// A plan that measures 97.1 % and so much less in the worst draw of each kind.
+fn losing([views, part, hand_eye]: [f64; 3]) -> RobustDocument {
+    let drawn = |loss: f64| DrawnDocument { nominal: 0.971, worst: 0.971 - loss, p5: 0.971 - loss, mean: 0.971 };
+    RobustDocument {
+        pose_error: PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 },
+        draws: 5,
+        of_asked: drawn(views),
+        part: MisplacedDocument { draws: 5, of_asked: drawn(part) },
+        hand_eye: Some(MisplacedDocument { draws: 5, of_asked: drawn(hand_eye) }),
+    }
+}
+
+#[test]
+fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
+    let mut params = PlanParams::default();
+    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), "/params").expect("fragile");
+    assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
+    assert_eq!(
+        found.detail,
+        "is false, and an error of the part as a whole by 1° and 1 mm costs up to 2.31 points of coverage: 94.79 % of the asked \
+         area instead of 97.10 %; a plan that tolerates it loses at most 1.0"
+    );
+    assert!(found.remedy.contains("robust.select = true"), "{}", found.remedy);
+    params.robust.select = true;
+    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), "").expect("fragile all the same");
+    assert!(found.detail.starts_with("is true, and yet") && !found.remedy.contains("robust.select"), "{found:?}");
+}
+
+#[test]
+fn a_plan_that_loses_less_is_not_warned_of() {
+    let params = PlanParams::default();
+    assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), ""), None);
+    let without_hand_eye = RobustDocument { hand_eye: None, ..losing([0.0, 0.0, 0.5]) };
+    assert_eq!(of_robust(&params, &without_hand_eye, ""), None);
 }

@@ -1,9 +1,9 @@
-use super::{changed_params, fixed, no_plan_sentence, remedy_sentence};
+use super::{changed_params, fixed, lie_phrase, no_plan_sentence, remedy_sentence, turn_phrase};
 use crate::geometry::Pose;
 use crate::planning::context::NoPlan;
 use crate::planning::ids::CandidateId;
 use crate::planning::params::{PlanParams, Region};
-use crate::planning::plan::{CandidateCounts, Cause, Remedy, RemedyKind, RemedyView};
+use crate::planning::plan::{CandidateCounts, Cause, PartSide, Remedy, RemedyKind, RemedyView, Turn, TurnKind};
 use crate::planning::verdict::Rejection;
 
 #[test]
@@ -52,6 +52,21 @@ fn long_values_are_cut() {
     assert!(changed[0].1.chars().count() == 161 && changed[0].1.ends_with('…'));
 }
 
+/// The finding that none of 30 views helps.
+fn no_remedy() -> Remedy {
+    Remedy {
+        kind: RemedyKind::None,
+        views: Vec::new(),
+        table_from_part: None,
+        turn: None,
+        camera_deg: None,
+        projector_deg: None,
+        area_mm2: 0.0,
+        of_spot: 0.0,
+        tried: 30,
+    }
+}
+
 /// A tilted view that measures so much of a spot of 200 mm².
 fn tilt(of_spot: f64) -> Remedy {
     let area_mm2 = 200.0 * of_spot;
@@ -63,8 +78,7 @@ fn tilt(of_spot: f64) -> Remedy {
         part_from_scanner: Pose::identity(),
         area_mm2,
     };
-    let (table_from_part, camera_deg, projector_deg, tried) = (None, None, None, 30);
-    Remedy { kind: RemedyKind::Tilt, views: vec![view], table_from_part, camera_deg, projector_deg, area_mm2, of_spot, tried }
+    Remedy { kind: RemedyKind::Tilt, views: vec![view], area_mm2, of_spot, ..no_remedy() }
 }
 
 #[test]
@@ -79,5 +93,32 @@ fn a_remedy_works_from_nine_tenths_on_and_else_says_its_share_first() {
     }
     let mut none = tilt(0.0);
     (none.kind, none.views) = (RemedyKind::None, Vec::new());
-    assert_eq!(remedy_sentence(&none), "none: no eight of 30 views tried measure half of it");
+    assert_eq!(remedy_sentence(&none), "no fix found (no 8 of the 30 views tried see half of it)");
+}
+
+#[test]
+fn turns_are_told_in_an_operator_s_words() {
+    let turn = |kind, side, deg: f64| Turn { kind, side, angle_rad: deg.to_radians() };
+    for (turn, asked, lies) in [
+        (turn(TurnKind::None, PartSide::Right, 0.0), "lay it as it lies", "on the same side as in setup 1"),
+        (turn(TurnKind::UpsideDown, PartSide::Back, 180.0), "turn it upside down", "upside down"),
+        (turn(TurnKind::OnSide, PartSide::Right, 90.0), "stand it on its right side", "on its right side"),
+        (turn(TurnKind::OnSide, PartSide::Back, 90.0), "stand it on its back", "on its back"),
+        (turn(TurnKind::OnSide, PartSide::Left, 88.0), "stand it on its left side", "on its left side"),
+        (turn(TurnKind::OnSide, PartSide::Front, 90.0), "stand it on its front", "on its front"),
+        (
+            turn(TurnKind::Tilt, PartSide::Left, 35.2),
+            "tilt it by 35° towards its left side",
+            "tilted by 35° towards its left side",
+        ),
+    ] {
+        assert_eq!((turn_phrase(&turn).as_str(), lie_phrase(&turn).as_str()), (asked, lies));
+    }
+}
+
+#[test]
+fn a_part_is_turned_over_in_words_and_not_by_a_direction() {
+    let turn = Some(Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: 3.1 });
+    let over = Remedy { kind: RemedyKind::Setup, turn, ..tilt(1.0) };
+    assert_eq!(remedy_sentence(&over), "turn it upside down and scan again: measures 200.0 mm², 100 % of it");
 }

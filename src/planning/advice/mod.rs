@@ -1,0 +1,180 @@
+//! Advice on a plan as a whole: parameters with which it would measure more, each tried on the model
+//! ([`crate::planning::method::causes`]).
+//!
+//! Views are chosen greedily for what the plan leaves open, its own views kept: among its candidates (`more_views.rs`), and in one
+//! more pose of the part among some of the candidates that a plan in that setup chooses from (`turn_over.rs`). A plan with the
+//! advised parameters has these candidates and more, and ends at its target, so what it measures is not below the target's share of
+//! what those measure.
+//!
+//! Cost: a fraction of the plan's candidates once more, with their stations, and the order of the views of one setup; nothing where
+//! less is open than advice is given for.
+
+mod more_views;
+mod turn_over;
+
+use std::collections::BTreeSet;
+
+use super::context::{Cancelled, Context, PlanError};
+use super::ids::CandidateIndex;
+use super::params::{Objective, PlanParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
+use super::plan::{Outcome, PlanAdvice};
+use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
+use super::registration::union_of;
+use super::scene::PlanInput;
+use super::selection::{self, CoverProblem};
+use super::sequence::{Ordered, Sequence};
+use super::setups::Setup;
+use super::visibility::{Row, SampleSet};
+use more_views::MoreViews;
+
+/// Share of the asked area that advice recovers at least, unless it makes a region meet its target: our choice.
+const MIN_RECOVERED: f64 = 0.01;
+
+/// A chosen plan as far as advice needs it, before the outcome takes its candidates over.
+pub(super) struct Basis {
+    /// Samples that the chosen views measure.
+    measured: SampleSet,
+    /// Samples that some candidate measures which the cell can take.
+    coverable: SampleSet,
+    /// Area of each sample, 0 where it is not asked for.
+    asked_area_mm2: Vec<f64>,
+    /// Area of the whole surface.
+    total_mm2: f64,
+    more_views: Option<MoreViews>,
+}
+
+/// A part in its setups, of which one more is tried.
+pub(super) struct AdviceScope<'a> {
+    pub(super) input: &'a PlanInput<'a>,
+    pub(super) sampled: &'a SampledPart,
+    pub(super) setups: &'a [Setup<'a>],
+}
+
+impl Basis {
+    /// Takes from a solved problem what advice needs; `excluded` are candidates that were given up for want of a path. `None` where
+    /// no advice is asked for, or views are chosen by what they measure under errors too, which is not tried.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn of(
+        problem: &ViewPlanningProblem<'_>,
+        chosen: &ChosenViews,
+        ordered: &[Ordered],
+        excluded: &BTreeSet<CandidateIndex>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
+        if !problem.params.missed.advice || problem.robust_rows.is_some() {
+            return Ok(None);
+        }
+        let samples = problem.asked_area_mm2.len();
+        let no_path: BTreeSet<_> = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path)).collect();
+        let taken = chosen.candidates.iter().filter(|candidate| !no_path.contains(candidate));
+        let mut basis = Self {
+            measured: union_of(taken.map(|candidate| problem.row(*candidate)), samples),
+            coverable: union_of(problem.rows(&problem.usable()), samples),
+            asked_area_mm2: problem.asked_area_mm2.clone(),
+            total_mm2: problem.surface.area_where(|_| true),
+            more_views: None,
+        };
+        let given_up = no_path.union(excluded).copied().collect();
+        basis.more_views = more_views::choose(&basis, problem, ordered, &given_up, ctx)?;
+        Ok(Some(basis))
+    }
+
+    fn area_mm2(&self, samples: &SampleSet) -> f64 {
+        samples.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum()
+    }
+
+    fn asked_mm2(&self) -> f64 {
+        self.asked_area_mm2.iter().sum()
+    }
+
+    fn measured_mm2(&self) -> f64 {
+        self.area_mm2(&self.measured)
+    }
+
+    /// Area of each sample that is asked for and not measured.
+    fn open_area_mm2(&self) -> Vec<f64> {
+        let mut open_mm2 = self.asked_area_mm2.clone();
+        self.measured.iter().for_each(|sample| open_mm2[sample.index()] = 0.0);
+        open_mm2
+    }
+
+    /// Area of which the target is a share, with so much of the surface coverable.
+    fn whole_mm2(&self, coverable: &SampleSet, target_of: TargetOf) -> f64 {
+        match target_of {
+            TargetOf::Coverable => self.area_mm2(coverable),
+            TargetOf::Asked => self.asked_mm2(),
+            TargetOf::Total => self.total_mm2,
+        }
+    }
+
+    fn is_worth(&self, measured_mm2: f64) -> bool {
+        measured_mm2 - self.measured_mm2() >= MIN_RECOVERED * self.asked_mm2()
+    }
+}
+
+/// Advice on a plan, what measures most first.
+///
+/// # Errors
+/// [`PlanError`].
+pub(super) fn of(
+    basis: &Basis,
+    outcome: &Outcome,
+    scope: &AdviceScope<'_>,
+    ctx: &Context<'_>,
+) -> Result<Vec<PlanAdvice>, PlanError> {
+    let more_views = basis.more_views.as_ref().map(|more| more.advice(basis, outcome));
+    let turn_over = turn_over::advice(basis, outcome, scope, ctx)?;
+    let mut advice: Vec<PlanAdvice> = turn_over.into_iter().chain(more_views).collect();
+    // Stable: of equal ones the order above stays.
+    advice.sort_by(|a, b| b.measured_area_mm2.total_cmp(&a.measured_area_mm2));
+    Ok(advice)
+}
+
+/// Samples to be measured.
+struct Wanted<'a> {
+    /// Area of each sample, 0 where it does not count.
+    open_mm2: &'a [f64],
+    /// Part of that area that is enough.
+    needed_mm2: f64,
+    /// A view adds at least so much.
+    min_gain_mm2: f64,
+    max_views: usize,
+}
+
+/// Rows that greedy takes for what is wanted: places in `rows`.
+fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context<'_>) -> Result<Vec<usize>, Cancelled> {
+    let all_mm2: f64 = wanted.open_mm2.iter().sum();
+    if rows.is_empty() || wanted.needed_mm2 <= 0.0 || all_mm2 <= 0.0 || wanted.max_views == 0 {
+        return Ok(Vec::new());
+    }
+    let params = SelectionParams {
+        solver: Solver::Greedy,
+        objective: Objective::Coverage,
+        goal: SelectionGoal::FewestViews,
+        target: 1.0,
+        target_of: TargetOf::Asked,
+        min_growth: wanted.min_gain_mm2 / all_mm2,
+        max_views: Some(wanted.max_views as u32),
+        ..SelectionParams::default()
+    };
+    let mut cover = CoverProblem::new(rows.to_vec(), wanted.open_mm2, all_mm2, &params);
+    cover.goals[0].needed_mm2 = wanted.needed_mm2;
+    let choices = selection::greedily(&cover, &params, score, &ctx.silent())?;
+    Ok(choices.iter().map(|choice| choice.row.index()).collect())
+}
+
+/// Cycle time of a plan with so many more views, the moves of which take `added_secs`; `None` without a cell.
+fn cycle_secs(outcome: &Outcome, params: &PlanParams, added_views: usize, added_secs: f64) -> Option<f64> {
+    let plan = &outcome.plan;
+    plan.sequences().next()?;
+    let visits = (plan.visits().count() + added_views) as f64;
+    let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();
+    Some(moving_secs + added_secs + visits * (params.scan.settle_secs + params.scan.capture_secs))
+}
+
+/// Views of a plan that measure something.
+fn views_of(outcome: &Outcome) -> usize {
+    outcome.plan.views.iter().filter(|view| view.rejected.is_none()).count()
+}

@@ -1,0 +1,227 @@
+//! Advice on a plan as a whole, and turns of the part in operators' words.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+use crate::cell::PoseSpec;
+use crate::planning::plan::{AdviceKind, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
+use crate::wire::angle::degrees;
+use crate::wire::words::{fixed, turn_phrase};
+
+/// Turn of the part from one way of lying to another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct TurnDocument {
+    /// Kind of turn.
+    #[schema(value_type = TurnKind)]
+    pub kind: String,
+    /// PartSide that comes down, or is the nearest to what does, as the part lies before: right is +x of the table, back +y, left −x,
+    /// front −y. `null` for the kinds `none` and `upside_down`.
+    #[schema(value_type = Option<crate::planning::plan::PartSide>)]
+    pub side: Option<String>,
+    /// Angle between what is down before and afterwards, 0 to 180.
+    pub angle_deg: f64,
+    /// The turn in words, such as `turn it upside down`. A turn about the vertical is not told; the pose has it.
+    pub text: String,
+}
+
+impl From<&Turn> for TurnDocument {
+    fn from(turn: &Turn) -> Self {
+        let has_side = matches!(turn.kind, TurnKind::OnSide | TurnKind::Tilt);
+        Self {
+            kind: turn.kind.as_str().to_owned(),
+            side: has_side.then(|| turn.side.as_str().to_owned()),
+            angle_deg: degrees(turn.angle_rad),
+            text: turn_phrase(turn),
+        }
+    }
+}
+
+/// Parameters with which the plan would measure more, tried on the model: views were chosen for them that the cell can take, and
+/// those of a further setup ordered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct AdviceDocument {
+    /// Kind of advice.
+    #[schema(value_type = AdviceKind)]
+    pub kind: String,
+    /// Description in one sentence.
+    pub text: String,
+    /// Parameters to set, by their dotted names.
+    pub set: BTreeMap<String, Value>,
+    /// Pose of the part in the further setup, for `turn_over`.
+    #[serde(default)]
+    pub table_from_part: Option<PoseSpec>,
+    /// Turn into that pose from the first setup.
+    #[serde(default)]
+    pub turn: Option<TurnDocument>,
+    /// Views that were added in the trial.
+    pub added_views: usize,
+    /// Views of the plan with them; a plan with the parameters may need fewer.
+    pub views: usize,
+    /// Asked area that a plan with the parameters measures at least if it meets its target, on the samples that views are chosen on.
+    pub measured_area_mm2: f64,
+    /// That area as a share of the asked area; `coverage.of_asked` is the share of this plan.
+    pub of_asked: f64,
+    /// That area as a share of the area that is visible then: what the part stands on in one setup can be seen in the other.
+    pub of_visible: f64,
+    /// Predicted cycle time with the views that were added, s; turning the part over is not counted, and the moves to more views of
+    /// one setup are taken as straight. `null` without a cell.
+    pub cycle_secs: Option<f64>,
+    /// Names of the regions and features that miss their target now and would meet it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub regions_met: Vec<String>,
+}
+
+impl AdviceDocument {
+    /// The documents of a plan's advice.
+    #[must_use]
+    pub fn all_of(plan: &Plan) -> Vec<Self> {
+        plan.advice.iter().map(|advice| Self::new(advice, &plan.coverage)).collect()
+    }
+
+    fn new(advice: &PlanAdvice, coverage: &Coverage) -> Self {
+        let mut document = Self {
+            kind: advice.kind.as_str().to_owned(),
+            text: String::new(),
+            set: advice.changes.iter().map(setting).collect(),
+            table_from_part: advice.table_from_part.as_ref().map(PoseSpec::from),
+            turn: advice.turn.as_ref().map(TurnDocument::from),
+            added_views: advice.added_views,
+            views: advice.views,
+            measured_area_mm2: advice.measured_area_mm2,
+            of_asked: share(advice.measured_area_mm2, coverage.asked_area_mm2),
+            of_visible: share(advice.measured_area_mm2, advice.visible_area_mm2),
+            cycle_secs: advice.cycle_secs,
+            regions_met: advice.regions_met.clone(),
+        };
+        document.text = document.sentence(advice.kind, coverage.of_asked());
+        document
+    }
+
+    fn sentence(&self, kind: AdviceKind, now_of_asked: f64) -> String {
+        let more = if self.added_views == 1 { "1 more view".to_owned() } else { format!("{} more views", self.added_views) };
+        let action = match (kind, &self.turn) {
+            (AdviceKind::TurnOver, Some(turn)) => format!("{} and scan again, {more}", turn.text),
+            (AdviceKind::TurnOver, None) => format!("turn it onto another side and scan again, {more}"),
+            (AdviceKind::MoreViews, _) => format!("choose {more}"),
+        };
+        let percent = |share: f64| fixed(100.0 * share, 1);
+        let cycle = self.cycle_secs.map_or_else(String::new, |secs| format!(", cycle {} s", fixed(secs, 1)));
+        let regions = match self.regions_met.len() {
+            0 => String::new(),
+            _ => format!("; meets the target of {}", self.regions_met.join(", ")),
+        };
+        format!(
+            "{action} ({}): at least {} % of asked, now {} %, and {} % of what is visible then, with {} views{cycle}{regions}",
+            self.settings(),
+            percent(self.of_asked),
+            percent(now_of_asked),
+            percent(self.of_visible),
+            self.views,
+        )
+    }
+
+    /// The parameters to set as text; lists are left to the document.
+    fn settings(&self) -> String {
+        let setting = |(name, value): (&String, &Value)| match value {
+            Value::Array(_) => format!("{name} as in plan.json"),
+            Value::String(text) => format!("{name} = {text}"),
+            Value::Null | Value::Bool(_) | Value::Number(_) | Value::Object(_) => format!("{name} = {value}"),
+        };
+        // The number of setups first, lists last.
+        let (lists, values): (Vec<_>, Vec<_>) = self.set.iter().rev().partition(|(_, value)| value.is_array());
+        values.into_iter().chain(lists).map(setting).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Options of the command line that set the parameters.
+    #[must_use]
+    pub fn options(&self) -> String {
+        let option = |(name, value): (&String, &Value)| match value {
+            Value::Array(_) | Value::Object(_) => format!("--set '{name}={value}'"),
+            Value::String(text) => format!("--set {name}={text}"),
+            Value::Null | Value::Bool(_) | Value::Number(_) => format!("--set {name}={value}"),
+        };
+        self.set.iter().rev().map(option).collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// Name and value of a parameter to set.
+fn setting(change: &ParamChange) -> (String, Value) {
+    let (name, value) = match change {
+        ParamChange::Setups(setups) => ("setups", json!(setups)),
+        ParamChange::RestingPoses(poses) => ("part.resting_poses", json!(poses.iter().map(PoseSpec::from).collect::<Vec<_>>())),
+        ParamChange::Registration(registration) => ("registration", json!(registration)),
+        ParamChange::Target(target) => ("selection.target", json!(target)),
+        ParamChange::MaxViews(views) => ("selection.max_views", json!(views)),
+    };
+    (name.to_owned(), value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::params::Registration;
+    use crate::planning::plan::{MeasuredArea, PartSide};
+
+    fn advice(kind: AdviceKind, changes: Vec<ParamChange>) -> PlanAdvice {
+        PlanAdvice {
+            kind,
+            changes,
+            table_from_part: None,
+            turn: None,
+            added_views: 3,
+            views: 10,
+            measured_area_mm2: 97.1,
+            visible_area_mm2: 98.0,
+            cycle_secs: Some(93.26),
+            regions_met: Vec::new(),
+        }
+    }
+
+    fn document(advice: &PlanAdvice) -> AdviceDocument {
+        let measured = MeasuredArea { area_mm2: 80.0, ..MeasuredArea::default() };
+        AdviceDocument::new(advice, &Coverage { measured, asked_area_mm2: 100.0, ..Coverage::default() })
+    }
+
+    #[test]
+    fn advice_to_turn_the_part_over_is_one_sentence_with_what_it_gives() {
+        let turn = Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: std::f64::consts::PI };
+        let changes = vec![ParamChange::Setups(2), ParamChange::Registration(Registration::Markers)];
+        let told = document(&PlanAdvice { turn: Some(turn), ..advice(AdviceKind::TurnOver, changes) });
+        assert_eq!(
+            told.text,
+            "turn it upside down and scan again, 3 more views (setups = 2, registration = markers): at least 97.1 % of asked, now \
+             80.0 %, and 99.1 % of what is visible then, with 10 views, cycle 93.3 s"
+        );
+        assert_eq!(told.options(), "--set setups=2 --set registration=markers");
+        let turn = told.turn.expect("a turn");
+        assert_eq!((turn.kind.as_str(), turn.side, turn.angle_deg), ("upside_down", None, 180.0));
+    }
+
+    #[test]
+    fn advice_for_more_views_names_the_target_and_the_regions_that_meet_theirs() {
+        let mut more = advice(AdviceKind::MoreViews, vec![ParamChange::Target(0.992), ParamChange::MaxViews(10)]);
+        (more.added_views, more.cycle_secs, more.regions_met) = (1, None, vec!["bore".to_owned(), "rim".to_owned()]);
+        let told = document(&more);
+        assert_eq!(
+            told.text,
+            "choose 1 more view (selection.target = 0.992, selection.max_views = 10): at least 97.1 % of asked, now 80.0 %, and \
+             99.1 % of what is visible then, with 10 views; meets the target of bore, rim"
+        );
+        assert_eq!(told.options(), "--set selection.target=0.992 --set selection.max_views=10");
+    }
+
+    #[test]
+    fn poses_to_choose_from_are_left_to_the_document_and_quoted_for_the_command_line() {
+        let pose = crate::geometry::Pose::identity();
+        let told =
+            document(&advice(AdviceKind::TurnOver, vec![ParamChange::Setups(2), ParamChange::RestingPoses(vec![pose, pose])]));
+        assert!(told.text.contains("(setups = 2, part.resting_poses as in plan.json)"), "{}", told.text);
+        assert!(told.options().starts_with("--set setups=2 --set 'part.resting_poses=[{"), "{}", told.options());
+        assert_eq!(told.set["part.resting_poses"].as_array().map(Vec::len), Some(2));
+    }
+}
