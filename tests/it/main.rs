@@ -5,6 +5,7 @@
 mod architecture;
 mod arms;
 mod bounds;
+mod candidate_listing;
 mod candidate_rounds;
 mod candidate_study;
 mod certified_figures;
