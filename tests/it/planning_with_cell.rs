@@ -323,12 +323,13 @@ fn what_only_a_view_with_the_housing_in_the_plate_would_measure_is_missed_for_co
     // Near the rim, so that a level view of the wall at +x from 415 mm has its housing over the plate.
     params.part.table_from_part = Some(PoseSpec { translation_mm: [-220.0, 0.0, 0.0], ..PoseSpec::default() });
     params.candidates.strategies.clear();
-    // From above at 30°, all around, where walls are seen at 60°; and that level view.
+    // From above at 30°, all around, where walls are seen at 60°; from straight above; and that level view.
     params.candidates.poses = (0..8)
         .map(|step| {
             let (sin, cos) = (std::f64::consts::FRAC_PI_4 * f64::from(step)).sin_cos();
             looking([240.0 * cos, 240.0 * sin, 40.0 + 415.7], [-0.5 * cos, -0.5 * sin, -0.866_025])
         })
+        .chain([looking([0.0, 0.0, 40.0 + 480.0], [0.0, 0.0, -1.0])])
         .chain([looking([30.0 + 415.0, 0.0, 20.0], [-1.0, 0.0, 0.0])])
         .collect();
     let outcome = planned(&mesh, None, &cell, &params).expect("a plan");
