@@ -17,7 +17,7 @@ use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile
 use crate::program::{Expected, Program, compile};
 use crate::report::html::{self, ReportInput};
 use crate::report::text::text;
-use crate::wire::candidates::{self, CANDIDATES_FILE};
+use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
@@ -136,9 +136,10 @@ impl PlanJob<'_> {
                 }
             }
         }
-        match candidates::file_bytes(outcome, self.mesh) {
+        match candidates::file_bytes(outcome, self.mesh, ctx) {
             Some(Ok(bytes)) => files.push((CANDIDATES_FILE.into(), bytes)),
-            Some(Err(reason)) => drop(refused.insert(CANDIDATES_FILE.to_owned(), reason)),
+            Some(Err(ListingError::Cancelled(cancelled))) => return Err(cancelled),
+            Some(Err(reason)) => drop(refused.insert(CANDIDATES_FILE.to_owned(), reason.to_string())),
             None => {}
         }
         if !refused.is_empty() {

@@ -14,6 +14,7 @@ use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
 use crate::geometry::Mesh;
+use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 use crate::planning::params::ScoreParams;
 use crate::planning::plan::{CandidateTable, MAX_LISTING_BYTES, Outcome, TableEntry};
@@ -107,21 +108,38 @@ pub struct CandidateDocument {
     pub quality: Vec<f32>,
 }
 
+/// Reason for which a listing was given up.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ListingError {
+    /// The job was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The file would be too large.
+    #[error("it would be larger than {max_mib} MiB; reduce part.samples_per_mm2 or the number of candidates")]
+    TooLarge {
+        /// Size that is allowed, MiB.
+        max_mib: usize,
+    },
+}
+
 /// Bytes of the file; `None` where the job does not ask for it.
 ///
 /// # Errors
-/// The reason, where the file would be larger than [`MAX_LISTING_BYTES`].
+/// [`ListingError`]; files may have [`MAX_LISTING_BYTES`].
 #[must_use]
-pub fn file_bytes(outcome: &Outcome, mesh: &Mesh) -> Option<Result<Vec<u8>, String>> {
-    outcome.candidates.as_ref().map(|table| write(outcome, table, mesh, MAX_LISTING_BYTES))
+pub fn file_bytes(outcome: &Outcome, mesh: &Mesh, ctx: &Context<'_>) -> Option<Result<Vec<u8>, ListingError>> {
+    outcome.candidates.as_ref().map(|table| write(outcome, table, mesh, MAX_LISTING_BYTES, ctx))
 }
 
-fn write(outcome: &Outcome, table: &CandidateTable, mesh: &Mesh, max_bytes: usize) -> Result<Vec<u8>, String> {
+fn write(
+    outcome: &Outcome,
+    table: &CandidateTable,
+    mesh: &Mesh,
+    max_bytes: usize,
+    ctx: &Context<'_>,
+) -> Result<Vec<u8>, ListingError> {
     let (surface, score) = (&outcome.surface, &outcome.plan.params.score);
-    let too_large = || {
-        let max_mib = max_bytes >> 20;
-        format!("{CANDIDATES_FILE} would be larger than {max_mib} MiB; reduce part.samples_per_mm2 or the candidates")
-    };
+    let too_large = || ListingError::TooLarge { max_mib: max_bytes >> 20 };
     if surface.patches.len().saturating_mul(PATCH_BYTES) > max_bytes {
         return Err(too_large());
     }
@@ -137,6 +155,7 @@ fn write(outcome: &Outcome, table: &CandidateTable, mesh: &Mesh, max_bytes: usiz
     bytes.truncate(bytes.len() - b"]}".len());
     let areas_mm2 = surface.asked_area_mm2();
     for (number, entry) in table.entries.iter().enumerate() {
+        ctx.check()?;
         bytes.extend_from_slice(if number == 0 { b"\n" } else { b",\n" });
         bytes.extend_from_slice(&compact(&document(entry, surface, &areas_mm2, score)));
         if bytes.len() > max_bytes {

@@ -27,9 +27,14 @@ fn quick() -> PlanParams {
     params
 }
 
+/// The bytes of the file, if the plan was asked for it.
+fn bytes(outcome: &Outcome, mesh: &Mesh) -> Option<Vec<u8>> {
+    let cancel = AtomicBool::new(false);
+    file_bytes(outcome, mesh, &Context::new(&cancel, &Silent)).transpose().expect("small")
+}
+
 fn listing(outcome: &Outcome, mesh: &Mesh) -> CandidateListing {
-    let bytes = file_bytes(outcome, mesh).expect("asked for").expect("small");
-    serde_json::from_slice(&bytes).expect("a listing")
+    serde_json::from_slice(&bytes(outcome, mesh).expect("asked for")).expect("a listing")
 }
 
 /// Samples of `[first, count, first, count, …]`.
@@ -165,7 +170,7 @@ fn a_listing_is_made_where_asked_for_and_changes_no_plan() {
             params.candidates.strategies = vec![Strategy::Ellipsoid, Strategy::Targeted];
             planned_in_cell(&mesh, &cell, &params)
         });
-        assert!(without.candidates.is_none() && file_bytes(&without, &mesh).is_none());
+        assert!(without.candidates.is_none() && bytes(&without, &mesh).is_none());
         assert_eq!((&with.plan.coverage, &with.plan.candidates), (&without.plan.coverage, &without.plan.candidates));
         let views = |outcome: &Outcome| {
             let of_view = |view: &vantage::planning::plan::PlannedView| (view.part_from_scanner, view.score, view.station);

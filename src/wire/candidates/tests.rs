@@ -1,7 +1,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::*;
-use crate::planning::context::{Context, Silent};
+use crate::planning::context::Silent;
 use crate::planning::params::{CandidateParams, PlanParams};
 use crate::planning::{PlanInput, plan};
 use crate::testing::{box_mesh, nominal_scanner};
@@ -28,13 +28,17 @@ fn a_file_that_would_be_too_large_is_refused_with_what_to_change() {
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
     (params.output.candidates, params.missed.remedies) = (true, 0);
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
-    let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    let (flag, cancelled) = (AtomicBool::new(false), AtomicBool::new(true));
+    let ctx = Context::new(&flag, &Silent);
+    let outcome = plan(&input, &params, &ctx).expect("a plan");
     let table = outcome.candidates.as_ref().expect("asked for");
-    let whole = write(&outcome, table, &mesh, MAX_LISTING_BYTES).expect("small");
-    assert_eq!(file_bytes(&outcome, &mesh), Some(Ok(whole.clone())));
+    let whole = write(&outcome, table, &mesh, MAX_LISTING_BYTES, &ctx).expect("small");
+    assert_eq!(file_bytes(&outcome, &mesh, &ctx), Some(Ok(whole.clone())));
+    let given_up = file_bytes(&outcome, &mesh, &Context::new(&cancelled, &Silent));
+    assert_eq!(given_up, Some(Err(ListingError::Cancelled(Cancelled))));
     assert_eq!(whole.iter().filter(|byte| **byte == b'\n').count(), table.entries.len() + 2, "a candidate a line");
     for max_bytes in [10, whole.len() / 2] {
-        let refused = write(&outcome, table, &mesh, max_bytes).expect_err("too large");
-        assert!(refused.contains("candidates.json") && refused.contains("part.samples_per_mm2"), "{refused}");
+        let refused = write(&outcome, table, &mesh, max_bytes, &ctx).expect_err("too large").to_string();
+        assert!(refused.contains("would be larger") && refused.contains("part.samples_per_mm2"), "{refused}");
     }
 }
