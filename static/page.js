@@ -78,6 +78,7 @@ const results = [
   ["report.html", "Report", "report"], ["plan.json", "Plan", "plan"], ["program.json", "Program", "program"],
   ["program.csv", "Program (CSV)", "program?dialect=csv"], ["viewpoints.csv", "Viewpoints (CSV)", "viewpoints?format=csv"],
   ["coverage.csv", "Coverage (CSV)", "coverage?format=csv"], ["missed.json", "Missed", "missed"],
+  ["candidates.json", "Candidates", "candidates"],
   ["regions.csv", "Regions (CSV)", "files/regions.csv"],
   ["timings.json", "Timings", "timings"],
 ];

@@ -32,7 +32,7 @@ pub use pose_spec::PoseSpec;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
     BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
-    OpticalDevice, PerDevice, Scanner, ScannerSpec, hyperfocal_distance_mm,
+    OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};

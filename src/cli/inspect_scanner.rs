@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use super::CliError;
 use crate::cell::ScannerSpec;
-use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, ScannerFacts, StatedBox, VolumeFacts};
+use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, PlanarFacts, ScannerFacts, StatedBox, VolumeFacts};
 
 /// Describes the scanner that `text` specifies, as text or as JSON.
 ///
@@ -51,7 +51,24 @@ fn describe(facts: &ScannerFacts) -> String {
         Some(volume) => describe_volume(&mut out, volume),
         None => out += "\nmeasurement volume: none around best focus\n",
     }
+    match &facts.planar_construction {
+        Some(planar) => describe_planar(&mut out, planar),
+        None => out += "\nplanar construction of the thesis: its lines leave no depth\n",
+    }
     out
+}
+
+fn describe_planar(out: &mut String, planar: &PlanarFacts) {
+    let PlanarFacts { width_mm, height_mm, depth_mm, best_mm, printed_best_mm, .. } = planar;
+    let stated = planar.stated_mm.map_or_else(String::new, |[x, y, z]| format!("; stated by optics {x:.0} × {y:.0} × {z:.0}"));
+    *out += "\nplanar construction of the thesis (§3.1.1.2–3), x × y × z, mm:\n";
+    line(out, format_args!("L_opt × height × W_opt   {width_mm:.1} × {height_mm:.1} × {depth_mm:.1}{stated}"));
+    line(
+        out,
+        format_args!("best plane               {best_mm:.1} (H_opt as printed: {printed_best_mm:.1}, the half height twice)"),
+    );
+    *out += "W_opt ends where the cameras' outer sides cross, not at the far end of the working depth, and L_opt is the mean width\n\
+             of a trapezoid: a comparison with a box stated by optics, not one to be equal. Planning does not use it.\n";
 }
 
 /// Appends a line; writing to a string cannot fail.

@@ -34,7 +34,8 @@ const EXAMPLES: &str = "Examples:
 
 Files written to --out: plan.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
 spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
-regions of interest or features.
+regions of interest or features; candidates.json, every candidate with what it measures and how well, with
+--set output.candidates=true.
 Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target,
 4 interrupted.";
 

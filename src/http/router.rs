@@ -71,6 +71,7 @@ fn stored() -> OpenApiRouter<ApiState> {
         .routes(routes!(results::viewpoints))
         .routes(routes!(results::coverage))
         .routes(routes!(results::missed))
+        .routes(routes!(results::candidates))
         .routes(routes!(results::timings))
         .routes(routes!(results::report))
         .routes(routes!(results::coverage_bin))

@@ -56,6 +56,8 @@ params! {
         robust: RobustParams = RobustParams::default();
         /// Remedies for missed area.
         missed: MissedParams = MissedParams::default();
+        /// Optional result files.
+        output: OutputParams = OutputParams::default();
         /// Resting poses in which the part may be planned; fewer are used where they do. With more than 1 every setup is planned
         /// with viewpoints above the plate.
         setups: u32 = 1, [1.0, 4.0] "";
@@ -333,6 +335,15 @@ params! {
     }
 }
 
+params! {
+    /// Optional result files.
+    OutputParams {
+        /// Writes `candidates.json`: every candidate with its pose, its fate and the area that it measures, and the matrices of
+        /// visibility and of quality (H and G of the thesis, §3.2.2), sparse. It changes nothing else of a plan.
+        candidates: bool = false;
+    }
+}
+
 impl PlanParams {
     /// Checks every range.
     ///
@@ -351,6 +362,7 @@ impl PlanParams {
         self.candidates.check(&mut findings);
         self.visibility.check_ranges("/visibility", &mut findings);
         self.missed.check_ranges("/missed", &mut findings);
+        self.output.check_ranges("/output", &mut findings);
         self.score.check(&mut findings);
         self.selection.check(&mut findings);
         self.robust.check(&mut findings);
@@ -399,6 +411,7 @@ impl PlanParams {
             ("robust", RobustParams::KNOBS),
             ("robust.pose_error", PoseErrorParams::KNOBS),
             ("missed", MissedParams::KNOBS),
+            ("output", OutputParams::KNOBS),
         ]
     }
 }

@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::candidates::spiral;
+use super::candidates::{spiral, stands_above};
 use super::ids::SampleId;
 use super::surface::Surface;
 use crate::geometry::{Mesh, Part, Pose, RayScene, SimdLevel, Table};
@@ -58,17 +58,20 @@ pub(super) struct SkyProbe<'a> {
     directions: Vec<Vector3<f64>>,
     /// Poses of the part whose plates hide what is below them; empty without a plate.
     setups: &'a [Pose<Table, Part>],
+    /// Smallest elevation of a viewpoint over such a plate.
+    min_elevation_deg: f64,
     /// Distance at which a viewpoint stands, mm, and the cosine of the largest incidence.
     best_mm: f64,
     min_cos: f64,
 }
 
 impl<'a> SkyProbe<'a> {
-    /// `part` is the scene of `mesh` alone. A viewpoint stands `best_mm` away, at an incidence of at most `incidence_max_rad`.
+    /// `part` is the scene of `mesh` alone. A viewpoint stands `best_mm` away, at an incidence of at most `incidence_max_rad`,
+    /// and over each plate at an elevation of at least `min_elevation_deg`.
     pub(super) fn new(
         mesh: &Mesh,
         part: &'a RayScene,
-        setups: &'a [Pose<Table, Part>],
+        (setups, min_elevation_deg): (&'a [Pose<Table, Part>], f64),
         best_mm: f64,
         incidence_max_rad: f64,
         level: SimdLevel,
@@ -77,7 +80,7 @@ impl<'a> SkyProbe<'a> {
         let evenly: Vec<_> = spiral(DIRECTIONS, 0.0).collect();
         // Every `STRIDE`th first: each such part is spread over the half-space too.
         let directions = (0..STRIDE).flat_map(|first| evenly.iter().skip(first).step_by(STRIDE).copied()).collect();
-        Self { part, level, beyond_mm, directions, setups, best_mm, min_cos: incidence_max_rad.cos() }
+        Self { part, level, beyond_mm, directions, setups, min_elevation_deg, best_mm, min_cos: incidence_max_rad.cos() }
     }
 
     /// The sky of a surface point with this unit normal; part frame, mm.
@@ -107,6 +110,6 @@ impl<'a> SkyProbe<'a> {
     /// Returns true if the viewpoint in this direction stands above the plate in some setup.
     fn is_above(&self, point_mm: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let viewpoint_mm = point_mm + direction * self.best_mm;
-        self.setups.iter().any(|table_from_part| table_from_part.point(&viewpoint_mm).z > 0.0)
+        self.setups.iter().any(|table_from_part| stands_above(&table_from_part.point(&viewpoint_mm), self.min_elevation_deg))
     }
 }

@@ -17,6 +17,7 @@ use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile
 use crate::program::{Expected, Program, compile};
 use crate::report::html::{self, ReportInput};
 use crate::report::text::text;
+use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
@@ -32,7 +33,7 @@ pub fn program_stem(setup: usize) -> String {
     if setup == 0 { "program".to_owned() } else { format!("program-{}", setup + 1) }
 }
 
-/// File with the reasons why programs in some dialects are missing.
+/// File with the reasons why some files are missing: programs in some dialects, or a listing that is too large.
 pub const REFUSED_FILE: &str = "refused.json";
 
 /// A result file.
@@ -134,6 +135,12 @@ impl PlanJob<'_> {
                     Err(reason) => drop(refused.insert(name, reason)),
                 }
             }
+        }
+        match candidates::file_bytes(outcome, self.mesh, ctx) {
+            Some(Ok(bytes)) => files.push((CANDIDATES_FILE.into(), bytes)),
+            Some(Err(ListingError::Cancelled(cancelled))) => return Err(cancelled),
+            Some(Err(reason)) => drop(refused.insert(CANDIDATES_FILE.to_owned(), reason.to_string())),
+            None => {}
         }
         if !refused.is_empty() {
             files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));

@@ -3,6 +3,7 @@
 //! JSON pointer.
 
 mod angle;
+pub mod candidates;
 mod check;
 pub mod coverage;
 pub(crate) mod csv;

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::cell::{DepthOfField, Field, MeasurementVolume, OpticalDevice, Scanner, hyperfocal_distance_mm};
+use crate::cell::{DepthOfField, Field, MeasurementVolume, OpticalDevice, PlanarConstruction, Scanner, hyperfocal_distance_mm};
 use crate::geometry::box_half_spaces;
 
 /// Schema name in the document.
@@ -34,6 +34,30 @@ pub struct ScannerFacts {
     pub depth_of_field: Option<DepthOfFieldFacts>,
     /// Measurement volume; `null` if the devices share none around best focus.
     pub volume: Option<VolumeFacts>,
+    /// Planar construction of the thesis; `null` if its lines leave no depth.
+    pub planar_construction: Option<PlanarFacts>,
+}
+
+/// Planar construction of the measurement volume (thesis §3.1.1.2–3), for comparison; planning goes by `volume`.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct PlanarFacts {
+    /// Points A₁ to A₄ of the construction, each as x and depth z.
+    pub corners_mm: [[f64; 2]; 4],
+    /// Distances along the axes of the left and the right camera at which their depth of field is taken to begin: at the near
+    /// end of the working depth on the scanner's axis.
+    pub near_mm: [f64; 2],
+    /// L_opt: mean width along x.
+    pub width_mm: f64,
+    /// Height of the common field along y at the best plane.
+    pub height_mm: f64,
+    /// W_opt: depth along z.
+    pub depth_mm: f64,
+    /// Depth of the best plane, y₁ + W_opt / 2.
+    pub best_mm: f64,
+    /// H_opt as printed, y₁ + W_opt, which counts the half height twice.
+    pub printed_best_mm: f64,
+    /// Box of the specification to compare with, x, y, z; `null` if it states none.
+    pub stated_mm: Option<[f64; 3]>,
 }
 
 /// A camera or the projector.
@@ -154,6 +178,7 @@ impl ScannerFacts {
             fields: depths.map(|depth_mm| field_facts(scanner, depth_mm)).to_vec(),
             depth_of_field: depth_of_field(scanner),
             volume: scanner.measurement_volume().map(|volume| volume_facts(scanner, &volume)),
+            planar_construction: scanner.planar_construction().map(|planar| planar_facts(scanner, planar)),
         }
     }
 }
@@ -220,6 +245,12 @@ fn volume_facts(scanner: &Scanner, volume: &MeasurementVolume) -> VolumeFacts {
         largest_cube_mm: volume.largest_cube_mm,
         stated: stated.into_iter().chain(boxes).map(|(name, size_mm)| stated_box(scanner, volume, name, size_mm)).collect(),
     }
+}
+
+fn planar_facts(scanner: &Scanner, planar: PlanarConstruction) -> PlanarFacts {
+    let PlanarConstruction { corners_mm, near_mm, width_mm, height_mm, depth_mm, best_mm, printed_best_mm } = planar;
+    let stated_mm = scanner.stated_volume_mm;
+    PlanarFacts { corners_mm, near_mm, width_mm, height_mm, depth_mm, best_mm, printed_best_mm, stated_mm }
 }
 
 fn stated_box(scanner: &Scanner, volume: &MeasurementVolume, name: &'static str, size_mm: [f64; 3]) -> StatedBox {

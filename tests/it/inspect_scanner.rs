@@ -34,6 +34,59 @@ fn json_holds_the_same_facts() {
     assert!(practical["excess"].as_array().expect("a list").iter().any(|e| e["of"] == "projector"));
 }
 
+/// The thesis's own formulas for a rig that is symmetric, as they are printed, with L, θ, α and D₁ of the nominal rig.
+#[test]
+fn the_planar_construction_of_the_nominal_rig_is_that_of_the_printed_formulas() {
+    let document: serde_json::Value = serde_json::from_str(&render(NOMINAL, true).expect("the preset is valid")).expect("JSON");
+    let planar = &document["planar_construction"];
+    let figure = |name: &str| planar[name].as_f64().unwrap_or_else(|| panic!("{name} in {planar}"));
+    let (half_base, theta, inwards) = (101.0, 2.0 * (2000.0_f64 / 6668.0).atan(), 11.5_f64.to_radians());
+    let alpha = (90.0_f64 - 11.5).to_radians() - 0.5 * theta;
+    // The near plane is across the camera's axis and meets the scanner's axis at 410 mm.
+    let d1 = 410.0 * inwards.cos() + half_base * inwards.sin();
+    let (e1, e2) = (90.0_f64.to_radians() - alpha - 0.5 * theta, alpha + 0.5 * theta);
+    // Lines y = m x + n, and where two of them meet.
+    let l1 = (alpha.tan(), alpha.tan() * half_base);
+    let l4 = (-(alpha + theta).tan(), (alpha + theta).tan() * half_base);
+    let l6 = (e1.tan(), e1.tan() * (d1 * e2.cos() - half_base) + d1 * e2.sin());
+    let meet = |(m1, n1): (f64, f64), (m2, n2): (f64, f64)| {
+        let x = (n2 - n1) / (m1 - m2);
+        (x, m1 * x + n1)
+    };
+    let ((x1, y1), (x2, y2)) = (meet(l1, l6), meet(l1, l4));
+    let (w_opt, l_opt) = (y2 - y1, x1 + x2);
+    // By hand: A₁ (133.35, 437.13), A₂ (142.26, 453.76).
+    for (found, computed, by_hand) in [
+        (figure("width_mm"), l_opt, 275.6129),
+        (figure("depth_mm"), w_opt, 16.6300),
+        (figure("best_mm"), y1 + 0.5 * w_opt, 445.4451),
+        (figure("printed_best_mm"), y1 + w_opt, 453.7601),
+        // The projector's field is 190 mm high at 480 mm; the cameras' is higher.
+        (figure("height_mm"), 190.0 / 480.0 * (y1 + 0.5 * w_opt), 176.3220),
+        (planar["near_mm"][0].as_f64().expect("left"), d1, 421.9053),
+        (planar["near_mm"][1].as_f64().expect("right"), d1, 421.9053),
+    ] {
+        assert!((found - computed).abs() < 1e-6 && (found - by_hand).abs() < 1e-3, "{found}: {computed}, {by_hand} by hand");
+    }
+    let corners: [[f64; 2]; 4] = serde_json::from_value(planar["corners_mm"].clone()).expect("four points");
+    for (found, expected) in corners.iter().zip([[x1, y1], [x2, y2], [-x1, y1], [-x2, y2]]) {
+        assert!((found[0] - expected[0]).abs() < 1e-6 && (found[1] - expected[1]).abs() < 1e-6, "{found:?}, {expected:?}");
+    }
+    assert_eq!(planar["stated_mm"], serde_json::json!([275.0, 175.0, 80.0]));
+}
+
+#[test]
+fn the_planar_construction_stands_beside_the_stated_box() {
+    let text = render(NOMINAL, false).expect("the preset is valid");
+    let beside = "L_opt × height × W_opt   275.6 × 176.3 × 16.6; stated by optics 275 × 175 × 80";
+    assert!(text.contains(beside) && text.contains("445.4 (H_opt as printed: 453.8,"), "{text}");
+    // A rig that is not symmetric has it as well: between the near and the far end of its working depth.
+    let document: serde_json::Value =
+        serde_json::from_str(&render(CALIBRATED, true).expect("the preset is valid")).expect("JSON");
+    let best_mm = document["planar_construction"]["best_mm"].as_f64().expect("a number");
+    assert!((410.0..=565.0).contains(&best_mm), "{best_mm}");
+}
+
 #[test]
 fn what_is_wrong_is_named() {
     let wrong = NOMINAL.replace("mass_kg = 2.7", "mass_kg = -2.7").replace("near = 410.0", "near = 490.0");

@@ -6,6 +6,7 @@ mod advice;
 mod architecture;
 mod arms;
 mod bounds;
+mod candidate_listing;
 mod candidate_rounds;
 mod candidate_study;
 mod certified_figures;

@@ -5,11 +5,12 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{Point3, Vector3};
 use vantage::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use vantage::geometry::demo_parts::DemoPart;
-use vantage::geometry::{Mesh, Part, Plate, Pose, Table, table_from_plate};
+use vantage::geometry::{Mesh, Part, Plate, Pose, ScannerFrame, Table, table_from_plate};
 use vantage::planning::certificate::recheck;
 use vantage::planning::context::{Context, NoPlan, Silent};
+use vantage::planning::ids::SampleId;
 use vantage::planning::params::{CandidateParams, Corners, Hemisphere, PlanParams, Region, Roll, SelectionGoal};
-use vantage::planning::plan::{Advice, Cause, Outcome, Plan, PlannedView, StopReason};
+use vantage::planning::plan::{Advice, Cause, Outcome, Plan, PlannedView, StopReason, Verdict};
 use vantage::planning::sequence::Sequence;
 use vantage::planning::verdict::Rejection;
 use vantage::planning::{PlanError, PlanInput, plan};
@@ -288,4 +289,73 @@ fn a_program_that_passes_corners_stays_sound_through_its_file_and_no_dialect_tak
     assert_eq!(check(&read, &cell, &scene, None), []);
     let checked = CheckedProgram::new(&read, &cell, &scene, None, CheckedWith::Part).expect("sound");
     assert_eq!(checked.render(Dialect::Rapid, &params.dialects), Err(DialectError::Passing));
+}
+
+/// Looks along `axis` from a place in the part's frame, level where that is not straight down.
+fn looking(origin_mm: [f64; 3], axis: [f64; 3]) -> PoseSpec {
+    let axis = Vector3::from(axis).normalize();
+    let x = axis.cross(&Vector3::z()).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    let axes = nalgebra::Rotation3::from_basis_unchecked(&[x, axis.cross(&x), axis]);
+    let turn = nalgebra::UnitQuaternion::from_rotation_matrix(&axes);
+    PoseSpec::from(&Pose::<Part, ScannerFrame>::from_parts(Vector3::from(origin_mm), turn))
+}
+
+fn rejected(outcome: &Outcome, reason: Rejection) -> usize {
+    outcome.plan.candidates.rejected.get(&reason).copied().unwrap_or(0)
+}
+
+#[test]
+fn views_at_which_the_housing_meets_plate_or_part_are_dropped_before_stations_are_sought() {
+    let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let plain = planned(&mesh, None, &cell, &quick()).expect("a plan");
+    let mut params = quick();
+    params.candidates.poses = vec![
+        // 30 mm above the plate and over its rim: the housing reaches 65 mm below the viewpoint.
+        looking([200.0, 0.0, 30.0], [-1.0, 0.0, 0.0]),
+        // 2 mm above the part's top, with a clearance of 5 mm.
+        looking([0.0, 0.0, 42.0], [0.0, 0.0, -1.0]),
+        // Beside the plate, where nothing lies below the housing, and 6 mm above the top.
+        looking([520.0, 0.0, 30.0], [-1.0, 0.0, 0.0]),
+        looking([0.0, 0.0, 46.0], [0.0, 0.0, -1.0]),
+        // 1 mm above the plate's plane.
+        looking([520.0, 0.0, 1.0], [-1.0, 0.0, 0.0]),
+    ];
+    let outcome = planned(&mesh, None, &cell, &params).expect("a plan");
+    let more = |reason| rejected(&outcome, reason) - rejected(&plain, reason);
+    assert_eq!([Rejection::BodyMeetsPlate, Rejection::BodyMeetsPart, Rejection::LowElevation].map(more), [1, 1, 1]);
+    let poses = |outcome: &Outcome| outcome.plan.views.iter().map(|view| view.part_from_scanner).collect::<Vec<_>>();
+    assert!(poses(&outcome).iter().all(|pose| pose.origin_mm().z >= 5.0), "{:?}", poses(&outcome));
+}
+
+#[test]
+fn what_only_a_view_with_the_housing_in_the_plate_would_measure_is_missed_for_collision() {
+    let (cell, mesh) = (default_cell(), box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 40.0]));
+    let mut params = quick();
+    (params.limits.camera_deg, params.limits.projector_deg, params.missed.remedies) = (Some(35.0), Some(35.0), 0);
+    // Near the rim, so that a level view of the wall at +x from 415 mm has its housing over the plate.
+    params.part.table_from_part = Some(PoseSpec { translation_mm: [-220.0, 0.0, 0.0], ..PoseSpec::default() });
+    params.candidates.strategies.clear();
+    // From above at 30°, all around, where walls are seen at 60°; from straight above; and that level view.
+    params.candidates.poses = (0..8)
+        .map(|step| {
+            let (sin, cos) = (std::f64::consts::FRAC_PI_4 * f64::from(step)).sin_cos();
+            looking([240.0 * cos, 240.0 * sin, 40.0 + 415.7], [-0.5 * cos, -0.5 * sin, -0.866_025])
+        })
+        .chain([looking([0.0, 0.0, 40.0 + 480.0], [0.0, 0.0, -1.0])])
+        .chain([looking([30.0 + 415.0, 0.0, 20.0], [-1.0, 0.0, 0.0])])
+        .collect();
+    let outcome = planned(&mesh, None, &cell, &params).expect("a plan");
+    assert_eq!((rejected(&outcome, Rejection::BodyMeetsPlate), rejected(&outcome, Rejection::BodyMeetsPart)), (1, 0));
+    let mut walls = [0_u32; 2];
+    for (sample, verdict) in SampleId::number(&outcome.verdicts) {
+        let towards_x = outcome.surface.patch_of(sample).normal.x;
+        if towards_x > 0.5 {
+            assert_eq!(*verdict, Verdict::Missed(Cause::Collision));
+            walls[0] += 1;
+        } else if towards_x < -0.5 {
+            assert!(matches!(verdict, Verdict::Missed(cause) if *cause < Cause::Collision), "the other wall: {verdict:?}");
+            walls[1] += 1;
+        }
+    }
+    assert!(walls.iter().all(|samples| *samples > 100), "{walls:?}");
 }

@@ -31,7 +31,7 @@ use super::axis::{Axes, Axis, Configuration};
 use super::halton::{PRIMES, halton};
 use super::kinematics::Kinematics;
 use super::layout::Cell;
-use crate::geometry::{Base, Mesh, Part, Pose, Table};
+use crate::geometry::{Base, Flange, Mesh, Part, Plate, Pose, Table};
 
 /// Coarsest step along a segment, radians of any axis.
 const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -59,6 +59,15 @@ impl fmt::Display for Contact {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} and {}", self.a, self.b)
     }
+}
+
+/// Kind of body that turns with the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MetOnTable {
+    /// The plate.
+    Plate,
+    /// Part or fixture.
+    Attached,
 }
 
 /// A cell with a part on its table, ready for tests. Holds no state: safe to share between threads.
@@ -174,10 +183,29 @@ impl CollisionScene {
     #[must_use]
     pub fn check_view(&self, configuration: &Configuration) -> Option<Contact> {
         let placement = self.place(configuration);
+        self.pairs_of_view().find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
+    }
+
+    /// The first that what the flange carries meets of what the table carries, the flange being there over the plate: what
+    /// [`CollisionScene::check_view`] finds, without a configuration.
+    #[must_use]
+    pub fn check_carried(&self, plate_from_flange: &Pose<Plate, Flange>) -> Option<MetOnTable> {
+        // Plate coordinates; bodies that are neither held nor turn are in no pair that is looked at.
+        let pose = |body: &SceneBody| match body.parent {
+            ParentLink::Link(_) => parry_pose(&(plate_from_flange.isometry() * body.parent_from_body)),
+            ParentLink::Plate | ParentLink::Still => parry_pose(&body.parent_from_body),
+        };
+        let placement = self.placed_at(self.bodies.iter().map(pose).collect());
+        let met = self.pairs_of_view().find(|pair| self.is_near(pair, &placement, &[0.0; 7]))?;
+        let is_attached = self.bodies[met.a].is_attached() || self.bodies[met.b].is_attached();
+        Some(if is_attached { MetOnTable::Attached } else { MetOnTable::Plate })
+    }
+
+    /// Pairs of what the flange carries and what the table carries.
+    fn pairs_of_view(&self) -> impl Iterator<Item = &Pair> {
         let is_held = |body: usize| self.bodies[body].parent == ParentLink::Link(6);
         let turns = |body: usize| self.bodies[body].parent == ParentLink::Plate;
-        let mut pairs = self.pairs.iter().filter(|pair| is_held(pair.a) && turns(pair.b) || is_held(pair.b) && turns(pair.a));
-        pairs.find(|pair| self.is_near(pair, &placement, &[0.0; 7])).map(|pair| self.contact_of(pair))
+        self.pairs.iter().filter(move |pair| is_held(pair.a) && turns(pair.b) || is_held(pair.b) && turns(pair.a))
     }
 
     /// The first pair found closer than the clearance on the straight segment in joint space, both ends included.
@@ -269,15 +297,15 @@ impl CollisionScene {
     fn place(&self, configuration: &Configuration) -> Placement {
         let frames = self.kinematics.link_frames(&configuration.joints_rad);
         let plate = self.base_from_table * crate::geometry::table_from_plate(configuration.table_rad);
-        let poses: Vec<_> = self
-            .bodies
-            .iter()
-            .map(|body| match body.parent {
-                ParentLink::Still => parry_pose(&body.parent_from_body),
-                ParentLink::Plate => parry_pose(&(plate.isometry() * body.parent_from_body)),
-                ParentLink::Link(link) => parry_pose(&(frames[link] * body.parent_from_body)),
-            })
-            .collect();
+        let pose = |body: &SceneBody| match body.parent {
+            ParentLink::Still => parry_pose(&body.parent_from_body),
+            ParentLink::Plate => parry_pose(&(plate.isometry() * body.parent_from_body)),
+            ParentLink::Link(link) => parry_pose(&(frames[link] * body.parent_from_body)),
+        };
+        self.placed_at(self.bodies.iter().map(pose).collect())
+    }
+
+    fn placed_at(&self, poses: Vec<ParryPose>) -> Placement {
         let boxes = self.bodies.iter().zip(&poses).map(|(body, pose)| body.solid.aabb(pose)).collect();
         Placement { poses, boxes }
     }

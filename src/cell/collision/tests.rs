@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Rotation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
 use super::solid::{Solid, near, parry_pose};
-use super::{CollisionScene, Contact};
+use super::{CollisionScene, Contact, MetOnTable, PRIMES, halton};
 use crate::cell::body::{Body, LinkBody, Shape};
 use crate::cell::{Axes, Cell, Configuration, Presets, SpecLibrary};
 use crate::geometry::{Mesh, Pose};
@@ -459,4 +459,30 @@ fn of_two_bodies_that_keep_their_distance_nothing_is_said() {
     let most = found_mm.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = found_mm.iter().copied().fold(f64::INFINITY, f64::min);
     assert!(found_mm.len() > 10 && most - least > 20.0, "{found_mm:?}");
+}
+
+#[test]
+fn what_the_flange_carries_is_found_to_meet_the_same_with_and_without_a_configuration() {
+    let (cell, part) = (cell(), box_mesh([-100.0, -100.0, 0.0], [100.0, 100.0, 200.0]));
+    let scene = CollisionScene::new(&cell, &part, None, &Pose::identity(), 5.0);
+    let (axes, mut met) = (cell.axes(), [0_u32; 2]);
+    for sample in 1..5000 {
+        let axis = |axis: usize| {
+            let limits = &axes.0[axis];
+            limits.min_rad + (limits.max_rad - limits.min_rad) * halton(sample, PRIMES[axis])
+        };
+        let configuration = Configuration::from_axes_rad(std::array::from_fn(axis));
+        let base_from_plate = cell.base_from_plate(configuration.table_rad);
+        let plate_from_flange = base_from_plate.inverse() * cell.robot.base_from_flange(&configuration.joints_rad);
+        let carried = scene.check_carried(&plate_from_flange);
+        let contact = scene.check_view(&configuration);
+        let of_contact = contact.map(|contact| {
+            let is_plate = [&contact.a, &contact.b].into_iter().any(|name| **name == *"turntable plate");
+            if is_plate { MetOnTable::Plate } else { MetOnTable::Attached }
+        });
+        assert_eq!(carried, of_contact, "{configuration:?}");
+        met[0] += u32::from(carried == Some(MetOnTable::Plate));
+        met[1] += u32::from(carried == Some(MetOnTable::Attached));
+    }
+    assert!(met.iter().all(|count| *count > 10), "too little to tell: {met:?}");
 }

@@ -1,5 +1,6 @@
 //! The measurement volume: what both cameras and the projector see within the working depth, as a convex polytope in the
-//! scanner frame, mm ([`crate::planning::method::scanner`]; replaces the planar construction of Wang, section 3.1.1.2–3).
+//! scanner frame, mm ([`crate::planning::method::scanner`]; replaces the planar construction of Wang, section 3.1.1.2–3,
+//! which [`super::PlanarConstruction`] has for comparison).
 //!
 //! A device sees a cone over its image. Distortion bends the cone's four sides; each is replaced by the plane through
 //! the optical centre that is parallel to the side's chord (corner to corner) and touches the side from inside. So the

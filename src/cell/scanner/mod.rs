@@ -4,6 +4,7 @@ mod depth_of_field;
 mod device;
 mod measurement_volume;
 mod per_device;
+mod planar_construction;
 mod spec;
 #[cfg(test)]
 mod tests;
@@ -14,6 +15,7 @@ pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
 pub use measurement_volume::{Field, MeasurementVolume};
 pub use per_device::PerDevice;
+pub use planar_construction::PlanarConstruction;
 pub use spec::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceSpec, ScannerSpec};
 
 use super::shape_spec::BodySpec;

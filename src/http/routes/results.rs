@@ -18,6 +18,7 @@ use crate::program::dialects::Dialect;
 use crate::service::plan_job::{REFUSED_FILE, program_stem};
 use crate::service::{Error, ResultBody};
 use crate::wire::JobId;
+use crate::wire::candidates::{CANDIDATES_FILE, CandidateListing};
 use crate::wire::coverage::CoverageListing;
 use crate::wire::missed::MissedListing;
 use crate::wire::plan::PlanDocument;
@@ -57,6 +58,7 @@ const VIEWPOINTS: [Representation; 2] =
     [representation("json", JSON, "viewpoints.json"), representation("csv", CSV, "viewpoints.csv")];
 const COVERAGE: [Representation; 2] = [representation("json", JSON, "coverage.json"), representation("csv", CSV, "coverage.csv")];
 const MISSED: [Representation; 1] = [representation("json", JSON, "missed.json")];
+const CANDIDATES: [Representation; 1] = [representation("json", JSON, CANDIDATES_FILE)];
 const TIMINGS: [Representation; 1] = [representation("json", JSON, "timings.json")];
 const REPORT: [Representation; 2] = [representation("html", HTML, "report.html"), representation("text", TEXT, "report.txt")];
 const COVERAGE_BIN: [Representation; 1] = [representation("bin", BYTES, "coverage.bin")];
@@ -195,6 +197,14 @@ result! {
 result! {
     /// Get the missed area and its causes
     missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" JsonFormat, ("application/json", MissedListing)
+}
+result! {
+    /// Get all candidates, with the matrices of visibility and of quality
+    ///
+    /// Present if the job has `params.output.candidates`. If the file would be too large, the response is `result_not_found`
+    /// with the reason.
+    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, "format" JsonFormat,
+    ("application/json", CandidateListing)
 }
 result! {
     /// Get the seconds spent in each stage

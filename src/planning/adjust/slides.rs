@@ -15,7 +15,7 @@ use crate::planning::candidates::Candidate;
 use crate::planning::candidates::slide::{better, moved, refined};
 use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::{CandidateId, CandidateIndex, RowIndex, SampleId, ViewId};
-use crate::planning::params::{Hemisphere, Standoff};
+use crate::planning::params::{CandidateParams, Hemisphere, Standoff};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::setups::{self, Setup};
 use crate::planning::stations::Station;
@@ -158,8 +158,9 @@ impl Slide<'_, '_> {
     /// The view at `pose`; `None` where it may not stand there, or the cell cannot take it.
     fn slid(&self, setup: &Setup<'_>, pose: Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
         let (problem, input) = (self.problem, self.problem.input);
-        let above_only = problem.params.candidates.hemisphere == Some(Hemisphere::AboveTable);
-        if above_only && !setups::is_above(&pose, &setup.table_from_part, input.scanner) {
+        let CandidateParams { hemisphere, min_elevation_deg, .. } = problem.params.candidates;
+        let above_only = hemisphere == Some(Hemisphere::AboveTable);
+        if above_only && !setups::is_above(&pose, &setup.table_from_part, input.scanner, min_elevation_deg) {
             return Ok(None);
         }
         let reach = setup.scene.as_ref().map(|scene| scene.reach(&[pose], ctx)).transpose()?;

@@ -1,4 +1,5 @@
-//! Rejection of viewpoints that no cell could use, and of duplicates. Visibility plays no part here.
+//! Rejection of viewpoints that no cell could use, and of duplicates. Visibility plays no part here, nor do bodies: what the
+//! scanner's body meets on the plate is for the planning scene to find, before stations are sought.
 
 use std::collections::HashSet;
 
@@ -24,7 +25,7 @@ pub(super) fn judge(
     let aabb = scope.part.aabb();
     let in_box = placed.iter().any(|(table_from_scanner, _)| aabb.holds(&(part_from_table * *table_from_scanner).origin_mm()));
     let scene = in_box.then(|| RayScene::interruptible([scope.part], || ctx.check())).transpose()?;
-    let filter = Filter { scope, above_only, aabb, scene };
+    let filter = Filter { scope, above_only, min_elevation_deg: params.min_elevation_deg, aabb, scene };
     let judged: Vec<_> = placed
         .into_par_iter()
         .enumerate()
@@ -41,7 +42,7 @@ pub(super) fn judge(
     for (reason, candidate) in judged {
         let twice = || (!seen.insert(key(&candidate.part_from_scanner))).then_some(Rejection::Duplicate);
         match reason.or_else(twice) {
-            Some(reason) => generated.rejected.push((candidate.id, reason)),
+            Some(reason) => generated.rejected.push((candidate, reason)),
             None => generated.remaining.push(candidate),
         }
     }
@@ -56,10 +57,18 @@ fn key(pose: &Pose<Part, ScannerFrame>) -> [i64; 9] {
     [origin.x, origin.y, origin.z, x.x, x.y, x.z, z.x, z.y, z.z]
 }
 
+/// Returns true if a viewpoint, table frame, stands above the plate's plane at this elevation or more, seen from the plate's
+/// centre.
+pub(in crate::planning) fn stands_above(viewpoint_mm: &Point3<f64>, min_elevation_deg: f64) -> bool {
+    let min_slope = min_elevation_deg.to_radians().tan();
+    viewpoint_mm.z > 0.0 && viewpoint_mm.z >= min_slope * viewpoint_mm.xy().coords.norm()
+}
+
 /// Inputs of the checks of every candidate.
 struct Filter<'a> {
     scope: &'a Scope<'a>,
     above_only: bool,
+    min_elevation_deg: f64,
     aabb: Aabb,
     /// The part alone, if a viewpoint lies in its box: rare for parts smaller than the stand-off.
     scene: Option<RayScene>,
@@ -71,6 +80,9 @@ impl Filter<'_> {
         let below = |centre: Point3<f64>| table_from_scanner.point(&centre).z <= 0.0;
         if self.above_only && optical_centres.chain([Point3::origin()]).any(below) {
             return Some(Rejection::BelowTable);
+        }
+        if self.above_only && !stands_above(&table_from_scanner.origin_mm(), self.min_elevation_deg) {
+            return Some(Rejection::LowElevation);
         }
         let viewpoint = candidate.part_from_scanner.origin_mm();
         let encloses = |scene: &RayScene| self.aabb.holds(&viewpoint) && scene.encloses(&viewpoint);

@@ -6,11 +6,11 @@
 //! A strategy gives aims (`aim.rs`): a place, a viewing axis, and how it may be varied. `DEFAULT.md` beside this file holds
 //! the table that decided which strategies are the default.
 //!
-//! Candidates are dropped here only for reasons that cannot change the result: they cannot be taken, or an equal one is
-//! there already; [`Rejection::MeasuresNothing`] is the third such reason, found with the table. That a candidate measures
-//! no more than another and nowhere better is no such reason: the other may have no path, may take longer to reach or
-//! overlap less with its neighbours, and among equals the lower number is chosen. The solver that proves its answer
-//! removes those for itself, where it knows the objective.
+//! Candidates are dropped here only where the job asks for it ([`Rejection::LowElevation`]) or for reasons that cannot change
+//! the result: they cannot be taken, or an equal one is there already; [`Rejection::MeasuresNothing`] is the third such reason,
+//! found with the table. That a candidate measures no more than another and nowhere better is no such reason: the other may
+//! have no path, may take longer to reach or overlap less with its neighbours, and among equals the lower number is chosen.
+//! The solver that proves its answer removes those for itself, where it knows the objective.
 //!
 //! Frames: everything is generated in `table` (the part as placed, +z up) and handed on as `part_from_scanner`.
 
@@ -43,6 +43,7 @@ pub(in crate::planning) use aim::looking_along;
 use aim::{Aim, Placed, views_of_an_aim};
 pub(in crate::planning) use blocks::counts as block_counts;
 pub(in crate::planning) use even::spiral;
+pub(in crate::planning) use filter::stands_above;
 
 pub use super::verdict::Rejection;
 pub use label::Label;
@@ -93,15 +94,16 @@ pub struct CandidateSet {
     /// Number generated.
     pub generated: usize,
     /// Dropped, with the reason.
-    pub rejected: Vec<(CandidateId, Rejection)>,
+    pub rejected: Vec<(Candidate, Rejection)>,
 }
 
 impl CandidateSet {
     /// Adds `more`, whose numbers start from 0, behind these.
     pub fn append(&mut self, more: Self) {
-        let renumbered = |id: CandidateId| CandidateId(id.0 + self.generated as u32);
-        let remaining = more.remaining.into_iter().map(|candidate| Candidate { id: renumbered(candidate.id), ..candidate });
-        let rejected = more.rejected.into_iter().map(|(id, reason)| (renumbered(id), reason));
+        let first = self.generated as u32;
+        let renumbered = |candidate: Candidate| Candidate { id: CandidateId(candidate.id.0 + first), ..candidate };
+        let remaining = more.remaining.into_iter().map(renumbered);
+        let rejected = more.rejected.into_iter().map(|(candidate, reason)| (renumbered(candidate), reason));
         self.remaining.extend(remaining);
         self.rejected.extend(rejected);
         self.generated += more.generated;

@@ -172,6 +172,24 @@ fn above_the_table_means_every_optical_centre() {
 }
 
 #[test]
+fn viewpoints_hardly_above_the_plate_are_dropped() {
+    // The 12 views at 90° around a thin plate stand 1 mm above the table's plane, half a metre away.
+    let dropped = |min_elevation_deg: f64| {
+        let hemisphere = Some(Hemisphere::AboveTable);
+        let params = CandidateParams { hemisphere, min_elevation_deg, ..CandidateParams::ellipsoid() };
+        let generated = generated([100.0, 80.0, 2.0], &params);
+        let low = generated.rejected.iter().filter(|(_, reason)| *reason == Rejection::LowElevation).count();
+        (generated.remaining.len(), low)
+    };
+    assert_eq!(dropped(0.0), (33, 0));
+    assert_eq!(dropped(CandidateParams::default().min_elevation_deg), (21, 12));
+    // Zenith, 8 views at 30° and 12 at 60° from it are left; the last stand at about 28° over the plate.
+    assert_eq!(dropped(45.0), (9, 24));
+    let everywhere = CandidateParams { min_elevation_deg: 45.0, ..CandidateParams::ellipsoid() };
+    assert_eq!(generated([100.0, 80.0, 2.0], &everywhere).remaining.len(), 54, "without a plate there is no elevation");
+}
+
+#[test]
 fn a_viewpoint_in_the_middle_of_a_large_shell_is_dropped() {
     // A 1.2 m box: the inward blocks' viewpoints at the far side lie inside it.
     let params = CandidateParams { standoff: Standoff::Centre, ..CandidateParams::ellipsoid() };
@@ -377,7 +395,7 @@ fn a_pose_that_is_there_twice_is_dropped() {
     let params = CandidateParams { rolls_deg: vec![0.0, 360.0, 90.0], ..CandidateParams::ellipsoid() };
     let generated = generated([100.0, 80.0, 60.0], &params);
     assert_eq!((generated.generated, generated.remaining.len()), (3 * 54, 2 * 54));
-    assert!(generated.rejected.iter().all(|(id, reason)| id.0 % 3 == 1 && *reason == Rejection::Duplicate));
+    assert!(generated.rejected.iter().all(|(candidate, reason)| candidate.id.0 % 3 == 1 && *reason == Rejection::Duplicate));
 }
 
 #[test]

@@ -125,7 +125,7 @@ impl<'a> SecondSampling<'a> {
     ) -> Result<f64, Cancelled> {
         let (mesh, best_mm, level) = (self.input.mesh, self.input.scanner.best_mm, ctx.simd_level());
         // Whether the sky is open does not depend on where the plate is, nor on limits.
-        let sky = SkyProbe::new(mesh, part, &[], best_mm, FRAC_PI_2, level);
+        let sky = SkyProbe::new(mesh, part, (&[], 0.0), best_mm, FRAC_PI_2, level);
         let rests = |sample| !standing.is_empty() && standing.iter().all(|pose| stands_on(&self.surface, sample, pose));
         let is_enclosed = |sample: SampleId| {
             let (point_mm, patch) = (&self.surface.sample_mm[sample.index()], self.surface.patch_of(sample));

@@ -4,6 +4,7 @@
 use super::{Counts, Shares, exchanges, keeps_quality};
 use crate::geometry::Mesh;
 use crate::planning::params::{PlanParams, Solver};
+use crate::planning::plan::MAX_LISTING_BYTES;
 use crate::planning::scene::PlanInput;
 
 /// Bytes that the process holds beside the plan.
@@ -30,6 +31,9 @@ const NODES: f64 = 40.0;
 const PAIR_OF_NODE: f64 = 4.0;
 /// Pairs with which branch and bound is not begun.
 const MAX_PAIRS_OF_NODE: f64 = 30e6;
+/// A measured sample of a candidate, and a patch, in the listing of all candidates.
+const PAIR_OF_LISTING: f64 = 9.0;
+const PATCH_OF_LISTING: f64 = 40.0;
 /// A picture in the report, as often as it is copied, and how many there are at most.
 const PICTURE: f64 = 400e3;
 const MAX_PICTURES: f64 = 54.0;
@@ -48,7 +52,8 @@ const CLUSTERS_A_VERTEX: f64 = 1.5;
 
 pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, threads: f64) -> Shares {
     let Counts { patches, samples, candidates, views, measured, .. } = *counts;
-    let row = samples * if keeps_quality(params) { 0.125 + 2.0 * measured } else { 0.125 };
+    let with_quality = keeps_quality(params) || params.output.candidates;
+    let row = samples * if with_quality { 0.125 + 2.0 * measured } else { 0.125 };
     // What candidates measure under an error is held beside what they measure.
     let rows = if params.robust.select { 3.0 } else { 1.0 };
     let nodes = match params.selection.solver {
@@ -67,7 +72,7 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
         // One more setup is tried for advice.
         triangles: PROGRAM + triangles(input, counts.setups + f64::from(u8::from(tries_setup(input, params)))),
         samples: surfaces + PATCH_OF_SPOT * patches + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS + of_floor) * samples + of_threads,
-        candidates: candidates * (CANDIDATE + rows * row + twins) + nodes,
+        candidates: candidates * (CANDIDATE + rows * row + twins) + nodes + listing(counts, params),
         views: views * (row + exchange) + views.min(MAX_PICTURES) * PICTURE,
     }
 }
@@ -75,6 +80,12 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
 /// Returns true if one more setup may be tried: what the part stands on is missed then.
 fn tries_setup(input: &PlanInput<'_>, params: &PlanParams) -> bool {
     params.missed.advice && input.cell.is_some() && input.fixture.is_none()
+}
+
+/// Bytes of the listing of all candidates, and of it compressed.
+fn listing(counts: &Counts, params: &PlanParams) -> f64 {
+    let bytes = PAIR_OF_LISTING * counts.measured * counts.pairs() + PATCH_OF_LISTING * counts.patches;
+    if params.output.candidates { 1.5 * bytes.min(MAX_LISTING_BYTES as f64) } else { 0.0 }
 }
 
 /// Bytes that grow with triangles and vertices of the meshes.

@@ -147,7 +147,7 @@ impl<'a> RemedyContext<'a> {
 
     /// Returns true if viewpoint and devices stand above the plate, the part lying like this.
     fn is_above(&self, table_from_part: &Pose<Table, Part>, pose: &Pose<Part, ScannerFrame>) -> bool {
-        setups::is_above(pose, table_from_part, self.analysis.scanner)
+        setups::is_above(pose, table_from_part, self.analysis.scanner, self.analysis.params.candidates.min_elevation_deg)
     }
 
     /// Returns true if a candidate like this would not have been dropped.

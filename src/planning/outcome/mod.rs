@@ -2,6 +2,7 @@
 //! missed.
 
 mod coverage;
+mod table;
 mod verdicts;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,8 +15,8 @@ use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
 use super::missed::{self, CanExecute, MissAnalysis};
 use super::params::{SelectionParams, TargetOf};
 use super::plan::{
-    CandidateCounts, Cause, Coverage, MissedCause, Outcome, PartFacts, Plan, PlannedView, RegionCoverage, SHARE_SLACK, SetupLink,
-    SetupPlan, Stance, StopReason, Verdict, share,
+    CandidateCounts, CandidateFate, Cause, Coverage, Fate, MissedCause, Outcome, PartFacts, Plan, PlannedView, RegionCoverage,
+    SHARE_SLACK, SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
 use super::registration::{self, SharedSurface, Stability};
@@ -53,7 +54,7 @@ pub(super) struct Surroundings<'a> {
 /// # Errors
 /// [`Cancelled`].
 pub(super) fn assemble(
-    problem: ViewPlanningProblem<'_>,
+    mut problem: ViewPlanningProblem<'_>,
     chosen: &ChosenViews,
     ordered: Vec<Ordered>,
     excluded: &BTreeSet<CandidateIndex>,
@@ -61,13 +62,16 @@ pub(super) fn assemble(
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
     let solution = Solution::new(&problem, chosen, &ordered, excluded);
-    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, surroundings.part, ctx)?;
+    let scenes = (surroundings.occluders.rays(), surroundings.part);
+    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, scenes, ctx)?;
     let coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
     let missed = missed::explain(&solution.miss_analysis(surroundings), &verdicts, ctx)?;
     let weakest_links = solution.weakest_links(ctx)?;
     let plan = solution.plan(ordered, coverage, missed, &weakest_links);
+    let fates = problem.params.output.candidates.then(|| solution.fates());
     let measured_by_view = solution.measuring;
-    Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None })
+    let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings.occluders, ctx)).transpose()?;
+    Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None, candidates })
 }
 
 /// The weakest link of the views of each setup.
@@ -206,6 +210,24 @@ impl<'a> Solution<'a> {
             .collect()
     }
 
+    /// Fate of each candidate that no filter dropped.
+    fn fates(&self) -> Vec<CandidateFate> {
+        let Self { problem, chosen, no_path, all_excluded, .. } = self;
+        let views: BTreeMap<CandidateIndex, ViewId> = chosen.views().map(|(view, candidate)| (candidate, view)).collect();
+        let fate = |candidate: CandidateIndex| {
+            let view = views.get(&candidate).copied();
+            let rejection = problem.blocked(candidate).map(by_cell);
+            let fate = match view {
+                _ if rejection.is_some() => Fate::Dropped,
+                Some(_) if !no_path.contains(&candidate) => Fate::Chosen,
+                _ if all_excluded.contains(&candidate) => Fate::NoPath,
+                _ => Fate::NotChosen,
+            };
+            CandidateFate { fate, view, rejection }
+        };
+        problem.candidates.indices().map(fate).collect()
+    }
+
     fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
         let Surroundings { occluders, part: part_alone, can_execute } = *surroundings;
@@ -258,14 +280,18 @@ fn stopped_because(ended_by: StopReason, gave_up_views: bool, coverage: &Coverag
     }
 }
 
+/// Reason for which the cell drops a candidate.
+fn by_cell(failure: StationFailure) -> Rejection {
+    match failure {
+        StationFailure::Unreachable => Rejection::Unreachable,
+        StationFailure::Collision => Rejection::Collision,
+    }
+}
+
 fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
     let mut rejected: BTreeMap<Rejection, usize> = BTreeMap::new();
     let blocked = problem.candidates.indices().filter_map(|candidate| problem.blocked(candidate));
-    let by_cell = blocked.map(|blocked| match blocked {
-        StationFailure::Unreachable => Rejection::Unreachable,
-        StationFailure::Collision => Rejection::Collision,
-    });
-    for reason in problem.candidates.rejected.iter().map(|(_, reason)| *reason).chain(by_cell) {
+    for reason in problem.candidates.rejected.iter().map(|(_, reason)| *reason).chain(blocked.map(by_cell)) {
         *rejected.entry(reason).or_default() += 1;
     }
     CandidateCounts { generated: problem.candidates.generated, kept: problem.usable().len(), rejected }
@@ -277,7 +303,7 @@ fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
 /// [`Cancelled`].
 pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>, ctx: &Context<'_>) -> Result<NoPlan, Cancelled> {
     let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
-    let verdicts = verdicts::of(problem, &[], &BTreeSet::new(), &part, ctx)?;
+    let verdicts = verdicts::of(problem, &[], &BTreeSet::new(), (&part, &part), ctx)?;
     let area_of = |cause: Cause| -> f64 {
         let missed = verdicts.iter().zip(&problem.asked_area_mm2).filter(|(verdict, _)| **verdict == Verdict::Missed(cause));
         missed.map(|(_, area_mm2)| area_mm2).sum()

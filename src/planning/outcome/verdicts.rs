@@ -13,9 +13,11 @@ use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
 use crate::planning::sky::{Sky, SkyProbe, stands_on};
 use crate::planning::stations::StationFailure;
-use crate::planning::visibility::{Row, SampleSet};
+use crate::planning::surface::Surface;
+use crate::planning::visibility::{Optics, Probe, Row, SampleSet};
 
-/// Verdicts, given what each chosen view measures and the candidates that were given up for want of a path.
+/// Verdicts, given what each chosen view measures and the candidates that were given up for want of a path. `rays` is the scene
+/// of all that hides samples, `part` that of the part alone.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -23,7 +25,7 @@ pub(super) fn of(
     problem: &ViewPlanningProblem<'_>,
     measuring: &[Row],
     all_excluded: &BTreeSet<CandidateIndex>,
-    part: &RayScene,
+    (rays, part): (&RayScene, &RayScene),
     ctx: &Context<'_>,
 ) -> Result<Vec<Verdict>, Cancelled> {
     let samples = problem.surface.sample_mm.len();
@@ -38,9 +40,13 @@ pub(super) fn of(
     let rests_on =
         |sample: SampleId| problem.reach.is_some() && problem.setups.iter().all(|pose| stands_on(&problem.surface, sample, pose));
     let sky = sky_probe(problem, part, ctx);
+    let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
+    let dropped = problem.dropped_for_body().map(|candidate| Probe::new(&optics, &candidate.part_from_scanner, rays));
+    let dropped: Vec<Probe<'_>> = dropped.collect();
     let cause = |sample: SampleId| match motion_cause[sample.index()] {
         _ if rests_on(sample) => Cause::ExcludedResting,
         Some(cause) => cause,
+        None if dropped.iter().any(|probe| measures(probe, &problem.surface, sample)) => Cause::Collision,
         None => {
             let (surface, place) = (&problem.surface, sample.index());
             match sky.sky(&surface.sample_mm[place], &surface.patch_of(sample).normal) {
@@ -64,6 +70,13 @@ pub(super) fn of(
     (0..samples).into_par_iter().map(verdict).collect()
 }
 
+/// Returns true if a view that was dropped since the scanner's body meets something would measure a sample: collision alone is
+/// what keeps it from that.
+fn measures(probe: &Probe<'_>, surface: &Surface, sample: SampleId) -> bool {
+    let (normal, kind) = (&surface.patch_of(sample).normal, surface.requirements.kind(sample));
+    probe.measure(&surface.sample_mm[sample.index()], normal, kind).is_ok()
+}
+
 /// The sky over the part: with viewpoints above the plate alone, in the setups that are planned in.
 fn sky_probe<'a>(problem: &'a ViewPlanningProblem<'_>, part: &'a RayScene, ctx: &Context<'_>) -> SkyProbe<'a> {
     let (input, params) = (problem.input, problem.params);
@@ -71,7 +84,8 @@ fn sky_probe<'a>(problem: &'a ViewPlanningProblem<'_>, part: &'a RayScene, ctx: 
     let setups = if above_only { &problem.setups[..] } else { &[] };
     let limit_rad = |device| params.limits.incidence_max_rad(device);
     let incidence_max_rad = input.scanner.devices.iter().map(limit_rad).fold(f64::INFINITY, f64::min);
-    SkyProbe::new(input.mesh, part, setups, input.scanner.best_mm, incidence_max_rad, ctx.simd_level())
+    let plates = (setups, params.candidates.min_elevation_deg);
+    SkyProbe::new(input.mesh, part, plates, input.scanner.best_mm, incidence_max_rad, ctx.simd_level())
 }
 
 /// Cause by motion of each sample that some candidate measures: how far the best such candidate got with the cell.

@@ -91,6 +91,8 @@ params! {
         standoffs_mm: Vec<f64> = vec![0.0], [-500.0, 500.0] "mm", entries [1, 360];
         /// Part of the viewing sphere. Default: `full` without a cell, `above_table` with one.
         hemisphere: Option<Hemisphere> = None;
+        /// `above_table`: smallest elevation of a viewpoint over the plate's plane, seen from the plate's centre, degrees.
+        min_elevation_deg: f64 = 1.0, [0.0, 89.0] "°";
         /// Rule for the distance from the part.
         standoff: Standoff = Standoff::Surface;
         /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own.

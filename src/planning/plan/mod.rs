@@ -1,6 +1,7 @@
 //! The result of planning: an immutable value from which every file and every answer is rendered. Types alone; later rooms
 //! make them.
 
+mod candidate_table;
 mod certificate;
 mod measured;
 mod obstruction;
@@ -9,6 +10,7 @@ mod region_coverage;
 mod remedy;
 mod turn;
 
+pub use candidate_table::{CandidateFate, CandidateTable, MAX_LISTING_BYTES, TableEntry};
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 use nalgebra::{Point3, Vector3};
@@ -28,7 +30,7 @@ use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use super::surface::Surface;
 pub use super::surface::requirements::RegionKind;
-pub use super::verdict::{CandidateCounts, Cause, Grade, Verdict};
+pub use super::verdict::{CandidateCounts, Cause, Fate, Grade, Verdict};
 use super::visibility::Row;
 use crate::cell::{Posture, Robot};
 use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
@@ -271,4 +273,6 @@ pub struct Outcome {
     /// Number of chosen views that hit each triangle planned on with a pixel of each device; with
     /// `visibility.pixel_set`.
     pub pixel_views: Option<Vec<u32>>,
+    /// Every candidate, chosen or not; with `output.candidates`.
+    pub candidates: Option<CandidateTable>,
 }

@@ -41,7 +41,8 @@ impl EvaluatedCandidates {
 
     /// Assigns the candidates to a setup.
     pub(super) fn in_setup(mut self, setup: SetupIndex) -> Self {
-        self.candidates.remaining.iter_mut().for_each(|candidate| candidate.setup = setup);
+        let rejected = self.candidates.rejected.iter_mut().map(|(candidate, _)| candidate);
+        self.candidates.remaining.iter_mut().chain(rejected).for_each(|candidate| candidate.setup = setup);
         self
     }
 
@@ -74,8 +75,12 @@ impl EvaluatedCandidates {
     /// Drops the candidates that `reason` gives a reason for, knowing them all.
     pub(super) fn drop_where(&mut self, reason: impl Fn(&Self, CandidateIndex) -> Option<Rejection>) {
         let reasons: Vec<Option<Rejection>> = self.candidates.indices().map(|candidate| reason(self, candidate)).collect();
-        let dropped =
-            self.candidates.remaining.iter().zip(&reasons).filter_map(|(candidate, reason)| Some((candidate.id, (*reason)?)));
+        let dropped = self
+            .candidates
+            .remaining
+            .iter()
+            .zip(&reasons)
+            .filter_map(|(candidate, reason)| Some((candidate.clone(), (*reason)?)));
         self.candidates.rejected.extend(dropped);
         retain(&mut self.candidates.remaining, &reasons);
         retain(&mut self.matrix.rows, &reasons);

@@ -187,13 +187,22 @@ impl ViewPlanningProblem<'_> {
         chosen.views().filter(is_here).map(|(view, candidate)| (view, self.stations(candidate))).collect()
     }
 
-    /// Candidates that are reached but for collisions, with no stations, and those of `all_excluded`, with theirs.
+    /// Candidates that are reached but for collisions, and those that were dropped since the scanner's body meets something,
+    /// with no stations; and those of `all_excluded`, with theirs.
     pub(in crate::planning) fn obstructed(&self, all_excluded: &BTreeSet<CandidateIndex>) -> Vec<(&Candidate, &[Station])> {
         let stations = |candidate: CandidateIndex| match &self.reach.as_ref()?[candidate.index()] {
             Ok(stations) => all_excluded.contains(&candidate).then_some(stations.as_slice()),
             Err(blocked) => (*blocked == StationFailure::Collision).then_some(&[][..]),
         };
-        self.candidates.indices().filter_map(|candidate| Some((&self.candidates[candidate], stations(candidate)?))).collect()
+        let remaining =
+            self.candidates.indices().filter_map(|candidate| Some((&self.candidates[candidate], stations(candidate)?)));
+        remaining.chain(self.dropped_for_body().map(|candidate| (candidate, &[][..]))).collect()
+    }
+
+    /// Candidates that were dropped since the scanner's body meets something there.
+    pub(in crate::planning) fn dropped_for_body(&self) -> impl Iterator<Item = &Candidate> {
+        let rejected = self.candidates.rejected.iter();
+        rejected.filter(|(_, reason)| reason.is_collision_of_body()).map(|(candidate, _)| candidate)
     }
 }
 

@@ -63,7 +63,10 @@ impl Rounds<'_> {
 
     /// Evaluates candidates: their stations, and the samples that each measures.
     fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
-        let candidates = self.scene.iter().fold(candidates, |candidates, scene| scene.drop_inside_obstacles(candidates));
+        let candidates = match self.scene {
+            Some(scene) => scene.drop_where_body_meets(scene.drop_inside_obstacles(candidates), ctx)?,
+            None => candidates,
+        };
         let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
         ctx.begin(Stage::Stations)?;
         let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;

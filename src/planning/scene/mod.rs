@@ -10,14 +10,17 @@ pub use defaults::resting;
 pub use input::PlanInput;
 pub(super) use placement::{check as check_placement, plate};
 
+use rayon::prelude::*;
+
 use super::candidates::{Candidate, CandidateSet, Rejection};
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::ViewId;
 use super::params::PlanParams;
 use super::sequence::{self, Ordered, Permits, Roadmaps};
 use super::stations::{self, Station, StationFailure};
+use crate::cell::collision::MetOnTable;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Farthest, Separation};
-use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, plate_from_placed};
 
 /// Largest separation that is measured, mm: as far as a clearance may be asked for.
 const MAX_SEPARATION_MM: f64 = 200.0;
@@ -70,9 +73,37 @@ impl<'a> PlanningScene<'a> {
             stations::inside_obstacle(&candidate.part_from_scanner, self.cell, &self.scene, &self.table_from_part)
         };
         let (dropped, remaining): (Vec<_>, Vec<_>) = generated.remaining.into_iter().partition(inside);
-        generated.rejected.extend(dropped.iter().map(|candidate| (candidate.id, Rejection::InsideObstacle)));
+        generated.rejected.extend(dropped.into_iter().map(|candidate| (candidate, Rejection::InsideObstacle)));
         generated.remaining = remaining;
         generated
+    }
+
+    /// Drops candidates at which what the flange carries, the scanner's body above all, is closer than the clearance to the
+    /// plate, the part or its fixture. The pose alone decides that, wherever arm and table are.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn drop_where_body_meets(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<CandidateSet, Cancelled> {
+        let plate_from_part = plate_from_placed(&self.table_from_part);
+        let flange_from_scanner = &self.cell.flange_from_scanner;
+        let reason = |candidate: &Candidate| {
+            ctx.check()?;
+            let plate_from_flange = plate_from_part * candidate.part_from_scanner * flange_from_scanner.inverse();
+            Ok(self.scene.check_carried(&plate_from_flange).map(|met| match met {
+                MetOnTable::Plate => Rejection::BodyMeetsPlate,
+                MetOnTable::Attached => Rejection::BodyMeetsPart,
+            }))
+        };
+        let CandidateSet { remaining, generated, mut rejected } = candidates;
+        let reasons = remaining.par_iter().map(reason).collect::<Result<Vec<_>, Cancelled>>()?;
+        let mut kept = Vec::with_capacity(remaining.len());
+        for (candidate, reason) in remaining.into_iter().zip(reasons) {
+            match reason {
+                Some(reason) => rejected.push((candidate, reason)),
+                None => kept.push(candidate),
+            }
+        }
+        Ok(CandidateSet { remaining: kept, generated, rejected })
     }
 
     /// Stations of every view.

@@ -184,7 +184,9 @@ fn measured_from(
     let table = visibility::cast(&surface, &views, &usable, input.scanner, &occluders, &coarse, &ctx.silent())?;
     let seen_in = |table_from_part: &Pose<Table, Part>| {
         let mut measured = SampleSet::none_of(surface.sample_mm.len());
-        let taken = views.iter().zip(&table.rows).filter(|(view, _)| is_above(view, table_from_part, input.scanner));
+        let min_elevation_deg = coarse.candidates.min_elevation_deg;
+        let taken =
+            views.iter().zip(&table.rows).filter(|(view, _)| is_above(view, table_from_part, input.scanner, min_elevation_deg));
         taken.for_each(|(_, row)| measured.insert_all(row.measured()));
         measured
     };
@@ -192,11 +194,17 @@ fn measured_from(
     Ok(Reachable { by_pose, area_mm2: surface.asked_area_mm2(), surface })
 }
 
-/// Returns true if the viewpoint and all devices stand above the plate's plane.
-pub(super) fn is_above(view: &Pose<Part, ScannerFrame>, table_from_part: &Pose<Table, Part>, scanner: &Scanner) -> bool {
+/// Returns true if all devices stand above the plate's plane, and the viewpoint at this elevation or more.
+pub(super) fn is_above(
+    view: &Pose<Part, ScannerFrame>,
+    table_from_part: &Pose<Table, Part>,
+    scanner: &Scanner,
+    min_elevation_deg: f64,
+) -> bool {
     let table_from_scanner = *table_from_part * *view;
-    let centres = scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
-    centres.chain([nalgebra::Point3::origin()]).all(|centre| table_from_scanner.point(&centre).z > 0.0)
+    let mut centres = scanner.devices.iter().map(|device| device.scanner_from_device.origin_mm());
+    centres.all(|centre| table_from_scanner.point(&centre).z > 0.0)
+        && candidates::stands_above(&table_from_scanner.origin_mm(), min_elevation_deg)
 }
 
 /// Stability of the registration of every two poses, by all that can be measured in both.

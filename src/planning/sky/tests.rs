@@ -24,7 +24,7 @@ fn hollow(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
 
 fn sky_of(mesh: &Mesh, setups: &[Pose<Table, Part>], point_mm: [f64; 3], normal: Vector3<f64>) -> Sky {
     let part = RayScene::new([mesh]);
-    let probe = SkyProbe::new(mesh, &part, setups, 480.0, 77.5_f64.to_radians(), SimdLevel::widest());
+    let probe = SkyProbe::new(mesh, &part, (setups, 0.0), 480.0, 77.5_f64.to_radians(), SimdLevel::widest());
     probe.sky(&point_mm.into(), &normal)
 }
 
@@ -77,4 +77,19 @@ fn an_underside_is_seen_from_below_the_plate_alone_unless_it_is_high_enough() {
     let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
     let over = Pose::from_parts(Vector3::new(0.0, 0.0, 45.0), half_turn);
     assert_eq!(underside(40.0, &[Pose::identity(), over]), Sky::Open);
+}
+
+#[test]
+fn a_sky_that_is_lower_than_viewpoints_may_stand_is_below_the_plate() {
+    // A wall of a block is seen from 76° over the plate at most: at 77.5° off its normal, 480 mm away.
+    let mesh = box_mesh([-10.0, -10.0, 0.0], [10.0, 10.0, 20.0]);
+    let (part, standing) = (RayScene::new([&mesh]), [Pose::identity()]);
+    let sky = |min_elevation_deg: f64, point_mm: [f64; 3], normal: Vector3<f64>| {
+        let plates = (&standing[..], min_elevation_deg);
+        SkyProbe::new(&mesh, &part, plates, 480.0, 77.5_f64.to_radians(), SimdLevel::widest()).sky(&point_mm.into(), &normal)
+    };
+    for (min_elevation_deg, expected) in [(0.0, Sky::Open), (60.0, Sky::Open), (80.0, Sky::BelowPlate)] {
+        assert_eq!(sky(min_elevation_deg, [10.0, 0.0, 10.0], Vector3::x()), expected, "{min_elevation_deg}°");
+        assert_eq!(sky(min_elevation_deg, [0.0, 0.0, 20.0], Vector3::z()), Sky::Open, "the top, {min_elevation_deg}°");
+    }
 }

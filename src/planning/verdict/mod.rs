@@ -8,7 +8,7 @@ mod stability;
 
 pub use cause::Cause;
 pub use grade::Grade;
-pub use rejection::{CandidateCounts, Rejection};
+pub use rejection::{CandidateCounts, Fate, Rejection};
 pub use stability::{MIN_RESISTANCE, Stability};
 
 /// Verdict on a sample.

@@ -28,10 +28,11 @@ pub(super) struct Answer {
 }
 
 /// Every file that a job may come to.
-pub(super) const FILES: [&str; 18] = [
+pub(super) const FILES: [&str; 19] = [
     "plan.json",
     "program.json",
     "missed.json",
+    "candidates.json",
     "viewpoints.json",
     "viewpoints.csv",
     "coverage.json",

@@ -101,6 +101,7 @@ const CASES: &[Case] = &[
     ("/api/v1/jobs/{id}/viewpoints", "/api/v1/jobs/{nobody}/viewpoints", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/coverage", "/api/v1/jobs/{nobody}/coverage", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/missed", "/api/v1/jobs/{nobody}/missed", "GET", "", "", "job_not_found"),
+    ("/api/v1/jobs/{id}/candidates", "/api/v1/jobs/{nobody}/candidates", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/timings", "/api/v1/jobs/{nobody}/timings", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/report", "/api/v1/jobs/{nobody}/report", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/coverage.bin", "/api/v1/jobs/{nobody}/coverage.bin", "GET", "", "", "job_not_found"),

@@ -31,6 +31,7 @@ async fn each_result_comes_in_its_forms() {
         ("coverage", "", "application/json", "coverage.json"),
         ("coverage?format=csv", "application/json", csv, "coverage.csv"),
         ("missed", "", "application/json", "missed.json"),
+        ("candidates", "", "application/json", "candidates.json"),
         ("report", "text/html,*/*;q=0.8", html, "report.html"),
         ("report", "", html, "report.html"),
         ("report?format=text", "", text, "report.txt"),
