@@ -1,5 +1,6 @@
 //! `plan.json`, schema `vantage.plan/1`. It depends on neither clock nor thread count: the same input gives the same bytes.
 
+mod at_risk;
 mod coverage;
 mod missed;
 mod motion;
@@ -11,6 +12,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub use at_risk::{AtRiskDocument, RiskReasonDocument};
 pub use coverage::{
     CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument,
     VisibleSharesDocument,

@@ -1,12 +1,14 @@
 //! The result of planning: an immutable value from which every file and every answer is rendered. Types alone; later rooms
 //! make them.
 
+mod at_risk;
 mod certificate;
 mod measured;
 mod obstruction;
 mod region_coverage;
 mod remedy;
 
+pub use at_risk::AtRisk;
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
 use nalgebra::{Point3, Vector3};
@@ -24,7 +26,7 @@ use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use super::surface::Surface;
 pub use super::surface::requirements::RegionKind;
-pub use super::verdict::{CandidateCounts, Cause, Grade, Verdict};
+pub use super::verdict::{CandidateCounts, Cause, Grade, RiskReason, Verdict};
 use super::visibility::Row;
 use crate::cell::{Posture, Robot};
 use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
@@ -125,6 +127,8 @@ pub struct Coverage {
     pub optically_coverable_area_mm2: f64,
     /// Asked area that the chosen views measure.
     pub measured: MeasuredArea,
+    /// Area that the chosen views measure in the simulation and a real scan may lack.
+    pub at_risk: AtRisk,
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
     /// Coverage of each region of interest and feature, in the order of their numbers: regions of interest come first.

@@ -8,10 +8,14 @@ use super::markup::{area, duration, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
 use super::views::swatch;
 use super::words;
-use crate::planning::plan::{Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, Stability, share};
+use crate::planning::plan::{
+    Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, RiskReason, Robust, Stability, share,
+};
 use crate::planning::sequence::{Leg, Sequence};
-use crate::wire::plan::{CoverageDocument, StabilityDocument};
-use crate::wire::words::{HeadlineShare, advice_sentence, changed_params, headline as headline_shares, treated_spots};
+use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
+use crate::wire::words::{
+    HeadlineShare, advice_sentence, changed_params, headline as headline_shares, risk_meaning, treated_spots,
+};
 
 /// Max spots listed for each cause.
 const SPOTS_LISTED: usize = 3;
@@ -192,6 +196,32 @@ fn under_pose_errors(robust: &Robust) -> String {
         row("Every view, independently", &robust.views),
         row("The part as a whole", &robust.part),
         row("The hand-eye calibration, the same in every view", &robust.hand_eye),
+    )
+}
+
+/// Section on measured area that a real scan may lack.
+pub(super) fn at_risk(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let document = AtRiskDocument::from(&plan.coverage);
+    let row = |(reason, found): (RiskReason, &RiskReasonDocument)| {
+        format!(
+            "<tr><td><code>{}</code></td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"soft keep\">{}</td></tr>\n",
+            reason.as_str(),
+            area(found.area_mm2),
+            percent(found.of_visible),
+            escape(&risk_meaning(reason, &plan.params.realism))
+        )
+    };
+    let rows: String = RiskReason::ALL.into_iter().zip(&document.reasons).map(row).collect();
+    let counts = if document.counted { "It counts as measured." } else { "It does not count as measured." };
+    format!(
+        "<section>\n<h2>At risk in a real scan</h2>\n<p>{} of the area that the views measure in the simulation, {} of the visible \
+         area, may be lacking in a real scan. {counts} Surface that is at risk for several reasons is listed under each. The widths \
+         behind it are our choice: they have no published source.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Reason</th>\
+         <th class=\"n\">Area</th><th class=\"n\">Of visible</th><th>Meaning</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n\
+         </section>\n",
+        area(document.area_mm2),
+        percent(document.of_visible)
     )
 }
 
