@@ -4,6 +4,7 @@
 mod axis;
 mod body;
 mod body_meshes;
+mod body_surface;
 mod closed_list;
 pub mod collision;
 mod field_error;

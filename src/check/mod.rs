@@ -7,9 +7,11 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
-use crate::cell::{Cell, CellSpec, CollisionScene, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec};
+use crate::cell::{
+    Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec,
+};
 use crate::geometry::Mesh;
-use crate::planning::certificate::recheck;
+use crate::planning::certificate::recheck::{self, TakenView};
 use crate::planning::context::Context;
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
@@ -229,8 +231,16 @@ impl Reference {
             cell: Some(cell),
             roadmaps: None,
         };
-        let views = program::scan_poses(program, cell, &expected.table_from_part);
-        let measured = recheck::measured(&input, &plan.params, &expected.table_from_part, &views, ctx)
+        // Views of other setups than the program's clear samples of risks; what they measure is not to be had here.
+        if !plan.params.realism.count_at_risk && plan.setups.len() > 1 {
+            return Ok(None);
+        }
+        let poses = program::scan_poses(program, cell, &expected.table_from_part).into_iter();
+        let scans = poses.zip(program::scan_configurations(program));
+        let view =
+            |(part_from_scanner, here): (_, Configuration)| TakenView { part_from_scanner, table_rad: Some(here.table_rad) };
+        let views: Vec<TakenView> = scans.map(view).collect();
+        let measured = recheck::measured_in_cell(&input, &plan.params, &expected.table_from_part, &views, ctx)
             .map_err(|error| whole(error.to_string()))?;
         let here = plan.setups.get(program.setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
         Ok(Some((measured.measured_mm2 / measured.asked_mm2, here / plan.coverage.asked_area_mm2)))

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use super::expected;
 use crate::cell::{Cell, Configuration, DeviceName, FieldError, Findings};
 use crate::planning::candidates::Label;
-use crate::planning::plan::{AdviceKind, Cause, RemedyKind, StopReason, ViewId};
+use crate::planning::plan::{AdviceKind, Cause, RemedyKind, RiskReason, StopReason, ViewId};
 use crate::program::{self, Expected};
 use crate::wire::plan::{CoverageDocument, PartDocument, PlanDocument, RemedyDocument, ViewpointDocument, VisibleSharesDocument};
 
@@ -127,6 +127,26 @@ fn check_coverage(coverage: &CoverageDocument, findings: &mut Findings) {
     check_grades(coverage, findings);
     check_curve(coverage, findings);
     check_certificate(coverage, findings);
+    check_at_risk(coverage, findings);
+}
+
+/// Requires area at risk within the asked area, and no more for a reason than in all.
+fn check_at_risk(coverage: &CoverageDocument, findings: &mut Findings) {
+    let Some(at_risk) = &coverage.at_risk else { return };
+    let asked_mm2 = coverage.asked_area_mm2;
+    let mut within = |at: String, area_mm2: f64, whole_mm2: f64| {
+        let fits = (0.0..=whole_mm2 + AREA_TOLERANCE * asked_mm2).contains(&area_mm2);
+        findings.require(fits, at, || format!("is {area_mm2} mm²; allowed is 0 to {whole_mm2} mm²"));
+    };
+    let measured_mm2 = if at_risk.counted { coverage.measured_area_mm2 } else { asked_mm2 - coverage.measured_area_mm2 };
+    within("/coverage/at_risk/area_mm2".to_owned(), at_risk.area_mm2, measured_mm2);
+    for (index, reason) in at_risk.reasons.iter().enumerate() {
+        within(format!("/coverage/at_risk/reasons/{index}/area_mm2"), reason.area_mm2, at_risk.area_mm2);
+    }
+    for (index, reason) in at_risk.reasons.iter().enumerate() {
+        let at = format!("/coverage/at_risk/reasons/{index}/reason");
+        one_of(at, &reason.reason, &RiskReason::ALL.map(RiskReason::as_str), findings);
+    }
 }
 
 /// Requires shares of the visible area, none of a part larger than that of the whole.

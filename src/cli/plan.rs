@@ -24,7 +24,7 @@ use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RemedyDocument, RobustDocument, SetupDocument};
-use crate::wire::words::{area_mm2, headline, no_plan_sentence, stability_sentence};
+use crate::wire::words::{area_mm2, at_risk_sentence, headline, no_plan_sentence, stability_sentence};
 use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
@@ -271,6 +271,9 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     println!("{} views (stopped: {}); simulated coverage:", plan.viewpoints.len(), plan.stopped_because);
     for figure in headline(coverage) {
         println!("  {:>6.2} %  {:<26} {}", 100.0 * figure.share, figure.name, figure.meaning);
+    }
+    if let Some(at_risk) = &coverage.at_risk {
+        println!("  {}", at_risk_sentence(at_risk));
     }
     if let Some(robust) = &coverage.robust {
         println!("  {}", under_pose_errors(robust));

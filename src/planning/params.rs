@@ -12,6 +12,7 @@ mod candidates;
 mod dialects;
 mod knob;
 mod preset;
+mod realism;
 mod regions;
 mod registration;
 mod robust;
@@ -22,6 +23,7 @@ pub use dialects::DialectParams;
 use knob::params;
 pub use knob::{Knob, KnobGroup};
 pub use preset::Preset;
+pub use realism::RealismParams;
 pub use regions::{FeatureParams, InterestParams, NoiseParams, Region, RegionParams};
 pub use registration::Registration;
 pub use robust::{PoseErrorParams, RobustParams};
@@ -54,6 +56,8 @@ params! {
         selection: SelectionParams = SelectionParams::default();
         /// Evaluation with poses that are off.
         robust: RobustParams = RobustParams::default();
+        /// Measured area that a real scan may lack ([`crate::planning::method::realism`]).
+        realism: RealismParams = RealismParams::default();
         /// Remedies for missed area.
         missed: MissedParams = MissedParams::default();
         /// Optional result files.
@@ -361,6 +365,7 @@ impl PlanParams {
         self.dialects.check(&mut findings);
         self.candidates.check(&mut findings);
         self.visibility.check_ranges("/visibility", &mut findings);
+        self.realism.check(&mut findings);
         self.missed.check_ranges("/missed", &mut findings);
         self.output.check_ranges("/output", &mut findings);
         self.score.check(&mut findings);
@@ -410,6 +415,7 @@ impl PlanParams {
             ("selection.overlap", OverlapParams::KNOBS),
             ("robust", RobustParams::KNOBS),
             ("robust.pose_error", PoseErrorParams::KNOBS),
+            ("realism", RealismParams::KNOBS),
             ("missed", MissedParams::KNOBS),
             ("output", OutputParams::KNOBS),
         ]

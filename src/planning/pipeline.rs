@@ -20,6 +20,7 @@ use super::sequence::Ordered;
 use super::setups::Setup;
 use super::surface::Surface;
 use super::visibility::{self, Occluders, Row};
+use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 
 /// Times that views without a path are exchanged for others at most; views without one after that carry it as a rejection.
@@ -93,6 +94,7 @@ fn problem<'a>(
         matrix: evaluated.matrix,
         robust_rows,
         reach: evaluated.reach,
+        hidden_by_cell: evaluated.hidden_by_cell,
         asked_area_mm2: sampled.asked_area_mm2.clone(),
     })
 }
@@ -120,7 +122,8 @@ fn select_and_order(
         }
         ctx.begin(Stage::Sequence)?;
         let order = |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| {
-            scene.order(&problem.stations_of(&chosen, setup), reselections < MAX_RESELECTIONS, ctx)
+            let in_sight = |view, station: &Configuration| problem.is_in_sight(scene, chosen.candidate(view), station, ctx);
+            scene.order(&problem.stations_of(&chosen, setup), reselections < MAX_RESELECTIONS, &in_sight, ctx)
         };
         let ordered: Vec<Ordered> = SetupIndex::number(&scenes).map(order).collect::<Result<_, _>>()?;
         let no_path: Vec<_> = ordered.iter().flat_map(|ordered| &ordered.no_path).copied().collect();
@@ -194,7 +197,10 @@ fn certify(
 ) -> Result<(), PlanError> {
     ctx.begin(Stage::Certificate)?;
     let plan = &mut outcome.plan;
-    let views = |(id, setup): (SetupId, &SetupPlan)| Some(SetupViews::of(&setup_of(setups, setup)?.occluders, &plan.views, id));
+    let views = |(id, plan_of_setup): (SetupId, &SetupPlan)| {
+        let setup = setup_of(setups, plan_of_setup)?;
+        Some(SetupViews::of(&setup.occluders, setup.scene.as_ref().map(PlanningScene::sight), &plan.views, id))
+    };
     let views: Vec<_> = SetupId::number(&plan.setups).filter_map(views).collect();
     let standing: Vec<_> = setups.iter().filter(|setup| setup.scene.is_some()).map(|setup| setup.table_from_part).collect();
     let Certificate { independent, robust } = certificate::certify(input, params, &views, part, &standing, ctx)?;

@@ -178,16 +178,22 @@ pub fn check(program: &Program, cell: &Cell, scene: &CollisionScene, expected: O
 /// Poses of the scanner at each scan, as seen from the part.
 #[must_use]
 pub fn scan_poses(program: &Program, cell: &Cell, table_from_part: &Pose<Table, Part>) -> Vec<Pose<Part, ScannerFrame>> {
+    scan_configurations(program).iter().map(|here| part_from_scanner(cell, table_from_part, here)).collect()
+}
+
+/// Joints and table angle at each scan.
+#[must_use]
+pub fn scan_configurations(program: &Program) -> Vec<Configuration> {
     let mut here = program.home_rad;
-    let mut poses = Vec::new();
+    let mut scans = Vec::new();
     for step in &program.steps {
         match step {
             Step::Move(step) => here = step.target_rad,
-            Step::Scan { .. } => poses.push(part_from_scanner(cell, table_from_part, &here)),
+            Step::Scan { .. } => scans.push(here),
             Step::Settle { .. } => {}
         }
     }
-    poses
+    scans
 }
 
 /// [`Fault::Coverage`] where the shares of the asked area differ by more than the poses' tolerance explains.

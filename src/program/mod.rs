@@ -6,7 +6,7 @@ mod compile;
 pub mod dialects;
 mod interlock;
 
-pub use check::{Expected, Fault, Finding, check, off_coverage, off_pose, scan_poses};
+pub use check::{Expected, Fault, Finding, check, off_coverage, off_pose, scan_configurations, scan_poses};
 pub use compile::compile;
 pub use interlock::{Together, interlock};
 

@@ -9,14 +9,16 @@ use nalgebra::{Point3, Vector3};
 use crate::cell::Separation;
 use crate::geometry::Pose;
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, SetupId, Stability, share};
+use crate::planning::plan::{
+    Bound, Coverage, MissedCause, Obstruction, Plan, RegionCoverage, RiskReason, SetupId, Stability, share,
+};
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
-use crate::wire::plan::{AdviceDocument, CoverageDocument, RobustDocument};
+use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RobustDocument};
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, changed_params, fixed, freedom, headline, lie_phrase, noise_remark,
-    remedy_sentence, treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, fixed, freedom, headline, lie_phrase,
+    noise_remark, remedy_sentence, risk_meaning, treated_spots,
 };
 
 /// The text. Same plan, same text; every line ends with a newline.
@@ -33,6 +35,7 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
     write_coverage(out, &plan.coverage)?;
+    write_at_risk(out, plan)?;
     write_warnings(out, plan)?;
     write_regions(out, &plan.coverage.regions)?;
     write_setups(out, plan)?;
@@ -133,6 +136,15 @@ fn write_coverage(out: &mut String, coverage: &Coverage) -> fmt::Result {
         writeln!(out, "  grade {name} of asked         {:>12} %", percent(share(area_mm2, coverage.asked_area_mm2)))?;
     }
     write_certificate(out, coverage)
+}
+
+/// Lists measured area that a real scan may lack, apart from the figures above.
+fn write_at_risk(out: &mut String, plan: &Plan) -> fmt::Result {
+    writeln!(out, "\n{}", at_risk_sentence(&AtRiskDocument::from(&plan.coverage)))?;
+    for (reason, area) in RiskReason::ALL.into_iter().zip(plan.coverage.at_risk.by_reason_mm2) {
+        writeln!(out, "  {:<24} {:>12} mm²  {}", reason.as_str(), area_mm2(area), risk_meaning(reason, &plan.params.realism))?;
+    }
+    Ok(())
 }
 
 /// Lists regions of interest and features, where there are any: what is asked of each, what is reached, and why not more.

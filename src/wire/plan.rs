@@ -1,6 +1,7 @@
 //! `plan.json`, schema `vantage.plan/1`. It depends on neither clock nor thread count: the same input gives the same bytes.
 
 mod advice;
+mod at_risk;
 mod coverage;
 mod missed;
 mod motion;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use advice::{AdviceDocument, TurnDocument};
+pub use at_risk::{AtRiskDocument, RiskReasonDocument};
 pub use coverage::{
     CoverageDocument, DrawnDocument, GradesDocument, IndependentDocument, MisplacedDocument, RobustDocument,
     VisibleSharesDocument,

@@ -5,12 +5,12 @@ use std::fmt::Write;
 use serde_json::Value;
 
 use crate::planning::context::NoPlan;
-use crate::planning::params::PlanParams;
+use crate::planning::params::{PlanParams, RealismParams};
 use crate::planning::plan::{
-    Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, Turn, TurnKind,
+    Advice, Cause, MissedCause, MissedSpot, PartSide, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason, Turn, TurnKind,
 };
 use crate::planning::registration::Stability;
-use crate::wire::plan::{CoverageDocument, StabilityDocument};
+use crate::wire::plan::{AtRiskDocument, CoverageDocument, StabilityDocument};
 
 #[cfg(test)]
 mod tests;
@@ -106,6 +106,37 @@ pub fn headline(coverage: &CoverageDocument) -> [HeadlineShare; 7] {
         ("measured of total", of_total, "total: every face of the part"),
     ]
     .map(|(name, share, meaning)| HeadlineShare { name, share, meaning })
+}
+
+/// Area at risk on one line: how much of the visible area, whether it counts, and for which reasons.
+#[must_use]
+pub fn at_risk_sentence(at_risk: &AtRiskDocument) -> String {
+    let percent = |share: f64| format!("{} %", fixed(100.0 * share, 2));
+    let counts = if at_risk.counted { "counted as measured" } else { "not counted as measured" };
+    let there = at_risk.reasons.iter().filter(|reason| reason.area_mm2 > 0.0);
+    let reasons: Vec<_> = there.map(|reason| format!("{} {}", reason.reason, percent(reason.of_visible))).collect();
+    let reasons = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join(", ")) };
+    format!("at risk in a real scan: {} of visible, {counts}{reasons}", percent(at_risk.of_visible))
+}
+
+/// Meaning of a reason for which area is at risk, in a sentence without a full stop.
+#[must_use]
+pub fn risk_meaning(reason: RiskReason, realism: &RealismParams) -> String {
+    match reason {
+        RiskReason::ConcaveZone => format!(
+            "within {} mm of an edge at which two faces leave less than {}° of air, where scanners lose points",
+            realism.concave_zone_mm, realism.concave_dihedral_deg
+        ),
+        RiskReason::InterReflection => {
+            "in that zone, and every view that measures it has the projector's light mirrored onto the opposite face".to_owned()
+        }
+        RiskReason::FrameMargin => {
+            format!("within {} px of the border of an image in every view that measures it", realism.frame_margin_px)
+        }
+        RiskReason::SilhouetteMargin => {
+            format!("within {} px of a jump of depth in an image in every view that measures it", realism.silhouette_margin_px)
+        }
+    }
 }
 
 /// The spots for which a remedy was searched for, largest first.

@@ -14,9 +14,9 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Advice, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MeasuredArea, MissedCause, MissedSpot,
-    Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance, StopReason,
-    Verdict, ViewId,
+    Advice, AtRisk, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MeasuredArea, MissedCause,
+    MissedSpot, Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance,
+    StopReason, Verdict, ViewId,
 };
 use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
@@ -104,6 +104,7 @@ fn coverage_of(surface: &Surface, verdicts: &[Verdict], rows: &[Row]) -> Coverag
             within_area_mm2: [0.4 * measured, 0.9 * measured],
         },
         curve_area_mm2: (1..=rows.len()).map(seen_by).collect(),
+        at_risk: AtRisk { is_counted: true, ..AtRisk::default() },
         regions: Vec::new(),
         independent: Independent::default(),
         robust: None,

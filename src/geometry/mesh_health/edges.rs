@@ -42,6 +42,11 @@ impl Side {
         (self.face_and_way >> 1) as usize
     }
 
+    /// Both vertices, the lower one first.
+    pub(super) fn vertices(self) -> [u32; 2] {
+        self.vertices
+    }
+
     pub(super) fn is_ascending(self) -> bool {
         self.face_and_way & 1 == 1
     }

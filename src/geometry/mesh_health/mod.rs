@@ -35,6 +35,23 @@ pub fn outward_faces(mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<bool>, Interrup
     bodies.outward_faces(mesh, poll)
 }
 
+/// Calls `found` for every edge of exactly two triangles that run along it in opposite directions, with its vertices, the lower
+/// first, and the two triangles.
+///
+/// # Errors
+/// [`Interrupted`].
+pub fn each_inner_edge(mesh: &Mesh, poll: &Poll<'_>, mut found: impl FnMut([u32; 2], [usize; 2])) -> Result<(), Interrupted> {
+    for sides in Edges::of(&mesh.faces, poll)?.shared() {
+        poll.spend(50)?;
+        if let [a, b] = sides
+            && a.is_ascending() != b.is_ascending()
+        {
+            found(a.vertices(), [a.face(), b.face()]);
+        }
+    }
+    Ok(())
+}
+
 /// Is true if every edge belongs to exactly two triangles, which run along it in opposite directions: then no inner side can
 /// come into sight.
 ///

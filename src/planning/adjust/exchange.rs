@@ -41,8 +41,10 @@ pub(in crate::planning) fn exchange_views(
         if joins::must_join(problem) && !joins::are_joined(problem, &other.candidates) {
             break;
         }
-        let order =
-            |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| scene.order(&problem.stations_of(&other, setup), true, ctx);
+        let order = |(setup, scene): (SetupIndex, &&PlanningScene<'_>)| {
+            let in_sight = |view, station: &Configuration| problem.is_in_sight(scene, other.candidate(view), station, ctx);
+            scene.order(&problem.stations_of(&other, setup), true, &in_sight, ctx)
+        };
         let again: Vec<Ordered> = SetupIndex::number(scenes).map(order).collect::<Result<_, _>>()?;
         if again.iter().any(|ordered| !ordered.no_path.is_empty()) || moving(&again) >= moving(&ordered) - MIN_SAVING_SECS {
             break;

@@ -4,12 +4,14 @@
 
 use super::guard::{Guard, graded};
 use super::joins;
-use crate::geometry::{Part, Pose, ScannerFrame, plate_from_placed};
+use crate::cell::Configuration;
+use crate::geometry::{Part, Plate, Pose, ScannerFrame, plate_from_placed};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::ViewId;
 use crate::planning::params::Roll;
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::scene::PlanningScene;
-use crate::planning::sequence::Ordered;
+use crate::planning::sequence::{Ordered, StopPermits};
 use crate::planning::setups::Setup;
 use crate::planning::visibility::{self, Row};
 
@@ -46,19 +48,47 @@ fn rolled(
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
     let part_from_plate = plate_from_placed(&setup.table_from_part).inverse();
-    let ctx = ctx.silent();
-    scene.roll(ordered, &ctx, &mut |view, plate_from_scanner| {
-        let (candidate, pose) = (chosen.candidate(view), part_from_plate * *plate_from_scanner);
-        let Some(row) = measured(problem, &pose, &setup.occluders, &ctx)? else { return Ok(false) };
-        let before = graded(problem, candidate);
-        let permitted = guard.change(problem, view, &before, &row).loses_nothing();
+    let mut permits = RollPermits { problem, guard, setup, scene, chosen, part_from_plate, ctx: ctx.silent() };
+    scene.roll(ordered, &ctx.silent(), &mut permits)
+}
+
+/// Permits for one setup: a view is rolled, in the problem too, where all views together lose nothing by it.
+struct RollPermits<'p, 'a, 'b> {
+    problem: &'p mut ViewPlanningProblem<'b>,
+    guard: &'p mut Guard,
+    setup: &'p Setup<'a>,
+    scene: &'p PlanningScene<'a>,
+    chosen: &'p ChosenViews,
+    part_from_plate: Pose<Part, Plate>,
+    ctx: Context<'p>,
+}
+
+impl StopPermits for RollPermits<'_, '_, '_> {
+    fn may_roll(
+        &mut self,
+        view: ViewId,
+        plate_from_scanner: &Pose<Plate, ScannerFrame>,
+        table_rad: f64,
+    ) -> Result<bool, Cancelled> {
+        let (candidate, pose) = (self.chosen.candidate(view), self.part_from_plate * *plate_from_scanner);
+        let Some(mut row) = measured(self.problem, &pose, &self.setup.occluders, &self.ctx)? else { return Ok(false) };
+        let hidden = self.scene.sight().hidden(&self.problem.surface, &pose, row.measured(), table_rad, &self.ctx)?;
+        if let Some(hidden) = hidden {
+            row = row.without(&hidden);
+        }
+        let before = graded(self.problem, candidate);
+        let permitted = self.guard.change(self.problem, view, &before, &row).loses_nothing();
         if permitted {
-            guard.exchange(view, &before, &row);
-            problem.candidates[candidate].part_from_scanner = pose;
-            problem.matrix.rows[candidate.index()] = row;
+            self.guard.exchange(view, &before, &row);
+            self.problem.candidates[candidate].part_from_scanner = pose;
+            self.problem.matrix.rows[candidate.index()] = row;
         }
         Ok(permitted)
-    })
+    }
+
+    fn is_in_sight(&self, view: ViewId, station: &Configuration) -> bool {
+        self.problem.is_in_sight(self.scene, self.chosen.candidate(view), station, &self.ctx)
+    }
 }
 
 fn measured(

@@ -164,16 +164,20 @@ impl Slide<'_, '_> {
             return Ok(None);
         }
         let reach = setup.scene.as_ref().map(|scene| scene.reach(&[pose], ctx)).transpose()?;
-        let stations = match reach.and_then(|mut reach| reach.pop()).transpose() {
+        let mut stations = match reach.and_then(|mut reach| reach.pop()).transpose() {
             Ok(stations) => stations,
             Err(_) => return Ok(None),
         };
         let (occluders, params) = (&setup.occluders, problem.params);
         let matrix = visibility::cast(&problem.surface, &[pose], &[true], input.scanner, occluders, params, ctx)?;
         let mut rows = matrix.rows.iter().map(|row| visibility::grade(&problem.surface, &pose, input.scanner, params, row));
+        let Some(mut row) = rows.next() else { return Ok(None) };
+        if let (Some(scene), Some(stations)) = (&setup.scene, &mut stations) {
+            scene.keep_in_sight(&problem.surface, &pose, stations, &mut row, ctx)?;
+        }
         let candidate =
             Candidate { id: CandidateId::at(problem.candidates.generated), part_from_scanner: pose, ..self.of().clone() };
-        Ok(rows.next().map(|row| Slid { candidate, stations, row }))
+        Ok(Some(Slid { candidate, stations, row }))
     }
 }
 

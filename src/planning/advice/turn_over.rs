@@ -3,6 +3,8 @@
 use rayon::prelude::*;
 
 use super::{AdviceScope, Basis, MIN_RECOVERED, Wanted, choose, cycle_secs, views_of};
+use crate::cell::Configuration;
+use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::candidates;
 use crate::planning::context::{Cancelled, Context, PlanError};
 use crate::planning::ids::{CandidateIndex, SampleId, SetupId, ViewId};
@@ -40,6 +42,7 @@ struct UnmetRegion {
 /// Views in a further setup.
 struct Trial<'a> {
     basis: &'a Basis,
+    poses: Vec<Pose<Part, ScannerFrame>>,
     rows: Vec<&'a Row>,
     stations: Vec<&'a [Station]>,
     /// Places of the views that were chosen.
@@ -85,13 +88,14 @@ fn tried(
         None => &[],
     };
     let (rows, stations) = (some.matrix.rows.iter().collect(), some.candidates.indices().map(stations).collect());
-    let mut trial = Trial { basis, rows, stations, chosen: Vec::new() };
+    let poses = some.candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
+    let mut trial = Trial { basis, poses, rows, stations, chosen: Vec::new() };
     let enough_mm2 = trial.choose(scope, &regions, ctx)?;
     let must_join = further.registration == Registration::Surface;
     if trial.chosen.is_empty() || (must_join && !trial.join(outcome, ctx)?) {
         return Ok(None);
     }
-    let moving_secs = trial.order(&setup, ctx)?;
+    let moving_secs = trial.order(&setup, &outcome.surface, ctx)?;
     // Views without a path were dropped.
     if must_join && !trial.is_joined(outcome) {
         return Ok(None);
@@ -219,10 +223,14 @@ impl Trial<'_> {
     }
 
     /// Orders the views that were chosen, and drops those without a path. Returns the time of their moves, 0 without a cell.
-    fn order(&mut self, setup: &Setup<'_>, ctx: &Context<'_>) -> Result<f64, PlanError> {
+    fn order(&mut self, setup: &Setup<'_>, surface: &Surface, ctx: &Context<'_>) -> Result<f64, PlanError> {
         let Some(scene) = &setup.scene else { return Ok(0.0) };
         let views: Vec<(ViewId, &[Station])> = ViewId::number(self.chosen.iter().map(|place| self.stations[*place])).collect();
-        let ordered = scene.order(&views, false, ctx)?;
+        let in_sight = |view: ViewId, station: &Configuration| {
+            let place = self.chosen[view.index()];
+            scene.is_in_sight(surface, &self.poses[place], self.rows[place], station.table_rad, ctx)
+        };
+        let ordered = scene.order(&views, false, &in_sight, ctx)?;
         let chosen = ViewId::number(std::mem::take(&mut self.chosen));
         self.chosen = chosen.filter(|(view, _)| !ordered.no_path.contains(view)).map(|(_, place)| place).collect();
         Ok(ordered.sequence.motion_secs())

@@ -21,7 +21,9 @@ use super::ids::{SampleId, SetupId};
 use super::params::{Objective, PlanParams, PoseErrorParams};
 use super::plan::{Certificate, Drawn, Independent, PlannedView, Robust, share};
 use super::random::{Stream, split_mix};
+use super::realism::{self, RiskInput, RiskView};
 use super::scene::PlanInput;
+use super::sight::Sight;
 use super::sky::{Sky, SkyProbe, stands_on};
 use super::surface::{Surface, requirements};
 use super::tally::measured_area;
@@ -37,14 +39,37 @@ const HAND_EYE: u64 = 0x68_616e_6465_7965;
 /// Views that are taken while the part lies in one way.
 pub(super) struct SetupViews<'a> {
     pub(super) occluders: &'a Occluders,
+    /// Lines of sight past what stands in the cell; `None` without a cell.
+    pub(super) sight: Option<&'a Sight>,
     pub(super) views: Vec<Pose<Part, ScannerFrame>>,
+    /// Table angle at which the cell takes each view; `None` without a cell.
+    pub(super) table_rad: Vec<Option<f64>>,
 }
 
 impl<'a> SetupViews<'a> {
     /// The views of a setup that measure something.
-    pub(super) fn of(occluders: &'a Occluders, views: &[PlannedView], setup: SetupId) -> Self {
-        let measuring = views.iter().filter(|view| view.rejected.is_none() && view.setup == setup);
-        Self { occluders, views: measuring.map(|view| view.part_from_scanner).collect() }
+    pub(super) fn of(occluders: &'a Occluders, sight: Option<&'a Sight>, views: &[PlannedView], setup: SetupId) -> Self {
+        let measuring = || views.iter().filter(|view| view.rejected.is_none() && view.setup == setup);
+        let table_rad = measuring().map(|view| view.station.map(|station| station.table_angle_rad)).collect();
+        Self { occluders, sight, views: measuring().map(|view| view.part_from_scanner).collect(), table_rad }
+    }
+
+    /// Takes out of the rows of views that stand at `poses` what obstacles of the cell hide.
+    fn in_sight(
+        &self,
+        surface: &Surface,
+        poses: &[Pose<Part, ScannerFrame>],
+        mut rows: Vec<Row>,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Row>, Cancelled> {
+        let Some(sight) = self.sight.filter(|sight| !sight.has_no_obstacles()) else { return Ok(rows) };
+        for ((row, pose), table_rad) in rows.iter_mut().zip(poses).zip(&self.table_rad) {
+            let Some(table_rad) = *table_rad else { continue };
+            if let Some(hidden) = sight.hidden(surface, pose, row.measured(), table_rad, ctx)? {
+                *row = row.without(&hidden);
+            }
+        }
+        Ok(rows)
     }
 }
 
@@ -96,16 +121,16 @@ impl<'a> SecondSampling<'a> {
 
     /// Coverage with the poses as planned.
     fn independent(&self, part: &RayScene, standing: &[Pose<Table, Part>], ctx: &Context<'_>) -> Result<Independent, Cancelled> {
-        let mut views = Vec::new();
-        for setup in self.setups {
-            let rows = self.rows(setup.occluders, &setup.views, &ctx.silent())?;
-            views.extend(setup.views.iter().zip(rows).map(|(view, row)| {
-                (view.origin_mm(), visibility::grade(&self.surface, view, self.input.scanner, &self.params, &row))
-            }));
+        let poses: Vec<_> = self.views().map(|(_, view)| *view).collect();
+        let mut rows = self.rows(&poses, &ctx.silent())?;
+        for (row, view) in rows.iter_mut().zip(&poses) {
+            *row = visibility::grade(&self.surface, view, self.input.scanner, &self.params, row);
         }
-        let measured = measured_area(&self.surface, &self.asked_area_mm2, views.iter().map(|(origin, row)| (*origin, row)));
         let mut is_measured = SampleSet::none_of(self.asked_area_mm2.len());
-        views.iter().for_each(|(_, row)| is_measured.insert_all(row.measured()));
+        rows.iter().for_each(|row| is_measured.insert_all(row.measured()));
+        let rows = self.counted(rows, &poses, &ctx.silent())?;
+        let views = poses.iter().map(Pose::origin_mm).zip(&rows);
+        let measured = measured_area(&self.surface, &self.asked_area_mm2, views);
         Ok(Independent {
             samples: self.asked_area_mm2.len(),
             asked_area_mm2: self.asked_mm2,
@@ -143,10 +168,38 @@ impl<'a> SecondSampling<'a> {
         Ok(of_samples.collect::<Result<Vec<f64>, Cancelled>>()?.iter().sum())
     }
 
-    /// Samples that each of some views measures.
-    fn rows(&self, occluders: &Occluders, views: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Vec<Row>, Cancelled> {
-        let (scanner, usable) = (self.input.scanner, vec![true; views.len()]);
-        Ok(visibility::cast(&self.surface, views, &usable, scanner, occluders, &self.params, ctx)?.rows)
+    /// Views of all setups, each with the place of its setup.
+    fn views(&self) -> impl Iterator<Item = (usize, &Pose<Part, ScannerFrame>)> {
+        self.setups.iter().enumerate().flat_map(|(number, setup)| setup.views.iter().map(move |view| (number, view)))
+    }
+
+    /// Samples that each view measures from one of `poses`, which are in the order of [`Self::views`].
+    fn rows(&self, poses: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Vec<Row>, Cancelled> {
+        let (scanner, mut rows) = (self.input.scanner, Vec::with_capacity(poses.len()));
+        for setup in self.setups {
+            let poses = &poses[rows.len()..rows.len() + setup.views.len()];
+            let usable = vec![true; poses.len()];
+            let cast = visibility::cast(&self.surface, poses, &usable, scanner, setup.occluders, &self.params, ctx)?;
+            rows.extend(setup.in_sight(&self.surface, poses, cast.rows, ctx)?);
+        }
+        Ok(rows)
+    }
+
+    /// The rows of views at `poses` less what does not count, since it is at risk.
+    fn counted(&self, rows: Vec<Row>, poses: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Vec<Row>, Cancelled> {
+        if self.params.realism.count_at_risk {
+            return Ok(rows);
+        }
+        let Self { input, surface, params, .. } = self;
+        let input = RiskInput { mesh: input.mesh, surface, scanner: input.scanner, params };
+        let view = |((setup, _), (row, pose)): ((usize, _), (_, &Pose<Part, ScannerFrame>))| RiskView {
+            part_from_scanner: *pose,
+            row,
+            surfaces: self.setups[setup].occluders.rays(),
+        };
+        let views: Vec<RiskView<'_>> = self.views().zip(rows.iter().zip(poses)).map(view).collect();
+        let left_out = realism::risks(&input, &views, ctx)?.samples();
+        Ok(realism::without(rows, &left_out))
     }
 
     /// Asked area that the views measure from where `moved` puts those of a setup.
@@ -155,12 +208,10 @@ impl<'a> SecondSampling<'a> {
         mut moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
         ctx: &Context<'_>,
     ) -> Result<f64, Cancelled> {
+        let poses: Vec<_> = self.views().map(|(setup, view)| moved(setup, view)).collect();
         let mut measured = SampleSet::none_of(self.asked_area_mm2.len());
-        for (number, setup) in self.setups.iter().enumerate() {
-            let views: Vec<_> = setup.views.iter().map(|view| moved(number, view)).collect();
-            let rows = self.rows(setup.occluders, &views, ctx)?;
-            rows.iter().for_each(|row| measured.insert_all(row.measured()));
-        }
+        let rows = self.counted(self.rows(&poses, ctx)?, &poses, ctx)?;
+        rows.iter().for_each(|row| measured.insert_all(row.measured()));
         Ok(measured.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum())
     }
 

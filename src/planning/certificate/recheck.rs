@@ -5,8 +5,10 @@ use crate::geometry::{Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Context, PlanError};
 use crate::planning::estimate::Estimate;
 use crate::planning::params::{Engine, PlanParams};
+use crate::planning::realism::{self, RiskInput, RiskView};
 use crate::planning::scene::{PlanInput, plate};
 use crate::planning::selection::coverable_mm2;
+use crate::planning::sight::Sight;
 use crate::planning::surface::{check_asked, requirements};
 use crate::planning::visibility::{self, Occluders};
 
@@ -19,16 +21,40 @@ pub struct Measured {
     pub measured_mm2: f64,
 }
 
-/// Evaluates `views` of the part as it lies; `params` as a plan states them, its samples those of the plan. Every sample
-/// is joined with every device by a ray: about a second for ten views of a hundred thousand samples.
+/// A view as it is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TakenView {
+    /// Its pose.
+    pub part_from_scanner: Pose<Part, ScannerFrame>,
+    /// Angle of the table, by which obstacles of the cell may hide what it looks at; `None` leaves them out.
+    pub table_rad: Option<f64>,
+}
+
+/// Evaluates `views` of the part as it lies, whatever stands in the cell around it; see [`measured_in_cell`].
 ///
 /// # Errors
-/// Parameters out of range, or nothing asked for; more than the context allows; [`PlanError::Cancelled`].
+/// The errors of [`measured_in_cell`].
 pub fn measured(
     input: &PlanInput<'_>,
     params: &PlanParams,
     table_from_part: &Pose<Table, Part>,
     views: &[Pose<Part, ScannerFrame>],
+    ctx: &Context<'_>,
+) -> Result<Measured, PlanError> {
+    let views: Vec<_> = views.iter().map(|view| TakenView { part_from_scanner: *view, table_rad: None }).collect();
+    measured_in_cell(input, params, table_from_part, &views, ctx)
+}
+
+/// Evaluates `views` of the part as it lies, past the obstacles of the cell; `params` as a plan states them, its samples those of
+/// the plan. Every sample is joined with every device by a ray: about a second for ten views of a hundred thousand samples.
+///
+/// # Errors
+/// Parameters out of range, or nothing asked for; more than the context allows; [`PlanError::Cancelled`].
+pub fn measured_in_cell(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    table_from_part: &Pose<Table, Part>,
+    views: &[TakenView],
     ctx: &Context<'_>,
 ) -> Result<Measured, PlanError> {
     params.check()?;
@@ -41,8 +67,25 @@ pub fn measured(
     check_asked(&asked_area_mm2)?;
     let plate = input.cell.map(|cell| plate(cell, table_from_part));
     let occluders = Occluders::interruptible([input.mesh].into_iter().chain(input.fixture).chain(&plate), ctx)?;
-    let usable = vec![true; views.len()];
-    let table = visibility::cast(&surface, views, &usable, input.scanner, &occluders, &params, ctx)?;
-    let rows: Vec<_> = table.rows.iter().collect();
+    let (poses, usable): (Vec<_>, Vec<_>) = views.iter().map(|view| (view.part_from_scanner, true)).unzip();
+    let mut rows = visibility::cast(&surface, &poses, &usable, input.scanner, &occluders, &params, ctx)?.rows;
+    if let Some(cell) = input.cell {
+        let sight = Sight::new(cell, &input.mesh.aabb(), table_from_part);
+        for (row, view) in rows.iter_mut().zip(views) {
+            let Some(table_rad) = view.table_rad else { continue };
+            if let Some(hidden) = sight.hidden(&surface, &view.part_from_scanner, row.measured(), table_rad, ctx)? {
+                *row = row.without(&hidden);
+            }
+        }
+    }
+    if !params.realism.count_at_risk {
+        let surfaces = occluders.rays();
+        let risk_view = |(view, row): (&TakenView, _)| RiskView { part_from_scanner: view.part_from_scanner, row, surfaces };
+        let risk_views: Vec<RiskView<'_>> = views.iter().zip(&rows).map(risk_view).collect();
+        let part = RiskInput { mesh: input.mesh, surface: &surface, scanner: input.scanner, params: &params };
+        let left_out = realism::risks(&part, &risk_views, ctx)?.samples();
+        rows = realism::without(rows, &left_out);
+    }
+    let rows: Vec<_> = rows.iter().collect();
     Ok(Measured { asked_mm2: asked_area_mm2.iter().sum(), measured_mm2: coverable_mm2(&rows, &asked_area_mm2) })
 }

@@ -28,3 +28,5 @@ pub mod sequence {}
 pub mod setups {}
 #[doc = include_str!("robustness.md")]
 pub mod robustness {}
+#[doc = include_str!("realism.md")]
+pub mod realism {}

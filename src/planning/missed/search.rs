@@ -82,7 +82,8 @@ pub(in crate::planning) fn explain(
 
 /// Finds the remedy of each spot, `None` for all but the largest.
 fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Option<Remedy>>, Cancelled> {
-    let mut largest: Vec<usize> = (0..spots.len()).collect();
+    // Views that would measure what is at risk there are: more of the kind do not help.
+    let mut largest: Vec<usize> = (0..spots.len()).filter(|spot| spots[*spot].cause != Cause::AtRisk).collect();
     largest.sort_by(|a, b| spots[*b].area_mm2.total_cmp(&spots[*a].area_mm2));
     largest.truncate(analysis.params.missed.remedies as usize);
     if largest.is_empty() {

@@ -12,12 +12,11 @@ use crate::planning::visibility::Row;
 /// Coverage, given what each chosen view measures.
 pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
     let ViewPlanningProblem { surface, asked_area_mm2, .. } = problem;
-    let all: Vec<_> = problem.candidates.indices().collect();
     let mut coverage = Coverage {
         total_area_mm2: surface.area_where(|_| true),
         asked_area_mm2: surface.area_where(|sample| surface.asked[sample.index()]),
         coverable_area_mm2: coverable_mm2(&problem.rows(&problem.usable()), asked_area_mm2),
-        optically_coverable_area_mm2: coverable_mm2(&problem.rows(&all), asked_area_mm2),
+        optically_coverable_area_mm2: optically_coverable_mm2(problem),
         ..Coverage::default()
     };
     let viewpoints = chosen.candidates.iter().map(|candidate| problem.candidates[*candidate].part_from_scanner.origin_mm());
@@ -33,6 +32,14 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measur
         coverage.curve_area_mm2.push(covered_mm2);
     }
     coverage
+}
+
+/// Asked area that at least one candidate measures, whatever the cell can take and hides.
+fn optically_coverable_mm2(problem: &ViewPlanningProblem<'_>) -> f64 {
+    let all: Vec<_> = problem.candidates.indices().collect();
+    let mut coverable = coverable(&problem.rows(&all), problem.asked_area_mm2.len());
+    coverable.insert_all(&problem.hidden_by_cell);
+    coverable.iter().map(|sample| problem.asked_area_mm2[sample.index()]).sum()
 }
 
 /// Coverage of each region of interest and feature.

@@ -1,6 +1,7 @@
 //! The outcome: from chosen views to the verdict of every sample, coverage with its denominators, and the causes of what is
 //! missed.
 
+mod at_risk;
 mod coverage;
 mod table;
 mod verdicts;
@@ -19,6 +20,7 @@ use super::plan::{
     SHARE_SLACK, SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
+use super::realism;
 use super::registration::{self, SharedSurface, Stability};
 use super::selection::coverable_mm2;
 use super::sequence::Ordered;
@@ -61,10 +63,17 @@ pub(super) fn assemble(
     surroundings: &Surroundings<'_>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
-    let solution = Solution::new(&problem, chosen, &ordered, excluded);
+    let mut solution = Solution::new(&problem, chosen, &ordered, excluded);
+    let risks = at_risk::risks(&solution, surroundings.occluders.rays(), ctx)?;
+    let left_out = at_risk::left_out(&solution, &risks);
+    if !problem.params.realism.count_at_risk {
+        solution.measuring = realism::without(solution.measuring, &left_out);
+    }
+    let counted = verdicts::Counted { measuring: &solution.measuring, left_out: &left_out };
     let scenes = (surroundings.occluders.rays(), surroundings.part);
-    let verdicts = verdicts::of(&problem, &solution.measuring, &solution.all_excluded, scenes, ctx)?;
-    let coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
+    let verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
+    let mut coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
+    coverage.at_risk = at_risk::area(&solution, &risks);
     let missed = missed::explain(&solution.miss_analysis(surroundings), &verdicts, ctx)?;
     let weakest_links = solution.weakest_links(ctx)?;
     let plan = solution.plan(ordered, coverage, missed, &weakest_links);
@@ -303,7 +312,9 @@ fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
 /// [`Cancelled`].
 pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>, ctx: &Context<'_>) -> Result<NoPlan, Cancelled> {
     let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
-    let verdicts = verdicts::of(problem, &[], &BTreeSet::new(), (&part, &part), ctx)?;
+    let nothing = SampleSet::none_of(problem.surface.sample_mm.len());
+    let counted = verdicts::Counted { measuring: &[], left_out: &nothing };
+    let verdicts = verdicts::of(problem, &counted, &BTreeSet::new(), (&part, &part), ctx)?;
     let area_of = |cause: Cause| -> f64 {
         let missed = verdicts.iter().zip(&problem.asked_area_mm2).filter(|(verdict, _)| **verdict == Verdict::Missed(cause));
         missed.map(|(_, area_mm2)| area_mm2).sum()

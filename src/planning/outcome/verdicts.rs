@@ -16,6 +16,14 @@ use crate::planning::stations::StationFailure;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Optics, Probe, Row, SampleSet};
 
+/// Measured samples that count.
+pub(super) struct Counted<'a> {
+    /// Samples that each chosen view measures and that count, with its quality.
+    pub(super) measuring: &'a [Row],
+    /// Samples that some view measures and that do not count, since they are at risk.
+    pub(super) left_out: &'a SampleSet,
+}
+
 /// Verdicts, given what each chosen view measures and the candidates that were given up for want of a path. `rays` is the scene
 /// of all that hides samples, `part` that of the part alone.
 ///
@@ -23,14 +31,14 @@ use crate::planning::visibility::{Optics, Probe, Row, SampleSet};
 /// [`Cancelled`].
 pub(super) fn of(
     problem: &ViewPlanningProblem<'_>,
-    measuring: &[Row],
+    counted: &Counted<'_>,
     all_excluded: &BTreeSet<CandidateIndex>,
     (rays, part): (&RayScene, &RayScene),
     ctx: &Context<'_>,
 ) -> Result<Vec<Verdict>, Cancelled> {
     let samples = problem.surface.sample_mm.len();
     let mut best_quality = vec![f32::NEG_INFINITY; samples];
-    for row in measuring {
+    for row in counted.measuring {
         for (sample, quality) in row.graded() {
             let best = &mut best_quality[sample.index()];
             *best = best.max(quality);
@@ -44,6 +52,7 @@ pub(super) fn of(
     let dropped = problem.dropped_for_body().map(|candidate| Probe::new(&optics, &candidate.part_from_scanner, rays));
     let dropped: Vec<Probe<'_>> = dropped.collect();
     let cause = |sample: SampleId| match motion_cause[sample.index()] {
+        _ if counted.left_out.holds(sample) => Cause::AtRisk,
         _ if rests_on(sample) => Cause::ExcludedResting,
         Some(cause) => cause,
         None if dropped.iter().any(|probe| measures(probe, &problem.surface, sample)) => Cause::Collision,
@@ -91,7 +100,7 @@ fn sky_probe<'a>(problem: &'a ViewPlanningProblem<'_>, part: &'a RayScene, ctx: 
 /// Cause by motion of each sample that some candidate measures: how far the best such candidate got with the cell.
 fn motion_causes(problem: &ViewPlanningProblem<'_>, all_excluded: &BTreeSet<CandidateIndex>) -> Vec<Option<Cause>> {
     let samples = problem.surface.sample_mm.len();
-    let mut samples_of: BTreeMap<Cause, SampleSet> = BTreeMap::new();
+    let mut samples_of = BTreeMap::from([(Cause::HiddenByCell, problem.hidden_by_cell.clone())]);
     for candidate in problem.candidates.indices() {
         let cause = match problem.blocked(candidate) {
             Some(StationFailure::Unreachable) => Cause::Unreachable,

@@ -1,6 +1,7 @@
 //! The result of planning: an immutable value from which every file and every answer is rendered. Types alone; later rooms
 //! make them.
 
+mod at_risk;
 mod candidate_table;
 mod certificate;
 mod measured;
@@ -10,6 +11,7 @@ mod region_coverage;
 mod remedy;
 mod turn;
 
+pub use at_risk::AtRisk;
 pub use candidate_table::{CandidateFate, CandidateTable, MAX_LISTING_BYTES, TableEntry};
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
@@ -30,7 +32,7 @@ use super::sequence::{Leg, Sequence};
 use super::stations::Station;
 use super::surface::Surface;
 pub use super::surface::requirements::RegionKind;
-pub use super::verdict::{CandidateCounts, Cause, Fate, Grade, Verdict};
+pub use super::verdict::{CandidateCounts, Cause, Fate, Grade, RiskReason, Verdict};
 use super::visibility::Row;
 use crate::cell::{Posture, Robot};
 use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
@@ -140,6 +142,8 @@ pub struct Coverage {
     pub optically_coverable_area_mm2: f64,
     /// Asked area that the chosen views measure.
     pub measured: MeasuredArea,
+    /// Area that the chosen views measure in the simulation and a real scan may lack.
+    pub at_risk: AtRisk,
     /// Measured area after 1, 2, … views.
     pub curve_area_mm2: Vec<f64>,
     /// Coverage of each region of interest and feature, in the order of their numbers: regions of interest come first.

@@ -1,8 +1,11 @@
 //! Candidates with what is known of them: stations, and the samples that each measures.
 
+use rayon::prelude::*;
+
 use crate::planning::candidates::{CandidateSet, Rejection};
+use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId, SetupIndex};
-use crate::planning::scene::Reach;
+use crate::planning::scene::{PlanningScene, Reach};
 use crate::planning::surface::Surface;
 use crate::planning::verdict::Cause;
 use crate::planning::visibility::{Row, SampleSet, VisibilityMatrix};
@@ -14,6 +17,8 @@ pub(in crate::planning) struct EvaluatedCandidates {
     pub(in crate::planning) matrix: VisibilityMatrix,
     /// Stations of each candidate; `None` without a cell.
     pub(in crate::planning) reach: Option<Reach>,
+    /// Samples that obstacles of the cell hide at every station of some candidate that would measure them.
+    pub(in crate::planning) hidden_by_cell: SampleSet,
 }
 
 /// Returns true if the cell can take a candidate.
@@ -26,7 +31,26 @@ impl EvaluatedCandidates {
     pub(super) fn none_of(surface: &Surface, with_cell: bool) -> Self {
         let furthest_cause = vec![Cause::Facing; surface.sample_mm.len()];
         let matrix = VisibilityMatrix { rows: Vec::new(), furthest_cause };
-        Self { candidates: CandidateSet::default(), matrix, reach: with_cell.then(Vec::new) }
+        let hidden_by_cell = SampleSet::none_of(surface.sample_mm.len());
+        Self { candidates: CandidateSet::default(), matrix, reach: with_cell.then(Vec::new), hidden_by_cell }
+    }
+
+    /// Takes out of rows and stations what obstacles of the cell hide, see [`PlanningScene::keep_in_sight`].
+    pub(super) fn keep_in_sight(
+        &mut self,
+        scene: &PlanningScene<'_>,
+        surface: &Surface,
+        ctx: &Context<'_>,
+    ) -> Result<(), Cancelled> {
+        let Some(reach) = self.reach.as_mut().filter(|_| !scene.sight().has_no_obstacles()) else { return Ok(()) };
+        let views = self.candidates.remaining.par_iter().map(|candidate| &candidate.part_from_scanner);
+        let hidden = self.matrix.rows.par_iter_mut().zip(reach).zip(views).map(|((row, stations), view)| match stations {
+            Ok(stations) => scene.keep_in_sight(surface, view, stations, row, ctx),
+            Err(_) => Ok(None),
+        });
+        let hidden = hidden.collect::<Result<Vec<Option<SampleSet>>, Cancelled>>()?;
+        hidden.iter().flatten().for_each(|hidden| self.hidden_by_cell.insert_all(hidden));
+        Ok(())
     }
 
     /// Samples that a candidate measures.
@@ -51,6 +75,7 @@ impl EvaluatedCandidates {
         self.matrix.rows.extend(more.matrix.rows);
         let furthest = self.matrix.furthest_cause.iter_mut().zip(more.matrix.furthest_cause);
         furthest.for_each(|(furthest, more)| *furthest = (*furthest).max(more));
+        self.hidden_by_cell.insert_all(&more.hidden_by_cell);
         if let (Some(reach), Some(more)) = (&mut self.reach, more.reach) {
             reach.extend(more);
         }

@@ -17,12 +17,13 @@ use super::candidates::{Candidate, CandidateSet};
 use super::context::{Context, PlanError};
 use super::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use super::params::{PlanParams, TargetOf};
-use super::scene::{PlanInput, Reach};
+use super::scene::{PlanInput, PlanningScene, Reach};
 use super::selection::{self, CoverProblem, Goal, Selection, coverable};
 use super::sequence::straight_secs;
 use super::stations::{Station, StationFailure};
 use super::surface::{Surface, requirements};
-use super::visibility::{Row, VisibilityMatrix};
+use super::visibility::{Row, SampleSet, VisibilityMatrix};
+use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, Table};
 
 /// The view planning problem: part, setups, candidates, visibility matrix and reach.
@@ -39,6 +40,8 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) robust_rows: Option<Vec<Row>>,
     /// Stations of each candidate; `None` without a cell.
     pub(in crate::planning) reach: Option<Reach>,
+    /// Samples that obstacles of the cell hide at every station of some candidate that would measure them.
+    pub(in crate::planning) hidden_by_cell: SampleSet,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
 }
@@ -76,6 +79,18 @@ impl ViewPlanningProblem<'_> {
     /// Samples that a candidate measures.
     pub(in crate::planning) fn row(&self, candidate: CandidateIndex) -> &Row {
         &self.matrix.rows[candidate.index()]
+    }
+
+    /// Returns true if obstacles of the cell hide nothing that a candidate measures from a station.
+    pub(in crate::planning) fn is_in_sight(
+        &self,
+        scene: &PlanningScene<'_>,
+        candidate: CandidateIndex,
+        station: &Configuration,
+        ctx: &Context<'_>,
+    ) -> bool {
+        let pose = &self.candidates[candidate].part_from_scanner;
+        scene.is_in_sight(&self.surface, pose, self.row(candidate), station.table_rad, ctx)
     }
 
     /// Failure for which the cell cannot use a candidate, if so.

@@ -10,7 +10,7 @@ use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
 use crate::planning::scene::PlanningScene;
 use crate::planning::selection::{self, CoverProblem};
-use crate::planning::visibility::{self, Occluders, Row};
+use crate::planning::visibility::{self, Occluders, Row, SampleSet};
 
 /// A targeted view is worth keeping for this share of the open area.
 const MIN_GAIN_OF_OPEN: f64 = 0.001;
@@ -74,7 +74,12 @@ impl Rounds<'_> {
         let usable: Vec<bool> = candidates.indices().map(|candidate| is_usable(reach.as_ref(), candidate)).collect();
         let (surface, scanner) = (self.scope.surface, self.scope.scanner);
         let matrix = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
-        Ok(EvaluatedCandidates { candidates, matrix, reach })
+        let hidden_by_cell = SampleSet::none_of(surface.sample_mm.len());
+        let mut evaluated = EvaluatedCandidates { candidates, matrix, reach, hidden_by_cell };
+        if let Some(scene) = self.scene {
+            evaluated.keep_in_sight(scene, surface, ctx)?;
+        }
+        Ok(evaluated)
     }
 
     /// The views that greedy would take for plain area.

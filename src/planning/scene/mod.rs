@@ -16,8 +16,11 @@ use super::candidates::{Candidate, CandidateSet, Rejection};
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::ViewId;
 use super::params::PlanParams;
-use super::sequence::{self, Ordered, Permits, Roadmaps};
+use super::sequence::{self, InSight, OrderOptions, Ordered, Roadmaps, StopPermits};
+use super::sight::Sight;
 use super::stations::{self, Station, StationFailure};
+use super::surface::Surface;
+use super::visibility::{Row, SampleSet};
 use crate::cell::collision::MetOnTable;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Farthest, Separation};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, plate_from_placed};
@@ -32,6 +35,7 @@ pub(super) type Reach = Vec<Result<Vec<Station>, StationFailure>>;
 pub(super) struct PlanningScene<'a> {
     cell: &'a Cell,
     scene: CollisionScene,
+    sight: Sight,
     table_from_part: Pose<Table, Part>,
     params: &'a PlanParams,
     roadmaps: Option<&'a Roadmaps>,
@@ -63,7 +67,10 @@ impl<'a> PlanningScene<'a> {
                 let detail = format!("lets {contact} meet; move the part, or what it meets{hint}");
                 Err(PlanError::param("/part/table_from_part", detail))
             }
-            None => Ok(Self { cell, scene, table_from_part, params, roadmaps: input.roadmaps }),
+            None => {
+                let sight = Sight::new(cell, &input.mesh.aabb(), &table_from_part);
+                Ok(Self { cell, scene, sight, table_from_part, params, roadmaps: input.roadmaps })
+            }
         }
     }
 
@@ -111,22 +118,87 @@ impl<'a> PlanningScene<'a> {
         stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
     }
 
-    /// Returns true if the cell can execute this one view: from a station free of collision, to which a path leads.
+    /// The lines of sight past the obstacles of the cell.
+    pub(super) fn sight(&self) -> &Sight {
+        &self.sight
+    }
+
+    /// Keeps of a view's stations those at which obstacles hide nothing that it measures; where there are none, looks for some at
+    /// the other table angles; where there are none either, keeps those at which least is hidden and takes that out of `row`.
+    /// Returns what it took out. A view measures what its row says from every station that is kept.
+    pub(super) fn keep_in_sight(
+        &self,
+        surface: &Surface,
+        view: &Pose<Part, ScannerFrame>,
+        stations: &mut Vec<Station>,
+        row: &mut Row,
+        ctx: &Context<'_>,
+    ) -> Result<Option<SampleSet>, Cancelled> {
+        if self.sight.has_no_obstacles() {
+            return Ok(None);
+        }
+        ctx.check()?;
+        let hidden_at = |station: &Station| self.sight.hidden(surface, view, row.measured(), station.table_angle_rad, ctx);
+        let hidden: Vec<Option<SampleSet>> = stations.iter().map(hidden_at).collect::<Result<_, Cancelled>>()?;
+        if hidden.iter().all(Option::is_none) {
+            return Ok(None);
+        }
+        let is_clear = |table_rad: f64| !self.sight.hides(surface, view, row.measured(), table_rad, ctx);
+        let clear = stations::solve_at(view, self.cell, &self.scene, &self.table_from_part, &is_clear, ctx)?;
+        ctx.check()?;
+        if !clear.is_empty() {
+            *stations = clear;
+            return Ok(None);
+        }
+        // No angle is clear, or one between the 72 alone, at which a station was found before.
+        let area_mm2 = |hidden: &SampleSet| hidden.iter().map(|sample| surface.sample_area_mm2(sample)).sum::<f64>();
+        let hidden: Vec<SampleSet> = hidden.into_iter().map(Option::unwrap_or_default).collect();
+        let Some(least) = hidden.iter().min_by(|a, b| area_mm2(a).total_cmp(&area_mm2(b))).cloned() else { return Ok(None) };
+        let is_within = |hidden: &SampleSet| {
+            let mut beyond = hidden.clone();
+            beyond.remove_all(&least);
+            beyond.count() == 0
+        };
+        let mut keeps = hidden.iter().map(is_within);
+        stations.retain(|_| keeps.next().unwrap_or_default());
+        *row = row.without(&least);
+        Ok((least.count() > 0).then_some(least))
+    }
+
+    /// Returns true if obstacles hide nothing that a view measures while the table stands at an angle.
+    pub(super) fn is_in_sight(
+        &self,
+        surface: &Surface,
+        view: &Pose<Part, ScannerFrame>,
+        row: &Row,
+        table_rad: f64,
+        ctx: &Context<'_>,
+    ) -> bool {
+        !self.sight.hides(surface, view, row.measured(), table_rad, ctx)
+    }
+
+    /// Returns true if the cell can execute this one view: from a station free of collision and of obstacles between the devices
+    /// and the part, to which a path leads.
     pub(super) fn can_execute(&self, view: &Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<bool, Cancelled> {
         let ctx = ctx.silent();
         let reach = self.reach(&[*view], &ctx)?;
         let Some(Ok(stations)) = reach.first() else { return Ok(false) };
-        Ok(self.order(&[(ViewId(0), stations)], false, &ctx)?.no_path.is_empty())
+        let is_clear = |station: &&Station| self.sight.is_clear(view, station.table_angle_rad);
+        let stations: Vec<Station> = stations.iter().filter(is_clear).copied().collect();
+        let in_sight = |_: ViewId, station: &Configuration| self.sight.is_clear(view, station.table_rad);
+        Ok(!stations.is_empty() && self.order(&[(ViewId(0), &stations)], false, &in_sight, &ctx)?.no_path.is_empty())
     }
 
-    /// Order and paths through `views`; see [`sequence::order`].
+    /// Order and paths through `views`; see [`sequence::order_in_sight`].
     pub(super) fn order(
         &self,
         views: &[(ViewId, &[Station])],
         require_all: bool,
+        in_sight: &InSight<'_>,
         ctx: &Context<'_>,
     ) -> Result<Ordered, Cancelled> {
-        sequence::order(views, self.cell, &self.scene, self.params, self.roadmaps, require_all, ctx)
+        let options = OrderOptions { roadmaps: self.roadmaps, require_all, in_sight };
+        sequence::order_in_sight(views, self.cell, &self.scene, self.params, &options, ctx)
     }
 
     /// Adds the bound to a sequence; see [`sequence::bounded`].
@@ -140,7 +212,7 @@ impl<'a> PlanningScene<'a> {
     }
 
     /// Rolls views of a sequence; see [`sequence::roll`].
-    pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut Permits<'_>) -> Result<Ordered, Cancelled> {
+    pub(super) fn roll(&self, ordered: Ordered, ctx: &Context<'_>, permits: &mut dyn StopPermits) -> Result<Ordered, Cancelled> {
         sequence::roll(ordered, self.cell, &self.scene, self.params, permits, ctx)
     }
 

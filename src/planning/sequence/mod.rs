@@ -27,8 +27,8 @@ mod tour;
 
 use self::lazy_edge_costs::LazyEdgeCosts;
 pub use self::moves::straight_secs;
-pub use self::refine::Permits;
 use self::refine::Tour;
+pub use self::refine::{InSight, StopPermits};
 pub use self::roadmap::Roadmaps;
 use self::rounded::Rounded;
 use self::routes::{Route, Routes};
@@ -132,10 +132,36 @@ pub fn order(
     require_all: bool,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
-    let routes = Routes::new(cell, scene, &params.motion).with_roadmaps(roadmaps);
+    let options = OrderOptions { roadmaps, require_all, in_sight: &|_, _| true };
+    order_in_sight(stations, cell, scene, params, &options, ctx)
+}
+
+/// Options of [`order_in_sight`].
+pub struct OrderOptions<'a> {
+    /// Roadmaps of cells that were planned for before.
+    pub roadmaps: Option<&'a Roadmaps>,
+    /// Gives up at once where a view has no path; see [`order`].
+    pub require_all: bool,
+    /// Decides whether a view may be taken from a station that it was not given; those given are in sight.
+    pub in_sight: &'a InSight<'a>,
+}
+
+/// Orders the views as [`order`] does, and moves none of them to where it is out of sight.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn order_in_sight(
+    stations: &[(ViewId, &[Station])],
+    cell: &Cell,
+    scene: &CollisionScene,
+    params: &PlanParams,
+    options: &OrderOptions<'_>,
+    ctx: &Context<'_>,
+) -> Result<Ordered, Cancelled> {
+    let routes = Routes::new(cell, scene, &params.motion).with_roadmaps(options.roadmaps);
     let mut graph = StationGraph::connected_to_home(stations, &routes, ctx)?;
     let no_path = std::mem::take(&mut graph.no_path);
-    if require_all && !no_path.is_empty() {
+    if options.require_all && !no_path.is_empty() {
         graph = StationGraph::default();
     }
     let mut edge_costs = LazyEdgeCosts::default();
@@ -148,7 +174,7 @@ pub fn order(
     }
     tour.paths.push(nodes.last().map(|node| graph.nodes[*node].from_home.reversed()).unwrap_or_default());
     let ordered_secs = tour.secs();
-    tour.refine(&routes, ctx)?;
+    tour.refine(&routes, options.in_sight, ctx)?;
     Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, 0.0]), no_path, tour, graph, nodes, edge_costs })
 }
 
@@ -183,7 +209,7 @@ pub fn bounded_as_moved(mut ordered: Ordered, cell: &Cell, params: &PlanParams, 
 }
 
 /// Rolls the scanner about its optical axis wherever that makes the moves shorter and `permits` lets a view be taken from such a
-/// pose on the plate. `permits` is called a few times a view, for each roll that is quicker.
+/// pose on the plate. [`StopPermits::may_roll`] is called a few times a view, for each roll that is quicker.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -192,7 +218,7 @@ pub fn roll(
     cell: &Cell,
     scene: &CollisionScene,
     params: &PlanParams,
-    permits: &mut Permits<'_>,
+    permits: &mut dyn StopPermits,
     ctx: &Context<'_>,
 ) -> Result<Ordered, Cancelled> {
     let routes = Routes::new(cell, scene, &params.motion);

@@ -20,8 +20,25 @@ const MAX_SWEEPS: usize = 6;
 /// Smallest saving for which a stop is moved, seconds.
 const MIN_SAVING_SECS: f64 = 1e-3;
 
-/// Returns true if a view may be taken with the scanner at this pose on the plate instead.
-pub type Permits<'a> = dyn FnMut(ViewId, &Pose<Plate, ScannerFrame>) -> Result<bool, Cancelled> + 'a;
+/// Returns true if nothing that stands in the cell hides from a station what a view measures.
+pub type InSight<'a> = dyn Fn(ViewId, &Configuration) -> bool + 'a;
+
+/// Knowledge of what views measure: decides where else a view may be taken from.
+pub trait StopPermits {
+    /// Returns true if a view may be taken with the scanner at this pose on the plate instead, the table at this angle.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    fn may_roll(
+        &mut self,
+        view: ViewId,
+        plate_from_scanner: &Pose<Plate, ScannerFrame>,
+        table_rad: f64,
+    ) -> Result<bool, Cancelled>;
+
+    /// Returns true if nothing that stands in the cell hides from a station what a view measures; see [`InSight`].
+    fn is_in_sight(&self, view: ViewId, station: &Configuration) -> bool;
+}
 
 /// A tour: its stops, and the routes to each of them and home at last.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,13 +57,13 @@ impl Tour {
         self.paths.iter().map(|path| path.secs).sum()
     }
 
-    /// Moves stops along the table's angle.
-    pub(super) fn refine(&mut self, routes: &Routes<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    /// Moves stops along the table's angle, to where views are still in sight.
+    pub(super) fn refine(&mut self, routes: &Routes<'_>, in_sight: &InSight<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
         for _ in 0..MAX_SWEEPS {
             let mut moved = false;
             for stop in 0..self.stops.len() {
                 ctx.check()?;
-                moved |= self.move_stop(stop, routes);
+                moved |= self.move_stop(stop, routes, in_sight);
             }
             if !moved {
                 break;
@@ -56,40 +73,47 @@ impl Tour {
     }
 
     /// Rolls the scanner about its optical axis at stops where that is quicker and `permits` lets it.
-    pub(super) fn roll(&mut self, routes: &Routes<'_>, permits: &mut Permits<'_>, ctx: &Context<'_>) -> Result<(), Cancelled> {
+    pub(super) fn roll(
+        &mut self,
+        routes: &Routes<'_>,
+        permits: &mut dyn StopPermits,
+        ctx: &Context<'_>,
+    ) -> Result<(), Cancelled> {
         for roll_deg in ROLLS_DEG {
             for stop in 0..self.stops.len() {
                 ctx.check()?;
                 let (view, here) = self.stops[stop];
                 let rolled = [roll_deg, -roll_deg].into_iter().filter_map(|roll| routes.rolled(&here, roll.to_radians()));
-                if let Some(there) = self.quicker(stop, rolled, routes)
-                    && permits(view, &routes.plate_from_scanner(&there))?
+                if let Some(there) = self.quicker(stop, rolled, routes, &|_| true)
+                    && permits.may_roll(view, &routes.plate_from_scanner(&there), there.table_rad)?
                 {
                     self.replace(stop, there, routes);
                 }
             }
-            self.refine(routes, ctx)?;
+            self.refine(routes, &|view, station| permits.is_in_sight(view, station), ctx)?;
         }
         Ok(())
     }
 
-    fn move_stop(&mut self, stop: usize, routes: &Routes<'_>) -> bool {
-        let here = self.stops[stop].1;
+    fn move_stop(&mut self, stop: usize, routes: &Routes<'_>, in_sight: &InSight<'_>) -> bool {
+        let (view, here) = self.stops[stop];
         let steps = STEPS_DEG.iter().flat_map(|step| [*step, -step]);
         let turned = steps.filter_map(|step| routes.turned(&here, step.to_radians()));
-        let quicker = self.quicker(stop, turned, routes);
+        let quicker = self.quicker(stop, turned, routes, &|there| in_sight(view, there));
         if let Some(there) = quicker {
             self.replace(stop, there, routes);
         }
         quicker.is_some()
     }
 
-    /// The quickest of `candidates` in place of a stop, if it saves something and the moves before and after are free.
+    /// The quickest of `candidates` in place of a stop, if it saves something, the moves before and after are free, and `accept`
+    /// lets it.
     fn quicker(
         &self,
         stop: usize,
         candidates: impl Iterator<Item = Configuration>,
         routes: &Routes<'_>,
+        accept: &dyn Fn(&Configuration) -> bool,
     ) -> Option<Configuration> {
         let [before, after] = self.neighbours(stop, routes);
         let taken_secs = self.paths[stop].secs + self.paths[stop + 1].secs;
@@ -99,7 +123,8 @@ impl Tour {
             .filter(|(secs, _)| *secs < taken_secs - MIN_SAVING_SECS)
             .collect();
         quicker.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let free = quicker.into_iter().find(|(_, there)| moves.is_free(&before, there) && moves.is_free(there, &after));
+        let is_free = |there: &Configuration| moves.is_free(&before, there) && moves.is_free(there, &after);
+        let free = quicker.into_iter().find(|(_, there)| is_free(there) && accept(there));
         free.map(|(_, there)| there)
     }
 

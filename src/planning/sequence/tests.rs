@@ -3,7 +3,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use super::station_graph::connect_through_others;
-use super::{Configuration, Leg, Ordered, bounded, order};
+use super::{Configuration, Leg, OrderOptions, Ordered, bounded, order, order_in_sight};
 use crate::cell::time_parameterisation::SmoothPath;
 use crate::cell::{BodySpec, Cell, CollisionScene, PoseSpec, Presets, ShapeSpec, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
@@ -116,6 +116,25 @@ fn visited(ordered: &Ordered) -> Vec<u32> {
     let mut ids: Vec<_> = ordered.sequence.visits.iter().map(|(view, _)| view.0).collect();
     ids.sort_unstable();
     ids
+}
+
+#[test]
+fn stops_are_moved_along_the_table_s_angle_only_to_where_views_are_in_sight() {
+    let (room, flag) = (room(7, Vec::new()), AtomicBool::new(false));
+    let ctx = Context::new(&flag, &Silent);
+    let moved = |in_sight: &super::InSight<'_>| {
+        let options = OrderOptions { roadmaps: None, require_all: false, in_sight };
+        let params = PlanParams::default();
+        let ordered = order_in_sight(&room.listed(), &room.cell, &room.scene, &params, &options, &ctx).expect("not cancelled");
+        room.assert_sound(&ordered);
+        let is_moved = |(view, leg): &&(ViewId, Leg)| !room.stations[view.index()].contains(&leg.target);
+        ordered.sequence.visits.iter().filter(is_moved).map(|(view, _)| *view).collect::<Vec<_>>()
+    };
+    let freely = moved(&|_, _| true);
+    assert!(freely.len() > 1, "stops are moved where they may be: {freely:?}");
+    assert_eq!(moved(&|_, _| false), []);
+    let kept = freely[0];
+    assert!(!moved(&|view, _| view != kept).contains(&kept), "one view alone has to stay");
 }
 
 #[test]

@@ -97,6 +97,25 @@ pub fn solve_some(
         .collect()
 }
 
+/// Finds the stations of a view at those of the 72 table angles that `accept` lets through, otherwise as [`solve`]; none where
+/// there are none.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn solve_at(
+    view: &Pose<Part, ScannerFrame>,
+    cell: &Cell,
+    scene: &CollisionScene,
+    table_from_part: &Pose<Table, Part>,
+    accept: &dyn Fn(f64) -> bool,
+    ctx: &Context<'_>,
+) -> Result<Vec<Station>, Cancelled> {
+    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations: MAX_STATIONS };
+    let angles: Vec<f64> = table_angles().filter(|angle| accept(*angle)).collect();
+    let (solutions, poses) = search.ik_solutions(view, &angles);
+    Ok(search.free(&solutions, poses, ctx)?.into_iter().map(Station::from).collect())
+}
+
 /// The IK solution nearest to home at any table angle, collisions ignored; `None` where the view is out of reach.
 #[must_use]
 pub fn nearest_ik_solution(

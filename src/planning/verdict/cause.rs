@@ -41,9 +41,13 @@ closed_list! {
         Unreachable = "unreachable",
         /// Measured only by views at which something collides.
         Collision = "collision",
+        /// Measured only by views at whose stations something that stands in the cell hides it.
+        HiddenByCell = "hidden_by_cell",
         /// Measured only by views to which no path was found.
         NoPath = "no_path",
         /// Measured by a candidate that was not chosen.
         NotChosen = "not_chosen",
+        /// Measured by a chosen view, but at risk and not counted.
+        AtRisk = "at_risk",
     }
 }

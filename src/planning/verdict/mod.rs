@@ -4,11 +4,13 @@
 mod cause;
 mod grade;
 mod rejection;
+mod risk;
 mod stability;
 
 pub use cause::Cause;
 pub use grade::Grade;
 pub use rejection::{CandidateCounts, Fate, Rejection};
+pub use risk::RiskReason;
 pub use stability::{MIN_RESISTANCE, Stability};
 
 /// Verdict on a sample.

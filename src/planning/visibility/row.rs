@@ -116,6 +116,14 @@ impl Row {
         Self { measured, quality }
     }
 
+    /// The row without `samples`, a set of the same surface.
+    #[must_use]
+    pub fn without(&self, samples: &SampleSet) -> Self {
+        let mut kept = self.measured.clone();
+        kept.remove_all(samples);
+        self.within(&kept)
+    }
+
     /// The samples that it measures.
     #[must_use]
     pub fn measured(&self) -> &SampleSet {

@@ -63,6 +63,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
         views::chosen(input, &scene, ctx)?,
         sections::curve(input),
         sections::certificate(input),
+        sections::at_risk(input),
         views::misses(input, &scene),
         sections::registration(input),
         sections::missed(input),

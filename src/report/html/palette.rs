@@ -17,11 +17,11 @@ pub(in crate::report) enum MissGroup {
     Frame,
     /// Outside the working depth.
     Depth,
-    /// Out of the cell's reach.
+    /// Out of the cell's reach, or of its sight.
     Reach,
     /// The part stands on it, or it faces the table or is enclosed.
     Resting,
-    /// Measurable, but by no chosen view.
+    /// Measurable, but by no chosen view, or not counted.
     NotChosen,
 }
 
@@ -35,8 +35,8 @@ impl MissGroup {
             Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector => Self::Frame,
             Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector | Cause::BelowGrade => Self::Incidence,
             Cause::ShadowLeft | Cause::ShadowRight | Cause::ShadowProjector => Self::Shadow,
-            Cause::Unreachable | Cause::Collision | Cause::NoPath => Self::Reach,
-            Cause::NotChosen => Self::NotChosen,
+            Cause::Unreachable | Cause::Collision | Cause::HiddenByCell | Cause::NoPath => Self::Reach,
+            Cause::NotChosen | Cause::AtRisk => Self::NotChosen,
         }
     }
 }

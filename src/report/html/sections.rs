@@ -10,13 +10,15 @@ use super::views::swatch;
 use super::words;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{
-    Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, Robust, SetupId, Stability, share,
+    Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, RiskReason, Robust, SetupId, Stability, share,
 };
 use crate::planning::sequence::{Leg, Sequence};
-use crate::wire::plan::{AdviceDocument, CoverageDocument, RobustDocument, StabilityDocument};
+use crate::wire::plan::{
+    AdviceDocument, AtRiskDocument, CoverageDocument, RiskReasonDocument, RobustDocument, StabilityDocument,
+};
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{
-    HeadlineShare, advice_sentence, changed_params, headline as headline_shares, treated_spots, turn_phrase,
+    HeadlineShare, advice_sentence, changed_params, headline as headline_shares, risk_meaning, treated_spots, turn_phrase,
 };
 
 /// Max spots listed for each cause.
@@ -229,6 +231,32 @@ pub(super) fn advice(input: &ReportInput<'_>) -> String {
         "<section>\n<h2>What would measure more</h2>\n<p>Changes of the whole plan, each tried on the model: views were chosen for \
          it that the cell can take. “At least” holds for a plan with these parameters that meets its target.</p>\n\
          <ul class=\"card\">\n{items}</ul>\n</section>\n"
+    )
+}
+
+/// Section on measured area that a real scan may lack.
+pub(super) fn at_risk(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let document = AtRiskDocument::from(&plan.coverage);
+    let row = |(reason, found): (RiskReason, &RiskReasonDocument)| {
+        format!(
+            "<tr><td><code>{}</code></td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"soft keep\">{}</td></tr>\n",
+            reason.as_str(),
+            area(found.area_mm2),
+            percent(found.of_visible),
+            escape(&risk_meaning(reason, &plan.params.realism))
+        )
+    };
+    let rows: String = RiskReason::ALL.into_iter().zip(&document.reasons).map(row).collect();
+    let counts = if document.counted { "It counts as measured." } else { "It does not count as measured." };
+    format!(
+        "<section>\n<h2>At risk in a real scan</h2>\n<p>{} of the area that the views measure in the simulation, {} of the visible \
+         area, may be lacking in a real scan. {counts} Surface that is at risk for several reasons is listed under each. The widths \
+         behind it are our choice: they have no published source.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Reason</th>\
+         <th class=\"n\">Area</th><th class=\"n\">Of visible</th><th>Meaning</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n\
+         </section>\n",
+        area(document.area_mm2),
+        percent(document.of_visible)
     )
 }
 

@@ -26,8 +26,10 @@ pub(super) fn cause_name(cause: Cause) -> &'static str {
         Cause::BelowGrade => "Not measured well enough",
         Cause::Unreachable => "Out of the robot’s reach",
         Cause::Collision => "Collision",
+        Cause::HiddenByCell => "Hidden by an obstacle of the cell",
         Cause::NoPath => "No safe path found",
         Cause::NotChosen => "Measurable, but no view chosen",
+        Cause::AtRisk => "Measured, but at risk",
     }
 }
 
@@ -68,8 +70,16 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
             "At every viewpoint that would measure it, the robot or the scanner would collide, or come closer than {} mm.",
             number(params.motion.clearance_mm, 1)
         ),
+        Cause::HiddenByCell => {
+            "Something that stands in the cell comes between the surface and a device at every table angle from which the \
+             viewpoints that would measure it can be taken."
+                .into()
+        }
         Cause::NoPath => "Viewpoints would measure it, but no collision-free path to them was found.".into(),
         Cause::NotChosen => "A viewpoint that was considered measures it, but the selection ended before choosing it.".into(),
+        Cause::AtRisk => "A view measures it in the simulation, but a real scan may lack it, and it was asked not to count \
+             (realism.count_at_risk = false)."
+            .into(),
     }
 }
 

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::at_risk::AtRiskDocument;
 use super::regions::RegionCoverageDocument;
 use crate::planning::params::PoseErrorParams;
 use crate::planning::plan::{Coverage, Drawn, Independent, Robust, VisibleShares, share};
@@ -36,6 +37,9 @@ pub struct CoverageDocument {
     pub grades: GradesDocument,
     /// Measured share of the asked area after 1, 2, … views.
     pub curve: Vec<f64>,
+    /// Measured area that a real scan may lack; it is not a figure of the headline. `null` in plans from before it was introduced.
+    #[serde(default)]
+    pub at_risk: Option<AtRiskDocument>,
     /// Coverage of each region of interest and each feature, in this order, as in `params.regions`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<RegionCoverageDocument>,
@@ -175,6 +179,7 @@ impl From<&Coverage> for CoverageDocument {
             of_total: coverage.of_total(),
             grades: GradesDocument { a, b, c, d },
             curve: coverage.curve_area_mm2.iter().map(|area_mm2| of_asked(*area_mm2)).collect(),
+            at_risk: Some(AtRiskDocument::from(coverage)),
             regions: coverage.regions.iter().map(RegionCoverageDocument::from).collect(),
             independent: Some(IndependentDocument::from(&coverage.independent)),
             robust: coverage.robust.as_ref().map(RobustDocument::from),

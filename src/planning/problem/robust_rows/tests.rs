@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::*;
 use crate::planning::context::Silent;
 use crate::planning::params::{CandidateParams, Engine};
-use crate::planning::visibility::VisibilityMatrix;
+use crate::planning::visibility::{SampleSet, VisibilityMatrix};
 use crate::planning::{PlanInput, tabulate};
 use crate::testing::{nominal_scanner, trough};
 
@@ -38,7 +38,8 @@ fn views_that_shall_tolerate_an_error_are_chosen_by_less_than_they_measure() {
     let occluders = Occluders::new([&mesh]);
     let scene = VisibilityInput { surface: &table.surface, scanner: &scanner, occluders: &occluders, params: &params };
     let visible = VisibilityMatrix { rows: table.rows, furthest_cause: Vec::new() };
-    let evaluated = EvaluatedCandidates { candidates: table.candidates, matrix: visible, reach: None };
+    let hidden_by_cell = SampleSet::none_of(table.surface.sample_mm.len());
+    let evaluated = EvaluatedCandidates { candidates: table.candidates, matrix: visible, reach: None, hidden_by_cell };
     let robust = rows(&scene, &evaluated, &ctx).expect("not cancelled").expect("asked for");
     let mut lost = 0;
     for (robust, nominal) in robust.iter().zip(&evaluated.matrix.rows) {

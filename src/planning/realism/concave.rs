@@ -1,0 +1,161 @@
+//! The zone along concave edges: where two faces meet at less than an angle in the air, what lies near the edge on either.
+//!
+//! Part frame, millimetres. Cost: O(n) in the triangles, and a look into a grid for each sample; 36 bytes a triangle while edges
+//! are paired.
+
+use std::collections::HashMap;
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use crate::geometry::{Interrupted, Mesh, Poll, each_inner_edge};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
+use crate::planning::surface::Surface;
+
+/// Depth by which a sample may lie behind the plane of a face of the edge, as a share of the zone: faces beside it are curved.
+const SLACK: f64 = 0.2;
+/// Smallest cosine between the normals of a sample and of a face of the edge: within 45°, else it lies on another face.
+const MIN_COS: f64 = FRAC_1_SQRT_2;
+/// Cells of the grid along the part at most.
+const MAX_CELLS: f64 = 400.0;
+/// Samples between two looks at whether to go on.
+const BLOCK: usize = 4096;
+
+/// An edge at which two faces meet and leave less than an angle of air.
+pub(super) struct ConcaveEdge {
+    ends_mm: [Point3<f64>; 2],
+    /// Unit normals of the two faces.
+    normals: [Vector3<f64>; 2],
+}
+
+/// A sample in the zone.
+pub(super) struct ZoneSample {
+    pub(super) sample: SampleId,
+    /// Unit normals of the faces across its edges.
+    pub(super) opposite: Vec<Vector3<f64>>,
+}
+
+/// The concave edges of a mesh: those of exactly two triangles, wound alike, with less than `dihedral_max_rad` between them in
+/// the air.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn concave_edges(mesh: &Mesh, dihedral_max_rad: f64, ctx: &Context<'_>) -> Result<Vec<ConcaveEdge>, Cancelled> {
+    let mut edges = Vec::new();
+    let stop = || ctx.check().is_err();
+    let found = |ends, faces| edges.extend(concave_edge(mesh, ends, faces, dihedral_max_rad));
+    each_inner_edge(mesh, &Poll::new(&stop), found).map_err(|Interrupted| Cancelled)?;
+    Ok(edges)
+}
+
+/// The edge between two triangles, if it is concave.
+fn concave_edge(mesh: &Mesh, ends: [u32; 2], faces: [usize; 2], dihedral_max_rad: f64) -> Option<ConcaveEdge> {
+    let normals = faces.map(|face| mesh.scaled_normal(face).normalize());
+    let apex = mesh.faces[faces[1]].into_iter().find(|corner| !ends.contains(corner))?;
+    let ends_mm = ends.map(|corner| mesh.vertices_mm[corner as usize]);
+    let rises = normals[0].dot(&(mesh.vertices_mm[apex as usize] - ends_mm[0])) > 0.0;
+    let dihedral_rad = PI - normals[0].angle(&normals[1]);
+    (rises && dihedral_rad < dihedral_max_rad).then_some(ConcaveEdge { ends_mm, normals })
+}
+
+impl ConcaveEdge {
+    /// Returns true if a surface point with this unit normal lies in the zone of the edge, on either of its faces.
+    fn zone_holds(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>, zone_mm: f64) -> bool {
+        let from_end = point_mm - self.ends_mm[0];
+        let in_air = |face: &Vector3<f64>| face.dot(&from_end) >= -SLACK * zone_mm;
+        let is_face = |face: &Vector3<f64>| face.dot(normal) >= MIN_COS;
+        self.distance_mm(point_mm) <= zone_mm && self.normals.iter().all(in_air) && self.normals.iter().any(is_face)
+    }
+
+    fn distance_mm(&self, point_mm: &Point3<f64>) -> f64 {
+        let along = self.ends_mm[1] - self.ends_mm[0];
+        let from_end = point_mm - self.ends_mm[0];
+        let share = (from_end.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+        (from_end - along * share).norm()
+    }
+
+    /// Normal of the face across from one with this unit normal.
+    fn opposite(&self, normal: &Vector3<f64>) -> Vector3<f64> {
+        let [a, b] = self.normals;
+        if a.dot(normal) >= b.dot(normal) { b } else { a }
+    }
+}
+
+/// Edges by cells of a grid, each in all cells that its zone can reach.
+struct EdgeGrid {
+    cell_mm: f64,
+    edges_of: HashMap<[i64; 3], Vec<u32>>,
+}
+
+impl EdgeGrid {
+    /// Points along each edge are a third of a cell apart and every cell beside one names the edge: so does the cell of whatever is
+    /// nearer to the edge than two thirds of a cell.
+    fn new(edges: &[ConcaveEdge], zone_mm: f64, extent_mm: f64, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let cell_mm = (1.5 * zone_mm).max(extent_mm / MAX_CELLS);
+        let mut grid = Self { cell_mm, edges_of: HashMap::new() };
+        for (number, edge) in (0_u32..).zip(edges) {
+            ctx.check()?;
+            let [from_mm, to_mm] = edge.ends_mm;
+            let steps = (3.0 * (to_mm - from_mm).norm() / cell_mm).ceil().max(1.0);
+            for step in 0..=steps as u32 {
+                let cell = grid.cell(&(from_mm + (to_mm - from_mm) * (f64::from(step) / steps)));
+                grid.name_around(cell, number);
+            }
+        }
+        Ok(grid)
+    }
+
+    fn cell(&self, point_mm: &Point3<f64>) -> [i64; 3] {
+        [point_mm.x, point_mm.y, point_mm.z].map(|mm| (mm / self.cell_mm).floor() as i64)
+    }
+
+    fn name_around(&mut self, [x, y, z]: [i64; 3], edge: u32) {
+        for beside in 0..27_i64 {
+            let cell = [x + beside % 3 - 1, y + beside / 3 % 3 - 1, z + beside / 9 - 1];
+            let edges = self.edges_of.entry(cell).or_default();
+            if edges.last() != Some(&edge) {
+                edges.push(edge);
+            }
+        }
+    }
+
+    fn near(&self, point_mm: &Point3<f64>) -> &[u32] {
+        self.edges_of.get(&self.cell(point_mm)).map_or(&[], Vec::as_slice)
+    }
+}
+
+/// The samples that lie in the zone of an edge, of those that `is_asked_for` accepts, ascending.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn zone(
+    surface: &Surface,
+    edges: &[ConcaveEdge],
+    zone_mm: f64,
+    is_asked_for: impl Fn(SampleId) -> bool + Sync,
+    ctx: &Context<'_>,
+) -> Result<Vec<ZoneSample>, Cancelled> {
+    if edges.is_empty() {
+        return Ok(Vec::new());
+    }
+    let extent_mm = 2.0 * surface.sample_mm.iter().map(|p| (p - surface.centre_mm).amax()).fold(0.0, f64::max);
+    let grid = EdgeGrid::new(edges, zone_mm, extent_mm, ctx)?;
+    let in_zone = |sample: SampleId| {
+        let (point_mm, normal) = (&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
+        let near = grid.near(point_mm).iter().map(|edge| &edges[*edge as usize]);
+        let holding = near.filter(|edge| edge.zone_holds(point_mm, normal, zone_mm));
+        let opposite: Vec<_> = holding.map(|edge| edge.opposite(normal)).collect();
+        (!opposite.is_empty()).then_some(ZoneSample { sample, opposite })
+    };
+    let samples = surface.sample_mm.len();
+    let block = |first: usize| {
+        ctx.check()?;
+        let block = (first * BLOCK..samples.min((first + 1) * BLOCK)).map(SampleId::at);
+        Ok(block.filter(|sample| is_asked_for(*sample)).filter_map(in_zone).collect::<Vec<_>>())
+    };
+    let blocks: Vec<Vec<ZoneSample>> =
+        (0..samples.div_ceil(BLOCK)).into_par_iter().map(block).collect::<Result<_, Cancelled>>()?;
+    Ok(blocks.into_iter().flatten().collect())
+}
