@@ -163,6 +163,7 @@ pub(super) fn complete(openapi: &mut OpenApi) {
     components.add_security_scheme("session", SecurityScheme::ApiKey(ApiKey::Cookie(session)));
     parameters::add_ranges(&mut components.schemas);
     components.schemas.values_mut().for_each(drop_links);
+    components.schemas.values_mut().for_each(describe_object_defaults);
     let combined: Vec<String> = components.schemas.values().flat_map(combined_names).collect();
     for name in combined {
         if let Some(RefOr::T(Schema::Object(object))) = components.schemas.get_mut(&name) {
@@ -187,6 +188,18 @@ fn drop_links(schema: &mut RefOr<Schema>) {
             one_of.items.iter_mut().for_each(drop_links);
         }
         RefOr::T(_) => {}
+    }
+}
+
+/// Moves defaults that are objects into the description of values that may be null: generators of clients take only null there.
+fn describe_object_defaults(schema: &mut RefOr<Schema>) {
+    let RefOr::T(Schema::Object(object)) = schema else { return };
+    for property in object.properties.values_mut() {
+        let RefOr::T(Schema::OneOf(one_of)) = property else { continue };
+        let default = one_of.default.take_if(|default| default.is_object() && one_of.items.iter().any(is_null));
+        if let (Some(default), Some(RefOr::Ref(reference))) = (default, one_of.items.first_mut()) {
+            reference.description += &format!("\n\nDefault: `{default}`.");
+        }
     }
 }
 

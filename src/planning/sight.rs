@@ -35,7 +35,16 @@ pub(super) struct Sight {
 struct Obstacle {
     /// Corners of the box around it.
     corners_mm: Vec<Point3<f64>>,
+    /// Box along the axes around those.
+    aabb: Aabb,
     surface: RayScene,
+}
+
+impl Obstacle {
+    /// Returns true if it lies between two points.
+    fn is_between(&self, from_mm: &Point3<f64>, to_mm: &Point3<f64>) -> bool {
+        meets(&self.aabb, from_mm, to_mm) && self.surface.blocked(from_mm, to_mm, 1.0)
+    }
 }
 
 /// A view as the cell takes it: everything in the base frame.
@@ -49,7 +58,7 @@ impl Lines {
     /// Returns true if an obstacle lies between a point of the part and a device.
     fn cross(&self, obstacles: &[&Obstacle], point_mm: &Point3<f64>) -> bool {
         let in_base_mm = self.base_from_part.point(point_mm);
-        let crosses = |centre_mm| obstacles.iter().any(|obstacle| obstacle.surface.blocked(centre_mm, &in_base_mm, 1.0));
+        let crosses = |centre_mm| obstacles.iter().any(|obstacle| obstacle.is_between(centre_mm, &in_base_mm));
         self.centres_mm.iter().any(crosses)
     }
 }
@@ -59,7 +68,9 @@ impl Sight {
     pub(super) fn new(cell: &Cell, part: &Aabb, table_from_part: &Pose<Table, Part>) -> Self {
         let obstacle = |body: &crate::cell::Body| {
             let surface = body.surface();
-            Obstacle { corners_mm: body.corners_mm(), surface: RayScene::new([&surface]) }
+            let corners_mm: Vec<_> = body.corners_mm();
+            let aabb = corners_mm.iter().fold(Aabb::empty(), |aabb, corner| aabb.with(corner));
+            Obstacle { corners_mm, aabb, surface: RayScene::new([&surface]) }
         };
         let devices = &cell.scanner.devices;
         Self {
@@ -144,6 +155,24 @@ impl Sight {
         let ends_mm: Vec<_> = part_mm.chain(lines.centres_mm).collect();
         self.obstacles.iter().filter(move |obstacle| !are_separate(&ends_mm, &obstacle.corners_mm))
     }
+}
+
+/// Returns true if a segment may meet a box (slabs: Kay and Kajiya 1986); touching counts.
+fn meets(aabb: &Aabb, from_mm: &Point3<f64>, to_mm: &Point3<f64>) -> bool {
+    let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
+    for axis in 0..3 {
+        let (start, way) = (from_mm[axis], to_mm[axis] - from_mm[axis]);
+        if way == 0.0 {
+            if start < aabb.min[axis] || start > aabb.max[axis] {
+                return false;
+            }
+            continue;
+        }
+        let [a, b] = [aabb.min[axis], aabb.max[axis]].map(|side| (side - start) / way);
+        (enters, leaves) = (enters.max(a.min(b)), leaves.min(a.max(b)));
+    }
+    // Rounding must not lose what touches.
+    enters <= leaves + 1e-9
 }
 
 fn corners(aabb: &Aabb) -> [Point3<f64>; 8] {

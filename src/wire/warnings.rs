@@ -115,7 +115,8 @@ pub fn of_robust(params: &PlanParams, robust: &RobustDocument, at: &str) -> Opti
         code: WarningCode::FragileUnderPoseError,
         pointer: format!("{at}/robust/select"),
         detail: format!(
-            "is {state} an error of {kind} by {}° and {} mm costs up to {:.2} points of coverage: {:.2} % of the asked area instead              of {:.2} %; a plan that tolerates it loses at most {:.1}",
+            "is {state} an error of {kind} by {}° and {} mm costs up to {:.2} points of coverage: {:.2} % of the asked area instead \
+             of {:.2} %; a plan that tolerates it loses at most {:.1}",
             error.angle_deg,
             error.translation_mm,
             100.0 * (drawn.nominal - drawn.worst),

@@ -19,8 +19,6 @@ use crate::support::box_mesh;
 /// A box beside or above the plate: middle from the plate's centre, and edges, mm, along the base's axes.
 type BoxMm = ([f64; 3], [f64; 3]);
 
-/// A wall between the foot of the arm and the part, which the scanner looks over or around.
-const SCREEN: BoxMm = ([-80.0, 0.0, 102.0], [4.0, 300.0, 116.0]);
 /// A roof close above the part.
 const ROOF: BoxMm = ([0.0, 0.0, 52.0], [80.0, 60.0, 4.0]);
 
@@ -85,15 +83,24 @@ fn hidden_by(outcome: &Outcome, cell: &Cell, body: &BoxMm) -> Vec<usize> {
     of_view.collect()
 }
 
+/// A screen halfway between the part and the scanner as it takes the first view.
+fn screen_before_first_view(outcome: &Outcome, cell: &Cell) -> BoxMm {
+    let station = outcome.plan.views[0].station.expect("a station");
+    let scanner_mm = cell.base_from_scanner(&station.joints_rad).origin_mm() - cell.base_from_table.origin_mm();
+    ([0, 1, 2].map(|axis| 0.5 * scanner_mm[axis]), [30.0; 3])
+}
+
 #[test]
 fn views_are_taken_past_a_screen_that_stands_before_the_part() {
     let mesh = block();
-    let (open, screened) = (cell_with(&[]), cell_with(&[SCREEN]));
+    let open = cell_with(&[]);
     let without = planned(&mesh, &open);
-    let crossing = hidden_by(&without, &open, &SCREEN);
-    assert!(crossing.iter().any(|count| *count > 0), "no view would look through the screen: {crossing:?}");
+    let screen = screen_before_first_view(&without, &open);
+    let screened = cell_with(&[screen]);
+    let crossing = hidden_by(&without, &open, &screen);
+    assert!(crossing[0] > 0, "no view would look through the screen: {crossing:?}");
     let outcome = planned(&mesh, &screened);
-    let crossing = hidden_by(&outcome, &screened, &SCREEN);
+    let crossing = hidden_by(&outcome, &screened, &screen);
     assert!(!crossing.is_empty() && crossing.iter().all(|count| *count == 0), "{crossing:?}");
     let (plan, before) = (&outcome.plan, &without.plan);
     assert!(plan.coverage.measured.area_mm2 <= before.coverage.coverable_area_mm2 + 1e-6);

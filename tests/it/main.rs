@@ -20,6 +20,7 @@ mod inspect_scanner;
 mod kinematics;
 mod meshes;
 mod miss_report;
+mod oracle_client;
 mod oracle_collision;
 mod oracle_coverage;
 mod oracle_dialects;

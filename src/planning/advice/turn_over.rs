@@ -23,7 +23,7 @@ use crate::planning::visibility::{Row, SampleSet};
 /// Setups that a plan may have.
 const MAX_SETUPS: u32 = 4;
 /// Candidates that are tried.
-const MAX_CANDIDATES: usize = 200;
+const MAX_CANDIDATES: usize = 120;
 /// Block cubes of a part for which it is tried: beyond them, comparing poses takes a large part of a plan's time.
 const MAX_BLOCKS: f64 = 32.0;
 /// Views that are added at most for what is missed.

@@ -134,7 +134,7 @@ fn looking_down(x_mm: f64) -> Pose<Part, ScannerFrame> {
     Pose::from_parts(Vector3::new(x_mm, 0.0, 480.0), UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI))
 }
 
-/// What views measure of a mesh, and the risks of that.
+/// Samples that views measure of a mesh, and the risks of that.
 fn judged(mesh: &Mesh, surface: &Surface, poses: &[Pose<Part, ScannerFrame>], params: &PlanParams) -> (SampleSet, Risks) {
     let (scanner, occluders) = (nominal_scanner(), Occluders::new([mesh]));
     with_ctx(|ctx| {
