@@ -112,7 +112,7 @@ fn select_and_order(
         ctx.begin(Stage::Selection)?;
         let chosen = problem.select(&excluded, ctx)?;
         if chosen.candidates.is_empty() && excluded.is_empty() {
-            return Err(PlanError::NoPlan(outcome::nothing_measured(problem, ctx)?));
+            return Err(PlanError::NoPlan(outcome::nothing_measured(problem, &setups[0].occluders, ctx)?));
         }
         let chosen = adjust::join_setups(problem, chosen, &excluded, ctx)?;
         let chosen = adjust::slide_views(problem, setups, chosen, &excluded, ctx)?;
@@ -172,7 +172,7 @@ fn explain(
     let without_path = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path));
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
-    let surroundings = Surroundings { occluders, part, can_execute };
+    let surroundings = Surroundings { setups, occluders, part, can_execute };
     let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
     if let Some(basis) = basis {

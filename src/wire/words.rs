@@ -131,10 +131,14 @@ pub fn risk_meaning(reason: RiskReason, realism: &RealismParams) -> String {
             "in that zone, and every view that measures it has the projector's light mirrored onto the opposite face".to_owned()
         }
         RiskReason::FrameMargin => {
-            format!("within {} px of the border of an image in every view that measures it", realism.frame_margin_px)
+            format!(
+                "within {} px of the border of an image, and no view measures it clear of both margins",
+                realism.frame_margin_px
+            )
         }
         RiskReason::SilhouetteMargin => {
-            format!("within {} px of a jump of depth in an image in every view that measures it", realism.silhouette_margin_px)
+            let px = realism.silhouette_margin_px;
+            format!("within {px} px of a jump of depth in an image, and no view measures it clear of both margins")
         }
     }
 }

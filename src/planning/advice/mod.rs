@@ -52,7 +52,8 @@ pub(super) struct AdviceScope<'a> {
 
 impl Basis {
     /// Takes from a solved problem what advice needs; `excluded` are candidates that were given up for want of a path. `None` where
-    /// no advice is asked for, or views are chosen by what they measure under errors too, which is not tried.
+    /// no advice is asked for; nor is any tried where views are chosen by what they measure under errors too, or where area at
+    /// risk does not count.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -63,7 +64,8 @@ impl Basis {
         excluded: &BTreeSet<CandidateIndex>,
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
-        if !problem.params.missed.advice || problem.robust_rows.is_some() {
+        let params = problem.params;
+        if !params.missed.advice || !params.realism.count_at_risk || problem.robust_rows.is_some() {
             return Ok(None);
         }
         let samples = problem.asked_area_mm2.len();
@@ -124,7 +126,7 @@ pub(super) fn of(
     scope: &AdviceScope<'_>,
     ctx: &Context<'_>,
 ) -> Result<Vec<PlanAdvice>, PlanError> {
-    let more_views = basis.more_views.as_ref().map(|more| more.advice(basis, outcome));
+    let more_views = basis.more_views.as_ref().and_then(|more| more.advice(basis, outcome));
     let turn_over = turn_over::advice(basis, outcome, scope, ctx)?;
     let mut advice: Vec<PlanAdvice> = turn_over.into_iter().chain(more_views).collect();
     // Stable: of equal ones the order above stays.

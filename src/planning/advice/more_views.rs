@@ -58,10 +58,9 @@ pub(super) fn choose(
         // The plan's own target asks for as much, and only the limit of views keeps it from that.
         SelectionGoal::FewestViews | SelectionGoal::MinTime => (None, measured_mm2.min(params.target * whole_mm2)),
     };
-    let can_be_asked_for = target.is_some() || params.max_views.is_some();
     let moving_secs = insertion_secs(problem, ordered, &picks);
     let more = MoreViews { added: picks.len(), measured_mm2, target, moving_secs };
-    Ok((can_be_asked_for && basis.is_worth(measured_mm2)).then_some(more))
+    Ok(basis.is_worth(measured_mm2).then_some(more))
 }
 
 /// Time that the moves take longer with some more views, each put between two where that takes least; moves are straight, so that
@@ -94,15 +93,16 @@ fn insertion_secs(problem: &ViewPlanningProblem<'_>, ordered: &[Ordered], picks:
 }
 
 impl MoreViews {
-    /// The advice to choose them.
-    pub(super) fn advice(&self, basis: &Basis, outcome: &Outcome) -> PlanAdvice {
+    /// The advice to choose them; `None` where no parameter asks for them.
+    pub(super) fn advice(&self, basis: &Basis, outcome: &Outcome) -> Option<PlanAdvice> {
         let (plan, params) = (&outcome.plan, &outcome.plan.params);
         let views = views_of(outcome) + self.added;
         let limit =
             params.selection.max_views.filter(|limit| (*limit as usize) < views).map(|_| ParamChange::MaxViews(views as u32));
-        PlanAdvice {
+        let changes: Vec<ParamChange> = self.target.map(ParamChange::Target).into_iter().chain(limit).collect();
+        (!changes.is_empty()).then(|| PlanAdvice {
             kind: AdviceKind::MoreViews,
-            changes: self.target.map(ParamChange::Target).into_iter().chain(limit).collect(),
+            changes,
             table_from_part: None,
             turn: None,
             added_views: self.added,
@@ -111,6 +111,6 @@ impl MoreViews {
             visible_area_mm2: plan.coverage.visible_area_mm2,
             cycle_secs: cycle_secs(outcome, params, self.added, self.moving_secs),
             regions_met: Vec::new(),
-        }
+        })
     }
 }

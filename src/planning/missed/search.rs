@@ -44,6 +44,8 @@ pub(in crate::planning) struct MissAnalysis<'a> {
     pub(in crate::planning) params: &'a PlanParams,
     /// Pose of the part in each setup.
     pub(in crate::planning) setups: &'a [Pose<Table, Part>],
+    /// Pose of the part in the first setup that views are chosen in.
+    pub(in crate::planning) first: Pose<Table, Part>,
     pub(in crate::planning) occluders: &'a Occluders,
     /// The part without table and fixture.
     pub(in crate::planning) part_alone: &'a RayScene,
@@ -295,7 +297,7 @@ impl<'a> RemedySearch<'a> {
             let Some(pick) = self.pick(&bits, |_| Ok(true))? else { continue };
             let views: Vec<Proposal> = pick.iter().map(|i| tried[*i].proposal.clone()).collect();
             let remedy = self.confirmed(RemedyKind::Setup, &views, &context.optics, context.part_alone, source);
-            let turn = context.analysis.setups.first().map(|first| Turn::between(first, table_from_part));
+            let turn = Some(Turn::between(&context.analysis.first, table_from_part));
             let remedy = remedy.map(|remedy| Remedy { table_from_part: Some(*table_from_part), turn, ..remedy });
             if let Some(remedy) = self.fallback.unless_works(remedy) {
                 return Ok(Some(remedy));

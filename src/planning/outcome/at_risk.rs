@@ -1,25 +1,25 @@
 //! Measured area that a real scan may lack, apart from the rest ([`crate::planning::method::realism`]).
 
 use super::Solution;
-use crate::geometry::RayScene;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::CandidateIndex;
 use crate::planning::plan::{AtRisk, RiskReason};
 use crate::planning::realism::{self, RiskInput, RiskView, Risks};
+use crate::planning::setups::Setup;
 use crate::planning::visibility::SampleSet;
 
-/// Judges what the views of a solution measure; `surfaces` are all that they may see.
+/// Judges what the views of a solution measure, each among all that it may see in its setup.
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn risks(solution: &Solution<'_>, surfaces: &RayScene, ctx: &Context<'_>) -> Result<Risks, Cancelled> {
+pub(super) fn risks(solution: &Solution<'_>, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<Risks, Cancelled> {
     let Solution { problem, chosen, measuring, .. } = solution;
     let input =
         RiskInput { mesh: problem.input.mesh, surface: &problem.surface, scanner: problem.input.scanner, params: problem.params };
-    let view = |(candidate, row): (&CandidateIndex, _)| RiskView {
-        part_from_scanner: problem.candidates[*candidate].part_from_scanner,
-        row,
-        surfaces,
+    let view = |(candidate, row): (&CandidateIndex, _)| {
+        let candidate = &problem.candidates[*candidate];
+        let surfaces = setups[candidate.setup.index()].occluders.rays();
+        RiskView { part_from_scanner: candidate.part_from_scanner, row, surfaces }
     };
     let views: Vec<RiskView<'_>> = chosen.candidates.iter().zip(measuring).map(view).collect();
     realism::risks(&input, &views, ctx)

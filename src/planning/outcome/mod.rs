@@ -24,6 +24,7 @@ use super::realism;
 use super::registration::{self, SharedSurface, Stability};
 use super::selection::coverable_mm2;
 use super::sequence::Ordered;
+use super::setups::Setup;
 use super::stations::StationFailure;
 use super::visibility::{self, Occluders, Row, SampleSet};
 use crate::geometry::RayScene;
@@ -44,6 +45,7 @@ struct Solution<'a> {
 
 /// Surroundings in which causes and remedies are looked for.
 pub(super) struct Surroundings<'a> {
+    pub(super) setups: &'a [Setup<'a>],
     pub(super) occluders: &'a Occluders,
     /// The part alone.
     pub(super) part: &'a RayScene,
@@ -64,13 +66,13 @@ pub(super) fn assemble(
     ctx: &Context<'_>,
 ) -> Result<Outcome, Cancelled> {
     let mut solution = Solution::new(&problem, chosen, &ordered, excluded);
-    let risks = at_risk::risks(&solution, surroundings.occluders.rays(), ctx)?;
+    let risks = at_risk::risks(&solution, surroundings.setups, ctx)?;
     let left_out = at_risk::left_out(&solution, &risks);
     if !problem.params.realism.count_at_risk {
         solution.measuring = realism::without(solution.measuring, &left_out);
     }
     let counted = verdicts::Counted { measuring: &solution.measuring, left_out: &left_out };
-    let scenes = (surroundings.occluders.rays(), surroundings.part);
+    let scenes = (surroundings.occluders, surroundings.part);
     let verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
     let mut coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
     coverage.at_risk = at_risk::area(&solution, &risks);
@@ -79,7 +81,7 @@ pub(super) fn assemble(
     let plan = solution.plan(ordered, coverage, missed, &weakest_links);
     let fates = problem.params.output.candidates.then(|| solution.fates());
     let measured_by_view = solution.measuring;
-    let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings.occluders, ctx)).transpose()?;
+    let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings, ctx)).transpose()?;
     Ok(Outcome { plan, surface: problem.surface, verdicts, measured_by_view, pixel_views: None, candidates })
 }
 
@@ -239,7 +241,7 @@ impl<'a> Solution<'a> {
 
     fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
-        let Surroundings { occluders, part: part_alone, can_execute } = *surroundings;
+        let Surroundings { occluders, part: part_alone, can_execute, .. } = *surroundings;
         let is_choosable = |candidate: CandidateIndex| problem.blocked(candidate).is_none() && !all_excluded.contains(&candidate);
         MissAnalysis {
             mesh: problem.input.mesh,
@@ -247,6 +249,7 @@ impl<'a> Solution<'a> {
             scanner: problem.input.scanner,
             params: problem.params,
             setups: &problem.setups,
+            first: problem.setups[self.used[0].index()],
             occluders,
             part_alone,
             candidates: &problem.candidates,
@@ -269,12 +272,14 @@ fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateIndex) -> Row {
 /// measured counts too, as it does in the coverable area. One that met its target, or could gain nothing more, still leaves
 /// regions unmet whose measured share of the asked area is below their own target.
 fn stopped_because(ended_by: StopReason, gave_up_views: bool, coverage: &Coverage, params: &SelectionParams) -> StopReason {
-    let reached = match params.target_of {
-        TargetOf::Coverable => coverage.of_coverable(),
-        TargetOf::Asked => coverage.of_asked(),
-        TargetOf::Total => coverage.of_total(),
+    let whole_mm2 = match params.target_of {
+        TargetOf::Coverable => coverage.coverable_area_mm2,
+        TargetOf::Asked => coverage.asked_area_mm2,
+        TargetOf::Total => coverage.total_area_mm2,
     };
-    let is_short = reached < params.target - SHARE_SLACK;
+    // Views are chosen as if what is at risk counted.
+    let left_out_mm2 = if coverage.at_risk.is_counted { 0.0 } else { coverage.at_risk.area_mm2 };
+    let is_short = share(coverage.measured.area_mm2 + left_out_mm2, whole_mm2) < params.target - SHARE_SLACK;
     let leaves_unmet = coverage.regions.iter().any(RegionCoverage::is_unmet);
     match ended_by {
         StopReason::Target if gave_up_views && is_short => StopReason::NoPath,
@@ -310,11 +315,15 @@ fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn nothing_measured(problem: &ViewPlanningProblem<'_>, ctx: &Context<'_>) -> Result<NoPlan, Cancelled> {
+pub(super) fn nothing_measured(
+    problem: &ViewPlanningProblem<'_>,
+    occluders: &Occluders,
+    ctx: &Context<'_>,
+) -> Result<NoPlan, Cancelled> {
     let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
     let nothing = SampleSet::none_of(problem.surface.sample_mm.len());
     let counted = verdicts::Counted { measuring: &[], left_out: &nothing };
-    let verdicts = verdicts::of(problem, &counted, &BTreeSet::new(), (&part, &part), ctx)?;
+    let verdicts = verdicts::of(problem, &counted, &BTreeSet::new(), (occluders, &part), ctx)?;
     let area_of = |cause: Cause| -> f64 {
         let missed = verdicts.iter().zip(&problem.asked_area_mm2).filter(|(verdict, _)| **verdict == Verdict::Missed(cause));
         missed.map(|(_, area_mm2)| area_mm2).sum()

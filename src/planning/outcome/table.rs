@@ -8,10 +8,12 @@ use std::mem;
 
 use rayon::prelude::*;
 
+use super::Surroundings;
 use crate::planning::candidates::{Candidate, Rejection};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{CandidateFate, CandidateTable, Fate, TableEntry};
 use crate::planning::problem::ViewPlanningProblem;
+use crate::planning::setups::Setup;
 use crate::planning::visibility::{self, Occluders, Row};
 
 /// Makes the table of a problem, whose candidates and rows it takes; `fates` are those of the candidates that no filter
@@ -22,7 +24,7 @@ use crate::planning::visibility::{self, Occluders, Row};
 pub(super) fn of(
     problem: &mut ViewPlanningProblem<'_>,
     fates: Vec<CandidateFate>,
-    occluders: &Occluders,
+    surroundings: &Surroundings<'_>,
     ctx: &Context<'_>,
 ) -> Result<CandidateTable, Cancelled> {
     let usable: Vec<bool> = problem.candidates.indices().map(|candidate| problem.blocked(candidate).is_none()).collect();
@@ -32,7 +34,8 @@ pub(super) fn of(
     let rejected = candidates.rejected.into_iter().map(|(candidate, reason)| (dropped(candidate, reason), was_evaluated(reason)));
     let (mut entries, is_partial): (Vec<TableEntry>, Vec<bool>) = remaining.chain(rejected).unzip();
     let partial: Vec<usize> = is_partial.iter().enumerate().filter(|(_, partial)| **partial).map(|(at, _)| at).collect();
-    for (at, row) in partial.iter().zip(rows_of(problem, &partial, &entries, occluders, ctx)?) {
+    for (at, mut row) in partial.iter().zip(rows_of(problem, &partial, &entries, surroundings.occluders, ctx)?) {
+        take_out_hidden(problem, &entries[*at], &mut row, surroundings.setups, ctx)?;
         entries[*at].row = Some(row);
     }
     grade(problem, &mut entries, ctx)?;
@@ -61,6 +64,23 @@ fn rows_of(
     let (usable, scanner) = (vec![true; poses.len()], problem.input.scanner);
     let matrix = visibility::cast(&problem.surface, &poses, &usable, scanner, occluders, problem.params, &ctx.silent())?;
     Ok(matrix.rows)
+}
+
+/// Takes out of the row of a candidate that the cell can take what obstacles hide from it.
+fn take_out_hidden(
+    problem: &ViewPlanningProblem<'_>,
+    entry: &TableEntry,
+    row: &mut Row,
+    setups: &[Setup<'_>],
+    ctx: &Context<'_>,
+) -> Result<(), Cancelled> {
+    let Candidate { part_from_scanner: pose, setup, .. } = &entry.candidate;
+    let scene = setups[setup.index()].scene.as_ref().filter(|scene| !scene.sight().has_no_obstacles());
+    let Some(scene) = scene.filter(|_| entry.fate.rejection.is_some_and(was_evaluated)) else { return Ok(()) };
+    if let Some(Ok(mut stations)) = scene.reach(&[*pose], &ctx.silent())?.pop() {
+        scene.keep_in_sight(&problem.surface, pose, &mut stations, row, ctx)?;
+    }
+    Ok(())
 }
 
 /// Adds the quality to rows that a selection by area alone left without it.

@@ -11,10 +11,10 @@ use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::Hemisphere;
 use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
+use crate::planning::registration::union_of;
 use crate::planning::sky::{Sky, SkyProbe, stands_on};
 use crate::planning::stations::StationFailure;
-use crate::planning::surface::Surface;
-use crate::planning::visibility::{Optics, Probe, Row, SampleSet};
+use crate::planning::visibility::{self, Occluders, Row, SampleSet};
 
 /// Measured samples that count.
 pub(super) struct Counted<'a> {
@@ -24,8 +24,8 @@ pub(super) struct Counted<'a> {
     pub(super) left_out: &'a SampleSet,
 }
 
-/// Verdicts, given what each chosen view measures and the candidates that were given up for want of a path. `rays` is the scene
-/// of all that hides samples, `part` that of the part alone.
+/// Verdicts, given what each chosen view measures and the candidates that were given up for want of a path. `part` is
+/// the part alone.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -33,7 +33,7 @@ pub(super) fn of(
     problem: &ViewPlanningProblem<'_>,
     counted: &Counted<'_>,
     all_excluded: &BTreeSet<CandidateIndex>,
-    (rays, part): (&RayScene, &RayScene),
+    (occluders, part): (&Occluders, &RayScene),
     ctx: &Context<'_>,
 ) -> Result<Vec<Verdict>, Cancelled> {
     let samples = problem.surface.sample_mm.len();
@@ -48,14 +48,12 @@ pub(super) fn of(
     let rests_on =
         |sample: SampleId| problem.reach.is_some() && problem.setups.iter().all(|pose| stands_on(&problem.surface, sample, pose));
     let sky = sky_probe(problem, part, ctx);
-    let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
-    let dropped = problem.dropped_for_body().map(|candidate| Probe::new(&optics, &candidate.part_from_scanner, rays));
-    let dropped: Vec<Probe<'_>> = dropped.collect();
+    let only_bodies_hinder = measured_by_dropped(problem, occluders, ctx)?;
     let cause = |sample: SampleId| match motion_cause[sample.index()] {
         _ if counted.left_out.holds(sample) => Cause::AtRisk,
         _ if rests_on(sample) => Cause::ExcludedResting,
         Some(cause) => cause,
-        None if dropped.iter().any(|probe| measures(probe, &problem.surface, sample)) => Cause::Collision,
+        None if only_bodies_hinder.holds(sample) => Cause::Collision,
         None => {
             let (surface, place) = (&problem.surface, sample.index());
             match sky.sky(&surface.sample_mm[place], &surface.patch_of(sample).normal) {
@@ -79,11 +77,17 @@ pub(super) fn of(
     (0..samples).into_par_iter().map(verdict).collect()
 }
 
-/// Returns true if a view that was dropped since the scanner's body meets something would measure a sample: collision alone is
-/// what keeps it from that.
-fn measures(probe: &Probe<'_>, surface: &Surface, sample: SampleId) -> bool {
-    let (normal, kind) = (&surface.patch_of(sample).normal, surface.requirements.kind(sample));
-    probe.measure(&surface.sample_mm[sample.index()], normal, kind).is_ok()
+/// Samples that views would measure that were dropped since the scanner's body meets something: collision alone is what keeps
+/// them from that.
+fn measured_by_dropped(
+    problem: &ViewPlanningProblem<'_>,
+    occluders: &Occluders,
+    ctx: &Context<'_>,
+) -> Result<SampleSet, Cancelled> {
+    let poses: Vec<_> = problem.dropped_for_body().map(|candidate| candidate.part_from_scanner).collect();
+    let (usable, input) = (vec![true; poses.len()], problem.input);
+    let cast = visibility::cast(&problem.surface, &poses, &usable, input.scanner, occluders, problem.params, &ctx.silent())?;
+    Ok(union_of(&cast.rows, problem.surface.sample_mm.len()))
 }
 
 /// The sky over the part: with viewpoints above the plate alone, in the setups that are planned in.

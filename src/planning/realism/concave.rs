@@ -145,15 +145,22 @@ pub(super) fn zone(
     let in_zone = |sample: SampleId| {
         let (point_mm, normal) = (&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
         let near = grid.near(point_mm).iter().map(|edge| &edges[*edge as usize]);
-        let holding = near.filter(|edge| edge.zone_holds(point_mm, normal, zone_mm));
-        let opposite: Vec<_> = holding.map(|edge| edge.opposite(normal)).collect();
-        (!opposite.is_empty()).then_some(ZoneSample { sample, opposite })
+        ctx.check()?;
+        let mut opposite: Vec<Vector3<f64>> = Vec::new();
+        for edge in near.filter(|edge| edge.zone_holds(point_mm, normal, zone_mm)) {
+            let face = edge.opposite(normal);
+            // Pieces of one edge between two planes have one face across.
+            if !opposite.contains(&face) {
+                opposite.push(face);
+            }
+        }
+        Ok((!opposite.is_empty()).then_some(ZoneSample { sample, opposite }))
     };
     let samples = surface.sample_mm.len();
     let block = |first: usize| {
-        ctx.check()?;
         let block = (first * BLOCK..samples.min((first + 1) * BLOCK)).map(SampleId::at);
-        Ok(block.filter(|sample| is_asked_for(*sample)).filter_map(in_zone).collect::<Vec<_>>())
+        let found = block.filter(|sample| is_asked_for(*sample)).map(in_zone);
+        Ok(found.collect::<Result<Vec<_>, Cancelled>>()?.into_iter().flatten().collect())
     };
     let blocks: Vec<Vec<ZoneSample>> =
         (0..samples.div_ceil(BLOCK)).into_par_iter().map(block).collect::<Result<_, Cancelled>>()?;

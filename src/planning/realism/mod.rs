@@ -83,6 +83,7 @@ pub(super) fn risks(input: &RiskInput<'_>, views: &[RiskView<'_>], ctx: &Context
         let edges = concave::concave_edges(input.mesh, realism.concave_dihedral_deg.to_radians(), ctx)?;
         let zone = concave::zone(input.surface, &edges, realism.concave_zone_mm, |sample| measured.holds(sample), ctx)?;
         for near in &zone {
+            ctx.check()?;
             let reflects = is_lit_by_reflection(input, views, near);
             let reflected = if reflects { bit(RiskReason::InterReflection) } else { 0 };
             bits[near.sample.index()] |= bit(RiskReason::ConcaveZone) | reflected;

@@ -9,9 +9,9 @@ closed_list! {
         ConcaveZone = "concave_zone",
         /// Within that zone, and the projector's light is mirrored onto the opposite face in every view that measures it.
         InterReflection = "inter_reflection",
-        /// Near the border of a device's image in every view that measures it.
+        /// Near the border of a device's image in a view that measures it, and no view measures it clear of both margins.
         FrameMargin = "frame_margin",
-        /// Near a jump of depth in a device's image in every view that measures it.
+        /// Near a jump of depth in a device's image in a view that measures it, and no view measures it clear of both margins.
         SilhouetteMargin = "silhouette_margin",
     }
 }
