@@ -26,6 +26,6 @@ pub use mesh_health::{MeshHealth, MeshWarning, assess, each_inner_edge, is_close
 pub use poll::{Interrupted, Poll};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};
 pub use ray_scene::{Hit, RayScene};
-pub use simd::{Kernel, SimdLevel, floor_to_i32, simd_max, simd_min};
+pub use simd::{Kernel, SimdLevel, floor_to_i32, simd_from_fn, simd_max, simd_min};
 pub use stable_poses::{StablePose, stable_poses};
 pub use unit::{LengthUnit, UnknownUnit};

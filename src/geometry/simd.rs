@@ -114,6 +114,18 @@ pub fn simd_max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// `std::array::from_fn` for kernels. The library's, and `map` of an array, may be compiled apart from the kernel, without its
+/// vector instructions, and called for every value.
+#[inline(always)]
+#[must_use]
+pub fn simd_from_fn<T: Copy + Default, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
+    let mut values = [T::default(); N];
+    for place in 0..N {
+        values[place] = value(place);
+    }
+    values
+}
+
 /// The whole part of 0 ≤ x < 2²³, for kernels: what `as i32` gives, which the compiler turns into one conversion a lane.
 /// Beyond those bounds any number.
 #[inline(always)]

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::lanes::{simd_max, simd_min};
+use super::lanes::{simd_from_fn, simd_max, simd_min};
 use super::origin::{Origin, inverse};
 use super::tree::{BLOCK, Block, Node};
 
@@ -34,11 +34,11 @@ impl Segment {
             std::mem::swap(&mut kx, &mut ky);
         }
         let shear = Vector3::new(direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0 / direction[kz]);
-        let descend = [0, 1, 2].map(|axis| direction[axis] < 0.0);
+        let descend = simd_from_fn(|axis| direction[axis] < 0.0);
         let boxes = Boxes {
             origin: Origin::new(&origin, reach),
             descend,
-            inverse: [0, 1, 2].map(|axis| inverse(direction[axis] as f32, descend[axis])),
+            inverse: simd_from_fn(|axis| inverse(direction[axis] as f32, descend[axis])),
             end: (end as f32).min(f32::MAX).next_up(),
         };
         Self { origin, end, axes: [kx, ky, kz], shear, boxes }
@@ -67,10 +67,11 @@ impl Segment {
     /// Woop's test: translate to the origin, shear the direction onto z, sign of the three edge functions.
     pub(super) fn meets_triangle(&self, corners: &[Point3<f64>; 3]) -> bool {
         let [kx, ky, kz] = self.axes;
-        let [a, b, c] = corners.map(|corner| {
-            let p = corner - self.origin;
+        let sheared = |corner: usize| {
+            let p = corners[corner] - self.origin;
             Vector3::new(p[kx] - self.shear.x * p[kz], p[ky] - self.shear.y * p[kz], p[kz])
-        });
+        };
+        let [a, b, c] = [sheared(0), sheared(1), sheared(2)];
         let u = c.x * b.y - c.y * b.x;
         let v = a.x * c.y - a.y * c.x;
         let w = b.x * a.y - b.y * a.x;

@@ -61,7 +61,8 @@ impl<'a, R: Copy, D: Fn(&R) -> Vector3<f64>> Packets<'a, R, D> {
         self.last = match rest.first_chunk::<LANES>() {
             Some(full) => Rays::gather(self.read, full, LANES, &self.direction),
             None => {
-                let padded = std::array::from_fn(|lane| rest.get(lane).copied().unwrap_or(first));
+                let mut padded = [first; LANES];
+                padded[..rest.len()].copy_from_slice(rest);
                 Rays::gather(self.read, &padded, rest.len(), &self.direction)
             }
         };
@@ -102,7 +103,8 @@ impl Rays {
     fn gather<R>(first: usize, rays: &[R; LANES], count: usize, direction: &impl Fn(&R) -> Vector3<f64>) -> Self {
         let mut gathered = Self { count, ..Self::EMPTY };
         for lane in 0..LANES {
-            let d = direction(&rays[lane]).map(|d| d as f32);
+            let d = direction(&rays[lane]);
+            let d = Vector3::new(d.x as f32, d.y as f32, d.z as f32);
             gathered.number[lane] = (first + lane) as u32;
             for axis in 0..3 {
                 gathered.direction[axis].0[lane] = d[axis];

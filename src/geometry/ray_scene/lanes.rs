@@ -3,7 +3,7 @@
 
 #![expect(clippy::needless_range_loop, reason = "a lane or a slot runs through several arrays at once")]
 
-pub(super) use crate::geometry::simd::{simd_max, simd_min};
+pub(super) use crate::geometry::simd::{simd_from_fn, simd_max, simd_min};
 
 /// Rays of a packet.
 pub(super) const LANES: usize = 16;

@@ -3,7 +3,7 @@
 
 use nalgebra::Point3;
 
-use super::lanes::simd_max;
+use super::lanes::{simd_from_fn, simd_max};
 
 /// Boxes grow by this share of the largest coordinate: 16 roundings, more than the tests of a triangle and of a box err
 /// by together (3 each along an axis, √3 times that in space).
@@ -23,12 +23,12 @@ impl Origin {
     /// Splits an origin for a tree without coordinates beyond `reach`.
     #[inline(always)]
     pub(super) fn new(origin: &Point3<f64>, reach: f32) -> Self {
-        let parts: [[f32; 2]; 3] = std::array::from_fn(|axis| {
+        let parts: [[f32; 2]; 3] = simd_from_fn(|axis| {
             let first = origin[axis] as f32;
             [first, (origin[axis] - f64::from(first)) as f32]
         });
         let padding = PADDING * (0..3).fold(0.0, |max, axis| simd_max(max, reach + parts[axis][0].abs()));
-        Self { parts, padded: parts.map(|[_, second]| [second + padding, second - padding]) }
+        Self { parts, padded: simd_from_fn(|axis| [parts[axis][1] + padding, parts[axis][1] - padding]) }
     }
 }
 

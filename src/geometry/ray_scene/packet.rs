@@ -8,7 +8,7 @@
 #![expect(clippy::needless_range_loop, reason = "a lane or a slot runs through several arrays at once")]
 
 use super::gather::Rays;
-use super::lanes::{LANES, Lanes, cross, dot, each, minus, simd_max, simd_min};
+use super::lanes::{LANES, Lanes, cross, dot, each, minus, simd_from_fn, simd_max, simd_min};
 use super::origin::inverse;
 use super::tree::{BLOCK, Block};
 
@@ -56,7 +56,7 @@ impl Packet {
             inverse_range: [[0.0; 2]; 3],
             end: Lanes([end; LANES]),
             furthest: end,
-            descend: [0, 1, 2].map(|axis| rays.descend(axis)),
+            descend: simd_from_fn(|axis| rays.descend(axis)),
             triangle: [NONE; LANES],
         };
         for lane in rays.count..LANES {
@@ -207,7 +207,7 @@ impl Seen {
             }
         }
         for slot in 0..BLOCK {
-            let [a, b, c] = [0, 1, 2].map(|corner| seen.corner(corner, slot));
+            let [a, b, c] = [seen.corner(0, slot), seen.corner(1, slot), seen.corner(2, slot)];
             let normal = cross(minus(b, a), minus(c, a));
             seen.height[slot] = dot(a, normal);
             for axis in 0..3 {
@@ -242,7 +242,9 @@ struct Ray {
 impl Ray {
     #[inline(always)]
     fn crossing(&self, triangle: &SeenTriangle) -> Crossing {
-        let [a, b, c] = triangle.corners.map(|[x, y, z]| [x - self.shear[0] * z, y - self.shear[1] * z]);
+        let sheared = |[x, y, z]: [f32; 3]| [x - self.shear[0] * z, y - self.shear[1] * z];
+        let [a, b, c] = triangle.corners;
+        let (a, b, c) = (sheared(a), sheared(b), sheared(c));
         let (u, v, w) = (c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]);
         let inside = (simd_min(simd_min(u, v), w) >= 0.0) | (simd_max(simd_max(u, v), w) <= 0.0);
         let descent = dot(self.direction, triangle.normal);

@@ -8,7 +8,7 @@ use super::pinhole::{LANES, Pinhole};
 use super::samples::{BATCHES, SAMPLES, SampleCluster};
 use super::tile::{InverseDepth, TILE, offset_of, step_down, step_right};
 use super::tiled_depth_buffer::Grid;
-use crate::geometry::{Kernel, floor_to_i32, simd_max, simd_min};
+use crate::geometry::{Kernel, floor_to_i32, simd_from_fn, simd_max, simd_min};
 use crate::planning::visibility::QualityScale;
 use crate::planning::visibility::view::{IncidenceMin, PASSES, View};
 
@@ -63,8 +63,8 @@ impl Kernel for EvaluateOptics<'_> {
             causes[i] = cause;
             qualities[i] = quality;
         }
-        *self.states = causes.map(|cause| cause as u8);
-        *self.steps = qualities.map(|quality| self.scale.quantise(quality as f32));
+        *self.states = simd_from_fn(|i| causes[i] as u8);
+        *self.steps = simd_from_fn(|i| self.scale.quantise(qualities[i] as f32));
     }
 }
 

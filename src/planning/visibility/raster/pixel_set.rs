@@ -67,10 +67,12 @@ impl Kernel for Mark<'_> {
             return;
         }
         let pixels = self.numbers.as_flattened();
-        for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
-            let number = pixels[offset_of(x as u32, y as u32) as usize];
-            if number != NOTHING && self.shown(x, y) {
-                self.mark(number);
+        for y in 0..TILE {
+            for x in 0..TILE {
+                let number = pixels[offset_of(x as u32, y as u32) as usize];
+                if number != NOTHING && self.shown(x, y) {
+                    self.mark(number);
+                }
             }
         }
     }
@@ -80,8 +82,8 @@ impl Mark<'_> {
     /// Returns true if the frame shows a pixel's centre: image coordinates here are half a pixel less.
     #[inline(always)]
     fn shown(&self, x: usize, y: usize) -> bool {
-        let [left, top] = self.corner_px.map(f64::from);
-        self.lens.shows_undistorted(left + x as f64 + 0.5, top + y as f64 + 0.5)
+        let [left, top] = self.corner_px;
+        self.lens.shows_undistorted(f64::from(left) + x as f64 + 0.5, f64::from(top) + y as f64 + 0.5)
     }
 
     /// The frame has no holes: a tile whose rim it shows it shows whole.

@@ -102,12 +102,17 @@ impl SampleCluster {
     /// One batch of offsets.
     #[inline(always)]
     pub(super) fn batch(&self, batch: usize) -> [&[f32; LANES]; 3] {
-        [0, 1, 2].map(|axis| &self.offset_mm[axis].as_chunks::<LANES>().0[batch])
+        lanes_of(&self.offset_mm, batch)
     }
 
     /// One batch of normals.
     #[inline(always)]
     pub(super) fn batch_of_normals(&self, batch: usize) -> [&[f32; LANES]; 3] {
-        [0, 1, 2].map(|axis| &self.normal[axis].as_chunks::<LANES>().0[batch])
+        lanes_of(&self.normal, batch)
     }
+}
+
+#[inline(always)]
+fn lanes_of([x, y, z]: &[[f32; SAMPLES]; 3], batch: usize) -> [&[f32; LANES]; 3] {
+    [&x.as_chunks().0[batch], &y.as_chunks().0[batch], &z.as_chunks().0[batch]]
 }

@@ -8,7 +8,7 @@
 
 use super::clusters::{Cluster, TRIANGLES, VERTICES};
 use super::pinhole::{LANES, Pinhole, PixelLanes};
-use crate::geometry::{Kernel, SimdLevel, floor_to_i32, simd_max, simd_min};
+use crate::geometry::{Kernel, SimdLevel, floor_to_i32, simd_from_fn, simd_max, simd_min};
 
 /// Pixels along a tile's edge.
 pub(super) const TILE: usize = 64;
@@ -225,7 +225,7 @@ impl HierarchicalZ {
         let (left, right) = columns(lowest(&bounds[0]), highest(&bounds[1]));
         let (top, bottom) = columns(lowest(&bounds[2]), highest(&bounds[3]));
         let (nearest, blocks) = (highest(&nearest), (left >> 2)..=(right >> 2));
-        let block_columns: [i32; BLOCKS] = std::array::from_fn(|column| column as i32);
+        let block_columns: [i32; BLOCKS] = simd_from_fn(|column| column as i32);
         left > right
             || ((top >> 2)..=(bottom >> 2)).all(|row| {
                 let row = &self.0[row as usize & (BLOCKS - 1)];
@@ -351,7 +351,7 @@ impl TriangleSetup {
 
     #[inline(always)]
     fn draw_one<T: Target>(&self, triangle: usize, inverse_depth: &mut InverseDepth, numbers: &mut T, number: u32) {
-        let [left, right, top, bottom] = std::array::from_fn(|side| self.bounds[side][triangle] as usize >> 2);
+        let [left, right, top, bottom] = simd_from_fn(|side| self.bounds[side][triangle] as usize >> 2);
         let (right, bottom) = (right.min(BLOCKS - 1), bottom.min(BLOCKS - 1));
         let stepper = TriangleStepper::new(self, triangle, number);
         // Apart, because the compiler makes ready what a loop may need even where it does not.
@@ -399,8 +399,8 @@ struct BlockRow {
 impl TriangleStepper {
     #[inline(always)]
     fn new(setup: &TriangleSetup, triangle: usize, number: u32) -> Self {
-        let edges: [[f32; 3]; 3] = std::array::from_fn(|e| std::array::from_fn(|part| setup.edges[e][part][triangle]));
-        let plane: [f32; 3] = std::array::from_fn(|part| setup.plane[part][triangle]);
+        let edges: [[f32; 3]; 3] = simd_from_fn(|e| simd_from_fn(|part| setup.edges[e][part][triangle]));
+        let plane: [f32; 3] = simd_from_fn(|part| setup.plane[part][triangle]);
         let mut within = [[0.0; LANES]; 3];
         let mut slope = [0.0; LANES];
         for lane in 0..LANES {
@@ -416,14 +416,14 @@ impl TriangleStepper {
     #[inline(always)]
     fn line(&self, row: usize) -> BlockRow {
         let y = (row * BLOCK) as f32;
-        let edges = std::array::from_fn(|e| self.edges[e][1] * y + self.edges[e][2]);
+        let edges = simd_from_fn(|e| self.edges[e][1] * y + self.edges[e][2]);
         BlockRow { row, y, edges, inverse_depth: self.plane[1] * y + self.plane[2] }
     }
 
     #[inline(always)]
     fn draw<T: Target>(&self, line: &BlockRow, column: usize, inverse_depth: &mut InverseDepth, numbers: &mut T) {
         let x = (column * BLOCK) as f32;
-        let at: [f32; 3] = std::array::from_fn(|e| self.edges[e][0] * x + line.edges[e]);
+        let at: [f32; 3] = simd_from_fn(|e| self.edges[e][0] * x + line.edges[e]);
         let base = self.plane[0] * x + line.inverse_depth;
         let place = (line.row * BLOCKS + column) & (BLOCKS * BLOCKS - 1);
         // Both blocks are read before either is written: else the compiler writes only the pixels that change,
