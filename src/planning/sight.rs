@@ -65,21 +65,29 @@ impl Lines {
 
 impl Sight {
     /// The obstacles of `cell`; the part lies as `table_from_part` has it.
-    pub(super) fn new(cell: &Cell, part: &Aabb, table_from_part: &Pose<Table, Part>) -> Self {
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn new(
+        cell: &Cell,
+        part: &Aabb,
+        table_from_part: &Pose<Table, Part>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
         let obstacle = |body: &crate::cell::Body| {
-            let surface = body.surface();
             let corners_mm: Vec<_> = body.corners_mm();
             let aabb = corners_mm.iter().fold(Aabb::empty(), |aabb, corner| aabb.with(corner));
-            Obstacle { corners_mm, aabb, surface: RayScene::new([&surface]) }
+            let surface = RayScene::interruptible([&body.surface()], || ctx.check())?;
+            Ok::<_, Cancelled>(Obstacle { corners_mm, aabb, surface })
         };
         let devices = &cell.scanner.devices;
-        Self {
-            obstacles: cell.obstacles.iter().map(obstacle).collect(),
+        Ok(Self {
+            obstacles: cell.obstacles.iter().map(obstacle).collect::<Result<_, _>>()?,
             base_from_table: cell.base_from_table,
             plate_from_part: plate_from_placed(table_from_part),
             centres_mm: [&devices.left, &devices.right, &devices.projector].map(|device| device.scanner_from_device.origin_mm()),
             part_mm: corners(part),
-        }
+        })
     }
 
     /// Returns true if there is no obstacle at all.

@@ -70,7 +70,7 @@ pub fn measured_in_cell(
     let (poses, usable): (Vec<_>, Vec<_>) = views.iter().map(|view| (view.part_from_scanner, true)).unzip();
     let mut rows = visibility::cast(&surface, &poses, &usable, input.scanner, &occluders, &params, ctx)?.rows;
     if let Some(cell) = input.cell {
-        let sight = Sight::new(cell, &input.mesh.aabb(), table_from_part);
+        let sight = Sight::new(cell, &input.mesh.aabb(), table_from_part, ctx)?;
         for (row, view) in rows.iter_mut().zip(views) {
             let Some(table_rad) = view.table_rad else { continue };
             if let Some(hidden) = sight.hidden(&surface, &view.part_from_scanner, row.measured(), table_rad, ctx)? {

@@ -79,7 +79,7 @@ impl SampledPart {
         let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
         let occluders = Occluders::interruptible(occluders, ctx)?;
         input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
-        let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part)).transpose()?;
+        let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part, ctx)).transpose()?;
         Ok(Setup { table_from_part, occluders, scene })
     }
 

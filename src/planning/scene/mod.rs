@@ -52,12 +52,13 @@ fn size_hint(cell: &Cell, mesh: &Mesh) -> String {
 
 impl<'a> PlanningScene<'a> {
     /// # Errors
-    /// [`PlanError::BadParams`] when part or fixture meets what stands around or below the table.
+    /// [`PlanError::BadParams`] when part or fixture meets what stands around or below the table, [`PlanError::Cancelled`].
     pub(super) fn new(
         cell: &'a Cell,
         input: &PlanInput<'a>,
         params: &'a PlanParams,
         table_from_part: Pose<Table, Part>,
+        ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
         let clearance_mm = params.motion.clearance_mm;
         let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
@@ -68,7 +69,7 @@ impl<'a> PlanningScene<'a> {
                 Err(PlanError::param("/part/table_from_part", detail))
             }
             None => {
-                let sight = Sight::new(cell, &input.mesh.aabb(), &table_from_part);
+                let sight = Sight::new(cell, &input.mesh.aabb(), &table_from_part, ctx)?;
                 Ok(Self { cell, scene, sight, table_from_part, params, roadmaps: input.roadmaps })
             }
         }

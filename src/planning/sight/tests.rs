@@ -60,6 +60,11 @@ fn hidden(
     sight.hidden(surface, view, measured, table_rad, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 
+fn sight(cell: &Cell, mesh: &Mesh) -> Sight {
+    let flag = AtomicBool::new(false);
+    Sight::new(cell, &mesh.aabb(), &Pose::identity(), &Context::new(&flag, &Silent)).expect("not cancelled")
+}
+
 fn hides(sight: &Sight, surface: &Surface, view: &Pose<Part, ScannerFrame>, measured: &SampleSet, table_rad: f64) -> bool {
     let flag = AtomicBool::new(false);
     sight.hides(surface, view, measured, table_rad, &Context::new(&flag, &Silent))
@@ -71,7 +76,7 @@ fn a_plate_in_between_hides_its_shadows_from_the_three_devices_at_every_table_an
     // So thin that its height does not matter.
     let (middle_mm, size_mm) = ([-10.0, 5.0, TOP_MM + height_mm], [30.0, 24.0, 1e-3]);
     let cell = cell(&[(middle_mm, size_mm)]);
-    let sight = Sight::new(&cell, &mesh.aabb(), &Pose::identity());
+    let sight = sight(&cell, &mesh);
     let centres_mm = sight.centres_mm.map(|centre| view().point(&centre));
     let measured = top(&surface);
     for table_rad in [0.0, FRAC_PI_2, 2.5, -1.0] {
@@ -109,7 +114,7 @@ fn what_stands_beside_behind_or_nowhere_hides_nothing() {
     let below = ([0.0, 0.0, -100.0], [400.0, 400.0, 20.0]);
     for (boxes, has_none) in [(&[beside, behind, below][..], false), (&[], true)] {
         let cell = cell(boxes);
-        let sight = Sight::new(&cell, &mesh.aabb(), &Pose::identity());
+        let sight = sight(&cell, &mesh);
         assert_eq!(sight.has_no_obstacles(), has_none);
         for table_rad in [0.0, 0.7, PI] {
             assert!(sight.is_clear(&view(), table_rad));
@@ -124,7 +129,7 @@ fn a_body_near_the_lines_that_meets_none_hides_nothing() {
     let (mesh, surface) = part();
     // Within the hull of devices and part, between the lines from the two ends of what is measured: only the far end is.
     let cell = cell(&[([40.0, 0.0, TOP_MM + 20.0], [10.0, 10.0, 2.0])]);
-    let sight = Sight::new(&cell, &mesh.aabb(), &Pose::identity());
+    let sight = sight(&cell, &mesh);
     let mut far_end = SampleSet::none_of(surface.sample_mm.len());
     let is_far = |sample: &SampleId| surface.sample_mm[sample.index()].x < -20.0;
     top(&surface).iter().filter(is_far).for_each(|sample| far_end.insert(sample));
@@ -158,7 +163,7 @@ fn hulls_are_separate_where_a_plane_fits_between_them() {
 fn a_cancel_is_heard() {
     let (mesh, surface) = part();
     let cell = cell(&[([0.0, 0.0, TOP_MM + 200.0], [30.0, 24.0, 2.0])]);
-    let sight = Sight::new(&cell, &mesh.aabb(), &Pose::identity());
+    let sight = sight(&cell, &mesh);
     let cancelled = AtomicBool::new(true);
     let found = sight.hidden(&surface, &view(), &top(&surface), 0.0, &Context::new(&cancelled, &Silent));
     assert_eq!(found, Err(Cancelled));
