@@ -39,5 +39,6 @@ mod report;
 mod robust;
 mod server;
 mod setups;
+mod standoff_study;
 mod study_command;
 mod support;
