@@ -14,6 +14,8 @@ RUN mkdir -p src tests/it \
     && cargo build --locked --release \
     && rm -r src tests
 COPY . .
+# Commit for `vantage --version`: docker build --build-arg VANTAGE_COMMIT=$(git rev-parse HEAD) …
+ARG VANTAGE_COMMIT=
 # The stand-ins above are older than what they stand for only by chance: say that the sources are new.
 RUN touch src/main.rs src/lib.rs \
     && cargo build --locked --release --bin vantage \

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::body_meshes::BodyMeshes;
+use super::closest::did_you_mean;
 use super::field_error::Findings;
 use super::library::{NotFound, SpecKind, SpecLibrary};
 use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
@@ -122,5 +123,6 @@ pub(super) fn not_found(error: &NotFound, kind: SpecKind, name: &str, library: &
     }
     let names = library.names(kind);
     let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-    format!("{named}; known {} names: {known}", kind.as_str())
+    let question = did_you_mean(name, names.iter().map(String::as_str));
+    format!("{named}; known {} names: {known}{question}", kind.as_str())
 }

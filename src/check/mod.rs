@@ -9,6 +9,7 @@ use serde_json::Value;
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
     Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec,
+    with_suggestion,
 };
 use crate::geometry::Mesh;
 use crate::planning::certificate::recheck::{self, TakenView};
@@ -136,8 +137,9 @@ pub fn kind_of(value: &Value) -> Option<DocumentKind> {
 }
 
 fn read<T: DeserializeOwned>(value: Value) -> Result<T, Vec<FieldError>> {
-    serde_path_to_error::deserialize(value)
-        .map_err(|error| vec![FieldError { pointer: pointer_of(error.path()), detail: error.inner().to_string() }])
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        vec![FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) }]
+    })
 }
 
 /// A finding about the whole document.

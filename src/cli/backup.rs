@@ -1,9 +1,10 @@
 //! `vantage backup` and `vantage restore`: copy a server's store, and make a store from the copy.
 
-use std::path::PathBuf;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use super::serve::run_to_completion;
-use super::{CliError, failed};
+use super::{CliError, failed, output};
 use crate::service::{BackupReport, backup, restore};
 
 /// Back up a server's store; the server may be running.
@@ -44,8 +45,8 @@ pub struct RestoreArgs {
 pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
     run_to_completion(async {
         let report = backup(&args.data, &args.to).await.map_err(|error| failed("the backup", &error))?;
-        println!("{} backed up to {}: {}", args.data.display(), args.to.display(), summary(&report));
-        Ok(())
+        let words = format!("{} backed up to {}: {}\n", args.data.display(), args.to.display(), summary(&report));
+        output::result(&Copied::new(&args.data, &args.to, &report), words)
     })
 }
 
@@ -56,10 +57,28 @@ pub fn run_backup(args: &BackupArgs) -> Result<(), CliError> {
 pub fn run_restore(args: &RestoreArgs) -> Result<(), CliError> {
     run_to_completion(async {
         let report = restore(&args.from, &args.data).await.map_err(|error| failed("the restore", &error))?;
-        println!("{} restored from {}: {}", args.data.display(), args.from.display(), summary(&report));
-        println!("Start the server with: vantage serve --data {}", args.data.display());
-        Ok(())
+        let (data, from) = (args.data.display(), args.from.display());
+        let words =
+            format!("{data} restored from {from}: {}\nStart the server with: vantage serve --data {data}\n", summary(&report));
+        output::result(&Copied::new(&args.from, &args.data, &report), words)
     })
+}
+
+/// Counts as `--json` prints them.
+#[derive(serde::Serialize)]
+struct Copied<'a> {
+    from: Cow<'a, str>,
+    to: Cow<'a, str>,
+    files: usize,
+    copied: usize,
+    copied_bytes: u64,
+}
+
+impl<'a> Copied<'a> {
+    fn new(from: &'a Path, to: &'a Path, report: &BackupReport) -> Self {
+        let BackupReport { files, copied, copied_bytes } = *report;
+        Self { from: from.to_string_lossy(), to: to.to_string_lossy(), files, copied, copied_bytes }
+    }
 }
 
 fn summary(report: &BackupReport) -> String {

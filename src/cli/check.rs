@@ -4,12 +4,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::CliError;
 use super::files::{self, FileLibrary};
+use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, CellSpec, Presets, SpecKind, SpecLibrary};
-use crate::check::{Reference, check};
+use crate::check::{Reference, Sound, check};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::wire::plan::PlanDocument;
@@ -23,7 +24,7 @@ use crate::wire::warnings::FieldWarning;
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
 
 Without --cell only structure and ranges of a program are checked. Warnings, as of a tolerance that is finer than the scanner's
-noise can serve, are not findings. Exit codes: 0 no findings, 2 findings.")]
+noise can serve, are not findings, unless --strict makes them so. Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
@@ -31,6 +32,9 @@ pub struct CheckArgs {
     /// Cell to recompute limits, times, collisions and poses with: name of a preset, or a TOML or JSON file.
     #[arg(long)]
     cell: Option<String>,
+    /// Treat warnings as errors.
+    #[arg(long)]
+    strict: bool,
     #[command(flatten)]
     reference: ReferenceArgs,
 }
@@ -61,28 +65,87 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let reference = args.reference.load()?;
     let never = AtomicBool::new(false);
     let ctx = Context::new(&never, &Silent);
-    let mut wrong = Vec::new();
+    let mut checked = Vec::new();
     for path in &args.files {
         let shown = path.display().to_string();
-        let checked = files::value(path).and_then(|value| {
+        let sound = files::value(path).and_then(|value| {
             check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors))
         });
-        match checked {
-            Ok(sound) => {
-                println!("{shown}: {}", sound.description);
-                warn(&shown, &sound.warnings);
+        checked.push(CheckedFile::new(&shown, sound, args.strict)?);
+    }
+    let lines: String = checked.iter().filter_map(CheckedFile::line).collect();
+    let wrong: Vec<FileFinding> = checked.iter().flat_map(|file| &file.errors).cloned().collect();
+    output::result(&CheckedFiles { ok: wrong.is_empty(), files: &checked }, lines)?;
+    if !args.strict && !output::is_json() {
+        checked.iter().for_each(|file| warn(&file.file, &file.warnings));
+    }
+    if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
+}
+
+/// Outcome of every file, as `--json` prints it.
+#[derive(Serialize)]
+struct CheckedFiles<'a> {
+    ok: bool,
+    files: &'a [CheckedFile],
+}
+
+/// Outcome of a file.
+#[derive(Serialize)]
+struct CheckedFile {
+    file: String,
+    ok: bool,
+    description: Option<String>,
+    measured_of_asked: Option<f64>,
+    warnings: Vec<FieldWarning>,
+    errors: Vec<FileFinding>,
+}
+
+impl CheckedFile {
+    /// Sorts what was found; with `strict` warnings are errors too.
+    ///
+    /// # Errors
+    /// What concerns no file.
+    fn new(file: &str, sound: Result<Sound, CliError>, strict: bool) -> Result<Self, CliError> {
+        let wrong = |errors| Self {
+            file: file.to_owned(),
+            ok: false,
+            description: None,
+            measured_of_asked: None,
+            warnings: Vec::new(),
+            errors,
+        };
+        match sound {
+            Ok(Sound { description, measured_of_asked, warnings, .. }) => {
+                let errors: Vec<_> = warnings.iter().filter(|_| strict).map(|warning| error_of(file, warning)).collect();
+                let (description, ok) = (Some(description), errors.is_empty());
+                Ok(Self { file: file.to_owned(), ok, description, measured_of_asked, warnings, errors })
             }
-            Err(CliError::BadInput(findings)) => wrong.push(findings),
-            Err(other) => return Err(other),
+            Err(CliError::Findings(errors)) => Ok(wrong(errors)),
+            // The text names the file.
+            Err(CliError::BadInput(text)) => {
+                let detail = text.strip_prefix(&format!("{file}: ")).unwrap_or(&text).to_owned();
+                Ok(wrong(vec![FileFinding { file: file.to_owned(), pointer: String::new(), detail }]))
+            }
+            Err(other) => Err(other),
         }
     }
-    if wrong.is_empty() { Ok(()) } else { Err(CliError::BadInput(wrong.join("\n"))) }
+
+    fn line(&self) -> Option<String> {
+        let description = self.description.as_ref().filter(|_| self.ok)?;
+        Some(format!("{}: {description}\n", self.file))
+    }
+}
+
+/// A warning as an error.
+fn error_of(file: &str, warning: &FieldWarning) -> FileFinding {
+    let FieldWarning { pointer, detail, remedy, .. } = warning;
+    FileFinding { file: file.to_owned(), pointer: pointer.clone(), detail: format!("{detail}; {remedy}") }
 }
 
 /// Prints warnings on fields of `what`.
 pub(super) fn warn(what: &str, warnings: &[FieldWarning]) {
     for FieldWarning { pointer, detail, remedy, .. } in warnings {
-        eprintln!("{what}: {pointer}: {detail}\n  → {remedy}");
+        output::warning(what, pointer, detail, remedy);
     }
 }
 

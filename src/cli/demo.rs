@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 
-use super::serve::{open, run_to_completion, serve};
-use super::{CliError, failed, open_files, telemetry};
+use super::serve::{Listening, open, run_to_completion, serve};
+use super::{CliError, failed, open_files, output, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
@@ -46,7 +46,8 @@ pub fn run(args: &DemoArgs) -> Result<(), CliError> {
     run_to_completion(async {
         let server = bind(&mut settings).await?;
         let app = open(&settings).await?;
-        println!("Open http://{} in a browser. Ctrl-C ends the demo.", server.address());
+        let url = format!("http://{}", server.address());
+        output::result(&Listening { url: &url }, format_args!("Open {url} in a browser. Ctrl-C ends the demo.\n"))?;
         tokio::spawn(show(app.clone()));
         serve(server, app, &settings).await
     })
@@ -65,10 +66,17 @@ async fn bind(settings: &mut Settings) -> Result<Server, CliError> {
 }
 
 async fn show(app: App) {
-    match plan_sample(&app).await {
-        Ok(job) if job.state == JobState::Succeeded => println!("The sample part is planned; the page links its report."),
-        Ok(job) => println!("The sample part is {}: {}", job.state.as_str(), job.problem.map(|p| p.detail).unwrap_or_default()),
-        Err(error) => eprintln!("the sample part: {error}"),
+    let told = match plan_sample(&app).await {
+        Ok(job) if job.state == JobState::Succeeded => output::line("The sample part is planned; the page links its report."),
+        Ok(job) => {
+            let reason = job.problem.map(|problem| problem.detail).unwrap_or_default();
+            output::line(format_args!("The sample part is {}: {reason}", job.state.as_str()))
+        }
+        Err(error) => Err(CliError::Failed(format!("the sample part: {error}"))),
+    };
+    // The server goes on, whatever became of its sample.
+    if let Err(error) = told {
+        output::error(&error);
     }
 }
 

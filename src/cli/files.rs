@@ -1,17 +1,22 @@
 //! Input files of commands: specifications and parameters in TOML or JSON, and meshes; errors say what is wrong and where.
 
 use std::fs::File;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::CliError;
-use crate::cell::{CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use super::{CliError, FileFinding, out};
+use crate::cell::{
+    CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec, did_you_mean,
+    with_suggestion,
+};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::service::HashingReader;
+use crate::wire::pointer_of;
 
 /// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -70,9 +75,10 @@ pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Result<T, N
         return Ok(preset);
     }
     if !Path::new(name).exists() {
-        let known = Presets.names(kind).join(", ");
+        let names = Presets.names(kind);
+        let (known, question) = (names.join(", "), did_you_mean(name, names.iter().map(String::as_str)));
         return Err(CliError::BadInput(format!(
-            "--{kind} {name}: no such file or preset; the presets are {known}",
+            "--{kind} {name}: no such file or preset; the presets are {known}{question}",
             kind = kind.as_str()
         )));
     }
@@ -112,17 +118,38 @@ fn toml_fault(text: &str, error: &toml::de::Error) -> String {
 /// A value of another structure.
 pub fn from_value<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
     serde_path_to_error::deserialize(value).map_err(|error| {
-        let pointer: String =
-            error.path().to_string().split('.').filter(|part| *part != ".").map(|part| format!("/{part}")).collect();
-        CliError::BadInput(format!("{what}: {}: {}", pointer, error.inner()))
+        let detail = with_suggestion(&error.inner().to_string());
+        findings(what, &[FieldError { pointer: pointer_of(error.path()), detail }])
     })
 }
 
 /// Error that lists every finding on a line of its own.
 #[must_use]
 pub fn findings(what: &str, errors: &[FieldError]) -> CliError {
-    let lines: Vec<_> = errors.iter().map(|error| format!("{what}: {error}")).collect();
-    CliError::BadInput(lines.join("\n"))
+    let finding =
+        |error: &FieldError| FileFinding { file: what.to_owned(), pointer: error.pointer.clone(), detail: error.detail.clone() };
+    CliError::Findings(errors.iter().map(finding).collect())
+}
+
+/// Writes a file that a command was asked for, whole or not at all; what is not a file, such as a pipe, is written as it is.
+///
+/// # Errors
+/// [`CliError::BadInput`] for a path that can be no file, [`CliError::Failed`] if the system refuses, as a full disk does.
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if path.is_dir() || parent.is_some_and(|parent| !parent.is_dir()) {
+        let reason = if path.is_dir() { "is a folder; name a file" } else { "its folder does not exist" };
+        return Err(CliError::BadInput(format!("{}: {reason}", path.display())));
+    }
+    if !path.exists() || path.is_file() {
+        return out::write_file(path, bytes);
+    }
+    match std::fs::write(path, bytes) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(CliError::Failed(format!("{}: cannot be written: {error}", path.display())))
+        }
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 /// Reads a mesh file, and the SHA-256 of its bytes in lower-case hexadecimal.

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-use super::CliError;
+use super::{CliError, output};
 
 /// Ask a server whether it is healthy; exit code 0 if it is, 1 if not.
 #[derive(Debug, clap::Args)]
@@ -29,6 +29,7 @@ pub fn run(args: &HealthcheckArgs) -> Result<(), CliError> {
     let host = host.ok_or_else(|| CliError::BadInput(format!("--url {}: is not of the form http://HOST:PORT", args.url)))?;
     let answer = ask(host).map_err(|error| CliError::Failed(format!("{} does not answer: {error}", args.url)))?;
     match answer.split_whitespace().nth(1) {
+        Some("200") if output::is_json() => output::json(&serde_json::json!({"url": args.url, "healthy": true})),
         Some("200") => Ok(()),
         _ => Err(CliError::Failed(format!("{} answers {:?}", args.url, answer.lines().next().unwrap_or_default()))),
     }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::path::PathBuf;
 
-use super::{CliError, files, inspect_scanner};
+use super::{CliError, files, inspect_scanner, output};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
 use crate::wire::MeshHealthReport;
@@ -38,8 +38,8 @@ struct Inspected<'a> {
 /// # Errors
 /// [`CliError::BadInput`] if the file cannot be read, with the position in it.
 pub fn run(args: &InspectArgs) -> Result<(), CliError> {
-    print!("{}", report(args)?);
-    Ok(())
+    let report = report(args)?;
+    if args.json { output::bytes(report.as_bytes()) } else { output::text(report) }
 }
 
 /// Text that `run` prints.

@@ -1,14 +1,23 @@
 //! The command line: one binary, `vantage`, its commands and their exit codes.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
+use std::fmt;
+use std::io::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{Parser, Subcommand};
+use serde::Serialize;
 
+use self::output::OutputArgs;
 use self::signals::on_signals;
+use crate::wire::{VERSION_LINE, Version};
 
 pub mod backup;
 pub mod check;
+mod completions;
 pub mod demo;
 mod features;
 pub mod files;
@@ -16,10 +25,14 @@ pub mod healthcheck;
 pub mod inspect;
 pub mod inspect_scanner;
 mod limits;
+mod man;
 mod open_files;
 mod out;
+mod output;
+mod params;
 pub mod part;
 pub mod plan;
+mod presets;
 pub mod program;
 pub mod progress;
 pub mod reach;
@@ -33,7 +46,7 @@ mod telemetry;
 #[derive(Debug, Parser)]
 #[command(
     name = "vantage",
-    version,
+    version = VERSION_LINE,
     max_term_width = 110,
     after_help = "Examples:
   vantage demo                                     start a server with a sample part that is already being planned
@@ -41,11 +54,14 @@ mod telemetry;
   vantage serve --data /var/lib/vantage            start the server at http://127.0.0.1:8080
 
 Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with `plan --strict` a region below its target,
-4 interrupted."
+4 interrupted. With --json an error is an object {level, code, title, detail, exit_code, errors} on standard error.
+If the reader of the output closes the pipe, as `head` does, the command finishes its work and keeps its exit code."
 )]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -57,21 +73,15 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Check(check::CheckArgs),
     Program(program::ProgramArgs),
+    Params(params::ParamsArgs),
+    Presets(presets::PresetsArgs),
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
     Backup(backup::BackupArgs),
     Restore(backup::RestoreArgs),
-    Completions(CompletionsArgs),
+    Completions(completions::CompletionsArgs),
+    Man(man::ManArgs),
     Healthcheck(healthcheck::HealthcheckArgs),
-}
-
-/// Print a completion script for a shell.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Example:
-  vantage completions bash > /etc/bash_completion.d/vantage")]
-struct CompletionsArgs {
-    /// Shell to complete for.
-    shell: clap_complete::Shell,
 }
 
 /// Error that ends a command, with an exit code (contract: 2, 3, 4); 3 stands for every lack of a plan that does what is asked.
@@ -83,6 +93,9 @@ pub enum CliError {
     /// Input that cannot be used.
     #[error("{0}")]
     BadInput(String),
+    /// Input of which fields cannot be used, each with its place.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Findings(Vec<FileFinding>),
     /// Planning that found no plan, with the reasons.
     #[error("{0}")]
     NoPlan(String),
@@ -94,17 +107,83 @@ pub enum CliError {
     Cancelled(String),
 }
 
+/// Fault in a file or in parameters: where, and what is allowed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FileFinding {
+    /// The file, or `parameters`.
+    pub file: String,
+    /// JSON pointer of the field; empty for the whole.
+    pub pointer: String,
+    /// Value found, and what is allowed.
+    pub detail: String,
+}
+
+impl fmt::Display for FileFinding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.pointer.as_str() {
+            "" => write!(f, "{}: {}", self.file, self.detail),
+            pointer => write!(f, "{}: {pointer}: {}", self.file, self.detail),
+        }
+    }
+}
+
 impl CliError {
     /// Exit code of the process.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Failed(_) => 1,
-            Self::BadInput(_) => 2,
+            Self::BadInput(_) | Self::Findings(_) => 2,
             Self::NoPlan(_) | Self::RegionsUnmet(_) => 3,
             Self::Cancelled(_) => 4,
         }
     }
+
+    /// Stable code for programs, and its title.
+    fn code(&self) -> (&'static str, &'static str) {
+        match self {
+            Self::Failed(_) => ("system_error", "The system refused"),
+            Self::BadInput(_) => ("bad_input", "The input cannot be used"),
+            Self::Findings(_) => ("invalid_fields", "Fields of the input are invalid"),
+            Self::NoPlan(_) => ("no_plan", "No plan is possible"),
+            Self::RegionsUnmet(_) => ("regions_unmet", "Regions are below their targets"),
+            Self::Cancelled(_) => ("cancelled", "The command was interrupted"),
+        }
+    }
+}
+
+/// Parses the arguments of the process, runs the command and prints the error that ends it; the exit code.
+#[must_use]
+pub fn main() -> u8 {
+    let ended = match Cli::try_parse() {
+        Ok(cli) => cli.run(),
+        Err(error) => {
+            // Nothing is parsed, but an answer is still owed in the form that was asked for.
+            let json = std::env::args_os().any(|argument| argument == "--json");
+            OutputArgs { json, ..OutputArgs::default() }.apply();
+            if error.use_stderr() && !json {
+                // It has its colours; nobody can be told if standard error is gone.
+                let _ = error.print();
+                return error.exit_code().try_into().unwrap_or(2);
+            }
+            answer(&error)
+        }
+    };
+    let Err(error) = ended else { return 0 };
+    output::error(&error);
+    error.exit_code()
+}
+
+/// Prints help or version, which clap hands over as an error; other errors become the command's.
+fn answer(error: &clap::Error) -> Result<(), CliError> {
+    if error.use_stderr() {
+        let text = error.render().to_string();
+        return Err(CliError::BadInput(text.trim().trim_start_matches("error: ").to_owned()));
+    }
+    if error.kind() == ErrorKind::DisplayVersion && output::is_json() {
+        return output::json(&Version::of_this_program());
+    }
+    output::written(error.print().and_then(|()| std::io::stdout().flush()))
 }
 
 impl Cli {
@@ -113,6 +192,10 @@ impl Cli {
     /// # Errors
     /// [`CliError`].
     pub fn run(self) -> Result<(), CliError> {
+        self.output.apply();
+        if !matches!(self.command, Command::Serve(_) | Command::Demo(_)) {
+            telemetry::start_if_verbose()?;
+        }
         match self.command {
             Command::Serve(args) => serve::run(&args),
             Command::Demo(args) => demo::run(&args),
@@ -121,14 +204,14 @@ impl Cli {
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Program(args) => program::run(&args),
+            Command::Params(args) => params::run(&args),
+            Command::Presets(args) => presets::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
             Command::Backup(args) => backup::run_backup(&args),
             Command::Restore(args) => backup::run_restore(&args),
-            Command::Completions(CompletionsArgs { shell }) => {
-                clap_complete::generate(shell, &mut Self::command(), "vantage", &mut std::io::stdout());
-                Ok(())
-            }
+            Command::Completions(args) => completions::run(&args),
+            Command::Man(args) => man::run(&args),
             Command::Healthcheck(args) => healthcheck::run(&args),
         }
     }

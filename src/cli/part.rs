@@ -1,9 +1,8 @@
 //! `vantage part base|figurine`: writes a demo part as STL, in millimetres.
 
-use std::fs;
 use std::path::PathBuf;
 
-use super::CliError;
+use super::{CliError, files, output};
 use crate::geometry::demo_parts::{DEFAULT_TRIANGLES, DemoPart};
 use crate::geometry::mesh_io::write_stl;
 
@@ -25,11 +24,11 @@ pub struct PartArgs {
 /// Writes the part.
 ///
 /// # Errors
-/// [`CliError::BadInput`] if the number is out of range or the file cannot be written.
+/// [`CliError::BadInput`] if the number is out of range, [`CliError::Failed`] if the file cannot be written.
 pub fn run(args: &PartArgs) -> Result<(), CliError> {
     let mesh = args.part.mesh(args.triangles).map_err(|error| CliError::BadInput(error.to_string()))?;
-    let write = fs::write(&args.out, write_stl(&mesh));
-    write.map_err(|error| CliError::BadInput(format!("{}: {error}", args.out.display())))?;
-    println!("{}: {}, {} triangles, millimetres", args.out.display(), args.part, mesh.faces.len());
-    Ok(())
+    files::write(&args.out, &write_stl(&mesh))?;
+    let triangles = mesh.faces.len();
+    let document = serde_json::json!({"file": args.out.display().to_string(), "part": args.part.as_str(), "triangles": triangles, "unit": "mm"});
+    output::result(&document, format_args!("{}: {}, {triangles} triangles, millimetres\n", args.out.display(), args.part))
 }

@@ -1,5 +1,6 @@
 //! `vantage plan`: plans a part with the server's pipeline, without a server.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,8 +11,8 @@ use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
-use super::progress::Progress;
-use super::{CliError, features, out};
+use super::progress::{Course, Progress};
+use super::{CliError, features, out, output};
 use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Poll};
@@ -117,7 +118,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
     };
     let pool = pool(args.threads)?;
-    let progress = Progress::start();
+    let progress = Progress::start(&Course::of_plan(&params, cell.is_some()));
     let planned = || {
         let allowance = args.limits.allowance(rayon::current_num_threads());
         let ctx = Context::new(cancel, &progress).with_allowance(allowance);
@@ -162,7 +163,7 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) 
 pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>, cancel: &AtomicBool) -> Result<(ReadMesh, String), CliError> {
     let (read, sha256) = files::mesh(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)))?;
     for warning in read.health.warnings() {
-        eprintln!("{}: {warning}\n  → {}", path.display(), warning.remedy());
+        output::warning(&path.display().to_string(), "", &warning.to_string(), warning.remedy());
     }
     Ok((read, sha256))
 }
@@ -204,6 +205,9 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         let (key, text) = set
             .split_once('=')
             .ok_or_else(|| CliError::BadInput(format!("--set {set}: is not KEY=VALUE, as in selection.target=0.99")))?;
+        if let Some(fault) = parameters::unknown(key) {
+            return Err(CliError::BadInput(format!("--set {set}: {fault}; `vantage params` lists them")));
+        }
         let new = serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()));
         insert(&mut value, key, new).map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
@@ -263,39 +267,43 @@ pub(super) fn to_cli_error(error: PlanError) -> CliError {
 fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
     let bytes = artifacts.iter().find(|artifact| artifact.name == "plan.json").map_or(&[][..], |artifact| &artifact.bytes);
     if args.json {
-        print!("{}", String::from_utf8_lossy(bytes));
-        return Ok(());
+        return output::bytes(bytes);
     }
     let plan: PlanDocument = serde_json::from_slice(bytes).map_err(|error| CliError::BadInput(error.to_string()))?;
     let coverage = &plan.coverage;
-    println!("{} views (stopped: {}); simulated coverage:", plan.viewpoints.len(), plan.stopped_because);
+    // Writing to a string cannot fail.
+    let mut out = String::new();
+    let _ = writeln!(out, "{} views (stopped: {}); simulated coverage:", plan.viewpoints.len(), plan.stopped_because);
     for figure in headline(coverage) {
-        println!("  {:>6.2} %  {:<26} {}", 100.0 * figure.share, figure.name, figure.meaning);
+        let _ = writeln!(out, "  {:>6.2} %  {:<26} {}", 100.0 * figure.share, figure.name, figure.meaning);
     }
     if let Some(at_risk) = &coverage.at_risk {
-        println!("  {}", at_risk_sentence(at_risk));
+        let _ = writeln!(out, "  {}", at_risk_sentence(at_risk));
     }
     if let Some(robust) = &coverage.robust {
-        println!("  {}", under_pose_errors(robust));
+        let _ = writeln!(out, "  {}", under_pose_errors(robust));
     }
     for setup in setup_lines(&plan) {
-        println!("  {setup}");
+        let _ = writeln!(out, "  {setup}");
     }
     for link in &plan.setup_links {
-        println!("  setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability));
+        let _ =
+            writeln!(out, "  setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability));
     }
-    coverage.regions.iter().for_each(|region| println!("{}", region_summary(region)));
+    for region in &coverage.regions {
+        let _ = writeln!(out, "{}", region_summary(region));
+    }
     for advice in &plan.advice {
-        println!("  advice: {}\n                   {}", advice.text, advice.options());
+        let _ = writeln!(out, "  advice: {}\n                   {}", advice.text, advice.options());
     }
     for missed in &plan.missed {
-        println!("  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
+        let _ = writeln!(out, "  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
         if let Some(remedy) = &missed.remedy {
-            println!("                   largest spot: {}", advice(remedy, plan.params.setups));
+            let _ = writeln!(out, "                   largest spot: {}", advice(remedy, plan.params.setups));
         }
     }
-    println!("Report: {}", args.out.join("report.html").display());
-    Ok(())
+    let _ = writeln!(out, "Report: {}", args.out.join("report.html").display());
+    output::text(out)
 }
 
 /// Setups with how the part lies in each, one on a line.

@@ -2,10 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::CliError;
 use super::check::{self, ReferenceArgs};
-use super::files;
 use super::plan::set_params;
+use super::{CliError, files, output};
 use crate::check::field_errors;
 use crate::planning::params::DialectParams;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
@@ -99,12 +98,11 @@ fn write(out: &Path, files: &[DialectFile]) -> Result<(), CliError> {
     let folder =
         if is_folder { out } else { out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")) };
     super::out::prepare(folder)?;
-    for file in files {
-        let path = if is_folder { out.join(&file.name) } else { out.to_owned() };
-        super::out::write_file(&path, file.text.as_bytes())?;
-        println!("{}", path.display());
-    }
-    Ok(())
+    let path = |file: &DialectFile| if is_folder { out.join(&file.name) } else { out.to_owned() };
+    files.iter().try_for_each(|file| super::out::write_file(&path(file), file.text.as_bytes()))?;
+    let written: Vec<String> = files.iter().map(|file| path(file).display().to_string()).collect();
+    let lines: String = written.iter().map(|path| format!("{path}\n")).collect();
+    output::result(&serde_json::json!({ "files": written }), lines)
 }
 
 #[cfg(test)]

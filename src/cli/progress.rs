@@ -1,64 +1,153 @@
-//! Progress of planning on the command line: a progress bar on a terminal, else one line per stage; and the seconds of each
-//! stage, since the planner itself reads no clock.
+//! Progress of planning on the command line: on a terminal one bar over all stages with a clock that ticks, else one line per
+//! stage; and the seconds of each stage, since the planner itself reads no clock.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+mod course;
+mod overall;
+#[cfg(test)]
+mod tests;
+
+pub use course::Course;
+use overall::Overall;
+
+use super::output;
 use crate::planning::context::{Observer, Stage};
 
 /// Seconds of each stage that ran, by its name.
 pub type StageTimes = BTreeMap<&'static str, f64>;
 
+/// Positions of the bar.
+const POSITIONS: f64 = 1000.0;
+/// Time between two drawings of the bar.
+const TICK: Duration = Duration::from_millis(100);
+
 /// Progress bar and stopwatch of a plan.
 pub struct Progress {
     bar: ProgressBar,
-    running: Mutex<(StageTimes, Option<(Stage, Instant)>)>,
+    running: Arc<Mutex<Running>>,
+    ticker: Option<Ticker>,
+}
+
+/// Stages so far.
+struct Running {
+    began: Instant,
+    times: StageTimes,
+    stage: Option<(Stage, Instant)>,
+    overall: Overall,
+}
+
+/// Thread that draws the bar, so that its clock ticks within long stages too.
+struct Ticker {
+    stop: mpsc::Sender<()>,
+    thread: JoinHandle<()>,
 }
 
 impl Progress {
-    /// Starts the clock.
+    /// Starts the clock of a command that is expected to go through `course`.
     #[must_use]
-    pub fn start() -> Self {
-        let bar = ProgressBar::with_draw_target(Some(1), ProgressDrawTarget::stderr());
-        if let Ok(style) = ProgressStyle::with_template("{msg:>10} [{bar:30}] {percent:>3} %  {elapsed}") {
+    pub fn start(course: &Course) -> Self {
+        // Log lines and JSON would be torn by a bar.
+        let has_bar = !output::is_quiet() && !output::is_json() && output::verbosity() == 0;
+        let target = if has_bar { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let bar = ProgressBar::with_draw_target(Some(POSITIONS as u64), target);
+        if let Ok(style) = ProgressStyle::with_template("{prefix:>11} [{bar:30}] {percent:>3} %  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { bar, running: Mutex::default() }
+        let running = Running { began: Instant::now(), times: StageTimes::new(), stage: None, overall: Overall::new(course) };
+        let running = Arc::new(Mutex::new(running));
+        // Without a thread for it the bar moves only with the stages.
+        let ticker = if bar.is_hidden() { None } else { Ticker::start(bar.clone(), running.clone()).ok() };
+        Self { bar, running, ticker }
     }
 
     /// Ends the last stage and returns the seconds of each.
     #[must_use]
     pub fn finish(self) -> StageTimes {
-        self.switch(None);
+        if let Some(Ticker { stop, thread }) = self.ticker {
+            drop(stop);
+            // A thread that panicked draws no more either.
+            let _ = thread.join();
+        }
         self.bar.finish_and_clear();
-        self.running.into_inner().unwrap_or_else(PoisonError::into_inner).0
+        let mut running = lock(&self.running);
+        running.switch(None);
+        std::mem::take(&mut running.times)
+    }
+}
+
+impl Ticker {
+    fn start(bar: ProgressBar, running: Arc<Mutex<Running>>) -> std::io::Result<Self> {
+        let (stop, stopped) = mpsc::channel();
+        let draw = move || {
+            while stopped.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
+                let (fraction, clock) = lock(&running).now();
+                bar.set_message(clock);
+                bar.set_position((POSITIONS * fraction) as u64);
+                bar.tick();
+            }
+        };
+        let thread = std::thread::Builder::new().name("progress".to_owned()).spawn(draw)?;
+        Ok(Self { stop, thread })
+    }
+}
+
+impl Running {
+    fn secs(&self) -> f64 {
+        self.began.elapsed().as_secs_f64()
     }
 
-    fn switch(&self, next: Option<Stage>) {
-        let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Share of the work that is done, and the clock beside it.
+    fn now(&mut self) -> (f64, String) {
+        let secs = self.secs();
+        let fraction = self.overall.fraction(secs);
+        (fraction, clock(secs, fraction))
+    }
+
+    fn switch(&mut self, next: Option<Stage>) {
         let now = Instant::now();
-        if let Some((stage, since)) = running.1 {
-            *running.0.entry(stage.as_str()).or_default() += (now - since).as_secs_f64();
+        if let Some((stage, since)) = self.stage {
+            let secs = (now - since).as_secs_f64();
+            *self.times.entry(stage.as_str()).or_default() += secs;
+            tracing::info!(stage = stage.as_str(), secs, "ended");
         }
-        running.1 = next.map(|stage| (stage, now));
+        self.stage = next.map(|stage| (stage, now));
+    }
+}
+
+fn lock(running: &Mutex<Running>) -> MutexGuard<'_, Running> {
+    running.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Time that has passed, and the time left once it can be told.
+fn clock(secs: f64, fraction: f64) -> String {
+    let text = |secs: f64| format!("{}:{:02}", secs as u64 / 60, secs as u64 % 60);
+    match overall::secs_left(secs, fraction) {
+        Some(left) => format!("{}, about {} left", text(secs), text(left)),
+        None => text(secs),
     }
 }
 
 impl Observer for Progress {
     fn begin(&self, stage: Stage) {
-        self.switch(Some(stage));
+        let mut running = lock(&self.running);
+        running.switch(Some(stage));
+        let secs = running.secs();
+        running.overall.begin(stage, secs);
+        drop(running);
         if self.bar.is_hidden() {
-            eprintln!("{}", stage.as_str());
+            output::note(stage.as_str());
         }
-        self.bar.set_message(stage.as_str());
-        self.bar.set_position(0);
+        self.bar.set_prefix(stage.as_str());
     }
 
     fn progress(&self, done: usize, total: usize) {
-        self.bar.set_length(total as u64);
-        self.bar.set_position(done.min(total) as u64);
+        lock(&self.running).overall.progress(done, total);
     }
 }

@@ -1,14 +1,16 @@
 //! `vantage study reach`: compares layouts of robot, table and scanner by their reach.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use serde_json::{Value, json};
+
 use super::plan::{load_cell, pool};
-use super::progress::Progress;
-use super::{CliError, out};
+use super::progress::{Course, Progress};
+use super::{CliError, out, output};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
-use crate::planning::studies::reach::{Layout, Layouts, mountings, own_layout, reach};
+use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, mountings, own_layout, reach};
 use crate::report::study::reach::{ReachInput, csv, svg, text};
 use crate::service::plan_job::Artifact;
 
@@ -19,8 +21,15 @@ const MAX_DISTANCE_MM: f64 = 5000.0;
 
 /// Layouts that `study reach` compares.
 #[derive(Clone, Debug, clap::Args)]
-#[command(next_help_heading = "Options of `reach`")]
+#[command(after_help = "Examples:
+  vantage study reach --cell e05-transcan
+  vantage study reach --cell e05-transcan --foot 350,400,450 --table=-250,-200,-150 --mountings
+
+Files written to --out: reach.csv and reach.svg.")]
 pub struct ReachArgs {
+    /// Cell: name of a preset, or a TOML or JSON file.
+    #[arg(long, default_value = "e05-transcan")]
+    cell: String,
     /// Edge of the cube on the plate that stands for the part, mm.
     #[arg(long, default_value_t = 120.0)]
     cube: f64,
@@ -36,14 +45,21 @@ pub struct ReachArgs {
     /// Distance between flange and scanner for the other mountings, mm.
     #[arg(long, default_value_t = 30.0)]
     adapter: f64,
+    /// Folder for the results; created if it does not exist.
+    #[arg(long, default_value = "study")]
+    out: PathBuf,
+    /// Number of threads, 0 to 1024; 0 for all cores. The results do not depend on it.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1024))]
+    threads: u16,
 }
 
 /// Runs the study.
 ///
 /// # Errors
 /// [`CliError`].
-pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cancel: &AtomicBool) -> Result<(), CliError> {
-    let Some(cell) = load_cell(cell_name, None)? else {
+pub fn run(args: &ReachArgs, cancel: &AtomicBool) -> Result<(), CliError> {
+    let folder = args.out.as_path();
+    let Some(cell) = load_cell(&args.cell, None)? else {
         return Err(CliError::BadInput("--cell none: `study reach` needs a cell, such as e05-transcan".into()));
     };
     check_range("--cube", &[args.cube], 1.0)?;
@@ -58,8 +74,8 @@ pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cance
     foot_mm.retain(|foot| *foot >= 0.0);
     let layouts = Layouts { part_mm: args.cube, foot_mm, table_mm: around(&args.table, own[1]), mountings, clearance_mm: 5.0 };
     out::prepare(folder)?;
-    let progress = Progress::start();
-    let found = pool(threads)?.install(|| reach(&cell, &layouts, &Context::new(cancel, &progress)));
+    let progress = Progress::start(&Course::default());
+    let found = pool(args.threads)?.install(|| reach(&cell, &layouts, &Context::new(cancel, &progress)));
     // The seconds of the stages are not a result.
     let _ = progress.finish();
     let found = found.map_err(|cancelled| super::plan::to_cli_error(PlanError::from(cancelled)))?;
@@ -68,9 +84,27 @@ pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cance
     let is_own = |layout: &&Layout| layout.mounting == 0 && [layout.foot_mm, layout.table_mm] == own;
     let files = [("reach.csv", csv(&results)), ("reach.svg", svg(&results))];
     out::write(folder, &files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }))?;
-    print!("{}", text(&results, found.iter().find(is_own)));
-    println!("Map: {}", folder.join("reach.svg").display());
-    Ok(())
+    let words = format!("{}Map: {}\n", text(&results, found.iter().find(is_own)), folder.join("reach.svg").display());
+    output::result(&document(&results, folder), words)
+}
+
+/// Table of the layouts, as `--json` prints it; `elevations` and `directions` are null where the cell does not fit.
+fn document(results: &ReachInput<'_>, folder: &Path) -> Value {
+    let layout = |layout: &Layout| {
+        json!({
+            "mounting": results.layouts.mountings[layout.mounting].label,
+            "foot_mm": layout.foot_mm,
+            "table_mm": layout.table_mm,
+            "elevations": layout.reached.map(|reached| reached.elevations),
+            "directions": layout.reached.map(|reached| reached.directions),
+        })
+    };
+    let layouts: Vec<Value> = results.found.iter().map(layout).collect();
+    let files = ["reach.csv", "reach.svg"].map(|name| folder.join(name).display().to_string());
+    json!({
+        "cell": results.cell_name, "elevations_of": ELEVATIONS, "directions_of": ELEVATIONS * AZIMUTHS, "layouts": layouts,
+        "files": files,
+    })
 }
 
 fn check_range(option: &str, values: &[f64], min_mm: f64) -> Result<(), CliError> {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::CliError;
+use super::{CliError, files, output};
 use crate::cell::urdf::{LinkSurface, UrdfOptions, import};
 use crate::cell::{KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec};
 use crate::geometry::mesh_io::{self, Limits};
@@ -74,7 +74,7 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     if let Some(folder) = &args.surfaces {
         fs::create_dir_all(folder).map_err(|error| at(folder, &error))?;
         let written = imported.surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, folder));
-        spec.surfaces = written.collect::<Result<_, _>>().map_err(|(path, error)| at(&path, &error))?;
+        spec.surfaces = written.collect::<Result<_, _>>()?;
     }
     if let Err(errors) = spec.build() {
         let all: Vec<String> = errors.iter().map(ToString::to_string).collect();
@@ -85,28 +85,39 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         "# From {}. Check limits, speeds and accelerations against the manufacturer's data sheet.\n{toml}",
         name_of(&args.urdf)
     );
-    fs::write(&args.out, text).map_err(|error| at(&args.out, &error))?;
-    println!("{}: {}", args.out.display(), summary(&spec));
-    Ok(())
+    files::write(&args.out, text.as_bytes())?;
+    let document = serde_json::json!({
+        "file": args.out.display().to_string(), "robot": spec.name, "kinematics": kinematics(&spec), "capsules": spec.links.len(),
+        "surfaces": spec.surfaces.len(),
+    });
+    output::result(&document, format_args!("{}: {}\n", args.out.display(), summary(&spec)))
 }
 
 /// Writes a link's surface; the entry that refers to it.
-fn write_surface(surface: &LinkSurface, index: usize, folder: &Path) -> Result<LinkBodySpec, (PathBuf, std::io::Error)> {
+fn write_surface(surface: &LinkSurface, index: usize, folder: &Path) -> Result<LinkBodySpec, CliError> {
     // Links of a URDF may have any name; the number keeps file names distinct.
     let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     let name: String = surface.name.chars().map(plain).collect();
     let path = folder.join(format!("{index:02}-{name}.stl"));
-    fs::write(&path, mesh_io::write_stl(&surface.mesh)).map_err(|error| (path.clone(), error))?;
+    files::write(&path, &mesh_io::write_stl(&surface.mesh))?;
     let shape = ShapeSpec::Mesh { mesh: path.to_string_lossy().into_owned() };
     Ok(LinkBodySpec { link: surface.link, name: surface.name.clone(), owner_from_body: PoseSpec::default(), shape })
 }
 
+/// Closed form of an arm from a URDF, or `iterative`.
+fn kinematics(spec: &RobotSpec) -> &'static str {
+    match &spec.kinematics {
+        KinematicsSpec::Chain(chain) => chain.build().closed_form().unwrap_or("iterative"),
+        KinematicsSpec::Opw(_) => "opw",
+        KinematicsSpec::Ur(_) => "ur",
+    }
+}
+
 fn summary(spec: &RobotSpec) -> String {
-    let KinematicsSpec::Chain(chain) = &spec.kinematics else { return spec.name.clone() };
-    let form = match chain.build().closed_form() {
-        Some("opw") => "analytic inverse kinematics (ortho-parallel, spherical wrist)",
-        Some(_) => "analytic inverse kinematics (three parallel axes)",
-        None => "iterative inverse kinematics (no known closed form)",
+    let form = match kinematics(spec) {
+        "opw" => "analytic inverse kinematics (ortho-parallel, spherical wrist)",
+        "iterative" => "iterative inverse kinematics (no known closed form)",
+        _ => "analytic inverse kinematics (three parallel axes)",
     };
     let surfaces = if spec.surfaces.is_empty() { String::new() } else { format!(", {} surfaces", spec.surfaces.len()) };
     format!("{}, {form}; {} capsules{surfaces}", spec.name, spec.links.len())

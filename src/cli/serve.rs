@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 
 use super::signals::on_signals;
-use super::{CliError, failed, open_files, telemetry};
+use super::{CliError, failed, open_files, output, telemetry};
 use crate::http::{self, Server};
 use crate::service::App;
 use crate::settings::{Flags, Settings};
@@ -40,6 +40,12 @@ pub struct ServeArgs {
     pub insecure: bool,
 }
 
+/// Address of a server, as `--json` prints it.
+#[derive(serde::Serialize)]
+pub(super) struct Listening<'a> {
+    pub(super) url: &'a str,
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -51,7 +57,8 @@ pub fn run(args: &ServeArgs) -> Result<(), CliError> {
     run_to_completion(async {
         let server = Server::bind(&settings.http()).await.map_err(|error| CliError::Failed(error.to_string()))?;
         let app = open(&settings).await?;
-        println!("Vantage listens on http://{}", server.address());
+        let url = format!("http://{}", server.address());
+        output::result(&Listening { url: &url }, format_args!("Vantage listens on {url}\n"))?;
         serve(server, app, &settings).await
     })
 }

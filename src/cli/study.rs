@@ -1,63 +1,78 @@
 //! `vantage study`: varies one parameter with the others fixed and writes a table, plots and a page; and compares the reach of
 //! layouts of a cell.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
+use serde_json::{Value, json};
+
 use super::plan::{load_cell, load_mesh, load_params, load_scanner, pool, to_cli_error};
-use super::progress::Progress;
-use super::{CliError, out, reach};
+use super::progress::{Course, Progress};
+use super::{CliError, out, output, reach};
 use crate::geometry::LengthUnit;
 use crate::planning::PlanInput;
 use crate::planning::context::Context;
-use crate::planning::studies::{self, Study};
+use crate::planning::studies::{self, Series, Study, StudyResult};
 use crate::report::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 use crate::service::plan_job::Artifact;
 
-/// Parameter that a study varies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Varied {
-    /// Weights of coverage (a) and quality (b): a = 1, 0.75, 0.5, 0.25, 0 and b = 1 - a
-    Weights,
-    /// Incidence limits: cameras 85 to 45 degrees, projector 7.5 degrees less
-    Limits,
-    /// Candidate strategies: each alone, then the configured mix
-    Candidates,
-    /// Layouts of robot, table and scanner in a cell: the share of the viewing hemisphere that each reaches
-    Reach,
-}
-
-/// Vary the weights of the score, the incidence limits or the candidates, and compare coverage and grades; or vary the
-/// layout of a cell, and compare its reach.
+/// Vary one parameter with the others fixed, and compare coverage and grades; or vary the layout of a cell, and compare its reach.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
+#[command(
+    override_usage = "vantage study <weights|limits|candidates> <MESH> [OPTIONS]\n       vantage study reach [OPTIONS]",
+    after_help = "Each study has options of its own: vantage study weights --help.
+
+Examples:
   vantage study weights part.stl --unit mm
   vantage study limits part.stl --unit mm --scanner transcan-c-nominal --out limits
-  vantage study candidates part.stl --unit mm --set selection.objective=coverage --at 10
-  vantage study reach --cell e05-transcan --foot 350,400,450 --table=-250,-200,-150 --mountings
+  vantage study candidates part.stl --unit mm --set selection.objective=coverage
+  vantage study reach --cell e05-transcan --mountings
 
-Files written to --out, named after the study: STUDY.csv, STUDY-coverage.svg, STUDY-grades.svg, and STUDY.html with all
-of them; for reach only reach.csv and reach.svg.
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted.")]
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, 4 interrupted."
+)]
 pub struct StudyArgs {
-    /// Study to run.
-    study: Varied,
-    /// Part: an STL, OBJ or PLY file; not used by `reach`.
-    mesh: Option<PathBuf>,
+    #[command(subcommand)]
+    study: StudyCommand,
+}
+
+// Its doc comment would stand in the help in place of the one of the command.
+#[derive(Debug, clap::Subcommand)]
+enum StudyCommand {
+    /// Weights of coverage (a) and quality (b): a = 1, 0.75, 0.5, 0.25, 0 and b = 1 - a.
+    Weights(SeriesArgs),
+    /// Incidence limits: cameras 85 to 45 degrees, projector 7.5 degrees less.
+    Limits(SeriesArgs),
+    /// Candidate strategies: each alone, then the configured mix.
+    Candidates(SeriesArgs),
+    /// Layouts of robot, table and scanner in a cell: the share of the viewing hemisphere that each reaches.
+    Reach(reach::ReachArgs),
+}
+
+/// Inputs of a study of views.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Files written to --out, named after the study: STUDY.csv, STUDY-coverage.svg, STUDY-grades.svg, and
+STUDY.html with all of them.
+
+Example:
+  vantage study weights part.stl --unit mm --set selection.objective=coverage --at 10 --out study")]
+struct SeriesArgs {
+    /// Part: an STL, OBJ or PLY file.
+    mesh: PathBuf,
     /// Unit of the coordinates in the file: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Cell: name of a preset, a TOML or JSON file, or `none` to study viewpoints only.
-    #[arg(long, default_value = "none")]
+    #[arg(long, default_value = "none", help_heading = "Cell and scanner")]
     cell: String,
     /// Scanner, with `--cell none` only: name of a preset, or a file [default: transcan-c].
-    #[arg(long)]
+    #[arg(long, help_heading = "Cell and scanner")]
     scanner: Option<String>,
     /// Parameters that stay fixed: a TOML or JSON file.
-    #[arg(long)]
+    #[arg(long, help_heading = "Parameters that stay fixed")]
     params: Option<PathBuf>,
     /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string. Repeatable.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", help_heading = "Parameters that stay fixed")]
     sets: Vec<String>,
     /// Maximum number of views in a series.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
@@ -65,8 +80,6 @@ pub struct StudyArgs {
     /// Number of views at which grades are compared.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     at: u32,
-    #[command(flatten)]
-    reach: reach::ReachArgs,
     /// Folder for the results; created if it does not exist.
     #[arg(long, default_value = "study")]
     out: PathBuf,
@@ -80,21 +93,20 @@ pub struct StudyArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let (study, mesh) = match (args.study, &args.mesh) {
-        (Varied::Reach, None) => return reach::run(&args.reach, &args.cell, &args.out, args.threads, cancel),
-        (Varied::Reach, Some(mesh)) => {
-            let detail = "cannot be used with `study reach`, which places a cube; give the edge of the cube with --cube";
-            return Err(CliError::BadInput(format!("{}: {detail}", mesh.display())));
-        }
-        (Varied::Weights, Some(mesh)) => (Study::Weights, mesh),
-        (Varied::Limits, Some(mesh)) => (Study::Limits, mesh),
-        (Varied::Candidates, Some(mesh)) => (Study::Candidates, mesh),
-        (_, None) => return Err(CliError::BadInput("no mesh given; name the part's file after the study".into())),
-    };
+    match &args.study {
+        StudyCommand::Weights(series) => run_series(Study::Weights, series, cancel),
+        StudyCommand::Limits(series) => run_series(Study::Limits, series, cancel),
+        StudyCommand::Candidates(series) => run_series(Study::Candidates, series, cancel),
+        StudyCommand::Reach(layouts) => reach::run(layouts, cancel),
+    }
+}
+
+/// Runs a study of views.
+fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let params = load_params(args.params.as_deref(), &args.sets)?;
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
-    let (part, part_sha256) = load_mesh(mesh, args.unit, cancel)?;
+    let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit, cancel)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
     let input = PlanInput {
@@ -106,7 +118,7 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         roadmaps: None,
     };
     out::prepare(&args.out)?;
-    let progress = Progress::start();
+    let progress = Progress::start(&Course::of_study(study, &params));
     let max_views = args.views.max(args.at);
     let findings =
         pool(args.threads)?.install(|| studies::run(study, &input, &params, max_views, &Context::new(cancel, &progress)));
@@ -116,16 +128,33 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let results = StudyInput {
         findings: &findings,
         params: &params,
-        part_name: &mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        part_name: &args.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         scanner_name: &scanner.name,
         cell_name: cell.as_ref().map(|cell| cell.name.as_str()),
         at: args.at as usize,
     };
     let names = names(study);
     out::write(&args.out, &artifacts(&results, names))?;
-    print!("{}", text(&results));
-    println!("Report: {}", args.out.join(names[3]).display());
-    Ok(())
+    let words = format!("{}Report: {}\n", text(&results), args.out.join(names[3]).display());
+    output::result(&document(&results, &names.map(|name| args.out.join(name).display().to_string())), words)
+}
+
+/// Series of a study, as `--json` prints them; shares are of the asked area.
+fn document(results: &StudyInput<'_>, files: &[String]) -> Value {
+    let series = |series: &Series| {
+        let step = series.after(results.at);
+        let settings: BTreeMap<&str, &str> = series.settings.iter().map(|(key, value)| (*key, value.as_str())).collect();
+        json!({
+            "label": series.label, "settings": settings, "candidates": series.candidates,
+            "coverable_of_asked": series.coverable_of_asked, "views": series.steps.len(),
+            "of_asked": series.steps.iter().map(|step| step.of_asked).collect::<Vec<_>>(),
+            "grades": step.grades, "stopped_because": series.stopped_because.as_str(),
+        })
+    };
+    let StudyResult { study, series: all, skipped } = results.findings;
+    let all: Vec<Value> = all.iter().map(series).collect();
+    let skipped: Vec<Value> = skipped.iter().map(|(label, reason)| json!({"label": label, "reason": reason})).collect();
+    json!({"study": study.as_str(), "grades_after_views": results.at, "series": all, "skipped": skipped, "files": files})
 }
 
 /// File names of a study's table, plots and page.

@@ -13,7 +13,7 @@ use super::error::{Error, InternalError};
 use super::execute::{JobInput, MeshSource};
 use super::library::Library;
 use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking, read_leniently};
-use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary};
+use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary, did_you_mean};
 use crate::wire::{Job, JobPage, JobRequest, JobState, MeshId};
 
 /// Filters of a job listing.
@@ -203,8 +203,10 @@ impl<'a> Lookup<'a> {
         };
         let found = stored(name);
         if found.is_none() {
-            let known = self.library.names(kind).join(", ");
-            self.refuse(pointer, format!("no {} is named {name:?}; known names are {known}", kind.as_str()));
+            let names = self.library.names(kind);
+            let question = did_you_mean(name, names.iter().map(String::as_str));
+            let known = names.join(", ");
+            self.refuse(pointer, format!("no {} is named {name:?}; known names are {known}{question}", kind.as_str()));
         }
         found
     }

@@ -6,6 +6,7 @@ use config::{Config, ConfigError, Environment, File, FileFormat, Value, ValueKin
 use serde::de::DeserializeOwned;
 
 use super::{Flags, SettingsError};
+use crate::cell::with_suggestion;
 
 const PREFIX: &str = "VANTAGE_";
 
@@ -50,7 +51,7 @@ impl<'a> Layers<'a> {
                 ConfigError::Type { unexpected, expected, .. } => format!("is {unexpected}, but must be {expected}"),
                 other => other.to_string(),
             };
-            SettingsError(vec![format!("{key} ({}): {what}", self.origin(&key))])
+            SettingsError(vec![format!("{key} ({}): {}", self.origin(&key), with_suggestion(&what))])
         })
     }
 

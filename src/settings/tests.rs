@@ -112,3 +112,9 @@ fn lists_are_lists_in_files_and_texts_with_commas_in_the_environment() {
     let text = refusal(None, &[("VANTAGE_SERVER__TRUSTED_PROXIES", "10.0.0.0/8")], &Vec::new());
     assert!(text.contains("server.trusted_proxies") && text.contains("10.0.0.0/8"), "{text}");
 }
+
+#[test]
+fn a_misspelled_key_is_answered_with_the_one_that_was_meant() {
+    let told = refusal(Some("[server]\nlisten_on = \"127.0.0.1:0\"\n"), &[], &Flags::new());
+    assert!(told.contains("did you mean `listen`?"), "{told}");
+}

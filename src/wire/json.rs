@@ -3,6 +3,8 @@
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
 
+use crate::cell::with_suggestion;
+
 /// Reason for which a document is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseError {
@@ -37,7 +39,7 @@ fn refuse(bytes: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -
     if !is_json {
         return ParseError::Syntax(inner.to_string());
     }
-    let detail = inner.to_string();
+    let detail = with_suggestion(&inner.to_string());
     let detail = if detail.starts_with("trailing characters") { "has too many elements".to_owned() } else { detail };
     ParseError::Shape { pointer: pointer_of(error.path()), detail }
 }

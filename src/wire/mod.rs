@@ -42,7 +42,7 @@ pub use mesh_health::MeshHealthReport;
 pub use problem::{JobProblem, Problem, ProblemField, problem_type};
 pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 pub use storage::{DamagedItem, Retention, RetentionPolicy, RetentionReason, RetiredJob, RetiredMesh, Storage};
-pub use system::{Health, Readiness, ReadinessCheck, Version};
+pub use system::{Health, Readiness, ReadinessCheck, VERSION_LINE, Version};
 
 #[cfg(test)]
 mod tests;

@@ -4,51 +4,104 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayItems, Object};
 use utoipa::openapi::{RefOr, Schema};
 
-use crate::planning::params::{Knob, PlanParams};
+use crate::cell::did_you_mean;
+use crate::planning::params::PlanParams;
 
-/// One parameter.
-struct Row {
-    /// Path, as `--set` takes it.
-    key: String,
-    /// Default, as JSON; empty where there is none, or where it depends on the part.
-    default: String,
-    /// Range with its unit, or the closed list of values.
-    range: String,
-    description: String,
+/// Parameter of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Path, as `--set` takes it; `[]` stands for each entry of a list.
+    pub key: String,
+    /// Default; null where there is none, or where it depends on the part.
+    pub default: Value,
+    /// Min value, of a number or of each entry of a list.
+    pub min: Option<f64>,
+    /// Max value, of a number or of each entry of a list.
+    pub max: Option<f64>,
+    /// Unit of the number; empty where it has none.
+    pub unit: &'static str,
+    /// Smallest and largest number of entries of a list.
+    pub entries: Option<[usize; 2]>,
+    /// Closed list of values, where there is one.
+    pub values: Vec<String>,
+    /// Meaning.
+    pub description: String,
 }
 
-/// Every parameter that is a value, not a group of others.
-fn rows() -> Vec<Row> {
+impl Parameter {
+    /// Default as JSON; empty where there is none.
+    #[must_use]
+    pub fn default_text(&self) -> String {
+        if self.default.is_null() { String::new() } else { self.default.to_string() }
+    }
+
+    /// Range with its unit, or the closed list of values.
+    #[must_use]
+    pub fn range_text(&self) -> String {
+        if !self.values.is_empty() {
+            return self.values.join(", ");
+        }
+        let range = self.min.zip(self.max).map(|(min, max)| format!("{min} to {max} {}", self.unit).trim_end().to_owned());
+        let entries = self.entries.map(|[min, max]| format!("{min} to {max} entries"));
+        range.into_iter().chain(entries).collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// Lists every parameter that is a value, not a group of others.
+#[must_use]
+pub fn list() -> Vec<Parameter> {
     let groups = PlanParams::knobs();
     let mut schemas = Vec::new();
     PlanParams::schemas(&mut schemas);
     let schemas: BTreeMap<String, RefOr<Schema>> = schemas.into_iter().collect();
     let is_group = |key: &str| groups.iter().any(|(path, _)| path.trim_end_matches("[]") == key);
-    let mut rows = Vec::new();
+    let mut parameters = Vec::new();
     for (path, group) in &groups {
         let (RefOr::T(Schema::Object(schema)), defaults) = ((group.schema)(), (group.defaults)()) else { continue };
         for knob in group.knobs {
             let key = if path.is_empty() { knob.field.to_owned() } else { format!("{path}.{}", knob.field) };
-            if is_group(&key) {
-                continue;
-            }
-            let default = &defaults[knob.field];
-            let default = if default.is_null() { String::new() } else { default.to_string() };
-            let Some(property) = schema.properties.get(knob.field) else { continue };
-            let range = values(property, &schemas).unwrap_or_else(|| range_text(knob));
-            rows.push(Row { key, default, range, description: without_links(&description(property)) });
+            let Some(property) = schema.properties.get(knob.field).filter(|_| !is_group(&key)) else { continue };
+            parameters.push(Parameter {
+                key,
+                default: defaults[knob.field].clone(),
+                min: knob.range.map(|[min, _]| min),
+                max: knob.range.map(|[_, max]| max),
+                unit: knob.unit,
+                entries: knob.entries,
+                values: values(property, &schemas).unwrap_or_default(),
+                description: without_links(&description(property)),
+            });
         }
     }
-    rows
+    parameters
+}
+
+/// Describes the fault of a key that `--set` does not know, with the parameter that was meant; `None` for one that it knows: a
+/// parameter, a group of them, or a field within a value.
+#[must_use]
+pub fn unknown(key: &str) -> Option<String> {
+    let parameters = list();
+    let starts = |whole: &str, part: &str| whole == part || whole.strip_prefix(part).is_some_and(|rest| rest.starts_with('.'));
+    // The fields of entries are set with their list.
+    let is_known = |parameter: &Parameter| {
+        let known = parameter.key.split("[]").next().unwrap_or_default();
+        starts(key, known) || starts(known, key)
+    };
+    if parameters.iter().any(is_known) {
+        return None;
+    }
+    let settable = parameters.iter().map(|parameter| parameter.key.as_str()).filter(|known| !known.contains("[]"));
+    Some(format!("{key} is not a parameter{}", did_you_mean(key, settable)))
 }
 
 /// Values of a property that has a closed list of them.
-fn values(property: &RefOr<Schema>, schemas: &BTreeMap<String, RefOr<Schema>>) -> Option<String> {
+fn values(property: &RefOr<Schema>, schemas: &BTreeMap<String, RefOr<Schema>>) -> Option<Vec<String>> {
     match property {
         RefOr::Ref(reference) => values(schemas.get(reference.ref_location.rsplit('/').next()?)?, schemas),
         RefOr::T(Schema::OneOf(one_of)) => one_of.items.iter().find_map(|item| values(item, schemas)),
@@ -57,8 +110,8 @@ fn values(property: &RefOr<Schema>, schemas: &BTreeMap<String, RefOr<Schema>>) -
             ArrayItems::False => None,
         },
         RefOr::T(Schema::Object(object)) => {
-            let values: Vec<&str> = object.enum_values.as_ref()?.iter().filter_map(Value::as_str).collect();
-            Some(values.join(", "))
+            let values = object.enum_values.as_ref()?.iter().filter_map(Value::as_str);
+            Some(values.map(str::to_owned).collect())
         }
         RefOr::T(_) => None,
     }
@@ -74,16 +127,6 @@ fn description(property: &RefOr<Schema>) -> String {
         RefOr::T(_) => None,
     };
     text.unwrap_or_default().replace('\n', " ")
-}
-
-fn range_text(knob: &Knob) -> String {
-    let mut text =
-        knob.range.map_or_else(String::new, |[min, max]| format!("{min} to {max} {}", knob.unit).trim_end().to_owned());
-    if let Some([min, max]) = knob.entries {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{}{min} to {max} entries", if text.is_empty() { "" } else { "; " });
-    }
-    text
 }
 
 /// Text without links into the source, which mean nothing outside it: those in parentheses are dropped, others become code.
@@ -116,9 +159,12 @@ pub fn markdown() -> String {
                     entry of a list. Renewed by `UPDATE_GOLDEN=1 cargo test --test it contract`.\n\n\
                     | key | default | range | meaning |\n| --- | --- | --- | --- |\n"
         .to_owned();
-    for Row { key, default, range, description } in rows() {
-        let default = if default.is_empty() { String::new() } else { format!("`{default}`") };
-        let _ = writeln!(text, "| `{key}` | {default} | {range} | {} |", description.replace('|', "\\|"));
+    for parameter in list() {
+        let default = parameter.default_text();
+        let default = if default.is_empty() { default } else { format!("`{default}`") };
+        let description = parameter.description.replace('|', "\\|");
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "| `{}` | {default} | {} | {description} |", parameter.key, parameter.range_text());
     }
     text
 }
@@ -127,10 +173,11 @@ pub fn markdown() -> String {
 #[must_use]
 pub fn help() -> String {
     let mut text = String::new();
-    for Row { key, default, range, .. } in rows() {
-        let parts = [if default.is_empty() { String::new() } else { format!("default {default}") }, range];
+    for parameter in list() {
+        let default = parameter.default_text();
+        let parts = [if default.is_empty() { default } else { format!("default {default}") }, parameter.range_text()];
         let parts: Vec<_> = parts.into_iter().filter(|part| !part.is_empty()).collect();
-        let _ = writeln!(text, "  {key:<34} {}", parts.join("; "));
+        let _ = writeln!(text, "  {:<34} {}", parameter.key, parts.join("; "));
     }
     text
 }

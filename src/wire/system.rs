@@ -28,6 +28,10 @@ pub struct Readiness {
     pub checks: Vec<ReadinessCheck>,
 }
 
+/// Version with commit and target, as `vantage --version` prints it.
+pub const VERSION_LINE: &str =
+    concat!(env!("CARGO_PKG_VERSION"), " (commit ", env!("VANTAGE_COMMIT"), ", ", env!("VANTAGE_TARGET"), ")");
+
 /// Name and version of the program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Version {
@@ -37,4 +41,23 @@ pub struct Version {
     pub version: String,
     /// Version of the HTTP interface.
     pub api: String,
+    /// Commit that the program was built from: its first digits, `unknown` where the sources name none, or `development` for a
+    /// build without optimisation.
+    pub commit: String,
+    /// Target that the program was built for, as Rust names it.
+    pub target: String,
+}
+
+impl Version {
+    /// Version of this program.
+    #[must_use]
+    pub fn of_this_program() -> Self {
+        Self {
+            name: env!("CARGO_PKG_NAME").to_owned(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            api: "v1".to_owned(),
+            commit: env!("VANTAGE_COMMIT").to_owned(),
+            target: env!("VANTAGE_TARGET").to_owned(),
+        }
+    }
 }

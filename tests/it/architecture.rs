@@ -191,7 +191,7 @@ fn word_breach(token: &Token) -> Option<String> {
 }
 
 /// Every Rust file below `folder`.
-fn sources(folder: &FilePath) -> Vec<PathBuf> {
+pub(crate) fn sources(folder: &FilePath) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).expect("the sources are readable");
     let mut found = Vec::new();
     for entry in entries {

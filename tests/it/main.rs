@@ -12,6 +12,7 @@ mod candidate_study;
 mod cell_sight;
 mod certified_figures;
 mod closed_form;
+mod command_line;
 mod device_limits;
 mod dialects;
 mod goldens;

@@ -5,7 +5,6 @@ use tempfile::TempDir;
 
 use super::{CheckArgs, run};
 use crate::cell::{Presets, SpecKind, SpecLibrary, preset_text};
-use crate::cli::CliError;
 use crate::planning::params::PlanParams;
 
 #[derive(Parser)]
@@ -36,8 +35,8 @@ impl Folder {
 fn check(args: &[&str]) -> Result<(), String> {
     let line = Line::try_parse_from([&["check"], args].concat()).map_err(|error| error.to_string())?;
     run(&line.args).map_err(|error| {
-        let CliError::BadInput(text) = error else { panic!("{error}") };
-        text
+        assert_eq!(error.exit_code(), 2, "{error}");
+        error.to_string()
     })
 }
 

@@ -3,7 +3,6 @@ use std::path::Path;
 use clap::Parser;
 
 use super::{ProgramArgs, run};
-use crate::cli::CliError;
 
 #[derive(Parser)]
 struct Line {
@@ -25,8 +24,8 @@ fn written(folder: &Path, args: &[&str]) -> Result<Vec<String>, String> {
     let fixed = ["program", "--cell", "e05-transcan", folder.to_str().expect("a path")];
     let line = Line::try_parse_from([&fixed, args].concat()).map_err(|error| error.to_string())?;
     run(&line.args).map_err(|error| {
-        let CliError::BadInput(text) = error else { panic!("{error}") };
-        text
+        assert_eq!(error.exit_code(), 2, "{error}");
+        error.to_string()
     })?;
     let files = std::fs::read_dir(&line.args.out).map_err(|error| error.to_string())?;
     let mut names: Vec<_> = files.map(|file| file.expect("lists").file_name().to_string_lossy().into_owned()).collect();

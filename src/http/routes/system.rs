@@ -52,11 +52,7 @@ pub(in crate::http) async fn readyz(State(state): State<ApiState>) -> Result<axu
     responses((status = 200, description = "Name and version of the program and of the API.", body = Version))
 )]
 pub(in crate::http) async fn version() -> axum::Json<Version> {
-    axum::Json(Version {
-        name: env!("CARGO_PKG_NAME").to_owned(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        api: "v1".to_owned(),
-    })
+    axum::Json(Version::of_this_program())
 }
 
 /// Get metrics

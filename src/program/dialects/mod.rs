@@ -18,7 +18,7 @@ mod urscript;
 mod walk;
 
 use super::{Expected, Finding, Program, Together, check, interlock};
-use crate::cell::{Axes, Cell, CollisionScene};
+use crate::cell::{Axes, Cell, CollisionScene, did_you_mean};
 use crate::planning::params::DialectParams;
 
 /// A file of a dialect, as interfaces name it.
@@ -100,10 +100,10 @@ impl std::str::FromStr for Dialect {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        Self::ALL
-            .into_iter()
-            .find(|dialect| dialect.as_str() == name)
-            .ok_or_else(|| format!("unknown dialect {name:?}; known are {}", Self::ALL.map(Self::as_str).join(", ")))
+        Self::ALL.into_iter().find(|dialect| dialect.as_str() == name).ok_or_else(|| {
+            let known = Self::ALL.map(Self::as_str);
+            format!("unknown dialect {name:?}; known are {}{}", known.join(", "), did_you_mean(name, known))
+        })
     }
 }
 

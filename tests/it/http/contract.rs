@@ -223,7 +223,10 @@ async fn the_server_tells_about_itself() {
     let api = Api::start().await;
     assert_eq!(api.get("/healthz").await.ok(200)["status"], "ok");
     assert_eq!(api.get("/readyz").await.ok(200)["status"], "ready");
-    assert_eq!(api.get("/version").await.ok(200)["version"], env!("CARGO_PKG_VERSION"));
+    let version = api.get("/version").await.ok(200);
+    assert_eq!(version["version"], env!("CARGO_PKG_VERSION"));
+    assert!(version["commit"].as_str().is_some_and(|commit| !commit.is_empty()), "{version}");
+    assert!(version["target"].as_str().is_some_and(|target| target.contains('-')), "{version}");
     assert!(api.get("/problems").await.text().starts_with("# Problems"));
     let metrics = api.get("/metrics").await.text();
     assert!(metrics.contains("vantage_jobs{state=\"queued\"} 0"), "{metrics}");

@@ -13,3 +13,4 @@ mod refusals;
 mod results;
 mod shares;
 mod specs;
+mod suggestions;

@@ -1,0 +1,97 @@
+//! `vantage params`: lists the parameters of a plan, with default, range, unit and meaning.
+
+use serde::Serialize;
+
+use super::{CliError, output};
+use crate::cell::did_you_mean;
+use crate::wire::parameters::{self, Parameter};
+
+/// List the parameters of a plan, as --set and --params take them.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage params
+  vantage params selection
+  vantage params selection.target
+  vantage params --json")]
+pub(super) struct ParamsArgs {
+    /// Parameter, group of parameters or part of a name; all of them if it is left out.
+    name: Option<String>,
+}
+
+/// List as JSON.
+#[derive(Serialize)]
+struct ParameterList {
+    parameters: Vec<Parameter>,
+}
+
+/// Prints the list.
+///
+/// # Errors
+/// [`CliError::BadInput`] if no parameter has the name.
+pub(super) fn run(args: &ParamsArgs) -> Result<(), CliError> {
+    let parameters = found(args.name.as_deref().unwrap_or_default())?;
+    let text: String = parameters.iter().map(described).collect();
+    output::result(&ParameterList { parameters }, text)
+}
+
+/// Parameters that a name means: one of this name, else those of a group, else those that begin so, else those that contain it.
+fn found(name: &str) -> Result<Vec<Parameter>, CliError> {
+    let all = parameters::list();
+    let matches: [&dyn Fn(&str) -> bool; 4] = [
+        &|key| key == name,
+        &|key| key.strip_prefix(name).is_some_and(|rest| rest.starts_with(['.', '['])),
+        &|key| key.starts_with(name),
+        &|key| key.contains(name),
+    ];
+    for is_meant in matches {
+        let meant: Vec<Parameter> = all.iter().filter(|parameter| is_meant(&parameter.key)).cloned().collect();
+        if !meant.is_empty() {
+            return Ok(meant);
+        }
+    }
+    let question = did_you_mean(name, all.iter().map(|parameter| parameter.key.as_str()));
+    Err(CliError::BadInput(format!("{name}: is not a parameter, nor part of the name of one{question}")))
+}
+
+/// A parameter on a line, with its meaning on the next.
+fn described(parameter: &Parameter) -> String {
+    let default = match parameter.default_text() {
+        none if none.is_empty() => String::new(),
+        default => format!(" = {default}"),
+    };
+    let range = match parameter.range_text() {
+        none if none.is_empty() => String::new(),
+        range => format!("    ({range})"),
+    };
+    format!("{}{default}{range}\n    {}\n", parameter.key, parameter.description)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(name: &str) -> Vec<String> {
+        found(name).expect("found").into_iter().map(|parameter| parameter.key).collect()
+    }
+
+    #[test]
+    fn a_name_means_a_parameter_a_group_a_beginning_or_a_part() {
+        assert_eq!(keys("selection.target"), ["selection.target"], "not selection.target_of");
+        assert!(keys("selection").len() > 8 && keys("selection").iter().all(|key| key.starts_with("selection.")));
+        assert_eq!(keys("selection.max_v"), ["selection.max_views"]);
+        assert_eq!(keys("clearance"), ["motion.clearance_mm"]);
+        assert!(keys("").len() > 80);
+        let error = found("selection.maxviews").expect_err("unknown");
+        assert!(error.exit_code() == 2 && error.to_string().ends_with("did you mean selection.max_views?"), "{error}");
+    }
+
+    #[test]
+    fn a_parameter_is_told_with_default_range_and_meaning() {
+        let told = described(&found("selection.target").expect("found")[0]);
+        assert_eq!(told, "selection.target = 0.985    (0 to 1)\n    Share of the area at which the choice stops.\n");
+        let told = described(&found("selection.solver").expect("found")[0]);
+        assert!(told.starts_with("selection.solver = \"local\"    (greedy, lazy, local, certified)\n"), "{told}");
+        let told = described(&found("scan.settle_secs").expect("found")[0]);
+        assert!(told.contains("(0 to 60 s)"), "{told}");
+    }
+}
