@@ -1,4 +1,5 @@
-//! Text of `vantage plan` about a plan: the summary that every output has, then what a person at the command line may ask for next.
+//! Text of `vantage plan` about a plan: the summary that every output has, then details that a person at the command line may
+//! ask for next.
 
 use crate::cli::CliError;
 use crate::service::plan_job::Artifact;

@@ -18,7 +18,7 @@ pub use verdict::PlanVerdict;
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
 use super::words::{counted, fixed, headline};
-use crate::planning::params::SelectionGoal;
+use crate::planning::params::{Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage};
 use crate::planning::sequence::Sequence;
 
@@ -27,8 +27,8 @@ pub const SUMMARY_SCHEMA: &str = "vantage.summary/1";
 /// Name of the file.
 pub const SUMMARY_FILE: &str = "summary.json";
 
-/// Summary of a plan (`summary.json`), short enough for a row of a table. Texts are sentences without a full stop, the same in every
-/// output.
+/// Summary of a plan (`summary.json`), short enough for a row of a table. Texts are sentences without a full stop, the same in
+/// every output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct Summary {
@@ -151,8 +151,8 @@ impl Summary {
         Self { plan_sha256: Some(plan_sha256), ..self }
     }
 
-    /// The summary in sentences, one on a line, as people read it: the verdict first, then views, coverage, cycle, the best action, and
-    /// what is missed; a group of missed spots is indented.
+    /// The summary in sentences, one on a line, as people read it: the verdict first, then views, coverage, cycle, the best
+    /// action, and what is missed; a group of missed spots is indented.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut lines = vec![self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
@@ -183,8 +183,8 @@ impl From<&CoverageDocument> for SummaryShares {
 impl SummaryShares {
     fn text(&self) -> String {
         format!(
-            "Simulated coverage, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, {} \
-             of the whole surface; {} of coverable",
+            "Simulated coverage, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, \
+             {} of the whole surface; {} of coverable",
             percent(self.of_visible),
             percent(self.grades_a_b_of_visible),
             percent(self.within_35_deg_of_visible),
@@ -203,7 +203,7 @@ impl From<&MotionDocument> for CycleParts {
     }
 }
 
-/// Views, setups and the bound: "10 views in 1 setup; lower bound 9".
+/// Views, setups, their registration and the bound: "10 views in 1 setup; lower bound 9".
 fn views_text(plan: &Plan) -> String {
     let (views, setups) = (counted(plan.executed_views(), "view"), counted(plan.setups.len(), "setup"));
     let bound = match plan.params.selection.goal {
@@ -211,7 +211,18 @@ fn views_text(plan: &Plan) -> String {
         SelectionGoal::FewestViews | SelectionGoal::MinTime => format!("; lower bound {}", plan.bound.views_lower),
     };
     let left_out = no_path(plan).map_or_else(String::new, |left_out| format!("; {left_out}"));
-    format!("{views} in {setups}{bound}{left_out}")
+    let registered = if plan.setups.len() > 1 { registered(plan.params.registration) } else { "" };
+    format!("{views} in {setups}{registered}{bound}{left_out}")
+}
+
+/// Means by which several setups become one measurement, in a clause.
+fn registered(registration: Registration) -> &'static str {
+    match registration {
+        Registration::Surface => ", registered by shared surface",
+        Registration::Markers => ", to be registered by markers",
+        Registration::Fixture => ", to be registered by a fixture",
+        Registration::None => ", not registered to each other",
+    }
 }
 
 /// Chosen views that are not executed, in a clause; `None` where all are.
@@ -232,8 +243,8 @@ fn cycle_text(plan: &Plan, motion: &MotionDocument) -> String {
         if plan.sequences().all(Sequence::is_shortest) { "; order proven optimal among the stations considered" } else { "" };
     let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
     format!(
-        "Cycle {cycle} s = {moving} s moving (the table turns in {turning} s of it) + {visits} × {each} s scanning{settling}{order}\
-         {turning_over}"
+        "Cycle {cycle} s = {moving} s moving (the table turns in {turning} s of it) + {visits} × {each} s scanning{settling}\
+         {order}{turning_over}"
     )
 }
 

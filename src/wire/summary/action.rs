@@ -11,7 +11,8 @@ use crate::planning::plan::{Plan, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::words::{counted, fixed};
 
-/// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed spots.
+/// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
+/// spots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -80,8 +81,8 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
 }
 
 impl SummaryAction {
-    /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2, 70.1 → 97.9 % of asked, +2
-    /// views, +9.0 s`.
+    /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2, 70.1 → 97.9 % of asked,
+    /// +2 views, +9.0 s`.
     fn sentence(&self, what: &str) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
         let [from, to] = [self.from_of_asked, self.to_of_asked].map(|share| fixed(100.0 * share, 1));

@@ -5,7 +5,7 @@ use super::{MissedGroup, PlanVerdict, Summary};
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
-use crate::planning::params::{PlanParams, SelectionGoal};
+use crate::planning::params::{PlanParams, Registration, SelectionGoal};
 use crate::planning::plan::{
     AdviceKind, AtRisk, Bound, CandidateCounts, Cause, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot, ParamChange,
     PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, SetupPlan,
@@ -228,6 +228,19 @@ fn views_without_a_path_are_not_counted_as_executed() {
 }
 
 #[test]
+fn several_setups_come_with_the_means_by_which_they_are_registered() {
+    let mut twice = plan(7, 0, 792.0);
+    twice.setups.push(twice.setups[0].clone());
+    let mut text = |registration| {
+        twice.params.registration = registration;
+        Summary::of(&twice).views_text
+    };
+    assert_eq!(text(Registration::Surface), "7 views in 2 setups, registered by shared surface; lower bound 2");
+    assert_eq!(text(Registration::Markers), "7 views in 2 setups, to be registered by markers; lower bound 2");
+    assert_eq!(text(Registration::None), "7 views in 2 setups, not registered to each other; lower bound 2");
+}
+
+#[test]
 fn a_cycle_is_the_sum_of_its_parts() {
     let leg = |duration_secs: f64| Leg {
         via_rad: Vec::new(),
@@ -339,7 +352,7 @@ fn a_share_that_does_not_work_is_not_rounded_to_one_that_does() {
 fn advice() -> PlanAdvice {
     PlanAdvice {
         kind: AdviceKind::TurnOver,
-        changes: vec![ParamChange::Setups(2), ParamChange::Registration(crate::planning::params::Registration::Markers)],
+        changes: vec![ParamChange::Setups(2), ParamChange::Registration(Registration::Markers)],
         table_from_part: None,
         turn: Some(Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: std::f64::consts::PI }),
         added_views: 2,
