@@ -105,6 +105,18 @@ function actions(job) {
   return job.state === "cancelling" ? [] : [button("Delete", () => ask(`/jobs/${job.id}`, { method: "DELETE" }))];
 }
 
+// The sentences are the server's own: the command line and the reports have the same.
+function summaryOf(job) {
+  const summary = job.summary;
+  if (!summary) return [];
+  const next = summary.action && `Next: ${summary.action.text}`;
+  return [
+    element("li", { className: "verdict" }, summary.verdict_text),
+    ...[summary.views_text, summary.coverage_text, summary.cycle_text, next].filter(Boolean)
+      .map((text) => element("li", {}, text)),
+  ];
+}
+
 const percent = (share) => `${(100 * share).toFixed(2)} %`;
 const hasRegions = (job) => job.results.some((file) => file.name === "regions.csv");
 
@@ -144,6 +156,8 @@ function draw(job) {
   time.dateTime = job.created_at;
   time.textContent = new Date(job.created_at).toLocaleString();
   item.querySelector(".facts").textContent = facts(job);
+  item.dataset.verdict = job.summary?.verdict ?? "";
+  item.querySelector(".summary").replaceChildren(...summaryOf(job));
   const progress = item.querySelector("progress");
   progress.hidden = !["running", "cancelling"].includes(job.state);
   progress.value = job.fraction;

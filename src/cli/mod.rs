@@ -40,6 +40,7 @@ pub mod robot;
 pub mod serve;
 mod signals;
 pub mod study;
+mod summary;
 mod telemetry;
 
 /// Plan automated 3D scans: mesh and cell in; viewpoints, proof of coverage and robot program out.

@@ -1,6 +1,5 @@
 //! `vantage plan`: plans a part with the server's pipeline, without a server.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,7 +11,7 @@ use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
 use super::progress::{Course, Progress};
-use super::{CliError, features, out, output};
+use super::{CliError, features, out, output, summary};
 use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Poll};
@@ -24,8 +23,8 @@ use crate::planning::sequence::Roadmaps;
 use crate::service::plan_job::{Artifact, PlanJob};
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
-use crate::wire::plan::{DrawnDocument, PlanDocument, RegionCoverageDocument, RemedyDocument, RobustDocument, SetupDocument};
-use crate::wire::words::{area_mm2, at_risk_sentence, headline, no_plan_sentence, stability_sentence};
+use crate::wire::plan::{RegionCoverageDocument, RobustDocument};
+use crate::wire::words::no_plan_sentence;
 use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
@@ -33,7 +32,7 @@ const EXAMPLES: &str = "Examples:
   vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
   vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
 
-Files written to --out: plan.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
+Files written to --out: plan.json, summary.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
 spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
 regions of interest or features; candidates.json, every candidate with what it measures and how well, with
 --set output.candidates=true.
@@ -269,107 +268,6 @@ fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError
     if args.json {
         return output::bytes(bytes);
     }
-    let plan: PlanDocument = serde_json::from_slice(bytes).map_err(|error| CliError::BadInput(error.to_string()))?;
-    let coverage = &plan.coverage;
-    // Writing to a string cannot fail.
-    let mut out = String::new();
-    let _ = writeln!(out, "{} views (stopped: {}); simulated coverage:", plan.viewpoints.len(), plan.stopped_because);
-    for figure in headline(coverage) {
-        let _ = writeln!(out, "  {:>6.2} %  {:<26} {}", 100.0 * figure.share, figure.name, figure.meaning);
-    }
-    if let Some(at_risk) = &coverage.at_risk {
-        let _ = writeln!(out, "  {}", at_risk_sentence(at_risk));
-    }
-    if let Some(robust) = &coverage.robust {
-        let _ = writeln!(out, "  {}", under_pose_errors(robust));
-    }
-    for setup in setup_lines(&plan) {
-        let _ = writeln!(out, "  {setup}");
-    }
-    for link in &plan.setup_links {
-        let _ =
-            writeln!(out, "  setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability));
-    }
-    for region in &coverage.regions {
-        let _ = writeln!(out, "{}", region_summary(region));
-    }
-    for advice in &plan.advice {
-        let _ = writeln!(out, "  advice: {}\n                   {}", advice.text, advice.options());
-    }
-    for missed in &plan.missed {
-        let _ = writeln!(out, "  missed {:>6.2} %  {}", 100.0 * missed.area_mm2 / coverage.asked_area_mm2, missed.reason);
-        if let Some(remedy) = &missed.remedy {
-            let _ = writeln!(out, "                   largest spot: {}", advice(remedy, plan.params.setups));
-        }
-    }
-    let _ = writeln!(out, "Report: {}", args.out.join("report.html").display());
-    output::text(out)
-}
-
-/// Setups with how the part lies in each, one on a line.
-fn setup_lines(plan: &PlanDocument) -> Vec<String> {
-    let line = |(number, setup): (usize, &SetupDocument)| {
-        let turn = setup.turn.as_ref().map_or_else(|| "as it is laid first".to_owned(), |turn| turn.text.clone());
-        format!("setup {}: {turn}; {} views", number + 1, setup.viewpoints.len())
-    };
-    plan.setups.iter().enumerate().map(line).collect()
-}
-
-/// Coverage of a region: what is asked and what is reached on one line, and the reasons on another if that is too little.
-pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
-    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {mm} mm"));
-    let target = match (region.target, region.met) {
-        (Some(target), Some(true)) => format!("target {:.2} %: met", 100.0 * target),
-        (Some(target), _) => format!("target {:.2} %: NOT MET", 100.0 * target),
-        (None, _) => "no target".to_owned(),
-    };
-    let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n                   missed: {why}"));
-    format!(
-        "  region {:?} ({}{tolerance}; {} mm², {} samples): {:.2} %, {target}{why}",
-        region.name,
-        region.kind,
-        area_mm2(region.asked_area_mm2),
-        region.samples,
-        100.0 * region.of_asked
-    )
-}
-
-/// Lowest shares of the asked area under pose errors, on one line.
-fn under_pose_errors(robust: &RobustDocument) -> String {
-    let worst = |name: &str, drawn: &DrawnDocument| format!("{:.2} % {name}", 100.0 * drawn.worst);
-    let mut cases = vec![worst("each view", &robust.of_asked), worst("the part", &robust.part.of_asked)];
-    cases.extend(robust.hand_eye.as_ref().map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked)));
-    let error = robust.pose_error;
-    format!(
-        "lowest of asked in {} draws each, off by {}° and {} mm: {}",
-        robust.draws,
-        error.angle_deg,
-        error.translation_mm,
-        cases.join(", ")
-    )
-}
-
-/// Advice for a missed spot, on one line; `setups` is the number that the plan allowed. Where it does not do for the spot, the
-/// share that it measures comes first.
-pub(super) fn advice(remedy: &RemedyDocument, setups: u32) -> String {
-    let recovers = |advice: &str| match remedy.partial_share() {
-        Some(share) => format!("{share}: {advice}"),
-        None => format!("{advice}: recovers {} mm² ({:.0} %)", area_mm2(remedy.area_mm2), 100.0 * remedy.of_spot),
-    };
-    match remedy.kind.as_str() {
-        "none" if remedy.tried == 1 => "no fix found (the one view tried does not see half of it)".to_owned(),
-        "none" => format!("no fix found (no 8 of the {} views tried see half of it)", remedy.tried),
-        "setup" => {
-            let turn = remedy.turn.as_ref().map_or("turn it onto another side", |turn| turn.text.as_str());
-            let knob = if setups == 1 { "try --set setups=2" } else { "set part.resting_poses" };
-            recovers(&format!("{turn} and scan again ({knob})"))
-        }
-        "view" => {
-            let views =
-                if remedy.views.len() == 1 { "1 more view".to_owned() } else { format!("{} more views", remedy.views.len()) };
-            let would = if remedy.partial_share().is_some() { "" } else { " would measure it" };
-            recovers(&format!("{views}{would} (raise selection.target or selection.max_views)"))
-        }
-        _ => remedy.text.clone(),
-    }
+    let lines = summary::lines(artifacts)?.join("\n");
+    output::text(format!("{lines}\nReport: {}\n", args.out.join("report.html").display()))
 }

@@ -2,11 +2,11 @@ use std::path::PathBuf;
 
 use super::inspect::{InspectArgs, report};
 use super::*;
-use crate::cell::{CellSpec, Named, PoseSpec, Presets, SpecLibrary};
+use crate::cell::{CellSpec, Named, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
 use crate::testing::arm_urdf;
-use crate::wire::plan::{RegionCoverageDocument, RegionMissDocument, RemedyDocument, RemedyViewDocument, TurnDocument};
+use crate::wire::plan::{RegionCoverageDocument, RegionMissDocument};
 
 fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String, CliError> {
     let folder = tempfile::tempdir().expect("a folder");
@@ -126,50 +126,6 @@ fn results_replace_what_was_there_and_leave_no_parts() {
     assert_eq!(error.exit_code(), 1, "{error}");
 }
 
-fn upside_down() -> TurnDocument {
-    TurnDocument { kind: "upside_down".to_owned(), side: None, angle_deg: 180.0, text: "turn it upside down".to_owned() }
-}
-
-#[test]
-fn advice_for_a_missed_spot_is_one_line_with_what_it_recovers() {
-    let view = RemedyViewDocument {
-        candidate: 212,
-        roll_deg: 0.0,
-        tilt_deg: 0.0,
-        standoff_mm: 480.0,
-        part_from_scanner: PoseSpec::default(),
-        area_mm2: 30.0,
-    };
-    let remedy = |kind: &str, views: usize| RemedyDocument {
-        kind: kind.to_owned(),
-        text: "tilt candidate 7 by 20°".to_owned(),
-        views: vec![view.clone(); views],
-        table_from_part: None,
-        turn: (kind == "setup").then(upside_down),
-        camera_deg: None,
-        projector_deg: None,
-        area_mm2: 61.1,
-        of_spot: 0.93,
-        tried: 830,
-    };
-    for (kind, views, setups, advice) in [
-        ("none", 0, 1, "no fix found (no 8 of the 830 views tried see half of it)"),
-        ("setup", 1, 1, "turn it upside down and scan again (try --set setups=2): recovers 61.1 mm² (93 %)"),
-        ("setup", 1, 2, "turn it upside down and scan again (set part.resting_poses): recovers 61.1 mm² (93 %)"),
-        ("view", 1, 1, "1 more view would measure it (raise selection.target or selection.max_views): recovers 61.1 mm² (93 %)"),
-        ("view", 3, 1, "3 more views would measure it (raise selection.target or selection.max_views): recovers 61.1 mm² (93 %)"),
-        ("tilt", 1, 1, "tilt candidate 7 by 20°"),
-    ] {
-        assert_eq!(plan::advice(&remedy(kind, views), setups), advice);
-    }
-    for (kind, advice) in [
-        ("setup", "only 75 % of it, 61.1 mm²: turn it upside down and scan again (try --set setups=2)"),
-        ("view", "only 75 % of it, 61.1 mm²: 2 more views (raise selection.target or selection.max_views)"),
-    ] {
-        assert_eq!(plan::advice(&RemedyDocument { of_spot: 0.75, ..remedy(kind, 2) }, 1), advice);
-    }
-}
-
 #[test]
 fn a_region_is_told_with_what_is_asked_reached_and_missed() {
     let unmet = RegionCoverageDocument {
@@ -189,16 +145,16 @@ fn a_region_is_told_with_what_is_asked_reached_and_missed() {
         beyond_noise_area_mm2: 900.0,
         why_unmet: Some("below_grade 900.0 mm²".to_owned()),
     };
-    let told = plan::region_summary(&unmet);
+    let told = summary::region_summary(&unmet);
     assert_eq!(
         told,
-        "  region \"bore\" (feature, tolerance 0.05 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n                   \
-         missed: below_grade 900.0 mm²"
+        "region \"bore\" (feature, tolerance 0.05 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n  missed: \
+         below_grade 900.0 mm²"
     );
     let met = RegionCoverageDocument { of_asked: 0.97, met: Some(true), why_unmet: None, ..unmet.clone() };
-    assert!(plan::region_summary(&met).ends_with(": 97.00 %, target 95.00 %: met"));
+    assert!(summary::region_summary(&met).ends_with(": 97.00 %, target 95.00 %: met"));
     let free = RegionCoverageDocument { target: None, met: None, tolerance_mm: None, why_unmet: None, ..unmet };
-    assert!(plan::region_summary(&free).ends_with("(feature; 900.0 mm², 90 samples): 0.00 %, no target"));
+    assert!(summary::region_summary(&free).ends_with("(feature; 900.0 mm², 90 samples): 0.00 %, no target"));
 }
 
 #[test]

@@ -15,10 +15,11 @@ use crate::planning::plan::{
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RobustDocument};
+use crate::wire::summary::Summary;
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{
-    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, fixed, freedom, headline, lie_phrase,
-    noise_remark, remedy_sentence, risk_meaning, treated_spots,
+    NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fixed, freedom, headline,
+    lie_phrase, noise_remark, remedy_sentence, risk_meaning, treated_spots,
 };
 
 /// The text. Same plan, same text; every line ends with a newline.
@@ -31,6 +32,7 @@ pub fn text(plan: &Plan) -> String {
 }
 
 fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
+    write_summary(out, plan)?;
     write_part(out, plan)?;
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
@@ -47,6 +49,12 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
     write_obstructions(out, &plan.obstructions)?;
     write_advice(out, plan)?;
     write_missed(out, &plan.missed, plan.coverage.asked_area_mm2)
+}
+
+/// Writes the summary in the sentences that every output has.
+fn write_summary(out: &mut String, plan: &Plan) -> fmt::Result {
+    Summary::of(plan).lines().iter().try_for_each(|line| writeln!(out, "{line}"))?;
+    writeln!(out)
 }
 
 fn write_part(out: &mut String, plan: &Plan) -> fmt::Result {
@@ -69,7 +77,8 @@ fn write_setups(out: &mut String, plan: &Plan) -> fmt::Result {
     SetupId::number(&plan.setups).try_for_each(|(id, setup)| {
         let asked_mm2 = plan.coverage.asked_area_mm2;
         let [measured, coverable] = [setup.measured_area_mm2, setup.coverable_area_mm2].map(|mm2| percent(share(mm2, asked_mm2)));
-        let (views, lies) = (setup.views.len(), pose(&setup.table_from_part));
+        let executed = setup.views.iter().filter(|view| plan.views[view.index()].rejected.is_none()).count();
+        let (views, lies) = (executed, pose(&setup.table_from_part));
         let turn = plan.turn_into(id).map_or_else(String::new, |turn| format!("{}; ", lie_phrase(&turn)));
         write!(out, "  {}: {turn}{views} views measure {measured} % of the asked area", id.0 + 1)?;
         writeln!(out, ", of {coverable} % that candidates here could; {lies}")
@@ -316,10 +325,6 @@ fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
 
 fn leg_text(leg: &Leg) -> String {
     format!("{} s, {} between", fixed(leg.duration_secs, 1), counted(leg.via_rad.len(), "point"))
-}
-
-fn counted(count: usize, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 fn station_text(station: &Station) -> String {

@@ -19,6 +19,7 @@ use super::store::{Attempt, AttemptOutcome};
 use super::submit::job_input;
 use crate::planning::Allowance;
 use crate::planning::context::{Context, Observer, Stage};
+use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
 
 /// Min time between two progress updates within a stage; the beginning of a stage is always reported.
@@ -277,12 +278,15 @@ impl App {
             Ok(bytes) => artifacts.push(Artifact { name: "timings.json".into(), bytes }),
             Err(error) => return self.record_outcome(id, AttemptOutcome::Failed(internal(&error.into())), timings).await,
         }
-        let artifacts = Arc::new(artifacts);
+        let (summary, artifacts) = (summary_of(&artifacts), Arc::new(artifacts));
         let mut pause = STORE_RETRY;
         let outcome = loop {
             match self.0.store.put_artifacts(Arc::clone(&artifacts)).await {
                 // `stored` pins its files until their rows are written.
-                Ok(stored) => return self.record_outcome(id, AttemptOutcome::Succeeded(stored.files.clone()), timings).await,
+                Ok(stored) => {
+                    let outcome = AttemptOutcome::Succeeded { files: stored.files.clone(), summary };
+                    return self.record_outcome(id, outcome, timings).await;
+                }
                 Err(error) if error.is_transient() => {
                     tracing::warn!(error = &error as &dyn std::error::Error, "results cannot be stored at the moment; retrying");
                 }
@@ -324,6 +328,13 @@ impl App {
             self.pause(STORE_RETRY).await;
         }
     }
+}
+
+/// Summary of the plan among the files of an attempt.
+fn summary_of(artifacts: &[Artifact]) -> Option<Box<Summary>> {
+    let file = artifacts.iter().find(|artifact| artifact.name == SUMMARY_FILE)?;
+    let summary = serde_json::from_slice(&file.bytes);
+    summary.inspect_err(|error| tracing::warn!(error = error as &dyn std::error::Error, "a summary cannot be read")).ok()
 }
 
 fn job_problem(error: AttemptError) -> JobProblem {

@@ -22,6 +22,7 @@ use crate::wire::echo::Echo;
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
+use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -65,6 +66,11 @@ pub struct PlanJob<'a> {
     pub params: &'a PlanParams,
     /// Fields of the request that the files echo.
     pub echo: Echo,
+}
+
+/// The summary of a plan whose file is `document`.
+fn summary_bytes(plan: &Plan, document: &[u8]) -> Vec<u8> {
+    json_file_bytes(&Summary::of(plan).of_file(hex(&Sha256::digest(document))))
 }
 
 impl PlanJob<'_> {
@@ -113,6 +119,7 @@ impl PlanJob<'_> {
             echo: &self.echo,
         };
         let mut files: Vec<(Cow<'static, str>, Vec<u8>)> = vec![
+            (SUMMARY_FILE.into(), summary_bytes(plan, &document)),
             ("plan.json".into(), document),
             ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan))),
             ("viewpoints.csv".into(), viewpoints::csv(plan).into_bytes()),

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::ids::JobId;
 use super::job::JobState;
+use super::summary::Summary;
 use crate::cell::closed_list;
 
 closed_list! {
@@ -62,4 +63,7 @@ pub struct JobEvent {
     /// Code of the problem if the job failed, or reason of the deletion if retention deleted it; absent otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<String>,
+    /// Summary of the plan if the job succeeded; absent otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub summary: Option<Summary>,
 }

@@ -10,6 +10,7 @@ use super::echo::Echo;
 use super::ids::{JobId, MeshId};
 use super::plan::RegionCoverageDocument;
 use super::problem::JobProblem;
+use super::summary::Summary;
 use super::warnings::FieldWarning;
 use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec};
 use crate::planning::params::PlanParams;
@@ -223,6 +224,8 @@ pub struct Job {
     pub problem: Option<JobProblem>,
     /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
+    /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
+    pub summary: Option<Summary>,
     /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
     pub results: Vec<JobFile>,
 }
@@ -283,6 +286,8 @@ pub struct JobListItem {
     pub problem: Option<JobProblem>,
     /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
+    /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
+    pub summary: Option<Summary>,
     /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
     pub results: Vec<JobFile>,
 }

@@ -25,6 +25,7 @@ pub mod regions;
 pub mod scanner_facts;
 mod spec;
 mod storage;
+pub mod summary;
 mod system;
 mod tally;
 pub mod viewpoints;

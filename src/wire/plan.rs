@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+pub(in crate::wire) use advice::options;
 pub use advice::{AdviceDocument, TurnDocument};
 pub use at_risk::{AtRiskDocument, RiskReasonDocument};
 pub use coverage::{

@@ -143,6 +143,34 @@ pub fn risk_meaning(reason: RiskReason, realism: &RealismParams) -> String {
     }
 }
 
+/// A cause as a remark on a spot: "the part stands on it".
+#[must_use]
+pub fn cause_phrase(cause: Cause) -> &'static str {
+    match cause {
+        Cause::ExcludedResting => "the part stands on it",
+        Cause::Enclosed => "enclosed by the part",
+        Cause::FacesTable => "faces the table",
+        Cause::Facing => "faces away",
+        Cause::Depth => "outside the working depth",
+        Cause::FrameLeft => "outside the left image",
+        Cause::FrameRight => "outside the right image",
+        Cause::FrameProjector => "outside the projected field",
+        Cause::IncidenceLeft => "too oblique for the left camera",
+        Cause::IncidenceRight => "too oblique for the right camera",
+        Cause::IncidenceProjector => "too oblique for the projector",
+        Cause::ShadowLeft => "hidden from the left camera",
+        Cause::ShadowRight => "hidden from the right camera",
+        Cause::ShadowProjector => "in the projector's shadow",
+        Cause::BelowGrade => "not measured well enough",
+        Cause::Unreachable => "out of the robot's reach",
+        Cause::Collision => "collision",
+        Cause::HiddenByCell => "hidden by an obstacle of the cell",
+        Cause::NoPath => "no safe path found",
+        Cause::NotChosen => "measurable, but no view chosen",
+        Cause::AtRisk => "measured, but at risk",
+    }
+}
+
 /// The spots for which a remedy was searched for, largest first.
 #[must_use]
 pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy)> {
@@ -281,15 +309,18 @@ pub fn partial_share(of_spot: f64, measured_mm2: f64) -> Option<String> {
     partial_percent(of_spot).map(|percent| format!("only {percent} of it, {} mm²", area_mm2(measured_mm2)))
 }
 
+/// The finding that none of so many views tried for a spot helps.
+pub(crate) fn none_found(tried: usize) -> String {
+    match tried {
+        1 => "no fix found (the one view tried does not see half of it)".to_owned(),
+        tried => format!("no fix found (no 8 of the {tried} views tried see half of it)"),
+    }
+}
+
 /// A remedy in a sentence. Where it does not work, the share that it measures comes first.
 #[must_use]
 pub fn remedy_sentence(remedy: &Remedy) -> String {
-    let Some(first) = remedy.views.first() else {
-        return match remedy.tried {
-            1 => "no fix found (the one view tried does not see half of it)".into(),
-            tried => format!("no fix found (no 8 of the {tried} views tried see half of it)"),
-        };
-    };
+    let Some(first) = remedy.views.first() else { return none_found(remedy.tried) };
     let candidate = first.candidate.0;
     let mut text = match remedy.kind {
         RemedyKind::View => format!("choose candidate {candidate} too (raise selection.target or selection.max_views)"),
@@ -353,14 +384,19 @@ pub fn lie_phrase(turn: &Turn) -> String {
 }
 
 fn limits_text(remedy: &Remedy) -> String {
-    let limit =
-        |name: &str, deg: Option<f64>| deg.map(|deg| format!("{name} to {}°", fixed((deg * 10.0 + 1e-6).floor() / 10.0, 1)));
+    let limit = |name: &str, deg: Option<f64>| deg.map(|deg| format!("{name} to {}°", fixed(rounded_down_deg(deg), 1)));
     let limits = [limit("limits.camera_deg", remedy.camera_deg), limit("limits.projector_deg", remedy.projector_deg)];
     let limits: Vec<_> = limits.into_iter().flatten().collect();
     let from = remedy.views.first().map_or_else(String::new, |first| {
         format!(" and look from candidate {}{}{}", first.candidate.0, tilted(first), rolled(first))
     });
     format!("raise {}{from}", limits.join(" and "))
+}
+
+/// A limit of incidence rounded down to a tenth of a degree: it may not exceed a device's own.
+pub(crate) fn rounded_down_deg(deg: f64) -> f64 {
+    // A value that one decimal holds is not rounded down for its last bit.
+    (deg * 10.0 + 1e-6).floor() / 10.0
 }
 
 fn tilted(view: &RemedyView) -> String {
@@ -383,6 +419,11 @@ pub(crate) fn area_mm2(area_mm2: f64) -> String {
     let size = area_mm2.abs();
     let decimals = if size > 0.0 && size < SMALL_MM2 { (2.0 - size.log10().floor()).min(MAX_DECIMALS) } else { 1.0 };
     fixed(area_mm2, decimals as usize)
+}
+
+/// A number with its noun: "1 view", "2 views".
+pub(crate) fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Formats `value` with so many decimals; zero has no sign.

@@ -15,6 +15,7 @@ use vantage::planning::{PlanInput, plan};
 use vantage::report::text::text;
 use vantage::wire::echo::Echo;
 use vantage::wire::plan::PlanDocument;
+use vantage::wire::summary::PlanVerdict;
 use vantage::wire::warnings::WarningCode;
 
 use crate::support::{box_mesh, nominal_scanner, plan_viewpoints};
@@ -198,6 +199,8 @@ fn a_plan_that_pose_errors_cost_much_of_its_coverage_warns_and_one_that_tolerate
         let document = PlanDocument::new(&outcome, &scanner, None, Echo::default());
         let told = text(&outcome.plan).contains("\nwarning, fragile_under_pose_error: robust.select is false, and an error of");
         assert_eq!(told, !document.warnings.is_empty(), "the report says what the document does");
+        let verdict = if told { PlanVerdict::Fragile } else { PlanVerdict::TargetMet };
+        assert_eq!(PlanVerdict::of(&outcome.plan), verdict, "and so does the verdict");
         document.warnings
     };
     assert_eq!(warnings(0.01, 0.01), []);

@@ -14,10 +14,10 @@ use super::candidates::Rejection;
 use super::context::{Cancelled, Context, NoPlan};
 use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
 use super::missed::{self, CanExecute, MissAnalysis};
-use super::params::{SelectionParams, TargetOf};
+use super::params::SelectionParams;
 use super::plan::{
     CandidateCounts, CandidateFate, Cause, Coverage, Fate, MissedCause, Outcome, PartFacts, Plan, PlannedView, RegionCoverage,
-    SHARE_SLACK, SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
+    SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
 use super::realism;
@@ -272,14 +272,7 @@ fn graded(problem: &ViewPlanningProblem<'_>, candidate: CandidateIndex) -> Row {
 /// measured counts too, as it does in the coverable area. One that met its target, or could gain nothing more, still leaves
 /// regions unmet whose measured share of the asked area is below their own target.
 fn stopped_because(ended_by: StopReason, gave_up_views: bool, coverage: &Coverage, params: &SelectionParams) -> StopReason {
-    let whole_mm2 = match params.target_of {
-        TargetOf::Coverable => coverage.coverable_area_mm2,
-        TargetOf::Asked => coverage.asked_area_mm2,
-        TargetOf::Total => coverage.total_area_mm2,
-    };
-    // Views are chosen as if what is at risk counted.
-    let left_out_mm2 = if coverage.at_risk.is_counted { 0.0 } else { coverage.at_risk.area_mm2 };
-    let is_short = share(coverage.measured.area_mm2 + left_out_mm2, whole_mm2) < params.target - SHARE_SLACK;
+    let is_short = !coverage.reaches_target(params);
     let leaves_unmet = coverage.regions.iter().any(RegionCoverage::is_unmet);
     match ended_by {
         StopReason::Target if gave_up_views && is_short => StopReason::NoPath,

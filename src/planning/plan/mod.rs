@@ -25,7 +25,7 @@ pub use turn::{PartSide, Turn, TurnKind};
 
 use super::candidates::Label;
 pub use super::ids::{CandidateId, SetupId, ViewId};
-use super::params::PlanParams;
+use super::params::{PlanParams, SelectionParams, TargetOf};
 pub use super::registration::Stability;
 pub use super::selection::{Bound, StopReason};
 use super::sequence::{Leg, Sequence};
@@ -112,6 +112,12 @@ impl Plan {
     pub fn visits(&self) -> impl Iterator<Item = &(ViewId, Leg)> {
         self.sequences().flat_map(|sequence| &sequence.visits)
     }
+
+    /// Number of views that are executed: those chosen, but for the ones to which no path was found.
+    #[must_use]
+    pub fn executed_views(&self) -> usize {
+        self.views.iter().filter(|view| view.rejected.is_none()).count()
+    }
 }
 
 /// Facts of the planned part.
@@ -179,6 +185,29 @@ impl Coverage {
     #[must_use]
     pub fn of_visible(&self) -> VisibleShares {
         self.measured.of_visible(self.visible_area_mm2)
+    }
+
+    /// Area of which a target is a share.
+    #[must_use]
+    pub fn whole_mm2(&self, target_of: TargetOf) -> f64 {
+        match target_of {
+            TargetOf::Coverable => self.coverable_area_mm2,
+            TargetOf::Asked => self.asked_area_mm2,
+            TargetOf::Total => self.total_area_mm2,
+        }
+    }
+
+    /// Share that is held against the target: views are chosen as if what is at risk counted.
+    #[must_use]
+    pub fn of_target(&self, target_of: TargetOf) -> f64 {
+        let left_out_mm2 = if self.at_risk.is_counted { 0.0 } else { self.at_risk.area_mm2 };
+        share(self.measured.area_mm2 + left_out_mm2, self.whole_mm2(target_of))
+    }
+
+    /// Returns true if the target of the plan is reached.
+    #[must_use]
+    pub fn reaches_target(&self, params: &SelectionParams) -> bool {
+        self.of_target(params.target_of) >= params.target - SHARE_SLACK
     }
 }
 

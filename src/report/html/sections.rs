@@ -10,12 +10,13 @@ use super::views::swatch;
 use super::words;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{
-    Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Remedy, RiskReason, Robust, SetupId, Stability, share,
+    Cause, Drawn, Grade, MissedCause, MissedSpot, Obstruction, Plan, Remedy, RiskReason, Robust, SetupId, Stability, share,
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::wire::plan::{
     AdviceDocument, AtRiskDocument, CoverageDocument, RiskReasonDocument, RobustDocument, StabilityDocument,
 };
+use crate::wire::summary::Summary;
 use crate::wire::warnings::of_robust;
 use crate::wire::words::{
     HeadlineShare, advice_sentence, changed_params, headline as headline_shares, risk_meaning, treated_spots, turn_phrase,
@@ -112,12 +113,13 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         .map(|(class, value, name)| format!("<div class=\"{class}\"><b>{value}</b><span>{name}</span></div>"))
         .collect();
     format!(
-        "<section>\n<div class=\"figures\">{}</div>\n{}{}<p style=\"margin-top:12px\"><b>Why the selection ended:</b> {} \
+        "<section>\n{}<div class=\"figures\">{}</div>\n{}{}<p style=\"margin-top:12px\"><b>Why the selection ended:</b> {} \
          Of the {} asked for, the viewpoints considered can measure {} (the coverable area).</p>\n\
          <div class=\"notice\"><p><b>This is simulated coverage, computed from the models of the part and of the scanner. \
          It is not a measurement.</b> Shiny, dark or transparent surfaces, and parts that differ from their model, give less. \
          The planner is not safety-rated: guarding, speed limits and emergency stops belong to the cell’s own safety \
          system.</p></div>\n</section>\n",
+        summary(plan),
         figures.concat(),
         grades_bar(input),
         shares_table(&CoverageDocument::from(coverage)),
@@ -125,6 +127,12 @@ pub(super) fn headline(input: &ReportInput<'_>) -> String {
         area(coverage.asked_area_mm2),
         area(coverage.coverable_area_mm2),
     )
+}
+
+/// The summary in the sentences that every output has.
+fn summary(plan: &Plan) -> String {
+    let item = |line: &String| format!("<li>{}</li>\n", escape(line.trim_start()));
+    format!("<ul class=\"card summary\">\n{}</ul>\n", Summary::of(plan).lines().iter().map(item).collect::<String>())
 }
 
 /// Table of the shares that head a plan, with the meaning of each denominator.

@@ -9,6 +9,7 @@ use tokio::sync::broadcast;
 use super::Store;
 use super::stored::{VERSION, read_leniently};
 use crate::service::error::{Error, InternalError};
+use crate::wire::summary::Summary;
 use crate::wire::{EventKind, JobEvent, JobId, JobState};
 
 /// Max events pruned in one transaction.
@@ -21,6 +22,7 @@ pub(super) struct EventBody<'a> {
     pub stage: Option<&'a str>,
     pub fraction: f64,
     pub code: Option<&'a str>,
+    pub summary: Option<&'a Summary>,
 }
 
 /// Events read from the database.
@@ -36,7 +38,7 @@ pub(crate) struct EventBatch {
 impl EventBody<'_> {
     /// Body of a change of state.
     pub(super) fn state(kind: EventKind, state: JobState) -> Self {
-        Self { kind, state, stage: None, fraction: 0.0, code: None }
+        Self { kind, state, stage: None, fraction: 0.0, code: None, summary: None }
     }
 }
 
@@ -51,6 +53,7 @@ pub(super) async fn append(tx: &mut SqliteConnection, job_id: JobId, body: Event
         stage: body.stage.map(str::to_owned),
         fraction: body.fraction,
         code: body.code.map(str::to_owned),
+        summary: body.summary.cloned(),
     };
     let row = sqlx::query("INSERT INTO event (job_id, body) VALUES (?1, ?2) RETURNING id, at")
         .bind(job_id.to_string())

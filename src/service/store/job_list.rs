@@ -7,10 +7,10 @@ use futures_util::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite};
 
-use super::Store;
 use super::jobs::{read_problem, read_state};
 use super::pages::Page;
 use super::stored::{VERSION, read_leniently};
+use super::{Store, summaries};
 use crate::service::error::Error;
 use crate::wire::{JobFile, JobListItem, JobPage, JobState};
 
@@ -67,7 +67,8 @@ fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
         "SELECT job.id, state, mesh_id, part_number, serial, cell, scanner, labels, priority, stage, fraction, attempts, timings,
             problem, created_at, started_at, ended_at,
             (SELECT json_group_array(json_object('name', name, 'sha256', sha256, 'size_bytes', size_bytes))
-                FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results
+                FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results,
+            (SELECT summary FROM job_summary WHERE job_id = job.id) AS summary
          FROM ",
     );
     let order = match &filter.label {
@@ -125,6 +126,7 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
         timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
         problem: state.err().or_else(|| read_problem(text("problem"))),
         plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        summary: summaries::read(text("summary")),
         results,
     })
 }

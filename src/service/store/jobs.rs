@@ -18,11 +18,12 @@ use super::artifacts::{self, ResultFile};
 use super::events::{self, EventBody};
 use super::idempotency::IdempotencyKey;
 use super::stored::{VERSION, read_leniently};
-use super::{Store, now, parsed};
+use super::{Store, now, parsed, summaries};
 use crate::cell::Named;
 use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::service::jobs::failure;
+use crate::wire::summary::Summary;
 use crate::wire::{EventKind, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
 
 /// A job to be inserted.
@@ -49,8 +50,8 @@ pub(crate) struct Attempt {
 /// Outcome of an attempt.
 #[derive(Clone, Debug)]
 pub(crate) enum AttemptOutcome {
-    /// The result files, all of them stored.
-    Succeeded(Vec<ResultFile>),
+    /// The result files, all of them stored, and the summary of the plan among them.
+    Succeeded { files: Vec<ResultFile>, summary: Option<Box<Summary>> },
     /// The problem, without any result.
     Failed(JobProblem),
     /// Ended by its cancel flag.
@@ -67,7 +68,8 @@ macro_rules! select_job {
             CASE WHEN state = 'queued' THEN (SELECT count(*) FROM job AS other INDEXED BY job_queue WHERE other.state = 'queued'
                 AND (other.priority > job.priority OR (other.priority = job.priority AND other.id <= job.id))) END AS position,
             (SELECT json_group_array(json_object('name', name, 'sha256', sha256, 'size_bytes', size_bytes))
-                FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results
+                FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results,
+            (SELECT summary FROM job_summary WHERE job_id = job.id) AS summary
          FROM job LEFT JOIN job_body ON job_body.job_id = job.id "
     };
 }
@@ -185,7 +187,7 @@ impl Store {
         .await?;
         let Some(state) = state else { return Ok(()) };
         let state = read_state(&state).unwrap_or(JobState::Running);
-        let body = EventBody { kind: EventKind::Progress, state, stage: Some(stage), fraction, code: None };
+        let body = EventBody { kind: EventKind::Progress, state, stage: Some(stage), fraction, code: None, summary: None };
         let event = events::append(&mut tx, id, body).await?;
         let _in_order = tx.commit_and_keep_lock().await?;
         self.publish(event);
@@ -202,21 +204,25 @@ impl Store {
         }
         let (kind, after) = match (before, outcome) {
             (JobState::Cancelling, _) | (_, AttemptOutcome::Cancelled) => (EventKind::Cancelled, JobState::Cancelled),
-            (_, AttemptOutcome::Succeeded(_)) => (EventKind::Succeeded, JobState::Succeeded),
+            (_, AttemptOutcome::Succeeded { .. }) => (EventKind::Succeeded, JobState::Succeeded),
             (_, AttemptOutcome::Failed(_)) => (EventKind::Failed, JobState::Failed),
             (_, AttemptOutcome::Interrupted) => (EventKind::Queued, JobState::Queued),
         };
-        let mut problem = None;
+        let mut ending = Ending { kind, after, problem: None, summary: None };
         match outcome {
-            AttemptOutcome::Succeeded(files) if after == JobState::Succeeded => artifacts::insert(&mut tx, id, files).await?,
-            AttemptOutcome::Failed(reason) if after == JobState::Failed => problem = Some(reason),
-            AttemptOutcome::Succeeded(_)
+            AttemptOutcome::Succeeded { files, summary } if after == JobState::Succeeded => {
+                artifacts::insert(&mut tx, id, files).await?;
+                ending.summary = summary.as_deref();
+                summaries::insert(&mut tx, id, ending.summary).await?;
+            }
+            AttemptOutcome::Failed(reason) if after == JobState::Failed => ending.problem = Some(reason),
+            AttemptOutcome::Succeeded { .. }
             | AttemptOutcome::Failed(_)
             | AttemptOutcome::Cancelled
             | AttemptOutcome::Interrupted => {}
         }
         failpoint::hit("result", "before_commit");
-        let event = end(&mut tx, id, kind, after, problem).await?;
+        let event = end_with(&mut tx, id, &ending).await?;
         let uncounted = u32::from(after == JobState::Queued);
         sqlx::query("UPDATE job SET timings = ?2, attempts = attempts - ?3 WHERE id = ?1")
             .bind(id.to_string())
@@ -428,6 +434,14 @@ fn name_of<'a, T>(named: &'a Named<T>, own: impl Fn(&'a T) -> &'a String) -> &'a
     }
 }
 
+/// End of a job's time in a state, with what is told of it.
+struct Ending<'a> {
+    kind: EventKind,
+    after: JobState,
+    problem: Option<&'a JobProblem>,
+    summary: Option<&'a Summary>,
+}
+
 /// Moves a job to the state `after`, from its attempt or from the queue, and appends the event.
 async fn end(
     tx: &mut SqliteConnection,
@@ -436,6 +450,15 @@ async fn end(
     after: JobState,
     problem: Option<&JobProblem>,
 ) -> Result<std::sync::Arc<crate::wire::JobEvent>, Error> {
+    end_with(tx, id, &Ending { kind, after, problem, summary: None }).await
+}
+
+async fn end_with(
+    tx: &mut SqliteConnection,
+    id: JobId,
+    ending: &Ending<'_>,
+) -> Result<std::sync::Arc<crate::wire::JobEvent>, Error> {
+    let Ending { kind, after, problem, summary } = *ending;
     sqlx::query(concat!(
         "UPDATE job SET state = ?2, problem = ?3, stage = NULL,
             fraction = CASE ?2 WHEN 'succeeded' THEN 1 WHEN 'queued' THEN 0 ELSE fraction END,
@@ -449,7 +472,8 @@ async fn end(
     .execute(&mut *tx)
     .await?;
     let fraction = if after == JobState::Succeeded { 1.0 } else { 0.0 };
-    events::append(tx, id, EventBody { kind, state: after, stage: None, fraction, code: problem.map(|p| p.code.as_str()) }).await
+    let code = problem.map(|p| p.code.as_str());
+    events::append(tx, id, EventBody { kind, state: after, stage: None, fraction, code, summary }).await
 }
 
 /// State of a job. An unreadable state counts as failed, so that the job can be deleted.
@@ -516,6 +540,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         regions: Vec::new(),
         problem: state.err().or(problem),
         plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        summary: summaries::read(text("summary")),
         results,
     })
 }

@@ -19,6 +19,7 @@ mod retention;
 mod scrub;
 mod specs;
 mod stored;
+mod summaries;
 mod sweep;
 mod writer;
 
@@ -229,6 +230,7 @@ fn migrator() -> Migrator {
     Migrator::with_migrations(vec![
         migration(1, "first", include_str!("migrations/0001_first.sql")),
         migration(2, "growth", include_str!("migrations/0002_growth.sql")),
+        migration(4, "summary", include_str!("migrations/0004_summary.sql")),
     ])
 }
 

@@ -3,6 +3,7 @@
 mod damage;
 mod list;
 mod retention;
+mod summary;
 mod upgrade;
 
 use super::*;
@@ -58,7 +59,8 @@ async fn submit(store: &Store, mesh: MeshId) -> JobId {
 async fn succeed(store: &Store, id: JobId, files: Vec<(&'static str, Vec<u8>)>) -> JobState {
     let artifacts = files.into_iter().map(|(name, bytes)| Artifact { name: name.into(), bytes }).collect();
     let stored = store.put_artifacts(Arc::new(artifacts)).await.expect("files");
-    store.end_attempt(id, &AttemptOutcome::Succeeded(stored.files.clone()), "{}").await.expect("an end")
+    let outcome = AttemptOutcome::Succeeded { files: stored.files.clone(), summary: None };
+    store.end_attempt(id, &outcome, "{}").await.expect("an end")
 }
 
 fn exhausted() -> JobProblem {

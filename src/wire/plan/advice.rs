@@ -140,13 +140,18 @@ impl AdviceDocument {
     /// Options of the command line that set the parameters.
     #[must_use]
     pub fn options(&self) -> String {
-        let option = |(name, value): (&String, &Value)| match value {
-            Value::Array(_) | Value::Object(_) => format!("--set '{name}={value}'"),
-            Value::String(text) => format!("--set {name}={text}"),
-            Value::Null | Value::Bool(_) | Value::Number(_) => format!("--set {name}={value}"),
-        };
-        self.set.iter().rev().map(option).collect::<Vec<_>>().join(" ")
+        options(&self.set)
     }
+}
+
+/// Options of the command line that set parameters, given by their dotted names.
+pub(in crate::wire) fn options(set: &BTreeMap<String, Value>) -> String {
+    let option = |(name, value): (&String, &Value)| match value {
+        Value::Array(_) | Value::Object(_) => format!("--set '{name}={value}'"),
+        Value::String(text) => format!("--set {name}={text}"),
+        Value::Null | Value::Bool(_) | Value::Number(_) => format!("--set {name}={value}"),
+    };
+    set.iter().rev().map(option).collect::<Vec<_>>().join(" ")
 }
 
 /// Name and value of a parameter to set.

@@ -7,7 +7,7 @@ use super::advice::TurnDocument;
 use crate::cell::PoseSpec;
 use crate::planning::plan::{MissedCause, MissedSpot, Remedy, RemedyView};
 use crate::wire::angle::degrees;
-use crate::wire::words::{partial_share, remedy_sentence};
+use crate::wire::words::remedy_sentence;
 
 /// Area missed for one cause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -117,14 +117,6 @@ fn treated_spot(spot: &MissedSpot) -> Option<TreatedSpotDocument> {
 /// An angle that may come from a device in radians, rounded as [`degrees`] does.
 fn rounded_deg(angle_deg: f64) -> f64 {
     degrees(angle_deg.to_radians())
-}
-
-impl RemedyDocument {
-    /// Share and area of the spot that the views measure, to be said first; `None` for a remedy that works.
-    #[must_use]
-    pub fn partial_share(&self) -> Option<String> {
-        partial_share(self.of_spot, self.area_mm2)
-    }
 }
 
 impl From<&Remedy> for RemedyDocument {

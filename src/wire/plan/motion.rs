@@ -40,7 +40,7 @@ pub struct MotionDocument {
 
 impl MotionDocument {
     /// Sums up the motion of a plan; `None` without a cell.
-    pub(super) fn of(plan: &Plan) -> Option<Self> {
+    pub(in crate::wire) fn of(plan: &Plan) -> Option<Self> {
         plan.sequences().next()?;
         let (visits, scan) = (plan.visits().count() as f64, &plan.params.scan);
         let moving_secs: f64 = plan.sequences().map(Sequence::motion_secs).sum();

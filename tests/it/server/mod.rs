@@ -16,3 +16,4 @@ mod oracle_schemathesis;
 pub(crate) mod process;
 mod rows;
 mod shortage;
+mod summary;

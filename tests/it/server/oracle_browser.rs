@@ -17,7 +17,12 @@ fn the_page_lists_a_job_and_links_its_results() {
     let params = format!(r#"{{"selection": {{"max_views": 1}}, "part": {{"samples_per_mm2": 0.05}}, {regions}}}"#);
     let job = server.submit(&mesh, &params).expect("a job");
     let id = job["id"].as_str().expect("an id");
-    assert_eq!(server.ended(id)["state"], "succeeded");
+    let ended = server.ended(id);
+    assert_eq!(ended["state"], "succeeded");
+    let text = |field: &str| ended["summary"][field].as_str().expect("a sentence");
+    let summary = [text("verdict_text"), text("views_text"), text("coverage_text")];
+    // Quotes stay as they are between tags.
+    assert!(summary.iter().all(|text| !text.contains(['<', '>', '&'])), "{summary:?}");
 
     let profile = tempfile::tempdir().expect("a folder");
     let started = Command::new("timeout")
@@ -40,7 +45,7 @@ fn the_page_lists_a_job_and_links_its_results() {
     let page = String::from_utf8_lossy(&output.stdout);
     let list = page.split("<template").next().expect("what stands before the template");
     let links = ["plan", "report", "files/regions.csv"].map(|path| format!("/api/v1/jobs/{id}/{path}"));
-    for wanted in ["succeeded", &links[0], &links[1], &links[2], "every side", "not met"] {
+    for wanted in ["succeeded", &links[0], &links[1], &links[2], "every side", "not met"].into_iter().chain(summary) {
         assert!(list.contains(wanted), "{wanted} is not in\n{list}");
     }
 }

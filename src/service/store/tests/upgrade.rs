@@ -80,6 +80,9 @@ async fn a_store_of_the_version_before_loses_nothing() {
     }
     assert!(store.claim().await.expect("the queue").is_none());
     assert_eq!(store.job(job_id(4)).await.expect("it").problem.expect("why").code, "job_unreadable");
+    // A job that ended before summaries were stored has none.
+    assert_eq!(store.job(job_id(3)).await.expect("it").summary, None);
+    assert!(page.items.iter().all(|job| job.summary.is_none()));
     let file = store.result(job_id(3), "plan.json").await.expect("the old result");
     assert_eq!((file.result.sha256.as_str(), file.file_sha256.as_str(), file.file_bytes), ("bb", "bb", 7));
     assert!(matches!(store.open_result(&file, true).await.err(), Some(Error::FileDamaged { missing: true, .. })));

@@ -1,0 +1,276 @@
+//! Summary of a plan: verdict, views, coverage, cycle, missed spots in groups, and the one best action, as numbers and as the
+//! sentences that the command line, both reports, the job, the list of jobs and the page show. It is stored as `summary.json`,
+//! schema `vantage.summary/1`.
+
+mod action;
+mod missed;
+mod verdict;
+
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+pub use action::SummaryAction;
+pub use missed::MissedGroup;
+pub use verdict::PlanVerdict;
+
+use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
+use super::words::{counted, fixed, headline};
+use crate::planning::params::{Registration, SelectionGoal};
+use crate::planning::plan::{Plan, RegionCoverage};
+use crate::planning::sequence::Sequence;
+
+/// Schema name in the document.
+pub const SUMMARY_SCHEMA: &str = "vantage.summary/1";
+/// Name of the file.
+pub const SUMMARY_FILE: &str = "summary.json";
+
+/// Summary of a plan (`summary.json`), short enough for a row of a table. Texts are sentences without a full stop, the same in
+/// every output.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct Summary {
+    /// Schema name, `vantage.summary/1`.
+    pub schema: String,
+    /// Verdict on the plan.
+    pub verdict: PlanVerdict,
+    /// Verdict in a sentence, with its figures.
+    pub verdict_text: String,
+    /// Number of views that are executed.
+    pub views: usize,
+    /// Number of views that were chosen; those to which no collision-free path was found are not executed.
+    pub views_chosen: usize,
+    /// Number of setups.
+    pub setups: usize,
+    /// Views and setups in a sentence.
+    pub views_text: String,
+    /// Shares that head the plan.
+    pub coverage: SummaryShares,
+    /// These shares in a sentence.
+    pub coverage_text: String,
+    /// Shares of the asked area by grade.
+    pub grades: GradesDocument,
+    /// Predicted cycle time, s; turning the part over between setups is not counted. `null` without a cell.
+    pub cycle_secs: Option<f64>,
+    /// Parts of the cycle time; `null` without a cell.
+    pub cycle_parts: Option<CycleParts>,
+    /// Cycle time and its parts in a sentence; `null` without a cell.
+    pub cycle_text: Option<String>,
+    /// Number of regions of interest and features that have a target.
+    pub regions_with_target: usize,
+    /// Number of those that do not reach it.
+    pub regions_unmet: usize,
+    /// Missed share of the asked area, on the samples that views are chosen on.
+    pub missed_of_asked: f64,
+    /// Number of missed spots.
+    pub missed_spots: usize,
+    /// Missed share and spots in a sentence.
+    pub missed_text: String,
+    /// Missed spots, those of the same cause and the same fix together, the largest area first.
+    pub missed: Vec<MissedGroup>,
+    /// Action that would measure most more; `null` if none is known.
+    pub action: Option<SummaryAction>,
+    /// SHA-256 of `plan.json`, of which this is the summary; `null` before that is written.
+    pub plan_sha256: Option<String>,
+}
+
+/// Shares that head a plan: on independent samples, but for the coverable area, which is known on the others alone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct SummaryShares {
+    /// Measured share of the visible area: what neither stands on the table nor is enclosed by the part.
+    pub of_visible: f64,
+    /// Share of the visible area measured at grade A or B.
+    pub grades_a_b_of_visible: f64,
+    /// Share of the visible area measured at an incidence of at most 35°.
+    pub within_35_deg_of_visible: f64,
+    /// Share of the visible area measured at an incidence of at most 60°.
+    pub within_60_deg_of_visible: f64,
+    /// Measured share of the asked area.
+    pub of_asked: f64,
+    /// Measured share of the coverable area.
+    pub of_coverable: f64,
+    /// Measured share of the whole surface.
+    pub of_total: f64,
+}
+
+/// Parts of a cycle time, summed over all setups. Moving, settling and scanning add up to it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct CycleParts {
+    /// Time of all moves, s.
+    pub moving_secs: f64,
+    /// Part of that time in which the table turns, s.
+    pub turning_secs: f64,
+    /// Time spent waiting for everything to stand still, s.
+    pub settling_secs: f64,
+    /// Time of all captures, s.
+    pub scanning_secs: f64,
+}
+
+impl Summary {
+    /// Summarises a plan.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        let document = CoverageDocument::from(&plan.coverage);
+        let (coverage, motion) = (SummaryShares::from(&document), MotionDocument::of(plan));
+        let groups = missed::groups(plan);
+        let missed_spots = plan.missed.iter().map(|missed| missed.spots.len()).sum();
+        let missed_of_asked = 1.0 - plan.coverage.of_asked();
+        let (verdict, regions) = (PlanVerdict::of(plan), &plan.coverage.regions);
+        Self {
+            schema: SUMMARY_SCHEMA.to_owned(),
+            verdict,
+            verdict_text: verdict::text(verdict, plan),
+            views: plan.executed_views(),
+            views_chosen: plan.views.len(),
+            setups: plan.setups.len(),
+            views_text: views_text(plan),
+            coverage_text: coverage.text(),
+            coverage,
+            grades: document.grades,
+            cycle_secs: motion.map(|motion| motion.cycle_secs),
+            cycle_parts: motion.as_ref().map(CycleParts::from),
+            cycle_text: motion.map(|motion| cycle_text(plan, &motion)),
+            regions_with_target: regions.iter().filter(|region| region.target.is_some()).count(),
+            regions_unmet: regions.iter().filter(|region| region.is_unmet()).count(),
+            missed_of_asked,
+            missed_spots,
+            missed_text: missed_text(missed_of_asked, missed_spots),
+            action: action::best(plan, &groups, motion.map(|motion| motion.cycle_secs)),
+            missed: groups,
+            plan_sha256: None,
+        }
+    }
+
+    /// The summary of the plan whose file has this SHA-256.
+    #[must_use]
+    pub fn of_file(self, plan_sha256: String) -> Self {
+        Self { plan_sha256: Some(plan_sha256), ..self }
+    }
+
+    /// The summary in sentences, one on a line, as people read it: the verdict first, then views, coverage, cycle, the best
+    /// action, and what is missed; a group of missed spots is indented.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines = vec![self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
+        lines.extend(self.cycle_text.clone());
+        lines.extend(self.action.as_ref().map(|action| format!("Next: {}", action.text)));
+        lines.push(self.missed_text.clone());
+        lines.extend(self.missed.iter().map(|group| format!("  {}", group.text)));
+        lines
+    }
+}
+
+impl From<&CoverageDocument> for SummaryShares {
+    fn from(coverage: &CoverageDocument) -> Self {
+        let [of_visible, grades_a_b, within_35_deg, within_60_deg, of_asked, of_coverable, of_total] =
+            headline(coverage).map(|figure| figure.share);
+        Self {
+            of_visible,
+            grades_a_b_of_visible: grades_a_b,
+            within_35_deg_of_visible: within_35_deg,
+            within_60_deg_of_visible: within_60_deg,
+            of_asked,
+            of_coverable,
+            of_total,
+        }
+    }
+}
+
+impl SummaryShares {
+    fn text(&self) -> String {
+        format!(
+            "Simulated coverage, independent check: {} of visible ({} at grade A or B, {} within 35°, {} within 60°), {} of asked, \
+             {} of the whole surface; {} of coverable",
+            percent(self.of_visible),
+            percent(self.grades_a_b_of_visible),
+            percent(self.within_35_deg_of_visible),
+            percent(self.within_60_deg_of_visible),
+            percent(self.of_asked),
+            percent(self.of_total),
+            percent(self.of_coverable),
+        )
+    }
+}
+
+impl From<&MotionDocument> for CycleParts {
+    fn from(motion: &MotionDocument) -> Self {
+        let MotionDocument { moving_secs, turning_secs, settling_secs, scanning_secs, .. } = *motion;
+        Self { moving_secs, turning_secs, settling_secs, scanning_secs }
+    }
+}
+
+/// Views, setups, their registration and the bound: "10 views in 1 setup; lower bound 9".
+fn views_text(plan: &Plan) -> String {
+    let (views, setups) = (counted(plan.executed_views(), "view"), counted(plan.setups.len(), "setup"));
+    let bound = match plan.params.selection.goal {
+        SelectionGoal::BestCoverage => String::new(),
+        SelectionGoal::FewestViews | SelectionGoal::MinTime => format!("; lower bound {}", plan.bound.views_lower),
+    };
+    let left_out = no_path(plan).map_or_else(String::new, |left_out| format!("; {left_out}"));
+    let registered = if plan.setups.len() > 1 { registered(plan.params.registration) } else { "" };
+    format!("{views} in {setups}{registered}{bound}{left_out}")
+}
+
+/// Means by which several setups become one measurement, in a clause.
+fn registered(registration: Registration) -> &'static str {
+    match registration {
+        Registration::Surface => ", registered by shared surface",
+        Registration::Markers => ", to be registered by markers",
+        Registration::Fixture => ", to be registered by a fixture",
+        Registration::None => ", not registered to each other",
+    }
+}
+
+/// Chosen views that are not executed, in a clause; `None` where all are.
+fn no_path(plan: &Plan) -> Option<String> {
+    let chosen = plan.views.len();
+    let without_path = chosen - plan.executed_views();
+    (without_path > 0).then(|| format!("no collision-free path leads to {without_path} of {}", counted(chosen, "chosen view")))
+}
+
+/// Cycle time with its parts: "Cycle 31.2 s = 23.4 s moving + 6 × 1.3 s scanning".
+fn cycle_text(plan: &Plan, motion: &MotionDocument) -> String {
+    let scan = &plan.params.scan;
+    let [cycle, moving, turning] = [motion.cycle_secs, motion.moving_secs, motion.turning_secs].map(|secs| fixed(secs, 1));
+    let visits = plan.visits().count();
+    let [each, settling] = [scan.settle_secs + scan.capture_secs, scan.settle_secs].map(|secs| (secs * 100.0).round() / 100.0);
+    let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of it settling)") } else { String::new() };
+    let order =
+        if plan.sequences().all(Sequence::is_shortest) { "; order proven optimal among the stations considered" } else { "" };
+    let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
+    format!(
+        "Cycle {cycle} s = {moving} s moving (the table turns in {turning} s of it) + {visits} × {each} s scanning{settling}\
+         {order}{turning_over}"
+    )
+}
+
+fn missed_text(missed_of_asked: f64, spots: usize) -> String {
+    match spots {
+        0 => "Missed: nothing, all of the asked area is measured".to_owned(),
+        _ => format!("Missed: {} of asked, {}", percent(missed_of_asked), counted(spots, "spot")),
+    }
+}
+
+/// Names of regions below their target, with what is reached: `"top" 0.00 %, target 95.00 %`.
+fn unmet_regions(regions: &[RegionCoverage]) -> String {
+    const NAMED: usize = 3;
+    let unmet: Vec<&RegionCoverage> = regions.iter().filter(|region| region.is_unmet()).collect();
+    // Quoted, so that no name breaks a line.
+    let named = unmet.iter().take(NAMED).map(|region| {
+        format!("{:?} {}, target {}", region.name, percent(region.of_asked()), percent(region.target.unwrap_or_default()))
+    });
+    let named = named.collect::<Vec<_>>().join("; ");
+    match unmet.len() {
+        more if more > NAMED => format!("{named}; and {} more", more - NAMED),
+        _ => named,
+    }
+}
+
+/// Formats a share as a percentage with two decimals.
+fn percent(share: f64) -> String {
+    format!("{} %", fixed(100.0 * share, 2))
+}

@@ -1,0 +1,98 @@
+//! The one best action: advice on the plan as a whole, else the fix of the largest area.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+use super::missed::MissedGroup;
+use crate::planning::plan::{Plan, RemedyKind, share};
+use crate::wire::plan::{AdviceDocument, options};
+use crate::wire::words::{counted, fixed};
+
+/// Action that would measure most more, tried on the model: advice on the plan as a whole, or the fix of a group of missed
+/// spots.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct SummaryAction {
+    /// Action in one sentence, with the options that set its parameters and the effect that was tried.
+    pub text: String,
+    /// Parameters to set, by their dotted names; empty if no parameter of this plan asks for it.
+    pub set: BTreeMap<String, Value>,
+    /// Options of the command line that set them; `null` if there are none.
+    pub command: Option<String>,
+    /// Measured share of the asked area now, on the samples that views are chosen on.
+    pub from_of_asked: f64,
+    /// Share that is measured with it at least, on the same samples.
+    pub to_of_asked: f64,
+    /// Number of views that it adds.
+    pub added_views: usize,
+    /// Change of the predicted cycle time, s; turning the part over is not counted. `null` without a cell, or if it is not known.
+    pub added_cycle_secs: Option<f64>,
+}
+
+/// The best action for a plan; `None` where none is known.
+pub(super) fn best(plan: &Plan, groups: &[MissedGroup], cycle_secs: Option<f64>) -> Option<SummaryAction> {
+    let advised = AdviceDocument::all_of(plan).into_iter().next().map(|advice| advised(plan, &advice, cycle_secs));
+    advised.or_else(|| {
+        let fixable = groups.iter().filter(|group| group.fix.is_some_and(|fix| fix != RemedyKind::None));
+        // A fix that works is better than one that mends a part.
+        let best = fixable.max_by(|a, b| a.fix_known.cmp(&b.fix_known).then(a.recovers_mm2.total_cmp(&b.recovers_mm2)));
+        best.map(|group| fixed_group(plan, group))
+    })
+}
+
+fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> SummaryAction {
+    let what = match &advice.turn {
+        Some(turn) => format!("{} and scan again", turn.text),
+        None => format!("choose {}", counted(advice.added_views, "more view")),
+    };
+    let regions = match advice.regions_met.len() {
+        0 => String::new(),
+        _ => format!("; meets the target of {}", advice.regions_met.join(", ")),
+    };
+    let mut action = SummaryAction {
+        text: String::new(),
+        command: Some(options(&advice.set)),
+        set: advice.set.clone(),
+        from_of_asked: plan.coverage.of_asked(),
+        to_of_asked: advice.of_asked,
+        added_views: advice.added_views,
+        added_cycle_secs: advice.cycle_secs.zip(cycle_secs).map(|(then_secs, now_secs)| then_secs - now_secs),
+    };
+    action.text = action.sentence(&what) + &regions;
+    action
+}
+
+fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
+    let from_of_asked = plan.coverage.of_asked();
+    let mut action = SummaryAction {
+        text: String::new(),
+        command: group.command(),
+        set: group.set.clone(),
+        from_of_asked,
+        to_of_asked: from_of_asked + share(group.recovers_mm2, plan.coverage.asked_area_mm2),
+        added_views: group.added_views,
+        added_cycle_secs: None,
+    };
+    action.text = action.sentence(&group.fix_text);
+    action
+}
+
+impl SummaryAction {
+    /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2, 70.1 → 97.9 % of asked,
+    /// +2 views, +9.0 s`.
+    fn sentence(&self, what: &str) -> String {
+        let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
+        let [from, to] = [self.from_of_asked, self.to_of_asked].map(|share| fixed(100.0 * share, 1));
+        let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {} s", signed(secs)));
+        format!("{what}{command}, {from} → {to} % of asked, +{}{cycle}", counted(self.added_views, "view"))
+    }
+}
+
+/// Formats a change with its sign and one decimal.
+fn signed(change: f64) -> String {
+    let text = fixed(change, 1);
+    if text.starts_with('-') { text } else { format!("+{text}") }
+}

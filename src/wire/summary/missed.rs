@@ -1,0 +1,237 @@
+//! Missed spots in groups: those of the same cause that the same fix would measure.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+use super::percent;
+use crate::cell::PoseSpec;
+use crate::planning::params::SelectionGoal;
+use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, Remedy, RemedyKind, RemedyView, share};
+use crate::wire::plan::{AdviceDocument, options};
+use crate::wire::words::{area_mm2, cause_phrase, counted, fixed, none_found, partial_percent, rounded_down_deg, turn_phrase};
+
+/// Largest number of setups of a plan: the range of `setups`.
+const MAX_SETUPS: u32 = 4;
+/// Largest number of views of a plan: the range of `selection.max_views`.
+const MAX_VIEWS: usize = 1000;
+/// Largest number of poses in a command; more are left to `missed.json`.
+const MAX_POSES: usize = 2;
+/// Steps of a target in one: three decimals.
+const TARGET_STEPS: f64 = 1e3;
+
+/// Missed spots of the same cause and the same fix.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct MissedGroup {
+    /// Cause for which the spots are missed.
+    pub reason: Cause,
+    /// Number of spots.
+    pub spots: usize,
+    /// Missed area of the spots.
+    pub area_mm2: f64,
+    /// That area as a share of the asked area.
+    pub of_asked: f64,
+    /// Kind of the fix: `none` if none was found, `null` if none was searched for, since larger spots come first.
+    pub fix: Option<RemedyKind>,
+    /// True if the fix was simulated and measures at least 90 % of each of the spots.
+    pub fix_known: bool,
+    /// Fix in words, without its effect.
+    pub fix_text: String,
+    /// Part of the missed area that the fix measures.
+    pub recovers_mm2: f64,
+    /// Number of views that the fix adds.
+    pub added_views: usize,
+    /// Parameters that ask for the fix, by their dotted names; empty if no parameter of this plan does.
+    pub set: BTreeMap<String, Value>,
+    /// Group in one sentence, with the options that set the parameters.
+    pub text: String,
+}
+
+/// The fix of a spot, as far as it makes a group.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Fix {
+    kind: RemedyKind,
+    works: bool,
+    turn: Option<String>,
+}
+
+/// The groups of a plan, the largest area first.
+pub(super) fn groups(plan: &Plan) -> Vec<MissedGroup> {
+    let mut spots: BTreeMap<(Cause, Option<Fix>), Vec<&MissedSpot>> = BTreeMap::new();
+    for missed in &plan.missed {
+        for spot in &missed.spots {
+            spots.entry((missed.cause, spot.remedy.as_ref().map(Fix::of))).or_default().push(spot);
+        }
+    }
+    let mut groups: Vec<_> = spots.iter().map(|((cause, fix), spots)| group(plan, *cause, fix.as_ref(), spots)).collect();
+    // Stable: of equal ones the order of causes stays.
+    groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    groups
+}
+
+impl Fix {
+    fn of(remedy: &Remedy) -> Self {
+        Self { kind: remedy.kind, works: remedy.works(), turn: remedy.turn.as_ref().map(turn_phrase) }
+    }
+}
+
+fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) -> MissedGroup {
+    let remedies: Vec<&Remedy> = spots.iter().filter_map(|spot| spot.remedy.as_ref()).collect();
+    let area_mm2 = total(spots.iter().map(|spot| spot.area_mm2));
+    let recovers_mm2 = total(remedies.iter().map(|remedy| remedy.area_mm2));
+    let views = views_of(&remedies);
+    let set = fix.map_or_else(BTreeMap::new, |fix| settings(plan, fix, &remedies, &views, recovers_mm2));
+    let mut group = MissedGroup {
+        reason: cause,
+        spots: spots.len(),
+        area_mm2,
+        of_asked: share(area_mm2, plan.coverage.asked_area_mm2),
+        fix: fix.map(|fix| fix.kind),
+        fix_known: fix.is_some_and(|fix| fix.works),
+        fix_text: fix.map_or_else(|| "no fix searched for".to_owned(), |fix| fix_text(fix, &remedies, views.len())),
+        recovers_mm2,
+        added_views: views.len(),
+        set,
+        text: String::new(),
+    };
+    group.text = group.sentence();
+    group
+}
+
+/// Sum of areas; of none it is 0, not −0 as `sum` has it.
+fn total(areas_mm2: impl Iterator<Item = f64>) -> f64 {
+    areas_mm2.fold(0.0, |sum, area_mm2| sum + area_mm2)
+}
+
+/// Views of some remedies, each once.
+fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
+    let mut views: Vec<&RemedyView> = Vec::new();
+    for view in remedies.iter().flat_map(|remedy| &remedy.views) {
+        if views.iter().all(|other| other.part_from_scanner != view.part_from_scanner) {
+            views.push(view);
+        }
+    }
+    views
+}
+
+impl MissedGroup {
+    /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera (shadow_left): …`.
+    fn sentence(&self) -> String {
+        let command = self.command().map_or_else(String::new, |command| format!(": {command}"));
+        let recovers = match self.fix {
+            Some(RemedyKind::None) | None => String::new(),
+            Some(_) => format!("; recovers {}", self.recovers()),
+        };
+        format!(
+            "{}, {} of asked, {} ({}): {}{command}{recovers}",
+            counted(self.spots, "spot"),
+            percent(self.of_asked),
+            cause_phrase(self.reason),
+            self.reason.as_str(),
+            self.fix_text
+        )
+    }
+
+    /// Options of the command line that ask for the fix; `None` if no parameter does.
+    #[must_use]
+    pub fn command(&self) -> Option<String> {
+        (!self.set.is_empty()).then(|| options(&self.set))
+    }
+
+    /// Area that the fix measures, and its share of the group: `61.1 mm² (93 %)`.
+    #[must_use]
+    pub fn recovers(&self) -> String {
+        let of_group = share(self.recovers_mm2, self.area_mm2);
+        let whole_percent = || format!("{} %", fixed(100.0 * of_group, 0));
+        let percent = if self.fix_known { whole_percent() } else { partial_percent(of_group).unwrap_or_else(whole_percent) };
+        format!("{} mm² ({percent})", area_mm2(self.recovers_mm2))
+    }
+}
+
+/// The fix in words.
+fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
+    let more = counted(views, "more view");
+    match fix.kind {
+        RemedyKind::View => more,
+        RemedyKind::Roll => format!("{more}, rolled"),
+        RemedyKind::Tilt => format!("{more}, tilted"),
+        RemedyKind::Standoff => format!("{more} from another distance"),
+        RemedyKind::Setup => format!("{} and scan again", fix.turn.as_deref().unwrap_or("turn it onto another side")),
+        RemedyKind::Limit => format!("{more} with larger limits of incidence"),
+        RemedyKind::None => none_found(remedies.iter().map(|remedy| remedy.tried).max().unwrap_or_default()),
+    }
+}
+
+/// Parameters that ask for a fix; empty where none does.
+fn settings(plan: &Plan, fix: &Fix, remedies: &[&Remedy], views: &[&RemedyView], recovers_mm2: f64) -> BTreeMap<String, Value> {
+    match fix.kind {
+        RemedyKind::View => more_views(plan, views.len(), recovers_mm2),
+        RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff => poses(plan, views),
+        RemedyKind::Setup => further_setup(plan, fix.turn.as_deref()),
+        RemedyKind::Limit => limits(remedies),
+        RemedyKind::None => BTreeMap::new(),
+    }
+}
+
+/// Target, and limit of views, with which candidates that were left out are chosen.
+fn more_views(plan: &Plan, added_views: usize, recovers_mm2: f64) -> BTreeMap<String, Value> {
+    let (coverage, selection) = (&plan.coverage, &plan.params.selection);
+    let mut set = BTreeMap::new();
+    let of_target = coverage.of_target(selection.target_of) + share(recovers_mm2, coverage.whole_mm2(selection.target_of));
+    let target = ((of_target * TARGET_STEPS).floor() / TARGET_STEPS).min(1.0);
+    if selection.goal != SelectionGoal::BestCoverage && target > selection.target {
+        set.insert("selection.target".to_owned(), json!(target));
+    }
+    let views = plan.views.len() + added_views;
+    if selection.max_views.is_some_and(|limit| (limit as usize) < views) && views <= MAX_VIEWS {
+        set.insert("selection.max_views".to_owned(), json!(views));
+    }
+    set
+}
+
+/// Poses to consider besides the candidates of the plan, where they are few and the plan was given none of its own.
+fn poses(plan: &Plan, views: &[&RemedyView]) -> BTreeMap<String, Value> {
+    if views.len() > MAX_POSES || !plan.params.candidates.poses.is_empty() {
+        return BTreeMap::new();
+    }
+    let poses: Vec<PoseSpec> = views.iter().map(|view| rounded(PoseSpec::from(&view.part_from_scanner))).collect();
+    BTreeMap::from([("candidates.poses".to_owned(), json!(poses))])
+}
+
+/// The pose to a micrometre and 10⁻⁷ of a unit quaternion: what a command line can hold.
+fn rounded(pose: PoseSpec) -> PoseSpec {
+    let to = |value: f64, steps: f64| (value * steps).round() / steps + 0.0;
+    PoseSpec {
+        translation_mm: pose.translation_mm.map(|mm| to(mm, 1e3)),
+        quaternion_xyzw: pose.quaternion_xyzw.map(|part| to(part, 1e7)),
+    }
+}
+
+/// One more setup: as the advice on the plan has it, where that turns the part the same way.
+fn further_setup(plan: &Plan, turn: Option<&str>) -> BTreeMap<String, Value> {
+    let same_turn = plan.advice.iter().zip(AdviceDocument::all_of(plan)).find(|(advice, document)| {
+        advice.kind == AdviceKind::TurnOver && document.turn.as_ref().map(|turn| turn.text.as_str()) == turn
+    });
+    let uses_all = plan.setups.len() == plan.params.setups as usize;
+    match same_turn {
+        Some((_, document)) => document.set,
+        // A fixture holds one setup.
+        None if uses_all && plan.params.setups < MAX_SETUPS && plan.params.part.fixture_mesh.is_none() => {
+            BTreeMap::from([("setups".to_owned(), json!(plan.params.setups + 1))])
+        }
+        None => BTreeMap::new(),
+    }
+}
+
+/// Limits of incidence, as large as the remedies need them.
+fn limits(remedies: &[&Remedy]) -> BTreeMap<String, Value> {
+    let largest = |limit: fn(&Remedy) -> Option<f64>| {
+        remedies.iter().filter_map(|remedy| limit(remedy)).max_by(f64::total_cmp).map(rounded_down_deg)
+    };
+    let camera = largest(|remedy| remedy.camera_deg).map(|deg| ("limits.camera_deg".to_owned(), json!(deg)));
+    let projector = largest(|remedy| remedy.projector_deg).map(|deg| ("limits.projector_deg".to_owned(), json!(deg)));
+    camera.into_iter().chain(projector).collect()
+}

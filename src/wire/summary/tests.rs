@@ -1,0 +1,432 @@
+use nalgebra::{Point3, Vector3};
+use serde_json::json;
+
+use super::{MissedGroup, PlanVerdict, Summary};
+use crate::geometry::{Aabb, Pose};
+use crate::planning::candidates::Label;
+use crate::planning::ids::{CandidateId, SetupId, ViewId};
+use crate::planning::params::{PlanParams, Registration, SelectionGoal};
+use crate::planning::plan::{
+    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot, ParamChange,
+    PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, SetupPlan,
+    StopReason, Turn, TurnKind,
+};
+use crate::planning::sequence::{Leg, Sequence};
+use crate::planning::stations::Station;
+
+/// Coverage of 1000 mm² asked for, of which 800 can be measured and so many are.
+fn coverage(measured_mm2: f64) -> Coverage {
+    let measured = MeasuredArea { area_mm2: measured_mm2, ..MeasuredArea::default() };
+    Coverage {
+        total_area_mm2: 1000.0,
+        asked_area_mm2: 1000.0,
+        visible_area_mm2: 900.0,
+        coverable_area_mm2: 800.0,
+        measured,
+        at_risk: AtRisk { is_counted: true, ..AtRisk::default() },
+        independent: Independent {
+            asked_area_mm2: 1000.0,
+            total_area_mm2: 1000.0,
+            visible_area_mm2: 900.0,
+            measured,
+            ..Independent::default()
+        },
+        ..Coverage::default()
+    }
+}
+
+fn view(id: u32, rejected: Option<Cause>) -> PlannedView {
+    PlannedView {
+        id: ViewId(id),
+        candidate: CandidateId(id),
+        setup: SetupId(0),
+        label: Label::Top,
+        part_from_scanner: Pose::identity(),
+        gain_of_asked: 0.1,
+        score: 1.0,
+        station: None,
+        stance: None,
+        rejected,
+    }
+}
+
+/// A plan without a cell of so many views, the last of which have no path.
+fn plan(views: u32, without_path: u32, measured_mm2: f64) -> Plan {
+    let rejected = |id: u32| (id >= views - without_path).then_some(Cause::NoPath);
+    let setup = SetupPlan {
+        table_from_part: Pose::identity(),
+        views: (0..views).map(ViewId).collect(),
+        coverable_area_mm2: 800.0,
+        measured_area_mm2: measured_mm2,
+        sequence: None,
+        weakest_link: None,
+    };
+    Plan {
+        part: PartFacts {
+            sha256: String::new(),
+            triangles: 12,
+            area_mm2: 1000.0,
+            aabb: Aabb { min: Point3::origin(), max: Point3::new(1.0, 1.0, 1.0) },
+        },
+        table_from_part: None,
+        params: PlanParams::default(),
+        candidates: CandidateCounts::default(),
+        coverage: coverage(measured_mm2),
+        views: (0..views).map(|id| view(id, rejected(id))).collect(),
+        setups: vec![setup],
+        setup_links: Vec::new(),
+        obstructions: Vec::new(),
+        missed: Vec::new(),
+        advice: Vec::new(),
+        stopped_because: StopReason::Target,
+        bound: Bound { views_lower: 2, ..Bound::default() },
+    }
+}
+
+/// A region with a target of 0.9, of which such a share is measured.
+fn region(name: &str, of_asked: f64) -> RegionCoverage {
+    RegionCoverage {
+        name: name.to_owned(),
+        kind: RegionKind::Feature,
+        samples: 10,
+        asked_area_mm2: 10.0,
+        coverable_area_mm2: 10.0,
+        measured_area_mm2: 10.0 * of_asked,
+        target: Some(0.9),
+        tolerance_mm: None,
+        min_tolerance_mm: 0.1,
+        missed_mm2: Vec::new(),
+        beyond_noise_area_mm2: 0.0,
+    }
+}
+
+/// A remedy of so many views that measures such a share of a spot of 10 mm².
+fn remedy(kind: RemedyKind, of_spot: f64, views: &[u32]) -> Remedy {
+    let view = |candidate: &u32| RemedyView {
+        candidate: CandidateId(*candidate),
+        roll_rad: 0.0,
+        tilt_rad: 0.0,
+        standoff_mm: 480.0,
+        part_from_scanner: Pose::from_parts(
+            Vector3::new(f64::from(*candidate), 0.000_4, 0.0),
+            nalgebra::UnitQuaternion::identity(),
+        ),
+        area_mm2: 10.0 * of_spot,
+    };
+    let turn = Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: std::f64::consts::PI };
+    Remedy {
+        kind,
+        views: views.iter().map(view).collect(),
+        table_from_part: None,
+        turn: (kind == RemedyKind::Setup).then_some(turn),
+        camera_deg: (kind == RemedyKind::Limit).then_some(60.04),
+        projector_deg: None,
+        area_mm2: 10.0 * of_spot,
+        of_spot,
+        tried: 830,
+    }
+}
+
+/// Spots of 10 mm² each, missed for one cause.
+fn missed(cause: Cause, remedies: Vec<Option<Remedy>>) -> MissedCause {
+    let spot = |remedy: Option<Remedy>| MissedSpot {
+        area_mm2: 10.0,
+        centre_mm: Point3::origin(),
+        extent_mm: Vector3::zeros(),
+        source_faces: Vec::new(),
+        remedy,
+    };
+    MissedCause { cause, area_mm2: 10.0 * remedies.len() as f64, spots: remedies.into_iter().map(spot).collect() }
+}
+
+fn group_of(plan: &Plan) -> MissedGroup {
+    let mut groups = Summary::of(plan).missed;
+    assert_eq!(groups.len(), 1, "{groups:?}");
+    groups.remove(0)
+}
+
+#[test]
+fn the_verdict_is_the_first_that_holds() {
+    let verdict = |plan: &Plan| (PlanVerdict::of(plan), Summary::of(plan).verdict_text);
+    assert_eq!(
+        verdict(&plan(3, 0, 792.0)),
+        (PlanVerdict::TargetMet, "Target met: 99.00 % of coverable, target 98.50 %".to_owned())
+    );
+    let without_path = plan(4, 1, 792.0);
+    assert_eq!(
+        verdict(&without_path),
+        (
+            PlanVerdict::ViewsWithoutPath,
+            "Not every view is executed: no collision-free path leads to 1 of 4 chosen views; 99.00 % of coverable, target 98.50 %"
+                .to_owned()
+        )
+    );
+    let mut unmet = without_path.clone();
+    unmet.stopped_because = StopReason::RegionsUnmet;
+    unmet.coverage.regions = vec![region("bore", 0.5), region("rim", 0.95)];
+    assert_eq!(
+        verdict(&unmet),
+        (
+            PlanVerdict::RegionsUnmet,
+            "Regions unmet: 1 of 2 regions and features with a target: \"bore\" 50.00 %, target 90.00 %; the part as a whole: 99.00 % \
+             of coverable, target 98.50 %"
+                .to_owned()
+        )
+    );
+    let mut missed = Plan { stopped_because: StopReason::MaxViews, ..plan(3, 0, 400.0) };
+    missed.params.selection.max_views = Some(3);
+    missed.coverage.regions = unmet.coverage.regions;
+    assert_eq!(
+        verdict(&missed),
+        (
+            PlanVerdict::TargetMissed,
+            "Target missed: 50.00 % of coverable, target 98.50 %: the limit of 3 views is reached; regions below their targets: \
+             \"bore\" 50.00 %, target 90.00 %"
+                .to_owned()
+        )
+    );
+}
+
+#[test]
+fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
+    let text = |stopped_because, without_path| {
+        let plan = Plan { stopped_because, ..plan(4, without_path, 400.0) };
+        let summary = Summary::of(&plan);
+        assert_eq!(summary.verdict, PlanVerdict::TargetMissed);
+        summary
+            .verdict_text
+            .strip_prefix("Target missed: 50.00 % of coverable, target 98.50 %: ")
+            .expect("its figures")
+            .to_owned()
+    };
+    assert_eq!(text(StopReason::Growth, 0), "the next best view would add less than 0.01 % of asked");
+    assert_eq!(text(StopReason::NoGain, 0), "no further view adds anything worth its cost");
+    assert_eq!(text(StopReason::NoPath, 3), "no collision-free path leads to 3 of 4 chosen views");
+    assert_eq!(text(StopReason::NoPath, 0), "no collision-free path was found to some candidates");
+    // A limit of views that is reached together with the target is no fault.
+    let enough = Plan { stopped_because: StopReason::MaxViews, ..plan(4, 0, 788.0) };
+    assert_eq!(PlanVerdict::of(&enough), PlanVerdict::TargetMet);
+}
+
+#[test]
+fn best_coverage_has_no_target_to_miss() {
+    let mut best = Plan { stopped_because: StopReason::MaxViews, ..plan(4, 0, 400.0) };
+    best.params.selection.goal = SelectionGoal::BestCoverage;
+    best.bound.of_asked_upper = Some(0.45);
+    let summary = Summary::of(&best);
+    assert_eq!(summary.verdict, PlanVerdict::BestCoverage);
+    assert_eq!(summary.verdict_text, "Best coverage found: 40.00 % of asked; upper bound 45.00 %");
+    assert_eq!(summary.views_text, "4 views in 1 setup", "no bound on a number that was given");
+}
+
+#[test]
+fn views_without_a_path_are_not_counted_as_executed() {
+    let summary = Summary::of(&plan(97, 8, 792.0));
+    assert_eq!((summary.views, summary.views_chosen, summary.setups), (89, 97, 1));
+    assert_eq!(summary.views_text, "89 views in 1 setup; lower bound 2; no collision-free path leads to 8 of 97 chosen views");
+    assert_eq!(Summary::of(&plan(1, 0, 792.0)).views_text, "1 view in 1 setup; lower bound 2");
+}
+
+#[test]
+fn several_setups_come_with_the_means_by_which_they_are_registered() {
+    let mut twice = plan(7, 0, 792.0);
+    twice.setups.push(twice.setups[0].clone());
+    let mut text = |registration| {
+        twice.params.registration = registration;
+        Summary::of(&twice).views_text
+    };
+    assert_eq!(text(Registration::Surface), "7 views in 2 setups, registered by shared surface; lower bound 2");
+    assert_eq!(text(Registration::Markers), "7 views in 2 setups, to be registered by markers; lower bound 2");
+    assert_eq!(text(Registration::None), "7 views in 2 setups, not registered to each other; lower bound 2");
+}
+
+#[test]
+fn a_cycle_is_the_sum_of_its_parts() {
+    let leg = |duration_secs: f64| Leg {
+        via_rad: Vec::new(),
+        target: Station { table_angle_rad: 0.0, joints_rad: [0.0; 6] },
+        duration_secs,
+        passed_within_rad: None,
+        turning_secs: 0.5,
+    };
+    let mut with_cell = plan(6, 0, 792.0);
+    assert_eq!(Summary::of(&with_cell).cycle_text, None, "no cell, no time");
+    with_cell.setups[0].sequence = Some(Sequence {
+        visits: (0..6).map(|view| (ViewId(view), leg(3.4))).collect(),
+        return_home: leg(3.0),
+        ordered_secs: 24.0,
+        lower_bound_secs: 24.0,
+        moving_lower_secs: 20.0,
+    });
+    let summary = Summary::of(&with_cell);
+    assert_eq!(
+        summary.cycle_text.as_deref(),
+        Some(
+            "Cycle 31.2 s = 23.4 s moving (the table turns in 3.5 s of it) + 6 × 1.3 s scanning (0.3 s of it settling); order \
+             proven optimal among the stations considered"
+        )
+    );
+    let (cycle_secs, parts) = (summary.cycle_secs.expect("a cell"), summary.cycle_parts.expect("a cell"));
+    assert!((cycle_secs - parts.moving_secs - parts.settling_secs - parts.scanning_secs).abs() < 1e-9, "{summary:?}");
+    with_cell.setups[0].sequence.iter_mut().for_each(|sequence| sequence.lower_bound_secs = 20.0);
+    assert!(!Summary::of(&with_cell).cycle_text.expect("a cell").contains("optimal"));
+}
+
+#[test]
+fn spots_of_one_cause_and_one_fix_are_one_group() {
+    let mut plan = plan(3, 0, 792.0);
+    let none = || Some(remedy(RemedyKind::None, 0.0, &[]));
+    let more = |candidate| Some(remedy(RemedyKind::View, 1.0, &[candidate]));
+    plan.missed = vec![
+        missed(Cause::ShadowLeft, vec![none(), none(), none(), None]),
+        missed(Cause::NotChosen, vec![more(4), more(4), more(7)]),
+    ];
+    let summary = Summary::of(&plan);
+    assert_eq!((summary.missed_spots, summary.missed_text.as_str()), (7, "Missed: 20.80 % of asked, 7 spots"));
+    let texts: Vec<&str> = summary.missed.iter().map(|group| group.text.as_str()).collect();
+    assert_eq!(
+        texts,
+        [
+            "3 spots, 3.00 % of asked, hidden from the left camera (shadow_left): no fix found (no 8 of the 830 views tried see half \
+             of it)",
+            "3 spots, 3.00 % of asked, measurable, but no view chosen (not_chosen): 2 more views: --set selection.target=1.0; \
+             recovers 30.0 mm² (100 %)",
+            "1 spot, 1.00 % of asked, hidden from the left camera (shadow_left): no fix searched for",
+        ]
+    );
+    let fixes: Vec<_> = summary.missed.iter().map(|group| (group.fix, group.fix_known, group.added_views)).collect();
+    assert_eq!(fixes, [(Some(RemedyKind::None), false, 0), (Some(RemedyKind::View), true, 2), (None, false, 0)]);
+    let nothing = Summary::of(&self::plan(3, 0, 1000.0));
+    assert_eq!(nothing.missed_text, "Missed: nothing, all of the asked area is measured");
+}
+
+#[test]
+fn a_fix_comes_with_the_parameters_that_ask_for_it() {
+    let mut plan = plan(3, 0, 700.0);
+    let mut fixed = |of_spot, kind, views: &[u32], change: &dyn Fn(&mut Plan)| {
+        plan.missed = vec![missed(Cause::ShadowLeft, vec![Some(remedy(kind, of_spot, views))])];
+        let mut plan = plan.clone();
+        change(&mut plan);
+        let group = group_of(&plan);
+        let text = group.text.split_once("): ").expect("a fix").1.to_owned();
+        assert_eq!(group.command().is_some(), !group.set.is_empty());
+        text
+    };
+    let as_it_is = |_: &mut Plan| {};
+    // 710 of 800 mm² are 88.7 %, below the target that the plan has already.
+    assert_eq!(fixed(1.0, RemedyKind::View, &[4], &as_it_is), "1 more view; recovers 10.0 mm² (100 %)");
+    let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
+    assert_eq!(
+        fixed(1.0, RemedyKind::View, &[4, 5], &limited),
+        "2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
+    );
+    assert_eq!(
+        fixed(0.75, RemedyKind::Setup, &[4], &as_it_is),
+        "turn it upside down and scan again: --set setups=2; recovers 7.50 mm² (75 %)"
+    );
+    let fixture = |plan: &mut Plan| plan.params.part.fixture_mesh = Some("clamp.stl".to_owned());
+    assert_eq!(
+        fixed(0.95, RemedyKind::Setup, &[4], &fixture),
+        "turn it upside down and scan again; recovers 9.50 mm² (95 %)",
+        "a fixture holds one setup"
+    );
+    assert_eq!(
+        fixed(1.0, RemedyKind::Limit, &[4], &as_it_is),
+        "1 more view with larger limits of incidence: --set limits.camera_deg=60.0; recovers 10.0 mm² (100 %)"
+    );
+    assert_eq!(
+        fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
+        "1 more view, tilted: --set 'candidates.poses=[{\"quaternion_xyzw\":[0.0,0.0,0.0,1.0],\"translation_mm\":[4.0,0.0,0.0]}]'; \
+         recovers 10.0 mm² (100 %)"
+    );
+    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "3 more views, rolled; recovers 10.0 mm² (100 %)");
+}
+
+#[test]
+fn a_share_that_does_not_work_is_not_rounded_to_one_that_does() {
+    let mut plan = plan(3, 0, 700.0);
+    plan.missed = vec![missed(Cause::ShadowLeft, vec![Some(remedy(RemedyKind::Roll, 0.899, &[4]))])];
+    assert!(group_of(&plan).text.ends_with("; recovers 8.99 mm² (89 %)"), "{}", group_of(&plan).text);
+}
+
+fn advice() -> PlanAdvice {
+    PlanAdvice {
+        kind: AdviceKind::TurnOver,
+        changes: vec![ParamChange::Setups(2), ParamChange::Registration(Registration::Markers)],
+        table_from_part: None,
+        turn: Some(Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: std::f64::consts::PI }),
+        added_views: 2,
+        views: 5,
+        measured_area_mm2: 979.0,
+        visible_area_mm2: 1000.0,
+        cycle_secs: None,
+        regions_met: vec!["bore".to_owned()],
+    }
+}
+
+#[test]
+fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
+    let mut plan = plan(3, 0, 701.0);
+    plan.missed = vec![missed(Cause::FacesTable, vec![Some(remedy(RemedyKind::Setup, 1.0, &[4]))])];
+    plan.advice = vec![advice()];
+    let summary = Summary::of(&plan);
+    let action = summary.action.as_ref().expect("advice");
+    assert_eq!(
+        action.text,
+        "turn it upside down and scan again: --set setups=2 --set registration=markers, 70.1 → 97.9 % of asked, +2 views; meets the \
+         target of bore"
+    );
+    assert_eq!(action.command.as_deref(), Some("--set setups=2 --set registration=markers"));
+    assert_eq!(serde_json::to_value(&action.set).expect("JSON"), json!({"setups": 2, "registration": "markers"}));
+    assert!((action.from_of_asked - 0.701).abs() < 1e-12 && (action.to_of_asked - 0.979).abs() < 1e-12, "{action:?}");
+    // Spots that the same turn would show are asked for with the same parameters.
+    assert_eq!(summary.missed[0].set, action.set);
+    assert!(summary.lines().contains(&format!("Next: {}", action.text)));
+}
+
+#[test]
+fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
+    let mut plan = plan(3, 0, 780.0);
+    let spots = |kind, of_spot, count: usize, candidate| vec![Some(remedy(kind, of_spot, &[candidate])); count];
+    plan.missed = vec![
+        missed(Cause::Depth, spots(RemedyKind::Standoff, 0.6, 5, 1)),
+        missed(Cause::NotChosen, spots(RemedyKind::View, 1.0, 1, 2)),
+        missed(Cause::Facing, vec![Some(remedy(RemedyKind::None, 0.0, &[]))]),
+    ];
+    let action = Summary::of(&plan).action.expect("a fix");
+    // 790 of 800 mm² are 98.75 %, which three decimals give as 98.7.
+    assert_eq!(action.text, "1 more view: --set selection.target=0.987, 78.0 → 79.0 % of asked, +1 view");
+    assert_eq!((action.added_views, action.added_cycle_secs), (1, None));
+    plan.missed.remove(1);
+    let partial = Summary::of(&plan).action.expect("a fix of a part");
+    assert!(partial.text.starts_with("1 more view from another distance: --set 'candidates.poses=["), "{}", partial.text);
+    plan.missed.remove(0);
+    assert_eq!(Summary::of(&plan).action, None);
+}
+
+#[test]
+fn a_summary_is_read_back_as_it_was_written_and_names_its_plan() {
+    let mut plan = plan(3, 0, 792.0);
+    plan.missed = vec![missed(Cause::ShadowLeft, vec![None, Some(remedy(RemedyKind::Tilt, 1.0, &[4]))])];
+    plan.advice = vec![advice()];
+    let summary = Summary::of(&plan).of_file("ab".repeat(32));
+    let text = serde_json::to_string(&summary).expect("JSON");
+    assert_eq!(serde_json::from_str::<Summary>(&text).expect("its own document"), summary);
+    let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!((&json["verdict"], &json["missed"][0]["reason"]), (&json!("target_met"), &json!("shadow_left")));
+    assert_eq!((&json["plan_sha256"], &json["cycle_secs"]), (&json!("ab".repeat(32)), &json!(null)));
+    // A row of a table, not a plan: the lines and the numbers together are a few kilobytes.
+    assert!(text.len() < 5_000, "{} bytes", text.len());
+}
+
+#[test]
+fn the_shares_are_those_that_head_every_output() {
+    let summary = Summary::of(&plan(3, 0, 792.0));
+    assert_eq!(
+        summary.coverage_text,
+        "Simulated coverage, independent check: 88.00 % of visible (0.00 % at grade A or B, 0.00 % within 35°, 0.00 % within 60°), \
+         79.20 % of asked, 79.20 % of the whole surface; 99.00 % of coverable"
+    );
+    let shares = [summary.coverage.of_visible, summary.coverage.of_asked, summary.coverage.of_coverable];
+    assert!(shares.iter().zip([0.88, 0.792, 0.99]).all(|(is, wanted)| (is - wanted).abs() < 1e-12), "{shares:?}");
+}

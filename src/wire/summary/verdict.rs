@@ -1,0 +1,139 @@
+//! Verdict on a plan as a whole.
+
+use super::{no_path, percent, unmet_regions};
+use crate::cell::closed_list;
+use crate::planning::params::{SelectionGoal, TargetOf};
+use crate::planning::plan::{Plan, RegionCoverage, StopReason};
+use crate::wire::words::{counted, fixed};
+
+closed_list! {
+    /// Verdict on a plan: the first of these that holds.
+    pub enum PlanVerdict {
+        /// The target of the plan is not reached.
+        TargetMissed = "target_missed",
+        /// The target of the plan is reached, or it has none; a region or feature does not reach its own.
+        RegionsUnmet = "regions_unmet",
+        /// Nothing of the above; no collision-free path was found to some of the chosen views, which are not executed.
+        ViewsWithoutPath = "views_without_path",
+        /// Nothing of the above; wrong poses cost more than one point of the asked area in the worst draw (`coverage.robust`).
+        Fragile = "fragile",
+        /// The best coverage that was found with the views allowed: the plan has no target (`selection.goal` = `best_coverage`).
+        BestCoverage = "best_coverage",
+        /// Every target is reached.
+        TargetMet = "target_met",
+    }
+}
+
+impl PlanVerdict {
+    /// The verdict on a plan.
+    #[must_use]
+    pub fn of(plan: &Plan) -> Self {
+        let is_fragile = plan.coverage.robust.as_ref().is_some_and(|robust| robust.is_fragile());
+        let verdicts = [
+            (has_target(plan) && !is_target_met(plan), Self::TargetMissed),
+            (plan.coverage.regions.iter().any(RegionCoverage::is_unmet), Self::RegionsUnmet),
+            (plan.executed_views() < plan.views.len(), Self::ViewsWithoutPath),
+            (is_fragile, Self::Fragile),
+            (!has_target(plan), Self::BestCoverage),
+        ];
+        verdicts.into_iter().find_map(|(holds, verdict)| holds.then_some(verdict)).unwrap_or(Self::TargetMet)
+    }
+}
+
+fn has_target(plan: &Plan) -> bool {
+    plan.params.selection.goal != SelectionGoal::BestCoverage
+}
+
+fn is_target_met(plan: &Plan) -> bool {
+    match plan.stopped_because {
+        StopReason::Target => true,
+        StopReason::NoPath => false,
+        StopReason::Growth | StopReason::MaxViews | StopReason::NoGain | StopReason::RegionsUnmet => {
+            plan.coverage.reaches_target(&plan.params.selection)
+        }
+    }
+}
+
+/// The verdict in a sentence, with its figures.
+pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
+    let reached = reached(plan);
+    match verdict {
+        PlanVerdict::TargetMissed => {
+            let regions = unmet_regions(&plan.coverage.regions);
+            let regions = if regions.is_empty() { regions } else { format!("; regions below their targets: {regions}") };
+            format!("Target missed: {reached}: {}{regions}", reason(plan))
+        }
+        PlanVerdict::RegionsUnmet => {
+            let regions = &plan.coverage.regions;
+            let unmet = regions.iter().filter(|region| region.is_unmet()).count();
+            let with_target = regions.iter().filter(|region| region.target.is_some()).count();
+            format!(
+                "Regions unmet: {unmet} of {with_target} regions and features with a target: {}; the part as a whole: {reached}",
+                unmet_regions(regions)
+            )
+        }
+        PlanVerdict::ViewsWithoutPath => {
+            format!("Not every view is executed: {}; {reached}", no_path(plan).unwrap_or_default())
+        }
+        PlanVerdict::Fragile => format!("Target met, but fragile: {reached}; {}", fragile(plan)),
+        PlanVerdict::BestCoverage => match plan.bound.of_asked_upper {
+            Some(upper) => format!("Best coverage found: {reached}; upper bound {}", percent(upper)),
+            None => format!("Best coverage found: {reached}"),
+        },
+        PlanVerdict::TargetMet => format!("Target met: {reached}"),
+    }
+}
+
+/// Share reached and the target that it is held against: "98.52 % of coverable, target 98.50 %".
+fn reached(plan: &Plan) -> String {
+    let (coverage, selection) = (&plan.coverage, &plan.params.selection);
+    if !has_target(plan) {
+        return format!("{} of asked", percent(coverage.of_asked()));
+    }
+    let of = match selection.target_of {
+        TargetOf::Coverable => "of coverable",
+        TargetOf::Asked => "of asked",
+        TargetOf::Total => "of the whole surface",
+    };
+    let at_risk = match coverage.at_risk.is_counted {
+        false if coverage.at_risk.area_mm2 > 0.0 => " with the area at risk",
+        _ => "",
+    };
+    format!("{} {of}{at_risk}, target {}", percent(coverage.of_target(selection.target_of)), percent(selection.target))
+}
+
+/// Rule that ended the choice of views before the target, in a clause.
+fn reason(plan: &Plan) -> String {
+    let selection = &plan.params.selection;
+    match plan.stopped_because {
+        StopReason::Growth => {
+            format!("the next best view would add less than {} % of asked", shortest(100.0 * selection.min_growth))
+        }
+        StopReason::MaxViews => match selection.max_views {
+            Some(limit) => format!("the limit of {} is reached", counted(limit as usize, "view")),
+            None => "the limit of views is reached".to_owned(),
+        },
+        StopReason::NoPath => no_path(plan).unwrap_or_else(|| "no collision-free path was found to some candidates".to_owned()),
+        StopReason::Target | StopReason::NoGain | StopReason::RegionsUnmet => {
+            "no further view adds anything worth its cost".to_owned()
+        }
+    }
+}
+
+/// A number with as many decimals as it takes, at most six.
+fn shortest(value: f64) -> String {
+    let text = fixed(value, 6);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// Loss under pose errors in a clause.
+fn fragile(plan: &Plan) -> String {
+    plan.coverage.robust.as_ref().map_or_else(String::new, |robust| {
+        format!(
+            "errors of {}° and {} mm cost up to {} points of the asked area",
+            robust.pose_error.angle_deg,
+            robust.pose_error.translation_mm,
+            fixed(100.0 * robust.worst_loss(), 2)
+        )
+    })
+}
