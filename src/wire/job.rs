@@ -223,7 +223,8 @@ pub struct Job {
     pub problem: Option<JobProblem>,
     /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
-    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
+    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`. A job that failed with the code `no_plan` has its report
+    /// on the reasons.
     pub results: Vec<JobFile>,
 }
 

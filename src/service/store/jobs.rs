@@ -44,6 +44,8 @@ pub(crate) struct Attempt {
     pub request: JobRequest,
     pub input: String,
     pub number: u32,
+    /// Time at which the job was accepted.
+    pub created_at: String,
 }
 
 /// Outcome of an attempt.
@@ -51,8 +53,8 @@ pub(crate) struct Attempt {
 pub(crate) enum AttemptOutcome {
     /// The result files, all of them stored.
     Succeeded(Vec<ResultFile>),
-    /// The problem, without any result.
-    Failed(JobProblem),
+    /// The problem, and the files that tell of it, all of them stored: the report where no plan is possible.
+    Failed(JobProblem, Vec<ResultFile>),
     /// Ended by its cancel flag.
     Cancelled,
     /// Ended because the server stops; the attempt does not count.
@@ -138,7 +140,7 @@ impl Store {
         let row = sqlx::query(concat!(
             "UPDATE job SET state = 'running', attempts = attempts + 1, stage = NULL, fraction = 0, timings = '{}', started_at = ",
             now!(),
-            "WHERE id = (SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id LIMIT 1) RETURNING id, attempts"
+            "WHERE id = (SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id LIMIT 1) RETURNING id, attempts, created_at"
         ))
         .fetch_optional(&mut *tx)
         .await?;
@@ -157,7 +159,8 @@ impl Store {
             Ok((request, input)) => {
                 let number = row.try_get("attempts")?;
                 let event = events::append(&mut tx, id, EventBody::state(EventKind::Started, JobState::Running)).await?;
-                (Claimed::Attempt(Box::new(Attempt { id, request, input, number })), event)
+                let created_at = row.try_get("created_at")?;
+                (Claimed::Attempt(Box::new(Attempt { id, request, input, number, created_at })), event)
             }
             Err(reason) => {
                 tracing::error!(job = %id, reason, "a stored job cannot be read; it fails");
@@ -203,15 +206,18 @@ impl Store {
         let (kind, after) = match (before, outcome) {
             (JobState::Cancelling, _) | (_, AttemptOutcome::Cancelled) => (EventKind::Cancelled, JobState::Cancelled),
             (_, AttemptOutcome::Succeeded(_)) => (EventKind::Succeeded, JobState::Succeeded),
-            (_, AttemptOutcome::Failed(_)) => (EventKind::Failed, JobState::Failed),
+            (_, AttemptOutcome::Failed(..)) => (EventKind::Failed, JobState::Failed),
             (_, AttemptOutcome::Interrupted) => (EventKind::Queued, JobState::Queued),
         };
         let mut problem = None;
         match outcome {
             AttemptOutcome::Succeeded(files) if after == JobState::Succeeded => artifacts::insert(&mut tx, id, files).await?,
-            AttemptOutcome::Failed(reason) if after == JobState::Failed => problem = Some(reason),
+            AttemptOutcome::Failed(reason, files) if after == JobState::Failed => {
+                artifacts::insert(&mut tx, id, files).await?;
+                problem = Some(reason);
+            }
             AttemptOutcome::Succeeded(_)
-            | AttemptOutcome::Failed(_)
+            | AttemptOutcome::Failed(..)
             | AttemptOutcome::Cancelled
             | AttemptOutcome::Interrupted => {}
         }
