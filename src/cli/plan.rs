@@ -36,8 +36,8 @@ Files written to --out: plan.json, summary.json, program.json, report.html, repo
 spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
 regions of interest or features; candidates.json, every candidate with what it measures and how well, with
 --set output.candidates=true.
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target,
-4 interrupted.";
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible (report.html and report.txt say why), or with --strict a
+region or feature below its target, 4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
 #[derive(Debug, clap::Args)]
@@ -115,19 +115,30 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         roadmaps: Some(&roadmaps),
         params: &params,
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
+        date: Some(now()),
     };
     let pool = pool(args.threads)?;
     let progress = Progress::start(&Course::of_plan(&params, cell.is_some()));
     let planned = || {
         let allowance = args.limits.allowance(rayon::current_num_threads());
         let ctx = Context::new(cancel, &progress).with_allowance(allowance);
-        let outcome = job.plan(&ctx)?;
-        let artifacts = job.render(&outcome, &ctx)?;
-        Ok::<_, PlanError>((outcome, artifacts))
+        match job.plan(&ctx) {
+            Ok(outcome) => job.render(&outcome, &ctx).map(|artifacts| (Ok(outcome), artifacts)).map_err(PlanError::from),
+            Err(PlanError::NoPlan(finding)) => Ok((Err(finding.clone()), job.render_no_plan(&finding, &ctx)?)),
+            Err(error) => Err(error),
+        }
     };
     let result = args.limits.within(cancel, || pool.install(planned).map_err(to_cli_error));
     let seconds = progress.finish();
-    let (outcome, mut artifacts) = result?;
+    let (planned, mut artifacts) = result?;
+    let outcome = match planned {
+        Ok(outcome) => outcome,
+        Err(finding) => {
+            out::write(&args.out, &artifacts)?;
+            eprintln!("Report: {}", args.out.join("report.html").display());
+            return Err(to_cli_error(PlanError::NoPlan(finding)));
+        }
+    };
     let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
     artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
     artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });

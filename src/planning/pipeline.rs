@@ -112,7 +112,8 @@ fn select_and_order(
         ctx.begin(Stage::Selection)?;
         let chosen = problem.select(&excluded, ctx)?;
         if chosen.candidates.is_empty() && excluded.is_empty() {
-            return Err(PlanError::NoPlan(outcome::nothing_measured(problem, &setups[0].occluders, ctx)?));
+            let in_the_way = obstructions(problem, setups, &BTreeSet::new(), ctx)?;
+            return Err(PlanError::NoPlan(outcome::nothing_measured(problem, &setups[0].occluders, in_the_way, ctx)?));
         }
         let chosen = adjust::join_setups(problem, chosen, &excluded, ctx)?;
         let chosen = adjust::slide_views(problem, setups, chosen, &excluded, ctx)?;

@@ -1,5 +1,8 @@
 //! Pages, pictures, charts and text about a plan, made for people. Nothing here decides anything.
 
 pub mod html;
+mod no_plan_text;
 pub mod study;
 pub mod text;
+
+pub use no_plan_text::no_plan_text;

@@ -30,7 +30,7 @@ pub enum Error {
         /// Name of the result.
         name: String,
     },
-    /// The job has not succeeded: it has no results yet, or ended without any.
+    /// The job has not succeeded: it has no results yet, or ended without this one.
     #[error("job {job} is {}; only a succeeded job has results", state.as_str())]
     NoResults {
         /// The job.

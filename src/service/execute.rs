@@ -57,6 +57,8 @@ pub struct JobInput {
     pub params: PlanParams,
     /// Fields of the request that the files echo.
     pub echo: Echo,
+    /// Time at which the job was accepted, RFC 3339, which its report shows: every attempt gives the same files.
+    pub accepted_at: Option<String>,
 }
 
 /// Reasons why a job has no results.
@@ -68,9 +70,14 @@ pub enum JobError {
     /// Fields of the request that contradict each other or do not suit the part.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     BadInput(Vec<FieldError>),
-    /// No plan is possible, for these reasons.
-    #[error("{0}")]
-    NoPlan(String),
+    /// No plan is possible.
+    #[error("{reasons}")]
+    NoPlan {
+        /// The reasons.
+        reasons: String,
+        /// Report on them; may be empty.
+        report: Vec<Artifact>,
+    },
     /// A file of the store is missing or damaged.
     #[error("{0}")]
     Damaged(String),
@@ -84,7 +91,7 @@ impl From<PlanError> for JobError {
         match error {
             PlanError::Cancelled => Self::Cancelled,
             PlanError::BadParams(errors) => below("/params", errors),
-            PlanError::NoPlan(finding) => Self::NoPlan(no_plan_sentence(&finding)),
+            PlanError::NoPlan(finding) => Self::NoPlan { reasons: no_plan_sentence(&finding), report: Vec::new() },
         }
     }
 }
@@ -174,8 +181,15 @@ pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Resu
         roadmaps: Some(roadmaps),
         params: &input.params,
         echo: input.echo.clone(),
+        date: input.accepted_at.clone(),
     };
-    job.execute(ctx).map_err(JobError::from)
+    job.execute(ctx).map_err(|error| match error {
+        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, ctx) {
+            Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
+            Err(cancelled) => PlanError::from(cancelled).into(),
+        },
+        error @ (PlanError::Cancelled | PlanError::BadParams(_)) => error.into(),
+    })
 }
 
 /// Library of the meshes that a job brings along. Its specifications are inlined, so that a preset that changes in a later

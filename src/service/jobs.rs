@@ -155,6 +155,14 @@ fn lower_priority() {
     }
 }
 
+/// Result of an attempt.
+enum Attempted {
+    /// Files to store, and the problem that they tell of where the job fails.
+    Files(Vec<Artifact>, Option<JobProblem>),
+    /// An outcome without files.
+    Ended(AttemptOutcome),
+}
+
 /// Reasons why an attempt ended without result files.
 enum AttemptError {
     Job(JobError),
@@ -213,12 +221,12 @@ impl App {
         cancel.fetch_or(cancelled || self.0.stopping.is_cancelled(), Ordering::Relaxed);
         let began = Instant::now();
         let flag = Arc::clone(&cancel);
-        let (result, timings) = self.plan(&attempt, cancel).await;
+        let (attempted, timings) = self.plan(&attempt, cancel).await;
         // Interrupted although the service goes on: the machine is temporarily short of a resource.
-        let is_postponed = matches!(result, Err(AttemptOutcome::Interrupted));
-        let state = match result {
-            Ok(artifacts) => self.store_artifacts(attempt.id, artifacts, &timings, &flag).await,
-            Err(outcome) => self.record_outcome(attempt.id, outcome, &timings).await,
+        let is_postponed = matches!(attempted, Attempted::Ended(AttemptOutcome::Interrupted));
+        let state = match attempted {
+            Attempted::Files(artifacts, problem) => self.store_artifacts(attempt.id, (artifacts, problem), &timings, &flag).await,
+            Attempted::Ended(outcome) => self.record_outcome(attempt.id, outcome, &timings).await,
         };
         self.0.runner.lock().remove(&attempt.id);
         if is_postponed {
@@ -230,17 +238,14 @@ impl App {
         tracing::info!(state = state.map(JobState::as_str), seconds, "attempt ended");
     }
 
-    /// Plans a job and persists its progress. Returns the files, or the outcome without files; and the stage times.
-    async fn plan(
-        &self,
-        attempt: &Attempt,
-        cancel: Arc<AtomicBool>,
-    ) -> (Result<Vec<Artifact>, AttemptOutcome>, BTreeMap<String, f64>) {
+    /// Plans a job and persists its progress. Returns also the stage times.
+    async fn plan(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Attempted, BTreeMap<String, f64>) {
         let input = match job_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
             Ok(input) => input,
             Err(error) => {
                 tracing::error!(error = &error as &dyn std::error::Error, "a stored job cannot be read; it fails");
-                return (Err(AttemptOutcome::Failed(failure("job_unreadable", error.to_string(), Vec::new()))), BTreeMap::new());
+                let problem = failure("job_unreadable", error.to_string(), Vec::new());
+                return (Attempted::Ended(AttemptOutcome::Failed(problem, Vec::new())), BTreeMap::new());
             }
         };
         let (sender, updates) = mpsc::unbounded_channel();
@@ -251,32 +256,40 @@ impl App {
         // The task ends when the tracker is dropped; its errors are in the log.
         let _ = persisting.await;
         let timings = times.lock().unwrap_or_else(PoisonError::into_inner).closed();
-        let result = result.map_err(|error| match error {
-            AttemptError::Job(JobError::Cancelled) if self.0.stopping.is_cancelled() => AttemptOutcome::Interrupted,
-            AttemptError::Job(JobError::Cancelled) => AttemptOutcome::Cancelled,
-            AttemptError::Job(JobError::Unavailable(reason)) => {
+        let attempted = match result {
+            Ok(artifacts) => Attempted::Files(artifacts, None),
+            Err(AttemptError::Job(JobError::Cancelled)) if self.0.stopping.is_cancelled() => {
+                Attempted::Ended(AttemptOutcome::Interrupted)
+            }
+            Err(AttemptError::Job(JobError::Cancelled)) => Attempted::Ended(AttemptOutcome::Cancelled),
+            Err(AttemptError::Job(JobError::Unavailable(reason))) => {
                 tracing::warn!(reason, "the attempt is postponed");
-                AttemptOutcome::Interrupted
+                Attempted::Ended(AttemptOutcome::Interrupted)
             }
-            error @ (AttemptError::Job(_) | AttemptError::Panicked(_) | AttemptError::TimedOut(_)) => {
-                AttemptOutcome::Failed(job_problem(error))
+            Err(AttemptError::Job(JobError::NoPlan { reasons, report })) if !report.is_empty() => {
+                Attempted::Files(report, Some(failure("no_plan", reasons, Vec::new())))
             }
-        });
-        (result, timings)
+            Err(error @ (AttemptError::Job(_) | AttemptError::Panicked(_) | AttemptError::TimedOut(_))) => {
+                Attempted::Ended(AttemptOutcome::Failed(job_problem(error), Vec::new()))
+            }
+        };
+        (attempted, timings)
     }
 
-    /// Stores the result files of an attempt and records its outcome. While the disk is full or the store is temporarily
-    /// unavailable, it retries: finished plans are not thrown away.
+    /// Stores the files of an attempt and records its outcome: a failure where there is a problem. While the disk is full or the
+    /// store is temporarily unavailable, it retries: finished plans are not thrown away.
     async fn store_artifacts(
         &self,
         id: JobId,
-        mut artifacts: Vec<Artifact>,
+        (mut artifacts, problem): (Vec<Artifact>, Option<JobProblem>),
         timings: &BTreeMap<String, f64>,
         cancel: &AtomicBool,
     ) -> Option<JobState> {
         match serde_json::to_vec_pretty(timings) {
             Ok(bytes) => artifacts.push(Artifact { name: "timings.json".into(), bytes }),
-            Err(error) => return self.record_outcome(id, AttemptOutcome::Failed(internal(&error.into())), timings).await,
+            Err(error) => {
+                return self.record_outcome(id, AttemptOutcome::Failed(internal(&error.into()), Vec::new()), timings).await;
+            }
         }
         let (summary, artifacts) = (summary_of(&artifacts), Arc::new(artifacts));
         let mut pause = STORE_RETRY;
@@ -284,13 +297,17 @@ impl App {
             match self.0.store.put_artifacts(Arc::clone(&artifacts)).await {
                 // `stored` pins its files until their rows are written.
                 Ok(stored) => {
-                    let outcome = AttemptOutcome::Succeeded { files: stored.files.clone(), summary };
+                    let files = stored.files.clone();
+                    let outcome = match &problem {
+                        None => AttemptOutcome::Succeeded { files, summary },
+                        Some(problem) => AttemptOutcome::Failed(problem.clone(), files),
+                    };
                     return self.record_outcome(id, outcome, timings).await;
                 }
                 Err(error) if error.is_transient() => {
                     tracing::warn!(error = &error as &dyn std::error::Error, "results cannot be stored at the moment; retrying");
                 }
-                Err(error) => break AttemptOutcome::Failed(internal(&error)),
+                Err(error) => break AttemptOutcome::Failed(internal(&error), Vec::new()),
             }
             self.pause(pause).await;
             pause = (pause * 2).min(MAX_STORE_RETRY);
@@ -346,7 +363,7 @@ fn job_problem(error: AttemptError) -> JobProblem {
             let JobError::BadInput(errors) = error else { return failure("job_input_invalid", detail, Vec::new()) };
             failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
         }
-        AttemptError::Job(JobError::NoPlan(reasons)) => failure("no_plan", reasons, Vec::new()),
+        AttemptError::Job(JobError::NoPlan { reasons, .. }) => failure("no_plan", reasons, Vec::new()),
         AttemptError::Job(JobError::Damaged(reason)) => failure("file_damaged", reason, Vec::new()),
         AttemptError::Job(error @ (JobError::Unavailable(_) | JobError::Cancelled)) => {
             failure("internal", error.to_string(), Vec::new())

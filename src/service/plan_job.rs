@@ -8,14 +8,15 @@ use sha2::{Digest, Sha256};
 use super::store::hex;
 use crate::cell::{Cell, CollisionScene, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh, Poll};
-use crate::planning::context::{Cancelled, Context, Stage};
+use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
 use crate::program::{Expected, Program, compile};
-use crate::report::html::{self, ReportInput};
+use crate::report::html::{self, NoPlanInput, ReportInput, ReportSubject};
+use crate::report::no_plan_text;
 use crate::report::text::text;
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
@@ -66,6 +67,8 @@ pub struct PlanJob<'a> {
     pub params: &'a PlanParams,
     /// Fields of the request that the files echo.
     pub echo: Echo,
+    /// Time to print on the report, RFC 3339: the one thing in the files that is not of the request.
+    pub date: Option<String>,
 }
 
 /// The summary of a plan whose file is `document`.
@@ -106,17 +109,15 @@ impl PlanJob<'_> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
-        let programs = self.programs(plan, &document);
+        let plan_sha256 = hex(&Sha256::digest(&document));
+        let programs = self.programs(plan, &plan_sha256);
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput {
+            subject: self.subject(),
             outcome,
-            mesh: self.mesh,
-            scanner: self.scanner,
-            cell_name: self.cell.map(|cell| cell.name.as_str()),
+            plan_sha256: &plan_sha256,
             cycle_secs: (!programs.is_empty()).then(|| programs.iter().map(|program| program.cycle_secs).sum()),
-            part_name: &self.part_name,
-            echo: &self.echo,
         };
         let mut files: Vec<(Cow<'static, str>, Vec<u8>)> = vec![
             (SUMMARY_FILE.into(), summary_bytes(plan, &document)),
@@ -155,10 +156,35 @@ impl PlanJob<'_> {
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
-    /// Robot program of each setup, if there is a cell. Each names its plan by the hash of `document`.
-    fn programs(&self, plan: &Plan, document: &[u8]) -> Vec<Program> {
-        let (Some(cell), plan_sha256) = (self.cell, hex(&Sha256::digest(document))) else { return Vec::new() };
-        let compiled = |(setup, sequence)| compile(sequence, setup, cell, &plan_sha256, &plan.params);
+    /// Renders the report of a job for which no plan is possible.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn render_no_plan(&self, finding: &NoPlan, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+        ctx.begin(Stage::Report)?;
+        let input = NoPlanInput { subject: self.subject(), params: self.params, finding };
+        let page = html::render_no_plan(&input, ctx)?;
+        let files = [("report.txt", no_plan_text(&input)), ("report.html", page)];
+        Ok(files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).into())
+    }
+
+    fn subject(&self) -> ReportSubject<'_> {
+        ReportSubject {
+            mesh: self.mesh,
+            fixture: self.fixture,
+            part_sha256: self.part_sha256,
+            part_name: &self.part_name,
+            scanner: self.scanner,
+            cell: self.cell,
+            echo: &self.echo,
+            date: self.date.as_deref(),
+        }
+    }
+
+    /// Robot program of each setup, if there is a cell. Each names its plan by its hash.
+    fn programs(&self, plan: &Plan, plan_sha256: &str) -> Vec<Program> {
+        let Some(cell) = self.cell else { return Vec::new() };
+        let compiled = |(setup, sequence)| compile(sequence, setup, cell, plan_sha256, &plan.params);
         plan.sequences().enumerate().map(compiled).collect()
     }
 

@@ -288,5 +288,6 @@ pub(super) fn job_input(attempt: &Attempt, files: &Files, max_triangles: usize) 
         max_triangles,
         params: attempt.request.params.clone(),
         echo: attempt.request.echo(),
+        accepted_at: Some(attempt.created_at.clone()),
     })
 }

@@ -226,7 +226,8 @@ pub struct Job {
     pub plan_sha256: Option<String>,
     /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
     pub summary: Option<Summary>,
-    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
+    /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`. A job that failed with the code `no_plan` has its report
+    /// on the reasons.
     pub results: Vec<JobFile>,
 }
 

@@ -187,7 +187,7 @@ pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy
 #[must_use]
 pub fn no_plan_sentence(finding: &NoPlan) -> String {
     let (candidates, asked_mm2, missed_mm2) = match finding {
-        NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2 } => (candidates, asked_mm2, missed_mm2),
+        NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, .. } => (candidates, asked_mm2, missed_mm2),
         NoPlan::NothingInStudy => return "no candidate measures anything; look at the part's unit and size".to_owned(),
         NoPlan::NotRegistered { stability } => {
             return format!(

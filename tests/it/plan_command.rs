@@ -120,6 +120,24 @@ fn a_feature_that_gets_nothing_is_warned_of_and_with_strict_exits_with_3() {
 }
 
 #[test]
+fn no_plan_exits_with_3_and_leaves_a_report_on_the_reasons() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // No surface faces both cameras within a degree.
+    let (code, _, told) = plan_block(folder.path(), &["limits.camera_deg=1", "limits.projector_deg=1"], &[]);
+    assert_eq!(code, Some(3), "{told}");
+    assert!(told.contains("no plan is possible: of ") && told.contains("report.html"), "{told}");
+    let read = |name: &str| {
+        std::fs::read_to_string(folder.path().join("out").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    };
+    assert!(read("report.txt").starts_with("no plan is possible: of "), "{}", read("report.txt"));
+    let page = read("report.html");
+    for said in ["No plan is possible", "What became of the viewpoints", "<dt>Date</dt>", "block.obj"] {
+        assert!(page.contains(said), "the page lacks {said:?}");
+    }
+    assert!(!folder.path().join("out/plan.json").exists());
+}
+
+#[test]
 fn regions_that_are_met_are_no_error_with_strict() {
     let folder = tempfile::tempdir().expect("a folder");
     let (code, summary, warned) = plan_block(folder.path(), &[SIDE], &["--strict"]);

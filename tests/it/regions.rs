@@ -59,6 +59,7 @@ fn files(params: &PlanParams) -> impl Fn(&str) -> Option<String> + use<> {
         roadmaps: None,
         params,
         echo: Echo::default(),
+        date: None,
     };
     let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     move |name| files.iter().find(|file| file.name == name).map(|file| String::from_utf8_lossy(&file.bytes).into_owned())

@@ -1,13 +1,15 @@
 //! What a person looks at after a plan, made from a plan whose answers are known in closed form: a sphere seen from
 //! four sides. The text report is held by `tests/golden/plan_report.txt`; `UPDATE_GOLDEN=1` writes it anew.
 
+mod browser;
 pub(crate) mod markup;
+mod no_plan;
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use vantage::cell::{Configuration, Contact, Posture, Separation};
+use vantage::cell::{Cell, Configuration, Contact, Posture, Presets, Separation, SpecLibrary};
 use vantage::geometry::{Mesh, NOT_DRAWN, Part, Poll, Pose, ScannerFrame, preview};
 use vantage::planning::candidates::{Label, Rejection};
 use vantage::planning::context::{Context, Silent};
@@ -22,12 +24,11 @@ use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
 use vantage::planning::surface::{self, Surface};
 use vantage::planning::visibility::Row;
-use vantage::report::html::{ReportInput, render};
+use vantage::report::html::{ReportInput, ReportSubject, render};
 use vantage::report::text::text;
 use vantage::wire::echo::Echo;
 use vantage::wire::{coverage, missed, viewpoints};
 
-use crate::support::nominal_scanner;
 use markup::{data_uris, well_formed};
 
 const RADIUS_MM: f64 = 40.0;
@@ -246,10 +247,48 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
 }
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {
-    let scanner = nominal_scanner();
-    let (cell_name, cycle_secs, flag) = (Some(part_name), Some(143.2), AtomicBool::new(false));
-    let input = ReportInput { outcome, mesh, scanner: &scanner, cell_name, cycle_secs, part_name, echo };
+    dated_page(mesh, outcome, part_name, echo, None)
+}
+
+fn dated_page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo, date: Option<&str>) -> String {
+    let (cell, flag) = (Cell { name: part_name.to_owned(), ..default_cell() }, AtomicBool::new(false));
+    let part_sha256 = &outcome.plan.part.sha256;
+    let subject =
+        ReportSubject { mesh, fixture: None, part_sha256, part_name, scanner: &cell.scanner, cell: Some(&cell), echo, date };
+    let input = ReportInput { subject, outcome, plan_sha256: "cd", cycle_secs: Some(143.2) };
     render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
+}
+
+fn default_cell() -> Cell {
+    Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
+}
+
+/// So many views: those of the sphere again and again, in one sequence.
+fn with_views(mut outcome: Outcome, count: usize) -> Outcome {
+    let views = outcome.plan.views.len();
+    let nth = |view: usize| PlannedView { id: ViewId::at(view), ..outcome.plan.views[view % views].clone() };
+    let all: Vec<PlannedView> = (0..count).map(nth).collect();
+    outcome.measured_by_view = (0..count).map(|view| outcome.measured_by_view[view % views].clone()).collect();
+    outcome.plan.views = all;
+    outcome.plan.setups[0].views = ViewId::first(count).collect();
+    outcome.plan.setups[0].sequence = Some(sequence(count));
+    outcome
+}
+
+/// A second setup, in which the sphere is turned upside down and 12 mm off the axis, and half of the views are taken.
+fn turned_over(mut outcome: Outcome) -> Outcome {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let mut second = outcome.plan.setups[0].clone();
+    second.table_from_part = Pose::from_parts(Vector3::new(12.0, 0.0, RADIUS_MM), turn);
+    let split = |sequence: &Sequence, visits: std::ops::Range<usize>| Sequence {
+        visits: sequence.visits[visits].to_vec(),
+        ..sequence.clone()
+    };
+    let whole = outcome.plan.setups[0].sequence.clone().expect("a sequence");
+    second.sequence = Some(split(&whole, 2..4));
+    outcome.plan.setups[0].sequence = Some(split(&whole, 0..2));
+    outcome.plan.setups.push(second);
+    outcome
 }
 
 #[test]
@@ -275,12 +314,16 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         assert!(!page.contains(outside), "the page contains {outside}");
     }
     for said in [
+        "Ready to scan",
         "4</b><span>views",
-        "2\u{a0}min 23\u{a0}s",
+        "2\u{a0}min 23\u{a0}s</b><span>cycle time",
+        "4 × 1.3\u{a0}s scanning",
         "Hidden from the left camera",
         "coverage.csv",
-        "The largest spots, and what would help",
+        "The largest spots",
         "12.0 × 34.5 × 6.0",
+        "Add tilted views: put their poses into candidates.poses",
+        "Turn the part over: it stands on this surface, or the surface faces the table<br/><code>--set setups=2</code>",
         "<b>75 % of it: another tilt</b>",
         "only 75 % of it, 1013.8 mm²: tilt candidate 7 by 20°",
         "It is not a measurement",
@@ -320,15 +363,127 @@ fn pictures_decode_and_stay_small() {
 #[test]
 fn of_very_many_views_the_first_have_pictures() {
     let mesh = sphere();
+    let page = page(&mesh, &with_views(sphere_outcome(&mesh), 130), "sphere", &Echo::default());
+    well_formed(&page).expect("well-formed");
+    let pictures = data_uris(&page);
+    assert_eq!(pictures.len(), 3 + 120 + 3);
+    assert!(pictures[3..123].iter().all(|picture| picture.size_px == [320, 240]), "thumbnails are small");
+    assert_eq!(page.matches("<details class=\"stop\"").count(), 130, "every view has its figures");
+    assert!(page.contains("The first 120 have pictures."));
+}
+
+/// Places at which texts begin, which must ascend.
+fn ascend(page: &str, texts: &[&str]) {
+    let places: Vec<usize> =
+        texts.iter().map(|text| page.find(text).unwrap_or_else(|| panic!("the page lacks {text:?}"))).collect();
+    assert!(places.is_sorted(), "{texts:?} at {places:?}");
+}
+
+#[test]
+fn the_page_is_a_work_instruction_in_the_order_of_the_work() {
+    let mesh = sphere();
+    let page = page(&mesh, &sphere_outcome(&mesh), "sphere", &Echo::default());
+    ascend(
+        &page,
+        &[
+            "<h2>Ready to scan</h2>",
+            "<h2>How the part lies on the plate</h2>",
+            "<h2>Stops in the robot’s order</h2>",
+            "<h2>What is missed, and what helps</h2>",
+            "<h3>What helps the spots</h3>",
+            "<h2>Why to trust it</h2>",
+            "<h2>Appendix</h2>",
+        ],
+    );
+    // The sequence visits the views in reverse; moves take 1.25 s and as many more as the view's number, a scan 1.3 s.
+    ascend(&page, &["data-view=\"3\"", "data-view=\"2\"", "data-view=\"1\"", "data-view=\"0\""]);
+    ascend(&page, &["table 171.9° · at ", "table 114.6° · at 8.8\u{a0}s", "table 57.3° · at "]);
+}
+
+#[test]
+fn views_without_a_path_stand_apart_and_do_not_count() {
+    let mesh = sphere();
     let mut outcome = sphere_outcome(&mesh);
-    let views = outcome.plan.views.len();
-    outcome.plan.views = (0..130).map(|view| outcome.plan.views[view % views].clone()).collect();
-    outcome.measured_by_view = (0..130).map(|view| outcome.measured_by_view[view % views].clone()).collect();
+    let left_out = &mut outcome.plan.views[0];
+    (left_out.rejected, left_out.station, left_out.stance) = (Some(Cause::NoPath), None, None);
+    let sequence = outcome.plan.setups[0].sequence.as_mut().expect("a sequence");
+    sequence.visits.retain(|(view, _)| *view != ViewId(0));
     let page = page(&mesh, &outcome, "sphere", &Echo::default());
     well_formed(&page).expect("well-formed");
-    assert_eq!(data_uris(&page).len(), 3 + 48 + 3);
-    assert_eq!(page.matches("<h3>View ").count(), 130, "every view has its figures");
-    assert!(page.contains("The first 48 views have pictures."));
+    for said in ["Can be scanned, with gaps", "3</b><span>views", "1 chosen view is not executed", "Chosen, but not executed"] {
+        assert!(page.contains(said), "the page lacks {said:?}");
+    }
+    ascend(&page, &["data-view=\"1\"", "Chosen, but not executed", "data-view=\"0\""]);
+}
+
+#[test]
+fn date_version_and_part_number_stand_on_the_page_and_in_print_only_where_they_are_given() {
+    let mesh = sphere();
+    let outcome = sphere_outcome(&mesh);
+    let echo = Echo { part_number: Some("PN-4711".into()), ..Echo::default() };
+    let dated = dated_page(&mesh, &outcome, "sphere", &echo, Some("2026-01-31T08:15:42.123Z"));
+    let version = env!("CARGO_PKG_VERSION");
+    for said in ["<dd>2026-01-31 08:15 UTC</dd>", "<dd>PN-4711</dd>", &format!("<dd>Vantage {version}</dd>"), "counter(page)"] {
+        assert!(dated.contains(said), "the page lacks {said:?}");
+    }
+    let foot = dated.split("@bottom-left { content: ").nth(1).and_then(|rest| rest.split(';').next()).expect("a foot");
+    for said in ["PN\\2d 4711", "2026\\2d 01\\2d 31\\20 08\\3a 15", "Vantage\\20 "] {
+        assert!(foot.contains(said), "{said:?} is not in {foot}");
+    }
+    let undated = page(&mesh, &outcome, "sphere", &Echo::default());
+    assert!(!undated.contains("<dt>Date</dt>") && !undated.contains("UTC"));
+}
+
+#[test]
+fn a_drawing_a_setup_has_the_offsets_from_the_axis_and_the_side_up() {
+    let mesh = sphere();
+    let page = page(&mesh, &turned_over(sphere_outcome(&mesh)), "sphere", &Echo::default());
+    well_formed(&page).expect("well-formed");
+    let figures: Vec<&str> =
+        page.split("<figure class=\"lay\"").skip(1).map(|rest| rest.split("</figure>").next().expect("its end")).collect();
+    assert_eq!(figures.len(), 2);
+    assert!(
+        figures[0].contains("Setup 1: as it is laid first") && figures[1].contains("Setup 2, from setup 1: turn it upside down")
+    );
+    let lengths = |figure: &str| -> Vec<String> {
+        let texts = figure.split("<text class=\"dimension").skip(1);
+        texts.map(|rest| rest.split('>').nth(1).and_then(|text| text.split('<').next()).expect("a text").to_owned()).collect()
+    };
+    assert_eq!(lengths(figures[0]), ["40.0", "40.0", "40.0", "40.0", "80.0"], "along x, along y, and up");
+    assert_eq!(lengths(figures[1]), ["28.0", "52.0", "40.0", "40.0", "80.0"], "12 mm off the axis");
+    for (figure, up, span) in [(figures[0], "+z", "x −40.0 to 40.0"), (figures[1], "−z", "x −28.0 to 52.0")] {
+        assert!(figure.contains(&format!("<text class=\"up\" x=\"42\" y=\"198\">{up}</text>")), "{up}");
+        assert!(figure.contains(&format!("{up} of the file")) && figure.contains(span), "{span}");
+        for drawn in ["class=\"plate\"", ">0°</text>", "class=\"robot\"", "class=\"outline\"", "href=\"data:image/png"] {
+            assert!(figure.contains(drawn), "the drawing lacks {drawn}");
+        }
+    }
+    // The robot's foot, as the cell has it.
+    let foot = default_cell().base_from_table.inverse().origin_mm();
+    let facts = format!(
+        "{:.0} mm from the axis, at {:.1}° of the table",
+        foot.x.hypot(foot.y),
+        (foot.y + 0.0).atan2(foot.x).to_degrees()
+    );
+    assert!(figures[0].contains(&facts.replace('-', "−")), "{facts}");
+    let stops = page.split("<h2>Stops in the robot’s order</h2>").nth(1).expect("the stops");
+    ascend(
+        stops,
+        &["<h3>Setup 1</h3>", "data-view=\"2\"", "<h3>Setup 2, from setup 1: turn it upside down</h3>", "data-view=\"1\""],
+    );
+}
+
+#[test]
+fn numbers_of_spots_are_the_same_in_the_list_and_in_the_pictures() {
+    let mesh = sphere();
+    let page = page(&mesh, &sphere_outcome(&mesh), "sphere", &Echo::default());
+    let section = page.split("<h2>What is missed, and what helps</h2>").nth(1).expect("the section");
+    let (pictures, list) = section.split_once("<h3>What helps the spots</h3>").expect("fixes");
+    for number in 1..=2 {
+        assert!(pictures.contains(&format!("<g class=\"spot\" data-spot=\"{number}\">")), "spot {number} is seen from a side");
+        assert!(list.contains(&format!("<b>{number}</b>")), "spot {number} is listed");
+    }
+    assert!(!pictures.contains("data-spot=\"3\"") && !pictures.contains("spot hidden"));
 }
 
 #[test]
@@ -336,12 +491,16 @@ fn a_view_shows_what_it_measures_where_it_looks() {
     let mesh = sphere();
     let outcome = sphere_outcome(&mesh);
     let page = page(&mesh, &outcome, "sphere", &Echo::default());
-    // The picture of view 0, from +x: the sphere fills 90 % of the height about the middle, right of the picture is +y.
-    let picture = &data_uris(&page)[3];
-    let is_blue = |[r, _, b, a]: [u8; 4]| a == 255 && b > r + 40;
-    let is_red = |[r, g, b, _]: [u8; 4]| r > 40 && g < r / 2 && b < r / 2;
+    // View 0 is the last stop, after three sides and three stops. It looks from +x: the sphere fills 90 % of the height about the
+    // middle, right of the picture is +y.
+    let picture = &data_uris(&page)[3 + 3];
+    let unit = |rgb: [u8; 3]| Vector3::from(rgb.map(f64::from)).normalize();
+    let is = |[r, g, b, a]: [u8; 4], colour: [u8; 3]| a == 255 && unit([r, g, b]).dot(&unit(colour)) > 0.999;
+    let grades = [[0x00, 0x18, 0xb1], [0x19, 0xdd, 0x7c], [0xff, 0xef, 0x14], [0xb3, 0x31, 0x07]];
+    let is_measured = |pixel: [u8; 4]| grades.iter().any(|grade| is(pixel, *grade));
+    let is_missed = |pixel: [u8; 4]| is(pixel, [0xe5, 0x64, 0xe4]);
     let is_grey = |[r, g, b, a]: [u8; 4]| a == 255 && r.max(g).max(b) - r.min(g).min(b) < 12;
-    assert!(is_blue(picture.at(320, 240)), "the middle is measured: {:?}", picture.at(320, 240));
+    assert!(is(picture.at(320, 240), grades[0]), "the middle has grade A: {:?}", picture.at(320, 240));
     assert_eq!(picture.at(10, 10)[3], 0, "the corner is empty");
     // At 205 of 216 px from the middle the view is too oblique. Above, the view from above takes over, on the left the
     // one from the front; the right is not asked for.
@@ -351,8 +510,10 @@ fn a_view_shows_what_it_measures_where_it_looks() {
     assert!(is_grey(right) && right[0] < picture.at(115, 240)[0], "not asked for is darker: {right:?}");
     // The direction (0.45, 0.50, −0.74) is farther than 60° from every view.
     let below_right = picture.at(320 + 111, 240 + 165);
-    assert!(is_red(below_right), "{below_right:?}");
-    assert!(is_blue(picture.at(320, 240 - 150)) && is_blue(picture.at(320 + 150, 240)));
+    assert!(is_missed(below_right), "{below_right:?}");
+    for (x, y) in [(320, 240 - 150), (320 + 150, 240)] {
+        assert!(is_measured(picture.at(x, y)), "{:?}", picture.at(x, y));
+    }
 }
 
 #[test]

@@ -41,6 +41,7 @@ fn plan() -> Value {
         roadmaps: None,
         params: &params,
         echo: Echo::default(),
+        date: None,
     };
     let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     let plan = files.iter().find(|file| file.name == "plan.json").expect("the plan");

@@ -212,6 +212,8 @@ result! {
 }
 result! {
     /// Get the report
+    ///
+    /// A job that failed with `no_plan` has one too: the reasons, with pictures of what is in the way.
     report, "get_report", "/jobs/{id}/report", REPORT, "format" ReportFormat,
     ("text/html", String), ("text/plain", String)
 }

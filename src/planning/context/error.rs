@@ -2,7 +2,8 @@
 
 use super::Cancelled;
 use crate::cell::FieldError;
-use crate::planning::verdict::{CandidateCounts, Cause, Stability};
+use crate::geometry::{Part, Pose, Table};
+use crate::planning::verdict::{CandidateCounts, Cause, Obstruction, Stability};
 
 /// Reason for which there is no plan.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -29,6 +30,10 @@ pub enum NoPlan {
         asked_mm2: f64,
         /// Asked area by the cause for which it is missed, mm²: the largest first, none of them 0.
         missed_mm2: Vec<(Cause, f64)>,
+        /// Pairs of bodies that keep the cell from candidates, the one that keeps it from most first.
+        obstructions: Vec<Obstruction>,
+        /// Pose of the part in each setup that was planned in.
+        setups: Vec<Pose<Table, Part>>,
     },
     /// Setups share no surface by which they could be registered to each other.
     NotRegistered {

@@ -16,8 +16,8 @@ use super::ids::{CandidateIndex, SetupId, SetupIndex, ViewId};
 use super::missed::{self, CanExecute, MissAnalysis};
 use super::params::SelectionParams;
 use super::plan::{
-    CandidateCounts, CandidateFate, Cause, Coverage, Fate, MissedCause, Outcome, PartFacts, Plan, PlannedView, RegionCoverage,
-    SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
+    CandidateCounts, CandidateFate, Cause, Coverage, Fate, MissedCause, Obstruction, Outcome, PartFacts, Plan, PlannedView,
+    RegionCoverage, SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
 };
 use super::problem::{ChosenViews, ViewPlanningProblem};
 use super::realism;
@@ -304,13 +304,14 @@ fn candidate_counts(problem: &ViewPlanningProblem<'_>) -> CandidateCounts {
     CandidateCounts { generated: problem.candidates.generated, kept: problem.usable().len(), rejected }
 }
 
-/// The finding that no candidate of a problem measures anything, with the causes that keep them from it.
+/// The finding that no candidate of a problem measures anything, with the causes and bodies that keep them from it.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub(super) fn nothing_measured(
     problem: &ViewPlanningProblem<'_>,
     occluders: &Occluders,
+    obstructions: Vec<Obstruction>,
     ctx: &Context<'_>,
 ) -> Result<NoPlan, Cancelled> {
     let part = RayScene::interruptible([problem.input.mesh], || ctx.check())?;
@@ -325,7 +326,8 @@ pub(super) fn nothing_measured(
     missed_mm2.retain(|(_, area_mm2)| *area_mm2 > 0.0);
     missed_mm2.sort_by(|a, b| b.1.total_cmp(&a.1));
     let asked_mm2 = problem.asked_area_mm2.iter().sum();
-    Ok(NoPlan::NothingMeasured { candidates: candidate_counts(problem), asked_mm2, missed_mm2 })
+    let (candidates, setups) = (candidate_counts(problem), problem.setups.clone());
+    Ok(NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, obstructions, setups })
 }
 
 #[cfg(test)]

@@ -1,14 +1,16 @@
 //! Verdicts on samples: the grade of what is measured, the cause of what is missed; and on candidates: the reason for which
-//! one was dropped.
+//! one was dropped, and the bodies that keep the cell from them.
 
 mod cause;
 mod grade;
+mod obstruction;
 mod rejection;
 mod risk;
 mod stability;
 
 pub use cause::Cause;
 pub use grade::Grade;
+pub use obstruction::{Advice, Obstruction};
 pub use rejection::{CandidateCounts, Fate, Rejection};
 pub use risk::RiskReason;
 pub use stability::{MIN_RESISTANCE, Stability};

@@ -15,6 +15,8 @@ const MAX_TANGENT: f64 = 1.2;
 const FIT_POINTS: usize = 20_000;
 /// Distance of the camera of an overview, in radii of the part: mild perspective.
 const OVERVIEW_RADII: f64 = 5.0;
+/// Distance of the camera of a drawing to scale, in radii of the part: what is nearer by a radius appears larger by 0.25 %.
+const AFAR_RADII: f64 = 400.0;
 
 /// A pinhole camera and its picture.
 #[derive(Clone, Debug)]
@@ -64,6 +66,28 @@ impl Camera {
             UnitQuaternion::from_rotation_matrix(&part_from_axes),
         );
         Self::fitted(Pose::<Part, Device>::claim(part_from_camera).inverse(), size_px, vertices_mm)
+    }
+
+    /// A camera so far from `at_mm` (part frame) that it shows a parallel projection to a pixel: `px_per_mm` there, which is the
+    /// centre of the picture. `radius_mm` is that of the part.
+    pub(super) fn from_afar(
+        at_mm: &Point3<f64>,
+        [towards_camera, up]: [Vector3<f64>; 2],
+        radius_mm: f64,
+        px_per_mm: f64,
+        size_px: [usize; 2],
+    ) -> Self {
+        let z = -towards_camera.normalize();
+        let x = z.cross(&up).normalize();
+        let part_from_axes = Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
+        let distance_mm = AFAR_RADII * radius_mm + 2.0 * NEAR_MM;
+        let part_from_camera = Isometry3::from_parts(
+            Translation3::from(at_mm.coords - z * distance_mm),
+            UnitQuaternion::from_rotation_matrix(&part_from_axes),
+        );
+        let camera_from_part = Pose::<Part, Device>::claim(part_from_camera).inverse();
+        let centre_px = size_px.map(|n| n as f64 / 2.0);
+        Self { camera_from_part, size_px, focal_px: px_per_mm * distance_mm, centre_px }
     }
 
     /// Pixel of a point given in the camera's frame; `None` in front of the near plane.

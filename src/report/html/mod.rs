@@ -1,13 +1,22 @@
-//! `report.html`, the first thing that an operator looks at. It is one file that loads nothing: styles, drawings and pictures
-//! are embedded, and there is no script. It is also well-formed XML. Equal inputs give equal bytes.
+//! `report.html`, a work instruction: the verdict, how the part lies on the plate, the stops in the robot's order, what is missed
+//! and what helps, why to trust it, and everything else as an appendix. It is one file that loads nothing: styles, drawings and
+//! pictures are embedded, and there is no script. It is also well-formed XML. Equal inputs give equal bytes; the date is an input.
 //!
-//! Cost: about a dozen renderings of the part, in the rayon pool of the caller.
+//! Cost: a rendering of the part for each stop (at most 120), two for each setup and six more, in the rayon
+//! pool of the caller.
 
+mod appendix;
+mod bodies;
 mod camera;
 mod chart;
 mod depth_buffer;
+mod drawing;
 mod image;
+mod lay;
 pub(super) mod markup;
+mod missed;
+mod no_plan;
+mod outline;
 pub(super) mod page;
 pub(super) mod palette;
 mod pictures;
@@ -16,35 +25,56 @@ mod regions;
 mod renderer;
 mod sections;
 mod shading;
+mod spots;
+mod stops;
+mod trust;
+mod verdict;
 mod views;
 mod words;
 
 #[cfg(test)]
 mod tests;
 
-use crate::cell::Scanner;
+pub use no_plan::{NoPlanInput, render_no_plan};
+
+use crate::cell::{Cell, Scanner};
 use crate::geometry::Mesh;
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::plan::Outcome;
+use crate::planning::plan::{Outcome, SetupId};
 use crate::wire::echo::Echo;
 
-/// Input of a report.
+/// Subject of a report, whether or not a plan is possible: the part and what it was planned for.
 #[derive(Clone, Copy)]
-pub struct ReportInput<'a> {
-    /// The plan and the verdict on each sample.
-    pub outcome: &'a Outcome,
-    /// The planned mesh.
+pub struct ReportSubject<'a> {
+    /// The part.
     pub mesh: &'a Mesh,
-    /// The scanner that was planned for.
-    pub scanner: &'a Scanner,
-    /// Name of the cell; `None` for viewpoints only.
-    pub cell_name: Option<&'a str>,
-    /// Predicted cycle time; `None` without a program.
-    pub cycle_secs: Option<f64>,
+    /// The fixture that holds it, in the part's coordinates.
+    pub fixture: Option<&'a Mesh>,
+    /// SHA-256 of the part's file, lower-case hexadecimal.
+    pub part_sha256: &'a str,
     /// Name of the part.
     pub part_name: &'a str,
+    /// The scanner that was planned for.
+    pub scanner: &'a Scanner,
+    /// The cell; `None` for viewpoints only.
+    pub cell: Option<&'a Cell>,
     /// Labels, part number and serial number, as given with the job.
     pub echo: &'a Echo,
+    /// Time to print on the report, RFC 3339; a plan has none, so it is the caller's to say.
+    pub date: Option<&'a str>,
+}
+
+/// Input of the report of a plan.
+#[derive(Clone, Copy)]
+pub struct ReportInput<'a> {
+    /// The part and what it was planned for.
+    pub subject: ReportSubject<'a>,
+    /// The plan and the verdict on each sample.
+    pub outcome: &'a Outcome,
+    /// SHA-256 of `plan.json`, lower-case hexadecimal; empty if it is not known.
+    pub plan_sha256: &'a str,
+    /// Predicted cycle time; `None` without a program.
+    pub cycle_secs: Option<f64>,
 }
 
 /// Renders the page.
@@ -52,26 +82,23 @@ pub struct ReportInput<'a> {
 /// # Errors
 /// [`Cancelled`].
 pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
-    let scene = renderer::Scene::new(input.mesh, &input.outcome.surface, ctx)?;
+    let (subject, plan) = (&input.subject, &input.outcome.plan);
+    let scene = renderer::Scene::new(subject.mesh, &input.outcome.surface, ctx)?;
+    let lays: Vec<lay::Lay> = SetupId::number(&plan.setups)
+        .map(|(id, setup)| lay::Lay { table_from_part: setup.table_from_part, turn: plan.turn_into(id) })
+        .collect();
     let body = [
-        sections::header(input),
+        sections::header(subject, "Scan plan"),
         "<main>\n".to_owned(),
-        sections::headline(input),
+        verdict::section(input, &views::overviews(input, &scene)),
         regions::section(input),
-        sections::advice(input),
-        views::overviews(input, &scene),
-        views::chosen(input, &scene, ctx)?,
-        sections::curve(input),
-        sections::certificate(input),
-        sections::at_risk(input),
-        views::misses(input, &scene),
-        sections::registration(input),
-        sections::missed(input),
-        sections::order(input),
-        sections::obstructions(input),
-        sections::settings(input),
+        lay::section(subject, &lays, &scene),
+        stops::section(input, &scene, ctx)?,
+        missed::section(input, &scene),
+        trust::section(input),
+        appendix::sections(input),
         "</main>\n".to_owned(),
-        sections::footer(),
+        sections::footer("<code>plan.json</code>, which holds every number at full precision"),
     ];
-    Ok(page::document(&format!("Scan plan: {}", input.part_name), &body.concat()))
+    Ok(sections::document(subject, "Scan plan", &body.concat()))
 }

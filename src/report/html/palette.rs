@@ -1,6 +1,11 @@
-//! Colours of pictures and legends. Measured surface is blue, the darker the better; missed surface is warm, one hue per group
-//! of causes; everything else is grey. The fourteen colours maximise the smallest difference between any two: CIEDE2000 of at
-//! least 12 for normal vision and for protan and deutan vision (Machado, Oliveira and Fernandes 2009, severity 1).
+//! Colours of pictures and legends. Grades differ by hue, not by lightness, since shading changes the lightness of a surface; a
+//! picture of grades has one colour for all missed surface, and a picture of misses one for each group of causes.
+//!
+//! The colours of each kind of picture maximise the smallest difference between any two as they are drawn, shaded and shining
+//! through measured surface: CIE76 ΔE of at least 20 in CIELAB for normal vision, protanopia and deuteranopia (G. M. Machado,
+//! M. M. Oliveira and L. A. F. Fernandes, "A Physiologically-based Model for Simulation of Color Vision Deficiency", IEEE
+//! TVCG 15(6), 2009, severity 1). In grey, the five colours of a picture of grades are at least 14 apart in lightness. The tests
+//! hold all of that.
 
 use crate::planning::plan::{Cause, Grade, Verdict};
 
@@ -41,6 +46,19 @@ impl MissGroup {
     }
 }
 
+/// Role of a body in a picture of what is in the way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::report) enum BodyRole {
+    /// One of the two that are too near to each other.
+    First,
+    /// The other of them.
+    Second,
+    /// The part, where it is neither.
+    Part,
+    /// Anything else.
+    Other,
+}
+
 /// Meaning of the colour of a point in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::report) enum Ink {
@@ -48,42 +66,66 @@ pub(in crate::report) enum Ink {
     Measured(Grade),
     /// Measured, but not by the view that the picture shows.
     ByOthers,
-    /// Missed.
+    /// Missed for any cause, in a picture of grades.
+    Unmeasured,
+    /// Missed, in a picture of causes.
     Missed(MissGroup),
     /// Not asked for.
     NotAsked,
     /// The inner side of an open surface.
     Back,
+    /// A body of the cell.
+    Body(BodyRole),
 }
 
 impl Ink {
-    /// The ink of a sample in a picture of the whole plan.
-    pub(super) fn of(verdict: Verdict) -> Self {
+    /// The ink of a sample in a picture of grades.
+    pub(super) fn of_grade(verdict: Verdict) -> Self {
         match verdict {
             Verdict::Measured(grade) => Self::Measured(grade),
+            Verdict::Missed(_) => Self::Unmeasured,
+            Verdict::NotAsked => Self::NotAsked,
+        }
+    }
+
+    /// The ink of a sample in a picture of causes.
+    pub(super) fn of_cause(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Measured(_) => Self::ByOthers,
             Verdict::Missed(cause) => Self::Missed(MissGroup::of(cause)),
             Verdict::NotAsked => Self::NotAsked,
+        }
+    }
+
+    /// Returns true if surface of this ink shines through what hides it. Surface that the part stands on does not: it would
+    /// colour the whole picture, and is plainly visible from below.
+    pub(super) fn glows(self) -> bool {
+        match self {
+            Self::Missed(group) => group != MissGroup::Resting,
+            Self::Body(role) => matches!(role, BodyRole::First | BodyRole::Second),
+            Self::Measured(_) | Self::ByOthers | Self::Unmeasured | Self::NotAsked | Self::Back => false,
         }
     }
 
     /// sRGB, eight bits a channel.
     pub(super) fn rgb(self) -> [u8; 3] {
         match self {
-            Self::Measured(Grade::A) => [0x1b, 0x5f, 0xa8],
-            Self::Measured(Grade::B) => [0x3f, 0x95, 0xd1],
-            Self::Measured(Grade::C) => [0x86, 0xc5, 0xe6],
-            Self::Measured(Grade::D) => [0xd3, 0xee, 0xf5],
-            Self::ByOthers => [0xb4, 0xb6, 0xba],
-            Self::NotAsked => [0x74, 0x77, 0x7d],
-            Self::Back => [0x50, 0x4a, 0x58],
-            Self::Missed(MissGroup::Shadow) => [0x6c, 0x17, 0x19],
-            Self::Missed(MissGroup::Incidence) => [0xf1, 0x6e, 0x11],
-            Self::Missed(MissGroup::Facing) => [0xf1, 0xa0, 0x89],
-            Self::Missed(MissGroup::Frame) => [0xfd, 0xe5, 0x43],
-            Self::Missed(MissGroup::Depth) => [0x86, 0x55, 0x05],
-            Self::Missed(MissGroup::Reach) => [0xc7, 0x03, 0x5e],
-            Self::Missed(MissGroup::Resting) => [0x1d, 0x1c, 0x22],
-            Self::Missed(MissGroup::NotChosen) => [0xfe, 0xfd, 0xd8],
+            Self::Measured(Grade::A) | Self::Body(BodyRole::Second) => [0x00, 0x18, 0xb1],
+            Self::Measured(Grade::B) => [0x19, 0xdd, 0x7c],
+            Self::Measured(Grade::C) | Self::Body(BodyRole::Part) => [0xff, 0xef, 0x14],
+            Self::Measured(Grade::D) | Self::Body(BodyRole::First) => [0xb3, 0x31, 0x07],
+            Self::Unmeasured => [0xe5, 0x64, 0xe4],
+            Self::ByOthers | Self::Body(BodyRole::Other) => [0xdc, 0xda, 0xe5],
+            Self::NotAsked => [0x5a, 0x5c, 0x5a],
+            Self::Back => [0x14, 0x0c, 0x0c],
+            Self::Missed(MissGroup::Shadow) => [0x1d, 0x62, 0xe8],
+            Self::Missed(MissGroup::Incidence) => [0xae, 0x73, 0x00],
+            Self::Missed(MissGroup::Facing) => [0x12, 0xe5, 0x8b],
+            Self::Missed(MissGroup::Frame) => [0x54, 0x2c, 0x00],
+            Self::Missed(MissGroup::Depth) => [0xf7, 0xf7, 0x04],
+            Self::Missed(MissGroup::Reach) => [0x45, 0x00, 0x4d],
+            Self::Missed(MissGroup::Resting) => [0x00, 0x00, 0xee],
+            Self::Missed(MissGroup::NotChosen) => [0x00, 0xb2, 0xef],
         }
     }
 
@@ -100,7 +142,8 @@ impl Ink {
             Self::Measured(Grade::B) => "Grade B",
             Self::Measured(Grade::C) => "Grade C",
             Self::Measured(Grade::D) => "Grade D",
-            Self::ByOthers => "Measured by other views",
+            Self::ByOthers => "Measured",
+            Self::Unmeasured => "Missed",
             Self::NotAsked => "Not asked for",
             Self::Back => "Inner side of an open surface",
             Self::Missed(MissGroup::Shadow) => "Missed: in shadow",
@@ -111,6 +154,9 @@ impl Ink {
             Self::Missed(MissGroup::Reach) => "Missed: out of the cell’s reach",
             Self::Missed(MissGroup::Resting) => "Missed: rests on or faces the table, or enclosed",
             Self::Missed(MissGroup::NotChosen) => "Missed: measurable, no view chosen for it",
+            Self::Body(BodyRole::First | BodyRole::Second) => "In the way",
+            Self::Body(BodyRole::Part) => "The part",
+            Self::Body(BodyRole::Other) => "Robot, table and surroundings",
         }
     }
 }

@@ -1,22 +1,22 @@
 //! Pictures of a report: the part from three sides, and the part from each chosen view. An overlay shows the part's axes, a
-//! scale bar, and for views the field that all three devices share at best focus.
+//! scale bar, for views the field that all three devices share at best focus, and for misses the numbers of spots.
 
 use std::fmt::Write;
 
 use nalgebra::{Point3, Vector3};
 
-use super::ReportInput;
 use super::camera::Camera;
 use super::image::Image;
 use super::markup::{escape, number};
 use super::palette::Ink;
-use super::renderer::Scene;
+use super::renderer::{Rendered, Scene};
+use super::{ReportInput, ReportSubject};
 use crate::cell::Scanner;
-use crate::geometry::{Device, Part, Pose, ScannerFrame};
+use crate::geometry::{Device, Part, Pose, ScannerFrame, Table};
 use crate::planning::plan::{Grade, Outcome, PlannedView, Verdict};
 use crate::planning::visibility::Row;
 
-/// Width and height of every picture, pixels.
+/// Width and height of a picture, pixels.
 pub(super) const SIZE_PX: [usize; 2] = [640, 480];
 /// Directions in which the border of the shared field is searched.
 const FIELD_CORNERS: usize = 360;
@@ -43,44 +43,93 @@ pub(super) const SIDES: [OverviewSide; 3] = [
     OverviewSide { name: "From below", towards_camera: [0.38, -0.62, -1.0] },
 ];
 
+/// A picture of the part from a side, before its overlay.
+pub(super) struct SidePicture {
+    camera: Camera,
+    /// The drawn picture.
+    pub(super) rendered: Rendered,
+}
+
 /// Draws the part from a side, as all views together measure it.
 pub(super) fn overview(input: &ReportInput<'_>, scene: &Scene<'_>, side: &OverviewSide) -> String {
-    let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of).collect();
-    let camera = overview_camera(input, side);
-    let alt = format!("{}: the part, coloured by grade and by cause of misses", side.name);
-    markup(input, &camera, &scene.render(&camera, &inks), &alt, "")
+    let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of_grade).collect();
+    let camera = overview_camera(&input.subject, first_pose(input.outcome), side);
+    let alt = format!("{}: the part, coloured by grade", side.name);
+    markup(&input.subject, &camera, &scene.render(&camera, &inks).image, &alt, "")
+}
+
+/// Draws the part alone from a side.
+pub(super) fn plain(
+    subject: &ReportSubject<'_>,
+    scene: &Scene<'_>,
+    table_from_part: Pose<Table, Part>,
+    side: &OverviewSide,
+) -> String {
+    let camera = overview_camera(subject, table_from_part, side);
+    markup(subject, &camera, &scene.render(&camera, &scene.plain(Ink::ByOthers)).image, &format!("{}: the part", side.name), "")
 }
 
 /// Draws the part from a side in grey, with all missed surface showing through it.
-pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>, side: &OverviewSide) -> String {
-    let inks = without_view(input.outcome);
-    let camera = overview_camera(input, side);
-    let alt = format!("{}: the part in grey, with missed surface showing through in the colours of its causes", side.name);
-    markup(input, &camera, &scene.render_through(&camera, &inks), &alt, "")
+pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>, side: &OverviewSide) -> SidePicture {
+    let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of_cause).collect();
+    let camera = overview_camera(&input.subject, first_pose(input.outcome), side);
+    SidePicture { rendered: scene.render_through(&camera, &inks), camera }
 }
 
-fn overview_camera(input: &ReportInput<'_>, side: &OverviewSide) -> Camera {
-    let table_from_part = input.outcome.plan.table_from_part.unwrap_or(Pose::identity());
+impl SidePicture {
+    /// Pixel of a point of the part.
+    pub(super) fn pixel(&self, p_mm: &Point3<f64>) -> Option<[f64; 2]> {
+        self.camera.pixel(&self.camera.camera_from_part.point(p_mm))
+    }
+
+    /// Cosine of the angle at which a surface with this normal, part frame, faces the camera at a point.
+    pub(super) fn facing(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
+        let towards = self.camera.camera_from_part.inverse().origin_mm() - p_mm;
+        normal.dot(&towards) / towards.norm()
+    }
+
+    /// The picture of misses with a drawing over it.
+    pub(super) fn with(&self, subject: &ReportSubject<'_>, side: &OverviewSide, drawing: &str) -> String {
+        let alt = format!("{}: the part in grey, with missed surface showing through in the colours of its causes", side.name);
+        markup(subject, &self.camera, &self.rendered.image, &alt, drawing)
+    }
+}
+
+/// Pose of the part in the first setup.
+fn first_pose(outcome: &Outcome) -> Pose<Table, Part> {
+    outcome.plan.table_from_part.unwrap_or(Pose::identity())
+}
+
+fn overview_camera(subject: &ReportSubject<'_>, table_from_part: Pose<Table, Part>, side: &OverviewSide) -> Camera {
     let part_from_table = table_from_part.inverse();
     let towards_camera = part_from_table.direction(&Vector3::from(side.towards_camera));
-    Camera::looking_at(&input.mesh.vertices_mm, towards_camera, part_from_table.direction(&Vector3::z()), SIZE_PX)
+    Camera::looking_at(&subject.mesh.vertices_mm, towards_camera, part_from_table.direction(&Vector3::z()), SIZE_PX)
 }
 
 /// Draws the part as the scanner sees it from a view.
-pub(super) fn from_view(input: &ReportInput<'_>, scene: &Scene<'_>, view: &PlannedView, row: &Row) -> String {
+pub(super) fn from_view(
+    input: &ReportInput<'_>,
+    scene: &Scene<'_>,
+    (view, row): (&PlannedView, &Row),
+    size_px: [usize; 2],
+) -> String {
     // The scanner's frame has the axes of a device: +z forward, +x right, hence +y down.
     let camera_from_part: Pose<Device, Part> = Pose::claim(*view.part_from_scanner.inverse().isometry());
-    let camera = Camera::fitted(camera_from_part, SIZE_PX, &input.mesh.vertices_mm);
+    let camera = Camera::fitted(camera_from_part, size_px, &input.subject.mesh.vertices_mm);
     let alt = format!("The part as seen from view {} ({}), coloured by what this view measures", view.id.0, view.label.as_str());
-    let field = shared_field(input.scanner);
+    let field = shared_field(input.subject.scanner);
     let outline: Vec<String> = field.iter().filter_map(|p| camera.pixel(p)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
     let outline = format!("<polygon class=\"field\" points=\"{}\"/>", outline.join(" "));
-    markup(input, &camera, &scene.render(&camera, &inks_of_view(input.outcome, row)), &alt, &outline)
+    markup(&input.subject, &camera, &scene.render(&camera, &inks_of_view(input.outcome, row)).image, &alt, &outline)
 }
 
-/// Inks for one view: its own grades, grey where only other views measure, and the plan's misses.
+/// Inks for one view: its own grades, grey where only other views measure, one colour for what the plan misses.
 fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
-    let mut inks = without_view(outcome);
+    let others = |verdict: &Verdict| match verdict {
+        Verdict::Measured(_) => Ink::ByOthers,
+        Verdict::Missed(_) | Verdict::NotAsked => Ink::of_grade(*verdict),
+    };
+    let mut inks: Vec<Ink> = outcome.verdicts.iter().map(others).collect();
     for (sample, quality) in row.graded() {
         let ink = &mut inks[sample.index()];
         if *ink != Ink::NotAsked {
@@ -90,24 +139,20 @@ fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
     inks
 }
 
-/// Inks with all measured samples in grey.
-fn without_view(outcome: &Outcome) -> Vec<Ink> {
-    let grey = |verdict: &Verdict| match verdict {
-        Verdict::Measured(_) => Ink::ByOthers,
-        Verdict::Missed(_) | Verdict::NotAsked => Ink::of(*verdict),
-    };
-    outcome.verdicts.iter().map(grey).collect()
+fn markup(subject: &ReportSubject<'_>, camera: &Camera, image: &Image, alt: &str, drawing: &str) -> String {
+    let axes = axes(camera);
+    let scale = scale(camera, &camera.camera_from_part.point(&subject.mesh.aabb().centre()));
+    overlaid(image, alt, &format!("{drawing}{axes}{scale}"))
 }
 
-fn markup(input: &ReportInput<'_>, camera: &Camera, image: &Image, alt: &str, drawing: &str) -> String {
-    let [width, height] = camera.size_px;
+/// A picture with a drawing over it, in its pixels.
+pub(super) fn overlaid(image: &Image, alt: &str, drawing: &str) -> String {
+    let [width, height] = image.size_px;
     format!(
         "<div class=\"picture\"><img width=\"{width}\" height=\"{height}\" alt=\"{}\" src=\"{}\"/>\
-         <svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">{drawing}{}{}</svg></div>",
+         <svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">{drawing}</svg></div>",
         escape(alt),
         image.data_uri(),
-        axes(camera),
-        scale(camera, &camera.camera_from_part.point(&input.mesh.aabb().centre())),
     )
 }
 

@@ -6,12 +6,12 @@
 
 use std::ops::Range;
 
-use nalgebra::{Point3, Rotation3};
+use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::camera::Camera;
 use super::depth_buffer::DepthBuffer;
 use super::image::Image;
-use super::palette::{Ink, MissGroup};
+use super::palette::Ink;
 use super::shading::{Lamp, Shading};
 use crate::geometry::{Mesh, Poll, is_closed};
 use crate::planning::context::{Cancelled, Context};
@@ -20,7 +20,9 @@ use crate::planning::surface::{Patch, Surface};
 /// Samples per pixel along each axis.
 const SAMPLES: usize = 2;
 /// Opacity of missed surface that is hidden.
-const GLOW: f64 = 0.65;
+pub(super) const GLOW: f64 = 0.8;
+/// Relative difference of depth within which a point is the one seen at its pixel.
+const SAME_DEPTH: f64 = 0.002;
 
 /// Data that all pictures of a part share.
 pub(super) struct Scene<'a> {
@@ -41,29 +43,34 @@ impl<'a> Scene<'a> {
         Ok(Self { surface, shading: Shading::new(mesh), open })
     }
 
-    /// Renders the part, each surface sample in its ink, on a transparent background.
-    pub(super) fn render(&self, camera: &Camera, inks: &[Ink]) -> Image {
-        let eye = Eye::new(camera);
-        let all = self.rasterise(&eye.fine, |_| true);
-        resolve(&eye.fine, |x, y| self.colour(&all, &eye, inks, x, y))
+    /// One ink for all samples.
+    pub(super) fn plain(&self, ink: Ink) -> Vec<Ink> {
+        vec![ink; self.surface.sample_mm.len()]
     }
 
-    /// Renders the part with missed surface glowing through whatever hides it, except the surface that the part stands on: it
-    /// would darken the whole picture, and is plainly visible from below.
-    pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
+    /// Renders the part, each surface sample in its ink, on a transparent background.
+    pub(super) fn render(&self, camera: &Camera, inks: &[Ink]) -> Rendered {
+        let eye = Eye::new(camera);
+        let depth = self.rasterise(&eye.fine, |_| true);
+        let image = resolve(&eye.fine, |x, y| self.colour(&depth, &eye, inks, x, y));
+        Rendered { image, depth, eye }
+    }
+
+    /// Renders the part with the inks that glow shining through whatever hides them ([`Ink::glows`]).
+    pub(super) fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Rendered {
         let eye = Eye::new(camera);
         let all = self.rasterise(&eye.fine, |_| true);
-        let glows = |ink: Ink| matches!(ink, Ink::Missed(group) if group != MissGroup::Resting);
-        let missed = self.rasterise(&eye.fine, |patch| samples_of(patch).any(|sample| glows(inks[sample])));
-        resolve(&eye.fine, |x, y| {
+        let missed = self.rasterise(&eye.fine, |patch| samples_of(patch).any(|sample| inks[sample].glows()));
+        let image = resolve(&eye.fine, |x, y| {
             let front = self.colour(&all, &eye, inks, x, y)?;
             let hidden = missed.patch_at(x, y).filter(|patch| all.patch_at(x, y) != Some(*patch));
             let ink = hidden.map(|patch| inks[self.nearest_sample(self.patch(patch), &eye.point(&missed, x, y))]);
             Some(match ink {
-                Some(ink) if glows(ink) => mixed(front, ink.rgb(), GLOW),
+                Some(ink) if ink.glows() => mixed(front, ink.rgb(), GLOW),
                 _ => front,
             })
-        })
+        });
+        Rendered { image, depth: all, eye }
     }
 
     fn rasterise(&self, fine: &Camera, keep: impl Fn(&Patch) -> bool) -> DepthBuffer {
@@ -115,6 +122,26 @@ impl<'a> Scene<'a> {
     }
 }
 
+/// A picture with the depths that it was drawn from.
+pub(super) struct Rendered {
+    /// The picture.
+    pub(super) image: Image,
+    depth: DepthBuffer,
+    eye: Eye,
+}
+
+impl Rendered {
+    /// Returns true if a point of the surface with this normal, part frame, is seen in the picture.
+    pub(super) fn shows(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> bool {
+        let seen = self.eye.fine.camera_from_part.point(p_mm);
+        let Some([x, y]) = self.eye.fine.pixel(&seen).filter(|[x, y]| *x >= 0.0 && *y >= 0.0) else { return false };
+        let (x, y) = (x as usize, y as usize);
+        normal.dot(&(self.eye.at_mm - p_mm)) > 0.0
+            && self.depth.patch_at(x, y).is_some()
+            && seen.z <= self.depth.depth_mm(x, y) * (1.0 + SAME_DEPTH)
+    }
+}
+
 /// A camera with one pixel per sample, and data for lighting in the part's frame.
 struct Eye {
     fine: Camera,
@@ -162,7 +189,7 @@ fn samples_of(patch: &Patch) -> Range<usize> {
     first..first + patch.samples as usize
 }
 
-fn mixed(below: [u8; 3], above: [u8; 3], opacity: f64) -> [u8; 3] {
+pub(super) fn mixed(below: [u8; 3], above: [u8; 3], opacity: f64) -> [u8; 3] {
     let mix = |channel: usize| f64::from(below[channel]) * (1.0 - opacity) + f64::from(above[channel]) * opacity;
     [0, 1, 2].map(|channel| mix(channel).round() as u8)
 }
@@ -178,6 +205,6 @@ fn finer(camera: &Camera) -> Camera {
     }
 }
 
-fn scaled(rgb: [u8; 3], light: f64) -> [u8; 3] {
+pub(super) fn scaled(rgb: [u8; 3], light: f64) -> [u8; 3] {
     rgb.map(|channel| (f64::from(channel) * light).round().clamp(0.0, 255.0) as u8)
 }

@@ -28,10 +28,13 @@ impl Lamp {
         Self { towards_lamp: part_from_camera.direction(&TOWARDS_LAMP), up: part_from_camera.direction(&-Vector3::y()) }
     }
 
-    /// Brightness of a surface with this unit normal; it is never so dark that its colour is lost.
+    /// Darkest shade of a surface: so dark only that colours of one picture remain apart (`palette.rs`).
+    pub(super) const MIN_LIGHT: f64 = 0.76;
+
+    /// Brightness of a surface with this unit normal, [`Lamp::MIN_LIGHT`] to 1.
     pub(super) fn light(&self, normal: &Vector3<f64>) -> f64 {
         let sky = 0.5 + 0.5 * normal.dot(&self.up);
-        0.70 + 0.28 * normal.dot(&self.towards_lamp).max(0.0) + 0.06 * sky
+        (Self::MIN_LIGHT + 0.20 * normal.dot(&self.towards_lamp).max(0.0) + 0.04 * sky).min(1.0)
     }
 }
 

@@ -5,9 +5,12 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::camera::Camera;
 use super::image::Image;
 use super::markup::{area, duration, escape, number};
-use super::palette::{Ink, MissGroup};
+use super::page::printed;
+use super::palette::{BodyRole, Ink, MissGroup};
 use super::quantise::quantise;
-use super::renderer::Scene;
+use super::renderer::{GLOW, Scene, mixed, scaled};
+use super::sections::date_text;
+use super::shading::Lamp;
 use crate::geometry::{Mesh, Pose};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{PartParams, RegionParams};
@@ -62,7 +65,7 @@ fn a_square_covers_exactly_its_pixels() {
     let (vertices, faces) = square(20.0, 100.0);
     let mesh = mesh_of(&vertices, &faces);
     let surface = surface_of(&mesh, 1000.0);
-    let image = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 2]);
+    let image = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 2]).image;
     for (x, y) in (0..80).flat_map(|x| (0..80).map(move |y| (x, y))) {
         let inside = (20..60).contains(&x) && (20..60).contains(&y);
         let border = x == 19 || y == 19 || x == 60 || y == 60;
@@ -81,7 +84,7 @@ fn the_nearer_surface_is_seen_in_either_order() {
         let surface = surface_of(&mesh, 1000.0);
         let near_first = order[0][0][2] < 120.0;
         let inks = if near_first { [INK_A, INK_A, INK_SHADOW, INK_SHADOW] } else { [INK_SHADOW, INK_SHADOW, INK_A, INK_A] };
-        let image = scene_of(&mesh, &surface).render(&camera(), &inks);
+        let image = scene_of(&mesh, &surface).render(&camera(), &inks).image;
         assert_eq!(ink_of(pixel(&image, 40, 40), &[INK_A, INK_SHADOW]), INK_A);
         assert_eq!(ink_of(pixel(&image, 25, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
     }
@@ -93,11 +96,11 @@ fn inner_sides_are_told_apart_and_coincident_sheets_show_the_facing_one() {
     let away = faces.map(|[a, b, c]| [a, c, b]);
     let open = mesh_of(&vertices, &away);
     let surface = surface_of(&open, 1000.0);
-    let image = scene_of(&open, &surface).render(&camera(), &[INK_A; 2]);
+    let image = scene_of(&open, &surface).render(&camera(), &[INK_A; 2]).image;
     assert_eq!(pixel(&image, 40, 40)[..3], Ink::Back.rgb());
     let sheet = mesh_of(&vertices, &[away[0], away[1], faces[0], faces[1]]);
     let surface = surface_of(&sheet, 1000.0);
-    let image = scene_of(&sheet, &surface).render(&camera(), &[INK_A; 4]);
+    let image = scene_of(&sheet, &surface).render(&camera(), &[INK_A; 4]).image;
     assert!((22..58).all(|x| ink_of(pixel(&image, x, 33), &[INK_A, Ink::Back]) == INK_A));
 }
 
@@ -109,7 +112,7 @@ fn what_reaches_behind_the_camera_is_cut_and_not_folded_over() {
         &[[0, 1, 2], [0, 2, 3]],
     );
     let surface = surface_of(&floor, 5000.0);
-    let image = scene_of(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]);
+    let image = scene_of(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]).image;
     assert!((0..38).all(|y| pixel(&image, 40, y)[3] == 0), "nothing above the horizon");
     assert!((44..80).all(|y| pixel(&image, 40, y)[3] == 255), "the floor below it");
 }
@@ -120,15 +123,15 @@ fn misses_show_through_what_hides_them_and_nothing_else_does() {
     let mesh = mesh_of(&[front, hidden].concat(), &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
     let surface = surface_of(&mesh, 1000.0);
     let scene = scene_of(&mesh, &surface);
-    let plain = scene.render(&camera(), &[Ink::ByOthers; 4]);
-    let through = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, INK_SHADOW, INK_SHADOW]);
+    let plain = scene.render(&camera(), &[Ink::ByOthers; 4]).image;
+    let through = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, INK_SHADOW, INK_SHADOW]).image;
     assert_eq!(pixel(&through, 20, 40), pixel(&plain, 20, 40), "beside the hidden square");
     let (seen, covered) = (pixel(&through, 40, 40), pixel(&plain, 40, 40));
-    assert!(seen[0] > seen[1] + 30, "the hidden miss reddens {covered:?} to {seen:?}");
+    assert!(seen[2] > seen[0] + 60, "the hidden miss turns {covered:?} blue: {seen:?}");
     let resting = Ink::Missed(MissGroup::Resting);
-    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]);
+    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]).image;
     assert_eq!(pixel(&stands, 40, 40), covered, "what the part stands on does not darken it");
-    let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]);
+    let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]).image;
     assert_eq!(ink_of(pixel(&measured, 40, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }
 
@@ -148,7 +151,7 @@ fn corners_on_edges_leave_no_pinholes() {
     for turn in 0..12 {
         let rotation = UnitQuaternion::from_euler_angles(0.31, -0.22, 0.47 * f64::from(turn));
         let camera_from_part = Pose::claim(Isometry3::from_parts(nalgebra::Translation3::new(0.7, -0.4, 12.3), rotation));
-        let image = scene.render(&Camera::fitted(camera_from_part, [640, 480], &mesh.vertices_mm), &inks);
+        let image = scene.render(&Camera::fitted(camera_from_part, [640, 480], &mesh.vertices_mm), &inks).image;
         // Within a row, opaque pixels must be one run.
         for row in image.rgba.chunks(640) {
             let first = row.iter().position(|pixel| pixel[3] == 255);
@@ -167,7 +170,7 @@ fn each_sample_colours_its_own_part_of_a_patch() {
     let params = PartParams { patch_edge_mm: Some(1000.0), samples_per_mm2: Some(0.5), ..PartParams::default() };
     let surface = surface::sample(&mesh, &params, &RegionParams::default(), 0).expect("a surface");
     let inks: Vec<Ink> = surface.sample_mm.iter().map(|p| if p.x < 0.0 { INK_A } else { INK_SHADOW }).collect();
-    let image = scene_of(&mesh, &surface).render(&camera(), &inks);
+    let image = scene_of(&mesh, &surface).render(&camera(), &inks).image;
     assert_eq!(ink_of(pixel(&image, 30, 35), &[INK_A, INK_SHADOW]), INK_A);
     assert_eq!(ink_of(pixel(&image, 50, 35), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }
@@ -209,4 +212,147 @@ fn markup_neutralises_text_and_reads_numbers_out() {
     assert_eq!((number(-0.001, 1), number(999.0, 0)), ("0.0".into(), "999".into()));
     assert_eq!((area(12.34), area(12345.6)), ("12.3\u{a0}mm²".into(), "12\u{202f}346\u{a0}mm²".into()));
     assert_eq!((duration(42.04), duration(143.2)), ("42.0\u{a0}s".into(), "2\u{a0}min 23\u{a0}s".into()));
+}
+
+#[test]
+fn a_picture_tells_what_it_shows() {
+    let ((hidden, faces), (front, _)) = (square(10.0, 150.0), square(30.0, 100.0));
+    let mesh = mesh_of(&[front, hidden].concat(), &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
+    let surface = surface_of(&mesh, 1000.0);
+    let rendered = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 4]);
+    let towards = -Vector3::z();
+    assert!(rendered.shows(&Point3::new(3.0, 4.0, 100.0), &towards));
+    assert!(!rendered.shows(&Point3::new(3.0, 4.0, 150.0), &towards), "behind the front");
+    assert!(!rendered.shows(&Point3::new(3.0, 4.0, 100.0), &Vector3::z()), "the other side of it");
+    assert!(!rendered.shows(&Point3::new(60.0, 4.0, 100.0), &towards), "beside the picture");
+    assert!(!rendered.shows(&Point3::new(3.0, 4.0, -10.0), &towards), "behind the camera");
+}
+
+#[test]
+fn a_camera_afar_draws_to_scale() {
+    let (at_mm, radius_mm) = (Point3::new(100.0, -40.0, 7.0), 50.0);
+    let camera = Camera::from_afar(&at_mm, [Vector3::z(), Vector3::y()], radius_mm, 2.0, [200, 100]);
+    let pixel = |x: f64, y: f64, z: f64| {
+        let p = camera.camera_from_part.point(&(at_mm + Vector3::new(x, y, z)));
+        camera.pixel(&p).expect("before the camera")
+    };
+    for (p, expected) in [([0.0, 0.0, 0.0], [100.0, 50.0]), ([40.0, 0.0, 0.0], [180.0, 50.0]), ([0.0, 20.0, 0.0], [100.0, 10.0])]
+    {
+        let [x, y] = pixel(p[0], p[1], p[2]);
+        assert!((x - expected[0]).abs() < 1e-6 && (y - expected[1]).abs() < 1e-6, "{p:?}: {x} {y}");
+    }
+    let [x, _] = pixel(40.0, 0.0, radius_mm);
+    assert!((x - 180.0).abs() < 0.5, "nearer by a radius: {x}");
+}
+
+/// Colour vision that a picture is simulated for.
+#[derive(Clone, Copy, Debug)]
+enum Vision {
+    Normal,
+    Protan,
+    Deutan,
+}
+
+/// CIELAB (D65) of sRGB as someone sees it: linear RGB times the matrix of Machado et al. 2009, severity 1.
+fn lab(rgb: [u8; 3], vision: Vision) -> Vector3<f64> {
+    let linear = Vector3::from(rgb).map(|channel| match f64::from(channel) / 255.0 {
+        c if c <= 0.04045 => c / 12.92,
+        c => ((c + 0.055) / 1.055).powf(2.4),
+    });
+    let rows = match vision {
+        Vision::Normal => [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        Vision::Protan => {
+            [[0.152_286, 1.052_583, -0.204_868], [0.114_503, 0.786_281, 0.099_216], [-0.003_882, -0.048_116, 1.051_998]]
+        }
+        Vision::Deutan => {
+            [[0.367_322, 0.860_646, -0.227_968], [0.280_085, 0.672_501, 0.047_413], [-0.011_820, 0.042_940, 0.968_881]]
+        }
+    };
+    let times = |rows: [[f64; 3]; 3], v: Vector3<f64>| Vector3::from(rows.map(|row| Vector3::from(row).dot(&v)));
+    let seen = times(rows, linear).map(|c| c.clamp(0.0, 1.0));
+    // sRGB to CIE XYZ (IEC 61966-2-1), relative to the white D65.
+    let xyz = times(
+        [
+            [0.412_456_4, 0.357_576_1, 0.180_437_5],
+            [0.212_672_9, 0.715_152_2, 0.072_175_0],
+            [0.019_333_9, 0.119_192_0, 0.950_304_1],
+        ],
+        seen,
+    );
+    let [x, y, z] = [xyz.x / 0.950_47, xyz.y, xyz.z / 1.088_83].map(|t| match t {
+        t if t > 216.0 / 24_389.0 => t.cbrt(),
+        t => (24_389.0 / 27.0 * t + 16.0) / 116.0,
+    });
+    Vector3::new(116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z))
+}
+
+/// Colours in which an ink is drawn: shaded from the darkest to the brightest, and shining through measured surface.
+fn drawn(ink: Ink, measured: Ink) -> Vec<[u8; 3]> {
+    let shades = [0.0, 0.33, 0.67, 1.0].map(|share| Lamp::MIN_LIGHT + share * (1.0 - Lamp::MIN_LIGHT));
+    let through = [Lamp::MIN_LIGHT, 1.0].map(|light| mixed(scaled(measured.rgb(), light), ink.rgb(), GLOW));
+    let through = through.into_iter().filter(|_| ink.glows());
+    shades.map(|light| scaled(ink.rgb(), light)).into_iter().chain(through).collect()
+}
+
+#[test]
+fn colours_of_a_picture_are_apart_for_every_reader_however_they_are_shaded() {
+    use MissGroup::{Depth, Facing, Frame, Incidence, NotChosen, Reach, Resting, Shadow};
+    let grades = [Grade::A, Grade::B, Grade::C, Grade::D].map(Ink::Measured);
+    let of_grades = [&grades[..], &[Ink::Unmeasured, Ink::ByOthers, Ink::NotAsked, Ink::Back]].concat();
+    let causes = [Shadow, Incidence, Facing, Frame, Depth, Reach, Resting, NotChosen].map(Ink::Missed);
+    let of_causes = [&causes[..], &[Ink::ByOthers, Ink::NotAsked, Ink::Back]].concat();
+    let roles = [BodyRole::First, BodyRole::Second, BodyRole::Part, BodyRole::Other].map(Ink::Body);
+    let of_bodies = [&roles[..], &[Ink::Back]].concat();
+    for inks in [of_grades, of_causes, of_bodies] {
+        for vision in [Vision::Normal, Vision::Protan, Vision::Deutan] {
+            for (place, a) in inks.iter().enumerate() {
+                for b in &inks[..place] {
+                    let pairs = drawn(*a, Ink::ByOthers)
+                        .into_iter()
+                        .flat_map(|x| drawn(*b, Ink::ByOthers).into_iter().map(move |y| (x, y)));
+                    let nearest = pairs.map(|(x, y)| (lab(x, vision) - lab(y, vision)).norm()).fold(f64::INFINITY, f64::min);
+                    assert!(nearest >= 20.0, "{a:?} and {b:?}, {vision:?}: ΔE {nearest:.1}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn grades_and_misses_are_apart_in_grey() {
+    let inks =
+        [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D), Ink::Unmeasured];
+    let lightness = inks.map(|ink| lab(ink.rgb(), Vision::Normal).x);
+    for (place, a) in lightness.iter().enumerate() {
+        assert!(lightness[..place].iter().all(|b| (a - b).abs() >= 14.0), "{lightness:?}");
+    }
+}
+
+#[test]
+fn shading_stays_within_its_range() {
+    let lamp = Lamp::beside(&Pose::identity());
+    for (polar, azimuth) in (0..=18).flat_map(|polar| (0..36).map(move |azimuth| (polar, azimuth))) {
+        let (polar, azimuth) = (f64::from(polar) * 10f64.to_radians(), f64::from(azimuth) * 10f64.to_radians());
+        let normal = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
+        let light = lamp.light(&normal);
+        assert!((Lamp::MIN_LIGHT - 1e-12..=1.0).contains(&light), "{light} for {normal:?}");
+    }
+}
+
+#[test]
+fn dates_are_told_to_the_minute_and_other_texts_as_they_are() {
+    assert_eq!(date_text("2026-01-31T08:15:42.123456Z"), "2026-01-31 08:15 UTC");
+    for other in ["", "yesterday", "2026-01-31T08:15:42+01:00", "2026-01-31T08:1…Z"] {
+        assert_eq!(date_text(other), other);
+    }
+}
+
+#[test]
+fn the_foot_of_a_printed_page_is_text_and_nothing_else() {
+    let page = printed("t", &["\"; } </style><script>", "", "PN 7\u{202e}"], "<p>b</p>\n");
+    let foot = page.split("@bottom-left { content: ").nth(1).and_then(|rest| rest.split(';').next()).expect("a foot");
+    assert!(foot.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '"' | '\\' | ' ' | '·')), "{foot}");
+    assert!(foot.starts_with("\"\\22 \\3b \\20 ") && foot.ends_with("PN\\20 7\\fffd \""), "{foot}");
+    assert_eq!(page.matches("</style>").count(), 1);
+    assert!(page.contains("counter(page)") && !page.contains("<script"));
 }

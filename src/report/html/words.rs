@@ -4,6 +4,7 @@ use super::markup::{escape, number, percent};
 use crate::cell::{OpticalDevice, Scanner};
 use crate::planning::params::{LimitParams, PlanParams, TargetOf};
 use crate::planning::plan::{Cause, Remedy, RemedyKind, StopReason};
+use crate::planning::verdict::Rejection;
 use crate::wire::words::{partial_percent, remedy_sentence};
 
 /// Names a cause in a few words.
@@ -30,6 +31,23 @@ pub(super) fn cause_name(cause: Cause) -> &'static str {
         Cause::NoPath => "No safe path found",
         Cause::NotChosen => "Measurable, but no view chosen",
         Cause::AtRisk => "Measured, but at risk",
+    }
+}
+
+/// Names a reason for which a viewpoint was dropped, in a few words.
+pub(super) fn rejection_name(reason: Rejection) -> &'static str {
+    match reason {
+        Rejection::BelowTable => "Below the plate",
+        Rejection::LowElevation => "Too low over the plate",
+        Rejection::InsidePart => "Inside the part",
+        Rejection::InsideObstacle => "Inside an obstacle",
+        Rejection::BodyMeetsPlate => "The scanner’s body would meet the plate",
+        Rejection::BodyMeetsPart => "The scanner’s body would meet the part",
+        Rejection::Unreachable => "Out of the robot’s reach",
+        Rejection::Collision => "Something collides at every station",
+        Rejection::Duplicate => "The same as another one",
+        Rejection::MeasuresNothing => "Measures nothing that is asked for",
+        Rejection::NotNeeded => "Not needed beside the others",
     }
 }
 

@@ -89,10 +89,10 @@ impl Store {
         Ok(StoredArtifacts { files, _pin: pin })
     }
 
-    /// One of a job's results and the file that holds it.
+    /// One of a job's results and the file that holds it. A job that failed has none but the report on the reasons, if any.
     pub(crate) async fn result(&self, id: JobId, name: &str) -> Result<ResultFile, Error> {
         let state = self.job_state(id).await?;
-        if state != JobState::Succeeded {
+        if !matches!(state, JobState::Succeeded | JobState::Failed) {
             return Err(Error::NoResults { job: id, state });
         }
         let row = sqlx::query(
@@ -102,7 +102,8 @@ impl Store {
         .bind(name)
         .fetch_optional(&self.reader)
         .await?;
-        let row = row.ok_or_else(|| Error::NoSuchResult { job: id, name: name.to_owned() })?;
+        let none = || Error::NoSuchResult { job: id, name: name.to_owned() };
+        let row = row.ok_or_else(|| if state == JobState::Failed { Error::NoResults { job: id, state } } else { none() })?;
         let encoding = match row.try_get::<String, _>("encoding")?.as_str() {
             "identity" => FileEncoding::Identity,
             "gzip" => FileEncoding::Gzip,

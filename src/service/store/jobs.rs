@@ -45,6 +45,8 @@ pub(crate) struct Attempt {
     pub request: JobRequest,
     pub input: String,
     pub number: u32,
+    /// Time at which the job was accepted.
+    pub created_at: String,
 }
 
 /// Outcome of an attempt.
@@ -52,8 +54,8 @@ pub(crate) struct Attempt {
 pub(crate) enum AttemptOutcome {
     /// The result files, all of them stored, and the summary of the plan among them.
     Succeeded { files: Vec<ResultFile>, summary: Option<Box<Summary>> },
-    /// The problem, without any result.
-    Failed(JobProblem),
+    /// The problem, and the files that tell of it, all of them stored: the report where no plan is possible.
+    Failed(JobProblem, Vec<ResultFile>),
     /// Ended by its cancel flag.
     Cancelled,
     /// Ended because the server stops; the attempt does not count.
@@ -140,7 +142,7 @@ impl Store {
         let row = sqlx::query(concat!(
             "UPDATE job SET state = 'running', attempts = attempts + 1, stage = NULL, fraction = 0, timings = '{}', started_at = ",
             now!(),
-            "WHERE id = (SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id LIMIT 1) RETURNING id, attempts"
+            "WHERE id = (SELECT id FROM job INDEXED BY job_queue WHERE state = 'queued' ORDER BY priority DESC, id LIMIT 1) RETURNING id, attempts, created_at"
         ))
         .fetch_optional(&mut *tx)
         .await?;
@@ -159,7 +161,8 @@ impl Store {
             Ok((request, input)) => {
                 let number = row.try_get("attempts")?;
                 let event = events::append(&mut tx, id, EventBody::state(EventKind::Started, JobState::Running)).await?;
-                (Claimed::Attempt(Box::new(Attempt { id, request, input, number })), event)
+                let created_at = row.try_get("created_at")?;
+                (Claimed::Attempt(Box::new(Attempt { id, request, input, number, created_at })), event)
             }
             Err(reason) => {
                 tracing::error!(job = %id, reason, "a stored job cannot be read; it fails");
@@ -205,7 +208,7 @@ impl Store {
         let (kind, after) = match (before, outcome) {
             (JobState::Cancelling, _) | (_, AttemptOutcome::Cancelled) => (EventKind::Cancelled, JobState::Cancelled),
             (_, AttemptOutcome::Succeeded { .. }) => (EventKind::Succeeded, JobState::Succeeded),
-            (_, AttemptOutcome::Failed(_)) => (EventKind::Failed, JobState::Failed),
+            (_, AttemptOutcome::Failed(..)) => (EventKind::Failed, JobState::Failed),
             (_, AttemptOutcome::Interrupted) => (EventKind::Queued, JobState::Queued),
         };
         let mut ending = Ending { kind, after, problem: None, summary: None };
@@ -215,9 +218,12 @@ impl Store {
                 ending.summary = summary.as_deref();
                 summaries::insert(&mut tx, id, ending.summary).await?;
             }
-            AttemptOutcome::Failed(reason) if after == JobState::Failed => ending.problem = Some(reason),
+            AttemptOutcome::Failed(reason, files) if after == JobState::Failed => {
+                artifacts::insert(&mut tx, id, files).await?;
+                ending.problem = Some(reason);
+            }
             AttemptOutcome::Succeeded { .. }
-            | AttemptOutcome::Failed(_)
+            | AttemptOutcome::Failed(..)
             | AttemptOutcome::Cancelled
             | AttemptOutcome::Interrupted => {}
         }

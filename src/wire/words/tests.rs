@@ -19,14 +19,21 @@ fn no_plan_names_what_became_of_candidates_and_the_largest_causes() {
     let missed_mm2 = vec![(Cause::Depth, 50.0), (Cause::Facing, 30.0), (Cause::ShadowLeft, 15.4), (Cause::Unreachable, 4.6)];
     let rejected = [(Rejection::Unreachable, 7), (Rejection::BelowTable, 20)].into();
     let candidates = CandidateCounts { generated: 30, kept: 3, rejected };
+    let nothing_measured = |candidates, asked_mm2, missed_mm2| NoPlan::NothingMeasured {
+        candidates,
+        asked_mm2,
+        missed_mm2,
+        obstructions: Vec::new(),
+        setups: Vec::new(),
+    };
     assert_eq!(
-        no_plan_sentence(&NoPlan::NothingMeasured { candidates, asked_mm2: 100.0, missed_mm2 }),
+        no_plan_sentence(&nothing_measured(candidates, 100.0, missed_mm2)),
         "of 30 candidates 3 were usable (dropped: below_table 20, unreachable 7), and none measures anything worth a view; \
          causes: depth 50 % of the area, facing 30 % of the area, shadow_left 15 % of the area"
     );
     let candidates = CandidateCounts { generated: 2, kept: 2, ..CandidateCounts::default() };
     assert_eq!(
-        no_plan_sentence(&NoPlan::NothingMeasured { candidates, asked_mm2: 9.0, missed_mm2: vec![(Cause::Facing, 9.0)] }),
+        no_plan_sentence(&nothing_measured(candidates, 9.0, vec![(Cause::Facing, 9.0)])),
         "of 2 candidates 2 were usable (dropped: none), and none measures anything worth a view; causes: facing 100 % of the area"
     );
     assert_eq!(no_plan_sentence(&NoPlan::NothingInStudy), "no candidate measures anything; look at the part's unit and size");

@@ -56,7 +56,10 @@ fn planner() -> Planner {
         ctx.begin(Stage::Surface).map_err(|_| JobError::Cancelled)?;
         match input.echo.labels.get("do").map(String::as_str) {
             Some("panic") => panic!("as asked"),
-            Some("no_plan") => return Err(JobError::NoPlan("nothing is in reach".into())),
+            Some("no_plan") => {
+                return Err(JobError::NoPlan { reasons: "nothing is in reach".into(), report: Vec::new() });
+            }
+            Some("no_plan_report") => return Err(no_plan()),
             Some("bad_input") => input.mesh.read("/mesh_id", 1, &|| false).map(drop)?,
             Some("wait") => wait_for_cancel(ctx)?,
             Some("regions") => return Ok(vec![coverage_of_regions()]),
@@ -69,6 +72,13 @@ fn planner() -> Planner {
         ctx.begin(Stage::Visibility).map_err(|_| JobError::Cancelled)?;
         Ok(FILES.map(|name| Artifact { name: name.into(), bytes: format!("{{\"file\": \"{name}\"}}").into_bytes() }).into())
     })
+}
+
+/// No plan, with a report on it.
+fn no_plan() -> JobError {
+    let report =
+        ["report.html", "report.txt"].map(|name| Artifact { name: name.into(), bytes: format!("no {name}").into_bytes() });
+    JobError::NoPlan { reasons: "nothing is in reach".into(), report: report.into() }
 }
 
 /// `coverage.json` of a plan that misses one of its two regions.
@@ -88,7 +98,7 @@ fn wait_for_cancel(ctx: &Context<'_>) -> Result<(), JobError> {
         ctx.check().map_err(|_| JobError::Cancelled)?;
         std::thread::sleep(Duration::from_millis(5));
     }
-    Err(JobError::NoPlan("nobody cancelled".into()))
+    Err(JobError::NoPlan { reasons: "nobody cancelled".into(), report: Vec::new() })
 }
 
 pub(super) fn http_options() -> http::ServerOptions {

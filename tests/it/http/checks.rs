@@ -112,6 +112,7 @@ fn planned() -> (Value, Value) {
         roadmaps: None,
         params: &params,
         echo: Echo::default(),
+        date: None,
     };
     let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     let file = |name: &str| {

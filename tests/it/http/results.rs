@@ -119,6 +119,26 @@ async fn there_are_no_results_before_the_end_nor_after_a_bad_one() {
 }
 
 #[tokio::test]
+async fn a_job_without_a_plan_has_its_report() {
+    let api = Api::start().await;
+    let job = api.job("no_plan_report").await;
+    let ended = api.ended(&job).await;
+    assert_eq!((&ended["state"], &ended["problem"]["code"]), (&json!("failed"), &json!("no_plan")), "{ended}");
+    let names: Vec<&str> = ended["results"].as_array().expect("files").iter().filter_map(|file| file["name"].as_str()).collect();
+    assert_eq!(names, ["report.html", "report.txt", "timings.json"]);
+    assert_eq!(ended["plan_sha256"], json!(null));
+    for (path, said) in
+        [("report", "no report.html"), ("report?format=text", "no report.txt"), ("files/report.txt", "no report.txt")]
+    {
+        let answer = api.get(&format!("/api/v1/jobs/{job}/{path}")).await;
+        assert_eq!((answer.status.as_u16(), answer.text()), (200, said.to_owned()), "{path}");
+    }
+    for path in ["plan", "program", "coverage", "files/plan.json"] {
+        api.get(&format!("/api/v1/jobs/{job}/{path}")).await.problem("no_results");
+    }
+}
+
+#[tokio::test]
 async fn large_answers_are_compressed_and_their_tag_says_so() {
     let api = Api::start().await;
     let document = api.send("GET", "/api/v1/openapi.json", &[("accept-encoding", "gzip")], "").await;

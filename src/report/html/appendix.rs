@@ -1,0 +1,264 @@
+//! The appendix: everything that proves or explains the plan and that nobody needs beside the machine.
+
+use super::ReportInput;
+use super::chart;
+use super::markup::{area, duration, escape, number, percent, triple};
+use super::palette::{Ink, MissGroup};
+use super::views::swatch;
+use super::words;
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{MissedCause, Obstruction, RiskReason, SetupId, Stability, share};
+use crate::planning::sequence::{Leg, Sequence};
+use crate::wire::plan::{AtRiskDocument, CoverageDocument, RiskReasonDocument, StabilityDocument};
+use crate::wire::words::{
+    HeadlineShare, advice_sentence, changed_params, headline as headline_shares, risk_meaning, turn_phrase,
+};
+
+/// Max spots listed for each cause.
+const SPOTS_LISTED: usize = 3;
+/// Moves up to which their table is open.
+const OPEN_ROWS: usize = 24;
+/// Max pairs of blocking bodies listed.
+const OBSTRUCTIONS_LISTED: usize = 10;
+
+/// All sections of the appendix.
+pub(super) fn sections(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    [
+        "<section class=\"appendix\">\n<h2>Appendix</h2>\n".to_owned(),
+        shares(&CoverageDocument::from(&plan.coverage)),
+        curve(input),
+        causes(input),
+        at_risk(input),
+        registration(input),
+        order(input),
+        obstructions(&plan.obstructions),
+        settings(input),
+        "</section>\n".to_owned(),
+    ]
+    .concat()
+}
+
+/// Table of the shares that head a plan, with the meaning of each denominator.
+fn shares(coverage: &CoverageDocument) -> String {
+    let row = |figure: &HeadlineShare| {
+        format!(
+            "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+            figure.name,
+            percent(figure.share),
+            escape(figure.meaning)
+        )
+    };
+    let rows: String = headline_shares(coverage).iter().map(row).collect();
+    format!(
+        "<h3>Coverage</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Share</th><th class=\"n\">Simulated</th><th>Meaning</th></tr></thead>\n\
+         <tbody>\n{rows}</tbody></table></div>\n"
+    )
+}
+
+/// Part on coverage after each view.
+fn curve(input: &ReportInput<'_>) -> String {
+    format!(
+        "<h3>Coverage after each view</h3>\n<div class=\"card narrow\">{}</div>\n",
+        chart::curve(&input.outcome.plan.coverage)
+    )
+}
+
+/// Part on the causes of missed area; empty if nothing is missed.
+fn causes(input: &ReportInput<'_>) -> String {
+    let mut by_area: Vec<&MissedCause> = input.outcome.plan.missed.iter().collect();
+    by_area.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    let rows: String = by_area.iter().map(|cause| missed_row(input, cause)).collect();
+    if rows.is_empty() {
+        return rows;
+    }
+    format!(
+        "<h3>Causes of missed area</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th><th class=\"n\">Area</th>\
+         <th class=\"n\">Of asked</th><th class=\"n\">Spots</th><th>Largest spots, centre in mm</th></tr></thead>\n\
+         <tbody>\n{rows}</tbody></table></div>\n<p class=\"soft\" style=\"margin-top:8px\"><code>coverage.csv</code> lists every face \
+         of the uploaded file with its measured share, grade and cause; <code>missed.json</code> lists every spot, and the views of \
+         every remedy.</p>\n"
+    )
+}
+
+fn missed_row(input: &ReportInput<'_>, missed: &MissedCause) -> String {
+    let plan = &input.outcome.plan;
+    let spots: Vec<String> = missed
+        .spots
+        .iter()
+        .take(SPOTS_LISTED)
+        .map(|spot| format!("{} at {}", area(spot.area_mm2), triple(spot.centre_mm.into(), 1)))
+        .collect();
+    format!(
+        "<tr><td>{}<b>{}</b> <code>{}</code><br/><span class=\"soft\">{}</span></td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
+         <td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+        swatch(Ink::Missed(MissGroup::of(missed.cause))),
+        words::cause_name(missed.cause),
+        missed.cause.as_str(),
+        words::cause_meaning(missed.cause, input.subject.scanner, &plan.params),
+        area(missed.area_mm2),
+        percent(share(missed.area_mm2, plan.coverage.asked_area_mm2)),
+        number(missed.spots.len() as f64, 0),
+        spots.join("<br/>")
+    )
+}
+
+/// Part on measured area that a real scan may lack.
+fn at_risk(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let document = AtRiskDocument::from(&plan.coverage);
+    let row = |(reason, found): (RiskReason, &RiskReasonDocument)| {
+        format!(
+            "<tr><td><code>{}</code></td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"soft\">{}</td></tr>\n",
+            reason.as_str(),
+            area(found.area_mm2),
+            percent(found.of_visible),
+            escape(&risk_meaning(reason, &plan.params.realism))
+        )
+    };
+    let rows: String = RiskReason::ALL.into_iter().zip(&document.reasons).map(row).collect();
+    let counts = if document.counted { "It counts as measured." } else { "It does not count as measured." };
+    format!(
+        "<h3>At risk in a real scan</h3>\n<p>{} of the area that the views measure in the simulation, {} of the visible \
+         area, may be lacking in a real scan. {counts} Surface that is at risk for several reasons is listed under each. The widths \
+         behind it are our choice: they have no published source.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Reason</th>\
+         <th class=\"n\">Area</th><th class=\"n\">Of visible</th><th>Meaning</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n\
+         ",
+        area(document.area_mm2),
+        percent(document.of_visible)
+    )
+}
+
+/// Part on the registration of setups and views by shared surface; empty for a single view.
+fn registration(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let row = |name: String, stability: &Stability| {
+        let document = StabilityDocument::new(stability, input.subject.scanner, &plan.params);
+        let error = document.expected_error_mm.map_or_else(|| "unbounded".to_owned(), |mm| format!("{:.1} µm", 1e3 * mm));
+        format!(
+            "<tr><td>{name}</td><td class=\"n\">{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{error}</td>\
+             <td>{}</td></tr>\n",
+            area(document.shared_area_mm2),
+            document.weakest,
+            number(document.resistance, 3),
+            if document.fixed { "yes" } else { "no" }
+        )
+    };
+    let pairs = plan.setup_links.iter().map(|link| {
+        let [a, b] = link.setups.map(|setup| setup.0 + 1);
+        row(format!("Setups {a} and {b}"), &link.stability)
+    });
+    let views = plan.setups.iter().enumerate().filter_map(|(number, setup)| {
+        let ([a, b], stability) = setup.weakest_link.as_ref()?;
+        Some(row(format!("Views {} and {}, the worst joined of setup {}", a.0, b.0, number + 1), stability))
+    });
+    let rows: String = pairs.chain(views).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<h3>Registration by shared surface</h3>\n<p>Setups are one measurement only if they can be registered to each \
+         other: the surface that both measure has to resist every motion of one against the other. Views of one setup share \
+         the table's frame; theirs is information. The error is that of the scanner's noise alone (1 σ).</p>\n\
+         <div class=\"card scroll\"><table>\n<thead><tr><th>Between</th><th class=\"n\">Shared</th><th>Weakest motion</th>\
+         <th class=\"n\">Resistance</th><th class=\"n\">Expected error</th><th>All fixed</th></tr></thead>\n<tbody>\n{rows}</tbody>\
+         </table></div>\n"
+    )
+}
+
+/// Part on the order in which the views are visited; empty without a cell.
+fn order(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let label = |id| plan.views.iter().find(|view| view.id == id).map_or("", |view| view.label.as_str());
+    let mut rows: Vec<String> = Vec::new();
+    for (setup, sequence) in plan.sequences().enumerate() {
+        if setup > 0 {
+            let turn = plan.turn_into(SetupId::at(setup)).map_or_else(|| "turn it over".to_owned(), |turn| turn_phrase(&turn));
+            rows.push(format!("<tr><td></td><td colspan=\"5\">Setup {}, from the first: {turn}.</td></tr>\n", setup + 1));
+        }
+        let visits = sequence.visits.iter().zip(1..);
+        rows.extend(
+            visits.map(|((view, leg), stop)| order_row(&stop.to_string(), &format!("View {} ({})", view.0, label(*view)), leg)),
+        );
+        rows.push(order_row("", "Home", &sequence.return_home));
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
+    // A long table would hide what follows it.
+    let open = if rows.len() <= OPEN_ROWS { " open=\"open\"" } else { "" };
+    format!(
+        "<h3>Visiting order</h3>\n<p>From home through every view and back: {} of motion, in {} of which the table turns.</p>\n\
+         <details class=\"fold\"{open}><summary>All moves</summary><div class=\"card scroll\"><table>\n<thead><tr><th class=\"n\">Stop</th>\
+         <th>At</th><th class=\"n\">Turntable</th><th class=\"n\">Joints 1 to 6</th><th class=\"n\">Move</th>\
+         <th class=\"n\">Via points</th></tr></thead>\n<tbody>\n{}</tbody></table></div></details>\n",
+        duration(plan.sequences().map(Sequence::motion_secs).sum()),
+        duration(plan.sequences().map(Sequence::turning_secs).sum()),
+        rows.concat()
+    )
+}
+
+fn order_row(stop: &str, name: &str, leg: &Leg) -> String {
+    let joints = leg.target.joints_rad.map(|joint| number(joint.to_degrees(), 1)).join(", ");
+    format!(
+        "<tr><td class=\"n\">{stop}</td><td>{name}</td><td class=\"n\">{}°</td><td class=\"n\">{joints}°</td><td class=\"n\">{}</td>\
+         <td class=\"n\">{}</td></tr>\n",
+        number(leg.target.table_angle_rad.to_degrees(), 1),
+        duration(leg.duration_secs),
+        leg.via_rad.len()
+    )
+}
+
+/// Part on the bodies that keep the cell from candidates; empty if there are none.
+pub(super) fn obstructions(obstructions: &[Obstruction]) -> String {
+    let rows: Vec<_> = obstructions.iter().take(OBSTRUCTIONS_LISTED).map(obstruction_row).collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<h3>What blocks the cell</h3>\n<p>Pairs of bodies whose collisions keep the cell from viewpoints that were \
+         considered, the pair that blocks most first. Distance and position are those at one of these viewpoints.</p>\n\
+         <div class=\"card scroll\"><table>\n<thead><tr><th>Bodies</th><th class=\"n\">Without a station</th>\
+         <th class=\"n\">Without a path</th><th class=\"n\">Distance</th><th class=\"n\">Position, base frame</th>\
+         <th>What would help</th></tr></thead>\n<tbody>\n{}</tbody>\
+         </table></div>\n",
+        rows.concat()
+    )
+}
+
+fn obstruction_row(obstruction: &Obstruction) -> String {
+    let Obstruction { bodies, without_station, without_path, separation, advice, .. } = obstruction;
+    let apart = separation.as_ref().map_or_else(|| "—".into(), |found| format!("{} mm", number(found.distance_mm, 1)));
+    let place = separation.as_ref().map_or_else(|| "—".into(), |found| triple(found.place_in_base_mm.into(), 0));
+    format!(
+        "<tr><td>{}</td><td class=\"n\">{without_station}</td><td class=\"n\">{without_path}</td><td class=\"n\">{apart}</td>\
+         <td class=\"n\">{place}</td><td>{}</td></tr>\n",
+        escape(&bodies.to_string()),
+        escape(&advice_sentence(advice))
+    )
+}
+
+/// Part on candidates and on parameters that are not at their defaults.
+fn settings(input: &ReportInput<'_>) -> String {
+    let counts = &input.outcome.plan.candidates;
+    let rejected: Vec<String> = counts.rejected.iter().map(|(reason, count)| format!("{} {count}", reason.as_str())).collect();
+    let rejected = if rejected.is_empty() { String::new() } else { format!(" Dropped: {}.", rejected.join(", ")) };
+    format!(
+        "<h3>How it was planned</h3>\n<p>{} viewpoints were considered, {} of them usable.{rejected}</p>\n{}",
+        counts.generated,
+        counts.kept,
+        parameters(&input.outcome.plan.params)
+    )
+}
+
+/// Table of the parameters that are not at their defaults.
+pub(super) fn parameters(params: &PlanParams) -> String {
+    let row = |(key, value): &(String, String)| {
+        format!("<tr><td><code>{}</code></td><td><code>{}</code></td></tr>\n", escape(key), escape(value))
+    };
+    let rows: String = changed_params(params).iter().map(row).collect();
+    format!(
+        "<div class=\"card scroll\"><table>\n<thead><tr><th>Parameter, changed from its default or derived</th><th>Value</th></tr></thead>\n\
+         <tbody>\n{rows}</tbody></table></div>\n"
+    )
+}

@@ -1,0 +1,315 @@
+//! Drawings of a part on its plate, to scale: from above, with the table's axis, the 0° mark and the robot's side, and from the
+//! front, with the side that is up. The part is rendered by a camera far away; its outline, box and offsets are drawn over it.
+//! Table frame, millimetres; a drawing has y or z up the page.
+
+use std::f64::consts::{FRAC_PI_3, PI};
+use std::fmt::Write;
+
+use nalgebra::Vector3;
+
+use super::ReportSubject;
+use super::camera::Camera;
+use super::markup::number;
+use super::outline::hull;
+use super::palette::Ink;
+use super::renderer::Scene;
+use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
+
+/// Width and height of the drawing from above, units of the drawing.
+const ABOVE: f64 = 560.0;
+/// Radius of the plate in it, or of what reaches beyond.
+const REACH: f64 = 150.0;
+/// Width and height of the drawing from the front.
+const FRONT: [f64; 2] = [480.0, 560.0];
+/// Size that the part may take in it.
+const FRONT_PART: [f64; 2] = [270.0, 380.0];
+/// Height of the plate's face in it.
+const FRONT_PLATE_Y: f64 = 470.0;
+/// Middle of the part in it.
+const FRONT_X: f64 = 235.0;
+/// Distance of dimension lines from what they measure.
+const OFF: f64 = 46.0;
+/// Pixels of the rendered part a unit.
+const PX_PER_UNIT: f64 = 1.5;
+/// Margin around the rendered part, units.
+const MARGIN: f64 = 4.0;
+/// Lengths below this are none, mm.
+const NOTHING_MM: f64 = 0.05;
+/// Length of the drawn axes of the file.
+const AXIS: f64 = 26.0;
+
+/// A part where it lies.
+pub(super) struct PlacedPart {
+    table_from_part: Pose<Table, Part>,
+    /// Box around the part, table frame.
+    pub(super) aabb: Aabb,
+    /// Outlines of part and fixture from above, mm.
+    outline: Vec<[f64; 2]>,
+    fixture: Vec<[f64; 2]>,
+    plate_radius_mm: Option<f64>,
+    /// Distance of the robot's foot from the axis, mm, and the angle of the table at which it stands, radians.
+    pub(super) robot: Option<[f64; 2]>,
+}
+
+impl PlacedPart {
+    /// The part in a pose.
+    pub(super) fn new(subject: &ReportSubject<'_>, table_from_part: &Pose<Table, Part>) -> Self {
+        let from_above = |mesh: &Mesh| hull(mesh.vertices_mm.iter().map(|p| table_from_part.point(p)).map(|p| [p.x, p.y]));
+        let foot = subject.cell.map(|cell| cell.base_from_table.inverse().origin_mm());
+        Self {
+            table_from_part: *table_from_part,
+            aabb: subject.mesh.vertices_mm.iter().fold(Aabb::empty(), |aabb, p| aabb.with(&table_from_part.point(p))),
+            outline: from_above(subject.mesh),
+            fixture: subject.fixture.map(from_above).unwrap_or_default(),
+            plate_radius_mm: subject.cell.map(|cell| cell.turntable.plate_radius_mm),
+            // Zero has no sign here: straight behind is 180°, not −180°.
+            robot: foot.map(|foot| [foot.x.hypot(foot.y), (foot.y + 0.0).atan2(foot.x)]),
+        }
+    }
+
+    /// The rendered part as an image of the drawing, seen from `towards_camera` with `up` up the page; its box's centre at `at`.
+    fn image(&self, scene: &Scene<'_>, [towards_camera, up]: [Vector3<f64>; 2], scale: f64, at: [f64; 2]) -> String {
+        let part_from_table = self.table_from_part.inverse();
+        let extent_mm = self.aabb.extent_mm();
+        let across_mm = extent_mm.dot(&up.cross(&towards_camera).abs());
+        let size_px =
+            [across_mm, extent_mm.dot(&up.abs())].map(|mm| ((mm * scale + 2.0 * MARGIN) * PX_PER_UNIT).ceil().max(1.0) as usize);
+        let directions = [towards_camera, up].map(|direction| part_from_table.direction(&direction));
+        let (centre_mm, radius_mm) = (part_from_table.point(&self.aabb.centre()), 0.5 * extent_mm.norm());
+        let camera = Camera::from_afar(&centre_mm, directions, radius_mm, scale * PX_PER_UNIT, size_px);
+        let image = scene.render(&camera, &scene.plain(Ink::ByOthers)).image;
+        let [width, height] = size_px.map(|px| px as f64 / PX_PER_UNIT);
+        format!(
+            "<image x=\"{:.2}\" y=\"{:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" href=\"{}\"/>",
+            at[0] - 0.5 * width,
+            at[1] - 0.5 * height,
+            image.data_uri()
+        )
+    }
+
+    /// Axes of the file as the page shows them, from their directions across and up it.
+    fn axes(&self, [x0, y0]: [f64; 2], across_and_up: impl Fn(&Vector3<f64>) -> [f64; 2]) -> String {
+        let mut svg = String::new();
+        for (name, axis) in [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())] {
+            let [across, up] = across_and_up(&self.table_from_part.direction(&axis));
+            let (x, y) = (x0 + AXIS * across, y0 - AXIS * up);
+            let (name_x, name_y) = (x0 + (AXIS + 11.0) * across, y0 - (AXIS + 11.0) * up + 4.0);
+            // An axis towards or away from the reader has no length here.
+            if across.hypot(up) > 0.2 {
+                // Writing to a String cannot fail.
+                let _ = write!(svg, "<line class=\"axes\" x1=\"{x0}\" y1=\"{y0}\" x2=\"{x:.1}\" y2=\"{y:.1}\"/>");
+                let _ = write!(svg, "<text class=\"small\" x=\"{name_x:.1}\" y=\"{name_y:.1}\">{name}</text>");
+            }
+        }
+        let _ = write!(svg, "<text class=\"small\" x=\"{x0}\" y=\"{:.1}\">axes of the file</text>", y0 + 30.0);
+        svg
+    }
+}
+
+/// The plate from above.
+pub(super) fn from_above(placed: &PlacedPart, scene: &Scene<'_>) -> String {
+    let middle = 0.5 * ABOVE;
+    let corners = [placed.aabb.min, placed.aabb.max].map(|p| p.x.abs().max(p.y.abs()));
+    let part_mm = placed.outline.iter().map(|[x, y]| x.hypot(*y)).fold(corners[0].max(corners[1]), f64::max);
+    let scale = REACH / placed.plate_radius_mm.unwrap_or(0.0).max(part_mm).max(f64::MIN_POSITIVE);
+    let at = |x_mm: f64, y_mm: f64| [middle + scale * x_mm, middle - scale * y_mm];
+    let centre_mm = placed.aabb.centre();
+    let mut svg = format!(
+        "<svg class=\"drawing\" viewBox=\"0 0 {ABOVE} {ABOVE}\" role=\"img\" aria-label=\"The part on the plate from above, with \
+         its offsets from the table’s axis\">\n"
+    );
+    // Writing to a String cannot fail.
+    if let Some(radius_mm) = placed.plate_radius_mm {
+        let _ = writeln!(svg, "<circle class=\"plate\" cx=\"{middle}\" cy=\"{middle}\" r=\"{:.1}\"/>", scale * radius_mm);
+    }
+    svg += &placed.image(scene, [Vector3::z(), Vector3::y()], scale, at(centre_mm.x, centre_mm.y));
+    for (class, points) in [("outline", &placed.outline), ("fixture", &placed.fixture)] {
+        let points: Vec<String> = points.iter().map(|[x, y]| at(*x, *y)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+        if !points.is_empty() {
+            let _ = writeln!(svg, "<polygon class=\"{class}\" points=\"{}\"/>", points.join(" "));
+        }
+    }
+    svg += &offsets(placed, &at);
+    svg += &table_marks(placed, scale);
+    svg += &placed.axes([52.0, ABOVE - 62.0], |direction| [direction.x, direction.y]);
+    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"24\">From above, table at 0°</text>");
+    svg + "</svg>\n"
+}
+
+/// The table's axis, its 0° and 90°, and the robot's side.
+fn table_marks(placed: &PlacedPart, scale: f64) -> String {
+    let middle = 0.5 * ABOVE;
+    let rim = placed.plate_radius_mm.map_or(REACH, |radius_mm| scale * radius_mm);
+    let mut svg = String::new();
+    // Writing to a String cannot fail.
+    let (low, high) = (middle - 9.0, middle + 9.0);
+    let _ = writeln!(svg, "<path class=\"axis\" d=\"M{low} {middle}H{high}M{middle} {low}V{high}\"/>");
+    let _ = writeln!(svg, "<circle class=\"axis\" cx=\"{middle}\" cy=\"{middle}\" r=\"4\"/>");
+    if placed.plate_radius_mm.is_some() {
+        let (x, label_x) = (middle + rim, middle + rim + 25.0);
+        let _ = writeln!(svg, "<path class=\"mark\" d=\"M{x:.1} {middle}l12 -6v12z\"/>");
+        let _ = writeln!(svg, "<text class=\"mark\" x=\"{label_x:.1}\" y=\"{:.1}\">0°</text>", middle + 5.0);
+        let _ = writeln!(svg, "<text class=\"small\" x=\"{middle}\" y=\"{:.1}\">90°</text>", middle - rim - 6.0);
+    }
+    if let Some([distance_mm, angle_rad]) = placed.robot {
+        let along = |radius: f64, aside: f64| {
+            let (sin, cos) = angle_rad.sin_cos();
+            format!("{:.1},{:.1}", middle + radius * cos - aside * sin, middle - radius * sin - aside * cos)
+        };
+        let from = REACH + 36.0;
+        let arrow = [
+            along(from, -4.0),
+            along(from + 14.0, -4.0),
+            along(from + 14.0, -10.0),
+            along(from + 28.0, 0.0),
+            along(from + 14.0, 10.0),
+            along(from + 14.0, 4.0),
+            along(from, 4.0),
+        ];
+        let _ = writeln!(svg, "<polygon class=\"robot\" points=\"{}\"/>", arrow.join(" "));
+        let (sin, cos) = angle_rad.sin_cos();
+        // A word is wider than it is high.
+        let label = from + 44.0 + 18.0 * cos.abs();
+        let (x, y) = (middle + label * cos, middle - label * sin);
+        let _ = writeln!(svg, "<text class=\"robot\" x=\"{x:.1}\" y=\"{y:.1}\">robot</text>");
+        let _ = writeln!(svg, "<text class=\"small\" x=\"{x:.1}\" y=\"{:.1}\">{} mm</text>", y + 14.0, number(distance_mm, 0));
+    }
+    svg
+}
+
+/// Box around the part, and its offsets from the axis along x and y, on the sides away from the robot.
+fn offsets(placed: &PlacedPart, at: &impl Fn(f64, f64) -> [f64; 2]) -> String {
+    let (min, max) = (placed.aabb.min, placed.aabb.max);
+    let ([left, bottom], [right, top]) = (at(min.x, min.y), at(max.x, max.y));
+    let is_robot_near = |angle_rad: f64| {
+        let off = |[_, robot_rad]: [f64; 2]| ((robot_rad - angle_rad + PI).rem_euclid(2.0 * PI) - PI).abs();
+        placed.robot.is_some_and(|robot| off(robot) < FRAC_PI_3)
+    };
+    let mut svg = format!(
+        "<rect class=\"box\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>\n",
+        right - left,
+        bottom - top
+    );
+    let below = !is_robot_near(-0.5 * PI);
+    let (from, line) = if below { (bottom, 0.5 * ABOVE + REACH + OFF) } else { (top, 0.5 * ABOVE - REACH - OFF) };
+    let across = Dimension { line, from, out: if below { 1.0 } else { -1.0 } };
+    svg += &across.horizontal([min.x, max.x], |x_mm| at(x_mm, 0.0)[0]);
+    let beside = !is_robot_near(0.0);
+    let (from, line) = if beside { (right, 0.5 * ABOVE + REACH + OFF) } else { (left, 0.5 * ABOVE - REACH - OFF) };
+    let up = Dimension { line, from, out: if beside { 1.0 } else { -1.0 } };
+    svg + &up.vertical([min.y, max.y], |y_mm| at(0.0, y_mm)[1])
+}
+
+/// The part from the front, and the side of it that is up.
+pub(super) fn from_front(placed: &PlacedPart, up: &str, scene: &Scene<'_>) -> String {
+    let [width, height] = FRONT;
+    let (min, max) = (placed.aabb.min, placed.aabb.max);
+    let wide_mm = (max.x - min.x).max(f64::MIN_POSITIVE);
+    let (low_mm, high_mm) = (min.z.min(0.0), max.z);
+    let scale = (FRONT_PART[0] / wide_mm).min(FRONT_PART[1] / (high_mm - low_mm).max(f64::MIN_POSITIVE));
+    let at = |x_mm: f64, z_mm: f64| [FRONT_X + scale * (x_mm - 0.5 * (min.x + max.x)), FRONT_PLATE_Y - scale * z_mm];
+    let mut svg = format!(
+        "<svg class=\"drawing\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"The part on the plate from the front, \
+         {up} of the file up\">\n"
+    );
+    // Writing to a String cannot fail.
+    let [left, right] = placed
+        .plate_radius_mm
+        .map_or([70.0, 400.0], |radius_mm| [at(-radius_mm, 0.0)[0].clamp(70.0, 400.0), at(radius_mm, 0.0)[0].clamp(70.0, 400.0)]);
+    let _ = writeln!(svg, "<path class=\"ground\" d=\"M{left:.1} {FRONT_PLATE_Y}H{right:.1}v10H{left:.1}z\"/>");
+    svg += &placed.image(scene, [-Vector3::y(), Vector3::z()], scale, at(0.5 * (min.x + max.x), 0.5 * (min.z + max.z)));
+    let [axis_x, top] = at(0.0, high_mm);
+    if (70.0..=400.0).contains(&axis_x) {
+        let _ = writeln!(svg, "<path class=\"axis\" d=\"M{axis_x:.1} {:.1}V{:.1}\"/>", top - 26.0, FRONT_PLATE_Y + 26.0);
+        let _ = writeln!(svg, "<text class=\"small\" x=\"{axis_x:.1}\" y=\"{:.1}\">table’s axis</text>", FRONT_PLATE_Y + 40.0);
+    }
+    let heights = Dimension { line: 418.0, from: at(max.x, 0.0)[0], out: 1.0 };
+    svg += &heights.vertical([min.z, max.z], |z_mm| at(0.0, z_mm)[1]);
+    let arrow = "M34 330v-90h-12l20 -30l20 30h-12v90z";
+    let _ = writeln!(svg, "<path class=\"up\" d=\"{arrow}\"/><text class=\"up\" x=\"42\" y=\"198\">{up}</text>");
+    let _ = writeln!(svg, "<text class=\"small\" x=\"42\" y=\"350\">this side up</text>");
+    svg += &placed.axes([52.0, height - 62.0], |direction| [direction.x, direction.z]);
+    let _ = writeln!(svg, "<text class=\"title\" x=\"14\" y=\"24\">From the front (−90° of the table)</text>");
+    svg + "</svg>\n"
+}
+
+/// A dimension line, beside what it measures.
+struct Dimension {
+    /// Its place across its direction.
+    line: f64,
+    /// Place from which its extension lines come.
+    from: f64,
+    /// Side of the line on which the numbers stand: 1 for right or below, −1 for left or above.
+    out: f64,
+}
+
+impl Dimension {
+    /// Lengths between the two ends and the axis at 0, along x.
+    fn horizontal(&self, ends_mm: [f64; 2], x: impl Fn(f64) -> f64) -> String {
+        let (line, from, mut svg) = (self.line, self.from, String::new());
+        let ticks = ticks(ends_mm);
+        for tick_mm in &ticks {
+            let x = x(*tick_mm);
+            // Writing to a String cannot fail.
+            let _ = writeln!(svg, "<path class=\"extension\" d=\"M{x:.1} {from:.1}V{:.1}\"/>", line + 5.0 * self.out);
+            let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{:.1} {:.1}l8 -8\"/>", x - 4.0, line + 4.0);
+        }
+        for (place, pair) in ticks.windows(2).enumerate() {
+            let [a, b] = [x(pair[0]), x(pair[1])];
+            // Numbers over short lengths stand in two rows.
+            let row = if (b - a).abs() < 46.0 && place % 2 == 1 { 34.0 } else { 18.0 };
+            let y = line + self.out * row + if self.out > 0.0 { 0.0 } else { 10.0 };
+            let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{a:.1} {line:.1}H{b:.1}\"/>");
+            let middle = 0.5 * (a + b);
+            let _ =
+                writeln!(svg, "<text class=\"dimension\" x=\"{middle:.1}\" y=\"{y:.1}\">{}</text>", number(pair[1] - pair[0], 1));
+        }
+        svg
+    }
+
+    /// Lengths between the two ends and the axis at 0, along y or z, up the page.
+    fn vertical(&self, ends_mm: [f64; 2], y: impl Fn(f64) -> f64) -> String {
+        let (line, from, mut svg) = (self.line, self.from, String::new());
+        let ticks = ticks(ends_mm);
+        for tick_mm in &ticks {
+            let y = y(*tick_mm);
+            // Writing to a String cannot fail.
+            let _ = writeln!(svg, "<path class=\"extension\" d=\"M{from:.1} {y:.1}H{:.1}\"/>", line + 5.0 * self.out);
+            let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{:.1} {:.1}l8 -8\"/>", line - 4.0, y + 4.0);
+        }
+        let side = if self.out > 0.0 { "start" } else { "end" };
+        for pair in ticks.windows(2) {
+            let [a, b] = [y(pair[0]), y(pair[1])];
+            let _ = writeln!(svg, "<path class=\"dimension\" d=\"M{line:.1} {a:.1}V{b:.1}\"/>");
+            let _ = writeln!(
+                svg,
+                "<text class=\"dimension {side}\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                line + 8.0 * self.out,
+                0.5 * (a + b) + 5.0,
+                number(pair[1] - pair[0], 1)
+            );
+        }
+        svg
+    }
+}
+
+/// The two ends and the axis in ascending order, each once.
+fn ticks([low_mm, high_mm]: [f64; 2]) -> Vec<f64> {
+    let mut ticks = vec![low_mm, 0.0, high_mm];
+    ticks.sort_by(f64::total_cmp);
+    ticks.dedup_by(|b, a| *b - *a < NOTHING_MM);
+    ticks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ticks;
+
+    #[test]
+    fn lengths_are_told_between_the_ends_and_the_axis_in_any_order() {
+        assert_eq!(ticks([-60.5, 60.5]), [-60.5, 0.0, 60.5]);
+        assert_eq!(ticks([12.0, 40.0]), [0.0, 12.0, 40.0], "beside the axis");
+        assert_eq!(ticks([-40.0, -12.0]), [-40.0, -12.0, 0.0]);
+        assert_eq!(ticks([0.01, 37.2]).len(), 2, "what stands on the plate has one height");
+    }
+}

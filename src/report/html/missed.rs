@@ -1,0 +1,232 @@
+//! The section on what is missed: numbered spots in pictures, and what would help, one row for spots that the same fix mends.
+
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+
+use super::ReportInput;
+use super::markup::{area, escape, number, percent, triple};
+use super::palette::{Ink, MissGroup};
+use super::pictures::{self, SIDES, SidePicture};
+use super::renderer::Scene;
+use super::spots::{self, NumberedSpot};
+use super::views::{figures, legend, swatch, unmeasured};
+use super::words;
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{Cause, Remedy, RemedyKind, share};
+use crate::wire::plan::AdviceDocument;
+use crate::wire::words::turn_phrase;
+
+/// Spots that one fix mends.
+struct FixGroup {
+    /// Action in words.
+    action: String,
+    /// Parameters that do it, as options; may be empty.
+    options: String,
+    /// True if it mends anything; groups that do not come last.
+    is_help: bool,
+    numbers: Vec<usize>,
+    area_mm2: f64,
+}
+
+/// The section.
+pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+    let plan = &input.outcome.plan;
+    if plan.missed.is_empty() {
+        return "<section>\n<h2>What is missed</h2>\n<p>Nothing: all of the asked area is measured.</p>\n</section>\n".into();
+    }
+    let spots = spots::numbered(input);
+    let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
+    let count: usize = plan.missed.iter().map(|missed| missed.spots.len()).sum();
+    format!(
+        "<section>\n<h2>What is missed, and what helps</h2>\n<p>{} of the asked area is missed: {} in {} {}. The part is shown in \
+         grey; every missed spot has the colour of its cause, paler where something hides it from this side. Numbers are those \
+         of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}{}</section>\n",
+        percent(share(missed_mm2, plan.coverage.asked_area_mm2)),
+        area(missed_mm2),
+        number(count as f64, 0),
+        if count == 1 { "spot" } else { "spots" },
+        numbered_pictures(input, scene, &spots),
+        legend(scene, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers])),
+        advice(input),
+        fixes(input, &spots),
+        list(input, &spots)
+    )
+}
+
+fn numbered_pictures(input: &ReportInput<'_>, scene: &Scene<'_>, spots: &[NumberedSpot<'_>]) -> String {
+    let drawn: Vec<SidePicture> = SIDES.par_iter().map(|side| pictures::misses(input, scene, side)).collect();
+    let drawings = spots::drawings(input.outcome, spots, &drawn);
+    let numbered = drawn.iter().zip(&SIDES).zip(&drawings);
+    let finished: Vec<String> = numbered.map(|((picture, side), drawing)| picture.with(&input.subject, side, drawing)).collect();
+    figures(&finished)
+}
+
+/// Advice for the plan as a whole; empty if there is none.
+fn advice(input: &ReportInput<'_>) -> String {
+    let item =
+        |advice: &AdviceDocument| format!("<li>{}<br/><code>{}</code></li>\n", escape(&advice.text), escape(&advice.options()));
+    let items: String = AdviceDocument::all_of(&input.outcome.plan).iter().map(item).collect();
+    if items.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model: views were chosen for it that the \
+         cell can take. “At least” holds for a plan with these parameters that meets its target.</p>\n<ul class=\"card list\">\n\
+         {items}</ul>\n"
+    )
+}
+
+/// Table of the fixes, those that mend most first.
+fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
+    let plan = &input.outcome.plan;
+    let mut groups: Vec<FixGroup> = Vec::new();
+    for spot in spots {
+        let (action, options, is_help) = fix(spot, &plan.params);
+        let at = groups.iter().position(|group| group.action == action).unwrap_or_else(|| {
+            groups.push(FixGroup { action, options, is_help, numbers: Vec::new(), area_mm2: 0.0 });
+            groups.len() - 1
+        });
+        groups[at].numbers.push(spot.number);
+        groups[at].area_mm2 += spot.spot.area_mm2;
+    }
+    // Stable: equal ones stay in the order of their largest spots.
+    groups.sort_by(|a, b| b.is_help.cmp(&a.is_help).then(b.area_mm2.total_cmp(&a.area_mm2)));
+    let row = |group: &FixGroup| {
+        let options =
+            if group.options.is_empty() { String::new() } else { format!("<br/><code>{}</code>", escape(&group.options)) };
+        format!(
+            "<tr><td>{}{options}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
+            escape(&group.action),
+            ranges(&group.numbers),
+            number(group.numbers.len() as f64, 0),
+            percent(share(group.area_mm2, plan.coverage.asked_area_mm2))
+        )
+    };
+    let rows: String = groups.iter().map(row).collect();
+    format!(
+        "<h3>What helps the spots</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Fix</th><th>Spots</th>\
+         <th class=\"n\">Number</th><th class=\"n\">Of asked</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{}",
+        unnumbered(input, spots)
+    )
+}
+
+/// Sentence on the spots without a number; empty if all have one.
+fn unnumbered(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
+    let plan = &input.outcome.plan;
+    let all: usize = plan.missed.iter().map(|missed| missed.spots.len()).sum();
+    if all <= spots.len() {
+        return String::new();
+    }
+    let numbered_mm2: f64 = spots.iter().map(|spot| spot.spot.area_mm2).sum();
+    let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
+    format!(
+        "<p class=\"soft\" style=\"margin-top:8px\">{} smaller spots without a number, {} of the asked area together, are listed in \
+         <code>missed.json</code>.</p>\n",
+        number((all - spots.len()) as f64, 0),
+        percent(share((missed_mm2 - numbered_mm2).max(0.0), plan.coverage.asked_area_mm2))
+    )
+}
+
+/// Fix of a spot: what to do, the options that do it, and whether it is any help.
+fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
+    let turn_over = || if params.setups == 1 { "--set setups=2".to_owned() } else { String::new() };
+    let told = |action: &str, options: &str| (action.to_owned(), options.to_owned(), true);
+    match &spot.spot.remedy {
+        Some(remedy) => match remedy.kind {
+            RemedyKind::Setup => {
+                let turn = remedy.turn.as_ref().map_or_else(|| "turn it onto another side".to_owned(), turn_phrase);
+                (format!("{} and scan again", capitalised(&turn)), turn_over(), true)
+            }
+            RemedyKind::View => told("Choose more views: raise selection.target or selection.max_views", ""),
+            RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses", ""),
+            RemedyKind::Tilt => told("Add tilted views: put their poses into candidates.poses", ""),
+            RemedyKind::Standoff => told("Add views at another distance: put their poses into candidates.poses", ""),
+            RemedyKind::Limit => limits(remedy),
+            RemedyKind::None => ("No fix found: none of the views tried sees half of it".to_owned(), String::new(), false),
+        },
+        None => match MissGroup::of(spot.cause) {
+            MissGroup::Resting if spot.cause != Cause::Enclosed => {
+                ("Turn the part over: it stands on this surface, or the surface faces the table".to_owned(), turn_over(), true)
+            }
+            MissGroup::Shadow
+            | MissGroup::Incidence
+            | MissGroup::Facing
+            | MissGroup::Frame
+            | MissGroup::Depth
+            | MissGroup::Reach
+            | MissGroup::Resting
+            | MissGroup::NotChosen => {
+                ("No fix was searched for: only the largest spots are tried".to_owned(), String::new(), false)
+            }
+        },
+    }
+}
+
+/// Fix by a larger limit.
+fn limits(remedy: &Remedy) -> (String, String, bool) {
+    let option = |name: &str, deg: Option<f64>| deg.map(|deg| format!("--set limits.{name}={:.1}", (deg * 10.0).floor() / 10.0));
+    let options = [option("camera_deg", remedy.camera_deg), option("projector_deg", remedy.projector_deg)];
+    let options = options.into_iter().flatten().collect::<Vec<_>>().join(" ");
+    (format!("Allow a larger angle of incidence ({options})"), options, true)
+}
+
+/// List of the numbered spots.
+fn list(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
+    let asked_mm2 = input.outcome.plan.coverage.asked_area_mm2;
+    let rows: String = spots.iter().map(|spot| row(spot, asked_mm2)).collect();
+    format!(
+        "<h3>The largest spots</h3>\n<p>Each spot is listed under what stopped the view that came closest to measuring it. A fix is \
+         the cheapest that was simulated and measures at least 90 % of the spot; where none does, the cheapest that measures at \
+         least half, its share first. Its views are in <code>plan.json</code>. Coordinates are the part’s own.</p>\n\
+         <div class=\"card scroll\"><table class=\"spots\">\n<thead><tr><th class=\"n\">No.</th><th>Cause</th><th class=\"n\">Area</th>\
+         <th class=\"n\">Of asked</th><th>Centre, size in mm</th><th>Fix</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n"
+    )
+}
+
+fn row(spot: &NumberedSpot<'_>, asked_mm2: f64) -> String {
+    let extent_mm = &spot.spot.extent_mm;
+    let size = [extent_mm.x, extent_mm.y, extent_mm.z].map(|edge_mm| number(edge_mm, 1)).join(" × ");
+    format!(
+        "<tr><td class=\"n\"><b>{}</b></td><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}<br/>{size}</td>\
+         <td>{}</td></tr>\n",
+        spot.number,
+        swatch(Ink::Missed(MissGroup::of(spot.cause))),
+        words::cause_name(spot.cause),
+        area(spot.spot.area_mm2),
+        percent(share(spot.spot.area_mm2, asked_mm2)),
+        triple(spot.spot.centre_mm.into(), 1),
+        spot.spot.remedy.as_ref().map_or_else(|| "—".to_owned(), words::remedy)
+    )
+}
+
+/// Ascending numbers with runs joined: "1–4, 7, 9".
+fn ranges(numbers: &[usize]) -> String {
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for number in numbers {
+        if let Some([_, last]) = runs.last_mut()
+            && *last + 1 == *number
+        {
+            *last = *number;
+        } else {
+            runs.push([*number; 2]);
+        }
+    }
+    let told = |[first, last]: &[usize; 2]| if first == last { first.to_string() } else { format!("{first}–{last}") };
+    runs.iter().map(told).collect::<Vec<_>>().join(", ")
+}
+
+fn capitalised(text: &str) -> String {
+    let mut characters = text.chars();
+    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{capitalised, ranges};
+
+    #[test]
+    fn runs_of_numbers_are_joined() {
+        assert_eq!(ranges(&[1, 2, 3, 4, 7, 9, 10]), "1–4, 7, 9–10");
+        assert_eq!((ranges(&[5]), ranges(&[])), ("5".to_owned(), String::new()));
+        assert_eq!(capitalised("turn it upside down"), "Turn it upside down");
+    }
+}

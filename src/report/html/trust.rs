@@ -1,0 +1,153 @@
+//! The section on why the figures may be trusted: the independent check, poses that are off, bounds, the limits of the devices,
+//! and hashes that tie the report to its files.
+
+use super::ReportInput;
+use super::markup::{duration, escape, number, percent};
+use super::sections::digest;
+use crate::planning::params::PlanParams;
+use crate::planning::plan::{Drawn, Robust};
+use crate::planning::sequence::Sequence;
+use crate::wire::plan::{AtRiskDocument, RobustDocument};
+use crate::wire::warnings::of_robust;
+use crate::wire::words::at_risk_sentence;
+
+/// The section.
+pub(super) fn section(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    let robust = plan.coverage.robust.as_ref();
+    let robust = robust.map_or_else(String::new, |robust| fragile(&plan.params, robust) + &under_pose_errors(robust));
+    format!(
+        "<section>\n<h2>Why to trust it</h2>\n<h3>Independent check</h3>\n{}{robust}<h3>Bounds</h3>\n{}{}<h3>At risk</h3>\n\
+         <p>{}; see the appendix.</p>\n<h3>Limits of the devices</h3>\n{}<h3>Files</h3>\n{}</section>\n",
+        independent(input),
+        bounds(input),
+        order(input),
+        capitalised_at_risk(&AtRiskDocument::from(&plan.coverage)),
+        devices(input),
+        files(input)
+    )
+}
+
+/// Coverage on samples that no view was chosen on.
+fn independent(input: &ReportInput<'_>) -> String {
+    let coverage = &input.outcome.plan.coverage;
+    let independent = &coverage.independent;
+    format!(
+        "<p>Because views are optimised on one set of samples, the share measured of that set is slightly optimistic: {}. On {} \
+         independent samples the same views measure <b>{} of the asked area</b>, {} of the whole surface. The figures at the top \
+         are of these samples.</p>\n",
+        percent(coverage.of_asked()),
+        number(independent.samples as f64, 0),
+        percent(independent.of_asked()),
+        percent(independent.of_total()),
+    )
+}
+
+fn bounds(input: &ReportInput<'_>) -> String {
+    let bound = &input.outcome.plan.bound;
+    let views = number(f64::from(bound.views_lower), 0);
+    let proved = match bound.gap {
+        0 => format!(
+            "No choice from the same viewpoints reaches as much with fewer than {views} views: the number is proven best."
+        ),
+        gap => format!("At least {views} of the viewpoints considered are needed for as much; the plan has {gap} more."),
+    };
+    let area = bound.of_asked_upper.zip(bound.gap_of_asked).map_or_else(String::new, |(upper, gap)| {
+        format!(" No choice of as many views measures more than {} of the asked area, {} more.", percent(upper), percent(gap))
+    });
+    format!("<p>{proved}{area}</p>\n")
+}
+
+/// Bound of the cycle; empty without a cell.
+fn order(input: &ReportInput<'_>) -> String {
+    let plan = &input.outcome.plan;
+    if plan.sequences().next().is_none() {
+        return String::new();
+    }
+    let sum = |secs: fn(&Sequence) -> f64| duration(plan.sequences().map(secs).sum());
+    let proved = if plan.sequences().all(Sequence::is_shortest) {
+        "The order is proven optimal among the stations and moves considered."
+    } else {
+        "The order is not proven optimal."
+    };
+    format!(
+        "<p>{proved} It takes {} of motion, and at least {} over the stations and moves considered; stations were then moved along \
+         the table’s angle and rolled, which leaves {}. Every move was checked for collisions along its whole length.</p>\n",
+        sum(|sequence| sequence.ordered_secs),
+        sum(|sequence| sequence.lower_bound_secs),
+        sum(Sequence::motion_secs)
+    )
+}
+
+fn capitalised_at_risk(at_risk: &AtRiskDocument) -> String {
+    let sentence = escape(&at_risk_sentence(at_risk));
+    let mut characters = sentence.chars();
+    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
+}
+
+fn devices(input: &ReportInput<'_>) -> String {
+    let (scanner, limits) = (input.subject.scanner, &input.outcome.plan.params.limits);
+    let row = |device: &crate::cell::OpticalDevice| {
+        let (deg, own_deg) = (limits.incidence_max_rad(device).to_degrees(), device.incidence_max_rad.to_degrees());
+        format!(
+            "<tr><td>{}</td><td class=\"n\">{} × {}</td><td class=\"n\">{}°</td><td class=\"n\">{}°</td></tr>\n",
+            device.name.as_str(),
+            number(device.lens.width_px, 0),
+            number(device.lens.height_px, 0),
+            number(deg, 1),
+            number(own_deg, 1)
+        )
+    };
+    let rows: String = scanner.devices.iter().map(row).collect();
+    format!(
+        "<div class=\"card scroll\"><table class=\"narrow\">\n<thead><tr><th>Device</th><th class=\"n\">Image, pixels</th>\
+         <th class=\"n\">Max incidence here</th><th class=\"n\">Its own</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n\
+         <p class=\"soft\" style=\"margin-top:8px\">Working depth {} to {} mm, best focus at {} mm. A point counts as measured only if \
+         both cameras and the projector see it within these limits.</p>\n",
+        number(scanner.near_mm, 0),
+        number(scanner.far_mm, 0),
+        number(scanner.best_mm, 0)
+    )
+}
+
+fn files(input: &ReportInput<'_>) -> String {
+    let plan = match input.plan_sha256 {
+        "" => String::new(),
+        sha256 => format!("; of <code>plan.json</code> {}, which every program of this plan names", digest(sha256)),
+    };
+    format!("<p>SHA-256 of the part’s file: {}{plan}.</p>\n", digest(input.subject.part_sha256))
+}
+
+/// Coverage under pose errors.
+fn under_pose_errors(robust: &Robust) -> String {
+    let row = |name: &str, drawn: &Drawn| {
+        let shares = [drawn.nominal, drawn.mean(), drawn.p5(), drawn.worst()]
+            .map(|share| format!("<td class=\"n\">{}</td>", percent(share)));
+        format!("<tr><td>{name}</td><td class=\"n\">{}</td>{}</tr>\n", number(drawn.draws() as f64, 0), shares.concat())
+    };
+    format!(
+        "<h3>With poses that are off</h3>\n<p>Measured share of the asked area if poses are off by {}° about a random axis and by \
+         {}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
+         <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th>\
+         <th class=\"n\">Mean</th><th class=\"n\">5th percentile</th><th class=\"n\">Worst</th></tr></thead>\n<tbody>\n{}{}{}</tbody></table></div>\n",
+        number(robust.pose_error.angle_deg, 2),
+        number(robust.pose_error.translation_mm, 2),
+        row("Every view, independently", &robust.views),
+        row("The part as a whole", &robust.part),
+        row("The hand-eye calibration, the same in every view", &robust.hand_eye),
+    )
+}
+
+/// Notice that the plan is fragile under pose errors; empty if it is not.
+fn fragile(params: &PlanParams, robust: &Robust) -> String {
+    of_robust(params, &RobustDocument::from(robust), "").map_or_else(String::new, |warning| {
+        format!(
+            "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Fragile under pose errors</b> <code>{}</code>: \
+             <code>{}</code> {}. What helps: {}.</p></div>\n",
+            warning.code.as_str(),
+            escape(&warning.pointer.trim_start_matches('/').replace('/', ".")),
+            escape(&warning.detail),
+            escape(&warning.remedy)
+        )
+    })
+}

@@ -1,0 +1,149 @@
+//! The verdict, the first thing to read: may the part be scanned, how well, how long it takes, and what to do next. Made in one
+//! place, [`VerdictText::of`], from which the section is written.
+
+use std::fmt::Write;
+
+use super::ReportInput;
+use super::markup::{duration, escape, number, percent};
+use super::palette::Ink;
+use super::views::swatch;
+use crate::planning::plan::{Grade, Plan, share};
+use crate::wire::summary::{PlanVerdict, Summary};
+
+/// Standing of a job, which gives the verdict its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// A plan that reaches what was asked.
+    Met,
+    /// A plan that leaves something of it open.
+    Short,
+    /// No plan.
+    NoPlan,
+}
+
+/// A figure of the verdict.
+pub(super) struct Figure {
+    value: String,
+    name: &'static str,
+    /// Parts of it, or what it is of; may be empty.
+    detail: String,
+}
+
+impl Figure {
+    /// A figure without a detail.
+    pub(super) fn new(value: String, name: &'static str) -> Self {
+        Self { value, name, detail: String::new() }
+    }
+}
+
+/// The verdict in words and figures. All text is escaped.
+pub(super) struct VerdictText {
+    pub(super) standing: Standing,
+    pub(super) title: String,
+    /// Sentences, the verdict's first.
+    pub(super) lines: Vec<String>,
+    pub(super) figures: Vec<Figure>,
+}
+
+impl VerdictText {
+    /// The verdict on a plan, in the sentences of its summary.
+    pub(super) fn of(input: &ReportInput<'_>) -> Self {
+        let plan = &input.outcome.plan;
+        let summary = Summary::of(plan);
+        let (standing, title) = match summary.verdict {
+            PlanVerdict::TargetMet | PlanVerdict::BestCoverage => (Standing::Met, "Ready to scan"),
+            PlanVerdict::Fragile => (Standing::Short, "Can be scanned, but small pose errors cost coverage"),
+            PlanVerdict::TargetMissed | PlanVerdict::RegionsUnmet | PlanVerdict::ViewsWithoutPath => {
+                (Standing::Short, "Can be scanned, with gaps")
+            }
+        };
+        Self {
+            standing,
+            title: title.to_owned(),
+            lines: summary.lines().iter().map(|line| escape(line.trim_start())).collect(),
+            figures: figures(input, plan, &summary),
+        }
+    }
+
+    /// The verdict as a block of the page.
+    pub(super) fn block(&self) -> String {
+        let class = match self.standing {
+            Standing::Met => "met",
+            Standing::Short => "short",
+            Standing::NoPlan => "none",
+        };
+        let figure = |figure: &Figure| {
+            let detail = match figure.detail.as_str() {
+                "" => String::new(),
+                detail => format!("<small>{detail}</small>"),
+            };
+            format!("<div class=\"figure\"><b>{}</b><span>{}</span>{detail}</div>", figure.value, figure.name)
+        };
+        let figures: String = self.figures.iter().map(figure).collect();
+        let figures = if figures.is_empty() { figures } else { format!("<div class=\"figures\">{figures}</div>\n") };
+        let line = |line: &String| format!("<li>{line}</li>\n");
+        let (first, rest) = self.lines.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
+        let rest: String = rest.iter().map(line).collect();
+        let rest = if rest.is_empty() { rest } else { format!("<ul class=\"card summary\">\n{rest}</ul>\n") };
+        format!("<div class=\"verdict {class}\">\n<h2>{}</h2>\n<p>{first}</p>\n</div>\n{figures}{rest}", self.title)
+    }
+}
+
+/// Section with the verdict, and the pictures of the whole plan.
+pub(super) fn section(input: &ReportInput<'_>, pictures: &str) -> String {
+    format!(
+        "<section>\n{}{}{pictures}\
+         <div class=\"notice\"><p><b>This is simulated coverage, computed from the models of the part and of the scanner. \
+         It is not a measurement.</b> Shiny, dark or transparent surfaces, and parts that differ from their model, give less. \
+         The planner is not safety-rated: guarding, speed limits and emergency stops belong to the cell’s own safety \
+         system.</p></div>\n</section>\n",
+        VerdictText::of(input).block(),
+        grades_bar(input)
+    )
+}
+
+fn figures(input: &ReportInput<'_>, plan: &Plan, summary: &Summary) -> Vec<Figure> {
+    let mut figures = vec![
+        Figure {
+            value: percent(summary.coverage.of_visible),
+            name: "of the visible surface measured",
+            detail: format!("{} of it at grade A or B", percent(summary.coverage.grades_a_b_of_visible)),
+        },
+        Figure {
+            value: number(summary.views as f64, 0),
+            name: if summary.views == 1 { "view" } else { "views" },
+            detail: format!("lower bound {}", number(f64::from(plan.bound.views_lower), 0)),
+        },
+    ];
+    if summary.setups > 1 {
+        let detail = "the part is turned over between them".to_owned();
+        figures.push(Figure { value: number(summary.setups as f64, 0), name: "setups", detail });
+    }
+    figures.extend(input.cycle_secs.map(|secs| Figure::new(duration(secs), "cycle time")));
+    figures
+}
+
+/// Bar of the asked area by grade, and the rest.
+fn grades_bar(input: &ReportInput<'_>) -> String {
+    let coverage = &input.outcome.plan.coverage;
+    let grades = [(Grade::A, "A"), (Grade::B, "B"), (Grade::C, "C"), (Grade::D, "D")];
+    let (mut bar, mut legend, mut spoken) = (String::new(), String::new(), String::new());
+    for (grade, name) in grades {
+        let (ink, share) =
+            (Ink::Measured(grade), share(coverage.measured.grade_area_mm2[grade as usize], coverage.asked_area_mm2));
+        // Writing to a String cannot fail.
+        let _ = write!(bar, "<i style=\"width:{:.3}%;background:{}\"></i>", share * 100.0, ink.hex());
+        let _ = write!(legend, "<li>{}Grade {name} {}</li>", swatch(ink), percent(share));
+        let _ = write!(spoken, "grade {name} {}, ", percent(share));
+    }
+    let (missed, ink) = (1.0 - coverage.of_asked(), Ink::Unmeasured);
+    let _ = write!(bar, "<i style=\"width:{:.3}%;background:{}\"></i>", missed * 100.0, ink.hex());
+    format!(
+        "<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n\
+         <ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n\
+         <p class=\"soft\" style=\"margin-top:6px\">Shares of the asked area. The grade of a point says how squarely, and how \
+         close to best focus, its best view sees it: A is close to the ideal, D is close to the scanner’s limits.</p>\n",
+        swatch(ink),
+        missed = percent(missed)
+    )
+}
