@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use super::CliError;
+use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_cell, pool};
 use super::progress::Progress;
-use super::{CliError, out};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::studies::reach::{Layout, Layouts, mountings, own_layout, reach};
@@ -57,7 +58,7 @@ pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cance
     let mut foot_mm = around(&args.foot, own[0]);
     foot_mm.retain(|foot| *foot >= 0.0);
     let layouts = Layouts { part_mm: args.cube, foot_mm, table_mm: around(&args.table, own[1]), mountings, clearance_mm: 5.0 };
-    out::prepare(folder)?;
+    let out = OutputFolder::prepare(folder, OutputWriter::Study("reach"), &["reach.csv", "reach.svg"])?;
     let progress = Progress::start();
     let found = pool(threads)?.install(|| reach(&cell, &layouts, &Context::new(cancel, &progress)));
     // The seconds of the stages are not a result.
@@ -67,7 +68,8 @@ pub fn run(args: &ReachArgs, cell_name: &str, folder: &Path, threads: u16, cance
     #[expect(clippy::float_cmp, reason = "the cell's own distances are among those compared, as they are")]
     let is_own = |layout: &&Layout| layout.mounting == 0 && [layout.foot_mm, layout.table_mm] == own;
     let files = [("reach.csv", csv(&results)), ("reach.svg", svg(&results))];
-    out::write(folder, &files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }))?;
+    let artifacts = files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() });
+    out.replace(&artifacts, &FileOrigin::default())?;
     print!("{}", text(&results, found.iter().find(is_own)));
     println!("Map: {}", folder.join("reach.svg").display());
     Ok(())

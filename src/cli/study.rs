@@ -4,13 +4,14 @@
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use super::plan::{load_cell, load_mesh, load_params, load_scanner, pool, to_cli_error};
+use super::out::{FileOrigin, OutputFolder, OutputWriter};
+use super::plan::{check_up, load_cell, load_mesh, load_params, load_scanner, placed, pool, to_cli_error};
 use super::progress::Progress;
-use super::{CliError, out, reach};
+use super::{CliError, reach};
 use crate::geometry::LengthUnit;
-use crate::planning::PlanInput;
 use crate::planning::context::Context;
 use crate::planning::studies::{self, Study};
+use crate::planning::{PlanInput, UpAxis};
 use crate::report::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 use crate::service::plan_job::Artifact;
 
@@ -47,6 +48,9 @@ pub struct StudyArgs {
     /// Unit of the coordinates in the file: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
+    /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<UpAxis>,
     /// Cell: name of a preset, a TOML or JSON file, or `none` to study viewpoints only.
     #[arg(long, default_value = "none")]
     cell: String,
@@ -56,7 +60,8 @@ pub struct StudyArgs {
     /// Parameters that stay fixed: a TOML or JSON file.
     #[arg(long)]
     params: Option<PathBuf>,
-    /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string. Repeatable.
+    /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string;
+    /// `KEY=@FILE` reads it from a JSON, TOML or text file. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Maximum number of views in a series.
@@ -81,6 +86,9 @@ pub struct StudyArgs {
 /// [`CliError`].
 pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let (study, mesh) = match (args.study, &args.mesh) {
+        (Varied::Reach, None) if args.up.is_some() => {
+            return Err(CliError::BadInput("--up: cannot be used with `study reach`, which places a cube".into()));
+        }
         (Varied::Reach, None) => return reach::run(&args.reach, &args.cell, &args.out, args.threads, cancel),
         (Varied::Reach, Some(mesh)) => {
             let detail = "cannot be used with `study reach`, which places a cube; give the edge of the cube with --cube";
@@ -92,9 +100,11 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         (_, None) => return Err(CliError::BadInput("no mesh given; name the part's file after the study".into())),
     };
     let params = load_params(args.params.as_deref(), &args.sets)?;
+    check_up(args.up, &params)?;
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
     let (part, part_sha256) = load_mesh(mesh, args.unit, cancel)?;
+    let params = placed(&params, args.up, &part.mesh);
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit, cancel)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
     let input = PlanInput {
@@ -105,7 +115,8 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         cell: cell.as_ref(),
         roadmaps: None,
     };
-    out::prepare(&args.out)?;
+    let (name, names) = names(study);
+    let folder = OutputFolder::prepare(&args.out, OutputWriter::Study(name), &names)?;
     let progress = Progress::start();
     let max_views = args.views.max(args.at);
     let findings =
@@ -121,19 +132,20 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         cell_name: cell.as_ref().map(|cell| cell.name.as_str()),
         at: args.at as usize,
     };
-    let names = names(study);
-    out::write(&args.out, &artifacts(&results, names))?;
+    folder.replace(&artifacts(&results, names), &FileOrigin::default())?;
     print!("{}", text(&results));
     println!("Report: {}", args.out.join(names[3]).display());
     Ok(())
 }
 
-/// File names of a study's table, plots and page.
-fn names(study: Study) -> [&'static str; 4] {
+/// Name of a study, and of its table, plots and page.
+fn names(study: Study) -> (&'static str, [&'static str; 4]) {
     match study {
-        Study::Weights => ["weights.csv", "weights-coverage.svg", "weights-grades.svg", "weights.html"],
-        Study::Limits => ["limits.csv", "limits-coverage.svg", "limits-grades.svg", "limits.html"],
-        Study::Candidates => ["candidates.csv", "candidates-coverage.svg", "candidates-grades.svg", "candidates.html"],
+        Study::Weights => ("weights", ["weights.csv", "weights-coverage.svg", "weights-grades.svg", "weights.html"]),
+        Study::Limits => ("limits", ["limits.csv", "limits-coverage.svg", "limits-grades.svg", "limits.html"]),
+        Study::Candidates => {
+            ("candidates", ["candidates.csv", "candidates-coverage.svg", "candidates-grades.svg", "candidates.html"])
+        }
     }
 }
 

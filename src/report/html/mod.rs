@@ -43,6 +43,8 @@ pub struct ReportInput<'a> {
     pub cycle_secs: Option<f64>,
     /// Name of the part.
     pub part_name: &'a str,
+    /// SHA-256 of the plan's file, lower-case hexadecimal.
+    pub plan_sha256: &'a str,
     /// Labels, part number and serial number, as given with the job.
     pub echo: &'a Echo,
 }
@@ -71,7 +73,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
         sections::obstructions(input),
         sections::settings(input),
         "</main>\n".to_owned(),
-        sections::footer(),
+        sections::footer(input),
     ];
     Ok(page::document(&format!("Scan plan: {}", input.part_name), &body.concat()))
 }

@@ -443,9 +443,11 @@ pub(super) fn settings(input: &ReportInput<'_>) -> String {
 }
 
 /// Footer: source of the numbers.
-pub(super) fn footer() -> String {
+pub(super) fn footer(input: &ReportInput<'_>) -> String {
     format!(
-        "<footer>\n<p>Written by Vantage {} from <code>plan.json</code>, which holds every number at full precision.</p>\n</footer>\n",
-        env!("CARGO_PKG_VERSION")
+        "<footer>\n<p>Written by Vantage {} from <code>plan.json</code>, which holds every number at full precision \
+         (SHA-256 <code>{}</code>).</p>\n</footer>\n",
+        env!("CARGO_PKG_VERSION"),
+        escape(input.plan_sha256)
     )
 }
