@@ -98,7 +98,8 @@ fn refuse_stale(path: &Path, value: &Value) -> Result<(), CliError> {
         return Ok(());
     }
     Err(CliError::BadInput(format!(
-        "{}: /plan_sha256: is made from plan {named}, not from {shown}, which is {plan}\n  → plan again, or name its plan with --plan",
+        "{}: /plan_sha256: is made from plan {named}, not from {shown}, which is {plan}\n  → plan again, or name its plan with \
+         --plan",
         path.display()
     )))
 }

@@ -1,11 +1,11 @@
 //! Output folder of a command. It is made, tested and kept from other runs before the work begins. Nothing in it changes until
 //! every file is there: then what Vantage wrote before goes, and the new files take its place.
 //!
-//! A record, [`RECORD_FILE`], names what Vantage wrote, with the hash of each file. Everything else is the user's, a file that was
-//! changed since among it: a run that would have to replace or remove that is refused. At no moment do files of two runs stand
-//! side by side: the record is marked as incomplete, the old files are removed, the new ones are renamed into the folder, and the
-//! record is completed. A run that is killed in between leaves some files of one run, which the next command replaces and
-//! `vantage program` refuses.
+//! A record, [`RECORD_FILE`], names what Vantage wrote, with the hash of each file. Everything else is the user's, a file that
+//! was changed since among it: a run that would have to replace or remove that is refused. At no moment do files of two runs
+//! stand side by side: the record is marked as incomplete, the old files are removed, the new ones are renamed into the folder,
+//! and the record is completed. A run that is killed in between leaves some files of one run, which the next command replaces
+//! and `vantage program` refuses.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -101,12 +101,12 @@ pub(super) struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// Creates the folder, tests that it is writable, and that files with `names`, which will be written, and those that will be
-    /// replaced are Vantage's.
+    /// Creates the folder, tests that it is writable, and that files with `names`, which will be written, and those that will
+    /// be replaced are Vantage's.
     ///
     /// # Errors
-    /// [`CliError::BadInput`] if the path is, or leads through, a file, if another run writes to it, or if a file is in the way;
-    /// [`CliError::Failed`] if the system refuses.
+    /// [`CliError::BadInput`] if the path is, or leads through, a file, if another run writes to it, or if a file is in the
+    /// way; [`CliError::Failed`] if the system refuses.
     pub(super) fn prepare(path: &Path, writer: OutputWriter, names: &[&str]) -> Result<Self, CliError> {
         fs::create_dir_all(path).map_err(|error| {
             if matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotADirectory) {
@@ -135,8 +135,8 @@ impl OutputFolder {
     /// Writes every file and removes what earlier runs wrote and these files replace.
     ///
     /// # Errors
-    /// [`CliError::BadInput`] if a file of the user is in the way, [`CliError::Failed`] if the system refuses; then the folder is
-    /// as it was, unless the system fails between two renames.
+    /// [`CliError::BadInput`] if a file of the user is in the way, [`CliError::Failed`] if the system refuses; then the folder
+    /// is as it was, unless the system fails between two renames.
     pub(super) fn replace(&self, artifacts: &[Artifact], origin: &FileOrigin) -> Result<(), CliError> {
         let old = self.old_files()?;
         self.refuse_another_plan(&old, origin)?;

@@ -1,4 +1,5 @@
-//! Several parts in one `vantage plan`: one after another, each into a folder of its own. One that fails does not stop the others.
+//! Several parts in one `vantage plan`: one after another, each into a folder of its own. One that fails does not stop the
+//! others.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

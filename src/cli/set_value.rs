@@ -17,8 +17,8 @@ pub(super) fn parse(key: &str, text: &str) -> Result<Value, String> {
     }
 }
 
-/// The content of a file: by its extension JSON or TOML, else JSON if it is that, else a text without its last line end. A TOML file
-/// is always a table; if all that it has is a field named like the parameter, its value is meant.
+/// The content of a file: by its extension JSON or TOML, else JSON if it is that, else a text without its last line end. A TOML
+/// file is always a table; if all that it has is a field named like the parameter, its value is meant.
 fn of_file(key: &str, path: &Path) -> Result<Value, String> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     if extension.as_deref() == Some("toml") {

@@ -122,7 +122,8 @@ pub struct PlanJob<'a> {
 }
 
 impl PlanJob<'_> {
-    /// Plans and renders every file, and the programs that are refused unless they are forced. Runs in the caller's thread pool.
+    /// Plans and renders every file, and the programs that are refused unless they are forced. Runs in the caller's thread
+    /// pool.
     ///
     /// # Errors
     /// [`PlanError`].

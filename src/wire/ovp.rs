@@ -170,8 +170,8 @@ pub struct Viewpoint {
 }
 
 impl OvpDocument {
-    /// Builds the log of an outcome. `plan_sha256` is the hash of the plan's file; `seconds` holds the time of each stage by name;
-    /// `written_at` is a time as text.
+    /// Builds the log of an outcome. `plan_sha256` is the hash of the plan's file; `seconds` holds the time of each stage by
+    /// name; `written_at` is a time as text.
     #[must_use]
     pub fn new(
         outcome: &Outcome,

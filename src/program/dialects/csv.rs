@@ -1,7 +1,6 @@
-//! The program as a table (RFC 4180): a via point, a target or an action a row, with where arm and table are then and where
-//! the scanner is in the robot's base. A move's time stands at its target. Angles at full precision, degrees; mm. The last column
-//! names the plan, since a table has no comments.
-//! Numbers and words of ours only: nothing in it could be read as a formula.
+//! The program as a table (RFC 4180): a via point, a target or an action a row, with where arm and table are then and where the
+//! scanner is in the robot's base. A move's time stands at its target. Angles at full precision, degrees; mm. The last column
+//! names the plan, since a table has no comments. Numbers and words of ours only: nothing in it could be read as a formula.
 
 use std::fmt::Write as _;
 
