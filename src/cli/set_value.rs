@@ -37,12 +37,10 @@ fn json_or_text(text: &str) -> Value {
 }
 
 /// The value in a table that has nothing but a field named like the last word of `key`.
-fn unwrapped(key: &str, table: Value) -> Value {
+fn unwrapped(key: &str, mut table: Value) -> Value {
     let name = key.rsplit('.').next().unwrap_or(key);
-    match table {
-        Value::Object(mut fields) if fields.len() == 1 && fields.contains_key(name) => fields.remove(name).unwrap_or_default(),
-        table => table,
-    }
+    let only = table.as_object_mut().filter(|fields| fields.len() == 1).and_then(|fields| fields.remove(name));
+    only.unwrap_or(table)
 }
 
 #[cfg(test)]
