@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::axis::{Axis, AxisSpec};
+use super::dialect::Dialect;
 use super::field_error::{FieldError, Findings};
 use super::kinematics::{Kinematics, KinematicsSpec, LinkFrames};
 use super::shape_spec::LinkBodySpec;
@@ -22,6 +23,10 @@ pub struct RobotSpec {
     /// Largest moment of what it carries about the flange's centre, N·m, 0.1 to 10000. Default: not checked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_flange_moment_nm: Option<f64>,
+    /// Language of its controller: programs in the language of another maker are refused unless they are forced. `robodk` or
+    /// `csv` where its maker's is not among them. Default: not known; programs may be in any language.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dialect: Option<Dialect>,
     /// Build of the arm.
     pub kinematics: KinematicsSpec,
     /// Joints 1 to 6.
@@ -66,6 +71,7 @@ impl RobotSpec {
             name: self.name.clone(),
             payload_kg: self.payload_kg,
             max_flange_moment_nm: self.max_flange_moment_nm,
+            dialect: self.dialect,
             kinematics: self.kinematics.build(),
             joints: self.joints.map(|joint| joint.build()),
             links: self.links.iter().map(LinkSpec::build).collect(),
@@ -124,6 +130,8 @@ pub struct Robot {
     pub payload_kg: f64,
     /// Largest moment of what it carries about the flange's centre, N·m, if known.
     pub max_flange_moment_nm: Option<f64>,
+    /// Language of its controller, if known.
+    pub dialect: Option<Dialect>,
     /// Joints to frames, and back.
     pub kinematics: Kinematics,
     /// Limits of joints 1 to 6.
@@ -158,6 +166,12 @@ impl LinkCapsule {
 }
 
 impl Robot {
+    /// Returns true unless its controller is known to need another language.
+    #[must_use]
+    pub fn takes(&self, dialect: Dialect) -> bool {
+        dialect.is_neutral() || self.dialect.is_none_or(|own| own == dialect)
+    }
+
     /// Frames 0 to 6 at these joints.
     #[must_use]
     pub fn link_frames(&self, joints_rad: &[f64; 6]) -> LinkFrames {

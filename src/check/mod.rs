@@ -17,7 +17,7 @@ use crate::planning::context::Context;
 use crate::planning::params::{PlanParams, TableMotion};
 use crate::planning::plan::ViewId;
 use crate::planning::{PlanInput, resting};
-use crate::program::{self, Expected, Finding, Program};
+use crate::program::{self, Expected, Fault, Finding, Program};
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::wire::warnings::FieldWarning;
@@ -163,6 +163,7 @@ fn check_program(
     ctx: &Context<'_>,
 ) -> Result<Option<f64>, Vec<FieldError>> {
     let program = document.program()?;
+    reference.owns(&program).map_err(|finding| field_errors(&[finding]))?;
     let Some(cell) = cell else { return Ok(None) };
     let expected = reference.expected(document.setup);
     let scene = reference.scene(cell, expected.as_ref());
@@ -197,6 +198,25 @@ fn expected(document: &PlanDocument, plan_sha256: String, setup: usize) -> Optio
 }
 
 impl Reference {
+    /// Refuses a program that is not one of the plan's: made from another plan, or from none that this one could be.
+    ///
+    /// # Errors
+    /// The finding; never one without a plan.
+    pub fn owns(&self, program: &Program) -> Result<(), Finding> {
+        let Some((plan, sha256)) = &self.plan else { return Ok(()) };
+        // A plan of one setup does not list it.
+        let setups = plan.setups.len().max(1);
+        let fault = match () {
+            () if program.plan_sha256 != *sha256 => {
+                Fault::OtherPlan { program: program.plan_sha256.clone(), plan: sha256.clone() }
+            }
+            () if plan.cell.is_none() => Fault::PlanWithoutCell,
+            () if program.setup >= setups => Fault::NoSuchSetup { setup: program.setup + 1, setups },
+            () => return Ok(()),
+        };
+        Err(Finding { step: None, fault })
+    }
+
     /// Requirements of the plan on the program of a setup.
     #[must_use]
     pub fn expected(&self, setup: usize) -> Option<Expected> {

@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
-use sha2::{Digest, Sha256};
+use serde_json::Value;
 
 use super::files::{self, FileLibrary};
 use super::{CliError, FileFinding, output};
 use crate::cell::{Cell, CellSpec, Presets, SpecKind, SpecLibrary};
-use crate::check::{Reference, Sound, check};
+use crate::check::{Reference, Sound, check, kind_of};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
+use crate::service::plan_job::{PLAN_FILE, plan_sha256};
+use crate::wire::DocumentKind;
 use crate::wire::plan::PlanDocument;
 use crate::wire::warnings::FieldWarning;
 
@@ -23,8 +25,9 @@ use crate::wire::warnings::FieldWarning;
   vantage check plan/plan.json plan/program.json
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
 
-Without --cell only structure and ranges of a program are checked. Warnings, as of a tolerance that is finer than the scanner's
-noise can serve, are not findings, unless --strict makes them so. Exit codes: 0 no findings, 2 findings.")]
+Without --cell only structure and ranges of a program are checked, and that it is made from the plan.json beside it, if there is
+one. Warnings, as of a tolerance that is finer than the scanner's noise can serve, are not findings, unless --strict makes them so.
+Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
@@ -69,6 +72,9 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     for path in &args.files {
         let shown = path.display().to_string();
         let sound = files::value(path).and_then(|value| {
+            if args.reference.plan.is_none() {
+                refuse_stale(path, &value)?;
+            }
             check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors))
         });
         checked.push(CheckedFile::new(&shown, sound, args.strict)?);
@@ -142,6 +148,25 @@ fn error_of(file: &str, warning: &FieldWarning) -> FileFinding {
     FileFinding { file: file.to_owned(), pointer: pointer.clone(), detail: format!("{detail}; {remedy}") }
 }
 
+/// Refuses a program that is not made from the plan beside it.
+fn refuse_stale(path: &Path, value: &Value) -> Result<(), CliError> {
+    let beside = path.with_file_name(PLAN_FILE);
+    if kind_of(value) != Some(DocumentKind::Program) || !beside.is_file() {
+        return Ok(());
+    }
+    let shown = beside.display();
+    let bytes = std::fs::read(&beside).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
+    let (plan, named) = (plan_sha256(&bytes), value["plan_sha256"].as_str().unwrap_or_default());
+    if plan == named {
+        return Ok(());
+    }
+    Err(CliError::BadInput(format!(
+        "{}: /plan_sha256: is made from plan {named}, not from {shown}, which is {plan}\n  → plan again, or name its plan with \
+         --plan",
+        path.display()
+    )))
+}
+
 /// Prints warnings on fields of `what`.
 pub(super) fn warn(what: &str, warnings: &[FieldWarning]) {
     for FieldWarning { pointer, detail, remedy, .. } in warnings {
@@ -172,7 +197,7 @@ fn read_plan(path: &Path) -> Result<(PlanDocument, String), CliError> {
     let shown = path.display().to_string();
     let bytes = std::fs::read(path).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?;
     let document: PlanDocument = files::from_value(files::value(path)?, &shown)?;
-    Ok((document, Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect()))
+    Ok((document, plan_sha256(&bytes)))
 }
 
 #[cfg(test)]

@@ -56,6 +56,10 @@ impl LimitArgs {
             drop(done);
             result
         });
+        if late.load(Ordering::Relaxed) {
+            // The clock raised it, not the user: another part may follow.
+            cancel.store(false, Ordering::Relaxed);
+        }
         match result {
             Err(CliError::Cancelled(_)) if late.load(Ordering::Relaxed) => Err(CliError::BadInput(format!(
                 "planning took longer than the {} s that --max-secs allows; use a simpler mesh, a larger part.patch_edge_mm or \

@@ -10,20 +10,23 @@ use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
+use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter};
 use super::progress::{Course, Progress};
-use super::{CliError, features, out, output, summary};
-use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
+use super::{CliError, features, output, parts, set_value, summary};
+use crate::cell::{Cell, CellSpec, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
-use crate::geometry::{LengthUnit, Poll};
-use crate::planning::PlanError;
-use crate::planning::context::Context;
+use crate::geometry::{LengthUnit, Mesh, Poll};
+use crate::planning::context::{Context, NoPlan};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{RegionCoverage, Robust};
+use crate::planning::plan::{Outcome, RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
-use crate::service::plan_job::{Artifact, PlanJob};
+use crate::planning::{PlanError, UpAxis, standing};
+use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, bytes_of, plan_sha256};
+use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
 use crate::wire::plan::{RegionCoverageDocument, RobustDocument};
+use crate::wire::regions::REGIONS_FILE;
 use crate::wire::words::no_plan_sentence;
 use crate::wire::{json_file_bytes, parameters, warnings};
 
@@ -31,23 +34,34 @@ const EXAMPLES: &str = "Examples:
   vantage plan part.stl --unit mm --out plan
   vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
   vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
+  vantage plan lid.stl --unit mm --up -z --set regions.exclude=@clamp.toml --out plan
+  vantage plan lid.stl housing.stl --unit mm --out plans
 
 Files written to --out: plan.json, summary.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
 spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
 regions of interest or features; candidates.json, every candidate with what it measures and how well, with
---set output.candidates=true.
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible (report.html and report.txt say why), or with --strict a
-region or feature below its target, 4 interrupted.";
+--set output.candidates=true. They appear together, once all are there, and replace what Vantage wrote to the folder before, programs
+made from the earlier plan among it; vantage.json records them with their hashes. Other files are left alone: if one is in the way,
+nothing is planned. If no plan is possible, the earlier one is removed, and report.html and report.txt say why.
+Several parts are planned one after another, each into the folder of --out that is named after its file. One that fails does not
+stop the others; a table at the end says what became of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there
+is a line for each part, an object with mesh, out, exit_code, error and plan.
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target,
+4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES, after_long_help = format!("{EXAMPLES}\n\nParameters for --set:\n{}", parameters::help()))]
 pub struct PlanArgs {
-    /// Part: an STL, OBJ or PLY file.
-    mesh: PathBuf,
+    /// Part: an STL, OBJ or PLY file. Several are planned one after another, each into a folder named after its file.
+    #[arg(required = true, value_name = "MESH")]
+    pub(super) meshes: Vec<PathBuf>,
     /// Unit of the coordinates in the file: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
+    /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<UpAxis>,
     /// Cell: name of a preset, a TOML or JSON file, or `none` to plan viewpoints only.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
@@ -57,7 +71,8 @@ pub struct PlanArgs {
     /// Planning parameters: a TOML or JSON file.
     #[arg(long)]
     params: Option<PathBuf>,
-    /// Set one parameter, overriding the file: `selection.target=0.99`. A value that is not JSON is a string. Repeatable.
+    /// Set one parameter, overriding the file: `selection.target=0.99`. A value that is not JSON is a string;
+    /// `KEY=@FILE` reads it from a JSON, TOML or text file. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. Example of CSV: a header
@@ -66,10 +81,10 @@ pub struct PlanArgs {
     features: Option<PathBuf>,
     /// Folder for the results; created if it does not exist.
     #[arg(long)]
-    out: PathBuf,
-    /// Print plan.json to standard output instead of a summary.
+    pub(super) out: PathBuf,
+    /// Print plan.json to standard output instead of a summary; of several parts an object a line.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
     /// Exit with code 3 if a region of interest or a feature does not reach its target; the results are written all the same.
     #[arg(long)]
     strict: bool,
@@ -86,7 +101,7 @@ pub struct PlanArgs {
     part_number: Option<String>,
     /// Serial number to record in the plan, the program and the report.
     #[arg(long)]
-    serial: Option<String>,
+    pub(super) serial: Option<String>,
 }
 
 /// Runs the command.
@@ -94,58 +109,148 @@ pub struct PlanArgs {
 /// # Errors
 /// [`CliError`].
 pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
-    let mut params = load_params(args.params.as_deref(), &args.sets)?;
-    params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
-    warn("parameters", &warnings::of_params(&params, ""));
-    let cell = load_cell(&args.cell, args.scanner.as_deref())?;
-    let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
-    params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
-    out::prepare(&args.out)?;
-    let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
-    let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(Path::new(path), args.unit, cancel)).transpose()?;
-    // Views are ordered, and remedies tried, many times in the same cell.
-    let roadmaps = Roadmaps::default();
-    let job = PlanJob {
-        mesh: &part.mesh,
-        fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
-        part_name: args.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
-        part_sha256: &part_sha256,
-        scanner: &scanner,
-        cell: cell.as_ref(),
-        roadmaps: Some(&roadmaps),
-        params: &params,
-        echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
-        date: Some(now()),
-    };
-    let pool = pool(args.threads)?;
-    let progress = Progress::start(&Course::of_plan(&params, cell.is_some()));
-    let planned = || {
-        let allowance = args.limits.allowance(rayon::current_num_threads());
-        let ctx = Context::new(cancel, &progress).with_allowance(allowance);
-        match job.plan(&ctx) {
-            Ok(outcome) => job.render(&outcome, &ctx).map(|artifacts| (Ok(outcome), artifacts)).map_err(PlanError::from),
-            Err(PlanError::NoPlan(finding)) => Ok((Err(finding.clone()), job.render_no_plan(&finding, &ctx)?)),
-            Err(error) => Err(error),
+    let mut planner = PartPlanner::load(args, cancel)?;
+    match args.meshes.as_slice() {
+        [mesh] => {
+            let folder = planner.folder(&args.out)?;
+            planner.load_fixture()?;
+            let planned = planner.plan(mesh, &folder)?;
+            print_summary(args, folder.path(), &planned.artifacts)?;
+            planner.judge(&planned.outcome)
         }
-    };
-    let result = args.limits.within(cancel, || pool.install(planned).map_err(to_cli_error));
-    let seconds = progress.finish();
-    let (planned, mut artifacts) = result?;
-    let outcome = match planned {
-        Ok(outcome) => outcome,
-        Err(finding) => {
-            out::write(&args.out, &artifacts)?;
-            eprintln!("Report: {}", args.out.join("report.html").display());
-            return Err(to_cli_error(PlanError::NoPlan(finding)));
+        meshes => parts::run(&mut planner, meshes),
+    }
+}
+
+/// Everything that the parts of a command have in common.
+pub(super) struct PartPlanner<'a> {
+    pub(super) args: &'a PlanArgs,
+    params: PlanParams,
+    cell: Option<Cell>,
+    scanner: Scanner,
+    fixture: Option<Mesh>,
+    echo: Echo,
+    /// Views are ordered, and remedies tried, many times in the same cell.
+    roadmaps: Roadmaps,
+    pool: rayon::ThreadPool,
+    cancel: &'a AtomicBool,
+}
+
+/// A part that was planned, and its files, which are written.
+pub(super) struct PlannedPart {
+    pub(super) outcome: Outcome,
+    pub(super) artifacts: Vec<Artifact>,
+}
+
+impl<'a> PartPlanner<'a> {
+    fn load(args: &'a PlanArgs, cancel: &'a AtomicBool) -> Result<Self, CliError> {
+        let mut params = load_params(args.params.as_deref(), &args.sets)?;
+        params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
+        check_up(args.up, &params)?;
+        warn("parameters", &warnings::of_params(&params, ""));
+        let cell = load_cell(&args.cell, args.scanner.as_deref())?;
+        let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
+        params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
+        let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
+        let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
+        Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, cancel })
+    }
+
+    /// The folder for the results of a part.
+    pub(super) fn folder(&self, path: &Path) -> Result<OutputFolder, CliError> {
+        let mut names = FILES_OF_EVERY_PLAN.to_vec();
+        names.extend(self.cell.is_some().then_some("program.json"));
+        names.extend(
+            (!self.params.regions.interest.is_empty() || !self.params.regions.features.is_empty()).then_some(REGIONS_FILE),
+        );
+        names.extend(self.params.output.candidates.then_some(CANDIDATES_FILE));
+        OutputFolder::prepare(path, OutputWriter::Plan, &names)
+    }
+
+    /// Loads the fixture, if there is one.
+    pub(super) fn load_fixture(&mut self) -> Result<(), CliError> {
+        let path = self.params.part.fixture_mesh.as_ref();
+        let fixture = path.map(|path| load_mesh(Path::new(path), self.args.unit, self.cancel)).transpose()?;
+        self.fixture = fixture.map(|(fixture, _)| fixture.mesh);
+        Ok(())
+    }
+
+    /// Plans a part and writes its files. Where no plan is possible, those of an earlier plan are removed, so that nobody takes
+    /// them for this part's.
+    pub(super) fn plan(&self, mesh: &Path, folder: &OutputFolder) -> Result<PlannedPart, CliError> {
+        let (part, part_sha256) = load_mesh(mesh, self.args.unit, self.cancel)?;
+        let params = placed(&self.params, self.args.up, &part.mesh);
+        let job = PlanJob {
+            mesh: &part.mesh,
+            fixture: self.fixture.as_ref(),
+            part_name: mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+            part_sha256: &part_sha256,
+            scanner: &self.scanner,
+            cell: self.cell.as_ref(),
+            roadmaps: Some(&self.roadmaps),
+            params: &params,
+            echo: self.echo.clone(),
+            date: Some(now()),
+        };
+        let progress = Progress::start(&Course::of_plan(&params, self.cell.is_some()));
+        let planned = || {
+            let allowance = self.args.limits.allowance(rayon::current_num_threads());
+            let ctx = Context::new(self.cancel, &progress).with_allowance(allowance);
+            match job.plan(&ctx) {
+                Ok(outcome) => job.render(&outcome, &ctx).map(|artifacts| (Ok(outcome), artifacts)).map_err(PlanError::from),
+                Err(PlanError::NoPlan(finding)) => Ok((Err(finding.clone()), job.render_no_plan(&finding, &ctx)?)),
+                Err(error) => Err(error),
+            }
+        };
+        let result = self.args.limits.within(self.cancel, || self.pool.install(planned).map_err(to_cli_error));
+        let seconds = progress.finish();
+        let (planned, mut artifacts) = result?;
+        let outcome = planned.map_err(|finding| without_plan(&finding, &artifacts, folder))?;
+        let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
+        let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &seconds, now());
+        artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
+        artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
+        folder.replace(&artifacts, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
+        Ok(PlannedPart { outcome, artifacts })
+    }
+
+    /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error.
+    pub(super) fn judge(&self, outcome: &Outcome) -> Result<(), CliError> {
+        warn_of_errors(&self.params, outcome.plan.coverage.robust.as_ref());
+        judge_regions(self.args.strict, &self.params, &outcome.plan.coverage.regions)
+    }
+}
+
+/// Replaces the results of an earlier plan by the report on why no plan is possible; the error to end with.
+fn without_plan(finding: &NoPlan, report: &[Artifact], folder: &OutputFolder) -> CliError {
+    let reason = no_plan_reason(&finding);
+    match folder.replace(report, &FileOrigin::default()) {
+        Ok(()) => {
+            output::note(format_args!("Report: {}", folder.path().join("report.html").display()));
+            CliError::NoPlan(reason)
         }
-    };
-    let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
-    artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
-    artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
-    out::write(&args.out, &artifacts)?;
-    print_summary(args, &artifacts)?;
-    warn_of_errors(&params, outcome.plan.coverage.robust.as_ref());
-    judge_regions(args.strict, &params, &outcome.plan.coverage.regions)
+        Err(kept) => CliError::NoPlan(format!("{reason}\nresults of an earlier plan could not be replaced: {kept}")),
+    }
+}
+
+/// Refuses `--up` beside parameters that say how the part lies.
+pub(super) fn check_up(up: Option<UpAxis>, params: &PlanParams) -> Result<(), CliError> {
+    let refuse = |what: &str| Err(CliError::BadInput(format!("--up: {what} says how the part lies; give one of the two")));
+    match up {
+        None => Ok(()),
+        Some(_) if params.part.table_from_part.is_some() => refuse("part.table_from_part"),
+        Some(_) if !params.part.resting_poses.is_empty() => refuse("part.resting_poses"),
+        Some(_) => Ok(()),
+    }
+}
+
+/// The parameters, with the pose of a part that `--up` gives.
+pub(super) fn placed(params: &PlanParams, up: Option<UpAxis>, mesh: &Mesh) -> PlanParams {
+    let mut params = params.clone();
+    if let Some(up) = up {
+        params.part.table_from_part = Some(PoseSpec::from(&standing(mesh, up)));
+    }
+    params
 }
 
 /// Warns of a plan that loses much under pose errors.
@@ -218,8 +323,8 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         if let Some(fault) = parameters::unknown(key) {
             return Err(CliError::BadInput(format!("--set {set}: {fault}; `vantage params` lists them")));
         }
-        let new = serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()));
-        insert(&mut value, key, new).map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
+        let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
+        inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
     let params: PlanParams = files::from_value(value, "parameters")?;
     params.check().map_err(|errors| files::findings("parameters", &errors))?;
@@ -269,16 +374,20 @@ pub(super) fn to_cli_error(error: PlanError) -> CliError {
     match error {
         PlanError::Cancelled => CliError::Cancelled("interrupted; nothing was written".into()),
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
-        PlanError::NoPlan(finding) => CliError::NoPlan(format!("no plan is possible: {}", no_plan_sentence(&finding))),
+        PlanError::NoPlan(finding) => CliError::NoPlan(no_plan_reason(&finding)),
     }
 }
 
+fn no_plan_reason(finding: &NoPlan) -> String {
+    format!("no plan is possible: {}", no_plan_sentence(finding))
+}
+
 /// Prints a summary for people, or with `--json` the plan itself for programs.
-fn print_summary(args: &PlanArgs, artifacts: &[Artifact]) -> Result<(), CliError> {
-    let bytes = artifacts.iter().find(|artifact| artifact.name == "plan.json").map_or(&[][..], |artifact| &artifact.bytes);
+pub(super) fn print_summary(args: &PlanArgs, out: &Path, artifacts: &[Artifact]) -> Result<(), CliError> {
+    let bytes = bytes_of(artifacts, PLAN_FILE);
     if args.json {
         return output::bytes(bytes);
     }
     let lines = summary::lines(artifacts)?.join("\n");
-    output::text(format!("{lines}\nReport: {}\n", args.out.join("report.html").display()))
+    output::text(format!("{lines}\nReport: {}\n", out.join("report.html").display()))
 }

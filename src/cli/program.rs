@@ -3,38 +3,49 @@
 use std::path::{Path, PathBuf};
 
 use super::check::{self, ReferenceArgs};
+use super::out::{self, FileOrigin, OutputFolder, OutputWriter};
 use super::plan::set_params;
 use super::{CliError, files, output};
-use crate::check::field_errors;
+use crate::cell::{Cell, Robot};
+use crate::check::{Reference, field_errors};
 use crate::planning::params::DialectParams;
-use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
-use crate::service::plan_job::program_stem;
+use crate::program::Program;
+use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
+use crate::service::plan_job::{Artifact, PLAN_FILE, program_stem};
 use crate::wire::plan::PlanDocument;
 use crate::wire::program::ProgramDocument;
 
 /// Write a program in the language of a robot controller.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  vantage program plan --cell e05-transcan --mesh part.stl --unit mm --dialect rapid --out robot
-  vantage program plan/program.json --cell cell.toml --dialect urscript --out scan.script --set dialects.scan_output=3
+  vantage program plan --cell e05-transcan --mesh part.stl --unit mm --out robot
+  vantage program plan --cell cell.toml --mesh part.stl --unit mm --dialect robodk --out robot
+  vantage program plan/program.json --cell cell.toml --out scan.script --set dialects.scan_output=3
 
-The program is checked first, as by `vantage check`; a program with findings is not written. Without --mesh it is not checked
-for collisions with the part, and its header says so. Signals and names come from `params.dialects` of the plan; --set
-overrides them. KUKA programs are two files, and each setup has its own program: give a folder for those.")]
+The program is checked first, as by `vantage check`; a program with findings, or of another plan than the plan.json beside it, is
+not written. Without --mesh it is not checked for collisions with the part, and its header says so. Signals and names come from
+`params.dialects` of the plan; --set overrides them. KUKA programs are two files, and each setup has its own program: give a
+folder for those. Programs that were made from the same place and an earlier plan are removed from the folder.")]
 pub struct ProgramArgs {
     /// Folder that `vantage plan` wrote, or a program.json.
     from: PathBuf,
     /// Cell: name of a preset, or a TOML or JSON file.
     #[arg(long)]
     cell: String,
-    #[arg(long, help = format!("Controller language: {}", Dialect::ALL.map(Dialect::as_str).join(", ")))]
-    dialect: Dialect,
+    #[arg(long, help = format!(
+        "Controller language: {} [default: that of the robot's specification]",
+        Dialect::ALL.map(Dialect::as_str).join(", ")
+    ))]
+    dialect: Option<Dialect>,
+    /// Write another maker's language than the robot's specification names; the program's header warns.
+    #[arg(long, requires = "dialect")]
+    force: bool,
     /// Folder for files named as the controller expects them, or a single file.
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]
     reference: ReferenceArgs,
-    /// Set one parameter, overriding the plan: `dialects.program_name=bracket`. Repeatable.
+    /// Set one parameter, overriding the plan: `dialects.program_name=bracket`; `KEY=@FILE` reads the value from a file. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
 }
@@ -45,27 +56,94 @@ pub struct ProgramArgs {
 /// [`CliError`].
 pub fn run(args: &ProgramArgs) -> Result<(), CliError> {
     let cell = check::cell(&args.cell)?;
+    let dialect = dialect(args.dialect, &cell.robot)?;
     let mut reference_args = args.reference.clone();
-    let beside = args.from.join("plan.json");
-    if reference_args.plan.is_none() && beside.is_file() {
-        reference_args.plan = Some(beside);
-    }
-    let reference = reference_args.load()?;
-    let plan = reference.plan.as_ref().map(|(plan, _)| plan);
+    let beside = plan_beside(&args.from)?;
+    reference_args.plan = reference_args.plan.or(beside);
+    let job = RenderJob {
+        reference: reference_args.load()?,
+        cell,
+        dialect,
+        force: args.force,
+        checked_with: if reference_args.mesh.is_some() { CheckedWith::Part } else { CheckedWith::CellAlone },
+    };
+    let params = params(job.reference.plan.as_ref().map(|(plan, _)| plan), &args.sets)?;
     let mut rendered = Vec::new();
+    let mut plan_sha256: Option<String> = None;
     for path in programs(&args.from)? {
         let shown = path.display().to_string();
         let document: ProgramDocument = files::from_value(files::value(&path)?, &shown)?;
         let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
-        let expected = reference.expected(program.setup);
-        let scene = reference.scene(&cell, expected.as_ref());
-        let params = params(plan, &args.sets)?;
-        let checked_with = if reference_args.mesh.is_some() { CheckedWith::Part } else { CheckedWith::CellAlone };
-        let checked = CheckedProgram::new(&program, &cell, &scene, expected.as_ref(), checked_with);
-        let checked = checked.map_err(|found| files::findings(&shown, &field_errors(&found)))?;
-        rendered.extend(checked.render(args.dialect, &params).map_err(|error| CliError::BadInput(format!("{shown}: {error}")))?);
+        rendered.extend(job.render(&program, &params, &shown)?);
+        let first = plan_sha256.get_or_insert_with(|| program.plan_sha256.clone());
+        if *first != program.plan_sha256 {
+            return Err(CliError::BadInput(format!("{shown}: is made from another plan than program.json; plan again")));
+        }
     }
-    write(&args.out, &rendered)
+    let made_from = std::fs::canonicalize(&args.from).unwrap_or_else(|_| args.from.clone());
+    let origin = FileOrigin { plan_sha256, made_from: Some(made_from.display().to_string()) };
+    write(&args.out, rendered, &origin)
+}
+
+/// The language asked for, else the robot's own.
+fn dialect(asked: Option<Dialect>, robot: &Robot) -> Result<Dialect, CliError> {
+    asked.or(robot.dialect).ok_or_else(|| {
+        let known = Dialect::ALL.map(Dialect::as_str).join(", ");
+        CliError::BadInput(format!(
+            "the specification of robot {} has no `dialect`; name the language of its controller with --dialect: {known}",
+            robot.name
+        ))
+    })
+}
+
+/// The plan that stands beside the program, which is then held against it.
+fn plan_beside(from: &Path) -> Result<Option<PathBuf>, CliError> {
+    let folder = if from.is_dir() { from } else { folder_of(from) };
+    out::check_complete(folder)?;
+    let plan = folder.join(PLAN_FILE);
+    Ok(plan.is_file().then_some(plan))
+}
+
+/// Folder of a file.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Everything that programs are rendered with.
+struct RenderJob {
+    reference: Reference,
+    cell: Cell,
+    dialect: Dialect,
+    force: bool,
+    checked_with: CheckedWith,
+}
+
+impl RenderJob {
+    /// The program in the dialect, once it is checked.
+    fn render(&self, program: &Program, params: &DialectParams, shown: &str) -> Result<Vec<DialectFile>, CliError> {
+        let not_the_plans = |finding| {
+            let findings = files::findings(shown, &field_errors(&[finding]));
+            CliError::BadInput(format!("{findings}\n  → plan again, and take the program that it writes"))
+        };
+        self.reference.owns(program).map_err(not_the_plans)?;
+        let expected = self.reference.expected(program.setup);
+        let scene = self.reference.scene(&self.cell, expected.as_ref());
+        let checked = CheckedProgram::new(program, &self.cell, &scene, expected.as_ref(), self.checked_with);
+        let checked = checked.map_err(|found| files::findings(shown, &field_errors(&found)))?;
+        let rendered = match checked.render(self.dialect, params) {
+            Err(foreign @ DialectError::Foreign { .. }) if self.force => {
+                output::warning(shown, "", &foreign.to_string(), "the header of the program warns of it");
+                checked.render_forced(self.dialect, params)
+            }
+            rendered => rendered,
+        };
+        rendered.map_err(|error| {
+            let is_foreign = matches!(error, DialectError::Foreign { .. });
+            let advice = "\n  → leave out --dialect, or give --force to write it with a warning in its header";
+            let advice = if is_foreign { advice } else { "" };
+            CliError::BadInput(format!("{shown}: {error}{advice}"))
+        })
+    }
 }
 
 /// Path of the program, or of every program in a folder.
@@ -84,23 +162,42 @@ fn params(plan: Option<&PlanDocument>, sets: &[String]) -> Result<DialectParams,
     set_params(serde_json::json!({ "dialects": dialects }), sets).map(|params| params.dialects)
 }
 
-/// Writes into a folder, if `out` exists as one or has no extension; else to a file, which holds one program of one file.
-fn write(out: &Path, files: &[DialectFile]) -> Result<(), CliError> {
-    let is_folder = out.is_dir() || (out.extension().is_none() && !out.is_file());
-    if !is_folder && files.len() > 1 {
+/// Writes into a folder, if `path` exists as one or has no extension; else to a file, which holds one program of one file.
+fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<(), CliError> {
+    let is_folder = path.is_dir() || (path.extension().is_none() && !path.is_file());
+    if !is_folder {
+        return write_alone(path, &files);
+    }
+    let artifact = |file: DialectFile| Artifact { name: file.name.into(), bytes: file.text.into_bytes() };
+    let artifacts: Vec<Artifact> = files.into_iter().map(artifact).collect();
+    let names: Vec<&str> = artifacts.iter().map(|artifact| &*artifact.name).collect();
+    OutputFolder::prepare(path, OutputWriter::Program, &names)?.replace(&artifacts, origin)?;
+    print_written(&names.iter().map(|name| path.join(name)).collect::<Vec<_>>())
+}
+
+/// Writes the only file of the only program under the name that was asked for, over an earlier program if there is one.
+fn write_alone(path: &Path, files: &[DialectFile]) -> Result<(), CliError> {
+    let [file] = files else {
         let names: Vec<_> = files.iter().map(|file| file.name.as_str()).collect();
         return Err(CliError::BadInput(format!(
             "--out {}: is a single file; name a folder for {}",
-            out.display(),
+            path.display(),
             names.join(", ")
         )));
+    };
+    if std::fs::read(path).is_ok_and(|bytes| !bytes.is_empty() && !out::is_program_text(&bytes)) {
+        let what = "exists and is not a program of Vantage's; move it away or name another file";
+        return Err(CliError::BadInput(format!("--out {}: {what}", path.display())));
     }
-    let folder =
-        if is_folder { out } else { out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")) };
-    super::out::prepare(folder)?;
-    let path = |file: &DialectFile| if is_folder { out.join(&file.name) } else { out.to_owned() };
-    files.iter().try_for_each(|file| super::out::write_file(&path(file), file.text.as_bytes()))?;
-    let written: Vec<String> = files.iter().map(|file| path(file).display().to_string()).collect();
+    std::fs::create_dir_all(folder_of(path))
+        .map_err(|error| CliError::Failed(format!("--out {}: cannot be written: {error}", path.display())))?;
+    out::write_file(path, file.text.as_bytes())?;
+    print_written(&[path.to_owned()])
+}
+
+/// Prints the paths of the files that were written.
+fn print_written(paths: &[PathBuf]) -> Result<(), CliError> {
+    let written: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
     let lines: String = written.iter().map(|path| format!("{path}\n")).collect();
     output::result(&serde_json::json!({ "files": written }), lines)
 }

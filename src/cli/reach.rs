@@ -5,9 +5,10 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 
+use super::out::{FileOrigin, OutputFolder, OutputWriter};
 use super::plan::{load_cell, pool};
 use super::progress::{Course, Progress};
-use super::{CliError, out, output};
+use super::{CliError, output};
 use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::studies::reach::{AZIMUTHS, ELEVATIONS, Layout, Layouts, mountings, own_layout, reach};
@@ -73,7 +74,7 @@ pub fn run(args: &ReachArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let mut foot_mm = around(&args.foot, own[0]);
     foot_mm.retain(|foot| *foot >= 0.0);
     let layouts = Layouts { part_mm: args.cube, foot_mm, table_mm: around(&args.table, own[1]), mountings, clearance_mm: 5.0 };
-    out::prepare(folder)?;
+    let out = OutputFolder::prepare(folder, OutputWriter::Study("reach"), &["reach.csv", "reach.svg"])?;
     let progress = Progress::start(&Course::default());
     let found = pool(args.threads)?.install(|| reach(&cell, &layouts, &Context::new(cancel, &progress)));
     // The seconds of the stages are not a result.
@@ -83,7 +84,8 @@ pub fn run(args: &ReachArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     #[expect(clippy::float_cmp, reason = "the cell's own distances are among those compared, as they are")]
     let is_own = |layout: &&Layout| layout.mounting == 0 && [layout.foot_mm, layout.table_mm] == own;
     let files = [("reach.csv", csv(&results)), ("reach.svg", svg(&results))];
-    out::write(folder, &files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }))?;
+    let artifacts = files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() });
+    out.replace(&artifacts, &FileOrigin::default())?;
     let words = format!("{}Map: {}\n", text(&results, found.iter().find(is_own)), folder.join("reach.svg").display());
     output::result(&document(&results, folder), words)
 }

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use super::{CliError, files, output};
 use crate::cell::urdf::{LinkSurface, UrdfOptions, import};
-use crate::cell::{KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec};
+use crate::cell::{Dialect, KinematicsSpec, LinkBodySpec, PoseSpec, RobotSpec, ShapeSpec};
 use crate::geometry::mesh_io::{self, Limits};
 use crate::geometry::{LengthUnit, Mesh};
 
 /// Write a robot's specification from a URDF file: joints, limits, and capsules around its collision shapes.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
-  vantage robot elfin5.urdf --payload 5 --out elfin5.toml
+  vantage robot elfin5.urdf --payload 5 --dialect hans --out elfin5.toml
   vantage robot elfin5.urdf --payload 5 --out elfin5.toml --surfaces elfin5
   vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src --payload 10 --out arm.toml
 
@@ -41,6 +41,12 @@ pub struct RobotArgs {
     /// Maximum mass at the flange, kg.
     #[arg(long, value_parser = positive)]
     pub payload: f64,
+    /// Language of its controller.
+    #[arg(long, help = format!(
+        "Language of its controller: {}; programs in another maker's are then refused",
+        Dialect::ALL.map(Dialect::as_str).join(", ")
+    ))]
+    pub dialect: Option<Dialect>,
     /// Time in which a joint reaches its rated speed, s.
     #[arg(long, default_value_t = 0.5, value_parser = positive)]
     pub ramp: f64,
@@ -71,6 +77,7 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     let mut load = |name: &str| read_mesh(&find_mesh(name, args)?);
     let imported = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
     let mut spec = imported.robot;
+    spec.dialect = args.dialect;
     if let Some(folder) = &args.surfaces {
         fs::create_dir_all(folder).map_err(|error| at(folder, &error))?;
         let written = imported.surfaces.iter().enumerate().map(|(index, surface)| write_surface(surface, index, folder));

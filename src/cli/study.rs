@@ -7,13 +7,14 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 
-use super::plan::{load_cell, load_mesh, load_params, load_scanner, pool, to_cli_error};
+use super::out::{FileOrigin, OutputFolder, OutputWriter};
+use super::plan::{check_up, load_cell, load_mesh, load_params, load_scanner, placed, pool, to_cli_error};
 use super::progress::{Course, Progress};
-use super::{CliError, out, output, reach};
+use super::{CliError, output, reach};
 use crate::geometry::LengthUnit;
-use crate::planning::PlanInput;
 use crate::planning::context::Context;
 use crate::planning::studies::{self, Series, Study, StudyResult};
+use crate::planning::{PlanInput, UpAxis};
 use crate::report::study::{StudyInput, coverage_svg, csv, grades_svg, html, text};
 use crate::service::plan_job::Artifact;
 
@@ -62,6 +63,9 @@ struct SeriesArgs {
     /// Unit of the coordinates in the file: mm, cm, m or inch.
     #[arg(long)]
     unit: Option<LengthUnit>,
+    /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<UpAxis>,
     /// Cell: name of a preset, a TOML or JSON file, or `none` to study viewpoints only.
     #[arg(long, default_value = "none", help_heading = "Cell and scanner")]
     cell: String,
@@ -71,7 +75,8 @@ struct SeriesArgs {
     /// Parameters that stay fixed: a TOML or JSON file.
     #[arg(long, help_heading = "Parameters that stay fixed")]
     params: Option<PathBuf>,
-    /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string. Repeatable.
+    /// Set one parameter, overriding the file: `selection.objective=coverage`. A value that is not JSON is a string;
+    /// `KEY=@FILE` reads it from a JSON, TOML or text file. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE", help_heading = "Parameters that stay fixed")]
     sets: Vec<String>,
     /// Maximum number of views in a series.
@@ -104,9 +109,11 @@ pub fn run(args: &StudyArgs, cancel: &AtomicBool) -> Result<(), CliError> {
 /// Runs a study of views.
 fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<(), CliError> {
     let params = load_params(args.params.as_deref(), &args.sets)?;
+    check_up(args.up, &params)?;
     let cell = load_cell(&args.cell, args.scanner.as_deref())?;
     let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
     let (part, part_sha256) = load_mesh(&args.mesh, args.unit, cancel)?;
+    let params = placed(&params, args.up, &part.mesh);
     let fixture = params.part.fixture_mesh.as_ref().map(|path| load_mesh(path.as_ref(), args.unit, cancel)).transpose()?;
     let fixture = fixture.as_ref().map(|(fixture, _)| &fixture.mesh);
     let input = PlanInput {
@@ -117,7 +124,8 @@ fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<()
         cell: cell.as_ref(),
         roadmaps: None,
     };
-    out::prepare(&args.out)?;
+    let (name, names) = names(study);
+    let folder = OutputFolder::prepare(&args.out, OutputWriter::Study(name), &names)?;
     let progress = Progress::start(&Course::of_study(study, &params));
     let max_views = args.views.max(args.at);
     let findings =
@@ -133,8 +141,7 @@ fn run_series(study: Study, args: &SeriesArgs, cancel: &AtomicBool) -> Result<()
         cell_name: cell.as_ref().map(|cell| cell.name.as_str()),
         at: args.at as usize,
     };
-    let names = names(study);
-    out::write(&args.out, &artifacts(&results, names))?;
+    folder.replace(&artifacts(&results, names), &FileOrigin::default())?;
     let words = format!("{}Report: {}\n", text(&results), args.out.join(names[3]).display());
     output::result(&document(&results, &names.map(|name| args.out.join(name).display().to_string())), words)
 }
@@ -157,12 +164,14 @@ fn document(results: &StudyInput<'_>, files: &[String]) -> Value {
     json!({"study": study.as_str(), "grades_after_views": results.at, "series": all, "skipped": skipped, "files": files})
 }
 
-/// File names of a study's table, plots and page.
-fn names(study: Study) -> [&'static str; 4] {
+/// Name of a study, and of its table, plots and page.
+fn names(study: Study) -> (&'static str, [&'static str; 4]) {
     match study {
-        Study::Weights => ["weights.csv", "weights-coverage.svg", "weights-grades.svg", "weights.html"],
-        Study::Limits => ["limits.csv", "limits-coverage.svg", "limits-grades.svg", "limits.html"],
-        Study::Candidates => ["candidates.csv", "candidates-coverage.svg", "candidates-grades.svg", "candidates.html"],
+        Study::Weights => ("weights", ["weights.csv", "weights-coverage.svg", "weights-grades.svg", "weights.html"]),
+        Study::Limits => ("limits", ["limits.csv", "limits-coverage.svg", "limits-grades.svg", "limits.html"]),
+        Study::Candidates => {
+            ("candidates", ["candidates.csv", "candidates-coverage.svg", "candidates-grades.svg", "candidates.html"])
+        }
     }
 }
 

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use super::inspect::{InspectArgs, report};
 use super::*;
-use crate::cell::{CellSpec, Named, Presets, SpecLibrary};
+use crate::cell::{CellSpec, Dialect, Named, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
 use crate::geometry::demo_parts::DemoPart;
 use crate::testing::arm_urdf;
@@ -67,7 +67,7 @@ fn robot_writes_a_specification_and_surfaces_that_a_cell_takes() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     std::fs::write(path("arm.urdf"), arm_urdf("revolute")).expect("a file");
     let (urdf, out, surfaces) = (path("arm.urdf"), path("arm.toml"), path("surfaces"));
-    let line = ["vantage", "robot", &urdf, "--payload", "5", "--out", &out, "--surfaces", &surfaces];
+    let line = ["vantage", "robot", &urdf, "--payload", "5", "--dialect", "rapid", "--out", &out, "--surfaces", &surfaces];
     let Command::Robot(args) = Cli::try_parse_from(line).expect("a command").command else {
         unreachable!("the command asked for")
     };
@@ -77,6 +77,7 @@ fn robot_writes_a_specification_and_surfaces_that_a_cell_takes() {
     spec.obstacles.clear();
     let cell = spec.build(&files::FileLibrary).unwrap_or_else(|errors| panic!("{errors:#?}"));
     assert_eq!((cell.link_surfaces.len(), cell.robot.links.len()), (6, 6));
+    assert_eq!(cell.robot.dialect, Some(Dialect::Rapid));
     assert!(cell.link_surfaces.iter().enumerate().all(|(index, surface)| surface.link == index + 1));
     std::fs::remove_dir_all(&surfaces).expect("there");
     let errors = spec.build(&files::FileLibrary).map(|cell| cell.name).expect_err("the files are gone");
@@ -112,18 +113,6 @@ fn the_folder_for_results_is_made_and_tried_before_planning() {
         let error = plan_cancelled(&["--out", "/proc/nowhere"]).expect_err("the system's own");
         assert!(error.exit_code() == 1 && error.to_string().contains("cannot be written"), "{error}");
     }
-}
-
-#[test]
-fn results_replace_what_was_there_and_leave_no_parts() {
-    let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("plan.json"), b"old").expect("a file");
-    let artifact = |bytes: &[u8]| crate::service::plan_job::Artifact { name: "plan.json".into(), bytes: bytes.to_vec() };
-    out::write(folder.path(), &[artifact(b"new")]).expect("written");
-    assert_eq!(std::fs::read(folder.path().join("plan.json")).expect("there"), b"new");
-    assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
-    let error = out::write(&folder.path().join("gone"), &[artifact(b"")]).expect_err("no folder");
-    assert_eq!(error.exit_code(), 1, "{error}");
 }
 
 #[test]

@@ -81,6 +81,7 @@ codes! {
     JobEnded "job_ended" CONFLICT "The job has ended" "A job that succeeded or failed cannot be cancelled.";
     JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
     NoResults "no_results" CONFLICT "The job has no results" "The job has not succeeded; `detail` states where it stands.";
+    ForeignDialect "foreign_dialect" CONFLICT "The language is another maker's" "The robot's specification names another language, which `detail` states; ask for that one, `csv` or `robodk`, or send `force=true`.";
     SpecIsPreset "spec_is_preset" CONFLICT "A preset cannot be changed" "The name belongs to a preset that came with the program.";
     PreconditionFailed "precondition_failed" PRECONDITION_FAILED "The precondition failed" "`If-Match` or `If-None-Match` does not hold; read the current version and try again.";
     TooLarge "too_large" PAYLOAD_TOO_LARGE "The body is too large" "The body is larger than the server allows; `detail` states the limit.";

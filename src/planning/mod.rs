@@ -33,4 +33,4 @@ pub mod visibility;
 pub use context::{Allowance, PlanError};
 pub use estimate::Estimate;
 pub use pipeline::{Tabulated, plan, tabulate};
-pub use scene::{PlanInput, resting};
+pub use scene::{PlanInput, UpAxis, resting, standing};

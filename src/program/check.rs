@@ -73,6 +73,17 @@ pub enum Fault {
         /// Hash of the plan.
         plan: String,
     },
+    /// Made from a plan that has no motion.
+    #[error("the plan has no cell, and so no program")]
+    PlanWithoutCell,
+    /// Made for a setup that the plan does not have.
+    #[error("is for setup {setup}; the plan has {setups}")]
+    NoSuchSetup {
+        /// Number of the setup, from 1.
+        setup: usize,
+        /// Number of setups of the plan.
+        setups: usize,
+    },
     /// Home is not the cell's.
     #[error("/home_deg differs from the cell's home")]
     OtherHome,

@@ -9,11 +9,11 @@ use super::store::hex;
 use crate::cell::{Cell, CollisionScene, PoseSpec, Scanner};
 use crate::geometry::{self, Mesh, Poll};
 use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
-use crate::planning::params::{PlanParams, TableMotion};
+use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, PlanInput, plan};
-use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectFile};
+use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectOutput};
 use crate::program::{Expected, Program, compile};
 use crate::report::html::{self, NoPlanInput, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
@@ -35,8 +35,56 @@ pub fn program_stem(setup: usize) -> String {
     if setup == 0 { "program".to_owned() } else { format!("program-{}", setup + 1) }
 }
 
+/// File of the plan itself.
+pub const PLAN_FILE: &str = "plan.json";
+
 /// File with the reasons why some files are missing: programs in some dialects, or a listing that is too large.
 pub const REFUSED_FILE: &str = "refused.json";
+
+/// Name under which a program is kept that is in the language of another maker than the robot's: `program.mod` as
+/// `program.foreign.mod`. `None` if the name is not a program's in a maker's language.
+#[must_use]
+pub fn foreign_name(name: &str) -> Option<String> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let mut makers = Dialect::ALL.into_iter().filter(|dialect| !dialect.is_neutral()).flat_map(Dialect::outputs);
+    let is_program = stem.starts_with("program") && !stem.contains('.');
+    (is_program && makers.any(|output| output.extension == extension)).then(|| format!("{stem}.foreign.{extension}"))
+}
+
+/// Programs in the languages of other makers than the robot's.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum ForeignPrograms {
+    /// Written under a name of their own, with a warning in the header, for who asks for them all the same.
+    Kept,
+    /// Not written.
+    LeftOut,
+}
+
+/// Files with their names, and reasons why some are missing.
+type Files = Vec<(Cow<'static, str>, Vec<u8>)>;
+type Refused = BTreeMap<String, String>;
+
+/// A program in some dialect.
+struct DialectProgram {
+    /// Name of its file.
+    name: String,
+    /// Its text, or the reason why there is none.
+    text: Result<String, String>,
+    /// Reason why it is refused unless it is forced, if the robot does not take the dialect.
+    foreign: Option<String>,
+}
+
+impl DialectProgram {
+    /// Adds the file, and the reason why it is missing or refused.
+    fn sort_into(self, files: &mut Files, refused: &mut Refused) {
+        let kept_as = self.foreign.as_ref().and_then(|_| foreign_name(&self.name));
+        match self.text {
+            Ok(text) => files.push((kept_as.unwrap_or_else(|| self.name.clone()).into(), text.into_bytes())),
+            Err(reason) => drop(refused.insert(self.name.clone(), reason)),
+        }
+        refused.extend(self.foreign.map(|reason| (self.name, reason)));
+    }
+}
 
 /// A result file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,6 +93,12 @@ pub struct Artifact {
     pub name: Cow<'static, str>,
     /// Its bytes.
     pub bytes: Vec<u8>,
+}
+
+/// Bytes of the file of this name; none if there is no such file.
+#[must_use]
+pub fn bytes_of<'a>(artifacts: &'a [Artifact], name: &str) -> &'a [u8] {
+    artifacts.iter().find(|artifact| artifact.name == name).map_or(&[], |artifact| &artifact.bytes)
 }
 
 /// Inputs of a planning job.
@@ -77,12 +131,13 @@ fn summary_bytes(plan: &Plan, document: &[u8]) -> Vec<u8> {
 }
 
 impl PlanJob<'_> {
-    /// Plans and renders every file. Runs in the caller's thread pool.
+    /// Plans and renders every file, and the programs that are refused unless they are forced. Runs in the caller's thread
+    /// pool.
     ///
     /// # Errors
     /// [`PlanError`].
     pub fn execute(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.render(&self.plan(ctx)?, ctx)?)
+        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, ctx)?)
     }
 
     /// Plans.
@@ -101,15 +156,19 @@ impl PlanJob<'_> {
         plan(&input, self.params, ctx)
     }
 
-    /// Renders every file.
+    /// Renders every file; programs in the robot's own language and in the neutral ones alone.
     ///
     /// # Errors
     /// [`Cancelled`].
     pub fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+        self.files(outcome, ForeignPrograms::LeftOut, ctx)
+    }
+
+    fn files(&self, outcome: &Outcome, foreign: ForeignPrograms, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
-        let plan_sha256 = hex(&Sha256::digest(&document));
+        let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
@@ -119,32 +178,28 @@ impl PlanJob<'_> {
             plan_sha256: &plan_sha256,
             cycle_secs: (!programs.is_empty()).then(|| programs.iter().map(|program| program.cycle_secs).sum()),
         };
-        let mut files: Vec<(Cow<'static, str>, Vec<u8>)> = vec![
+        let mut files: Files = vec![
             (SUMMARY_FILE.into(), summary_bytes(plan, &document)),
-            ("plan.json".into(), document),
-            ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan))),
-            ("viewpoints.csv".into(), viewpoints::csv(plan).into_bytes()),
-            ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh))),
+            (PLAN_FILE.into(), document),
+            ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
+            ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
+            ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &plan_sha256))),
             ("coverage.csv".into(), coverage::csv(outcome, self.mesh).into_bytes()),
             ("coverage.bin".into(), coverage::bin(outcome, &preview)),
-            ("missed.json".into(), json_file_bytes(&missed::json(plan))),
-            ("report.txt".into(), text(plan).into_bytes()),
+            ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
+            ("report.txt".into(), format!("plan {plan_sha256}\n{}", text(plan)).into_bytes()),
             ("report.html".into(), html::render(&report, ctx)?.into_bytes()),
         ];
-        files.extend(regions::csv(plan).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
-        let mut refused = BTreeMap::new();
-        for (setup, program) in programs.iter().enumerate() {
-            let stem = program_stem(setup);
-            files.push((format!("{stem}.json").into(), ProgramDocument::new(program, self.echo.clone()).to_bytes()));
-            for (extension, text) in self.dialects(plan, program) {
-                let name = format!("{stem}.{extension}");
-                match text {
-                    Ok(text) => files.push((name.into(), text.into_bytes())),
-                    Err(reason) => drop(refused.insert(name, reason)),
-                }
+        files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
+        let mut refused = Refused::new();
+        for program in &programs {
+            let bytes = ProgramDocument::new(program, self.echo.clone()).to_bytes();
+            files.push((format!("{}.json", program_stem(program.setup)).into(), bytes));
+            for program in self.dialects(plan, program, foreign) {
+                program.sort_into(&mut files, &mut refused);
             }
         }
-        match candidates::file_bytes(outcome, self.mesh, ctx) {
+        match candidates::file_bytes(outcome, self.mesh, &plan_sha256, ctx) {
             Some(Ok(bytes)) => files.push((CANDIDATES_FILE.into(), bytes)),
             Some(Err(ListingError::Cancelled(cancelled))) => return Err(cancelled),
             Some(Err(reason)) => drop(refused.insert(CANDIDATES_FILE.to_owned(), reason.to_string())),
@@ -181,16 +236,15 @@ impl PlanJob<'_> {
         }
     }
 
-    /// Robot program of each setup, if there is a cell. Each names its plan by its hash.
+    /// Robot program of each setup, if there is a cell. Each names its plan.
     fn programs(&self, plan: &Plan, plan_sha256: &str) -> Vec<Program> {
         let Some(cell) = self.cell else { return Vec::new() };
         let compiled = |(setup, sequence)| compile(sequence, setup, cell, plan_sha256, &plan.params);
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// Program text in every dialect, or the reason why there is none, by the file's extension. The linter checks the program
-    /// first.
-    fn dialects(&self, plan: &Plan, program: &Program) -> Vec<(&'static str, Result<String, String>)> {
+    /// The program in the dialects that the robot takes, or in every one. The linter checks the program first.
+    fn dialects(&self, plan: &Plan, program: &Program, foreign: ForeignPrograms) -> Vec<DialectProgram> {
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
         let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
         let visited = plan.views.iter().filter(|view| view.setup.index() == program.setup && view.station.is_some());
@@ -201,16 +255,12 @@ impl PlanJob<'_> {
             views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
         };
         let checked = CheckedProgram::new(program, cell, &scene, Some(&expected), CheckedWith::Part);
-        let rendered = |dialect: Dialect| -> Result<Vec<DialectFile>, String> {
-            let checked =
-                checked.as_ref().map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))?;
-            checked.render(dialect, &plan.params.dialects).map_err(|error| error.to_string())
-        };
-        let files = Dialect::ALL.into_iter().flat_map(|dialect| {
-            let rendered = rendered(dialect);
-            let text = move |index: usize| rendered.as_ref().map(|files| files[index].text.clone()).map_err(Clone::clone);
-            dialect.outputs().iter().enumerate().map(move |(index, output)| (output.extension, text(index)))
-        });
+        let checked = checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "));
+        let wanted = |dialect: &Dialect| foreign == ForeignPrograms::Kept || cell.robot.takes(*dialect);
+        let files = Dialect::ALL
+            .into_iter()
+            .filter(wanted)
+            .flat_map(|dialect| in_dialect(checked.as_ref(), dialect, &program_stem(program.setup), &plan.params.dialects));
         files.collect()
     }
 
@@ -225,4 +275,34 @@ impl PlanJob<'_> {
             turntable: cell.turntable.name.clone(),
         })
     }
+}
+
+/// Every file of a program in a dialect. If the robot does not take the dialect, that is told beside a text that warns of it.
+fn in_dialect(
+    checked: Result<&CheckedProgram<'_>, &String>,
+    dialect: Dialect,
+    stem: &str,
+    params: &DialectParams,
+) -> Vec<DialectProgram> {
+    let rendered = checked.map_err(Clone::clone).and_then(|checked| {
+        let foreign = match checked.render(dialect, params) {
+            Ok(files) => return Ok((files, None)),
+            Err(foreign @ DialectError::Foreign { .. }) => foreign.to_string(),
+            Err(error) => return Err(error.to_string()),
+        };
+        let forced = checked.render_forced(dialect, params).map_err(|error| error.to_string())?;
+        Ok((forced, Some(foreign)))
+    });
+    let program = |(index, output): (usize, &DialectOutput)| DialectProgram {
+        name: format!("{stem}.{}", output.extension),
+        text: rendered.as_ref().map(|(files, _)| files[index].text.clone()).map_err(Clone::clone),
+        foreign: rendered.as_ref().ok().and_then(|(_, foreign)| foreign.clone()),
+    };
+    dialect.outputs().iter().enumerate().map(program).collect()
+}
+
+/// SHA-256 of the bytes of `plan.json`, lower-case hexadecimal: the name of a plan in everything that is derived from it.
+#[must_use]
+pub fn plan_sha256(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
 }

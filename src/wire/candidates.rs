@@ -38,6 +38,9 @@ const PATCH_BYTES: usize = 20;
 pub struct CandidateListing {
     /// Schema name, `vantage.candidates/1`.
     pub schema: String,
+    /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
+    #[serde(default)]
+    pub plan_sha256: String,
     /// Weights of the score and of the quality.
     pub score: ScoreParams,
     /// Pose of the part on the table in each setup that was planned in, `table_from_part`; also of setups in which no view is
@@ -122,19 +125,20 @@ pub enum ListingError {
     },
 }
 
-/// Bytes of the file; `None` where the job does not ask for it.
+/// Bytes of the file; `None` where the job does not ask for it. `plan_sha256` is the hash of the plan's file.
 ///
 /// # Errors
 /// [`ListingError`]; files may have [`MAX_LISTING_BYTES`].
 #[must_use]
-pub fn file_bytes(outcome: &Outcome, mesh: &Mesh, ctx: &Context<'_>) -> Option<Result<Vec<u8>, ListingError>> {
-    outcome.candidates.as_ref().map(|table| write(outcome, table, mesh, MAX_LISTING_BYTES, ctx))
+pub fn file_bytes(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str, ctx: &Context<'_>) -> Option<Result<Vec<u8>, ListingError>> {
+    outcome.candidates.as_ref().map(|table| write(outcome, table, mesh, plan_sha256, MAX_LISTING_BYTES, ctx))
 }
 
 fn write(
     outcome: &Outcome,
     table: &CandidateTable,
     mesh: &Mesh,
+    plan_sha256: &str,
     max_bytes: usize,
     ctx: &Context<'_>,
 ) -> Result<Vec<u8>, ListingError> {
@@ -145,6 +149,7 @@ fn write(
     }
     let head = CandidateListing {
         schema: CANDIDATES_SCHEMA.to_owned(),
+        plan_sha256: plan_sha256.to_owned(),
         score: score.clone(),
         setups: table.setups.iter().map(PoseSpec::from).collect(),
         samples: columns(surface, mesh),

@@ -33,6 +33,9 @@ const WHOLE: f64 = 1.0 - 1e-9;
 pub struct CoverageListing {
     /// Schema name, `vantage.coverage/1`.
     pub schema: String,
+    /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
+    #[serde(default)]
+    pub plan_sha256: String,
     /// Coverage, as in the plan.
     pub coverage: CoverageDocument,
     /// Number of faces of the uploaded file, by verdict.
@@ -65,15 +68,16 @@ pub struct ByteMeaning {
     pub meaning: String,
 }
 
-/// Builds the document of an outcome.
+/// Builds the document of an outcome; `plan_sha256` is the hash of the plan's file.
 #[must_use]
-pub fn json(outcome: &Outcome, mesh: &Mesh) -> CoverageListing {
+pub fn json(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str) -> CoverageListing {
     let mut faces = FaceCounts::default();
     for (_, tally) in by_source_face(outcome, mesh) {
         faces.count(&tally);
     }
     CoverageListing {
         schema: COVERAGE_SCHEMA.to_owned(),
+        plan_sha256: plan_sha256.to_owned(),
         coverage: CoverageDocument::from(&outcome.plan.coverage),
         faces,
         bytes: byte_meanings(),

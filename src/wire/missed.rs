@@ -14,6 +14,9 @@ pub const MISSED_SCHEMA: &str = "vantage.missed/1";
 pub struct MissedListing {
     /// Schema name, `vantage.missed/1`.
     pub schema: String,
+    /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
+    #[serde(default)]
+    pub plan_sha256: String,
     /// Area asked for: all faces outside excluded regions.
     pub asked_area_mm2: f64,
     /// Part of the asked area that no chosen view measures.
@@ -47,11 +50,12 @@ pub struct SpotDocument {
     pub remedy: Option<RemedyDocument>,
 }
 
-/// Lists the missed surface of a plan.
+/// Lists the missed surface of a plan; `plan_sha256` is the hash of its file.
 #[must_use]
-pub fn json(plan: &Plan) -> MissedListing {
+pub fn json(plan: &Plan, plan_sha256: &str) -> MissedListing {
     MissedListing {
         schema: MISSED_SCHEMA.to_owned(),
+        plan_sha256: plan_sha256.to_owned(),
         asked_area_mm2: plan.coverage.asked_area_mm2,
         missed_area_mm2: plan.missed.iter().map(|missed| missed.area_mm2).sum(),
         missed: plan.missed.iter().map(MissedEntry::from).collect(),

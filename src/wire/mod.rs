@@ -16,6 +16,7 @@ mod json_file;
 mod mesh;
 mod mesh_health;
 pub mod missed;
+pub mod output_record;
 pub mod ovp;
 pub mod parameters;
 pub mod plan;

@@ -136,8 +136,10 @@ pub struct Candidates {
 }
 
 /// The plan's own figures, by area.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OwnFigures {
+    /// SHA-256 of the bytes of `plan.json`.
+    pub plan_sha256: String,
     /// Measured share of the asked area.
     pub of_asked: f64,
     /// Measured share of the coverable area.
@@ -168,13 +170,15 @@ pub struct Viewpoint {
 }
 
 impl OvpDocument {
-    /// Builds the log of an outcome. `seconds` holds the time of each stage by name; `written_at` is a time as text.
+    /// Builds the log of an outcome. `plan_sha256` is the hash of the plan's file; `seconds` holds the time of each stage by
+    /// name; `written_at` is a time as text.
     #[must_use]
     pub fn new(
         outcome: &Outcome,
         mesh: &Mesh,
         scanner: &Scanner,
         part_name: &str,
+        plan_sha256: &str,
         seconds: &BTreeMap<&str, f64>,
         written_at: String,
     ) -> Self {
@@ -199,6 +203,7 @@ impl OvpDocument {
             vpc: candidates(plan, part_name),
             vp_selection_order: plan.views.iter().map(|view| view.candidate.0).collect(),
             vantage: OwnFigures {
+                plan_sha256: plan_sha256.to_owned(),
                 of_asked: plan.coverage.of_asked(),
                 of_coverable: plan.coverage.of_coverable(),
                 of_total: plan.coverage.of_total(),

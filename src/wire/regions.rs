@@ -8,7 +8,7 @@ use crate::planning::plan::Plan;
 /// Name of the file.
 pub const REGIONS_FILE: &str = "regions.csv";
 
-const HEADER: [&str; 13] = [
+const HEADER: [&str; 14] = [
     "name",
     "kind",
     "tolerance_mm",
@@ -22,11 +22,13 @@ const HEADER: [&str; 13] = [
     "met",
     "beyond_noise_area_mm2",
     "why_unmet",
+    "plan_sha256",
 ];
 
-/// The listing as a table, `None` for a plan without regions. Cells without a value are empty.
+/// The listing as a table, `None` for a plan without regions. Cells without a value are empty; the last column names the plan,
+/// by the hash of its file.
 #[must_use]
-pub fn csv(plan: &Plan) -> Option<String> {
+pub fn csv(plan: &Plan, plan_sha256: &str) -> Option<String> {
     let regions = &plan.coverage.regions;
     if regions.is_empty() {
         return None;
@@ -46,6 +48,7 @@ pub fn csv(plan: &Plan) -> Option<String> {
         csv.optional(region.met);
         csv.number(region.beyond_noise_area_mm2);
         csv.text(region.why_unmet.as_deref().unwrap_or(""));
+        csv.number(plan_sha256);
         csv.end_row();
     }
     Some(csv.finish())

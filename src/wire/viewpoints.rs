@@ -11,7 +11,7 @@ use crate::planning::plan::{Plan, ViewId};
 /// Schema name in the document.
 pub const VIEWPOINTS_SCHEMA: &str = "vantage.viewpoints/1";
 
-const HEADER: [&str; 23] = [
+const HEADER: [&str; 24] = [
     "id",
     "candidate",
     "label",
@@ -35,6 +35,7 @@ const HEADER: [&str; 23] = [
     "move_secs",
     "via_points",
     "rejected",
+    "plan_sha256",
 ];
 
 /// The chosen views (`viewpoints.json`).
@@ -42,28 +43,33 @@ const HEADER: [&str; 23] = [
 pub struct ViewpointsDocument {
     /// Schema name, `vantage.viewpoints/1`.
     pub schema: String,
+    /// SHA-256 of the bytes of `plan.json`; empty in files of earlier releases.
+    #[serde(default)]
+    pub plan_sha256: String,
     /// The chosen views, in the order chosen.
     pub viewpoints: Vec<ViewpointDocument>,
     /// Ids of the viewpoints in the order visited; empty without a cell.
     pub sequence: Vec<u32>,
 }
 
-/// Lists the chosen views of a plan.
+/// Lists the chosen views of a plan; `plan_sha256` is the hash of its file.
 #[must_use]
-pub fn json(plan: &Plan) -> ViewpointsDocument {
+pub fn json(plan: &Plan, plan_sha256: &str) -> ViewpointsDocument {
     ViewpointsDocument {
         schema: VIEWPOINTS_SCHEMA.to_owned(),
+        plan_sha256: plan_sha256.to_owned(),
         viewpoints: plan.views.iter().map(ViewpointDocument::from).collect(),
         sequence: plan.visits().map(|(view, _)| view.0).collect(),
     }
 }
 
 /// The listing as a table. The pose is `part_from_scanner`; `visit` counts from 0 in the order visited; `move_secs` and
-/// `via_points` belong to the move to the view. Cells without a value are empty.
+/// `via_points` belong to the move to the view. Cells without a value are empty. The last column names the plan in every row: a
+/// table has no comments.
 #[must_use]
-pub fn csv(plan: &Plan) -> String {
+pub fn csv(plan: &Plan, plan_sha256: &str) -> String {
     let mut csv = Csv::new(&HEADER);
-    for (view, planned) in json(plan).viewpoints.iter().zip(&plan.views) {
+    for (view, planned) in json(plan, plan_sha256).viewpoints.iter().zip(&plan.views) {
         csv.number(view.id);
         csv.number(view.candidate);
         csv.text(&view.label);
@@ -78,6 +84,7 @@ pub fn csv(plan: &Plan) -> String {
         csv.optional(visit.map(|(_, secs, _)| secs));
         csv.optional(visit.map(|(.., points)| points));
         csv.text(view.rejected.as_deref().unwrap_or(""));
+        csv.number(plan_sha256);
         csv.end_row();
     }
     csv.finish()

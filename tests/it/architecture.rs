@@ -106,7 +106,9 @@ const LIFTED: &[(&str, &str)] = &[
     ("PlanError", "context"),
     ("Estimate", "estimate"),
     ("PlanInput", "scene"),
+    ("UpAxis", "scene"),
     ("resting", "scene"),
+    ("standing", "scene"),
     ("Tabulated", "pipeline"),
     ("tabulate", "pipeline"),
 ];

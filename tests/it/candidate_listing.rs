@@ -30,7 +30,7 @@ fn quick() -> PlanParams {
 /// The bytes of the file, if the plan was asked for it.
 fn bytes(outcome: &Outcome, mesh: &Mesh) -> Option<Vec<u8>> {
     let cancel = AtomicBool::new(false);
-    file_bytes(outcome, mesh, &Context::new(&cancel, &Silent)).transpose().expect("small")
+    file_bytes(outcome, mesh, "", &Context::new(&cancel, &Silent)).transpose().expect("small")
 }
 
 fn listing(outcome: &Outcome, mesh: &Mesh) -> CandidateListing {

@@ -24,7 +24,7 @@ fn robodks_own_package_takes_every_call() {
     for job in [Job::tour(), Job::planned()] {
         let folder = tempfile::tempdir().expect("a folder");
         let script = folder.path().join("scan.py");
-        std::fs::write(&script, &job.render(Dialect::RoboDk, &params)[0].text).expect("written");
+        std::fs::write(&script, &job.render(Dialect::Robodk, &params)[0].text).expect("written");
         let home: Vec<String> = job.program.home_rad.axes_rad().iter().map(|rad| rad.to_degrees().to_string()).collect();
         let output = Command::new(&python)
             .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/oracles/dialects_oracle.py"))
@@ -34,7 +34,7 @@ fn robodks_own_package_takes_every_call() {
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let calls: Vec<Call> = serde_json::from_slice(&output.stdout).expect("calls");
         let said = said(&calls, &params);
-        let wanted = &job.wanted(Dialect::RoboDk)[1..];
+        let wanted = &job.wanted(Dialect::Robodk)[1..];
         assert_eq!(said.len(), wanted.len());
         for (said, wanted) in said.iter().zip(wanted) {
             match (said, wanted) {

@@ -160,3 +160,145 @@ fn a_check_warns_of_a_tolerance_beyond_the_noise() {
         "{warned}"
     );
 }
+
+/// Coarse plans that do not take long.
+const QUICK: [&str; 7] = [
+    "part.samples_per_mm2=0.02",
+    "part.patch_edge_mm=20",
+    "candidates.even_directions=12",
+    "selection.max_views=2",
+    "missed.remedies=0",
+    "missed.advice=false",
+    "robust.pose_error=null",
+];
+
+/// Writes a block as an OBJ file.
+fn block(path: &Path) -> String {
+    let mesh = box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    let vertices = mesh.vertices_mm.iter().map(|p| format!("v {} {} {}\n", p.x, p.y, p.z));
+    let faces = mesh.faces.iter().map(|[a, b, c]| format!("f {} {} {}\n", a + 1, b + 1, c + 1));
+    std::fs::write(path, vertices.chain(faces).collect::<String>()).expect("a file");
+    path.display().to_string()
+}
+
+/// Exit code, standard output and standard error of a command.
+fn ran(args: &[&str]) -> (Option<i32>, String, String) {
+    let output = vantage().args(args).output().expect("the program");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+/// `vantage plan`, coarse.
+fn planned(parts: &[&str], out: &str, options: &[&str]) -> (Option<i32>, String, String) {
+    let quick = QUICK.iter().flat_map(|set| ["--set", set]);
+    let args = ["plan", "--unit", "mm", "--out", out].into_iter().chain(parts.iter().copied()).chain(quick);
+    ran(&args.chain(options.iter().copied()).collect::<Vec<_>>())
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    let bytes = std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    serde_json::from_slice(&bytes).expect("JSON")
+}
+
+/// A folder that was used for a plan without a cell kept the old program, which `vantage program` then wrote.
+#[test]
+fn no_program_outlives_its_plan() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (part, out, robot) = (block(&at("block.obj")), at("plan").display().to_string(), at("robot").display().to_string());
+    let (code, _, told) = planned(&[&part], &out, &[]);
+    assert_eq!(code, Some(0), "{told}");
+    std::fs::write(at("plan/notes.txt"), "mine").expect("a file");
+    let record = json(&at("plan/vantage.json"));
+    let files = record["files"].as_array().expect("files");
+    let names: Vec<&str> = files.iter().filter_map(|file| file["name"].as_str()).collect();
+    assert!(["program.json", "program.cps", "coverage.csv", "ovp.json"].iter().all(|name| names.contains(name)), "{names:?}");
+    assert!(!names.iter().any(|name| name.ends_with(".mod") || name.ends_with(".script")), "another maker's: {names:?}");
+    let plan_sha256 = json(&at("plan/program.json"))["plan_sha256"].clone();
+    assert!(files.iter().all(|file| file["plan_sha256"] == plan_sha256), "{record}");
+    for name in ["viewpoints.json", "coverage.json", "missed.json"] {
+        assert_eq!(json(&at("plan").join(name))["plan_sha256"], plan_sha256, "{name}");
+    }
+    assert_eq!(json(&at("plan/ovp.json"))["Log"]["Vantage"]["plan_sha256"], plan_sha256);
+    for name in ["report.txt", "report.html", "viewpoints.csv", "program.cps", "program.csv"] {
+        let text = std::fs::read_to_string(at("plan").join(name)).expect("text");
+        assert!(text.contains(plan_sha256.as_str().expect("a digest")), "{name}");
+    }
+    let program = ["program", &out, "--cell", "e05-transcan", "--out", &robot];
+    let (code, written, told) = ran(&program);
+    assert!(code == Some(0) && written.trim().ends_with("vantage.cps"), "{written}{told}");
+
+    let (code, _, told) = planned(&[&part], &out, &["--cell", "none"]);
+    assert_eq!(code, Some(0), "{told}");
+    assert!(!at("plan/program.json").exists() && !at("plan/program.cps").exists() && at("plan/notes.txt").exists());
+    std::fs::remove_dir_all(at("robot")).expect("there");
+    let (code, _, told) = ran(&program);
+    assert!(code == Some(2) && told.contains("has no program.json") && !at("robot").exists(), "{told}");
+
+    let (code, _, told) = planned(&[&part], &out, &["--set", "limits.camera_deg=1", "--set", "limits.projector_deg=1"]);
+    assert_eq!(code, Some(3), "{told}");
+    let left: Vec<_> = std::fs::read_dir(at("plan")).expect("a folder").map(|file| file.expect("a file").file_name()).collect();
+    assert_eq!(left, ["notes.txt"], "no earlier plan is taken for this one");
+}
+
+#[test]
+fn a_file_of_the_user_in_the_way_is_told_before_planning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let part = block(&folder.path().join("block.obj"));
+    std::fs::write(folder.path().join("report.txt"), "mine").expect("a file");
+    let (code, _, told) = planned(&[&part], &folder.path().display().to_string(), &["--cell", "none"]);
+    assert!(code == Some(2) && told.contains("report.txt (not written by Vantage)") && !told.contains("surface"), "{told}");
+    assert_eq!(std::fs::read_to_string(folder.path().join("report.txt")).expect("there"), "mine");
+}
+
+#[test]
+fn several_parts_get_a_folder_each_and_one_that_fails_does_not_stop_the_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (first, last, out) = (block(&at("first.obj")), block(&at("last.obj")), at("plans").display().to_string());
+    let broken = at("broken.stl").display().to_string();
+    std::fs::write(&broken, "no mesh").expect("a file");
+    let none = ["--cell", "none"];
+    let (code, told, errors) = planned(&[&first, &broken, &last], &out, &none);
+    assert_eq!(code, Some(2), "{told}{errors}");
+    assert!(at("plans/first/plan.json").is_file() && at("plans/last/report.html").is_file(), "{told}{errors}");
+    assert!(!at("plans/broken/plan.json").exists() && errors.contains("1 of 3 parts failed"), "{errors}");
+    let table: Vec<&str> = told.lines().rev().take(4).collect();
+    assert!(table[3].starts_with("part ") && table[2].starts_with(&first) && table[2].ends_with("planned"), "{told}");
+    assert!(table[1].starts_with(&broken) && table[1].ends_with("bad input") && table[0].ends_with("planned"), "{told}");
+
+    let (code, lines, errors) = planned(&[&first, &broken], &out, &[&none[..], &["--json"]].concat());
+    assert_eq!(code, Some(2), "{errors}");
+    let lines: Vec<serde_json::Value> = lines.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    assert_eq!((lines.len(), &lines[0]["exit_code"], &lines[1]["exit_code"]), (2, &0.into(), &2.into()));
+    assert_eq!(lines[0]["plan"], json(&at("plans/first/plan.json")));
+    assert!(lines[1]["plan"].is_null() && lines[1]["error"].as_str().is_some_and(|why| why.contains("broken.stl")), "{lines:?}");
+
+    let (code, _, errors) = planned(&[&first, &first], &out, &none);
+    assert!(code == Some(2) && errors.contains("would both be planned into"), "{errors}");
+}
+
+#[test]
+fn the_part_stands_as_up_says_and_values_come_from_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (part, out) = (block(&at("block.obj")), at("plan").display().to_string());
+    std::fs::write(at("clamp.toml"), "[[exclude]]\nkind = \"box\"\nmin_mm = [0, 0, 0]\nmax_mm = [60, 40, 5]\n").expect("a file");
+    let exclude = format!("regions.exclude=@{}", at("clamp.toml").display());
+    let (code, _, told) = planned(&[&part], &out, &["--cell", "none", "--up", "-z", "--set", &exclude]);
+    assert_eq!(code, Some(0), "{told}");
+    let params = json(&at("plan/plan.json"))["params"].clone();
+    // Half a turn about x, the lowest point on the plate and the middle of the box on the axis.
+    let of_pose =
+        |field: &str| -> Vec<f64> { serde_json::from_value(params["part"]["table_from_part"][field].clone()).expect("numbers") };
+    let (shift, turn) = (of_pose("translation_mm"), of_pose("quaternion_xyzw"));
+    assert!(shift.iter().zip([-30.0, 20.0, 30.0]).all(|(found, wanted)| (found - wanted).abs() < 1e-9), "{shift:?}");
+    assert!((turn[0].abs() - 1.0).abs() < 1e-12, "{turn:?}");
+    assert_eq!(params["regions"]["exclude"][0]["max_mm"], serde_json::json!([60.0, 40.0, 5.0]));
+
+    let lies = "part.table_from_part={\"translation_mm\": [0, 0, 0], \"quaternion_xyzw\": [0, 0, 0, 1]}";
+    let (code, _, told) = planned(&[&part], &out, &["--cell", "none", "--up", "x", "--set", lies]);
+    assert!(code == Some(2) && told.contains("--up: part.table_from_part says how the part lies"), "{told}");
+    let (code, _, told) = planned(&[&part], &out, &["--up", "w"]);
+    assert!(code == Some(2) && told.contains("allowed is one of x, -x, y, -y, z, -z"), "{told}");
+}

@@ -288,7 +288,7 @@ fn a_program_that_passes_corners_stays_sound_through_its_file_and_no_dialect_tak
     let scene = CollisionScene::new(&cell, &mesh, None, &plan.table_from_part.expect("a cell"), 5.0 - 0.01);
     assert_eq!(check(&read, &cell, &scene, None), []);
     let checked = CheckedProgram::new(&read, &cell, &scene, None, CheckedWith::Part).expect("sound");
-    assert_eq!(checked.render(Dialect::Rapid, &params.dialects), Err(DialectError::Passing));
+    assert_eq!(checked.render(Dialect::Csv, &params.dialects), Err(DialectError::Passing));
 }
 
 /// Looks along `axis` from a place in the part's frame, level where that is not straight down.

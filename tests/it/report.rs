@@ -32,6 +32,8 @@ use vantage::wire::{coverage, missed, viewpoints};
 use markup::{data_uris, well_formed};
 
 const RADIUS_MM: f64 = 40.0;
+/// What every derived file names.
+const PLAN_SHA256: &str = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
 /// A view measures what it sees at less than this angle.
 const MEASURED_WITHIN: f64 = 60.0 * std::f64::consts::PI / 180.0;
 
@@ -255,7 +257,7 @@ fn dated_page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo, date
     let part_sha256 = &outcome.plan.part.sha256;
     let subject =
         ReportSubject { mesh, fixture: None, part_sha256, part_name, scanner: &cell.scanner, cell: Some(&cell), echo, date };
-    let input = ReportInput { subject, outcome, plan_sha256: "cd", cycle_secs: Some(143.2) };
+    let input = ReportInput { subject, outcome, plan_sha256: PLAN_SHA256, cycle_secs: Some(143.2) };
     render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 
@@ -545,7 +547,7 @@ fn face_table_adds_up() {
     assert!((area / coverage.total_area_mm2 - 1.0).abs() < 1e-9);
     assert!((measured - coverage.measured.area_mm2).abs() < 1e-3 * coverage.measured.area_mm2);
     assert!(rows.iter().any(|row| row[4] == "shadow_left") && rows.iter().any(|row| row[4] == "not_asked"));
-    let document = coverage::json(&outcome, &mesh);
+    let document = coverage::json(&outcome, &mesh, PLAN_SHA256);
     let counts = document.faces;
     assert_eq!(counts.total, 24 * 48);
     assert_eq!(counts.total, counts.measured + counts.partly_measured + counts.missed + counts.not_asked);
@@ -581,20 +583,22 @@ fn preview_bytes_tell_the_same_story_on_fewer_faces() {
 fn listings_carry_the_contracts_names() {
     let mesh = sphere();
     let outcome = sphere_outcome(&mesh);
-    let views = serde_json::to_value(viewpoints::json(&outcome.plan)).expect("JSON");
+    let views = serde_json::to_value(viewpoints::json(&outcome.plan, PLAN_SHA256)).expect("JSON");
     assert_eq!(views["sequence"], serde_json::json!([3, 2, 1, 0]));
     for key in ["id", "candidate", "label", "part_from_scanner", "gain_of_asked", "score", "station", "rejected"] {
         assert!(views["viewpoints"][2].get(key).is_some(), "{key}");
     }
-    let csv = viewpoints::csv(&outcome.plan);
+    let csv = viewpoints::csv(&outcome.plan, PLAN_SHA256);
     let rows: Vec<Vec<&str>> = csv.split("\r\n").filter(|line| !line.is_empty()).map(|line| line.split(',').collect()).collect();
     assert_eq!(rows.len(), 1 + 4);
     assert!(rows.iter().all(|row| row.len() == rows[0].len()));
     let column = |name: &str| rows[0].iter().position(|header| *header == name).expect("a column");
     assert_eq!((rows[2][column("label")], rows[2][column("visit")], rows[4][column("visit")]), ("front", "2", "0"));
+    assert!(rows[1..].iter().all(|row| row[column("plan_sha256")] == PLAN_SHA256), "{csv}");
     assert_eq!(rows[1][column("x_mm")].parse::<f64>().expect("a number"), 520.0);
 
-    let listing = serde_json::to_value(missed::json(&outcome.plan)).expect("JSON");
+    let listing = serde_json::to_value(missed::json(&outcome.plan, PLAN_SHA256)).expect("JSON");
+    assert_eq!((&listing["plan_sha256"], &views["plan_sha256"]), (&PLAN_SHA256.into(), &PLAN_SHA256.into()));
     let shadow = &listing["missed"][1];
     assert_eq!(
         (shadow["reason"].as_str(), shadow["spots"].as_u64(), shadow["remedy"]["kind"].as_str()),

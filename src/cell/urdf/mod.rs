@@ -137,6 +137,7 @@ pub fn import(
         name: options.name.clone().unwrap_or_else(|| robot.name.clone()),
         payload_kg: options.payload_kg,
         max_flange_moment_nm: None,
+        dialect: None,
         kinematics: KinematicsSpec::Chain(Box::new(kinematics)),
         joints,
         links: surfaces.iter().flat_map(capsules_of).collect(),

@@ -100,6 +100,26 @@ fn a_program_is_linted_against_a_cell() {
     assert!(unknown.contains("e05-transcan"), "{unknown}");
 }
 
+/// A program of another plan than the one in its folder was sound.
+#[test]
+fn a_program_is_held_against_the_plan_beside_it() {
+    let folder = Folder::new();
+    let plan = "{\"schema\": \"vantage.plan/1\"}";
+    let program = |plan_sha256: &str| {
+        let program = serde_json::json!({
+            "schema": "vantage.program/1", "plan_sha256": plan_sha256, "robot": "hans-e05", "turntable": "minas-a6-500",
+            "home_deg": [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0], "cycle_secs": 0.0, "steps": [],
+        });
+        folder.check("program.json", &program.to_string())
+    };
+    assert_eq!(program(&"00".repeat(32)), Ok(()), "no plan is there");
+    folder.file("plan.json", plan);
+    let of_plan = crate::service::plan_job::plan_sha256(plan.as_bytes());
+    let found = program(&"00".repeat(32)).expect_err("another plan's");
+    assert!(found.contains("program.json: /plan_sha256: is made from plan 0000") && found.contains(&of_plan), "{found}");
+    assert_eq!(program(&of_plan), Ok(()));
+}
+
 #[test]
 fn a_binary_file_is_refused_in_a_line() {
     let folder = Folder::new();

@@ -1,8 +1,17 @@
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 use clap::Parser;
+use serde_json::{Value, json};
 
 use super::{ProgramArgs, run};
+use crate::cell::{Named, Presets, SpecLibrary};
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::{CandidateParams, PlanParams};
+use crate::service::plan_job::{PlanJob, bytes_of, plan_sha256};
+use crate::testing::{box_mesh, nominal_scanner};
+use crate::wire::echo::Echo;
+use crate::wire::output_record::RECORD_FILE;
 
 #[derive(Parser)]
 struct Line {
@@ -12,25 +21,58 @@ struct Line {
 
 /// A program that stays at home, in a folder of its own.
 fn planned(folder: &Path, cycle_secs: f64) {
-    let program = serde_json::json!({
-        "schema": "vantage.program/1", "plan_sha256": "00".repeat(32), "robot": "hans-e05", "turntable": "minas-a6-500",
+    planned_from(folder, &"00".repeat(32), cycle_secs);
+}
+
+fn planned_from(folder: &Path, plan_sha256: &str, cycle_secs: f64) {
+    let program = json!({
+        "schema": "vantage.program/1", "plan_sha256": plan_sha256, "robot": "hans-e05", "turntable": "minas-a6-500",
         "home_deg": [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0], "cycle_secs": cycle_secs,
         "steps": [{"op": "settle", "secs": 0.5}, {"op": "scan", "viewpoint": 3, "brightness": 5, "capture_secs": 1.0}],
     });
     std::fs::write(folder.join("program.json"), program.to_string()).expect("writes");
 }
 
-fn written(folder: &Path, args: &[&str]) -> Result<Vec<String>, String> {
-    let fixed = ["program", "--cell", "e05-transcan", folder.to_str().expect("a path")];
+/// Bytes of a plan without a cell.
+fn plan_without_cell() -> Vec<u8> {
+    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
+    let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
+    (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
+    (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
+    params.robust.pose_error = None;
+    let job = PlanJob {
+        mesh: &mesh,
+        fixture: None,
+        part_name: "block".into(),
+        part_sha256: &"0a".repeat(32),
+        scanner: &scanner,
+        cell: None,
+        roadmaps: None,
+        params: &params,
+        echo: Echo::default(),
+        date: None,
+    };
+    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    bytes_of(&files, "plan.json").to_vec()
+}
+
+/// Names of the files written, beside the record.
+fn written_in(cell: &str, from: &Path, args: &[&str]) -> Result<Vec<String>, String> {
+    let fixed = ["program", "--cell", cell, from.to_str().expect("a path")];
     let line = Line::try_parse_from([&fixed, args].concat()).map_err(|error| error.to_string())?;
     run(&line.args).map_err(|error| {
         assert_eq!(error.exit_code(), 2, "{error}");
         error.to_string()
     })?;
     let files = std::fs::read_dir(&line.args.out).map_err(|error| error.to_string())?;
-    let mut names: Vec<_> = files.map(|file| file.expect("lists").file_name().to_string_lossy().into_owned()).collect();
+    let names = files.map(|file| file.expect("lists").file_name().to_string_lossy().into_owned());
+    let mut names: Vec<_> = names.filter(|name| name != RECORD_FILE).collect();
     names.sort();
     Ok(names)
+}
+
+fn written(folder: &Path, args: &[&str]) -> Result<Vec<String>, String> {
+    written_in("e05-transcan", folder, args)
 }
 
 #[test]
@@ -47,10 +89,12 @@ fn files_have_the_names_that_controllers_want() {
         ("csv", &["program.csv"]),
     ] {
         let out = folder.path().join(dialect).display().to_string();
-        let found = written(folder.path(), &["--dialect", dialect, "--out", &out, "--set", "dialects.program_name=bracket"]);
+        let named = ["--dialect", dialect, "--force", "--out", &out, "--set", "dialects.program_name=bracket"];
+        let found = written(folder.path(), &named);
         assert_eq!(found.expect("written"), wanted);
         let text = std::fs::read_to_string(Path::new(&out).join(wanted[0])).expect("reads");
         assert!(dialect == "csv" || text.contains("WITHOUT the part") || dialect == "krl" || dialect == "fanuc", "{text}");
+        assert_eq!(text.contains("WARNING: FORCED"), !["hans", "robodk", "csv"].contains(&dialect), "{text}");
     }
 }
 
@@ -58,11 +102,19 @@ fn files_have_the_names_that_controllers_want() {
 fn one_file_takes_one_file() {
     let folder = tempfile::tempdir().expect("folder");
     planned(folder.path(), 1.5);
-    let out = folder.path().join("scan.script").display().to_string();
-    let _ = written(folder.path(), &["--dialect", "urscript", "--out", &out]);
-    assert!(std::fs::read_to_string(&out).expect("written").contains("vantage_scan()"));
-    let refused = written(folder.path(), &["--dialect", "krl", "--out", &out]).expect_err("two files");
+    let at = |name: &str| folder.path().join(name);
+    let out = at("scan.script").display().to_string();
+    let args = ["--dialect", "urscript", "--force", "--out", &out];
+    for _ in 0..2 {
+        let _ = written(folder.path(), &args);
+        assert!(std::fs::read_to_string(&out).expect("written").contains("vantage_scan()"));
+    }
+    let refused = written(folder.path(), &["--dialect", "krl", "--force", "--out", &out]).expect_err("two files");
     assert!(refused.contains("VANTAGE.src, VANTAGE.dat"), "{refused}");
+    std::fs::write(&out, "# my own script").expect("a file");
+    let refused = written(folder.path(), &args).expect_err("a file of the user");
+    assert!(refused.contains("is not a program of Vantage's"), "{refused}");
+    assert_eq!(std::fs::read_to_string(&out).expect("there"), "# my own script");
 }
 
 #[test]
@@ -70,7 +122,7 @@ fn what_fails_is_not_written() {
     let folder = tempfile::tempdir().expect("folder");
     planned(folder.path(), 99.0);
     let out = folder.path().join("robot");
-    let args = ["--dialect", "rapid", "--out", out.to_str().expect("a path")];
+    let args = ["--dialect", "rapid", "--force", "--out", out.to_str().expect("a path")];
     let refused = written(folder.path(), &args).expect_err("the linter finds the cycle time");
     assert!(refused.contains("program.json: ") && !out.exists(), "{refused}");
     planned(folder.path(), 1.5);
@@ -78,4 +130,79 @@ fn what_fails_is_not_written() {
     assert!(refused.contains("/dialects/table_axis: is 7; allowed is 1 to 6"), "{refused}");
     let refused = written(folder.path(), &["--dialect", "karel", "--out", "x"]).expect_err("no such dialect");
     assert!(refused.contains("known are hans, urscript, rapid, krl, fanuc, robodk, csv"), "{refused}");
+}
+
+/// RAPID for a Han's arm was written without a word.
+#[test]
+fn the_robots_own_language_is_written_and_anothers_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    planned(folder.path(), 1.5);
+    let out = folder.path().join("robot");
+    let to_out = ["--out", out.to_str().expect("a path")];
+    for dialect in ["rapid", "krl", "fanuc", "urscript"] {
+        let refused = written(folder.path(), &[&["--dialect", dialect][..], &to_out].concat()).expect_err("another maker's");
+        let wanted = format!("{dialect} is not a language of robot hans-e05, whose specification has dialect = \"hans\"");
+        assert!(refused.contains(&wanted) && refused.contains("--force") && !out.exists(), "{refused}");
+    }
+    assert_eq!(written(folder.path(), &to_out), Ok(vec!["vantage.cps".to_owned()]));
+    for neutral in ["csv", "robodk"] {
+        written(folder.path(), &[&["--dialect", neutral][..], &to_out].concat()).expect("of no maker");
+    }
+}
+
+#[test]
+fn a_robot_of_unknown_make_takes_every_language_that_is_asked_for() {
+    let folder = tempfile::tempdir().expect("folder");
+    planned(folder.path(), 1.5);
+    let mut cell = Presets.cell("e05-transcan").expect("a preset");
+    let mut robot = Presets.robot("hans-e05").expect("a preset");
+    robot.dialect = None;
+    cell.robot = Named::Inline(Box::new(robot));
+    let file = folder.path().join("cell.json");
+    std::fs::write(&file, serde_json::to_string(&cell).expect("JSON")).expect("a file");
+    let (cell, out) = (file.display().to_string(), folder.path().join("robot").display().to_string());
+    let refused = written_in(&cell, folder.path(), &["--out", &out]).expect_err("which?");
+    assert!(refused.contains("robot hans-e05 has no `dialect`") && refused.contains("--dialect"), "{refused}");
+    let found = written_in(&cell, folder.path(), &["--dialect", "rapid", "--out", &out]).expect("any");
+    assert_eq!(found, ["vantage.mod"]);
+    let text = std::fs::read_to_string(Path::new(&out).join("vantage.mod")).expect("reads");
+    assert!(!text.contains("FORCED"), "{text}");
+}
+
+/// A plan without a cell was no reason to look at the program beside it.
+#[test]
+fn a_program_that_is_not_the_plans_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    let (plan, out) = (plan_without_cell(), folder.path().join("robot"));
+    std::fs::write(folder.path().join("plan.json"), &plan).expect("writes");
+    let args = ["--out", out.to_str().expect("a path")];
+    let program = folder.path().join("program.json");
+    for (named, reason) in [
+        ("00".repeat(32), format!("is made from plan {}, not from {}", "00".repeat(32), plan_sha256(&plan))),
+        (plan_sha256(&plan), "the plan has no cell, and so no program".to_owned()),
+    ] {
+        planned_from(folder.path(), &named, 1.5);
+        for from in [folder.path(), &program] {
+            let refused = written(from, &args).expect_err("not its program");
+            assert!(refused.contains(&reason) && refused.contains("plan again") && !out.exists(), "{refused}");
+        }
+    }
+}
+
+#[test]
+fn a_folder_without_the_plan_that_it_should_have_is_refused() {
+    let folder = tempfile::tempdir().expect("folder");
+    planned(folder.path(), 1.5);
+    let file = |name: &str| json!({"name": name, "sha256": "00", "written_by": "plan"});
+    let record = |complete: bool, files: Value| {
+        let record = json!({"schema": "vantage.output/1", "version": "0", "complete": complete, "files": files});
+        std::fs::write(folder.path().join(RECORD_FILE), record.to_string()).expect("writes");
+    };
+    let out = folder.path().join("robot").display().to_string();
+    record(true, json!([file("plan.json"), file("program.json")]));
+    let refused = written(folder.path(), &["--out", &out]).expect_err("its plan is gone");
+    assert!(refused.contains("plan.json is gone; plan again"), "{refused}");
+    record(false, json!([]));
+    let refused = written(folder.path(), &["--out", &out]).expect_err("half written");
+    assert!(refused.contains("holds only some of its files"), "{refused}");
 }

@@ -15,7 +15,7 @@ use crate::http::openapi::{BinaryFormat, JsonFormat, ListFormat, ProgramFormat, 
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::program::dialects::Dialect;
-use crate::service::plan_job::{REFUSED_FILE, program_stem};
+use crate::service::plan_job::{REFUSED_FILE, foreign_name, program_stem};
 use crate::service::{Error, ResultBody};
 use crate::wire::JobId;
 use crate::wire::candidates::{CANDIDATES_FILE, CandidateListing};
@@ -38,6 +38,8 @@ const fn representation(name: &'static str, media_type: &'static str, file: &'st
     Representation { name, media_type, file: Cow::Borrowed(file) }
 }
 
+/// Query parameter that chooses the language of a program.
+const DIALECT: &str = "dialect";
 const PLAN: [Representation; 1] = [representation("json", JSON, "plan.json")];
 /// Representations of a setup's program: neutral, then in every dialect, the table first. Their media types are not
 /// standardised; they keep `Accept: text/plain` from matching one of them.
@@ -73,13 +75,14 @@ async fn negotiated(
     offered: &[Representation],
 ) -> Result<Response, ApiError> {
     let asked = params.text(parameter);
+    let force = parameter == DIALECT && params.value::<bool>("force")?.unwrap_or(false);
     params.deny_unknown()?;
     let id = job_id(id)?;
     // The job is looked up before the representation is chosen: an unknown job is 404, whatever the representation.
     state.app.job_state(id).await?;
     let chosen = choose(headers, asked.as_deref(), offered)?;
     let file = match state.app.result(id, &chosen.file).await {
-        Err(Error::NoSuchResult { .. }) => return Err(absence(state, id, &chosen.file).await),
+        Err(Error::NoSuchResult { .. }) => foreign_program(state, id, &chosen.file, force).await?,
         found => found?,
     };
     respond(state, &file, headers, chosen.media_type).await
@@ -110,23 +113,38 @@ async fn respond(
     Ok(response)
 }
 
-/// The error for a missing result of a job that succeeded, with the reason if planning recorded one, as for dialects.
-async fn absence(state: &ApiState, id: JobId, name: &str) -> ApiError {
-    let refused = async {
-        let file = state.app.result(id, REFUSED_FILE).await.ok()?;
-        let bytes = file.read().await.ok()?;
-        serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
+/// A program in the language of another maker than the robot's, which `force` asks for all the same. Everything else that there
+/// is no result of is an error, with the reason if planning recorded one.
+async fn foreign_program(state: &ApiState, id: JobId, name: &str, force: bool) -> Result<ResultBody, ApiError> {
+    let found = match foreign_name(name) {
+        Some(foreign) => state.app.result(id, &foreign).await,
+        None => Err(Error::NoSuchResult { job: id, name: name.to_owned() }),
     };
-    match refused.await {
-        Some(reason) => ApiError::new(Code::ResultNotFound, format!("there is no {name}: {reason}")),
-        None => Error::NoSuchResult { job: id, name: name.to_owned() }.into(),
+    match found {
+        Ok(file) if force => Ok(file),
+        Ok(_) => {
+            let reason = reason(state, id, name).await.unwrap_or_else(|| format!("{name} is for another maker's robots"));
+            Err(ApiError::new(Code::ForeignDialect, format!("{reason}; force=true sends it with a warning in its header")))
+        }
+        Err(Error::NoSuchResult { .. }) => Err(match reason(state, id, name).await {
+            Some(reason) => ApiError::new(Code::ResultNotFound, format!("there is no {name}: {reason}")),
+            None => Error::NoSuchResult { job: id, name: name.to_owned() }.into(),
+        }),
+        Err(error) => Err(error.into()),
     }
+}
+
+/// Reason that planning recorded for the lack of a result, as for dialects.
+async fn reason(state: &ApiState, id: JobId, name: &str) -> Option<String> {
+    let file = state.app.result(id, REFUSED_FILE).await.ok()?;
+    let bytes = file.read().await.ok()?;
+    serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
 }
 
 macro_rules! result {
     (
         $(#[doc = $doc:literal])+
-        $name:ident, $id:literal, $path:literal, $offered:expr, $parameter:literal $choice:ident,
+        $name:ident, $id:literal, $path:literal, $offered:expr, $parameter:literal $choice:ident $([$($more:tt)+])?,
         $(($media:literal, $body:ty)),+
     ) => {
         $(#[doc = $doc])+
@@ -138,6 +156,7 @@ macro_rules! result {
             params(
                 ("id" = uuid::Uuid, Path, description = "Id of the job."),
                 ($parameter = inline(Option<$choice>), Query, description = "Format of the result; takes precedence over `Accept`."),
+                $($($more)+)?
             ),
             responses(
                 (status = 200, description = "The result; it never changes.", content($(($body = $media)),+),
@@ -165,23 +184,28 @@ result! {
     ///
     /// As neutral JSON, as a table, or in the language of a robot controller (see `params.dialects`). For KUKA there are two
     /// files, `krl` and `krl_dat`. If a language cannot express the program, the response is `result_not_found` with the
-    /// reason.
-    program, "get_program", "/jobs/{id}/program", programs(0), "dialect" ProgramFormat,
+    /// reason. If it is not the one that the robot's specification names (`dialect`), nor `csv` or `robodk`, the response is
+    /// `foreign_dialect`; with `force=true` it is the program, with a warning in its header.
+    program, "get_program", "/jobs/{id}/program", programs(0), "dialect" ProgramFormat
+    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
     ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the second setup
-    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), "dialect" ProgramFormat,
+    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), "dialect" ProgramFormat
+    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
     ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the third setup
-    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), "dialect" ProgramFormat,
+    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), "dialect" ProgramFormat
+    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
     ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the fourth setup
-    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), "dialect" ProgramFormat,
+    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), "dialect" ProgramFormat
+    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
     ("application/json", ProgramDocument)
 }
 result! {
@@ -251,7 +275,10 @@ pub(in crate::http) async fn file(
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
     let id = job_id(&id)?;
-    let file = state.app.result(id, &name).await?;
+    let file = match state.app.result(id, &name).await {
+        Err(Error::NoSuchResult { .. }) => foreign_program(&state, id, &name, false).await?,
+        found => found?,
+    };
     let media_type = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
         "json" => JSON,
         "csv" => CSV,

@@ -1,8 +1,10 @@
 //! Defaults that depend on the part, the scanner or the presence of a cell.
 
+use nalgebra::{Unit, UnitQuaternion, Vector3};
+
 use super::PlanInput;
 use crate::cell::PoseSpec;
-use crate::geometry::{Mesh, Part, Pose, Table};
+use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
 use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::surface;
 
@@ -12,7 +14,52 @@ use crate::planning::surface;
 pub fn resting(mesh: &Mesh) -> Pose<Table, Part> {
     let aabb = mesh.aabb();
     let centre = aabb.centre();
-    Pose::from_parts(-nalgebra::Vector3::new(centre.x, centre.y, aabb.min.z), nalgebra::UnitQuaternion::identity())
+    Pose::from_parts(-Vector3::new(centre.x, centre.y, aabb.min.z), UnitQuaternion::identity())
+}
+
+/// Direction of the part that points up as it stands on the plate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UpAxis(Vector3<f64>);
+
+impl UpAxis {
+    /// Names, with the direction of each in the part frame.
+    const NAMES: [(&str, [f64; 3]); 6] = [
+        ("x", [1.0, 0.0, 0.0]),
+        ("-x", [-1.0, 0.0, 0.0]),
+        ("y", [0.0, 1.0, 0.0]),
+        ("-y", [0.0, -1.0, 0.0]),
+        ("z", [0.0, 0.0, 1.0]),
+        ("-z", [0.0, 0.0, -1.0]),
+    ];
+}
+
+impl std::str::FromStr for UpAxis {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let plain = name.to_ascii_lowercase();
+        let plain = plain.strip_prefix('+').unwrap_or(&plain);
+        let found = Self::NAMES.into_iter().find(|(known, _)| *known == plain);
+        found
+            .map(|(_, direction)| Self(direction.into()))
+            .ok_or_else(|| format!("is {name:?}; allowed is one of {}", Self::NAMES.map(|(known, _)| known).join(", ")))
+    }
+}
+
+/// The part turned the shortest way so that this axis points up, placed as [`resting`] does.
+#[must_use]
+pub fn standing(mesh: &Mesh, up: UpAxis) -> Pose<Table, Part> {
+    standing_on(mesh, &-up.0)
+}
+
+/// The part turned the shortest way so that `down` points down; its lowest point on the plate, its box's centre on the axis.
+pub(in crate::planning) fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose<Table, Part> {
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let turn = UnitQuaternion::rotation_between_axis(&Unit::new_normalize(*down), &-Vector3::z_axis()).unwrap_or(half_turn);
+    let turned = mesh.vertices_mm.iter().map(|p| turn * p);
+    let aabb = turned.fold(Aabb::empty(), |aabb, p| aabb.with(&p));
+    let centre = aabb.centre();
+    Pose::from_parts(-Vector3::new(centre.x, centre.y, aabb.min.z), turn)
 }
 
 /// Fills in every default that depends on the part, the scanner or the presence of a cell.

@@ -5,8 +5,8 @@ mod defaults;
 mod input;
 mod placement;
 
-pub(super) use defaults::resolve;
-pub use defaults::resting;
+pub use defaults::{UpAxis, resting, standing};
+pub(super) use defaults::{resolve, standing_on};
 pub use input::PlanInput;
 pub(super) use placement::{check as check_placement, plate};
 

@@ -11,13 +11,13 @@
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 use super::candidates::{self, Scope};
 use super::context::{Context, NoPlan, PlanError};
 use super::params::{CandidateParams, Hemisphere, PlanParams, Registration};
 use super::registration::{SharedSurface, Stability, shared};
-use super::scene::{PlanInput, PlanningScene};
+use super::scene::{PlanInput, PlanningScene, standing_on};
 use super::surface::{self, Surface};
 use super::visibility::{self, Occluders, Optics, SampleSet};
 use crate::cell::Scanner;
@@ -131,16 +131,6 @@ pub(super) fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) 
         }
     }
     pool
-}
-
-/// The part turned the shortest way so that `down` points down; its lowest point on the plate, its box's centre on the axis.
-fn standing_on(mesh: &Mesh, down: &Vector3<f64>) -> Pose<Table, Part> {
-    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-    let turn = UnitQuaternion::rotation_between_axis(&Unit::new_normalize(*down), &-Vector3::z_axis()).unwrap_or(half_turn);
-    let turned = mesh.vertices_mm.iter().map(|p| turn * p);
-    let aabb = turned.fold(crate::geometry::Aabb::empty(), |aabb, p| aabb.with(&p));
-    let centre = aabb.centre();
-    Pose::from_parts(Translation3::new(-centre.x, -centre.y, -aabb.min.z).vector, turn)
 }
 
 /// Samples that can be measured from above the plate in each pose.

@@ -15,6 +15,30 @@ fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Pa
     poses(&input, &params, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// However a box is turned, it stands on the plate with its centre on the axis, and the axis asked for points up.
+#[test]
+fn the_axis_that_is_asked_for_points_up() {
+    let mesh = box_mesh([10.0, -5.0, 3.0], [70.0, 35.0, 33.0]);
+    for (name, up, height_mm) in [
+        ("x", Vector3::x(), 60.0),
+        ("-x", -Vector3::x(), 60.0),
+        ("y", Vector3::y(), 40.0),
+        ("-y", -Vector3::y(), 40.0),
+        ("z", Vector3::z(), 30.0),
+        ("-Z", -Vector3::z(), 30.0),
+    ] {
+        let pose = super::super::standing(&mesh, name.parse().expect("an axis"));
+        assert!((pose.direction(&up) - Vector3::z()).norm() < 1e-12, "{name}");
+        let placed = mesh.vertices_mm.iter().map(|p| pose.point(p));
+        let aabb = placed.fold(crate::geometry::Aabb::empty(), |aabb, p| aabb.with(&p));
+        assert!(aabb.min.z.abs() < 1e-9 && (aabb.max.z - height_mm).abs() < 1e-9, "{name}: {aabb:?}");
+        assert!(aabb.centre().xy().coords.norm() < 1e-9, "{name}: {aabb:?}");
+    }
+    assert_eq!(super::super::standing(&mesh, "+z".parse().expect("an axis")), super::super::resting(&mesh));
+    let refused = "down".parse::<super::super::UpAxis>().expect_err("no axis");
+    assert_eq!(refused, "is \"down\"; allowed is one of x, -x, y, -y, z, -z");
+}
+
 fn down(pose: &Pose<Table, Part>) -> Vector3<f64> {
     pose.inverse().direction(&-Vector3::z())
 }

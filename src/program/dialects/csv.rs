@@ -1,16 +1,16 @@
-//! The program as a table (RFC 4180): a via point, a target or an action a row, with where arm and table are then and where
-//! the scanner is in the robot's base. A move's time stands at its target. Angles at full precision, degrees; mm.
-//! Numbers and words of ours only: nothing in it could be read as a formula.
+//! The program as a table (RFC 4180): a via point, a target or an action a row, with where arm and table are then and where the
+//! scanner is in the robot's base. A move's time stands at its target. Angles at full precision, degrees; mm. The last column
+//! names the plan, since a table has no comments. Numbers and words of ours only: nothing in it could be read as a formula.
 
 use std::fmt::Write as _;
 
 use super::{DialectFacts, DialectFile, DialectOutput, Job};
-use crate::cell::{Cell, Configuration};
+use crate::cell::Configuration;
 use crate::program::Step;
 
 const HEADER: &str = "step,op,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,table_angle_deg,speed_fraction,secs,viewpoint,brightness,\
                       base_from_scanner_x_mm,base_from_scanner_y_mm,base_from_scanner_z_mm,\
-                      base_from_scanner_qx,base_from_scanner_qy,base_from_scanner_qz,base_from_scanner_qw";
+                      base_from_scanner_qx,base_from_scanner_qy,base_from_scanner_qz,base_from_scanner_qw,plan_sha256";
 
 /// A row.
 #[derive(Default)]
@@ -25,7 +25,6 @@ struct Row {
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "csv",
     outputs: &[DialectOutput { format: "csv", extension: "csv", media_type: "text/csv; charset=utf-8" }],
     has_table_axis: true,
     render: |job| Ok(render(job)),
@@ -35,7 +34,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
 fn render(job: &Job<'_>) -> Vec<DialectFile> {
     let mut text = format!("{HEADER}\r\n");
     let mut here = job.program.home_rad;
-    let mut write = |row: Row, at: &Configuration| row.write(&mut text, job.cell, at);
+    let mut write = |row: Row, at: &Configuration| row.write(&mut text, job, at);
     write(Row { op: "home", ..Row::default() }, &here);
     for (index, step) in job.program.steps.iter().enumerate() {
         let row = Row { step: Some(index), secs: Some(step.secs()), ..Row::default() };
@@ -58,9 +57,9 @@ fn render(job: &Job<'_>) -> Vec<DialectFile> {
 }
 
 impl Row {
-    fn write(&self, text: &mut String, cell: &Cell, at: &Configuration) {
+    fn write(&self, text: &mut String, job: &Job<'_>, at: &Configuration) {
         let angles = at.axes_rad().map(|angle| number(angle.to_degrees(), 1e9)).join(",");
-        let base_from_scanner = cell.base_from_scanner(&at.joints_rad);
+        let base_from_scanner = job.cell.base_from_scanner(&at.joints_rad);
         let base_from_scanner = base_from_scanner.isometry();
         let [x, y, z] = base_from_scanner.translation.vector.into();
         let q = base_from_scanner.rotation.coords;
@@ -69,8 +68,9 @@ impl Row {
         let turn = [q.x, q.y, q.z, q.w].map(|value| number(value * 1_f64.copysign(q.w), 1e9)).join(",");
         let (step, viewpoint, brightness) = (cell_of(self.step), cell_of(self.viewpoint), cell_of(self.brightness));
         let (speed, secs) = (cell_of(self.speed_fraction), cell_of(self.secs));
+        let plan = &job.program.plan_sha256;
         // Writing to a String cannot fail.
-        let _ = write!(text, "{step},{},{angles},{speed},{secs},{viewpoint},{brightness},{place},{turn}\r\n", self.op);
+        let _ = write!(text, "{step},{},{angles},{speed},{secs},{viewpoint},{brightness},{place},{turn},{plan}\r\n", self.op);
     }
 }
 

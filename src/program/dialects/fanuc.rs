@@ -22,7 +22,6 @@ const LATE: u32 = 99;
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "fanuc",
     outputs: &[DialectOutput { format: "fanuc", extension: "ls", media_type: "text/x-fanuc-ls; charset=utf-8" }],
     has_table_axis: true,
     render,

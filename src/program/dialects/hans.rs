@@ -27,7 +27,6 @@ const HOW_TO_SEND: [&str; 7] = [
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "hans",
     outputs: &[DialectOutput { format: "hans", extension: "cps", media_type: "text/x-hans-cps; charset=utf-8" }],
     has_table_axis: false,
     render,

@@ -15,9 +15,9 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
             "WARNING: checked in the model of the cell WITHOUT the part: what hits the part was not looked for."
         }
     };
-    let mut lines = vec![
-        format!("Vantage scan program. File name: {file}"),
-        format!("Plan SHA-256 {}", program.plan_sha256),
+    let mut lines = vec![format!("Vantage scan program. File name: {file}")];
+    lines.extend(origin(job));
+    lines.extend([
         format!("Setup {}, {views} scans, predicted cycle {:.1} s", program.setup + 1, program.cycle_secs),
         format!("Cell {}, robot {}, turntable {}", cell.name, cell.robot.name, cell.turntable.name),
         format!("Units: {units}"),
@@ -34,9 +34,19 @@ pub(super) fn paragraphs(job: &Job<'_>, file: &str, units: &str, table: &str, ex
             "Scan: output {} on for {} s starts it; input {} on ends it, after {} s the program stops.",
             job.params.scan_output, job.params.pulse_secs, job.params.scan_input, job.params.timeout_secs
         ),
-    ];
+    ]);
     lines.extend(extra.iter().map(|&line| line.to_owned()));
     lines.iter().map(|line| comment(line)).collect()
+}
+
+/// Plan that the program is made from, and a warning if the language is another maker's: what every file of a program says.
+pub(super) fn origin(job: &Job<'_>) -> Vec<String> {
+    let warning = job.foreign.map(|own| {
+        let robot = &job.cell.robot.name;
+        format!("WARNING: FORCED. Robot {robot} takes {own}, not this language: zeros and signs of its joints may be others.")
+    });
+    let lines = std::iter::once(format!("Plan SHA-256 {}", job.program.plan_sha256)).chain(warning);
+    lines.map(|line| comment(&line)).collect()
 }
 
 /// The paragraphs in lines of at most 100 characters, each behind `mark`.

@@ -3,7 +3,7 @@
 //! point; speeds and accelerations are whole percents of each axis. The table is an external axis. The first motion is to
 //! home, where the arm already stands: the controller wants its block coincidence there.
 
-use super::header::{commented, paragraphs};
+use super::header::{commented, origin, paragraphs};
 use super::names::{NameRule, identifier};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, points, scanning, toward};
@@ -79,7 +79,6 @@ const TIMER: u32 = 10;
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "krl",
     outputs: &[
         DialectOutput { format: "krl", extension: "src", media_type: "text/x-krl; charset=utf-8" },
         DialectOutput { format: "krl_dat", extension: "dat", media_type: "text/x-krl-dat; charset=utf-8" },
@@ -102,6 +101,7 @@ fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
     src.extend(scan(job).lines().map(str::to_owned));
     let mut dat = access.to_vec();
     dat.push(format!("DEFDAT {name}"));
+    dat.extend(commented(&origin(job), ";"));
     dat.extend(points(job.program, &job.actions).iter().enumerate().map(|(index, point)| {
         let [j1, j2, j3, j4, j5, j6, table] = angles(point, &job.axes, DEGREE, 4);
         let axis = job.params.table_axis;

@@ -1,5 +1,6 @@
 //! Programs in the languages of robot controllers. Motion is the program's, point by point with a stop at each, since that
-//! is what was checked; a dialect adds nothing but the words. Only a [`CheckedProgram`] can be rendered.
+//! is what was checked; a dialect adds nothing but the words. Only a [`CheckedProgram`] can be rendered, in the language that
+//! the robot's specification names or in a neutral one; any other has to be forced, and its header then warns.
 //!
 //! Angles are degrees here where the language's are. The table is an external axis where the language has one (RAPID, KRL,
 //! FANUC, RoboDK); Han's and URScript call for it by name, and get the interlocked program, in which it never moves with
@@ -18,7 +19,8 @@ mod urscript;
 mod walk;
 
 use super::{Expected, Finding, Program, Together, check, interlock};
-use crate::cell::{Axes, Cell, CollisionScene, did_you_mean};
+pub use crate::cell::Dialect;
+use crate::cell::{Axes, Cell, CollisionScene};
 use crate::planning::params::DialectParams;
 
 /// A file of a dialect, as interfaces name it.
@@ -34,8 +36,6 @@ pub struct DialectOutput {
 
 /// Facts of a dialect; each stands in the dialect's own file.
 struct DialectFacts {
-    /// Name in interfaces.
-    name: &'static str,
     /// Files, in the order rendered.
     outputs: &'static [DialectOutput],
     /// True if its controllers move the table with the arm.
@@ -43,67 +43,23 @@ struct DialectFacts {
     render: fn(&Job<'_>) -> Result<Vec<DialectFile>, DialectError>,
 }
 
-/// Declares [`Dialect`]: a row a dialect, with the module that holds it.
-macro_rules! dialects {
-    ($($(#[$meta:meta])* $dialect:ident: $module:ident,)*) => {
-        /// A language of robot controllers.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-        pub enum Dialect {
-            $($(#[$meta])* $dialect,)*
-        }
-
-        impl Dialect {
-            /// Every dialect, in order.
-            pub const ALL: [Self; [$(stringify!($dialect)),*].len()] = [$(Self::$dialect),*];
-
-            fn facts(self) -> &'static DialectFacts {
-                match self {
-                    $(Self::$dialect => &$module::FACTS,)*
-                }
-            }
-        }
-    };
-}
-
-dialects! {
-    /// Commands of Han's CPS interface, one a line.
-    Hans: hans,
-    /// Universal Robots URScript.
-    UrScript: urscript,
-    /// ABB RAPID.
-    Rapid: rapid,
-    /// KUKA KRL, two files.
-    Krl: krl,
-    /// FANUC TP, ASCII.
-    Fanuc: fanuc,
-    /// Python for RoboDK.
-    RoboDk: robodk,
-    /// A table of joints and poses.
-    Csv: csv,
-}
-
 impl Dialect {
-    /// Name in interfaces.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        self.facts().name
+    fn facts(self) -> &'static DialectFacts {
+        match self {
+            Self::Hans => &hans::FACTS,
+            Self::Urscript => &urscript::FACTS,
+            Self::Rapid => &rapid::FACTS,
+            Self::Krl => &krl::FACTS,
+            Self::Fanuc => &fanuc::FACTS,
+            Self::Robodk => &robodk::FACTS,
+            Self::Csv => &csv::FACTS,
+        }
     }
 
     /// Files, in the order rendered.
     #[must_use]
     pub fn outputs(self) -> &'static [DialectOutput] {
         self.facts().outputs
-    }
-}
-
-impl std::str::FromStr for Dialect {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|dialect| dialect.as_str() == name).ok_or_else(|| {
-            let known = Self::ALL.map(Self::as_str);
-            format!("unknown dialect {name:?}; known are {}{}", known.join(", "), did_you_mean(name, known))
-        })
     }
 }
 
@@ -119,6 +75,16 @@ pub struct DialectFile {
 /// Reason why a program cannot be rendered in a dialect.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DialectError {
+    /// The language of another maker.
+    #[error("{dialect} is not a language of robot {robot}, whose specification has dialect = \"{own}\"")]
+    Foreign {
+        /// Name of the dialect.
+        dialect: &'static str,
+        /// Name of the robot.
+        robot: String,
+        /// Name of the robot's own dialect.
+        own: &'static str,
+    },
     /// No such signal.
     #[error("dialects.{parameter} is {number}; {dialect} has {lowest} to {highest}")]
     Signal {
@@ -192,11 +158,25 @@ impl<'a> CheckedProgram<'a> {
         Ok(Self { program, interlocked, cell, checked_with })
     }
 
-    /// The program in a dialect: one file for each of its extensions. `params` are taken as checked.
+    /// The program in a dialect that the robot takes: one file for each of its extensions. `params` are taken as checked.
     ///
     /// # Errors
     /// [`DialectError`].
     pub fn render(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
+        match self.own_instead_of(dialect) {
+            None => self.render_forced(dialect, params),
+            Some(own) => {
+                let robot = self.cell.robot.name.clone();
+                Err(DialectError::Foreign { dialect: dialect.as_str(), robot, own: own.as_str() })
+            }
+        }
+    }
+
+    /// The program in any dialect. If it is another maker's, the header warns.
+    ///
+    /// # Errors
+    /// [`DialectError`], but not [`DialectError::Foreign`].
+    pub fn render_forced(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
         let program =
             if dialect.facts().has_table_axis { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
         if program.passes_points() {
@@ -209,8 +189,15 @@ impl<'a> CheckedProgram<'a> {
             axes: self.cell.axes(),
             params,
             checked_with: self.checked_with,
+            foreign: self.own_instead_of(dialect).map(Dialect::as_str),
         };
         (dialect.facts().render)(&job)
+    }
+
+    /// The robot's own dialect, if it does not take `dialect`.
+    fn own_instead_of(&self, dialect: Dialect) -> Option<Dialect> {
+        let robot = &self.cell.robot;
+        robot.dialect.filter(|_| !robot.takes(dialect))
     }
 }
 
@@ -222,6 +209,8 @@ struct Job<'a> {
     axes: Axes,
     params: &'a DialectParams,
     checked_with: CheckedWith,
+    /// Name of the robot's own dialect, if it does not take the one rendered.
+    foreign: Option<&'static str>,
 }
 
 impl Job<'_> {

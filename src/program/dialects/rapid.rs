@@ -75,7 +75,6 @@ const ABSENT: &str = "9E9";
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "rapid",
     outputs: &[DialectOutput { format: "rapid", extension: "mod", media_type: "text/x-rapid; charset=utf-8" }],
     has_table_axis: true,
     render: |job| Ok(render(job)),

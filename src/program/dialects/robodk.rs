@@ -14,7 +14,6 @@ const NAME: NameRule = NameRule { longest: 64, reserved: &[] };
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "robodk",
     outputs: &[DialectOutput { format: "robodk", extension: "py", media_type: "text/x-python; charset=utf-8" }],
     has_table_axis: true,
     render: |job| Ok(render(job)),

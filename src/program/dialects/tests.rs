@@ -1,14 +1,17 @@
 use super::names::{NameRule, comment, identifier, wrap};
 use super::numbers::{DEGREE, angles, fixed};
 use super::walk::{Action, actions};
-use super::{CheckedProgram, CheckedWith, Dialect, DialectError};
-use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
+use super::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
+use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecKind, SpecLibrary};
 use crate::planning::params::DialectParams;
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, Step};
 
+/// The default cell, with a robot whose language is not known: it takes them all.
 fn cell() -> Cell {
-    Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds")
+    let mut cell = Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds");
+    cell.robot.dialect = None;
+    cell
 }
 
 /// A short tour about home: table alone, arm alone, both.
@@ -129,7 +132,7 @@ fn signals_that_a_controller_lacks_are_refused() {
     let program = program(&cell);
     let refused = |dialect, params: DialectParams| rendered(&program, &cell, dialect, &params).expect_err("refused").to_string();
     let far = DialectParams { scan_output: 8, ..DialectParams::default() };
-    assert_eq!(refused(Dialect::UrScript, far.clone()), "dialects.scan_output is 8; urscript has 0 to 7");
+    assert_eq!(refused(Dialect::Urscript, far.clone()), "dialects.scan_output is 8; urscript has 0 to 7");
     assert!(rendered(&program, &cell, Dialect::Krl, &far).is_ok());
     let none = DialectParams { scan_input: 0, ..DialectParams::default() };
     assert_eq!(refused(Dialect::Krl, none), "dialects.scan_input is 0; krl has 1 to 4096");
@@ -189,6 +192,62 @@ fn hostile_names_stay_comments_and_strings() {
 }
 
 #[test]
+fn a_robot_gets_its_makers_language_and_neutral_ones_and_others_by_force_with_a_warning() {
+    let mut cell = cell();
+    let scene = CollisionScene::without_part(&cell, 5.0);
+    let program = program(&cell);
+    for (own, robot) in [
+        (Dialect::Hans, "hans-e05"),
+        (Dialect::Rapid, "abb-irb1600-6-12"),
+        (Dialect::Krl, "kuka-kr6-r700"),
+        (Dialect::Fanuc, "fanuc-m20ia"),
+        (Dialect::Urscript, "ur5e"),
+        (Dialect::Robodk, "staubli-tx2-60"),
+    ] {
+        cell.robot.dialect = Presets.robot(robot).expect("a preset").dialect;
+        assert_eq!(cell.robot.dialect, Some(own), "{robot}");
+        let checked = CheckedProgram::new(&program, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+        for dialect in Dialect::ALL {
+            let takes = dialect == own || dialect.is_neutral();
+            let rendered = checked.render(dialect, &DialectParams::default());
+            let forced = checked.render_forced(dialect, &DialectParams::default()).expect("renders");
+            let warns = |file: &DialectFile| file.text.contains("WARNING: FORCED");
+            assert_eq!(takes, !forced.iter().any(warns), "{robot}, {dialect:?}");
+            assert_eq!(takes, !forced.iter().all(warns), "every file of it warns: {robot}, {dialect:?}");
+            match rendered {
+                Ok(files) => assert!(takes && files == forced, "{robot}, {dialect:?}"),
+                Err(error) => {
+                    let (dialect, own) = (dialect.as_str(), own.as_str());
+                    let wanted =
+                        format!("{dialect} is not a language of robot hans-e05, whose specification has dialect = \"{own}\"");
+                    assert!(!takes && error.to_string() == wanted, "{error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_preset_names_its_language() {
+    for name in Presets.names(SpecKind::Robot) {
+        assert!(Presets.robot(&name).expect("a preset").dialect.is_some(), "{name}");
+    }
+}
+
+#[test]
+fn every_file_names_its_plan() {
+    let cell = cell();
+    let program = program(&cell);
+    let (first, last) = program.plan_sha256.split_at(32);
+    for dialect in Dialect::ALL {
+        // FANUC has 32 characters a remark.
+        for text in rendered(&program, &cell, dialect, &DialectParams::default()).expect("renders") {
+            assert!(text.contains(first) && text.matches(last).count() > 0, "{dialect:?}: {text}");
+        }
+    }
+}
+
+#[test]
 fn dialects_are_found_by_name() {
     for dialect in Dialect::ALL {
         assert_eq!(dialect.as_str().parse(), Ok(dialect));
@@ -205,9 +264,10 @@ fn the_table_has_a_row_a_point_and_action() {
     let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
     let ops: Vec<_> = rows.iter().map(|row| row[1]).collect();
     assert_eq!(ops, ["op", "home", "via", "via", "move_joints", "settle", "scan", "move_joints"]);
-    assert!(rows.iter().all(|row| row.len() == 20));
+    assert!(rows.iter().all(|row| row.len() == 21));
+    assert!(rows[1..].iter().all(|row| row[20] == program.plan_sha256), "{text}");
     // At the scan arm and table stand where the move ended, and so does the scanner.
-    assert_eq!((&rows[6][2..9], &rows[6][13..]), (&rows[4][2..9], &rows[4][13..]));
+    assert_eq!((&rows[6][2..9], &rows[6][13..20]), (&rows[4][2..9], &rows[4][13..20]));
     assert_eq!(rows[6][11..13], ["7", "5"]);
     let number = |row: usize, column: usize| rows[row][column].parse::<f64>().expect("number");
     let (joint_deg, table_deg) = (cell.home_rad.joints_rad[0].to_degrees(), cell.home_rad.table_rad.to_degrees());

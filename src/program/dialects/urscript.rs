@@ -17,7 +17,6 @@ const NAME: NameRule = NameRule { longest: 32, reserved: &[] };
 
 /// Facts of the dialect.
 pub(super) const FACTS: DialectFacts = DialectFacts {
-    name: "urscript",
     outputs: &[DialectOutput { format: "urscript", extension: "script", media_type: "text/x-urscript; charset=utf-8" }],
     has_table_axis: false,
     render,
@@ -25,7 +24,7 @@ pub(super) const FACTS: DialectFacts = DialectFacts {
 
 /// The script.
 fn render(job: &Job<'_>) -> Result<Vec<DialectFile>, DialectError> {
-    job.check_signals(Dialect::UrScript, 0, LAST_SIGNAL)?;
+    job.check_signals(Dialect::Urscript, 0, LAST_SIGNAL)?;
     let name = identifier(&job.params.program_name, job.program.setup, &NAME);
     let table = "FILL IN vantage_table below; until then the program stops there. Arm and table never move together.";
     let units = "rad, rad/s, rad/s2, s; table angles deg.";

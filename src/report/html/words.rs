@@ -1,9 +1,9 @@
 //! Plain words for causes, stop rules and grades, filled with the values of the scanner and the job.
 
-use super::markup::{escape, number, percent};
+use super::markup::{escape, number};
 use crate::cell::{OpticalDevice, Scanner};
-use crate::planning::params::{LimitParams, PlanParams, TargetOf};
-use crate::planning::plan::{Cause, Remedy, RemedyKind, StopReason};
+use crate::planning::params::{LimitParams, PlanParams};
+use crate::planning::plan::{Cause, Remedy, RemedyKind};
 use crate::planning::verdict::Rejection;
 use crate::wire::words::{partial_percent, remedy_sentence};
 
@@ -124,36 +124,4 @@ pub(super) fn remedy(remedy: &Remedy) -> String {
         None => kind.to_owned(),
     };
     format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy_sentence(remedy)))
-}
-
-/// Explains the rule that ended the selection of views.
-pub(super) fn stop(reason: StopReason, params: &PlanParams) -> String {
-    let rules = &params.selection;
-    match reason {
-        StopReason::Target => {
-            let whole = match rules.target_of {
-                TargetOf::Coverable => "coverable area",
-                TargetOf::Asked => "asked area",
-                TargetOf::Total => "whole surface",
-            };
-            format!("The target was reached: {} of the {whole}.", percent(rules.target))
-        }
-        StopReason::Growth => {
-            format!("The next best view would have added less than {} of the asked area.", percent(rules.min_growth))
-        }
-        StopReason::MaxViews => match rules.max_views {
-            Some(limit) => format!("The limit of {limit} views was reached."),
-            None => "The limit of views was reached.".into(),
-        },
-        StopReason::NoGain => "No further view would have added anything worth its cost.".into(),
-        StopReason::NoPath => {
-            "The target was reached only on the area of the views with a collision-free path; no path to the others was found."
-                .into()
-        }
-        StopReason::RegionsUnmet => {
-            "The target of the plan was reached, or nothing more could be gained, but a region or feature does not reach its own \
-             target: see Regions and features."
-                .into()
-        }
-    }
 }

@@ -32,13 +32,13 @@ fn a_file_that_would_be_too_large_is_refused_with_what_to_change() {
     let ctx = Context::new(&flag, &Silent);
     let outcome = plan(&input, &params, &ctx).expect("a plan");
     let table = outcome.candidates.as_ref().expect("asked for");
-    let whole = write(&outcome, table, &mesh, MAX_LISTING_BYTES, &ctx).expect("small");
-    assert_eq!(file_bytes(&outcome, &mesh, &ctx), Some(Ok(whole.clone())));
-    let given_up = file_bytes(&outcome, &mesh, &Context::new(&cancelled, &Silent));
+    let whole = write(&outcome, table, &mesh, "", MAX_LISTING_BYTES, &ctx).expect("small");
+    assert_eq!(file_bytes(&outcome, &mesh, "", &ctx), Some(Ok(whole.clone())));
+    let given_up = file_bytes(&outcome, &mesh, "", &Context::new(&cancelled, &Silent));
     assert_eq!(given_up, Some(Err(ListingError::Cancelled(Cancelled))));
     assert_eq!(whole.iter().filter(|byte| **byte == b'\n').count(), table.entries.len() + 2, "a candidate a line");
     for max_bytes in [10, whole.len() / 2] {
-        let refused = write(&outcome, table, &mesh, max_bytes, &ctx).expect_err("too large").to_string();
+        let refused = write(&outcome, table, &mesh, "", max_bytes, &ctx).expect_err("too large").to_string();
         assert!(refused.contains("would be larger") && refused.contains("part.samples_per_mm2"), "{refused}");
     }
 }

@@ -49,7 +49,7 @@ fn the_log_has_the_benchmarks_fields_and_its_counts_add_up() {
     let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let outcome = plan(&input, &params, &Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
     let seconds = BTreeMap::from([("visibility", 1.5), ("selection", 0.25)]);
-    let log = OvpDocument::new(&outcome, &mesh, &scanner, "part.stl", &seconds, "2020-01-02T03:04:05Z".into());
+    let log = OvpDocument::new(&outcome, &mesh, &scanner, "part.stl", "ab", &seconds, "2020-01-02T03:04:05Z".into());
     let json = serde_json::to_value(&log).expect("JSON");
     for (pointer, is_kind) in FIELDS {
         assert!(json.pointer(pointer).is_some_and(is_kind), "{pointer}: {:?}", json.pointer(pointer));

@@ -63,6 +63,7 @@ fn planner() -> Planner {
             Some("bad_input") => input.mesh.read("/mesh_id", 1, &|| false).map(drop)?,
             Some("wait") => wait_for_cancel(ctx)?,
             Some("regions") => return Ok(vec![coverage_of_regions()]),
+            Some("foreign") => return Ok(programs_for_an_arm_of_hans()),
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
                 return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);
@@ -79,6 +80,19 @@ fn no_plan() -> JobError {
     let report =
         ["report.html", "report.txt"].map(|name| Artifact { name: name.into(), bytes: format!("no {name}").into_bytes() });
     JobError::NoPlan { reasons: "nothing is in reach".into(), report: report.into() }
+}
+
+/// A program in the robot's own language, and one in another maker's.
+fn programs_for_an_arm_of_hans() -> Vec<Artifact> {
+    let reason = "rapid is not a language of robot hans-e05, whose specification has dialect = \"hans\"";
+    [
+        ("program.json", "{}".to_owned()),
+        ("program.cps", "# own".to_owned()),
+        ("program.foreign.mod", "! WARNING: FORCED".to_owned()),
+        ("refused.json", json!({ "program.mod": reason }).to_string()),
+    ]
+    .map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() })
+    .into()
 }
 
 /// `coverage.json` of a plan that misses one of its two regions.

@@ -1,12 +1,13 @@
 //! Checks on request: what `vantage check` finds, found by the server too.
 
+use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 use vantage::cell::{Presets, SpecKind, SpecLibrary};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
-use vantage::service::plan_job::PlanJob;
+use vantage::service::plan_job::{Artifact, PlanJob};
 use vantage::wire::echo::Echo;
 
 use super::api::Api;
@@ -87,6 +88,19 @@ async fn a_program_is_recomputed_from_itself() {
     let sound = json!({"document": program, "cell": "e05-transcan", "plan": plan});
     let report = api.post_json("/api/v1/check", &sound).await.ok(200);
     assert_eq!((&report["kind"], &report["sound"]), (&json!("program"), &json!(true)), "{report}");
+    for (pointer, value) in [("/cell", json!(null)), ("/part_number", json!("another")), ("/version", json!("another"))] {
+        let mut other = sound.clone();
+        match pointer {
+            "/part_number" => drop(other["plan"].as_object_mut().expect("a plan").insert("part_number".into(), value)),
+            _ => *other["plan"].pointer_mut(pointer).expect("is there") = value,
+        }
+        for cell in [json!("e05-transcan"), json!(null)] {
+            other["cell"] = cell;
+            let report = api.post_json("/api/v1/check", &other).await.ok(200);
+            let told = report["findings"][0]["detail"].as_str().unwrap_or_default();
+            assert!(report["sound"] == false && told.contains("is made from plan"), "with another {pointer}: {report}");
+        }
+    }
     let mut bent = sound.clone();
     let steps = bent["document"]["steps"].as_array_mut().expect("steps");
     steps.remove(0);
@@ -115,6 +129,18 @@ fn planned() -> (Value, Value) {
         date: None,
     };
     let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
+    let names: BTreeSet<&str> = files.iter().map(|file| &*file.name).collect();
+    let own = ["program.cps", "program.py", "program.csv"];
+    let others = ["program.mod", "program.src", "program.dat", "program.ls", "program.script"];
+    for name in own.map(str::to_owned).into_iter().chain(others.map(|name| name.replace("program.", "program.foreign."))) {
+        let text = |file: &Artifact| String::from_utf8_lossy(&file.bytes).into_owned();
+        let text = files.iter().find(|file| file.name == name).map(text).unwrap_or_else(|| panic!("{name} of {names:?}"));
+        assert_eq!(text.contains("WARNING: FORCED"), name.contains("foreign"), "{name}");
+    }
+    assert!(
+        others.iter().all(|name| !names.contains(name)),
+        "under their own names they would be taken for the robot's: {names:?}"
+    );
     let file = |name: &str| {
         let file = files.iter().find(|file| file.name == name).expect("a file");
         serde_json::from_slice(&file.bytes).expect("JSON")

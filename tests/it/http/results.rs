@@ -103,6 +103,34 @@ async fn a_dialect_that_cannot_say_a_program_says_why() {
     assert!(problem["detail"].as_str().expect("text").ends_with("has no program.mod"), "{problem}");
 }
 
+/// RAPID for a Han's arm was sent without a word.
+#[tokio::test]
+async fn a_program_in_another_makers_language_has_to_be_forced() {
+    let api = Api::start().await;
+    let job = api.job("foreign").await;
+    api.ended(&job).await;
+    let path = |rest: &str| format!("/api/v1/jobs/{job}/{rest}");
+    assert_eq!(api.get(&path("program?dialect=hans")).await.text(), "# own");
+    let accepts = [("accept", "text/x-rapid")];
+    for answer in [
+        api.get(&path("program?dialect=rapid")).await,
+        api.get(&path("program?dialect=rapid&force=false")).await,
+        api.send("GET", &path("program"), &accepts, "").await,
+        api.get(&path("files/program.mod")).await,
+    ] {
+        let problem = answer.problem("foreign_dialect");
+        let detail = problem["detail"].as_str().expect("text");
+        assert!(detail.contains("hans-e05") && detail.contains("\"hans\"") && detail.contains("force=true"), "{detail}");
+    }
+    let forced = api.get(&path("program?dialect=rapid&force=true")).await;
+    assert_eq!((forced.status.as_u16(), forced.header("content-type")), (200, "text/x-rapid; charset=utf-8"));
+    assert!(forced.text().contains("WARNING: FORCED"), "{}", forced.text());
+    assert_eq!(api.get(&path("program?dialect=hans&force=true")).await.text(), "# own");
+    api.get(&path("program?dialect=krl&force=true")).await.problem("result_not_found");
+    api.get(&path("program?dialect=rapid&force=maybe")).await.problem_at("bad_query", &["force"]);
+    api.get(&path("plan?force=true")).await.problem_at("bad_query", &["force"]);
+}
+
 #[tokio::test]
 async fn there_are_no_results_before_the_end_nor_after_a_bad_one() {
     let api = Api::start().await;

@@ -1,0 +1,47 @@
+//! Values of `--set`: JSON, else a string; `@FILE` stands for the content of a file.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::files;
+
+/// The value of a parameter `key`.
+///
+/// # Errors
+/// The reason why the file that it names cannot be used.
+pub(super) fn parse(key: &str, text: &str) -> Result<Value, String> {
+    match text.strip_prefix('@') {
+        Some(path) => of_file(key, Path::new(path)),
+        None => Ok(json_or_text(text)),
+    }
+}
+
+/// The content of a file: by its extension JSON or TOML, else JSON if it is that, else a text without its last line end. A TOML
+/// file is always a table; if all that it has is a field named like the parameter, its value is meant.
+fn of_file(key: &str, path: &Path) -> Result<Value, String> {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    if extension.as_deref() == Some("toml") {
+        return files::value(path).map(|table| unwrapped(key, table)).map_err(|error| error.to_string());
+    }
+    let refuse = |error: String| format!("{}: {error}", path.display());
+    let text = std::fs::read_to_string(path).map_err(|error| refuse(error.to_string()))?;
+    match extension.as_deref() {
+        Some("json") => serde_json::from_str(&text).map_err(|error| refuse(error.to_string())),
+        _ => Ok(json_or_text(text.strip_suffix('\n').map_or(&*text, |line| line.strip_suffix('\r').unwrap_or(line)))),
+    }
+}
+
+fn json_or_text(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|_| Value::String(text.to_owned()))
+}
+
+/// The value in a table that has nothing but a field named like the last word of `key`.
+fn unwrapped(key: &str, mut table: Value) -> Value {
+    let name = key.rsplit('.').next().unwrap_or(key);
+    let only = table.as_object_mut().filter(|fields| fields.len() == 1).and_then(|fields| fields.remove(name));
+    only.unwrap_or(table)
+}
+
+#[cfg(test)]
+mod tests;
