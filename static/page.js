@@ -1,6 +1,7 @@
 // The page: lists jobs as they change, uploads a part and starts a job with the defaults, links results.
 
-const api = "/api/v1";
+// Relative to the page, so that it works below any path.
+const api = new URL("api/v1", document.baseURI).pathname;
 const byId = (id) => document.getElementById(id);
 const jobs = new Map();
 const meshNames = new Map();

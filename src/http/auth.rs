@@ -4,7 +4,8 @@
 //! A browser cannot put a header on a link or an event stream, and a page that stores the key exposes it to every script.
 //! So the dashboard exchanges the key for a session, whose cookie no script can read and no other site's page sends along
 //! (`HttpOnly`, `SameSite=Strict`). A request that only reads needs the cookie alone. One that changes something also needs
-//! the header `X-Vantage-Session`: a page of another origin cannot send it without our consent (CORS), which we never give.
+//! the header `X-Vantage-Session`: a page of another origin cannot send it without our consent (CORS), which we never give, not
+//! even to the origins in `server.cors_origins`: their pages send the key.
 
 use std::fmt;
 use std::time::Instant;
@@ -100,12 +101,18 @@ fn is_change(method: &Method) -> bool {
     !matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS)
 }
 
-/// Refuses a change that another site's page makes a browser send: without a key, reaching the port is all it takes.
-pub(super) async fn refuse_cross_site(request: Request, next: Next) -> Response {
-    if is_change(request.method()) && is_cross_site(request.headers()) {
+/// Refuses a change that another site's page makes a browser send: without a key, reaching the port is all it takes. Pages of the
+/// origins in `server.cors_origins` may.
+pub(super) async fn refuse_cross_site(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+    if is_change(request.method()) && is_cross_site(request.headers()) && !is_admitted(request.headers(), &state) {
         return ApiError::new(Code::CrossSite, "the request was sent by another site's page").into_response();
     }
     next.run(request).await
+}
+
+/// True if the request comes from a page of an origin in `server.cors_origins`.
+fn is_admitted(headers: &HeaderMap, state: &ApiState) -> bool {
+    header_text(headers, &ORIGIN).is_some_and(|origin| state.options.cors_origins.iter().any(|admitted| admitted == origin))
 }
 
 fn is_cross_site(headers: &HeaderMap) -> bool {

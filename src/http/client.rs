@@ -25,11 +25,12 @@ pub(super) struct Client {
 
 const FORWARDED_FOR: HeaderName = HeaderName::from_static("x-forwarded-for");
 const FORWARDED_PROTO: HeaderName = HeaderName::from_static("x-forwarded-proto");
+const FORWARDED_PREFIX: HeaderName = HeaderName::from_static("x-forwarded-prefix");
 
 impl Client {
     /// Determines the client of a request. Requests without a connection, as in tests, share one client.
     pub(super) fn from_parts(parts: &Parts, trusted_proxies: &[IpAddr]) -> Self {
-        let peer = parts.extensions.get::<Peer>().map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0);
+        let peer = peer(parts);
         if !trusted_proxies.contains(&peer) {
             return Self { address: peer, is_https: false };
         }
@@ -44,6 +45,17 @@ impl FromRequestParts<ApiState> for Client {
     async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, Infallible> {
         Ok(Self::from_parts(parts, &state.options.trusted_proxies))
     }
+}
+
+/// Address at the other end of a request's connection; unspecified without a connection, as in tests.
+fn peer(parts: &Parts) -> IpAddr {
+    parts.extensions.get::<Peer>().map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |peer| peer.0)
+}
+
+/// Entries of `X-Forwarded-Prefix`; none unless a trusted proxy sent them.
+pub(super) fn forwarded_prefixes<'a>(parts: &'a Parts, trusted_proxies: &[IpAddr]) -> impl Iterator<Item = &'a str> + use<'a> {
+    let is_trusted = trusted_proxies.contains(&peer(parts));
+    entries(&parts.headers, &FORWARDED_PREFIX).filter(move |_| is_trusted)
 }
 
 /// The last address in `X-Forwarded-For` that is not a trusted proxy. Each proxy appends the address it was asked by, so

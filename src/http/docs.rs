@@ -1,5 +1,7 @@
-//! Documentation for API users: Swagger UI, embedded in the binary, and the list of problems.
+//! Documentation for API users: Swagger UI, embedded in the binary, and the pages of problems. Every link is relative, so that
+//! all of it works below a path prefix too.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
@@ -7,9 +9,13 @@ use axum::extract::Path;
 use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Redirect, Response};
+use serde_json::{Value, json};
 use utoipa_swagger_ui::Config;
 
+use super::negotiate::{Representation, choose};
+use super::prefix::Prefix;
 use super::problem::{ApiError, Code};
+use super::problem_pages;
 use super::static_response::StaticResponse;
 
 /// Content security policy of Swagger UI, whose scripts set styles and whose images are `data:` URLs.
@@ -19,7 +25,7 @@ const UI_POLICY: HeaderValue = HeaderValue::from_static(
 
 /// Redirects to the documentation's folder, so that its relative links resolve.
 pub(super) async fn redirect() -> Redirect {
-    Redirect::permanent("/docs/")
+    Redirect::permanent("docs/")
 }
 
 /// Start page of the documentation.
@@ -30,16 +36,46 @@ pub(super) async fn index(headers: HeaderMap) -> Result<Response, ApiError> {
 /// A file of the documentation. The OpenAPI document is served here too, since the one under `/api` may need the key.
 pub(super) async fn file(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {
     if name == "openapi.json" {
-        return Ok(DOCUMENT.respond(&headers));
+        return Ok(DOCUMENT_OF_UI.respond(&headers));
     }
     ui(&name, &headers)
 }
 
-/// The OpenAPI document.
-pub(super) static DOCUMENT: LazyLock<StaticResponse> = LazyLock::new(|| {
+/// The OpenAPI document for clients that reach the server below `prefix`.
+pub(super) fn document(prefix: &Prefix, headers: &HeaderMap) -> Response {
+    let path = prefix.at("");
+    if path.is_empty() {
+        return DOCUMENT.respond(headers);
+    }
+    let mut made = LAST_BELOW.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*made {
+        Some((known, document)) if *known == path => document.respond(headers),
+        _ => {
+            let document = document_with(Some(&path));
+            let response = document.respond(headers);
+            *made = Some((path, document));
+            response
+        }
+    }
+}
+
+/// The document for the prefix that was asked for last: there is hardly ever more than one.
+static LAST_BELOW: Mutex<Option<(String, StaticResponse)>> = Mutex::new(None);
+
+static DOCUMENT: LazyLock<StaticResponse> = LazyLock::new(|| document_with(None));
+
+/// The document in the folder of Swagger UI, which takes the server's address to be relative to that of the document.
+static DOCUMENT_OF_UI: LazyLock<StaticResponse> = LazyLock::new(|| document_with(Some("../")));
+
+/// The OpenAPI document, with the address of the server if it is not the root.
+fn document_with(server: Option<&str>) -> StaticResponse {
     // Serialising strings, numbers and maps with string keys cannot fail.
-    StaticResponse::new(serde_json::to_vec(&super::openapi()).unwrap_or_default(), "application/json".to_owned())
-});
+    let mut document = serde_json::to_value(super::openapi()).unwrap_or_default();
+    if let (Value::Object(fields), Some(url)) = (&mut document, server) {
+        fields.insert("servers".to_owned(), json!([{ "url": url }]));
+    }
+    StaticResponse::new(serde_json::to_vec(&document).unwrap_or_default(), "application/json".to_owned())
+}
 
 /// Cache of the Swagger UI files requested so far.
 static UI: LazyLock<Mutex<BTreeMap<String, Arc<StaticResponse>>>> = LazyLock::new(Mutex::default);
@@ -49,7 +85,7 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     let file = match cached {
         Some(file) => file,
         None => {
-            let config = Arc::new(Config::from("/docs/openapi.json").try_it_out_enabled(true).persist_authorization(true));
+            let config = Arc::new(Config::from("openapi.json").try_it_out_enabled(true).persist_authorization(true));
             let missing = || ApiError::new(Code::NoSuchRoute, format!("the documentation has no file {name:?}"));
             let file = utoipa_swagger_ui::serve(name, config).ok().flatten().ok_or_else(missing)?;
             let file = Arc::new(StaticResponse::new(file.bytes.into_owned(), file.content_type));
@@ -62,9 +98,15 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     Ok(response)
 }
 
+/// Forms of the list of problems.
+static PROBLEMS: [Representation; 2] = [
+    Representation { name: "markdown", media_type: "text/markdown; charset=utf-8", file: Cow::Borrowed("problems.md") },
+    Representation { name: "html", media_type: problem_pages::HTML, file: Cow::Borrowed("problems.html") },
+];
+
 /// List the problem codes
 ///
-/// The `type` of a problem links to its row of this list.
+/// Browsers get a page. The `type` of a problem is the path of its own page, `/problems/CODE`.
 #[utoipa::path(
     get,
     path = "/problems",
@@ -72,6 +114,15 @@ fn ui(name: &str, headers: &HeaderMap) -> Result<Response, ApiError> {
     operation_id = "problems",
     responses((status = 200, description = "All problem codes with their status and meaning.", content_type = "text/markdown", body = String))
 )]
-pub(super) async fn problems() -> impl IntoResponse {
-    ([(CONTENT_TYPE, "text/markdown; charset=utf-8")], super::problem::document())
+pub(super) async fn problems(headers: HeaderMap) -> impl IntoResponse {
+    let form = choose(&headers, None, &PROBLEMS).unwrap_or(&PROBLEMS[0]);
+    let text = if form.name == "html" { problem_pages::list() } else { super::problem::document() };
+    ([(CONTENT_TYPE, form.media_type)], text)
+}
+
+/// Page of a kind of problem.
+pub(super) async fn problem(Path(code): Path<String>) -> Result<impl IntoResponse, ApiError> {
+    let unknown = || ApiError::new(Code::NoSuchRoute, format!("there is no kind of problem with the code {code:?}"));
+    let page = problem_pages::page(&code).ok_or_else(unknown)?;
+    Ok(([(CONTENT_TYPE, problem_pages::HTML)], page))
 }

@@ -1,7 +1,6 @@
 //! Strict extractors: JSON bodies, with JSON pointers to what is wrong; query parameters; preconditions; idempotency keys.
 
 use std::collections::BTreeMap;
-use std::fmt::Display;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
@@ -117,70 +116,75 @@ pub(super) fn header_text<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Opti
 }
 
 /// Query parameters, each given at most once. A handler takes those it knows, then refuses the rest.
-pub(super) struct Params(BTreeMap<String, String>);
+pub(super) struct Params {
+    given: BTreeMap<String, String>,
+    /// Names of the parameters that the handler knows.
+    known: Vec<&'static str>,
+}
 
 impl FromRequestParts<ApiState> for Params {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, ApiError> {
-        let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri)
-            .map_err(|rejection| ApiError::new(Code::BadQuery, rejection.body_text()))?;
-        let mut params = BTreeMap::new();
+        let unreadable = |_| ApiError::new(Code::BadQuery, "The query is not UTF-8 text in the form name=value&name=value.");
+        let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri).map_err(unreadable)?;
+        let mut given = BTreeMap::new();
         for (name, value) in pairs.0 {
-            if params.contains_key(&name) {
-                return Err(ApiError::at(Code::BadQuery, name, "is given more than once"));
+            if given.contains_key(&name) {
+                return Err(ApiError::query(&name, "is given more than once"));
             }
-            params.insert(name, value);
+            given.insert(name, value);
         }
-        Ok(Self(params))
+        Ok(Self { given, known: Vec::new() })
     }
 }
 
 impl Params {
     /// Takes a parameter as text.
-    pub(super) fn text(&mut self, name: &str) -> Option<String> {
-        self.0.remove(name)
+    pub(super) fn text(&mut self, name: &'static str) -> Option<String> {
+        self.known.push(name);
+        self.given.remove(name)
     }
 
-    /// Takes a parameter and parses it.
-    pub(super) fn value<T: FromStr<Err: Display>>(&mut self, name: &str) -> Result<Option<T>, ApiError> {
-        let parse = |text: String| text.parse().map_err(|error: T::Err| ApiError::at(Code::BadQuery, name, error.to_string()));
-        self.0.remove(name).map(parse).transpose()
+    /// Takes a parameter and parses it; `allowed` says which values there are.
+    pub(super) fn value<T: FromStr>(&mut self, name: &'static str, allowed: &str) -> Result<Option<T>, ApiError> {
+        let parse = |text: String| text.parse().map_err(|_| ApiError::query(name, &format!("is {text:?}; allowed is {allowed}")));
+        self.text(name).map(parse).transpose()
     }
 
     /// Takes and parses a parameter that must be given.
-    pub(super) fn required<T: FromStr<Err: Display>>(&mut self, name: &str) -> Result<T, ApiError> {
-        self.value(name)?.ok_or_else(|| ApiError::at(Code::BadQuery, name, "is missing"))
+    pub(super) fn required<T: FromStr>(&mut self, name: &'static str, allowed: &str) -> Result<T, ApiError> {
+        self.value(name, allowed)?.ok_or_else(|| ApiError::query(name, &format!("is missing; give {allowed}")))
     }
 
     /// Takes a text of 1 to `max_chars` characters, none of them a control character.
-    pub(super) fn name(&mut self, name: &str, max_chars: usize) -> Result<Option<String>, ApiError> {
+    pub(super) fn name(&mut self, name: &'static str, max_chars: usize) -> Result<Option<String>, ApiError> {
         let value = self.text(name);
         if value.as_ref().is_some_and(|v| v.is_empty() || v.chars().count() > max_chars || v.chars().any(char::is_control)) {
-            return Err(ApiError::at(
-                Code::BadQuery,
-                name,
-                format!("must be 1 to {max_chars} characters, without control characters"),
-            ));
+            let said = format!("must have 1 to {max_chars} characters, none of them a control character");
+            return Err(ApiError::query(name, &said));
         }
         Ok(value)
     }
 
     /// Takes `page_size` and `page_token`.
     pub(super) fn page(&mut self) -> Result<(u32, Option<String>), ApiError> {
-        let size = self.value::<u32>("page_size")?.unwrap_or(DEFAULT_PAGE_SIZE);
-        if !(1..=MAX_PAGE_SIZE).contains(&size) {
-            return Err(ApiError::at(Code::BadQuery, "page_size", format!("is {size}; allowed is 1 to {MAX_PAGE_SIZE}")));
-        }
+        let size = self.text("page_size").map_or(Ok(DEFAULT_PAGE_SIZE), |text| {
+            let size = text.parse().ok().filter(|size| (1..=MAX_PAGE_SIZE).contains(size));
+            let said = || format!("is {text:?}; allowed is a whole number from 1 to {MAX_PAGE_SIZE}");
+            size.ok_or_else(|| ApiError::query("page_size", &said()))
+        })?;
         Ok((size, self.text("page_token")))
     }
 
     /// Refuses parameters that the handler did not take.
     pub(super) fn deny_unknown(self) -> Result<(), ApiError> {
-        match self.0.into_keys().next() {
-            Some(name) => Err(ApiError::at(Code::BadQuery, name, "is not a parameter of this route")),
-            None => Ok(()),
-        }
+        let Some(name) = self.given.into_keys().next() else { return Ok(()) };
+        let known = match &self.known[..] {
+            [] => "it has none".to_owned(),
+            known => format!("known are {}", known.join(", ")),
+        };
+        Err(ApiError::query(&name, &format!("is unknown to this route; {known}")))
     }
 }
 

@@ -1,17 +1,20 @@
 //! Middleware of every request: its id, its entry in the log and the metrics, uniform problem responses, security headers;
-//! time limits on pauses of the body and on the response.
+//! time limits on pauses of the body and on the response; what pages of other origins may do.
 
 use std::any::Any;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::{
-    CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY, ETAG, HeaderName, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    ACCEPT_RANGES, AUTHORIZATION, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_ENCODING, CONTENT_RANGE, CONTENT_SECURITY_POLICY,
+    CONTENT_TYPE, ETAG, HeaderName, IF_MATCH, IF_NONE_MATCH, IF_RANGE, LOCATION, RANGE, REFERRER_POLICY, RETRY_AFTER,
+    X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, HeaderValue};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tower_http::cors::CorsLayer;
 use tower_http::timeout::TimeoutBody;
 use tracing::Instrument;
 use uuid::Uuid;
@@ -19,6 +22,7 @@ use uuid::Uuid;
 use super::client::Client;
 use super::connection_limiter::ExceededLimit;
 use super::extract::header_text;
+use super::prefix::Prefix;
 use super::problem::{self, ApiError, Code};
 use super::router::ApiState;
 
@@ -37,12 +41,18 @@ pub(super) async fn observe(State(state): State<ApiState>, request: Request, nex
     let route = request.extensions().get::<MatchedPath>().map_or("none".to_owned(), |route| route.as_str().to_owned());
     let span = tracing::info_span!("request", %id, %method, path, client = tracing::field::Empty);
     let idle = state.options.body_idle_timeout;
-    let (parts, body) = request.into_parts();
+    let (mut parts, body) = request.into_parts();
+    let prefix = Prefix::of(&parts, &state.options);
+    parts.extensions.insert(prefix.clone());
+    if parts.method == Method::HEAD {
+        // A range is one of a GET alone (RFC 9110, section 14.2); the headers of a HEAD are those of the whole.
+        parts.headers.remove(RANGE);
+    }
     span.record("client", tracing::field::display(Client::from_parts(&parts, &state.options.trusted_proxies).address));
     let request = Request::from_parts(parts, Body::new(TimeoutBody::new(idle, body)));
     let response = next.run(request).instrument(span.clone()).await;
     let _entered = span.enter();
-    let mut response = problem::finish(response, &path, &id);
+    let mut response = problem::finish(response, &prefix, &path, &id);
     set_headers(response.headers_mut(), &id);
     let (status, seconds) = (response.status().as_u16(), began.elapsed().as_secs_f64());
     super::metrics::count_request(&method, &route, status, seconds);
@@ -104,4 +114,34 @@ pub(super) fn panic_response(panic: Box<dyn Any + Send>) -> Response {
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
     tracing::error!(panic = text, "a handler panicked");
     ApiError::new(Code::Internal, "the request failed; the server's log has the cause under this request_id").into_response()
+}
+
+/// Time for which a browser may remember what an origin may do.
+const PREFLIGHT_LIFETIME: Duration = Duration::from_secs(3600);
+
+/// Layer that lets pages of these origins use the API from a browser; none without origins. They need the server's key, if it has
+/// one: `Access-Control-Allow-Credentials` is never sent and `X-Vantage-Session` never allowed, so that a session remains our own
+/// page's.
+pub(super) fn cross_origin(origins: &[String]) -> Option<CorsLayer> {
+    let origins: Vec<HeaderValue> = origins.iter().filter_map(|origin| origin.parse().ok()).collect();
+    let named = HeaderName::from_static;
+    let layer = || {
+        CorsLayer::new()
+            .allow_methods([Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE])
+            .allow_headers([
+                AUTHORIZATION,
+                CONTENT_TYPE,
+                IF_MATCH,
+                IF_NONE_MATCH,
+                IF_RANGE,
+                RANGE,
+                REQUEST_ID,
+                named("content-digest"),
+                named("idempotency-key"),
+                named("last-event-id"),
+            ])
+            .expose_headers([ACCEPT_RANGES, CONTENT_DISPOSITION, CONTENT_RANGE, ETAG, LOCATION, RETRY_AFTER, REQUEST_ID])
+            .max_age(PREFLIGHT_LIFETIME)
+    };
+    (!origins.is_empty()).then(|| layer().allow_origin(origins))
 }

@@ -1,19 +1,21 @@
-//! The OpenAPI document: its frame, schemas that only it needs, and additions that the routes' attributes cannot express.
+//! The OpenAPI document: its frame, schemas that only it needs, and additions that the routes' attributes cannot express. Each
+//! response has one media type and one schema a status, so that generators make usable clients of it.
 
+mod examples;
 mod variants;
 
 use std::collections::BTreeMap;
 
 use utoipa::openapi::link::Link;
 use utoipa::openapi::path::{Operation, Parameter};
-use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, Schema, SchemaType, Type};
+use utoipa::openapi::schema::{AdditionalProperties, AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::openapi::security::{ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi, PathItem, Ref, RefOr, ResponseBuilder, SecurityRequirement};
 use utoipa::{PartialSchema, ToSchema};
 
+use super::fields;
 use super::problem::PROBLEM_JSON;
-use crate::cell::{Presets, SpecLibrary as _};
-use crate::program::dialects::{Dialect, DialectOutput};
+use crate::program::dialects::Dialect;
 use crate::wire::{self, parameters};
 
 /// Frame of the document; the routes add themselves.
@@ -23,7 +25,10 @@ use crate::wire::{self, parameters};
         title = "Vantage",
         description = "Plans automated 3D scans: from a mesh and a cell to viewpoints, proof of coverage, causes of missed area, \
                        collision-free motion and a robot program.\n\nKeys carry their units. Unknown fields are refused. \
-                       Every response other than 2xx and 3xx is a problem (RFC 9457) with a stable `code`.",
+                       Every response other than 2xx and 3xx is a problem (RFC 9457) with a stable `code`, and its `type` is the \
+                       path of a page about it.\n\nThe examples work as they are, once the example of `POST /meshes` was sent. \
+                       Results also come in the forms that `Accept` and the query parameter `format` (`dialect` for programs) \
+                       name; every form has a route of its own here. All files can be fetched in parts (`Range`, RFC 9110).",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
         contact()
     ),
@@ -35,79 +40,29 @@ use crate::wire::{self, parameters};
         (name = "events", description = "Live events of jobs."),
         (name = "server", description = "Health, metrics, storage and sessions.")
     ),
-    components(schemas(wire::Problem, wire::JobEvent))
+    components(schemas(wire::Problem, wire::JobEvent, wire::JobSort, ProgramDialect))
 )]
 pub(super) struct ApiDoc;
 
-/// Token of a page: the last id of the previous page, and a digest of the listing.
+/// Token of a page: the last id of the previous page, a digest of the listing, and the key that it is sorted by.
 #[derive(ToSchema)]
-#[schema(value_type = String, pattern = "^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\\.[0-9a-f]{16}$")]
+#[schema(value_type = String, pattern = "^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\\.[0-9a-f]{16}(\\.([0-9a-f]{2})+)?$")]
 #[expect(dead_code, reason = "only its schema is used; tokens are read by the store")]
 pub(super) struct PageToken(String);
 
-/// Formats of a result that is a document.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
-pub(super) enum JsonFormat {
-    Json,
-}
+/// Languages of a robot program, as text; KUKA's has two files.
+pub(super) struct ProgramDialect;
 
-/// Formats of a result that is a list.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
-pub(super) enum ListFormat {
-    Json,
-    Csv,
-}
-
-/// Formats of the report.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
-pub(super) enum ReportFormat {
-    Html,
-    Text,
-}
-
-/// Formats of a binary result.
-#[derive(ToSchema)]
-#[schema(rename_all = "snake_case")]
-#[expect(dead_code, reason = "only its schema is used; formats are chosen by name")]
-pub(super) enum BinaryFormat {
-    Bin,
-}
-
-/// Formats of a robot program: the neutral one and those of the dialects.
-pub(super) struct ProgramFormat;
-
-impl PartialSchema for ProgramFormat {
+impl PartialSchema for ProgramDialect {
     fn schema() -> RefOr<Schema> {
-        let mut names: Vec<&str> = std::iter::once("json").chain(outputs().map(|output| output.format)).collect();
+        let mut names: Vec<&str> = Dialect::ALL.into_iter().flat_map(Dialect::outputs).map(|output| output.format).collect();
         names.sort_unstable();
-        ObjectBuilder::new().schema_type(Type::String).enum_values(Some(names)).into()
+        let about = "Language of a robot program, or `csv` for a table.";
+        ObjectBuilder::new().schema_type(Type::String).description(Some(about)).enum_values(Some(names)).into()
     }
 }
 
-impl ToSchema for ProgramFormat {}
-
-/// Files of all dialects.
-fn outputs() -> impl Iterator<Item = &'static DialectOutput> {
-    Dialect::ALL.into_iter().flat_map(Dialect::outputs)
-}
-
-/// Adds the dialects to a response that is a robot program.
-fn add_dialects(operation: &mut Operation) {
-    let is_program = operation.operation_id.as_ref().is_some_and(|id| id.starts_with("get_program"));
-    if let Some(RefOr::T(response)) = operation.responses.responses.get_mut("200").filter(|_| is_program) {
-        for output in outputs() {
-            let essence = output.media_type.split(';').next().unwrap_or_default();
-            let text = ContentBuilder::new().schema(Some(ObjectBuilder::new().schema_type(Type::String))).build();
-            response.content.insert(essence.to_owned(), text.into());
-        }
-    }
-}
+impl ToSchema for ProgramDialect {}
 
 /// Binary data.
 #[derive(ToSchema)]
@@ -128,24 +83,24 @@ pub(super) enum AnyVersion {
     Any,
 }
 
-/// One server-sent event.
-#[derive(ToSchema)]
-#[expect(dead_code, reason = "only its schema is used; events are written by axum")]
-pub(super) struct ServerSentEvent {
-    /// Number of the event, for `Last-Event-ID`; absent from `reset`.
-    id: String,
-    /// An `EventKind`, or `reset`.
-    event: String,
-    /// A `JobEvent` as JSON; an empty object for `reset`.
-    data: String,
+/// A stream of server-sent events. Its schema admits everything: generators of clients take the text as it is.
+pub(super) struct EventText;
+
+impl PartialSchema for EventText {
+    fn schema() -> RefOr<Schema> {
+        let about = "Server-sent events: `id`, the number of the event, for `Last-Event-ID`; `event`, an `EventKind`, or \
+                     `reset`; `data`, a `JobEvent` as JSON, or an empty object for `reset`.";
+        ObjectBuilder::new().schema_type(SchemaType::AnyValue).description(Some(about)).into()
+    }
 }
+
+impl ToSchema for EventText {}
 
 /// Adds what all routes share, and corrects what the derived schemas cannot express.
 pub(super) fn complete(openapi: &mut OpenApi) {
     for (path, item) in &mut openapi.paths.paths {
         for operation in operations(item) {
             add_problems(operation);
-            add_dialects(operation);
             operation.parameters.iter_mut().flatten().for_each(forbid_null);
             if path.starts_with("/api/") {
                 let schemes = ["key", "session"].map(|scheme| SecurityRequirement::new::<_, _, &str>(scheme, []));
@@ -154,7 +109,8 @@ pub(super) fn complete(openapi: &mut OpenApi) {
         }
     }
     add_links(openapi);
-    add_examples(openapi);
+    add_sparse_answers(openapi);
+    examples::add(openapi);
     let key = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some("The server's key, if it has one.")).build();
     let components = openapi.components.get_or_insert_default();
     components.add_security_scheme("key", SecurityScheme::Http(key));
@@ -204,7 +160,7 @@ fn describe_object_defaults(schema: &mut RefOr<Schema>) {
 }
 
 fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
-    [&mut item.get, &mut item.put, &mut item.post, &mut item.delete].into_iter().flatten()
+    [&mut item.get, &mut item.put, &mut item.post, &mut item.patch, &mut item.delete].into_iter().flatten()
 }
 
 fn add_problems(operation: &mut Operation) {
@@ -263,54 +219,47 @@ fn open_up(additional: &mut Option<Box<AdditionalProperties<Schema>>>) {
     }
 }
 
-/// Example upload: a tetrahedron of 20 mm. The example of `Content-Digest` is its digest.
-const EXAMPLE_MESH: &str = "solid tetrahedron
-facet normal 0 0 0
-outer loop vertex 0 0 0 vertex 0 20 0 vertex 20 0 0 endloop endfacet
-facet normal 0 0 0
-outer loop vertex 0 0 0 vertex 20 0 0 vertex 0 0 20 endloop endfacet
-facet normal 0 0 0
-outer loop vertex 0 0 0 vertex 0 0 20 vertex 0 20 0 endloop endfacet
-facet normal 0 0 0
-outer loop vertex 20 0 0 vertex 0 20 0 vertex 0 0 20 endloop endfacet
-endsolid tetrahedron
-";
-
-/// Name of the example specifications.
-const EXAMPLE_NAME: &str = "mine";
-
-/// Adds examples of request bodies that are accepted as they are.
-fn add_examples(openapi: &mut OpenApi) {
-    let named = |spec: Option<serde_json::Value>| {
-        let mut spec = spec?;
-        spec["name"] = EXAMPLE_NAME.into();
-        Some(spec)
-    };
-    let presets = [
-        ("scanners", as_json(Presets.scanner("transcan-c-nominal"))),
-        ("robots", as_json(Presets.robot("ur5e"))),
-        ("turntables", as_json(Presets.turntable("minas-a6-500"))),
-        ("cells", as_json(Presets.cell("e05-transcan"))),
-    ];
-    for (collection, spec) in presets {
-        let item = openapi.paths.paths.get_mut(&format!("/api/v1/{collection}/{{name}}"));
-        set_example(item.and_then(|item| item.put.as_mut()), named(spec));
+/// Adds the answers to requests with `fields`: the same objects, of which the id alone is certain.
+fn add_sparse_answers(openapi: &mut OpenApi) {
+    let components = openapi.components.get_or_insert_default();
+    for whole in ["Job", "JobListItem", "JobPage"] {
+        let Some(RefOr::T(Schema::Object(object))) = components.schemas.get(whole) else { continue };
+        let mut sparse = object.clone();
+        sparse.description = Some(format!("The fields of `{whole}` that `fields` names, and `id`."));
+        sparse.required.retain(|name| name == "id" || name == "items");
+        if let Some(RefOr::T(Schema::Array(items))) = sparse.properties.get_mut("items") {
+            items.items =
+                utoipa::openapi::schema::ArrayItems::RefOrSchema(Box::new(Ref::from_schema_name("SparseJobListItem").into()));
+        }
+        components.schemas.insert(format!("Sparse{whole}"), Schema::Object(sparse).into());
     }
-    let meshes = openapi.paths.paths.get_mut("/api/v1/meshes");
-    set_example(meshes.and_then(|item| item.post.as_mut()), Some(EXAMPLE_MESH.into()));
-}
-
-fn as_json<T: serde::Serialize, E>(spec: Result<T, E>) -> Option<serde_json::Value> {
-    spec.ok().and_then(|spec| serde_json::to_value(spec).ok())
-}
-
-/// Adds an example to the request body of an operation.
-fn set_example(operation: Option<&mut Operation>, example: Option<serde_json::Value>) {
-    if let Some(RefOr::T(body)) = operation.and_then(|operation| operation.request_body.as_mut()) {
-        for content in body.content.values_mut() {
+    let answers = [
+        ("/api/v1/jobs", "JobPage", fields::names::<wire::JobListItem>()),
+        ("/api/v1/jobs/{id}", "Job", fields::names::<wire::Job>()),
+    ];
+    for (path, whole, names) in answers {
+        let Some(operation) = openapi.paths.paths.get_mut(path).and_then(|item| item.get.as_mut()) else { continue };
+        set_fields_pattern(operation, &names.join("|"));
+        let Some(RefOr::T(response)) = operation.responses.responses.get_mut("200") else { continue };
+        for content in response.content.values_mut() {
             if let RefOr::T(content) = content {
-                content.example.clone_from(&example);
+                let either = AnyOfBuilder::new()
+                    .item(Ref::from_schema_name(whole))
+                    .item(Ref::from_schema_name(format!("Sparse{whole}")))
+                    .description(Some("With the query parameter `fields` the second."));
+                content.schema = Some(Schema::AnyOf(either.build()).into());
             }
+        }
+    }
+}
+
+/// Says which names the parameter `fields` takes.
+fn set_fields_pattern(operation: &mut Operation, names: &str) {
+    for parameter in operation.parameters.iter_mut().flatten() {
+        if let RefOr::T(Parameter { name, schema: Some(RefOr::T(Schema::Object(object))), .. }) = parameter
+            && name == "fields"
+        {
+            object.pattern = Some(format!("^({names})(,({names}))*$"));
         }
     }
 }
@@ -322,7 +271,7 @@ fn add_links(openapi: &mut OpenApi) {
         let of_results = operations(item).filter(|o| o.tags.iter().flatten().any(|tag| tag == "results"));
         results.extend(of_results.filter_map(|operation| operation.operation_id.clone()));
     }
-    let of_job = ["get_job", "follow_job", "cancel_job", "delete_job"];
+    let of_job = ["get_job", "follow_job", "update_job", "cancel_job", "delete_job"];
     let of_mesh = ["get_mesh", "get_mesh_file", "get_mesh_preview", "delete_mesh"];
     for item in openapi.paths.paths.values_mut() {
         for operation in operations(item) {

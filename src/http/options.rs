@@ -14,8 +14,12 @@ pub struct ServerOptions {
     pub api_key: Option<ApiKey>,
     /// Names of the server besides its addresses and `localhost`, in lower case. Empty with a key: any name.
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are trusted.
+    /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
     pub trusted_proxies: Vec<IpAddr>,
+    /// Path prefix below which clients reach the server, unless a trusted proxy sends another; empty for none.
+    pub public_path: String,
+    /// Origins of other sites' pages that may use the API with its key, in lower case.
+    pub cors_origins: Vec<String>,
     /// Largest number of concurrent connections.
     pub max_connections: usize,
     /// Largest number of concurrent connections from one address that is not a trusted proxy.
@@ -62,6 +66,8 @@ impl ServerOptions {
             api_key: None,
             hosts: Vec::new(),
             trusted_proxies: Vec::new(),
+            public_path: String::new(),
+            cors_origins: Vec::new(),
             max_connections: 16,
             max_connections_per_address: 16,
             event_streams: quota,

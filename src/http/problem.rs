@@ -11,6 +11,7 @@ use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE, ETAG, RETRY_AFTER};
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
+use super::prefix::Prefix;
 use crate::service::{Error, FAILURE_CODES};
 use crate::wire::{self, ParseError, ProblemField, problem_type};
 
@@ -50,7 +51,7 @@ macro_rules! codes {
             }
 
             /// Explanation, for the document.
-            fn meaning(self) -> &'static str {
+            pub(super) fn meaning(self) -> &'static str {
                 match self { $(Self::$name => $meaning),+ }
             }
         }
@@ -75,10 +76,12 @@ codes! {
     ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded but has no such file; without a cell, for example, there is no program.";
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
     NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
+    RangeNotSatisfiable "range_not_satisfiable" RANGE_NOT_SATISFIABLE "The range lies beyond the end" "No byte of the requested `Range` exists; `Content-Range` states the length.";
     RequestTimeout "request_timeout" REQUEST_TIMEOUT "The body arrived too slowly" "The body stalled, or arrived below the minimum rate.";
     MeshInUse "mesh_in_use" CONFLICT "The mesh is in use" "A job that has not ended needs the mesh.";
     JobNotEnded "job_not_ended" CONFLICT "The job has not ended" "Only an ended job can be deleted; cancel it first.";
     JobEnded "job_ended" CONFLICT "The job has ended" "A job that succeeded or failed cannot be cancelled.";
+    JobNotQueued "job_not_queued" CONFLICT "The job does not wait in the queue" "Only a queued job can get another priority.";
     JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
     NoResults "no_results" CONFLICT "The job has no results" "The job has not succeeded; `detail` states where it stands.";
     ForeignDialect "foreign_dialect" CONFLICT "The language is another maker's" "The robot's specification names another language, which `detail` states; ask for that one, `csv` or `robodk`, or send `force=true`.";
@@ -136,6 +139,12 @@ impl ApiError {
         Self { errors: vec![field], ..Self::new(code, detail) }
     }
 
+    /// A query parameter at fault: a sentence, of which `said` is what follows the parameter's name.
+    pub(super) fn query(name: &str, said: &str) -> Self {
+        let field = ProblemField { pointer: name.to_owned(), detail: said.to_owned() };
+        Self { errors: vec![field], ..Self::new(Code::BadQuery, format!("The query parameter {name:?} {said}.")) }
+    }
+
     /// Adds the fields at fault.
     pub(super) fn with_errors(mut self, errors: Vec<ProblemField>) -> Self {
         self.errors = errors;
@@ -175,6 +184,7 @@ impl From<Error> for ApiError {
             Error::MeshInUse(_) => Self::new(Code::MeshInUse, detail),
             Error::JobNotEnded { .. } => Self::new(Code::JobNotEnded, detail),
             Error::JobEnded { .. } => Self::new(Code::JobEnded, detail),
+            Error::JobNotQueued { .. } => Self::new(Code::JobNotQueued, detail),
             Error::SpecIsPreset { .. } => Self::new(Code::SpecIsPreset, detail),
             Error::PreconditionRequired { etag, .. } => Self::new(Code::PreconditionRequired, detail).with_etag(Some(etag)),
             Error::PreconditionFailed(etag) => Self::new(Code::PreconditionFailed, detail).with_etag(etag),
@@ -207,7 +217,7 @@ impl IntoResponse for ApiError {
 }
 
 /// Renders the error that a response carries, or turns an error response of the framework into a problem.
-pub(super) fn finish(mut response: Response, path: &str, request_id: &str) -> Response {
+pub(super) fn finish(mut response: Response, prefix: &Prefix, path: &str, request_id: &str) -> Response {
     let status = response.status();
     if !status.is_client_error() && !status.is_server_error() {
         return response;
@@ -226,24 +236,24 @@ pub(super) fn finish(mut response: Response, path: &str, request_id: &str) -> Re
     if let Some(etag) = error.etag.as_deref().and_then(|etag| etag.parse().ok()) {
         headers.insert(ETAG, etag);
     }
-    let body = body(error, path, request_id);
+    let body = body(error, prefix, path, request_id);
     *response.body_mut() = Body::from(body);
     response
 }
 
 /// The problem document for a connection that was refused before its request was read.
 pub(super) fn without_request(code: Code) -> String {
-    let body = body(ApiError::new(code, code.meaning()), "", &uuid::Uuid::now_v7().to_string());
+    let body = body(ApiError::new(code, code.meaning()), &Prefix::default(), "", &uuid::Uuid::now_v7().to_string());
     String::from_utf8_lossy(&body).into_owned()
 }
 
-fn body(error: ApiError, path: &str, request_id: &str) -> Vec<u8> {
+fn body(error: ApiError, prefix: &Prefix, path: &str, request_id: &str) -> Vec<u8> {
     let document = wire::Problem {
-        kind: problem_type(error.code.as_str()),
+        kind: prefix.at(&problem_type(error.code.as_str())),
         title: error.code.title().to_owned(),
         status: error.code.status().as_u16(),
         detail: error.detail,
-        instance: path.to_owned(),
+        instance: prefix.at(path),
         code: error.code.as_str().to_owned(),
         errors: error.errors,
         request_id: request_id.to_owned(),
@@ -288,7 +298,8 @@ pub fn document() -> String {
         "# Problems\n\n\
          Every response other than 2xx and 3xx is `application/problem+json` (RFC 9457) with `type`, `title`, `status`,\n\
          `detail`, `instance`, `code`, `errors` (`pointer`, `detail`) and `request_id`. `code` is stable; `detail` is for people\n\
-         and may change. `pointer` is a JSON pointer into the request body, or the name of a query parameter or header.\n\n\
+         and may change. `pointer` is a JSON pointer into the request body, or the name of a query parameter or header. `type` is\n\
+         the path of a page of the server, `/problems/CODE`, that says what this list says.\n\n\
          | code | status | meaning |\n| --- | --- | --- |\n",
     );
     for code in Code::ALL {

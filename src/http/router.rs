@@ -49,7 +49,7 @@ fn quick() -> OpenApiRouter<ApiState> {
         .routes(routes!(cells::list))
         .routes(routes!(cells::get, cells::put, cells::delete))
         .routes(routes!(jobs::list))
-        .routes(routes!(jobs::delete))
+        .routes(routes!(jobs::update, jobs::delete))
         .routes(routes!(jobs::put_labels))
         .routes(routes!(storage::storage))
         .routes(routes!(jobs::cancel))
@@ -68,12 +68,19 @@ fn stored() -> OpenApiRouter<ApiState> {
         .routes(routes!(results::program_2))
         .routes(routes!(results::program_3))
         .routes(routes!(results::program_4))
+        .routes(routes!(results::program_text))
+        .routes(routes!(results::program_text_2))
+        .routes(routes!(results::program_text_3))
+        .routes(routes!(results::program_text_4))
         .routes(routes!(results::viewpoints))
+        .routes(routes!(results::viewpoints_csv))
         .routes(routes!(results::coverage))
+        .routes(routes!(results::coverage_csv))
         .routes(routes!(results::missed))
         .routes(routes!(results::candidates))
         .routes(routes!(results::timings))
         .routes(routes!(results::report))
+        .routes(routes!(results::report_text))
         .routes(routes!(results::coverage_bin))
         .routes(routes!(results::file))
 }
@@ -86,6 +93,8 @@ fn slow() -> OpenApiRouter<ApiState> {
         // The lookups of a new job may time out, but once it is being stored the response waits for it: else a 503 could
         // hide an accepted job.
         .routes(routes!(jobs::create))
+        .routes(routes!(jobs::create_batch))
+        .routes(routes!(jobs::delete_selected))
         .routes(routes!(checks::check))
         .routes(routes!(storage::retention, storage::apply_retention))
 }
@@ -118,6 +127,7 @@ fn pages() -> Router<ApiState> {
         .route("/docs", get(docs::redirect))
         .route("/docs/", get(docs::index))
         .route("/docs/{file}", get(docs::file))
+        .route("/problems/{code}", get(docs::problem))
 }
 
 /// The API with its OpenAPI description; with its middleware if `state` is given.
@@ -139,10 +149,14 @@ pub fn router(app: App, options: ServerOptions) -> Router {
     let downloads = Arc::new(Pacer::new(options.download_bytes_per_sec));
     let state = ApiState { app, options: Arc::new(options), quotas: Arc::default(), sessions: Arc::default(), downloads };
     let (router, _) = documented(Some(&state)).split_for_parts();
-    router
+    let mut router = router
         .merge(pages())
         .layer(CatchPanicLayer::custom(layers::panic_response))
-        .layer(from_fn(auth::refuse_cross_site))
+        .layer(from_fn_with_state(state.clone(), auth::refuse_cross_site));
+    if let Some(cross_origin) = layers::cross_origin(&state.options.cors_origins) {
+        router = router.layer(cross_origin);
+    }
+    router
         .layer(from_fn_with_state(state.clone(), hosts::check))
         .layer(from_fn(layers::restrict_reserve))
         .layer(from_fn_with_state(state.clone(), layers::observe))

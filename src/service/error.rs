@@ -77,6 +77,14 @@ pub enum Error {
         /// Its state.
         state: JobState,
     },
+    /// The job does not wait in the queue: its priority means nothing any more.
+    #[error("job {job} is {}; only a queued job can be changed", state.as_str())]
+    JobNotQueued {
+        /// The job.
+        job: JobId,
+        /// Its state.
+        state: JobState,
+    },
     /// Presets cannot be changed.
     #[error("{} {name:?} is a preset and cannot be changed; store yours under another name", kind.as_str())]
     SpecIsPreset {
@@ -105,7 +113,7 @@ pub enum Error {
     #[error("the page token does not belong to this listing")]
     BadPageToken,
     /// The queue is full.
-    #[error("{queued} jobs are queued, which is the limit")]
+    #[error("{queued} jobs are queued, and the limit leaves no room for this request")]
     QueueFull {
         /// Jobs in the queue.
         queued: u64,

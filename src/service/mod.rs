@@ -34,7 +34,7 @@ pub use options::{Options, RetentionOptions};
 pub use queries::ResultBody;
 pub use specs::SpecEntry;
 pub(crate) use store::hex;
-pub use store::{BackupError, BackupReport, OpenError, Precondition, backup, restore};
+pub use store::{BackupError, BackupReport, OpenError, PartNames, Precondition, backup, restore};
 pub use submit::JobQuery;
 
 #[cfg(test)]

@@ -9,9 +9,10 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
-use super::store::{FileEncoding, ResultFile};
+use super::store::{FileEncoding, JobFilter, PartNames, ResultFile};
+use super::submit::JobQuery;
 use crate::wire::plan::RegionCoverageDocument;
-use crate::wire::{Job, JobId, JobState, LabelsRequest, warnings};
+use crate::wire::{DeletedJobs, Job, JobId, JobSelection, JobSort, JobState, JobUpdate, LabelsRequest, warnings};
 
 impl App {
     /// One job.
@@ -81,6 +82,56 @@ impl App {
     pub async fn delete_job(&self, id: JobId) -> Result<(), Error> {
         let app = self.clone();
         self.run_to_completion(async move { app.0.store.delete_job(id, &app.0.options.retention.hold_label, None).await }).await
+    }
+
+    /// Deletes the selected jobs that have ended and are not held; with `dry_run` only counts them.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn delete_jobs(&self, selection: JobSelection, dry_run: bool) -> Result<DeletedJobs, Error> {
+        selection.check().map_err(Error::Invalid)?;
+        let filter = JobFilter::from(&JobQuery { selection, sort: JobSort::default() });
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let hold = &app.0.options.retention.hold_label;
+            let mut counts = DeletedJobs { dry_run, ..DeletedJobs::default() };
+            for job in app.0.store.matching(&filter, hold).await? {
+                let deleted = match (job.has_ended, job.is_held) {
+                    (false, _) => Err(Error::JobNotEnded { job: job.id, state: JobState::Queued }),
+                    (true, true) => Err(Error::JobHeld { job: job.id, label: hold.clone() }),
+                    (true, false) if dry_run => Ok(()),
+                    (true, false) => app.0.store.delete_job(job.id, hold, None).await,
+                };
+                match deleted {
+                    Ok(()) => counts.deleted += 1,
+                    Err(Error::JobHeld { .. }) => counts.held += 1,
+                    Err(Error::JobNotEnded { .. }) => counts.not_ended += 1,
+                    // Somebody else deleted it meanwhile.
+                    Err(Error::JobNotFound(_)) => {}
+                    Err(error) => return Err(error),
+                }
+            }
+            Ok(counts)
+        })
+        .await
+    }
+
+    /// Changes a job that waits in the queue.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::JobNotQueued`], [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn update_job(&self, id: JobId, update: JobUpdate) -> Result<Job, Error> {
+        update.check().map_err(Error::Invalid)?;
+        let app = self.clone();
+        self.run_to_completion(async move { app.0.store.put_priority(id, update.priority).await }).await
+    }
+
+    /// Names by which people know a job's part.
+    ///
+    /// # Errors
+    /// [`Error::JobNotFound`], [`Error::Internal`].
+    pub async fn part_names(&self, id: JobId) -> Result<PartNames, Error> {
+        self.0.store.part_names(id).await
     }
 
     /// Replaces a job's labels. Its files keep the labels that it was submitted with.

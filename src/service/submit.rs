@@ -14,18 +14,19 @@ use super::execute::{JobInput, MeshSource};
 use super::library::Library;
 use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking, read_leniently};
 use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary, did_you_mean};
-use crate::wire::{Job, JobPage, JobRequest, JobState, MeshId};
+use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, JobSelection, JobSort, MeshId};
 
-/// Filters of a job listing.
+/// Filters and order of a job listing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JobQuery {
-    /// State of the jobs.
-    pub state: Option<JobState>,
-    /// Label of the jobs: `key` or `key=value`.
-    pub label: Option<String>,
-    /// Part number of the jobs.
-    pub part_number: Option<String>,
+    /// Jobs that are listed.
+    pub selection: JobSelection,
+    /// Their order.
+    pub sort: JobSort,
 }
+
+/// Planning input of a request, every name resolved, as JSON; and the meshes that it reads.
+type Resolved = (JobRequest, String, Vec<MeshId>);
 
 /// Input of a job as stored with it, every name resolved.
 #[derive(Debug, Serialize, Deserialize)]
@@ -71,7 +72,7 @@ impl App {
         self.check_space(0)?;
         let resolve = move |library: &Library| {
             let (input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
-            Ok((request, serde_json::to_string(&input)?, meshes))
+            Ok::<Resolved, Error>((request, serde_json::to_string(&input)?, meshes))
         };
         let (request, input, meshes) = self.with_library(limit, resolve).await?;
         let app = self.clone();
@@ -80,6 +81,39 @@ impl App {
             let job = app.0.store.submit(NewJob { request, input, meshes, idempotency, queue_limit }).await?;
             app.0.runner.wake();
             Ok(job)
+        })
+        .await
+    }
+
+    /// Accepts several jobs, or none of them. Findings have pointers such as `/jobs/3/cell`. For the rest as [`App::submit`].
+    ///
+    /// # Errors
+    /// Those of [`App::submit`].
+    pub async fn submit_batch(
+        &self,
+        batch: JobBatchRequest,
+        idempotency_key: Option<&str>,
+        limit: Option<Duration>,
+    ) -> Result<JobBatch, Error> {
+        batch.check().map_err(Error::Invalid)?;
+        let canonical = format!("POST /api/v1/jobs/batch {}", serde_json::to_string(&batch)?);
+        let idempotency = idempotency_key.map(|key| IdempotencyKey::new(key, &canonical));
+        if let Some(key) = &idempotency
+            && let Some(answer) = self.0.store.replay(key).await?
+        {
+            return Ok(answer);
+        }
+        self.check_open()?;
+        self.check_space(0)?;
+        let resolved = self.with_library(limit, move |library| resolve_all(batch.jobs, library)).await?;
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let queue_limit = app.0.options.max_queued_jobs;
+            let new = |(request, input, meshes)| NewJob { request, input, meshes, idempotency: None, queue_limit };
+            let jobs: Vec<NewJob> = resolved.into_iter().map(new).collect();
+            let answer = app.0.store.submit_batch(&jobs, idempotency.as_ref(), queue_limit).await?;
+            jobs.iter().for_each(|_| app.0.runner.wake());
+            Ok(answer)
         })
         .await
     }
@@ -115,13 +149,42 @@ impl App {
     /// [`Error::BadPageToken`], [`Error::Internal`].
     pub async fn jobs(&self, query: &JobQuery, page_size: u32, page_token: Option<&str>) -> Result<JobPage, Error> {
         let page = Page::new(page_size, page_token, &format!("jobs {query:?}"))?;
-        let label = query.label.as_deref().map(|label| match label.split_once('=') {
+        self.0.store.jobs(&JobFilter::from(query), &page).await
+    }
+}
+
+impl From<&JobQuery> for JobFilter {
+    fn from(query: &JobQuery) -> Self {
+        let JobQuery { selection, sort } = query.clone();
+        let label = selection.label.as_deref().map(|label| match label.split_once('=') {
             Some((key, value)) => (key.to_owned(), Some(value.to_owned())),
             None => (label.to_owned(), None),
         });
-        let filter = JobFilter { state: query.state, label, part_number: query.part_number.clone() };
-        self.0.store.jobs(&filter, &page).await
+        Self {
+            ids: selection.ids,
+            state: selection.state,
+            label,
+            part_number: selection.part_number,
+            serial: selection.serial,
+            mesh_id: selection.mesh_id,
+            cell: selection.cell,
+            created_after: selection.created_after,
+            created_before: selection.created_before,
+            sort,
+        }
     }
+}
+
+/// Resolves and checks everything that the requests of a batch name; findings of all of them together.
+fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<Resolved>, Error> {
+    let (mut resolved, mut errors) = (Vec::with_capacity(jobs.len()), Vec::new());
+    for (index, request) in jobs.into_iter().enumerate() {
+        match resolve(&request, library) {
+            Ok((input, meshes)) => resolved.push((request, serde_json::to_string(&input)?, meshes)),
+            Err(found) => errors.extend(found.into_iter().map(|error| error.below(&format!("/jobs/{index}")))),
+        }
+    }
+    if errors.is_empty() { Ok(resolved) } else { Err(Error::Invalid(errors)) }
 }
 
 /// Resolves and checks everything that a request names.

@@ -22,9 +22,14 @@ pub struct ServerSettings {
     /// Names of the server besides its addresses and `localhost`.
     #[serde(deserialize_with = "list")]
     pub hosts: Vec<String>,
-    /// Proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are trusted.
+    /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
     #[serde(deserialize_with = "list")]
     pub trusted_proxies: Vec<IpAddr>,
+    /// Path prefix below which clients reach the server.
+    pub public_path: String,
+    /// Origins of other sites' pages that may use the API with its key.
+    #[serde(deserialize_with = "list")]
+    pub cors_origins: Vec<String>,
     /// Largest number of concurrent connections.
     pub max_connections: u32,
     /// Largest number of concurrent connections from one address.
@@ -60,6 +65,8 @@ impl ServerSettings {
             api_key: self.api_key.clone(),
             hosts: self.hosts.iter().map(|host| host.to_ascii_lowercase()).collect(),
             trusted_proxies: self.trusted_proxies.iter().map(IpAddr::to_canonical).collect(),
+            public_path: self.public_path.clone(),
+            cors_origins: self.cors_origins.iter().map(|origin| origin.to_ascii_lowercase()).collect(),
             max_connections: self.max_connections as usize,
             max_connections_per_address: self.max_connections_per_address as usize,
             event_streams: quota(self.max_event_streams, self.max_event_streams_per_address),
@@ -105,6 +112,21 @@ impl ServerSettings {
                 format!("contains {host:?}, which is not a host name; give names without scheme and port"),
             );
         }
+        findings.require(http::is_public_path(&self.public_path), "/server/public_path", || {
+            format!(
+                "is {:?}; allowed is an empty text, or a path such as \"/vantage\" of letters, digits, - . _ and ~",
+                self.public_path
+            )
+        });
+        if let Some(origin) = self.cors_origins.iter().find(|origin| !is_origin(origin)) {
+            findings.push(
+                "/server/cors_origins",
+                format!(
+                    "contains {origin:?}, which is not an origin; give scheme, host and port as in \
+                     \"https://mes.plant.example:8443\""
+                ),
+            );
+        }
         let guarded = self.listen.ip().is_loopback() || self.insecure || self.api_key.is_some();
         findings.require(guarded, "/server/listen", || {
             format!(
@@ -113,6 +135,24 @@ impl ServerSettings {
             )
         });
     }
+}
+
+/// True for an origin as browsers send it: scheme, host and a port unless it is the scheme's own; no wildcard, no path.
+fn is_origin(text: &str) -> bool {
+    let lower = text.to_ascii_lowercase();
+    let (default_port, rest) = match lower.split_once("://") {
+        Some(("https", rest)) => ("443", rest),
+        Some(("http", rest)) => ("80", rest),
+        _ => return false,
+    };
+    // The colons of an IPv6 address stand in brackets.
+    let (host, port) = match rest.rsplit_once(':') {
+        Some((host, port)) if !port.ends_with(']') => (host, Some(port)),
+        _ => (rest, None),
+    };
+    let bracketed = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+    let is_host = bracketed.map_or_else(|| is_host_name(host), |host| host.parse::<std::net::Ipv6Addr>().is_ok());
+    is_host && port.is_none_or(|port| port != default_port && port.parse::<u16>().is_ok_and(|number| number.to_string() == port))
 }
 
 fn is_host_name(text: &str) -> bool {

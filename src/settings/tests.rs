@@ -118,3 +118,30 @@ fn a_misspelled_key_is_answered_with_the_one_that_was_meant() {
     let told = refusal(Some("[server]\nlisten_on = \"127.0.0.1:0\"\n"), &[], &Flags::new());
     assert!(told.contains("did you mean `listen`?"), "{told}");
 }
+
+#[test]
+fn origins_and_the_public_path_are_exact() {
+    let file = "[server]\npublic_path = \"/plant/vantage\"\ncors_origins = [\"https://MES.plant.example:8443\", \"http://[::1]:3000\"]\n";
+    let http = load(Some(file), &[], &Vec::new()).expect("settings").http();
+    assert_eq!((http.public_path.as_str(), http.cors_origins.len()), ("/plant/vantage", 2));
+    assert_eq!(http.cors_origins[0], "https://mes.plant.example:8443");
+    for path in ["vantage", "/", "//x", "/a/../b", "https://x", "/a b"] {
+        let text = refusal(None, &[], &vec![("server.public_path", path.to_owned())]);
+        assert!(text.contains("server.public_path") && text.contains(path), "{text}");
+    }
+    for origin in [
+        "*",
+        "null",
+        "mes.plant.example",
+        "https://mes.plant.example/",
+        "https://mes.plant.example:443",
+        "http://x:80",
+        "https://x:99999",
+        "ftp://x",
+        "https://a b",
+        "https://*.x",
+    ] {
+        let text = refusal(None, &[("VANTAGE_SERVER__CORS_ORIGINS", origin)], &Vec::new());
+        assert!(text.contains("server.cors_origins") && text.contains(origin), "{text}");
+    }
+}

@@ -11,7 +11,7 @@ use crate::cell::closed_list;
 closed_list! {
     /// Kind of an event.
     pub enum EventKind {
-        /// The job was accepted, or returned to the queue after an interruption.
+        /// The job was accepted, returned to the queue after an interruption, or got another priority there.
         Queued = "queued",
         /// An attempt began.
         Started = "started",

@@ -47,3 +47,8 @@ typed_id! {
     /// Id of a planning job.
     JobId
 }
+
+impl MeshId {
+    /// Id of [`super::example::MESH`] once it is uploaded, so that other examples can name it.
+    pub const EXAMPLE: Self = Self(Uuid::from_u128(0x0190_0000_0000_7000_8000_0000_0000_0001));
+}

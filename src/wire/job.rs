@@ -190,7 +190,7 @@ pub struct Job {
     pub part_number: Option<String>,
     /// Serial number, as given in the request.
     pub serial: Option<String>,
-    /// Priority, -100 to 100; jobs with a higher one start first.
+    /// Priority, -100 to 100, as given in the request or changed by `PATCH /jobs/{id}`; jobs with a higher one start first.
     pub priority: i32,
     /// Stage of planning, while the job runs.
     #[schema(value_type = Option<crate::planning::context::Stage>)]
@@ -261,7 +261,7 @@ pub struct JobListItem {
     pub part_number: Option<String>,
     /// Serial number, as given in the request.
     pub serial: Option<String>,
-    /// Priority, -100 to 100; jobs with a higher one start first.
+    /// Priority, -100 to 100, as given in the request or changed by `PATCH /jobs/{id}`; jobs with a higher one start first.
     pub priority: i32,
     /// Stage of planning, while the job runs.
     #[schema(value_type = Option<crate::planning::context::Stage>)]

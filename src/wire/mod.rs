@@ -3,14 +3,17 @@
 //! JSON pointer.
 
 mod angle;
+mod bulk;
 pub mod candidates;
 mod check;
 pub mod coverage;
 pub(crate) mod csv;
 pub mod echo;
 mod event;
+pub mod example;
 mod ids;
 mod job;
+mod job_sort;
 mod json;
 mod json_file;
 mod mesh;
@@ -29,14 +32,17 @@ mod storage;
 pub mod summary;
 mod system;
 mod tally;
+mod utc_time;
 pub mod viewpoints;
 pub mod warnings;
 pub mod words;
 
+pub use bulk::{DeletedJobs, JobBatch, JobBatchRequest, JobSelection, JobUpdate};
 pub use check::{CheckReport, CheckRequest, DocumentKind};
 pub use event::{EventKind, JobEvent};
 pub use ids::{JobId, MeshId};
 pub use job::{Job, JobFile, JobListItem, JobPage, JobRequest, JobState, LabelsRequest};
+pub use job_sort::{JobSort, JobSortKey};
 pub use json::{ParseError, parse, pointer_of};
 pub use json_file::json_file_bytes;
 pub use mesh::{MeshPage, MeshUnit, UploadedMesh};
@@ -45,6 +51,7 @@ pub use problem::{JobProblem, Problem, ProblemField, problem_type};
 pub use spec::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 pub use storage::{DamagedItem, Retention, RetentionPolicy, RetentionReason, RetiredJob, RetiredMesh, Storage};
 pub use system::{Health, Readiness, ReadinessCheck, VERSION_LINE, Version};
+pub use utc_time::UtcTime;
 
 #[cfg(test)]
 mod tests;

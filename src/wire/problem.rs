@@ -61,8 +61,8 @@ pub struct JobProblem {
     pub errors: Vec<ProblemField>,
 }
 
-/// Reference to the description of a kind of problem.
+/// Reference to the description of a kind of problem: a path of the server.
 #[must_use]
 pub fn problem_type(code: &str) -> String {
-    format!("/problems#{code}")
+    format!("/problems/{code}")
 }

@@ -22,7 +22,7 @@ use crate::http::router::ApiState;
     operation_id = "follow_all",
     params(("Last-Event-ID" = Option<i64>, Header, minimum = 0, description = "Id of the last event that the client saw.")),
     responses((status = 200, description = "The event stream; it does not end.", content_type = "text/event-stream",
-        body = inline(super::super::openapi::ServerSentEvent)))
+        body = inline(super::super::openapi::EventText)))
 )]
 pub(in crate::http) async fn all(
     State(state): State<ApiState>,
@@ -48,7 +48,7 @@ pub(in crate::http) async fn all(
     ),
     responses(
         (status = 200, description = "The event stream.", content_type = "text/event-stream",
-        body = inline(super::super::openapi::ServerSentEvent)),
+        body = inline(super::super::openapi::EventText)),
         (status = 204, description = "The job has ended and the client has seen all its events."),
     )
 )]

@@ -1,17 +1,23 @@
-//! Jobs: create, read, wait, label, cancel, delete.
+//! Jobs: create, read, wait, change, cancel, delete; one, or several at once.
 
 use std::time::Duration;
 
 use axum::extract::{Path, State};
 use axum::http::header::{LOCATION, RETRY_AFTER};
 use axum::http::{HeaderName, StatusCode};
+use axum::response::Response;
 
 use super::job_id;
 use crate::http::extract::{IdempotencyKeyHeader, Json, Params};
-use crate::http::problem::{ApiError, Code};
+use crate::http::fields::Fields;
+use crate::http::prefix::Prefix;
+use crate::http::problem::ApiError;
 use crate::http::router::ApiState;
-use crate::service::JobQuery;
-use crate::wire::{Job, JobPage, JobRequest, JobState, LabelsRequest};
+use crate::service::{Error, JobQuery};
+use crate::wire::{
+    DeletedJobs, Job, JobBatch, JobBatchRequest, JobListItem, JobPage, JobProblem, JobRequest, JobSelection, JobSort, JobState,
+    JobUpdate, LabelsRequest, problem_type,
+};
 
 /// Polling interval that responses suggest, seconds.
 const POLL_AFTER_SECS: &str = "2";
@@ -41,6 +47,7 @@ type Accepted = (StatusCode, [(HeaderName, String); 2], axum::Json<Job>);
 )]
 pub(in crate::http) async fn create(
     State(state): State<ApiState>,
+    prefix: Prefix,
     key: Option<IdempotencyKeyHeader>,
     params: Params,
     Json(request): Json<JobRequest>,
@@ -48,18 +55,86 @@ pub(in crate::http) async fn create(
     params.deny_unknown()?;
     let limit = Some(state.options.request_timeout);
     let job = state.app.submit(request, key.as_ref().map(|IdempotencyKeyHeader(key)| key.as_str()), limit).await?;
-    Ok(accepted(job))
+    Ok(accepted(job, &prefix))
 }
 
-fn accepted(job: Job) -> Accepted {
-    let location = format!("/api/v1/jobs/{}", job.id);
-    (StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(job))
+fn accepted(job: Job, prefix: &Prefix) -> Accepted {
+    let location = prefix.at(&format!("/api/v1/jobs/{}", job.id));
+    (StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(shown(job, prefix)))
 }
 
-/// List jobs, newest first
+/// The job as clients below `prefix` see it.
+fn shown(mut job: Job, prefix: &Prefix) -> Job {
+    refer(&mut job.problem, prefix);
+    job
+}
+
+/// Makes a problem refer to its page, wherever it was stored.
+fn refer(problem: &mut Option<JobProblem>, prefix: &Prefix) {
+    if let Some(problem) = problem {
+        problem.kind = prefix.at(&problem_type(&problem.code));
+    }
+}
+
+/// Start several jobs
 ///
-/// Status of each job, without its request, which `/jobs/{id}` includes. A page ends early, with a token, if its entries
-/// would exceed 4 MiB.
+/// Either all are accepted or none: if one cannot be, the response names the fields at fault with pointers such as
+/// `/jobs/3/cell`, and nothing is stored.
+#[utoipa::path(
+    post,
+    path = "/jobs/batch",
+    tag = "jobs",
+    operation_id = "create_jobs",
+    params(("Idempotency-Key" = Option<String>, Header, pattern = "^[ \\t]*[\\x21-\\x7e]{1,255}[ \\t]*$",
+        description = "Within 24 hours, the same key with the same request gives the same response and starts no more jobs. \
+                       Surrounding white space is ignored (RFC 9110, section 5.5).")),
+    request_body = JobBatchRequest,
+    responses(
+        (status = 202, description = "The jobs were accepted.", body = JobBatch,
+            headers(("Retry-After" = String, description = "Seconds to wait before polling the jobs."))),
+    )
+)]
+pub(in crate::http) async fn create_batch(
+    State(state): State<ApiState>,
+    prefix: Prefix,
+    key: Option<IdempotencyKeyHeader>,
+    params: Params,
+    Json(batch): Json<JobBatchRequest>,
+) -> Result<(StatusCode, [(HeaderName, &'static str); 1], axum::Json<JobBatch>), ApiError> {
+    params.deny_unknown()?;
+    let limit = Some(state.options.request_timeout);
+    let batch = state.app.submit_batch(batch, key.as_ref().map(|IdempotencyKeyHeader(key)| key.as_str()), limit).await?;
+    let jobs = batch.jobs.into_iter().map(|job| shown(job, &prefix)).collect();
+    Ok((StatusCode::ACCEPTED, [(RETRY_AFTER, POLL_AFTER_SECS)], axum::Json(JobBatch { jobs })))
+}
+
+/// Delete several ended jobs and their results
+///
+/// Deletes the jobs that every given field fits; at least one field must be given. Jobs that have not ended, and jobs with the
+/// hold label, are kept and counted.
+#[utoipa::path(
+    post,
+    path = "/jobs/delete",
+    tag = "jobs",
+    operation_id = "delete_jobs",
+    params(("dry_run" = Option<bool>, Query, example = json!(false), description = "`true`: only count the jobs.")),
+    request_body = JobSelection,
+    responses((status = 200, description = "Numbers of the selected jobs by what became of them.", body = DeletedJobs))
+)]
+pub(in crate::http) async fn delete_selected(
+    State(state): State<ApiState>,
+    mut params: Params,
+    Json(selection): Json<JobSelection>,
+) -> Result<axum::Json<DeletedJobs>, ApiError> {
+    let dry_run = params.value("dry_run", "true or false")?.unwrap_or(false);
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.delete_jobs(selection, dry_run).await?))
+}
+
+/// List jobs
+///
+/// Status of each job, without its request, which `/jobs/{id}` includes; newest first unless `sort` says otherwise. All given
+/// filters must fit. A page ends early, with a token, if its entries would exceed 4 MiB.
 #[utoipa::path(
     get,
     path = "/jobs",
@@ -67,18 +142,51 @@ fn accepted(job: Job) -> Accepted {
     operation_id = "list_jobs",
     params(
         ("state" = Option<JobState>, Query, description = "Only jobs in this state."),
-        ("label" = Option<String>, Query, description = "Only jobs with this label: `key` or `key=value`."),
-        ("part_number" = Option<String>, Query, description = "Only jobs with this part number."),
+        ("label" = Option<String>, Query, example = "line=3", description = "Only jobs with this label: `key` or `key=value`."),
+        ("part_number" = Option<String>, Query, example = "PN-4711", description = "Only jobs with this part number."),
+        ("serial" = Option<String>, Query, example = "S-0001", description = "Only jobs with this serial number."),
+        ("mesh" = Option<uuid::Uuid>, Query, description = "Only jobs for the mesh of this id."),
+        ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only jobs in the cell of this name; `none` for those without one."),
+        ("created_after" = Option<String>, Query, format = DateTime, example = "2026-01-01T00:00:00Z", description = "Only jobs accepted at this time or later (RFC 3339)."),
+        ("created_before" = Option<String>, Query, format = DateTime, example = "2100-01-01T00:00:00+01:00", description = "Only jobs accepted before this time (RFC 3339)."),
+        ("sort" = Option<JobSort>, Query, example = "-created_at", description = "Order of the jobs: a field, with `-` for the greatest first; `-created_at` by default. A job that has not ended comes after those that have, one without a number before those with one."),
+        ("fields" = Option<String>, Query, example = "id,state,part_number,serial,ended_at", description = "Only these fields of each job, with commas between them; `id` is always there."),
         ("page_size" = Option<u32>, Query, description = "Largest number of entries on the page; 50 by default.", minimum = 1, maximum = 1000),
-        ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page; the filters must be the same."),
+        ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page; filters and order must be the same."),
     ),
     responses((status = 200, description = "A page of jobs.", body = JobPage))
 )]
-pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<axum::Json<JobPage>, ApiError> {
-    let query = JobQuery { state: params.value("state")?, label: params.text("label"), part_number: params.text("part_number") };
+pub(in crate::http) async fn list(
+    State(state): State<ApiState>,
+    prefix: Prefix,
+    mut params: Params,
+) -> Result<Response, ApiError> {
+    let query = query(&mut params)?;
+    let fields = Fields::take::<JobListItem>(&mut params)?;
     let (page_size, page_token) = params.page()?;
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.jobs(&query, page_size, page_token.as_deref()).await?))
+    let mut page = state.app.jobs(&query, page_size, page_token.as_deref()).await?;
+    page.items.iter_mut().for_each(|job| refer(&mut job.problem, &prefix));
+    Ok(fields.of_items(&page).map_err(Error::from)?)
+}
+
+/// Takes the filters and the order of a list.
+fn query(params: &mut Params) -> Result<JobQuery, ApiError> {
+    const TIME: &str = "a time of RFC 3339, for example 2026-01-31T12:00:00Z";
+    let states = format!("one of {}", JobState::ALL.map(JobState::as_str).join(", "));
+    let selection = JobSelection {
+        ids: None,
+        state: params.value("state", &states)?,
+        label: params.text("label"),
+        part_number: params.text("part_number"),
+        serial: params.text("serial"),
+        mesh_id: params.value("mesh", "the id of a mesh, a UUID")?,
+        cell: params.text("cell"),
+        created_after: params.value("created_after", TIME)?,
+        created_before: params.value("created_before", TIME)?,
+    };
+    let sort = params.value("sort", &format!("one of {}", JobSort::names().join(", ")))?.unwrap_or_default();
+    Ok(JobQuery { selection, sort })
 }
 
 /// Get a job, or wait for its end
@@ -89,24 +197,28 @@ pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Par
     operation_id = "get_job",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job."),
-        ("wait" = Option<String>, Query, pattern = "^([0-9]|[1-5][0-9]|60)s?$",
+        ("wait" = Option<String>, Query, pattern = "^([0-9]|[1-5][0-9]|60)s?$", example = "5s",
             description = "Respond when the job has ended, or after this time: up to 60 seconds, for example `30s`."),
+        ("fields" = Option<String>, Query,
+            description = "Only these fields of the job, with commas between them, for example `state,fraction`; `id` is always there."),
     ),
     responses((status = 200, description = "The job.", body = Job))
 )]
 pub(in crate::http) async fn get(
     State(state): State<ApiState>,
+    prefix: Prefix,
     Path(id): Path<String>,
     mut params: Params,
-) -> Result<axum::Json<Job>, ApiError> {
+) -> Result<Response, ApiError> {
     let wait = params.text("wait").as_deref().map(duration).transpose()?;
+    let fields = Fields::take::<Job>(&mut params)?;
     params.deny_unknown()?;
     let id = job_id(&id)?;
     let job = match wait {
         Some(wait) => state.app.job_when_ended(id, wait).await?,
         None => state.app.job(id).await?,
     };
-    Ok(axum::Json(job))
+    Ok(fields.of(&shown(job, &prefix)).map_err(Error::from)?)
 }
 
 fn duration(text: &str) -> Result<Duration, ApiError> {
@@ -114,12 +226,32 @@ fn duration(text: &str) -> Result<Duration, ApiError> {
     let plain = !seconds.is_empty() && seconds.bytes().all(|c| c.is_ascii_digit());
     let wait = seconds.parse().ok().filter(|_| plain).map(Duration::from_secs);
     wait.filter(|wait| *wait <= MAX_WAIT).ok_or_else(|| {
-        ApiError::at(
-            Code::BadQuery,
-            "wait",
-            format!("is {text:?}; allowed are 0 to {} seconds, for example 30s", MAX_WAIT.as_secs()),
-        )
+        let said = format!("is {text:?}; allowed are 0 to {} seconds, for example 30s", MAX_WAIT.as_secs());
+        ApiError::query("wait", &said)
     })
+}
+
+/// Change the priority of a queued job
+///
+/// It moves in the queue at once. A job that runs or has ended cannot be changed.
+#[utoipa::path(
+    patch,
+    path = "/jobs/{id}",
+    tag = "jobs",
+    operation_id = "update_job",
+    params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
+    request_body = JobUpdate,
+    responses((status = 200, description = "The job with its new priority and place in the queue.", body = Job))
+)]
+pub(in crate::http) async fn update(
+    State(state): State<ApiState>,
+    prefix: Prefix,
+    Path(id): Path<String>,
+    params: Params,
+    Json(update): Json<JobUpdate>,
+) -> Result<axum::Json<Job>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(shown(state.app.update_job(job_id(&id)?, update).await?, &prefix)))
 }
 
 /// Cancel a job
@@ -139,11 +271,12 @@ fn duration(text: &str) -> Result<Duration, ApiError> {
 )]
 pub(in crate::http) async fn cancel(
     State(state): State<ApiState>,
+    prefix: Prefix,
     Path(id): Path<String>,
     params: Params,
 ) -> Result<Accepted, ApiError> {
     params.deny_unknown()?;
-    Ok(accepted(state.app.cancel(job_id(&id)?).await?))
+    Ok(accepted(state.app.cancel(job_id(&id)?).await?, &prefix))
 }
 
 /// Replace a job's labels
@@ -161,12 +294,13 @@ pub(in crate::http) async fn cancel(
 )]
 pub(in crate::http) async fn put_labels(
     State(state): State<ApiState>,
+    prefix: Prefix,
     Path(id): Path<String>,
     params: Params,
     Json(labels): Json<LabelsRequest>,
 ) -> Result<axum::Json<Job>, ApiError> {
     params.deny_unknown()?;
-    Ok(axum::Json(state.app.put_labels(job_id(&id)?, labels).await?))
+    Ok(axum::Json(shown(state.app.put_labels(job_id(&id)?, labels).await?, &prefix)))
 }
 
 /// Delete an ended job and its results

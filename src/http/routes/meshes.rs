@@ -1,9 +1,11 @@
 //! Meshes: upload, list, read, download, delete.
 
+use std::io::{Seek as _, SeekFrom};
+
 use axum::body::Body;
 use axum::extract::multipart::MultipartError;
 use axum::extract::{FromRequest, Multipart, Path, Request, State};
-use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, LOCATION};
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE, LOCATION, VARY};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
@@ -12,28 +14,42 @@ use futures_util::StreamExt;
 
 use super::{immutable, mesh_id, not_modified, streamed};
 use crate::geometry::LengthUnit;
+use crate::http::download::{
+    AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range, upload_name,
+};
 use crate::http::extract::{Params, UploadRate, body_error, check_encoding, header_text, is_timeout, request_timeout};
+use crate::http::negotiate::{Representation, choose};
+use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
-use crate::service::{FinishedUpload, MeshUpload, Upload};
+use crate::service::{Error, FinishedUpload, MeshUpload, Upload};
 use crate::wire::{MeshPage, UploadedMesh};
 
 const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
+/// Largest number of characters of a mesh's name.
+const MAX_NAME_CHARS: usize = 200;
+const BYTES: &str = "application/octet-stream";
+
+/// Media types of the preview; the second is for clients that know no type of models.
+static PREVIEW: [Representation; 2] = [
+    Representation { name: "glb", media_type: "model/gltf-binary", file: std::borrow::Cow::Borrowed("preview.glb") },
+    Representation { name: "bytes", media_type: BYTES, file: std::borrow::Cow::Borrowed("preview.glb") },
+];
 
 /// Upload a mesh
 ///
 /// The body is the file, with any `Content-Type`, or a multipart form with the file in the field `file`. STL, OBJ and PLY
 /// are recognised by content. The same file with the same unit and name is the same mesh: uploading it again has no
-/// effect and gives the same response.
+/// effect and gives the same response. The file of the example always gets the id that other examples name.
 #[utoipa::path(
     post,
     path = "/meshes",
     tag = "meshes",
     operation_id = "upload_mesh",
     params(
-        ("unit" = inline(crate::wire::MeshUnit), Query, description = "Unit of the file's coordinates, which mesh files do not state."),
-        ("name" = Option<String>, Query, description = "Name shown in reports and lists.", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, example = "sha-256=:UlyIVPZkKMF2W79h/j+NOtwd0gzmxKMkNC3h9hDeLdI=:", pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
+        ("unit" = inline(crate::wire::MeshUnit), Query, example = "mm", description = "Unit of the file's coordinates, which mesh files do not state."),
+        ("name" = Option<String>, Query, description = "Name shown in reports and lists. Without it, the file name that a multipart form gives.", example = "tetrahedron", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
+        ("Content-Digest" = Option<String>, Header, example = json!(crate::wire::example::MESH_DIGEST), pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
     ),
     request_body(description = "The mesh file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(
@@ -43,23 +59,25 @@ const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
 )]
 pub(in crate::http) async fn upload(
     State(state): State<ApiState>,
+    prefix: Prefix,
     mut params: Params,
     request: Request,
 ) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<UploadedMesh>), ApiError> {
-    let unit: LengthUnit = params.required("unit")?;
-    let name = params.name("name", 200)?;
+    let unit: LengthUnit = params.required("unit", &LengthUnit::ALL.map(LengthUnit::as_str).join(", "))?;
+    let name = params.name("name", MAX_NAME_CHARS)?;
     params.deny_unknown()?;
     check_encoding(request.headers())?;
     check_length(request.headers(), state.app.options().max_upload_bytes)?;
     let announced = announced_sha256(request.headers())?;
     let upload = state.app.receive(announced_length(request.headers())).await?;
-    let finished = if is_multipart(request.headers()) {
+    let (finished, file_name) = if is_multipart(request.headers()) {
         receive_form(upload, request, &state, announced.as_deref()).await?
     } else {
-        receive_body(upload, request.into_body(), &state, announced.as_deref()).await?
+        (receive_body(upload, request.into_body(), &state, announced.as_deref()).await?, None)
     };
+    let name = name.or(file_name);
     let mesh = state.app.add_mesh(finished, MeshUpload { unit, name }).await?;
-    Ok((StatusCode::CREATED, [(LOCATION, format!("/api/v1/meshes/{}", mesh.id))], axum::Json(mesh)))
+    Ok((StatusCode::CREATED, [(LOCATION, prefix.at(&format!("/api/v1/meshes/{}", mesh.id)))], axum::Json(mesh)))
 }
 
 /// The `Content-Length` of the body; 0 if there is none.
@@ -106,21 +124,23 @@ async fn receive_body(
     Ok(upload.finish(announced).await?)
 }
 
+/// The file of a form, and the name that the form gives it.
 async fn receive_form(
     mut upload: Upload,
     request: Request,
     state: &ApiState,
     announced: Option<&str>,
-) -> Result<FinishedUpload, ApiError> {
+) -> Result<(FinishedUpload, Option<String>), ApiError> {
     let mut rate = UploadRate::new(state.options.body_idle_timeout);
     let mut form = Multipart::from_request(request, state).await.map_err(|e| ApiError::new(Code::BadBody, e.body_text()))?;
     while let Some(mut field) = form.next_field().await.map_err(|error| form_error(&error))? {
         if field.name() == Some("file") {
+            let file_name = field.file_name().and_then(|name| upload_name(name, MAX_NAME_CHARS));
             while let Some(chunk) = field.chunk().await.map_err(|error| form_error(&error))? {
                 rate.count(chunk.len())?;
                 upload.write(chunk).await?;
             }
-            return Ok(upload.finish(announced).await?);
+            return Ok((upload.finish(announced).await?, file_name));
         }
     }
     Err(ApiError::at(Code::BadBody, "file", "the form has no field of this name"))
@@ -188,14 +208,21 @@ pub(in crate::http) async fn delete(
 }
 
 /// Download the uploaded file
+///
+/// `Range` gives a part of it (RFC 9110, section 14), so that a download can be resumed.
 #[utoipa::path(
     get,
     path = "/meshes/{id}/file",
     tag = "meshes",
     operation_id = "get_mesh_file",
-    params(("id" = uuid::Uuid, Path, description = "Id of the mesh.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the mesh."),
+        ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+    ),
     responses(
         (status = 200, description = "The file, byte for byte.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 206, description = "The asked part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has the current version."),
     )
 )]
@@ -210,25 +237,55 @@ pub(in crate::http) async fn file(
     if let Some(response) = not_modified(&headers, &mesh.sha256) {
         return Ok(response);
     }
-    let body = streamed(Box::new(state.app.open_mesh(&mesh).await?), state.downloads.clone());
+    let part = asked_part(&headers, &format!("\"{}\"", mesh.sha256), mesh.size_bytes);
+    if part == AskedPart::BeyondEnd {
+        return Ok(beyond_end(mesh.size_bytes));
+    }
+    let mut file = state.app.open_mesh(&mesh).await?;
     // A browser must never show an uploaded file as a page of ours.
-    let attachment = HeaderValue::from_static("attachment");
-    let length = HeaderValue::from(mesh.size_bytes);
-    let extra = [(CONTENT_DISPOSITION, attachment), (CONTENT_LENGTH, length)];
-    Ok((immutable(&mesh.sha256, "application/octet-stream"), extra, body).into_response())
+    let attachment = content_disposition(Disposition::Attachment, &file_name(&mesh));
+    let common = (immutable(&mesh.sha256, BYTES), [(CONTENT_DISPOSITION, attachment)]);
+    let AskedPart::Bytes(bytes) = part else {
+        let body = streamed(Box::new(file), state.downloads.clone());
+        return Ok((common, [(CONTENT_LENGTH, HeaderValue::from(mesh.size_bytes))], body).into_response());
+    };
+    file.seek(SeekFrom::Start(bytes.start)).map_err(Error::from)?;
+    let length = bytes.end - bytes.start;
+    let body = streamed(Box::new(PartReader::new(file, &(0..length))), state.downloads.clone());
+    let about = [(CONTENT_LENGTH, HeaderValue::from(length)), (CONTENT_RANGE, content_range(&bytes, mesh.size_bytes))];
+    Ok((StatusCode::PARTIAL_CONTENT, common, about, body).into_response())
+}
+
+/// Name of a mesh's file: that of the mesh, else its id, with the extension of its format.
+fn file_name(mesh: &UploadedMesh) -> String {
+    let name = mesh.name.clone().unwrap_or_else(|| mesh.id.to_string());
+    let extension = mesh.health.format.split('_').next().unwrap_or_default();
+    let has_it = name.rsplit_once('.').is_some_and(|(_, own)| own.eq_ignore_ascii_case(extension));
+    if has_it || extension.is_empty() { name } else { format!("{name}.{extension}") }
 }
 
 /// Download a simplified mesh for viewers
 ///
-/// Binary glTF in millimetres, in the part frame, with at most 300 000 triangles.
+/// Binary glTF in millimetres, in the part frame, with at most 300 000 triangles. `Range` gives a part of it.
 #[utoipa::path(
     get,
     path = "/meshes/{id}/preview.glb",
     tag = "meshes",
     operation_id = "get_mesh_preview",
-    params(("id" = uuid::Uuid, Path, description = "Id of the mesh.")),
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the mesh."),
+        ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
+    ),
     responses(
-        (status = 200, description = "The preview, as binary glTF.", content_type = "model/gltf-binary", body = inline(super::super::openapi::Bytes)),
+        (status = 200, description = "The preview, as binary glTF.", content(
+            (inline(super::super::openapi::Bytes) = "model/gltf-binary"),
+            (inline(super::super::openapi::Bytes) = "application/octet-stream"),
+        )),
+        (status = 206, description = "The asked part of the preview.", content(
+            (inline(super::super::openapi::Bytes) = "model/gltf-binary"),
+            (inline(super::super::openapi::Bytes) = "application/octet-stream"),
+        )),
         (status = 304, description = "The client has the current version."),
     )
 )]
@@ -239,9 +296,26 @@ pub(in crate::http) async fn preview(
     params: Params,
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
-    let (sha256, bytes) = state.app.preview(mesh_id(&id)?).await?;
+    let id = mesh_id(&id)?;
+    let mesh = state.app.mesh(id).await?;
+    let form = choose(&headers, None, &PREVIEW)?;
+    let (sha256, bytes) = state.app.preview(id).await?;
     if let Some(response) = not_modified(&headers, &sha256) {
         return Ok(response);
     }
-    Ok((immutable(&sha256, "model/gltf-binary"), bytes).into_response())
+    let length = bytes.len() as u64;
+    let name = format!("{}_preview.glb", mesh.name.unwrap_or_else(|| mesh.id.to_string()));
+    let inline = content_disposition(Disposition::Inline, &name);
+    let vary = HeaderValue::from_static("accept");
+    let common = (immutable(&sha256, form.media_type), [(CONTENT_DISPOSITION, inline), (VARY, vary)]);
+    match asked_part(&headers, &format!("\"{sha256}\""), length) {
+        AskedPart::Whole => Ok((common, bytes).into_response()),
+        AskedPart::BeyondEnd => Ok(beyond_end(length)),
+        AskedPart::Bytes(part) => {
+            let range = [(CONTENT_RANGE, content_range(&part, length))];
+            // A part of what is in memory.
+            let bytes = bytes[part.start as usize..part.end as usize].to_vec();
+            Ok((StatusCode::PARTIAL_CONTENT, common, range, bytes).into_response())
+        }
+    }
 }

@@ -16,7 +16,7 @@ use std::io::{self, Read};
 use std::sync::Arc;
 
 use axum::body::{Body, Bytes};
-use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG};
+use axum::http::header::{ACCEPT_RANGES, CACHE_CONTROL, CONTENT_TYPE, ETAG};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
@@ -38,11 +38,12 @@ fn job_id(text: &str) -> Result<JobId, ApiError> {
 }
 
 /// Headers of an immutable resource: its tag is the hash of its bytes.
-fn immutable(sha256: &str, media_type: &'static str) -> [(axum::http::HeaderName, HeaderValue); 3] {
+fn immutable(sha256: &str, media_type: &'static str) -> [(axum::http::HeaderName, HeaderValue); 4] {
     // Hexadecimal digits are a valid header value.
     let etag = HeaderValue::from_str(&format!("\"{sha256}\"")).unwrap_or(HeaderValue::from_static("\"\""));
     let cache_control = HeaderValue::from_static("private, max-age=31536000, immutable");
-    [(ETAG, etag), (CACHE_CONTROL, cache_control), (CONTENT_TYPE, HeaderValue::from_static(media_type))]
+    let bytes = HeaderValue::from_static("bytes");
+    [(ETAG, etag), (CACHE_CONTROL, cache_control), (CONTENT_TYPE, HeaderValue::from_static(media_type)), (ACCEPT_RANGES, bytes)]
 }
 
 /// The 304 response, if the client has the current version.

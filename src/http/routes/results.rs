@@ -4,14 +4,19 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use axum::extract::{Path, State};
-use axum::http::header::{CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, VARY};
-use axum::http::{HeaderMap, HeaderValue};
+use axum::http::header::{
+    CONTENT_DISPOSITION, CONTENT_ENCODING, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_SECURITY_POLICY, CONTENT_TYPE, VARY,
+};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use super::{immutable, job_id, not_modified, streamed};
+use crate::http::download::{
+    AskedPart, Disposition, PartReader, asked_part, beyond_end, content_disposition, content_range, result_name,
+};
 use crate::http::extract::Params;
 use crate::http::negotiate::{Representation, accepts_gzip, choose};
-use crate::http::openapi::{BinaryFormat, JsonFormat, ListFormat, ProgramFormat, ReportFormat};
+use crate::http::openapi::ProgramDialect;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::program::dialects::Dialect;
@@ -71,44 +76,96 @@ async fn negotiated(
     id: &str,
     headers: &HeaderMap,
     mut params: Params,
-    parameter: &str,
+    parameter: &'static str,
     offered: &[Representation],
 ) -> Result<Response, ApiError> {
     let asked = params.text(parameter);
-    let force = parameter == DIALECT && params.value::<bool>("force")?.unwrap_or(false);
+    let force = parameter == DIALECT && is_forced(&mut params)?;
     params.deny_unknown()?;
+    asked_form(state, id, headers, AskedForm { name: asked.as_deref(), force }, offered).await
+}
+
+/// Reads the query parameter that asks for the program of another maker's robots.
+fn is_forced(params: &mut Params) -> Result<bool, ApiError> {
+    Ok(params.value("force", "true or false")?.unwrap_or(false))
+}
+
+/// Form of a result that a request asks for.
+#[derive(Clone, Copy)]
+struct AskedForm<'a> {
+    /// Its name; `None` for the one that `Accept` prefers.
+    name: Option<&'a str>,
+    /// Send the program of another maker's robots too.
+    force: bool,
+}
+
+/// Responds with a result in the form asked for.
+async fn asked_form(
+    state: &ApiState,
+    id: &str,
+    headers: &HeaderMap,
+    asked: AskedForm<'_>,
+    offered: &[Representation],
+) -> Result<Response, ApiError> {
     let id = job_id(id)?;
     // The job is looked up before the representation is chosen: an unknown job is 404, whatever the representation.
     state.app.job_state(id).await?;
-    let chosen = choose(headers, asked.as_deref(), offered)?;
+    let chosen = choose(headers, asked.name, offered)?;
     let file = match state.app.result(id, &chosen.file).await {
-        Err(Error::NoSuchResult { .. }) => foreign_program(state, id, &chosen.file, force).await?,
+        Err(Error::NoSuchResult { .. }) => foreign_program(state, id, &chosen.file, asked.force).await?,
         found => found?,
     };
-    respond(state, &file, headers, chosen.media_type).await
+    let shown = [JSON, HTML, TEXT].contains(&chosen.media_type);
+    let disposition = if shown { Disposition::Inline } else { Disposition::Attachment };
+    let disposition = content_disposition(disposition, &name_of(state, id, &chosen.file).await?);
+    respond(state, &file, headers, chosen.media_type, disposition).await
 }
 
-/// Responds with a result, compressed as stored if the client accepts that.
+/// File name under which a result is kept.
+async fn name_of(state: &ApiState, id: JobId, file: &str) -> Result<String, ApiError> {
+    Ok(result_name(&state.app.part_names(id).await?, &id.to_string(), file))
+}
+
+/// Responds with a result or a part of it; the whole compressed as stored if the client accepts that.
 async fn respond(
     state: &ApiState,
     file: &ResultBody,
     headers: &HeaderMap,
     media_type: &'static str,
+    disposition: HeaderValue,
 ) -> Result<Response, ApiError> {
     if let Some(response) = not_modified(headers, file.sha256()) {
         return Ok(response);
     }
-    let packed = file.is_packed() && accepts_gzip(headers);
-    let body = streamed(file.open(packed).await?, state.downloads.clone());
-    let mut response = (immutable(file.sha256(), media_type), body).into_response();
+    let length = file.size_bytes(false);
+    let part = asked_part(headers, &format!("\"{}\"", file.sha256()), length);
+    let mut response = match &part {
+        AskedPart::BeyondEnd => return Ok(beyond_end(length)),
+        AskedPart::Whole => whole(state, file, headers).await?,
+        AskedPart::Bytes(bytes) => {
+            let reader = PartReader::new(file.open(false).await?, bytes);
+            let body = streamed(Box::new(reader), state.downloads.clone());
+            let about = [(CONTENT_LENGTH, (bytes.end - bytes.start).into()), (CONTENT_RANGE, content_range(bytes, length))];
+            (StatusCode::PARTIAL_CONTENT, about, body).into_response()
+        }
+    };
     let response_headers = response.headers_mut();
-    response_headers.insert(CONTENT_LENGTH, file.size_bytes(packed).into());
+    response_headers.extend(immutable(file.sha256(), media_type));
     response_headers.insert(VARY, HeaderValue::from_static("accept, accept-encoding"));
-    if packed {
-        response_headers.insert(CONTENT_ENCODING, HeaderValue::from_static("gzip"));
-    }
+    response_headers.insert(CONTENT_DISPOSITION, disposition);
     if media_type == HTML {
         response_headers.insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
+    }
+    Ok(response)
+}
+
+/// A result as a whole.
+async fn whole(state: &ApiState, file: &ResultBody, headers: &HeaderMap) -> Result<Response, ApiError> {
+    let packed = file.is_packed() && accepts_gzip(headers);
+    let mut response = streamed(file.open(packed).await?, state.downloads.clone()).into_response();
+    response.headers_mut().insert(CONTENT_LENGTH, file.size_bytes(packed).into());
+    if packed {
+        response.headers_mut().insert(CONTENT_ENCODING, HeaderValue::from_static("gzip"));
     }
     Ok(response)
 }
@@ -141,11 +198,13 @@ async fn reason(state: &ApiState, id: JobId, name: &str) -> Option<String> {
     serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
 }
 
+/// Defines the route of a result: its media type in the API document, and every form that it has besides, by `Accept` or by the
+/// query parameter `$parameter`.
 macro_rules! result {
     (
         $(#[doc = $doc:literal])+
-        $name:ident, $id:literal, $path:literal, $offered:expr, $parameter:literal $choice:ident $([$($more:tt)+])?,
-        $(($media:literal, $body:ty)),+
+        $name:ident, $id:literal, $path:literal, $offered:expr, $parameter:literal,
+        ($media:literal, $body:ty)
     ) => {
         $(#[doc = $doc])+
         #[utoipa::path(
@@ -153,13 +212,9 @@ macro_rules! result {
             path = $path,
             tag = "results",
             operation_id = $id,
-            params(
-                ("id" = uuid::Uuid, Path, description = "Id of the job."),
-                ($parameter = inline(Option<$choice>), Query, description = "Format of the result; takes precedence over `Accept`."),
-                $($($more)+)?
-            ),
+            params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
             responses(
-                (status = 200, description = "The result; it never changes.", content($(($body = $media)),+),
+                (status = 200, description = "The result; it never changes.", content(($body = $media)),
                     headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
                 (status = 304, description = "The client has the current version."),
             )
@@ -175,81 +230,190 @@ macro_rules! result {
     };
 }
 
+/// Defines the route of a result in one form alone, that of the name `$form` in `$offered`.
+macro_rules! form {
+    (
+        $(#[doc = $doc:literal])+
+        $name:ident, $id:literal, $path:literal, $offered:expr, $form:literal, $media:literal
+    ) => {
+        $(#[doc = $doc])+
+        #[utoipa::path(
+            get,
+            path = $path,
+            tag = "results",
+            operation_id = $id,
+            params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
+            responses(
+                (status = 200, description = "The result; it never changes.", content((String = $media)),
+                    headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+                (status = 304, description = "The client has the current version."),
+            )
+        )]
+        pub(in crate::http) async fn $name(
+            State(state): State<ApiState>,
+            Path(id): Path<String>,
+            headers: HeaderMap,
+            params: Params,
+        ) -> Result<Response, ApiError> {
+            params.deny_unknown()?;
+            asked_form(&state, &id, &headers, AskedForm { name: Some($form), force: false }, &$offered).await
+        }
+    };
+}
+
+/// Defines the route of a setup's program as text.
+macro_rules! program_text {
+    ($(#[doc = $doc:literal])+ $name:ident, $id:literal, $path:literal, $setup:literal) => {
+        $(#[doc = $doc])+
+        #[utoipa::path(
+            get,
+            path = $path,
+            tag = "results",
+            operation_id = $id,
+            params(
+                ("id" = uuid::Uuid, Path, description = "Id of the job."),
+                ("dialect" = ProgramDialect, Path, description = "Language of the program, or `csv`."),
+                ("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too."),
+            ),
+            responses(
+                (status = 200, description = "The program; it never changes.", content((String = "text/plain")),
+                    headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
+                (status = 304, description = "The client has the current version."),
+            )
+        )]
+        pub(in crate::http) async fn $name(
+            State(state): State<ApiState>,
+            Path((id, dialect)): Path<(String, String)>,
+            headers: HeaderMap,
+            mut params: Params,
+        ) -> Result<Response, ApiError> {
+            let asked = AskedForm { name: Some(&dialect), force: is_forced(&mut params)? };
+            params.deny_unknown()?;
+            program_as_text(&state, &id, asked, &headers, $setup).await
+        }
+    };
+}
+
+/// Responds with the program of a setup as plain text, whatever the dialect.
+async fn program_as_text(
+    state: &ApiState,
+    id: &str,
+    asked: AskedForm<'_>,
+    headers: &HeaderMap,
+    setup: usize,
+) -> Result<Response, ApiError> {
+    let mut offered = programs(setup);
+    offered.retain(|form| form.media_type != JSON);
+    let dialect = asked.name.unwrap_or_default();
+    if offered.iter().all(|form| form.name != dialect) {
+        let known: Vec<&str> = offered.iter().map(|form| form.name).collect();
+        let detail = format!("there is no dialect {dialect:?}; known are {}", known.join(", "));
+        return Err(ApiError::new(Code::ResultNotFound, detail));
+    }
+    let mut response = asked_form(state, id, headers, asked, &offered).await?;
+    if response.status().is_success() {
+        response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static(TEXT));
+    }
+    Ok(response)
+}
+
 result! {
     /// Get the plan
-    plan, "get_plan", "/jobs/{id}/plan", PLAN, "format" JsonFormat, ("application/json", PlanDocument)
+    plan, "get_plan", "/jobs/{id}/plan", PLAN, "format", ("application/json", PlanDocument)
 }
 result! {
     /// Get the robot program
     ///
-    /// As neutral JSON, as a table, or in the language of a robot controller (see `params.dialects`). For KUKA there are two
-    /// files, `krl` and `krl_dat`. If a language cannot express the program, the response is `result_not_found` with the
-    /// reason. If it is not the one that the robot's specification names (`dialect`), nor `csv` or `robodk`, the response is
-    /// `foreign_dialect`; with `force=true` it is the program, with a warning in its header.
-    program, "get_program", "/jobs/{id}/program", programs(0), "dialect" ProgramFormat
-    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
-    ("application/json", ProgramDocument)
+    /// As neutral JSON. `/jobs/{id}/program/{dialect}` has it as a table and in the languages of robot controllers, as does the
+    /// query parameter `dialect` of this route.
+    program, "get_program", "/jobs/{id}/program", programs(0), "dialect", ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the second setup
-    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), "dialect" ProgramFormat
-    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
-    ("application/json", ProgramDocument)
+    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), "dialect", ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the third setup
-    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), "dialect" ProgramFormat
-    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
-    ("application/json", ProgramDocument)
+    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), "dialect", ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the fourth setup
-    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), "dialect" ProgramFormat
-    [("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too.")],
-    ("application/json", ProgramDocument)
+    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), "dialect", ("application/json", ProgramDocument)
+}
+program_text! {
+    /// Get the robot program as text
+    ///
+    /// A table (`csv`), or the language of a robot controller (see `params.dialects`). For KUKA there are two files, `krl` and
+    /// `krl_dat`. If a language cannot express the program, the response is `result_not_found` with the reason. If it is not
+    /// the one that the robot's specification names (`dialect`), nor `csv` or `robodk`, the response is `foreign_dialect`; with
+    /// `force=true` it is the program, with a warning in its header. The head of the file says under which name the controller
+    /// wants it.
+    program_text, "get_program_text", "/jobs/{id}/program/{dialect}", 0
+}
+program_text! {
+    /// Get the robot program of the second setup as text
+    program_text_2, "get_program_2_text", "/jobs/{id}/program-2/{dialect}", 1
+}
+program_text! {
+    /// Get the robot program of the third setup as text
+    program_text_3, "get_program_3_text", "/jobs/{id}/program-3/{dialect}", 2
+}
+program_text! {
+    /// Get the robot program of the fourth setup as text
+    program_text_4, "get_program_4_text", "/jobs/{id}/program-4/{dialect}", 3
 }
 result! {
     /// Get the chosen viewpoints
-    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format" ListFormat,
-    ("application/json", ViewpointsDocument), ("text/csv", String)
+    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format", ("application/json", ViewpointsDocument)
+}
+form! {
+    /// Get the chosen viewpoints as a table
+    viewpoints_csv, "get_viewpoints_csv", "/jobs/{id}/viewpoints.csv", VIEWPOINTS, "csv", "text/csv"
 }
 result! {
     /// Get the coverage and its quality
-    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format" ListFormat,
-    ("application/json", CoverageListing), ("text/csv", String)
+    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format", ("application/json", CoverageListing)
+}
+form! {
+    /// Get the coverage of each face as a table
+    coverage_csv, "get_coverage_csv", "/jobs/{id}/coverage.csv", COVERAGE, "csv", "text/csv"
 }
 result! {
     /// Get the missed area and its causes
-    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format" JsonFormat, ("application/json", MissedListing)
+    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format", ("application/json", MissedListing)
 }
 result! {
     /// Get all candidates, with the matrices of visibility and of quality
     ///
     /// Present if the job has `params.output.candidates`. If the file would be too large, the response is `result_not_found`
     /// with the reason.
-    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, "format" JsonFormat,
-    ("application/json", CandidateListing)
+    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, "format", ("application/json", CandidateListing)
 }
 result! {
     /// Get the seconds spent in each stage
-    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format" JsonFormat, ("application/json", super::super::openapi::StageSeconds)
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format", ("application/json", super::super::openapi::StageSeconds)
 }
 result! {
     /// Get the report
     ///
     /// A job that failed with `no_plan` has one too: the reasons, with pictures of what is in the way.
-    report, "get_report", "/jobs/{id}/report", REPORT, "format" ReportFormat,
-    ("text/html", String), ("text/plain", String)
+    report, "get_report", "/jobs/{id}/report", REPORT, "format", ("text/html", String)
+}
+form! {
+    /// Get the report as plain text
+    report_text, "get_report_text", "/jobs/{id}/report.txt", REPORT, "text", "text/plain"
 }
 result! {
     /// Get the coverage of each face of the preview
     ///
     /// One byte per face: its best grade, by area majority, or the cause for which it is missed.
-    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format" BinaryFormat,
+    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format",
     ("application/octet-stream", super::super::openapi::Bytes)
 }
 
 /// Download a result file by name
+///
+/// Byte for byte, to be kept as a file. `Range` gives a part of it (RFC 9110, section 14), so that a download can be resumed.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/files/{name}",
@@ -257,13 +421,13 @@ result! {
     operation_id = "get_job_file",
     params(
         ("id" = uuid::Uuid, Path, description = "Id of the job."),
-        ("name" = String, Path, description = "Name of the file, as in the job's `results`."),
+        ("name" = String, Path, description = "Name of the file, as in the job's `results`.", example = "plan.json"),
+        ("Range" = Option<String>, Header, description = "One range of bytes, for example `bytes=0-99`."),
+        ("If-Range" = Option<String>, Header, description = "Entity tag of the version that the range is for; of another version the whole file is sent."),
     ),
     responses(
-        (status = 200, description = "The file; it never changes.", content(
-            (Object = "application/json"), (String = "text/csv"), (String = "text/html"), (String = "text/plain"),
-            (inline(super::super::openapi::Bytes) = "application/octet-stream"),
-        )),
+        (status = 200, description = "The file; it never changes.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
+        (status = 206, description = "The asked part of the file.", content_type = "application/octet-stream", body = inline(super::super::openapi::Bytes)),
         (status = 304, description = "The client has the current version."),
     )
 )]
@@ -279,18 +443,6 @@ pub(in crate::http) async fn file(
         Err(Error::NoSuchResult { .. }) => foreign_program(&state, id, &name, false).await?,
         found => found?,
     };
-    let media_type = match name.rsplit_once('.').map_or("", |(_, extension)| extension) {
-        "json" => JSON,
-        "csv" => CSV,
-        "html" => HTML,
-        "txt" => TEXT,
-        extension if is_program(extension) => TEXT,
-        _ => BYTES,
-    };
-    respond(&state, &file, &headers, media_type).await
-}
-
-/// True if files of this extension are programs in some dialect.
-fn is_program(extension: &str) -> bool {
-    Dialect::ALL.into_iter().flat_map(Dialect::outputs).any(|output| output.extension == extension)
+    let attachment = content_disposition(Disposition::Attachment, &name_of(&state, id, &name).await?);
+    respond(&state, &file, &headers, BYTES, attachment).await
 }

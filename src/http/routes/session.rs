@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 use crate::http::auth::{COOKIE_NAME, bearer_token, session_id};
 use crate::http::client::Client;
 use crate::http::extract::Params;
+use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 
@@ -29,6 +30,7 @@ use crate::http::router::ApiState;
 pub(in crate::http) async fn begin(
     State(state): State<ApiState>,
     client: Client,
+    prefix: Prefix,
     params: Params,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
@@ -44,7 +46,7 @@ pub(in crate::http) async fn begin(
         tracing::error!(%error, "the system provides no random numbers");
         ApiError::new(Code::Internal, "the server could not create a session id")
     })?;
-    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie(&id, client.is_https, ""))]).into_response())
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie(&id, &prefix, client.is_https, ""))]).into_response())
 }
 
 /// End the session
@@ -60,6 +62,7 @@ pub(in crate::http) async fn begin(
 )]
 pub(in crate::http) async fn end(
     State(state): State<ApiState>,
+    prefix: Prefix,
     params: Params,
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
@@ -67,11 +70,11 @@ pub(in crate::http) async fn end(
     if let Some(id) = session_id(&headers) {
         state.sessions.end(id);
     }
-    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie("", false, "; Max-Age=0"))]).into_response())
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie("", &prefix, false, "; Max-Age=0"))]).into_response())
 }
 
 /// The session cookie: kept until the browser closes, hidden from scripts, not sent with other sites' requests.
-fn cookie(id: &str, is_https: bool, rest: &str) -> String {
-    let secure = if is_https { "; Secure" } else { "" };
-    format!("{COOKIE_NAME}={id}; Path=/; HttpOnly; SameSite=Strict{secure}{rest}")
+fn cookie(id: &str, prefix: &Prefix, is_https: bool, rest: &str) -> String {
+    let (path, secure) = (prefix.at("/"), if is_https { "; Secure" } else { "" });
+    format!("{COOKIE_NAME}={id}; Path={path}; HttpOnly; SameSite=Strict{secure}{rest}")
 }

@@ -5,8 +5,9 @@ use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 
-use crate::http::docs::DOCUMENT;
+use crate::http::docs::document;
 use crate::http::extract::Params;
+use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::wire::{Health, ProblemField, Readiness, Version};
@@ -78,7 +79,7 @@ pub(in crate::http) async fn metrics(State(state): State<ApiState>) -> Result<im
     operation_id = "openapi",
     responses((status = 200, description = "The OpenAPI 3.1 document.", body = Object))
 )]
-pub(in crate::http) async fn openapi(headers: HeaderMap, params: Params) -> Result<Response, ApiError> {
+pub(in crate::http) async fn openapi(prefix: Prefix, headers: HeaderMap, params: Params) -> Result<Response, ApiError> {
     params.deny_unknown()?;
-    Ok(DOCUMENT.respond(&headers))
+    Ok(document(&prefix, &headers))
 }

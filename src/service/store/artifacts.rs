@@ -54,6 +54,17 @@ pub(crate) struct ResultFile {
     pub encoding: FileEncoding,
 }
 
+/// Names by which people know the part of a job.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PartNames {
+    /// Part number.
+    pub part_number: Option<String>,
+    /// Serial number.
+    pub serial: Option<String>,
+    /// Name of the mesh, unless it was deleted.
+    pub mesh: Option<String>,
+}
+
 /// Results on the disk that no row refers to yet. They are pinned as long as this value lives.
 #[derive(Debug)]
 pub(crate) struct StoredArtifacts {
@@ -119,6 +130,18 @@ impl Store {
             file_bytes: row.try_get::<i64, _>("file_bytes")?.unsigned_abs(),
             encoding,
         })
+    }
+
+    /// Names of a job's part.
+    pub(crate) async fn part_names(&self, id: JobId) -> Result<PartNames, Error> {
+        let row = sqlx::query(
+            "SELECT job.part_number, job.serial, mesh.name FROM job LEFT JOIN mesh ON mesh.id = job.mesh_id WHERE job.id = ?1",
+        )
+        .bind(id.to_string())
+        .fetch_optional(&self.reader)
+        .await?;
+        let row = row.ok_or(Error::JobNotFound(id))?;
+        Ok(PartNames { part_number: row.try_get("part_number")?, serial: row.try_get("serial")?, mesh: row.try_get("name")? })
     }
 
     /// Opens the file of a result and checks its hash; decompresses it if `decompressed`.

@@ -1,6 +1,8 @@
 //! Idempotency keys (IETF draft-ietf-httpapi-idempotency-key-header): for 24 hours, a key gives the same answer to the same
-//! request and is refused for any other. Its row is written in the transaction that inserts the job.
+//! request and is refused for any other. Its row is written in the transaction that inserts the jobs.
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use sqlx::{Row, SqliteConnection};
 
@@ -8,7 +10,6 @@ use super::files::hex;
 use super::now;
 use super::stored::{VERSION, read_leniently};
 use crate::service::error::{Error, InternalError};
-use crate::wire::Job;
 
 /// An idempotency key and the fingerprint of its request.
 #[derive(Clone, Debug)]
@@ -24,13 +25,13 @@ impl IdempotencyKey {
     }
 
     /// Earlier answer to this request, if any; deletes expired keys.
-    pub(super) async fn replay(&self, tx: &mut SqliteConnection) -> Result<Option<Job>, Error> {
+    pub(super) async fn replay<T: DeserializeOwned>(&self, tx: &mut SqliteConnection) -> Result<Option<T>, Error> {
         delete_expired(&mut *tx).await?;
         self.answer(tx).await
     }
 
     /// Answer given to this request within the last 24 hours, if any.
-    pub(super) async fn answer(&self, connection: &mut SqliteConnection) -> Result<Option<Job>, Error> {
+    pub(super) async fn answer<T: DeserializeOwned>(&self, connection: &mut SqliteConnection) -> Result<Option<T>, Error> {
         let row =
             sqlx::query("SELECT fingerprint, answer FROM idempotency WHERE key = ?1 AND created_at >= strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-24 hours')").bind(&self.key).fetch_optional(connection).await?;
         let Some(row) = row else { return Ok(None) };
@@ -42,7 +43,7 @@ impl IdempotencyKey {
     }
 
     /// Records the answer.
-    pub(super) async fn record(&self, tx: &mut SqliteConnection, answer: &Job) -> Result<(), Error> {
+    pub(super) async fn record(&self, tx: &mut SqliteConnection, answer: &impl Serialize) -> Result<(), Error> {
         sqlx::query(concat!("INSERT INTO idempotency (key, fingerprint, answer, created_at) VALUES (?1, ?2, ?3, ", now!(), ")"))
             .bind(&self.key)
             .bind(&self.fingerprint)

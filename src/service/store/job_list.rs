@@ -1,5 +1,6 @@
-//! Lists of jobs: pages of job summaries, without the parameters. Every filter has its index, and the cost of a page depends
-//! on its size, not on the number of stored jobs; queue positions are counted once per page.
+//! Lists of jobs: pages of job summaries, without the parameters. Every filter and every order has its index, and the cost of a
+//! page depends on its size, not on the number of stored jobs; queue positions are counted once per page. A filter together with
+//! an order other than by creation is sorted on the way, and costs as much as the jobs that it finds.
 
 use std::collections::HashMap;
 
@@ -8,28 +9,50 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite};
 
 use super::jobs::{read_problem, read_state};
-use super::pages::Page;
+use super::pages::{Page, Place};
 use super::stored::{VERSION, read_leniently};
 use super::{Store, summaries};
 use crate::service::error::Error;
-use crate::wire::{JobFile, JobListItem, JobPage, JobState};
+use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSort, JobSortKey, JobState, MeshId, UtcTime};
 
-/// Filters of a job listing.
+/// Filters and order of a job listing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct JobFilter {
+    pub ids: Option<Vec<JobId>>,
     pub state: Option<JobState>,
     /// Key, and value if one is given.
     pub label: Option<(String, Option<String>)>,
     pub part_number: Option<String>,
+    pub serial: Option<String>,
+    pub mesh_id: Option<MeshId>,
+    /// Name of the cell.
+    pub cell: Option<String>,
+    /// Earliest time of creation.
+    pub created_after: Option<UtcTime>,
+    /// Time of creation that is too late.
+    pub created_before: Option<UtcTime>,
+    pub sort: JobSort,
 }
 
+/// A job that filters match.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct MatchingJob {
+    pub id: JobId,
+    pub has_ended: bool,
+    /// True if it has the hold label.
+    pub is_held: bool,
+}
+
+/// Key of a job that has not ended, after every time.
+const NOT_ENDED: &str = "~";
+
 impl Store {
-    /// A page of jobs, newest first.
+    /// A page of jobs.
     pub(crate) async fn jobs(&self, filter: &JobFilter, page: &Page) -> Result<JobPage, Error> {
         let rows = query(filter, page).build().fetch_all(&self.reader).await?;
         let mut items: Vec<JobListItem> = rows.iter().filter_map(read).collect();
         // Unreadable rows are skipped; the next page begins after the last readable one.
-        let next_page_token = page.cut(&mut items, |job| job.id.to_string())?;
+        let next_page_token = page.cut(&mut items, |job| place(job, filter.sort.key))?;
         if items.iter().any(|job| job.state == JobState::Queued) {
             let positions = self.queue_positions(&items).await?;
             for job in &mut items {
@@ -37,6 +60,24 @@ impl Store {
             }
         }
         Ok(JobPage { items, next_page_token })
+    }
+
+    /// Jobs that the filters match, oldest first.
+    pub(crate) async fn matching(&self, filter: &JobFilter, hold: &str) -> Result<Vec<MatchingJob>, Error> {
+        let mut query = QueryBuilder::new(
+            "SELECT job.id, state, EXISTS (SELECT 1 FROM job_label AS hold WHERE hold.job_id = job.id AND hold.key = ",
+        );
+        query.push_bind(hold.to_owned()).push(") AS is_held FROM ");
+        push_filters(&mut query, filter);
+        let rows = query.push(" ORDER BY job.id").build().fetch_all(&self.reader).await?;
+        let read = |row: &SqliteRow| -> Result<Option<MatchingJob>, Error> {
+            // A job whose id cannot be read cannot be addressed by it.
+            let Ok(id) = row.try_get::<String, _>("id")?.parse() else { return Ok(None) };
+            // An unreadable state counts as failed, so that the job can be deleted.
+            let has_ended = read_state(&row.try_get::<String, _>("state")?).map_or(true, JobState::is_ended);
+            Ok(Some(MatchingJob { id, has_ended, is_held: row.try_get("is_held")? }))
+        };
+        rows.iter().filter_map(|row| read(row).transpose()).collect()
     }
 
     /// Positions in the queue, counted from 1, of the queued ones of these jobs.
@@ -61,7 +102,28 @@ impl Store {
     }
 }
 
-/// Query of a page. A label is looked up first, in its own index; the other filters have their own.
+/// Place of a job in a listing.
+fn place(job: &JobListItem, key: JobSortKey) -> Place {
+    let key = match key {
+        JobSortKey::CreatedAt => None,
+        JobSortKey::EndedAt => Some(job.ended_at.as_deref().unwrap_or(NOT_ENDED)),
+        JobSortKey::PartNumber => job.part_number.as_deref(),
+        JobSortKey::Serial => job.serial.as_deref(),
+    };
+    Place { key: key.unwrap_or_default().to_owned(), id: job.id.to_string() }
+}
+
+/// Expression of an order's key, as its index has it; none for the order of the ids, which is that of creation.
+fn key_expression(key: JobSortKey) -> Option<&'static str> {
+    match key {
+        JobSortKey::CreatedAt => None,
+        JobSortKey::EndedAt => Some("coalesce(ended_at, '~')"),
+        JobSortKey::PartNumber => Some("coalesce(part_number, '')"),
+        JobSortKey::Serial => Some("coalesce(serial, '')"),
+    }
+}
+
+/// Query of a page.
 fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
         "SELECT job.id, state, mesh_id, part_number, serial, cell, scanner, labels, priority, stage, fraction, attempts, timings,
@@ -71,28 +133,72 @@ fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
             (SELECT summary FROM job_summary WHERE job_id = job.id) AS summary
          FROM ",
     );
-    let order = match &filter.label {
+    push_filters(&mut query, filter);
+    push_order(&mut query, filter, page);
+    query
+}
+
+/// Adds the tables and conditions of the filters. A label is looked up first, in its own index; the other filters have their own.
+fn push_filters(query: &mut QueryBuilder<Sqlite>, filter: &JobFilter) {
+    match &filter.label {
         None => {
-            query.push("job WHERE job.id < ").push_bind(page.before.clone());
-            "job.id"
+            query.push("job WHERE 1");
         }
         Some((key, value)) => {
             query.push("job_label AS label CROSS JOIN job ON job.id = label.job_id WHERE label.key = ").push_bind(key.clone());
             if let Some(value) = value {
                 query.push(" AND label.value = ").push_bind(value.clone());
             }
-            query.push(" AND label.job_id < ").push_bind(page.before.clone());
-            "label.job_id"
         }
+    }
+    if let Some(ids) = &filter.ids {
+        query.push(" AND job.id IN (");
+        let mut list = query.separated(", ");
+        for id in ids {
+            list.push_bind(id.to_string());
+        }
+        query.push(")");
+    }
+    let mesh_id = filter.mesh_id.map(|id| id.to_string());
+    let created = |time: &Option<UtcTime>| time.as_ref().map(|time| time.as_str().to_owned());
+    for (condition, value) in [
+        ("state = ", filter.state.map(|state| state.as_str().to_owned())),
+        ("part_number = ", filter.part_number.clone()),
+        ("serial = ", filter.serial.clone()),
+        ("mesh_id = ", mesh_id),
+        ("cell = ", filter.cell.clone()),
+        ("created_at >= ", created(&filter.created_after)),
+        ("created_at < ", created(&filter.created_before)),
+    ] {
+        if let Some(value) = value {
+            query.push(" AND ").push(condition).push_bind(value);
+        }
+    }
+}
+
+/// Adds the order, and the condition that a row comes after the previous page.
+fn push_order(query: &mut QueryBuilder<Sqlite>, filter: &JobFilter, page: &Page) {
+    let id = if filter.label.is_some() { "label.job_id" } else { "job.id" };
+    let (beyond, direction) = if filter.sort.descending { ("<", " DESC") } else { (">", "") };
+    match (key_expression(filter.sort.key), &page.after) {
+        (_, None) => {}
+        (None, Some(place)) => {
+            query.push(format!(" AND {id} {beyond} ")).push_bind(place.id.clone());
+        }
+        (Some(key), Some(place)) => {
+            // The first comparison leads into the index; without OR, for which SQLite would look into two.
+            query.push(format!(" AND {key} {beyond}= ")).push_bind(place.key.clone());
+            query.push(format!(" AND NOT ({key} = ")).push_bind(place.key.clone());
+            query.push(format!(" AND job.id {} ", if filter.sort.descending { ">=" } else { "<=" }));
+            query.push_bind(place.id.clone()).push(")");
+        }
+    }
+    query.push(" ORDER BY ");
+    match key_expression(filter.sort.key) {
+        None => query.push(id).push(direction),
+        Some(key) => query.push(format!("{key}{direction}, job.id{direction}")),
     };
-    if let Some(state) = filter.state {
-        query.push(" AND state = ").push_bind(state.as_str());
-    }
-    if let Some(part_number) = &filter.part_number {
-        query.push(" AND part_number = ").push_bind(part_number.clone());
-    }
-    query.push(" ORDER BY ").push(order).push(" DESC LIMIT ").push_bind(page.limit());
-    query
+    query.push(" LIMIT ").push_bind(page.limit());
 }
 
 /// Reads a row; unreadable fields are left empty, and a row with an unreadable id is skipped.

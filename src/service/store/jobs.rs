@@ -10,7 +10,9 @@
 //! Every transition appends its event in the same transaction.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
+use serde::de::DeserializeOwned;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
@@ -24,7 +26,7 @@ use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::service::jobs::failure;
 use crate::wire::summary::Summary;
-use crate::wire::{EventKind, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
+use crate::wire::{EventKind, Job, JobBatch, JobEvent, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
 
 /// A job to be inserted.
 pub(crate) struct NewJob {
@@ -87,12 +89,8 @@ impl Store {
             tx.commit().await?;
             return Ok(answer);
         }
-        check_queue_limit(&mut tx, new.queue_limit).await?;
-        check_meshes(&mut tx, &new.meshes).await?;
-        failpoint::hit("job", "before_insert");
-        let id = JobId::generate();
-        insert(&mut tx, id, &new).await?;
-        let event = events::append(&mut tx, id, EventBody::state(EventKind::Queued, JobState::Queued)).await?;
+        check_queue_limit(&mut tx, 1, new.queue_limit).await?;
+        let (id, event) = insert_queued(&mut tx, &new).await?;
         let job = fetch(&mut tx, id).await?;
         if let Some(key) = &new.idempotency {
             key.record(&mut tx, &job).await?;
@@ -103,8 +101,40 @@ impl Store {
         Ok(job)
     }
 
+    /// Inserts jobs, their idempotency key and their first events in one transaction; or returns the earlier answer to the same
+    /// request.
+    pub(crate) async fn submit_batch(
+        &self,
+        jobs: &[NewJob],
+        idempotency: Option<&IdempotencyKey>,
+        queue_limit: u64,
+    ) -> Result<JobBatch, Error> {
+        let mut tx = self.writer.begin().await?;
+        if let Some(key) = idempotency
+            && let Some(answer) = key.replay(&mut tx).await?
+        {
+            tx.commit().await?;
+            return Ok(answer);
+        }
+        check_queue_limit(&mut tx, jobs.len() as u64, queue_limit).await?;
+        let mut inserted = Vec::with_capacity(jobs.len());
+        for new in jobs {
+            inserted.push(insert_queued(&mut tx, new).await?);
+        }
+        let mut answer = JobBatch { jobs: Vec::with_capacity(jobs.len()) };
+        for (id, _) in &inserted {
+            answer.jobs.push(fetch(&mut tx, *id).await?);
+        }
+        if let Some(key) = idempotency {
+            key.record(&mut tx, &answer).await?;
+        }
+        let _in_order = tx.commit_and_keep_lock().await?;
+        inserted.into_iter().for_each(|(_, event)| self.publish(event));
+        Ok(answer)
+    }
+
     /// Earlier answer to this request, if any.
-    pub(crate) async fn replay(&self, key: &IdempotencyKey) -> Result<Option<Job>, Error> {
+    pub(crate) async fn replay<T: DeserializeOwned>(&self, key: &IdempotencyKey) -> Result<Option<T>, Error> {
         key.answer(&mut *self.reader.acquire().await?).await
     }
 
@@ -312,6 +342,21 @@ impl Store {
         Ok(rows.len())
     }
 
+    /// Gives a queued job another priority.
+    pub(crate) async fn put_priority(&self, id: JobId, priority: i32) -> Result<Job, Error> {
+        let mut tx = self.writer.begin().await?;
+        let state = state_of(&mut tx, id).await?;
+        if state != JobState::Queued {
+            return Err(Error::JobNotQueued { job: id, state });
+        }
+        sqlx::query("UPDATE job SET priority = ?2 WHERE id = ?1").bind(id.to_string()).bind(priority).execute(&mut *tx).await?;
+        let event = events::append(&mut tx, id, EventBody::state(EventKind::Queued, JobState::Queued)).await?;
+        let job = fetch(&mut tx, id).await?;
+        let _in_order = tx.commit_and_keep_lock().await?;
+        self.publish(event);
+        Ok(job)
+    }
+
     /// Replaces a job's labels. Its files keep the labels that it was submitted with.
     pub(crate) async fn put_labels(&self, id: JobId, labels: &BTreeMap<String, String>) -> Result<Job, Error> {
         let mut tx = self.writer.begin().await?;
@@ -366,11 +411,12 @@ async fn check_hold(tx: &mut SqliteConnection, id: JobId, label: &str) -> Result
     if held { Err(Error::JobHeld { job: id, label: label.to_owned() }) } else { Ok(()) }
 }
 
-async fn check_queue_limit(tx: &mut SqliteConnection, limit: u64) -> Result<(), Error> {
+/// Checks that the queue has room for so many more jobs.
+async fn check_queue_limit(tx: &mut SqliteConnection, more: u64, limit: u64) -> Result<(), Error> {
     let queued: i64 =
         sqlx::query_scalar("SELECT count(*) FROM job INDEXED BY job_queue WHERE state = 'queued'").fetch_one(tx).await?;
     let queued = queued.unsigned_abs();
-    if queued >= limit { Err(Error::QueueFull { queued }) } else { Ok(()) }
+    if queued + more > limit { Err(Error::QueueFull { queued }) } else { Ok(()) }
 }
 
 /// Checks that the meshes still exist: one may have been deleted since the request was checked.
@@ -385,6 +431,15 @@ async fn check_meshes(tx: &mut SqliteConnection, meshes: &[MeshId]) -> Result<()
         }
     }
     Ok(())
+}
+
+/// Inserts a job with its first event.
+async fn insert_queued(tx: &mut SqliteConnection, new: &NewJob) -> Result<(JobId, Arc<JobEvent>), Error> {
+    check_meshes(tx, &new.meshes).await?;
+    failpoint::hit("job", "before_insert");
+    let id = JobId::generate();
+    insert(tx, id, new).await?;
+    Ok((id, events::append(tx, id, EventBody::state(EventKind::Queued, JobState::Queued)).await?))
 }
 
 async fn insert(tx: &mut SqliteConnection, id: JobId, new: &NewJob) -> Result<(), Error> {
@@ -455,7 +510,7 @@ async fn end(
     kind: EventKind,
     after: JobState,
     problem: Option<&JobProblem>,
-) -> Result<std::sync::Arc<crate::wire::JobEvent>, Error> {
+) -> Result<Arc<JobEvent>, Error> {
     end_with(tx, id, &Ending { kind, after, problem, summary: None }).await
 }
 
@@ -463,7 +518,7 @@ async fn end_with(
     tx: &mut SqliteConnection,
     id: JobId,
     ending: &Ending<'_>,
-) -> Result<std::sync::Arc<crate::wire::JobEvent>, Error> {
+) -> Result<Arc<JobEvent>, Error> {
     let Ending { kind, after, problem, summary } = *ending;
     sqlx::query(concat!(
         "UPDATE job SET state = ?2, problem = ?3, stage = NULL,

@@ -1,15 +1,15 @@
 //! Rows of uploaded meshes.
 
 use serde_json::Value;
-use sqlx::Row;
 use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection};
 
 use super::files::Received;
-use super::pages::Page;
+use super::pages::{Page, Place};
 use super::{Store, blocking, parsed};
 use crate::service::error::Error;
 use crate::service::failpoint;
-use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh};
+use crate::wire::{MeshHealthReport, MeshId, MeshPage, UploadedMesh, example};
 
 /// A mesh to be stored.
 pub(crate) struct NewMesh {
@@ -57,7 +57,7 @@ impl Store {
             "INSERT INTO mesh (id, sha256, unit, name, size_bytes, health) VALUES (?1, ?2, ?3, ?4, ?5, ?6)
              RETURNING id, sha256, unit, name, size_bytes, health, created_at",
         )
-        .bind(MeshId::generate().to_string())
+        .bind(new_id(&mut tx, &sha256).await?.to_string())
         .bind(sha256)
         .bind(unit)
         .bind(name)
@@ -85,12 +85,12 @@ impl Store {
             "SELECT id, sha256, unit, name, size_bytes, health, created_at FROM mesh
              WHERE id < ?1 ORDER BY id DESC LIMIT ?2",
         )
-        .bind(&page.before)
+        .bind(page.before())
         .bind(page.limit())
         .fetch_all(&self.reader)
         .await?;
         let mut items = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        let next_page_token = page.cut(&mut items, |mesh| mesh.id.to_string())?;
+        let next_page_token = page.cut(&mut items, |mesh| Place::of_id(mesh.id))?;
         Ok(MeshPage { items, next_page_token })
     }
 
@@ -146,6 +146,18 @@ impl Store {
         };
         self.remove_unreferenced(orphans).await
     }
+}
+
+/// Id of a new mesh. The part of the examples has a fixed one, in the first unit and under the first name it comes with.
+async fn new_id(tx: &mut SqliteConnection, sha256: &str) -> Result<MeshId, Error> {
+    if sha256 != example::MESH_SHA256 {
+        return Ok(MeshId::generate());
+    }
+    let taken: bool = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM mesh WHERE id = ?1)")
+        .bind(MeshId::EXAMPLE.to_string())
+        .fetch_one(tx)
+        .await?;
+    Ok(if taken { MeshId::generate() } else { MeshId::EXAMPLE })
 }
 
 fn read(row: &SqliteRow) -> Result<UploadedMesh, Error> {

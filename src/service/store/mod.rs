@@ -32,6 +32,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
 use tokio::sync::broadcast;
 
+pub use artifacts::PartNames;
 pub(crate) use artifacts::{FileEncoding, ResultFile};
 pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use files::{Files, Received, hex};
@@ -230,6 +231,7 @@ fn migrator() -> Migrator {
     Migrator::with_migrations(vec![
         migration(1, "first", include_str!("migrations/0001_first.sql")),
         migration(2, "growth", include_str!("migrations/0002_growth.sql")),
+        migration(3, "lists", include_str!("migrations/0003_lists.sql")),
         migration(4, "summary", include_str!("migrations/0004_summary.sql")),
     ])
 }

@@ -1,5 +1,5 @@
-//! Keyset pagination of listings, newest first: the token holds the last id of the page and a digest of the listing's
-//! filters, so that a token cannot be used for another listing.
+//! Keyset pagination of listings: the token holds the place of the last entry of the page, its id and the key that the listing
+//! is sorted by, and a digest of the listing's filters and order, so that a token cannot be used for another listing.
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -12,9 +12,31 @@ use crate::service::error::Error;
 pub(crate) struct Page {
     /// Max number of entries.
     pub size: u32,
-    /// Upper bound of the ids, exclusive, compared as text; for the first page above every id.
-    pub before: String,
+    /// Place of the last entry of the previous page.
+    pub after: Option<Place>,
     filters: String,
+}
+
+/// Place of an entry in a listing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Place {
+    /// Key that the listing is sorted by; empty if it is sorted by id.
+    pub key: String,
+    /// Id of the entry.
+    pub id: String,
+}
+
+impl Place {
+    /// Place of an entry in a listing that is sorted by id.
+    pub(crate) fn of_id(id: impl ToString) -> Self {
+        Self { key: String::new(), id: id.to_string() }
+    }
+
+    /// Reads a token without its digest.
+    fn read(id: &str, key: Option<&str>) -> Option<Self> {
+        id.parse::<uuid::fmt::Hyphenated>().ok()?;
+        Some(Self { key: key.map_or_else(|| Some(String::new()), text_of_hex)?, id: id.to_owned() })
+    }
 }
 
 /// Text above every id.
@@ -27,14 +49,20 @@ impl Page {
     /// A page of `size` entries at `token`, in the listing with these `filters`.
     pub(crate) fn new(size: u32, token: Option<&str>, filters: &str) -> Result<Self, Error> {
         let filters = hex(&Sha256::digest(filters))[..DIGEST_LENGTH].to_owned();
-        let before = match token {
-            None => ABOVE_ALL_IDS.to_owned(),
-            Some(token) => match token.split_once('.') {
-                Some((id, digest)) if digest == filters && id.parse::<uuid::fmt::Hyphenated>().is_ok() => id.to_owned(),
-                _ => return Err(Error::BadPageToken),
-            },
-        };
-        Ok(Self { size, before, filters })
+        let after = token.map(|token| {
+            let mut parts = token.splitn(3, '.');
+            let (id, digest, key) = (parts.next()?, parts.next()?, parts.next());
+            if digest == filters { Place::read(id, key) } else { None }
+        });
+        match after {
+            Some(None) => Err(Error::BadPageToken),
+            after => Ok(Self { size, after: after.flatten(), filters }),
+        }
+    }
+
+    /// Upper bound of the ids of a listing with the newest first, exclusive, compared as text; for the first page above every id.
+    pub(crate) fn before(&self) -> &str {
+        self.after.as_ref().map_or(ABOVE_ALL_IDS, |place| &place.id)
     }
 
     /// Number of rows to query: one more than the page has, to know whether another page follows.
@@ -43,7 +71,7 @@ impl Page {
     }
 
     /// Truncates the rows to the page's size and to [`MAX_PAGE_BYTES`]; returns the token of the next page, if any.
-    pub(crate) fn cut<T: Serialize>(&self, rows: &mut Vec<T>, id: impl Fn(&T) -> String) -> Result<Option<String>, Error> {
+    pub(crate) fn cut<T: Serialize>(&self, rows: &mut Vec<T>, place: impl Fn(&T) -> Place) -> Result<Option<String>, Error> {
         let (mut bytes, mut length) = (0, 0);
         for row in rows.iter().take(self.size as usize) {
             bytes += serde_json::to_vec(row)?.len();
@@ -56,6 +84,19 @@ impl Page {
             return Ok(None);
         }
         rows.truncate(length);
-        Ok(rows.last().map(|last| format!("{}.{}", id(last), self.filters)))
+        Ok(rows.last().map(|last| self.token(&place(last))))
     }
+
+    fn token(&self, place: &Place) -> String {
+        let key = if place.key.is_empty() { String::new() } else { format!(".{}", hex(place.key.as_bytes())) };
+        format!("{}.{}{key}", place.id, self.filters)
+    }
+}
+
+/// Text that [`hex`] wrote.
+fn text_of_hex(hex: &str) -> Option<String> {
+    let digits: Vec<u8> =
+        hex.chars().map(|c| c.to_digit(16).and_then(|digit| u8::try_from(digit).ok())).collect::<Option<_>>()?;
+    let (pairs, []) = digits.as_chunks::<2>() else { return None };
+    String::from_utf8(pairs.iter().map(|[high, low]| 16 * high + low).collect()).ok()
 }

@@ -218,6 +218,22 @@ async fn an_idempotency_key_lasts_a_day() {
 }
 
 #[tokio::test]
+async fn a_queued_job_gets_another_place_and_no_other_job_does() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let (running, first, second) = (submit(store, mesh).await, submit(store, mesh).await, submit(store, mesh).await);
+    assert_eq!(store.claim().await.expect("the queue").expect("a job").id, running);
+    let job = store.put_priority(second, 7).await.expect("moved");
+    assert_eq!((job.priority, job.queue_position), (7, Some(1)));
+    assert_eq!(store.job(first).await.expect("it").queue_position, Some(2));
+    assert_eq!(kinds(store, second).await, [EventKind::Queued, EventKind::Queued]);
+    assert!(matches!(store.put_priority(running, 7).await, Err(Error::JobNotQueued { state: JobState::Running, .. })));
+    assert_eq!(store.job(running).await.expect("it").priority, 0);
+    assert_eq!(store.claim().await.expect("the queue").expect("a job").id, second);
+}
+
+#[tokio::test]
 async fn the_queue_has_its_limit() {
     let opened = open().await;
     let store = &opened.store;

@@ -64,6 +64,9 @@ fn planner() -> Planner {
             Some("wait") => wait_for_cancel(ctx)?,
             Some("regions") => return Ok(vec![coverage_of_regions()]),
             Some("foreign") => return Ok(programs_for_an_arm_of_hans()),
+            Some("long") => {
+                return Ok(vec![Artifact { name: "report.txt".into(), bytes: "0123456789".repeat(1000).into_bytes() }]);
+            }
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
                 return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);
@@ -121,6 +124,8 @@ pub(super) fn http_options() -> http::ServerOptions {
         api_key: None,
         hosts: Vec::new(),
         trusted_proxies: vec![[0, 0, 0, 0].into()],
+        public_path: String::new(),
+        cors_origins: Vec::new(),
         max_connections: 16,
         max_connections_per_address: 16,
         event_streams: Quota { total: 4, per_address: 3 },
@@ -215,6 +220,10 @@ impl Api {
         self.send("POST", path, &[("content-type", "application/json")], body.to_string()).await
     }
 
+    pub(super) async fn patch_json(&self, path: &str, body: &Value) -> Answer {
+        self.send("PATCH", path, &[("content-type", "application/json")], body.to_string()).await
+    }
+
     /// Uploads a cube; returns the mesh's id.
     pub(super) async fn mesh(&self) -> String {
         self.send("POST", "/api/v1/meshes?unit=mm&name=cube", &[], cube(10.0)).await.ok(201)["id"].as_str().expect("an id").into()
@@ -277,7 +286,7 @@ impl Answer {
         let known = http::Code::ALL.iter().find(|known| known.as_str() == code).expect("a known code");
         assert_eq!(known.status(), self.status);
         assert_eq!(problem["status"], self.status.as_u16());
-        assert_eq!(problem["type"], format!("/problems#{code}"));
+        assert_eq!(problem["type"], format!("/problems/{code}"));
         assert_eq!(problem["request_id"], self.header("x-request-id"));
         for text in ["title", "detail", "instance"] {
             assert!(problem[text].as_str().is_some_and(|text| !text.is_empty()), "{problem}");

@@ -15,7 +15,8 @@ fn operations() -> Vec<(String, String)> {
     let document = serde_json::to_value(vantage::http::openapi()).expect("JSON");
     let mut operations = Vec::new();
     for (path, item) in document["paths"].as_object().expect("paths") {
-        let path = path.replace("{id}", "01a1f77c-78a1-7554-855a-a9513c22aa2b").replace("{name}", "a");
+        let path =
+            path.replace("{id}", "01a1f77c-78a1-7554-855a-a9513c22aa2b").replace("{name}", "a").replace("{dialect}", "rapid");
         operations.extend(item.as_object().expect("operations").keys().map(|method| (method.to_uppercase(), path.clone())));
     }
     operations
@@ -128,9 +129,18 @@ async fn a_server_without_a_key_needs_no_sessions() {
 #[tokio::test]
 async fn pages_need_no_key() {
     let api = guarded().await;
-    for path in
-        ["/", "/assets/page.js", "/docs/", "/docs/openapi.json", "/problems", "/healthz", "/readyz", "/version", "/metrics"]
-    {
+    for path in [
+        "/",
+        "/assets/page.js",
+        "/docs/",
+        "/docs/openapi.json",
+        "/problems",
+        "/problems/busy",
+        "/healthz",
+        "/readyz",
+        "/version",
+        "/metrics",
+    ] {
         let answer = api.get(path).await;
         assert_eq!(answer.status, 200, "{path}");
         assert!(!answer.text().contains(KEY));

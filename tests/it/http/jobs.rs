@@ -161,7 +161,7 @@ async fn a_job_that_cannot_be_planned_says_why_and_harms_no_other() {
         let job = api.job(what).await;
         let job = api.ended(&job).await;
         assert_eq!((&job["state"], &job["problem"]["code"]), (&json!("failed"), &json!(code)), "{job}");
-        assert_eq!(job["problem"]["type"], format!("/problems#{code}"));
+        assert_eq!(job["problem"]["type"], format!("/problems/{code}"));
         assert!(job["problem"]["detail"].as_str().is_some_and(|detail| !detail.is_empty()));
         assert_eq!(job["results"], json!([]));
         let after = api.job("").await;

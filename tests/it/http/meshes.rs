@@ -46,6 +46,10 @@ async fn a_form_is_taken_by_its_field() {
     let (headers, body) = form("file");
     let mesh = api.send("POST", "/api/v1/meshes?unit=mm", &headers, body.clone()).await.ok(201);
     assert_eq!(mesh["sha256"], sha256(&cube(10.0)));
+    // The name of the file, without the folders that a browser may send; one that is given goes first.
+    assert_eq!(mesh["name"], "a.stl");
+    let named = api.send("POST", "/api/v1/meshes?unit=mm&name=housing", &headers, body.clone()).await.ok(201);
+    assert_eq!(named["name"], "housing");
     let (headers, other) = form("mesh");
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, other).await.problem_at("bad_body", &["file"]);
     api.send("POST", "/api/v1/meshes?unit=mm", &headers, body[..150].to_owned()).await.problem("bad_body");
@@ -129,7 +133,9 @@ async fn pages_go_through_all_meshes_once() {
     let token = token.rsplit_once('=').expect("a token").1;
     // A token holds for its own listing only, and none can be made up.
     api.get(&format!("/api/v1/jobs?page_token={token}")).await.problem_at("bad_page_token", &["page_token"]);
-    for made_up in ["", "x", "0.0", &token.replace('-', "'"), &format!("{token}0"), "%00", &"9".repeat(5000)] {
+    for made_up in
+        ["", "x", "0.0", &token.replace('-', "'"), &format!("{token}0"), &format!("{token}.f"), "%00", &"9".repeat(5000)]
+    {
         api.get(&format!("/api/v1/meshes?page_token={made_up}")).await.problem("bad_page_token");
     }
 }
@@ -142,7 +148,7 @@ async fn a_mesh_is_given_back_as_it_came_and_as_a_preview() {
     let file = api.get(&format!("/api/v1/meshes/{id}/file")).await;
     assert_eq!(file.text(), cube(10.0));
     assert_eq!(file.header("etag"), format!("\"{}\"", mesh["sha256"].as_str().expect("a hash")));
-    assert_eq!(file.header("content-disposition"), "attachment");
+    assert_eq!(file.header("content-disposition"), "attachment; filename=\"cube.stl\"");
     assert!(file.header("cache-control").contains("immutable"));
     for _ in 0..2 {
         let preview = api.get(&format!("/api/v1/meshes/{id}/preview.glb")).await;

@@ -3,12 +3,18 @@
 
 pub(crate) mod api;
 mod auth;
+mod bulk;
 mod checks;
 mod contract;
+mod cross_origin;
+mod downloads;
 mod events;
+mod examples;
 mod hosts;
 mod jobs;
+mod lists;
 mod meshes;
+mod prefix;
 mod refusals;
 mod results;
 mod shares;

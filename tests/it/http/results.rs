@@ -25,7 +25,14 @@ async fn each_result_comes_in_its_forms() {
         ("program?dialect=krl_dat", "", "text/x-krl-dat; charset=utf-8", "program.dat"),
         ("program?dialect=fanuc", "", "text/x-fanuc-ls; charset=utf-8", "program.ls"),
         ("program?dialect=robodk", "", "text/x-python; charset=utf-8", "program.py"),
-        ("files/program.src", "", text, "program.src"),
+        ("files/program.src", "", bytes, "program.src"),
+        ("files/report.html", "text/html", bytes, "report.html"),
+        ("program/rapid", "", text, "program.mod"),
+        ("program/krl_dat", "application/json", text, "program.dat"),
+        ("program/csv", "", text, "program.csv"),
+        ("viewpoints.csv", "application/json", csv, "viewpoints.csv"),
+        ("coverage.csv", "", csv, "coverage.csv"),
+        ("report.txt", "text/html", text, "report.txt"),
         ("viewpoints", "*/*", "application/json", "viewpoints.json"),
         ("viewpoints", "text/csv", csv, "viewpoints.csv"),
         ("coverage", "", "application/json", "coverage.json"),
@@ -86,6 +93,11 @@ async fn other_forms_are_not_to_be_had() {
         assert!(detail.contains(&format!("({dialect})")), "{detail}");
     }
     api.get(&format!("/api/v1/jobs/{job}/program-2?dialect=rapid")).await.problem("result_not_found");
+    api.get(&format!("/api/v1/jobs/{job}/program-2/rapid")).await.problem("result_not_found");
+    for unknown in ["json", "cobol"] {
+        let problem = api.get(&format!("/api/v1/jobs/{job}/program/{unknown}")).await.problem("result_not_found");
+        assert!(problem["detail"].as_str().expect("text").contains("krl_dat"), "{problem}");
+    }
     api.get(&format!("/api/v1/jobs/{job}/program?format=json")).await.problem_at("bad_query", &["format"]);
     for name in ["nothing", "plan.json%00", "..%2f..%2fvantage.db", "%2e%2e"] {
         api.get(&format!("/api/v1/jobs/{job}/files/{name}")).await.problem("result_not_found");

@@ -13,6 +13,7 @@ mod kills;
 mod life;
 mod oracle_browser;
 mod oracle_schemathesis;
+mod prefix_proxy;
 pub(crate) mod process;
 mod rows;
 mod shortage;

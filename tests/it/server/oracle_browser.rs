@@ -3,11 +3,22 @@
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use super::prefix_proxy;
 use super::process::Server;
 use crate::support::chromium;
 
 #[test]
 fn the_page_lists_a_job_and_links_its_results() {
+    page_lists_and_links("");
+}
+
+#[test]
+fn the_page_works_below_a_path_that_a_proxy_strips() {
+    page_lists_and_links(prefix_proxy::PREFIX);
+}
+
+/// Opens the page, below `prefix` by a proxy if there is one, and looks at what it lists.
+fn page_lists_and_links(prefix: &str) {
     let Some(browser) = chromium() else { return };
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path(), &[]);
@@ -24,6 +35,8 @@ fn the_page_lists_a_job_and_links_its_results() {
     // Quotes stay as they are between tags.
     assert!(summary.iter().all(|text| !text.contains(['<', '>', '&'])), "{summary:?}");
 
+    let address = if prefix.is_empty() { server.address } else { prefix_proxy::start(server.address) };
+    let page = format!("http://{address}{prefix}/");
     let profile = tempfile::tempdir().expect("a folder");
     let started = Command::new("timeout")
         .arg("60")
@@ -31,7 +44,7 @@ fn the_page_lists_a_job_and_links_its_results() {
         .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"])
         .args(["--disable-background-networking", "--disable-component-update", "--virtual-time-budget=4000", "--dump-dom"])
         .arg(format!("--user-data-dir={}", profile.path().display()))
-        .arg(server.url("/"))
+        .arg(page)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
@@ -44,7 +57,7 @@ fn the_page_lists_a_job_and_links_its_results() {
     let output = started.wait_with_output().expect("the browser ends");
     let page = String::from_utf8_lossy(&output.stdout);
     let list = page.split("<template").next().expect("what stands before the template");
-    let links = ["plan", "report", "files/regions.csv"].map(|path| format!("/api/v1/jobs/{id}/{path}"));
+    let links = ["plan", "report", "files/regions.csv"].map(|path| format!("\"{prefix}/api/v1/jobs/{id}/{path}\""));
     for wanted in ["succeeded", &links[0], &links[1], &links[2], "every side", "not met"].into_iter().chain(summary) {
         assert!(list.contains(wanted), "{wanted} is not in\n{list}");
     }

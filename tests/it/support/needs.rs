@@ -23,6 +23,12 @@ pub(crate) fn oracle_python() -> Option<PathBuf> {
     installed("VANTAGE_ORACLE_PYTHON", "an independent oracle")
 }
 
+/// The folder `node_modules` with what `tests/oracles/typescript/package-lock.json` names.
+pub(crate) fn oracle_node() -> Option<PathBuf> {
+    let modules = installed("VANTAGE_ORACLE_NODE", "the packages of a TypeScript client")?;
+    program("node").then_some(modules)
+}
+
 /// The browser for the pages.
 pub(crate) fn chromium() -> Option<PathBuf> {
     installed("VANTAGE_CHROMIUM", "a Chromium")

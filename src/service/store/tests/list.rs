@@ -26,7 +26,8 @@ async fn every_filter_finds_its_jobs_in_order() {
     store.claim().await.expect("the queue").expect("the first");
     let found = async |state: Option<JobState>, label: Option<(&str, Option<&str>)>, part: Option<&str>| {
         let label = label.map(|(key, value)| (key.to_owned(), value.map(str::to_owned)));
-        let page = listed(store, JobFilter { state, label, part_number: part.map(str::to_owned) }, 10).await;
+        let filter = JobFilter { state, label, part_number: part.map(str::to_owned), ..JobFilter::default() };
+        let page = listed(store, filter, 10).await;
         page.items.iter().map(|job| ids.iter().position(|id| *id == job.id).expect("one of them")).collect::<Vec<_>>()
     };
     assert_eq!(found(None, None, None).await, [3, 2, 1, 0]);
@@ -60,12 +61,171 @@ async fn filters_and_places_use_an_index() {
              WHERE label.key = 'k' AND label.value = 'v' AND label.job_id < 'x' ORDER BY label.job_id DESC",
             "label USING",
         ),
+        ("EXPLAIN QUERY PLAN SELECT id FROM job WHERE 1 AND id < 'x' AND serial = 'S' ORDER BY id DESC", "job_by_serial"),
+        ("EXPLAIN QUERY PLAN SELECT id FROM job WHERE 1 AND id < 'x' AND cell = 'c' ORDER BY id DESC", "job_by_cell"),
+        ("EXPLAIN QUERY PLAN SELECT id FROM job WHERE 1 AND id < 'x' AND mesh_id = 'm' ORDER BY id DESC", "job_by_mesh"),
+        (
+            "EXPLAIN QUERY PLAN SELECT id FROM job WHERE 1 AND coalesce(ended_at, '~') <= 'e'
+             AND NOT (coalesce(ended_at, '~') = 'e' AND job.id >= 'x') ORDER BY coalesce(ended_at, '~') DESC, job.id DESC",
+            "job_in_order_of_end",
+        ),
+        (
+            "EXPLAIN QUERY PLAN SELECT id FROM job WHERE 1 ORDER BY coalesce(part_number, ''), job.id LIMIT 5",
+            "job_in_order_of_part",
+        ),
+        (
+            "EXPLAIN QUERY PLAN SELECT id FROM job WHERE 1 ORDER BY coalesce(serial, '') DESC, job.id DESC",
+            "job_in_order_of_serial",
+        ),
         ("EXPLAIN QUERY PLAN SELECT 1 FROM artifact WHERE file_sha256 = 'x'", "artifact_by_file"),
         ("EXPLAIN QUERY PLAN SELECT 1 FROM mesh WHERE preview = 'x'", "mesh_by_preview"),
     ] {
         let detail = plan(sql).await;
         assert!(detail.contains(index) && !detail.contains("TEMP B-TREE") && !detail.contains("SCAN job;"), "{sql}: {detail}");
     }
+}
+
+/// Jobs with part numbers and serials, of which the first three have ended, in another order than they began.
+async fn numbered(store: &Store) -> Vec<JobId> {
+    let mesh = add_mesh(store, b"one").await.id;
+    let mut ids = Vec::new();
+    for (part, serial) in [(Some("B"), Some("2")), (Some("Ä"), None), (None, Some("1")), (Some("B"), Some("2")), (None, None)] {
+        let request =
+            JobRequest { part_number: part.map(str::to_owned), serial: serial.map(str::to_owned), ..JobRequest::new(mesh) };
+        ids.push(store.submit(NewJob { request, ..new_job(mesh, 0) }).await.expect("a job").id);
+    }
+    for (number, ended) in [(0, "2026-03-03T00:00:00.000Z"), (1, "2026-03-01T00:00:00.000Z"), (2, "2026-03-02T00:00:00.000Z")] {
+        store.claim().await.expect("the queue").expect("a job");
+        succeed(store, ids[number], vec![]).await;
+        sqlx::query("UPDATE job SET ended_at = ?1, created_at = ?2 WHERE id = ?3")
+            .bind(ended)
+            .bind(format!("2026-02-0{}T12:00:00.000Z", number + 1))
+            .bind(ids[number].to_string())
+            .execute(&store.reader)
+            .await
+            .expect("aged");
+    }
+    ids
+}
+
+#[tokio::test]
+async fn every_order_goes_through_all_jobs_once_page_by_page() {
+    let opened = open().await;
+    let store = &opened.store;
+    let ids = numbered(store).await;
+    for (sort, order) in [
+        ("-created_at", [4, 3, 2, 1, 0]),
+        ("created_at", [0, 1, 2, 3, 4]),
+        ("ended_at", [1, 2, 0, 3, 4]),
+        ("-ended_at", [4, 3, 0, 2, 1]),
+        ("part_number", [2, 4, 0, 3, 1]),
+        ("-part_number", [1, 3, 0, 4, 2]),
+        ("serial", [1, 4, 2, 0, 3]),
+        ("-serial", [3, 0, 2, 4, 1]),
+    ] {
+        let filter = JobFilter { sort: sort.parse().expect("an order"), ..JobFilter::default() };
+        for size in [1, 2, 5] {
+            let (mut found, mut token) = (Vec::new(), None);
+            loop {
+                let page = Page::new(size, token.as_deref(), sort).expect("a page");
+                let page = store.jobs(&filter, &page).await.expect("a list");
+                found.extend(page.items.iter().map(|job| ids.iter().position(|id| *id == job.id).expect("one of them")));
+                token = page.next_page_token;
+                if token.is_none() {
+                    break;
+                }
+            }
+            assert_eq!(found, order, "{sort} by {size}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_page_after_a_deleted_job_goes_on_where_that_was() {
+    let opened = open().await;
+    let store = &opened.store;
+    let ids = numbered(store).await;
+    let filter = JobFilter { sort: "part_number".parse().expect("an order"), ..JobFilter::default() };
+    let first = store.jobs(&filter, &Page::new(3, None, "").expect("a page")).await.expect("a list");
+    store.delete_job(ids[0], "hold", None).await.expect("deleted");
+    let next = Page::new(3, first.next_page_token.as_deref(), "").expect("a page");
+    let found: Vec<JobId> = store.jobs(&filter, &next).await.expect("a list").items.iter().map(|job| job.id).collect();
+    assert_eq!(found, [ids[3], ids[1]]);
+}
+
+#[tokio::test]
+async fn jobs_are_found_by_serial_mesh_cell_time_and_id() {
+    let opened = open().await;
+    let store = &opened.store;
+    let ids = numbered(store).await;
+    let mesh_id = store.job(ids[0]).await.expect("it").mesh_id;
+    let time = |text: &str| Some(text.parse::<crate::wire::UtcTime>().expect("a time"));
+    for (filter, numbers) in [
+        (JobFilter { serial: Some("2".into()), ..JobFilter::default() }, &[3, 0][..]),
+        (JobFilter { mesh_id: Some(mesh_id), ..JobFilter::default() }, &[4, 3, 2, 1, 0]),
+        (JobFilter { mesh_id: Some(MeshId::generate()), ..JobFilter::default() }, &[]),
+        (JobFilter { cell: Some("e05-transcan".into()), ..JobFilter::default() }, &[4, 3, 2, 1, 0]),
+        (JobFilter { cell: Some("none".into()), ..JobFilter::default() }, &[]),
+        (JobFilter { created_before: time("2026-02-02T12:00:00Z"), ..JobFilter::default() }, &[0]),
+        (
+            JobFilter {
+                created_after: time("2026-02-02T13:00:00+01:00"),
+                created_before: time("2026-02-04T00:00:00Z"),
+                ..JobFilter::default()
+            },
+            &[2, 1],
+        ),
+        (JobFilter { ids: Some(vec![ids[3], ids[1]]), ..JobFilter::default() }, &[3, 1]),
+        (JobFilter { ids: Some(vec![]), ..JobFilter::default() }, &[]),
+    ] {
+        let page = listed(store, filter.clone(), 10).await;
+        let found: Vec<_> = page.items.iter().map(|job| ids.iter().position(|id| *id == job.id).expect("one of them")).collect();
+        assert_eq!(found, numbers, "{filter:?}");
+        let mut matching: Vec<_> = store.matching(&filter, "hold").await.expect("jobs").iter().map(|job| job.id).collect();
+        matching.reverse();
+        assert_eq!(matching, page.items.iter().map(|job| job.id).collect::<Vec<_>>(), "{filter:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_batch_is_stored_whole_or_not_at_all() {
+    let opened = open().await;
+    let store = &opened.store;
+    let mesh = add_mesh(store, b"one").await.id;
+    let jobs: Vec<NewJob> = [0, 5, 0].map(|priority| new_job(mesh, priority)).into();
+    assert!(matches!(store.submit_batch(&jobs, None, 2).await, Err(Error::QueueFull { queued: 0 })));
+    let gone = [new_job(mesh, 0), NewJob { meshes: vec![MeshId::generate()], ..new_job(mesh, 0) }];
+    assert!(matches!(store.submit_batch(&gone, None, 10).await, Err(Error::MeshNotFound(_))));
+    assert!(listed(store, JobFilter::default(), 10).await.items.is_empty());
+    let key = IdempotencyKey::new("key", "a");
+    let batch = store.submit_batch(&jobs, Some(&key), 3).await.expect("jobs");
+    assert_eq!(batch.jobs.iter().map(|job| job.queue_position).collect::<Vec<_>>(), [Some(2), Some(1), Some(3)]);
+    assert!(batch.jobs.is_sorted_by_key(|job| job.id));
+    // The same key gives the same answer, and is refused for another request.
+    assert_eq!(store.submit_batch(&jobs, Some(&key), 3).await.expect("the same"), batch);
+    let other = NewJob { idempotency: Some(IdempotencyKey::new("key", "b")), ..new_job(mesh, 0) };
+    assert!(matches!(store.submit(other).await, Err(Error::IdempotencyMismatch)));
+    assert_eq!(kinds(store, batch.jobs[2].id).await, [EventKind::Queued]);
+}
+
+#[tokio::test]
+async fn the_part_of_the_examples_has_its_id_in_whichever_unit_it_comes_first() {
+    let opened = open().await;
+    let store = &opened.store;
+    let add = async |unit: &str| {
+        let mut receiver = store.files().receive().expect("a receiver");
+        receiver.write(crate::wire::example::MESH.as_bytes()).expect("written");
+        let received = receiver.finish().expect("finished");
+        store.add_mesh(NewMesh { received, unit: unit.into(), name: None, health: health() }).await.expect("a mesh")
+    };
+    assert_eq!(add("inch").await.id, MeshId::EXAMPLE);
+    assert_ne!(add("mm").await.id, MeshId::EXAMPLE);
+    assert_eq!(add("inch").await.id, MeshId::EXAMPLE, "uploaded again");
+    store.delete_mesh(MeshId::EXAMPLE).await.expect("free");
+    assert_eq!(add("cm").await.id, MeshId::EXAMPLE);
+    // Its digest stands beside it.
+    let digest = <sha2::Sha256 as sha2::Digest>::digest(crate::wire::example::MESH);
+    assert_eq!(hex(&digest), crate::wire::example::MESH_SHA256);
 }
 
 #[tokio::test]
