@@ -7,11 +7,14 @@ mod body_meshes;
 mod body_surface;
 mod closed_list;
 pub mod collision;
+mod distances;
 mod field_error;
 mod halton;
+mod home;
 pub mod kinematics;
 mod layout;
 mod library;
+mod mounting;
 mod pose_spec;
 mod robot;
 mod scanner;
@@ -25,14 +28,16 @@ pub use body::{Body, LinkBody, Shape};
 pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
 pub(crate) use closed_list::closed_list;
 pub use collision::{CollisionScene, Contact, Farthest, Separation};
+pub use distances::CellDistances;
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
-pub use pose_spec::PoseSpec;
+pub use mounting::HousingFace;
+pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
-    BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
+    BoardPoseSpec, BoardPosesSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
     OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};

@@ -12,6 +12,7 @@ use crate::cell::{Cell, CellSpec, Presets, SpecKind, SpecLibrary};
 use crate::check::{Reference, check};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
+use crate::wire::part_size::{PartSize, SizeLimits};
 use crate::wire::plan::PlanDocument;
 use crate::wire::warnings::FieldWarning;
 
@@ -22,8 +23,8 @@ use crate::wire::warnings::FieldWarning;
   vantage check plan/plan.json plan/program.json
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
 
-Without --cell only structure and ranges of a program are checked. Warnings, as of a tolerance that is finer than the scanner's
-noise can serve, are not findings. Exit codes: 0 no findings, 2 findings.")]
+Without --cell only structure and ranges of a program are checked. A file that is incomplete is told everything that it lacks.
+Warnings, as of a tolerance that is finer than the scanner's noise can serve, or a home that looks like radians, are not findings. Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
@@ -59,6 +60,7 @@ pub(super) struct ReferenceArgs {
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let cell = args.cell.as_deref().map(cell).transpose()?;
     let reference = args.reference.load()?;
+    args.reference.warn_of_size(cell.as_ref(), &reference);
     let never = AtomicBool::new(false);
     let ctx = Context::new(&never, &Silent);
     let mut wrong = Vec::new();
@@ -93,6 +95,14 @@ pub(super) fn cell(name: &str) -> Result<Cell, CliError> {
 }
 
 impl ReferenceArgs {
+    /// Warns of a part whose size tells of a wrong unit.
+    fn warn_of_size(&self, cell: Option<&Cell>, reference: &Reference) {
+        if let (Some(cell), Some(part), Some(unit), Some(mesh)) = (cell, &reference.part, self.unit, &self.mesh) {
+            let limits = SizeLimits::new(&cell.scanner, Some(cell));
+            warn(&mesh.display().to_string(), &PartSize::new(&part.aabb(), unit).warnings(None, &limits, "--unit"));
+        }
+    }
+
     /// Reads the files.
     pub(super) fn load(&self) -> Result<Reference, CliError> {
         let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never()).map(|(read, _)| read.mesh);

@@ -8,6 +8,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use self::signals::on_signals;
 
 pub mod backup;
+pub mod cell;
 pub mod check;
 pub mod demo;
 mod features;
@@ -24,6 +25,7 @@ pub mod program;
 pub mod progress;
 pub mod reach;
 pub mod robot;
+pub mod scanner;
 pub mod serve;
 mod signals;
 pub mod study;
@@ -59,6 +61,8 @@ enum Command {
     Program(program::ProgramArgs),
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
+    Scanner(Box<scanner::ScannerArgs>),
+    Cell(Box<cell::CellArgs>),
     Backup(backup::BackupArgs),
     Restore(backup::RestoreArgs),
     Completions(CompletionsArgs),
@@ -123,6 +127,8 @@ impl Cli {
             Command::Program(args) => program::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
+            Command::Scanner(args) => scanner::run(&args),
+            Command::Cell(args) => cell::run(&args),
             Command::Backup(args) => backup::run_backup(&args),
             Command::Restore(args) => backup::run_restore(&args),
             Command::Completions(CompletionsArgs { shell }) => {

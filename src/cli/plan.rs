@@ -12,7 +12,7 @@ use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
 use super::progress::Progress;
 use super::{CliError, features, out};
-use crate::cell::{Cell, CellSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
+use crate::cell::{Cell, CellSpec, FieldError, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::PlanError;
@@ -45,7 +45,7 @@ Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with 
 pub struct PlanArgs {
     /// Part: an STL, OBJ or PLY file.
     mesh: PathBuf,
-    /// Unit of the coordinates in the file: mm, cm, m or inch.
+    /// Unit of the coordinates in the file: mm, cm, m or inch (in, inches, MM and the like are understood).
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Cell: name of a preset, a TOML or JSON file, or `none` to plan viewpoints only.
@@ -110,12 +110,15 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         fixture: fixture.as_ref().map(|(fixture, _)| &fixture.mesh),
         part_name: args.mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         part_sha256: &part_sha256,
+        unit: part.unit,
         scanner: &scanner,
         cell: cell.as_ref(),
         roadmaps: Some(&roadmaps),
         params: &params,
         echo: Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() },
     };
+    warn(&args.mesh.display().to_string(), &job.size_warnings("--unit"));
+    cell.iter().for_each(|cell| warn(&args.cell, &warnings::of_cell(cell, "")));
     let pool = pool(args.threads)?;
     let progress = Progress::start();
     let planned = || {
@@ -125,7 +128,7 @@ pub fn run(args: &PlanArgs, cancel: &AtomicBool) -> Result<(), CliError> {
         let artifacts = job.render(&outcome, &ctx)?;
         Ok::<_, PlanError>((outcome, artifacts))
     };
-    let result = args.limits.within(cancel, || pool.install(planned).map_err(to_cli_error));
+    let result = args.limits.within(cancel, || pool.install(planned).map_err(|error| blamed(&job, &args.mesh, error)));
     let seconds = progress.finish();
     let (outcome, mut artifacts) = result?;
     let log = OvpDocument::new(&outcome, &part.mesh, &scanner, &job.part_name, &seconds, now());
@@ -257,6 +260,16 @@ pub(super) fn to_cli_error(error: PlanError) -> CliError {
         PlanError::BadParams(errors) => files::findings("parameters", &errors),
         PlanError::NoPlan(finding) => CliError::NoPlan(format!("no plan is possible: {}", no_plan_sentence(&finding))),
     }
+}
+
+/// Error of the command for an error of a plan: at what its user gave, the file and its unit where no parameter is to blame.
+fn blamed(job: &PlanJob<'_>, mesh: &Path, error: PlanError) -> CliError {
+    let PlanError::BadParams(errors) = error else { return to_cli_error(error) };
+    let line = |error: &FieldError| match job.error_of_part(error) {
+        Some(detail) => format!("{} (--unit {}): {detail}", mesh.display(), job.unit),
+        None => format!("parameters: {error}"),
+    };
+    CliError::BadInput(errors.iter().map(line).collect::<Vec<_>>().join("\n"))
 }
 
 /// Prints a summary for people, or with `--json` the plan itself for programs.

@@ -248,7 +248,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {
     let scanner = nominal_scanner();
     let (cell_name, cycle_secs, flag) = (Some(part_name), Some(143.2), AtomicBool::new(false));
-    let input = ReportInput { outcome, mesh, scanner: &scanner, cell_name, cycle_secs, part_name, echo };
+    let input = ReportInput { outcome, mesh, scanner: &scanner, cell_name, cycle_secs, part_name, echo, size_warnings: &[] };
     render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 

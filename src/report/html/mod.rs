@@ -16,6 +16,7 @@ mod regions;
 mod renderer;
 mod sections;
 mod shading;
+mod size;
 mod views;
 mod words;
 
@@ -27,6 +28,7 @@ use crate::geometry::Mesh;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::Outcome;
 use crate::wire::echo::Echo;
+use crate::wire::warnings::FieldWarning;
 
 /// Input of a report.
 #[derive(Clone, Copy)]
@@ -45,6 +47,8 @@ pub struct ReportInput<'a> {
     pub part_name: &'a str,
     /// Labels, part number and serial number, as given with the job.
     pub echo: &'a Echo,
+    /// Warnings on the part's size.
+    pub size_warnings: &'a [FieldWarning],
 }
 
 /// Renders the page.
@@ -56,6 +60,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
     let body = [
         sections::header(input),
         "<main>\n".to_owned(),
+        size::notices(input.size_warnings),
         sections::headline(input),
         regions::section(input),
         sections::advice(input),
