@@ -44,9 +44,9 @@ pub struct EulerPoseSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 #[serde(untagged)]
 pub enum PoseInput {
-    /// With a quaternion.
+    /// Rotation as a quaternion.
     Quaternion(PoseSpec),
-    /// With Euler angles.
+    /// Rotation as Euler angles.
     Euler(EulerPoseSpec),
 }
 

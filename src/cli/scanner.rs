@@ -105,7 +105,7 @@ impl FromStr for Span {
     }
 }
 
-/// So many numbers between separators.
+/// Numbers between separators, as many as asked for.
 fn numbers<T: FromStr + Copy, const COUNT: usize>(text: &str, separators: &[char]) -> Option<[T; COUNT]> {
     let read: Option<Vec<T>> = text.split(separators).map(|number| number.trim().parse().ok()).collect();
     read?.try_into().ok()

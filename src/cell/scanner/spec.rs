@@ -282,7 +282,8 @@ impl DeviceSpec {
         findings.push(
             pointer,
             format!(
-                "is {focal_px} px, with which {size_px} px show {view_deg:.1} °; allowed is {min_px} to 1000000 px                  (up to {MAX_VIEW_DEG} °): {advice}"
+                "is {focal_px} px, with which {size_px} px show {view_deg:.1} °; allowed is {min_px} to 1000000 px \
+                 (up to {MAX_VIEW_DEG} °): {advice}"
             ),
         );
     }
