@@ -119,7 +119,6 @@ function summaryOf(job) {
 }
 
 const percent = (share) => `${(100 * share).toFixed(2)} %`;
-const hasRegions = (job) => job.results.some((file) => file.name === "regions.csv");
 
 function regionRow(region) {
   const verdict = { true: "met", false: "not met" }[region.met] ?? "–";
@@ -165,6 +164,8 @@ function draw(job) {
   progress.setAttribute("aria-label", `Progress of ${item.querySelector(".part").textContent}`);
   item.querySelector(".problem").textContent = job.problem
     ? [`${job.problem.title}: ${job.problem.detail}`, ...job.problem.errors.map((e) => `${e.pointer}: ${e.detail}`)].join("\n") : "";
+  item.querySelector(".warnings").textContent = (job.warnings ?? [])
+    .map((warning) => `${warning.pointer}: ${warning.detail}\n→ ${warning.remedy}`).join("\n");
   const names = new Set(job.results.map((file) => file.name));
   item.querySelector(".results").replaceChildren(...results.filter(([name]) => names.has(name))
     .map(([, text, path]) => element("a", { href: `${api}/jobs/${job.id}/${path}`, target: "_blank", rel: "noopener" }, text)));
@@ -176,14 +177,20 @@ function draw(job) {
 
 async function show(job) {
   jobs.set(job.id, job);
-  // Lists come without regions.
-  if (!job.regions && hasRegions(job)) {
-    job.regions = await ask(`/jobs/${job.id}`).then((whole) => whole.regions, () => []);
-  }
   if (!meshNames.has(job.mesh_id)) {
     meshNames.set(job.mesh_id, await ask(`/meshes/${job.mesh_id}`).then((mesh) => mesh.name, () => null) ?? job.mesh_id);
   }
   draw(jobs.get(job.id) ?? job);
+  if (!job.warnings) complete(job.id);
+}
+
+// Lists come without regions and warnings; they follow once the list stands.
+async function complete(id) {
+  const whole = await ask(`/jobs/${id}`).catch(() => null);
+  const job = jobs.get(id);
+  if (!whole || !job) return;
+  Object.assign(job, { regions: whole.regions, warnings: whole.warnings });
+  draw(job);
 }
 
 async function list(token) {

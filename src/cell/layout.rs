@@ -1,6 +1,8 @@
 //! The cell: which scanner, robot and turntable, and where each is. Joints to scanner, and plate to base, in the chain
 //! FK(joints) · flange_from_scanner = base_from_table · Rz(table angle) · table_from_part · part_from_scanner.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -11,13 +13,15 @@ use super::body_meshes::{self, BodyMeshes};
 use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
-use super::pose_spec::PoseSpec;
+use super::pose_spec::{PoseInput, PoseSpec};
 use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
 use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 use super::turntable::{Turntable, TurntableSpec};
 use crate::geometry::{Base, Flange, Mesh, Plate, Pose, ScannerFrame, Table, table_from_plate};
 
+/// Difference of a written angle from a whole number that is none, degrees: angles were turned into radians and back.
+const WHOLE_NUMBER: f64 = 1e-6;
 /// Standard gravity (CGPM 1901).
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
 /// Largest distance that a link's surface may stand out of its capsules, mm: no more than half of the smallest clearance.
@@ -36,8 +40,10 @@ pub struct CellSpec {
     /// Turntable: a name or a specification.
     pub turntable: Named<TurntableSpec>,
     /// Pose of the plate's centre, at angle zero, seen from the robot's foot.
+    #[schema(value_type = PoseInput)]
     pub base_from_table: PoseSpec,
-    /// Pose of the scanner on the flange: the hand-eye result.
+    /// Pose of the scanner on the flange, mm and degrees: the hand-eye result.
+    #[schema(value_type = PoseInput)]
     pub flange_from_scanner: PoseSpec,
     /// Bodies that hold the scanner, in the flange frame.
     #[serde(default)]
@@ -49,7 +55,7 @@ pub struct CellSpec {
     /// touch that link and those beside it, nothing else. Default: none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cable: Vec<LinkBodySpec>,
-    /// Joints 1 to 6 and the table angle where a program begins and ends, degrees.
+    /// Joints 1 to 6 and the table angle where a program begins and ends, degrees, -3600 to 3600 each, within the axes' limits.
     #[schema(min_items = 7, max_items = 7)]
     pub home_deg: [f64; 7],
     /// Bodies that stand around and do not move, in the base frame.
@@ -101,6 +107,16 @@ impl CellSpec {
     /// # Errors
     /// All fields that are unknown, out of range or inconsistent with each other.
     pub fn build(&self, library: &dyn SpecLibrary) -> Result<Cell, Vec<FieldError>> {
+        let cell = self.assemble(library)?;
+        cell.check()?;
+        Ok(cell)
+    }
+
+    /// Builds the cell without the checks of what only its parts together show, such as home: for a sketch of what was meant.
+    ///
+    /// # Errors
+    /// All fields that are unknown or out of range.
+    pub fn assemble(&self, library: &dyn SpecLibrary) -> Result<Cell, Vec<FieldError>> {
         let mut findings = Findings::default();
         self.check(&mut findings);
         let scanner_spec = find(&self.scanner, SpecKind::Scanner, |name| library.scanner(name), library, &mut findings);
@@ -130,7 +146,7 @@ impl CellSpec {
         findings.into_result()?;
         // Without findings the three are there.
         let (Some(scanner), Some(robot), Some(turntable)) = (scanner, robot, turntable) else { return Err(Vec::new()) };
-        let cell = Cell {
+        Ok(Cell {
             name: self.name.clone(),
             scanner,
             robot,
@@ -146,9 +162,7 @@ impl CellSpec {
             table_bodies,
             obstacles,
             floor_mm: self.floor_mm,
-        };
-        cell.check()?;
-        Ok(cell)
+        })
     }
 
     fn check(&self, findings: &mut Findings) {
@@ -290,16 +304,71 @@ impl Cell {
                 )
             });
         }
+        self.check_home(&mut findings);
+        let (nearest_mm, reach_mm) = self.plate_distance_mm();
+        findings.require(nearest_mm <= reach_mm, "/base_from_table", || {
+            format!(
+                "puts all of the plate at least {nearest_mm:.0} mm from the robot's shoulder, out of reach: stretched, the arm and \
+                 the scanner's far working depth reach {reach_mm:.0} mm; move the table nearer (lengths are millimetres)"
+            )
+        });
+        findings.into_result()
+    }
+
+    fn check_home(&self, findings: &mut Findings) {
+        let hint = self
+            .home_in_radians()
+            .map_or_else(String::new, |home_deg| format!("; is home in radians? In degrees it would be {home_deg:?}"));
         for (index, (axis, angle)) in self.axes().0.iter().zip(self.home_rad.axes_rad()).enumerate() {
             findings.require(axis.allows(angle), format!("/home_deg/{index}"), || {
                 let (min_deg, max_deg) = (axis.min_rad.to_degrees(), axis.max_rad.to_degrees());
-                format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°", angle.to_degrees())
+                format!("is {:.3}°; the axis allows {min_deg:.3} to {max_deg:.3}°{hint}", angle.to_degrees())
             });
         }
         if let Some(contact) = CollisionScene::without_part(self, MIN_CLEARANCE_MM).check(&self.home_rad) {
-            findings.push("/home_deg", format!("collides: {contact} (closer than {MIN_CLEARANCE_MM} mm)"));
+            findings.push("/home_deg", format!("collides: {contact} (closer than {MIN_CLEARANCE_MM} mm){hint}"));
         }
-        findings.into_result()
+    }
+
+    /// Home with its numbers read as radians, degrees, where they look like radians: every one within ±2π, one of them 0.3 or more,
+    /// two or more of them no whole numbers, and all axes allow what they would mean. People write degrees as whole numbers, and a
+    /// pose of the arm within 6° of all zeros is no place to begin from.
+    #[must_use]
+    pub fn home_in_radians(&self) -> Option<[f64; 7]> {
+        let written = self.home_rad.axes_rad().map(f64::to_degrees);
+        let largest = written.iter().fold(0.0, |largest: f64, angle| largest.max(angle.abs()));
+        let broken = written.iter().filter(|angle| (*angle - angle.round()).abs() > WHOLE_NUMBER).count();
+        let looks_so = (0.3..=TAU + WHOLE_NUMBER).contains(&largest) && broken >= 2;
+        let is_allowed = || self.axes().allow(&Configuration::from_axes_rad(written));
+        (looks_so && is_allowed()).then(|| written.map(|angle| (angle.to_degrees() * 10.0).round() / 10.0))
+    }
+
+    /// Smallest distance of the robot's shoulder from the room above the plate, as high as the plate is wide, and an upper bound of
+    /// the distance from the shoulder that a measured point can have, mm.
+    #[must_use]
+    pub fn plate_distance_mm(&self) -> (f64, f64) {
+        let (shoulder, reach_mm) = self.max_seen_mm();
+        let (radius_mm, seen) = (self.turntable.plate_radius_mm, self.base_from_table.inverse().point(&shoulder));
+        let beside_mm = (seen.x.hypot(seen.y) - radius_mm).max(0.0);
+        let below_or_above_mm = (-seen.z).max(seen.z - 2.0 * radius_mm).max(0.0);
+        (beside_mm.hypot(below_or_above_mm), reach_mm)
+    }
+
+    /// Distance of the plate's centre from the robot's shoulder, and the same bound, mm.
+    #[must_use]
+    pub fn plate_centre_distance_mm(&self) -> (f64, f64) {
+        let (shoulder, reach_mm) = self.max_seen_mm();
+        ((self.base_from_table.origin_mm() - shoulder).norm(), reach_mm)
+    }
+
+    /// The robot's shoulder, and an upper bound of the distance from it of a point that the scanner measures.
+    fn max_seen_mm(&self) -> (Point3<f64>, f64) {
+        let (shoulder, arm_mm) = self.robot.max_reach_mm();
+        let from_flange_mm = |depth_mm: f64| {
+            let [width_mm, height_mm] = self.scanner.common_field_at(depth_mm).size_mm();
+            self.flange_from_scanner.point(&Point3::new(0.0, 0.0, depth_mm)).coords.norm() + 0.5 * width_mm.hypot(height_mm)
+        };
+        (shoulder, arm_mm + from_flange_mm(self.scanner.near_mm).max(from_flange_mm(self.scanner.far_mm)))
     }
 }
 

@@ -9,11 +9,14 @@ mod closed_list;
 mod closest;
 pub mod collision;
 mod dialect;
+mod distances;
 mod field_error;
 mod halton;
+mod home;
 pub mod kinematics;
 mod layout;
 mod library;
+mod mounting;
 mod pose_spec;
 mod robot;
 mod scanner;
@@ -29,14 +32,16 @@ pub(crate) use closed_list::closed_list;
 pub use closest::{closest, did_you_mean, with_suggestion};
 pub use collision::{CollisionScene, Contact, Farthest, Separation};
 pub use dialect::Dialect;
+pub use distances::CellDistances;
 pub use field_error::{FieldError, Findings};
 pub use kinematics::{Kinematics, KinematicsSpec, OpwSpec, Posture, UrSpec};
 pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
-pub use pose_spec::PoseSpec;
+pub use mounting::HousingFace;
+pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
-    BoardPoseSpec, BoardPosesSpec, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
+    BoardPoseSpec, BoardPosesSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
     OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};

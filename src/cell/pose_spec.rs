@@ -1,7 +1,8 @@
-//! A pose as it is written in files and over HTTP.
+//! A pose as it is written in files and over HTTP: the rotation as a quaternion or as Euler angles. Outputs have the quaternion.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 use super::field_error::Findings;
@@ -11,17 +12,77 @@ use crate::geometry::Pose;
 const UNIT_TOLERANCE: f64 = 1e-6;
 /// Largest distance that a written pose may contain: 100 m.
 const REACH_MM: f64 = 1e5;
+/// Largest Euler angle that may be written, degrees: ten turns, as for joints.
+const MAX_EULER_DEG: f64 = 3600.0;
 
 /// `{"translation_mm": [x, y, z], "quaternion_xyzw": [x, y, z, w]}`, named target-from-source by its key.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object")]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 pub struct PoseSpec {
-    /// Origin of the source frame in the target frame, millimetres.
+    /// Origin of the source frame in the target frame, mm, -100000 to 100000 each.
     #[schema(min_items = 3, max_items = 3)]
     pub translation_mm: [f64; 3],
-    /// Unit quaternion, vector part first.
+    /// Unit quaternion, vector part first (norm 1); specifications and parameters may have `rpy_deg` in its place.
     #[schema(min_items = 4, max_items = 4)]
     pub quaternion_xyzw: [f64; 4],
+}
+
+/// `{"translation_mm": [x, y, z], "rpy_deg": [roll, pitch, yaw]}`: the same pose with Euler angles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct EulerPoseSpec {
+    /// Origin of the source frame in the target frame, mm, -100000 to 100000 each.
+    #[schema(min_items = 3, max_items = 3)]
+    pub translation_mm: [f64; 3],
+    /// Roll, pitch and yaw, degrees, -3600 to 3600 each: turns about the fixed axes X, then Y, then Z of the target frame, as in
+    /// URDF; R = Rz(yaw) · Ry(pitch) · Rx(roll).
+    #[schema(min_items = 3, max_items = 3)]
+    pub rpy_deg: [f64; 3],
+}
+
+/// A pose as it may be given: with a quaternion or with Euler angles. Answers have the quaternion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum PoseInput {
+    /// Rotation as a quaternion.
+    Quaternion(PoseSpec),
+    /// Rotation as Euler angles.
+    Euler(EulerPoseSpec),
+}
+
+/// Fields of a pose, of which one of the two rotations is given.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+struct PoseFields {
+    translation_mm: [f64; 3],
+    quaternion_xyzw: Option<[f64; 4]>,
+    rpy_deg: Option<[f64; 3]>,
+}
+
+impl<'de> Deserialize<'de> for PoseSpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let PoseFields { translation_mm, quaternion_xyzw, rpy_deg } = PoseFields::deserialize(deserializer)?;
+        match (quaternion_xyzw, rpy_deg) {
+            (Some(quaternion_xyzw), None) => Ok(Self { translation_mm, quaternion_xyzw }),
+            (None, Some(rpy_deg)) => match rpy_deg.iter().find(|angle| !angle.is_finite() || angle.abs() > MAX_EULER_DEG) {
+                None => Ok(Self { translation_mm, quaternion_xyzw: quaternion_of(rpy_deg) }),
+                Some(angle) => Err(D::Error::custom(format_args!(
+                    "rpy_deg has {angle} °; allowed is -{MAX_EULER_DEG} to {MAX_EULER_DEG} ° for roll, pitch and yaw"
+                ))),
+            },
+            (Some(_), Some(_)) => Err(D::Error::custom("gives both quaternion_xyzw and rpy_deg; give one of the two")),
+            (None, None) => Err(D::Error::missing_field("quaternion_xyzw")),
+        }
+    }
+}
+
+/// Unit quaternion of Rz(yaw) · Ry(pitch) · Rx(roll).
+fn quaternion_of(rpy_deg: [f64; 3]) -> [f64; 4] {
+    let [roll, pitch, yaw] = rpy_deg.map(f64::to_radians);
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
+        * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), pitch)
+        * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), roll);
+    [turn.i, turn.j, turn.k, turn.w]
 }
 
 impl Default for PoseSpec {
@@ -60,5 +121,65 @@ impl<To, From> std::convert::From<&Pose<To, From>> for PoseSpec {
             translation_mm: pose.isometry().translation.vector.add_scalar(0.0).into(),
             quaternion_xyzw: [q.i, q.j, q.k, q.w].map(|c| sign * c + 0.0),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Vector3};
+
+    use super::PoseSpec;
+    use crate::geometry::{Base, Pose, Table};
+
+    fn read(text: &str) -> Result<PoseSpec, String> {
+        serde_json::from_str(text).map_err(|error| error.to_string())
+    }
+
+    fn turned(rpy_deg: [f64; 3]) -> Pose<Base, Table> {
+        let text = format!(r#"{{"translation_mm": [10, 20, 30], "rpy_deg": {rpy_deg:?}}}"#);
+        read(&text).expect("a pose").pose()
+    }
+
+    #[test]
+    fn euler_angles_turn_about_fixed_axes_x_then_y_then_z() {
+        let close = |a: Vector3<f64>, b: [f64; 3]| assert!((a - Vector3::from(b)).norm() < 1e-12, "{a} {b:?}");
+        // Roll takes y to z, pitch z to x, yaw x to y.
+        close(turned([90.0, 0.0, 0.0]).direction(&Vector3::y()), [0.0, 0.0, 1.0]);
+        close(turned([0.0, 90.0, 0.0]).direction(&Vector3::z()), [1.0, 0.0, 0.0]);
+        close(turned([0.0, 0.0, 90.0]).direction(&Vector3::x()), [0.0, 1.0, 0.0]);
+        // In this order: y to z by roll, z to x by pitch, x to y by yaw. About moving axes it would end elsewhere.
+        close(turned([90.0, 90.0, 90.0]).direction(&Vector3::y()), [0.0, 1.0, 0.0]);
+        close(turned([90.0, 90.0, 0.0]).direction(&Vector3::y()), [1.0, 0.0, 0.0]);
+        assert!((turned([1.0, 2.0, 3.0]).point(&Point3::origin()) - Point3::new(10.0, 20.0, 30.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_matrix_is_that_of_urdf() {
+        let [r, p, y] = [0.3_f64, -0.7, 1.9];
+        let pose = turned([r, p, y].map(f64::to_degrees));
+        let ((sr, cr), (sp, cp), (sy, cy)) = (r.sin_cos(), p.sin_cos(), y.sin_cos());
+        let columns = [
+            [cy * cp, sy * cp, -sp],
+            [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
+            [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
+        ];
+        for (axis, column) in [Vector3::x(), Vector3::y(), Vector3::z()].iter().zip(columns) {
+            assert!((pose.direction(axis) - Vector3::from(column)).norm() < 1e-12, "{axis} {column:?}");
+        }
+    }
+
+    #[test]
+    fn a_pose_has_one_rotation_and_is_written_with_a_quaternion() {
+        let spec = read(r#"{"translation_mm": [0, 0, 1], "rpy_deg": [0, 0, 180]}"#).expect("a pose");
+        let text = serde_json::to_string(&spec).expect("writes");
+        assert!(text.contains("quaternion_xyzw") && !text.contains("rpy"), "{text}");
+        assert_eq!(read(&text), Ok(spec));
+        let refused = |rotation: &str| read(&format!(r#"{{"translation_mm": [0, 0, 1]{rotation}}}"#)).expect_err("refused");
+        let both = refused(r#", "rpy_deg": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]"#);
+        assert!(both.contains("gives both quaternion_xyzw and rpy_deg"), "{both}");
+        assert!(refused("").contains("missing field `quaternion_xyzw`"));
+        assert!(refused(r#", "rpy_deg": [0, 0, 3601]"#).contains("-3600 to 3600"));
+        assert!(refused(r#", "rpy_deg": [0, 0]"#).contains("length 2"));
+        assert!(refused(r#", "rpy": [0, 0, 0]"#).contains("unknown field"));
     }
 }

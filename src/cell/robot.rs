@@ -178,6 +178,15 @@ impl Robot {
         self.kinematics.link_frames(joints_rad)
     }
 
+    /// Shoulder, a point that does not move, base frame, and an upper bound of the distance of the flange from it, mm: the arm
+    /// stretched. Neighbouring origins of [`Robot::link_frames`] keep their distance, whatever the joints.
+    #[must_use]
+    pub fn max_reach_mm(&self) -> (Point3<f64>, f64) {
+        let origins = self.link_frames(&[0.0; 6]).map(|frame| Point3::from(frame.translation.vector));
+        let stretched = origins[1..].windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
+        (origins[1], stretched)
+    }
+
     /// The flange at these joints.
     #[must_use]
     pub fn base_from_flange(&self, joints_rad: &[f64; 6]) -> Pose<Base, Flange> {

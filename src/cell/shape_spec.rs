@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::field_error::Findings;
-use super::pose_spec::PoseSpec;
+use super::pose_spec::{PoseInput, PoseSpec};
 
 /// A rigid body and where it is in its owner's frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -15,6 +15,7 @@ pub struct BodySpec {
     pub name: String,
     /// Pose of the body in the frame of what it belongs to (base for obstacles, scanner for its envelope).
     #[serde(default)]
+    #[schema(value_type = PoseInput)]
     pub owner_from_body: PoseSpec,
     /// Its shape.
     pub shape: ShapeSpec,
@@ -61,6 +62,7 @@ pub struct LinkBodySpec {
     pub name: String,
     /// Pose of the body in the link's frame.
     #[serde(default)]
+    #[schema(value_type = PoseInput)]
     pub owner_from_body: PoseSpec,
     /// Its shape.
     pub shape: ShapeSpec,

@@ -277,3 +277,69 @@ fn a_value_that_should_be_an_object_is_refused_in_the_user_s_words() {
         assert!(message.contains("expected an object"), "{message}");
     }
 }
+
+#[test]
+fn a_home_in_radians_is_recognised_and_degrees_are_not() {
+    let mut cell = cell_spec().build(&Presets).unwrap_or_else(|errors| panic!("{errors:#?}"));
+    let mut read = |written: [f64; 7]| {
+        cell.home_rad = Configuration::from_axes_rad(written.map(f64::to_radians));
+        cell.home_in_radians()
+    };
+    let in_degrees = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0, 0.0];
+    assert_eq!(read(in_degrees.map(f64::to_radians)), Some(in_degrees));
+    assert_eq!(read([0.0, -1.57, 1.57, 0.0, 1.57, 0.0, 0.0]).map(|home| home[1]), Some(-90.0));
+    for degrees in [in_degrees, [0.0; 7], [1.0, 2.0, 3.0, 0.0, 5.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]] {
+        assert_eq!(read(degrees), None, "{degrees:?}");
+    }
+    assert_eq!(read([0.0, -1.57, 1.57, 0.0, 1.57, 0.0, 45.0]), None, "one of them is no angle in radians");
+    assert_eq!(read([0.0, 0.1, 0.2, 0.0, 0.0, 0.0, 0.0]), None, "nearly zero either way");
+}
+
+#[test]
+fn a_home_in_radians_that_collides_says_what_it_would_be_in_degrees() {
+    let mut spec = cell_spec();
+    // Stretched upwards as degrees; in radians past a wall.
+    spec.obstacles.push(
+        toml::from_str(
+            "name = \"ceiling\"\nowner_from_body = { translation_mm = [0.0, 0.0, 900.0], rpy_deg = [0, 0, 0] }\n\
+             shape = { kind = \"box\", size_mm = [3000.0, 3000.0, 100.0] }",
+        )
+        .expect("a body"),
+    );
+    spec.home_deg = [0.0, -0.52, 1.05, 0.0, 0.52, 0.0, 0.0];
+    assert_finding(&findings(&spec), "/home_deg", "is home in radians? In degrees it would be [0.0, -29.8, 60.2,");
+}
+
+#[test]
+fn a_table_out_of_reach_is_refused_and_one_at_the_edge_is_not() {
+    let mut spec = cell_spec();
+    spec.base_from_table.translation_mm = [2900.0, 0.0, -200.0];
+    assert_finding(&findings(&spec), "/base_from_table", "out of reach");
+    spec.base_from_table.translation_mm = [0.0, 0.0, -4000.0];
+    spec.floor_mm = None;
+    assert_finding(&findings(&spec), "/base_from_table", "move the table nearer");
+    spec.base_from_table.translation_mm = [900.0, 0.0, -200.0];
+    let cell = spec.build(&Presets).unwrap_or_else(|errors| panic!("{errors:#?}"));
+    let (nearest_mm, reach_mm) = cell.plate_distance_mm();
+    assert!(nearest_mm < reach_mm && cell.plate_centre_distance_mm().0 > nearest_mm);
+}
+
+/// The bound of the reach is one: no posture, at its limits or within, has the flange farther from the shoulder.
+#[test]
+fn no_posture_reaches_beyond_the_stretched_arm() {
+    for name in Presets.names(SpecKind::Robot) {
+        let robot = Presets.robot(&name).expect("a preset").build().expect("valid");
+        let (shoulder, reach_mm) = robot.max_reach_mm();
+        let mut farthest = 0.0_f64;
+        for step in 0..2000_u32 {
+            let share = |joint: usize| (f64::from(step + 1) * [0.618, 0.414, 0.732, 0.236, 0.317, 0.873][joint]).fract();
+            let joints_rad = std::array::from_fn(|joint| {
+                let axis = robot.joints[joint];
+                axis.min_rad + share(joint) * (axis.max_rad - axis.min_rad)
+            });
+            farthest = farthest.max((robot.base_from_flange(&joints_rad).origin_mm() - shoulder).norm());
+        }
+        assert!(farthest <= reach_mm + 1e-6, "{name}: {farthest} beyond {reach_mm}");
+        assert!(farthest > 0.6 * reach_mm, "{name}: {farthest} of {reach_mm}: the bound says nothing");
+    }
+}

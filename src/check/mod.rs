@@ -5,11 +5,11 @@ mod plan;
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use utoipa::ToSchema;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{
     Cell, CellSpec, CollisionScene, Configuration, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec,
-    with_suggestion,
 };
 use crate::geometry::Mesh;
 use crate::planning::certificate::recheck::{self, TakenView};
@@ -21,7 +21,7 @@ use crate::program::{self, Expected, Fault, Finding, Program};
 use crate::wire::plan::{PLAN_SCHEMA, PlanDocument};
 use crate::wire::program::{PROGRAM_SCHEMA, ProgramDocument};
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{DocumentKind, pointer_of, warnings};
+use crate::wire::{DocumentKind, from_value, warnings};
 
 /// Tolerance of the plan's clearance, mm: angles that went through a file differ from the planner's in the last digit.
 const ROUNDING_MM: f64 = 0.01;
@@ -46,7 +46,7 @@ pub struct Sound {
     pub description: String,
     /// Share of the asked area that the scans of a program measure, if plan and part are given.
     pub measured_of_asked: Option<f64>,
-    /// Warnings on parameters that cannot be reached.
+    /// Warnings on parameters that cannot be reached, and on cells and parts that are hardly what was meant.
     pub warnings: Vec<FieldWarning>,
 }
 
@@ -72,7 +72,11 @@ pub fn check(
         DocumentKind::Scanner => format!("scanner {}", read::<ScannerSpec>(value)?.build()?.name),
         DocumentKind::Robot => format!("robot {}", read::<RobotSpec>(value)?.build()?.name),
         DocumentKind::Turntable => format!("turntable {}", read::<TurntableSpec>(value)?.build()?.name),
-        DocumentKind::Cell => format!("cell {}", read::<CellSpec>(value)?.build(library)?.name),
+        DocumentKind::Cell => {
+            let built = read::<CellSpec>(value)?.build(library)?;
+            warnings = warnings::of_cell(&built, "");
+            format!("cell {}", built.name)
+        }
         DocumentKind::Params => {
             let params: PlanParams = read(value)?;
             params.check()?;
@@ -84,6 +88,8 @@ pub fn check(
             let document: PlanDocument = read(value)?;
             plan::check(&document, cell)?;
             warnings = warnings::of_params(&document.params, "/params");
+            // The size of the part is in the plan, the unit of its file is not: what was said of it stands.
+            warnings.extend(document.warnings.iter().filter(|warning| warning.pointer == "/part/bbox_mm").cloned());
             format!("plan with {} viewpoints{}", document.viewpoints.len(), extent(cell))
         }
         DocumentKind::Program => {
@@ -136,10 +142,8 @@ pub fn kind_of(value: &Value) -> Option<DocumentKind> {
     }
 }
 
-fn read<T: DeserializeOwned>(value: Value) -> Result<T, Vec<FieldError>> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
-        vec![FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) }]
-    })
+fn read<T: DeserializeOwned + ToSchema>(value: Value) -> Result<T, Vec<FieldError>> {
+    from_value(&value)
 }
 
 /// A finding about the whole document.

@@ -15,6 +15,7 @@ use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
 use crate::service::plan_job::{PLAN_FILE, plan_sha256};
 use crate::wire::DocumentKind;
+use crate::wire::part_size::{PartSize, SizeLimits};
 use crate::wire::plan::PlanDocument;
 use crate::wire::warnings::FieldWarning;
 
@@ -26,8 +27,9 @@ use crate::wire::warnings::FieldWarning;
   vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
 
 Without --cell only structure and ranges of a program are checked, and that it is made from the plan.json beside it, if there is
-one. Warnings, as of a tolerance that is finer than the scanner's noise can serve, are not findings, unless --strict makes them so.
-Exit codes: 0 no findings, 2 findings.")]
+one. A file that is incomplete is told everything that it lacks. Warnings, as of a tolerance that is finer than the scanner's noise
+can serve, or a home that looks like radians, are not findings, unless --strict makes them so. Exit codes: 0 no findings,
+2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]
@@ -66,6 +68,7 @@ pub(super) struct ReferenceArgs {
 pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let cell = args.cell.as_deref().map(cell).transpose()?;
     let reference = args.reference.load()?;
+    args.reference.warn_of_size(cell.as_ref(), &reference);
     let never = AtomicBool::new(false);
     let ctx = Context::new(&never, &Silent);
     let mut checked = Vec::new();
@@ -181,6 +184,14 @@ pub(super) fn cell(name: &str) -> Result<Cell, CliError> {
 }
 
 impl ReferenceArgs {
+    /// Warns of a part whose size tells of a wrong unit.
+    fn warn_of_size(&self, cell: Option<&Cell>, reference: &Reference) {
+        if let (Some(cell), Some(part), Some(unit), Some(mesh)) = (cell, &reference.part, self.unit, &self.mesh) {
+            let limits = SizeLimits::new(&cell.scanner, Some(cell));
+            warn(&mesh.display().to_string(), &PartSize::new(&part.aabb(), unit).warnings(None, &limits, "--unit"));
+        }
+    }
+
     /// Reads the files.
     pub(super) fn load(&self) -> Result<Reference, CliError> {
         let read = |path: &PathBuf| files::mesh(path, self.unit, &Poll::never()).map(|(read, _)| read.mesh);

@@ -7,23 +7,23 @@ use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use utoipa::ToSchema;
 
 use super::{CliError, FileFinding, out};
 use crate::cell::{
     CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec, did_you_mean,
-    with_suggestion,
 };
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::service::HashingReader;
-use crate::wire::pointer_of;
+use crate::wire;
 
 /// Library of presets, then of files; meshes are files in millimetres.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FileLibrary;
 
 impl FileLibrary {
-    fn file<T: DeserializeOwned>(path: &str) -> Result<T, NotFound> {
+    fn file<T: DeserializeOwned + ToSchema>(path: &str) -> Result<T, NotFound> {
         let read = existing(path)?;
         value(read).and_then(|value| from_value(value, path)).map_err(unusable)
     }
@@ -63,14 +63,14 @@ fn existing(path: &str) -> Result<&Path, NotFound> {
 }
 
 fn unusable(error: CliError) -> NotFound {
-    NotFound::Unusable(error.to_string())
+    NotFound::Unusable(error.to_string().replace('\n', "; "))
 }
 
 /// Loads a specification by the name of a preset or the path of a file.
 ///
 /// # Errors
 /// Neither a preset nor a readable file of the right structure.
-pub fn spec<T: DeserializeOwned>(kind: SpecKind, name: &str, preset: Result<T, NotFound>) -> Result<T, CliError> {
+pub fn spec<T: DeserializeOwned + ToSchema>(kind: SpecKind, name: &str, preset: Result<T, NotFound>) -> Result<T, CliError> {
     if let Ok(preset) = preset {
         return Ok(preset);
     }
@@ -115,12 +115,9 @@ fn toml_fault(text: &str, error: &toml::de::Error) -> String {
 /// Converts a value to `T`; errors carry the JSON pointer.
 ///
 /// # Errors
-/// A value of another structure.
-pub fn from_value<T: DeserializeOwned>(value: Value, what: &str) -> Result<T, CliError> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
-        let detail = with_suggestion(&error.inner().to_string());
-        findings(what, &[FieldError { pointer: pointer_of(error.path()), detail }])
-    })
+/// A value of another structure: every field that is missing or unknown, a line each.
+pub fn from_value<T: DeserializeOwned + ToSchema>(value: Value, what: &str) -> Result<T, CliError> {
+    wire::from_value(&value).map_err(|errors| findings(what, &errors))
 }
 
 /// Error that lists every finding on a line of its own.

@@ -4,34 +4,50 @@ use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::path::PathBuf;
 
-use super::{CliError, files, inspect_scanner, output};
+use super::plan::load_scanner;
+use super::{CliError, check, files, inspect_scanner, output};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadMesh, detect_format};
 use crate::geometry::{LengthUnit, Poll};
 use crate::wire::MeshHealthReport;
+use crate::wire::part_size::{PartSize, SizeLimits, UnitReading, size_text};
+use crate::wire::warnings::FieldWarning;
 
 /// Describe a mesh and its defects, or a scanner and its field of view.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
-  vantage inspect part.stl --unit mm
+  vantage inspect part.stl
+  vantage inspect part.stl --unit mm --cell e05-transcan
   vantage inspect config/scanners/transcan-c.toml --json")]
 pub struct InspectArgs {
     /// File to inspect; its format is recognised by its content.
     pub file: PathBuf,
-    /// Unit of the coordinates in the mesh: mm, cm, m or inch.
+    /// Unit of the coordinates in the mesh: mm, cm, m or inch [default: the size is printed in all four].
     #[arg(long)]
     pub unit: Option<LengthUnit>,
+    /// Cell whose scanner and plate the part should suit: name of a preset, or a TOML or JSON file.
+    #[arg(long)]
+    pub cell: Option<String>,
+    /// Scanner that the part should suit, without a cell: name of a preset, or a TOML or JSON file.
+    #[arg(long, conflicts_with = "cell")]
+    pub scanner: Option<String>,
     /// Print JSON instead of a table.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Report as JSON, with the unit in which the file was read.
+/// Report as JSON, with the unit in which the file was read, and its size in each unit.
 #[derive(serde::Serialize)]
 struct Inspected<'a> {
-    unit: &'a str,
+    unit: Option<&'a str>,
+    readings: [UnitReading; 4],
     #[serde(flatten)]
     health: &'a MeshHealthReport,
 }
+
+/// Fields of the report that are not known without the unit.
+const OF_UNIT: [&str; 3] = ["bbox_mm", "area_mm2", "volume_mm3"];
+/// Code of the warning on a size that no part has.
+const UNIT_SUSPECT: &str = "unit_suspect";
 
 /// Prints the report of the file.
 ///
@@ -47,17 +63,52 @@ pub(super) fn report(args: &InspectArgs) -> Result<String, CliError> {
     let bad_input = |error: &dyn std::fmt::Display| CliError::BadInput(format!("{}: {error}", args.file.display()));
     let mut file = File::open(&args.file).map_err(|error| bad_input(&error))?;
     let length_bytes = file.metadata().map_err(|error| bad_input(&error))?.len();
-    let mesh = match mesh_io::read_from(&mut file, length_bytes, args.unit, &Limits::default(), &Poll::never()) {
+    let unit = args.unit.unwrap_or(LengthUnit::Millimetre);
+    let mesh = match mesh_io::read_from(&mut file, length_bytes, Some(unit), &Limits::default(), &Poll::never()) {
         Ok(mesh) => mesh,
         Err(error) => return scanner_report(args).unwrap_or_else(|| Err(files::unusable_mesh(&args.file, &error))),
     };
-    let report = MeshHealthReport::new(&mesh);
-    if args.json {
-        let json = serde_json::to_string_pretty(&Inspected { unit: mesh.unit.as_str(), health: &report })
-            .map_err(|error| bad_input(&error))?;
-        return Ok(json + "\n");
+    let mut report = MeshHealthReport::new(&mesh);
+    if args.unit.is_none() {
+        report.warnings.retain(|note| note.code != UNIT_SUSPECT);
     }
-    Ok(table(&args.file.display().to_string(), &mesh, &report))
+    let (size, limits) = (PartSize::new(&mesh.health.aabb, unit), args.limits()?);
+    let warnings =
+        limits.filter(|_| args.unit.is_some()).map(|limits| size.warnings(None, &limits, "--unit")).unwrap_or_default();
+    let readings = size.readings(limits.as_ref());
+    if args.json {
+        return json(args, readings, &report, &warnings).map_err(|error| bad_input(&error));
+    }
+    Ok(table(args, &mesh, &readings, &report, &warnings))
+}
+
+impl InspectArgs {
+    /// Limits of the cell or scanner that is named.
+    fn limits(&self) -> Result<Option<SizeLimits>, CliError> {
+        match (&self.cell, &self.scanner) {
+            (Some(name), _) => check::cell(name).map(|cell| Some(SizeLimits::new(&cell.scanner, Some(&cell)))),
+            (None, Some(name)) => load_scanner(None, Some(name)).map(|scanner| Some(SizeLimits::new(&scanner, None))),
+            (None, None) => Ok(None),
+        }
+    }
+}
+
+/// Report as JSON; without a unit, lengths, areas and volumes are left out.
+fn json(
+    args: &InspectArgs,
+    readings: [UnitReading; 4],
+    health: &MeshHealthReport,
+    warnings: &[FieldWarning],
+) -> Result<String, serde_json::Error> {
+    let mut document = serde_json::to_value(Inspected { unit: args.unit.map(LengthUnit::as_str), readings, health })?;
+    if let Some(fields) = document.as_object_mut().filter(|_| args.unit.is_none()) {
+        fields.retain(|name, _| !OF_UNIT.contains(&name.as_str()));
+    }
+    if let Some(notes) = document["warnings"].as_array_mut() {
+        let note = |warning: &FieldWarning| serde_json::json!({"code": warning.code, "detail": warning.detail, "remedy": warning.remedy});
+        notes.extend(warnings.iter().map(note));
+    }
+    Ok(serde_json::to_string_pretty(&document)? + "\n")
 }
 
 /// Report of a text that is not a mesh. It is read as a scanner's specification, whose reader says what is missing.
@@ -68,36 +119,68 @@ fn scanner_report(args: &InspectArgs) -> Option<Result<String, CliError>> {
     is_text.then(|| render().map_err(|error| CliError::BadInput(format!("{}: {error}", args.file.display()))))
 }
 
-fn table(name: &str, mesh: &ReadMesh, report: &MeshHealthReport) -> String {
+/// Rows on the size: in the unit that is given, else in each.
+fn size_rows(
+    args: &InspectArgs,
+    mesh: &ReadMesh,
+    readings: &[UnitReading; 4],
+    report: &MeshHealthReport,
+) -> Vec<(String, String)> {
+    if args.unit.is_none() {
+        let fits = |reading: &UnitReading| match reading.fits {
+            Some(true) => ", fits",
+            Some(false) => ", does not fit",
+            None => "",
+        };
+        let row = |reading: &UnitReading| (format!("in {}", reading.unit), size_text(&reading.size_mm) + fits(reading));
+        let unit = ("unit".to_owned(), "not given; the size would be, if the file is".to_owned());
+        return std::iter::once(unit).chain(readings.iter().map(row)).collect();
+    }
     let size = mesh.health.aabb.extent_mm();
     let (min, max) = (report.bbox_mm.min, report.bbox_mm.max);
     let span = |axis: usize| format!("{:.3} … {:.3}", min[axis], max[axis]);
     let volume = report.volume_mm3.map_or("unknown (not closed, or inconsistently wound)".into(), |v| format!("{v:.1} mm³"));
-    let dropped = match report.triangles_in_file - report.triangles {
-        0 => String::new(),
-        _ => format!(" of {} in the file", report.triangles_in_file),
-    };
     let rows = [
-        ("format", report.format.clone()),
         ("unit", format!("{} (1 {} = {} mm)", mesh.unit, mesh.unit, mesh.unit.mm())),
         ("size", format!("{:.3} × {:.3} × {:.3} mm", size.x, size.y, size.z)),
         ("x, y, z", format!("{}, {}, {} mm", span(0), span(1), span(2))),
         ("area", format!("{:.1} mm²", report.area_mm2)),
         ("volume", volume),
+    ];
+    rows.map(|(key, value)| (key.to_owned(), value)).into()
+}
+
+fn table(
+    args: &InspectArgs,
+    mesh: &ReadMesh,
+    readings: &[UnitReading; 4],
+    report: &MeshHealthReport,
+    warnings: &[FieldWarning],
+) -> String {
+    let dropped = match report.triangles_in_file - report.triangles {
+        0 => String::new(),
+        _ => format!(" of {} in the file", report.triangles_in_file),
+    };
+    let counts = [
         ("triangles", format!("{}{dropped}", report.triangles)),
         ("vertices", report.vertices.to_string()),
         ("groups", mesh.mesh.groups.len().to_string()),
         ("bodies", report.bodies.to_string()),
         ("watertight", if report.watertight { "yes" } else { "no" }.into()),
     ];
-    let mut text = format!("{name}\n");
-    for (key, value) in rows {
+    let format = [("format".to_owned(), report.format.clone())];
+    let counts = counts.map(|(key, value)| (key.to_owned(), value));
+    let mut text = format!("{}\n", args.file.display());
+    for (key, value) in format.into_iter().chain(size_rows(args, mesh, readings, report)).chain(counts) {
         let _ = writeln!(text, "  {key:<11} {value}");
     }
-    for warning in &report.warnings {
-        let _ = write!(text, "  ! {}\n    → {}\n", warning.detail, warning.remedy);
+    let size = warnings.iter().map(|warning| (format!("the part {}", warning.detail), &warning.remedy));
+    let health = report.warnings.iter().map(|warning| (warning.detail.clone(), &warning.remedy));
+    let notes: Vec<_> = size.chain(health).collect();
+    for (detail, remedy) in &notes {
+        let _ = write!(text, "  ! {detail}\n    → {remedy}\n");
     }
-    if report.warnings.is_empty() {
+    if notes.is_empty() {
         text.push_str("  no problems found\n");
     }
     text

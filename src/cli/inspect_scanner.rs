@@ -3,20 +3,27 @@
 
 use std::fmt::Write as _;
 
+use serde_json::Value;
+
 use super::CliError;
-use crate::cell::ScannerSpec;
+use crate::cell::{FieldError, ScannerSpec};
+use crate::check::kind_of;
 use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, PlanarFacts, ScannerFacts, StatedBox, VolumeFacts};
+use crate::wire::{DocumentKind, from_value};
 
 /// Describes the scanner that `text` specifies, as text or as JSON.
 ///
 /// # Errors
 /// [`CliError::BadInput`] if `text` is not the TOML of a scanner, or with every field that is out of range.
 pub fn render(text: &str, json: bool) -> Result<String, CliError> {
-    let neither = |error| CliError::BadInput(format!("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): {error}"));
-    let spec: ScannerSpec = toml::from_str(text).map_err(neither)?;
-    let scanner = spec
-        .build()
-        .map_err(|errors| CliError::BadInput(errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")))?;
+    let neither = |error: String| CliError::BadInput(format!("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML): {error}"));
+    let value: Value = toml::from_str(text).map_err(|error| neither(error.to_string()))?;
+    let lines = |errors: Vec<FieldError>| errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+    let spec: ScannerSpec = from_value(&value).map_err(|errors| match kind_of(&value) {
+        Some(DocumentKind::Scanner) => CliError::BadInput(lines(errors)),
+        _ => neither(lines(errors)),
+    })?;
+    let scanner = spec.build().map_err(|errors| CliError::BadInput(lines(errors)))?;
     let facts = ScannerFacts::new(&scanner);
     if json {
         let document = serde_json::to_string_pretty(&facts).map_err(|error| CliError::BadInput(error.to_string()))?;

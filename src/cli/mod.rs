@@ -16,6 +16,7 @@ use self::signals::on_signals;
 use crate::wire::{VERSION_LINE, Version};
 
 pub mod backup;
+pub mod cell;
 pub mod check;
 mod completions;
 pub mod demo;
@@ -38,6 +39,7 @@ pub mod program;
 pub mod progress;
 pub mod reach;
 pub mod robot;
+pub mod scanner;
 pub mod serve;
 mod set_value;
 mod signals;
@@ -80,6 +82,8 @@ enum Command {
     Presets(presets::PresetsArgs),
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
+    Scanner(Box<scanner::ScannerArgs>),
+    Cell(Box<cell::CellArgs>),
     Backup(backup::BackupArgs),
     Restore(backup::RestoreArgs),
     Completions(completions::CompletionsArgs),
@@ -211,6 +215,8 @@ impl Cli {
             Command::Presets(args) => presets::run(&args),
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
+            Command::Scanner(args) => scanner::run(&args),
+            Command::Cell(args) => cell::run(&args),
             Command::Backup(args) => backup::run_backup(&args),
             Command::Restore(args) => backup::run_restore(&args),
             Command::Completions(args) => completions::run(&args),

@@ -12,8 +12,8 @@ use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter};
 use super::progress::{Course, Progress};
-use super::{CliError, features, output, parts, set_value, summary};
-use crate::cell::{Cell, CellSpec, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
+use super::{CliError, FileFinding, features, output, parts, set_value, summary};
+use crate::cell::{Cell, CellSpec, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::context::{Context, NoPlan};
@@ -56,7 +56,7 @@ pub struct PlanArgs {
     /// Part: an STL, OBJ or PLY file. Several are planned one after another, each into a folder named after its file.
     #[arg(required = true, value_name = "MESH")]
     pub(super) meshes: Vec<PathBuf>,
-    /// Unit of the coordinates in the file: mm, cm, m or inch.
+    /// Unit of the coordinates in the file: mm, cm, m or inch (in, inches, MM and the like are understood).
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
@@ -150,6 +150,7 @@ impl<'a> PartPlanner<'a> {
         warn("parameters", &warnings::of_params(&params, ""));
         let cell = load_cell(&args.cell, args.scanner.as_deref())?;
         let scanner = load_scanner(cell.as_ref(), args.scanner.as_deref())?;
+        cell.iter().for_each(|cell| warn(&args.cell, &warnings::of_cell(cell, "")));
         params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
@@ -185,6 +186,7 @@ impl<'a> PartPlanner<'a> {
             fixture: self.fixture.as_ref(),
             part_name: mesh.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
             part_sha256: &part_sha256,
+            unit: part.unit,
             scanner: &self.scanner,
             cell: self.cell.as_ref(),
             roadmaps: Some(&self.roadmaps),
@@ -192,6 +194,7 @@ impl<'a> PartPlanner<'a> {
             echo: self.echo.clone(),
             date: Some(now()),
         };
+        warn(&mesh.display().to_string(), &job.size_warnings("--unit"));
         let progress = Progress::start(&Course::of_plan(&params, self.cell.is_some()));
         let planned = || {
             let allowance = self.args.limits.allowance(rayon::current_num_threads());
@@ -202,7 +205,8 @@ impl<'a> PartPlanner<'a> {
                 Err(error) => Err(error),
             }
         };
-        let result = self.args.limits.within(self.cancel, || self.pool.install(planned).map_err(to_cli_error));
+        let result =
+            self.args.limits.within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, mesh, error)));
         let seconds = progress.finish();
         let (planned, mut artifacts) = result?;
         let outcome = planned.map_err(|finding| without_plan(&finding, &artifacts, folder))?;
@@ -223,7 +227,7 @@ impl<'a> PartPlanner<'a> {
 
 /// Replaces the results of an earlier plan by the report on why no plan is possible; the error to end with.
 fn without_plan(finding: &NoPlan, report: &[Artifact], folder: &OutputFolder) -> CliError {
-    let reason = no_plan_reason(&finding);
+    let reason = no_plan_reason(finding);
     match folder.replace(report, &FileOrigin::default()) {
         Ok(()) => {
             output::note(format_args!("Report: {}", folder.path().join("report.html").display()));
@@ -380,6 +384,16 @@ pub(super) fn to_cli_error(error: PlanError) -> CliError {
 
 fn no_plan_reason(finding: &NoPlan) -> String {
     format!("no plan is possible: {}", no_plan_sentence(finding))
+}
+
+/// Error of the command for an error of a plan: at what its user gave, the file and its unit where no parameter is to blame.
+fn blamed(job: &PlanJob<'_>, mesh: &Path, error: PlanError) -> CliError {
+    let PlanError::BadParams(errors) = error else { return to_cli_error(error) };
+    let finding = |error: &FieldError| match job.error_of_part(error) {
+        Some(detail) => FileFinding { file: format!("{} (--unit {})", mesh.display(), job.unit), pointer: String::new(), detail },
+        None => FileFinding { file: "parameters".to_owned(), pointer: error.pointer.clone(), detail: error.detail.clone() },
+    };
+    CliError::Findings(errors.iter().map(finding).collect())
 }
 
 /// Prints a summary for people, or with `--json` the plan itself for programs.

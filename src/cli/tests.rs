@@ -12,7 +12,7 @@ fn inspect(bytes: &[u8], unit: Option<LengthUnit>, json: bool) -> Result<String,
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("part");
     std::fs::write(&file, bytes).expect("a file");
-    report(&InspectArgs { file, unit, json })
+    report(&InspectArgs { file, unit, cell: None, scanner: None, json })
 }
 
 const TRIANGLE: &[u8] = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 1 2\n";
@@ -38,14 +38,56 @@ fn inspect_json_has_units_in_its_keys() {
 }
 
 #[test]
+fn inspect_needs_no_unit_and_prints_the_size_in_all_four() {
+    let text = inspect(TRIANGLE, None, false).expect("a report");
+    for line in [
+        "in mm       1.00 × 1.00 × 0 mm\n",
+        "in cm       10.0 × 10.0 × 0 mm\n",
+        "in m        1000 × 1000 × 0 mm\n",
+        "in inch     25.4 × 25.4 × 0 mm\n",
+    ] {
+        assert!(text.contains(line), "{line:?} is not in\n{text}");
+    }
+    assert!(!text.contains("area") && text.contains("triangles   1 of 2"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&inspect(TRIANGLE, None, true).expect("a report")).expect("JSON");
+    assert!(json["unit"].is_null() && json.get("bbox_mm").is_none() && json.get("area_mm2").is_none(), "{json}");
+    assert_eq!(json["readings"][3], serde_json::json!({"unit": "inch", "size_mm": [25.4, 25.4, 0.0]}));
+}
+
+#[test]
+fn inspect_says_which_unit_suits_scanner_and_plate() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("part.obj");
+    std::fs::write(&file, "v 0 0 0\nv 4.76 0 0\nv 0 2.87 1.46\nf 1 2 3\n").expect("a file");
+    let args = |unit: Option<LengthUnit>| InspectArgs {
+        file: file.clone(),
+        unit,
+        cell: Some("e05-transcan".into()),
+        scanner: None,
+        json: false,
+    };
+    let text = report(&args(None)).expect("a report");
+    for line in [
+        "in mm       4.76 × 2.87 × 1.46 mm, does not fit",
+        "in m        4760 × 2870 × 1460 mm, does not fit",
+        "in inch     120.9 × 72.9 × 37.1 mm, fits",
+    ] {
+        assert!(text.contains(line), "{line:?} is not in\n{text}");
+    }
+    let warned = report(&args(Some(LengthUnit::Millimetre))).expect("a report");
+    assert!(warned.contains("! the part is 4.76") && warned.contains("inch (120.9 × 72.9 × 37.1 mm)"), "{warned}");
+    assert!(!report(&args(Some(LengthUnit::Inch))).expect("a report").contains("the part is"));
+    let scanner = InspectArgs { cell: None, scanner: Some("nobody".into()), ..args(None) };
+    assert_eq!(report(&scanner).expect_err("no such scanner").exit_code(), 2);
+}
+
+#[test]
 fn bad_input_exits_2_with_the_place() {
     let error = inspect(b"v 0 0 nan\n", Some(LengthUnit::Metre), false).expect_err("not finite");
     assert!(error.exit_code() == 2 && error.to_string().contains("line 1"), "{error}");
-    let error = inspect(TRIANGLE, None, false).expect_err("no unit");
-    assert!(error.to_string().ends_with("give one of mm, cm, m, inch with --unit"), "{error}");
     let error = inspect(b"# A title\n\nText that is neither.\n", None, false).expect_err("no mesh");
     assert!(error.to_string().contains("neither a mesh (STL, OBJ or PLY) nor a scanner (TOML)"), "{error}");
-    let missing = InspectArgs { file: PathBuf::from("/nowhere/part.stl"), unit: None, json: false };
+    let missing = InspectArgs { file: PathBuf::from("/nowhere/part.stl"), unit: None, cell: None, scanner: None, json: false };
     assert_eq!(report(&missing).expect_err("no file").exit_code(), 2);
 }
 
@@ -55,7 +97,8 @@ fn part_writes_what_inspect_reads() {
     let out = folder.path().join("base.stl");
     let args = part::PartArgs { part: DemoPart::Base, triangles: 20_000, out: out.clone() };
     part::run(&args).expect("a file");
-    let text = report(&InspectArgs { file: out, unit: Some(LengthUnit::Millimetre), json: false }).expect("a report");
+    let text = report(&InspectArgs { file: out, unit: Some(LengthUnit::Millimetre), cell: None, scanner: None, json: false })
+        .expect("a report");
     assert!(text.contains("121.000 × 73.000 × 37.000 mm") && text.contains("no problems found"), "{text}");
     let few = part::PartArgs { triangles: 10, ..args };
     assert_eq!(part::run(&few).expect_err("too few").exit_code(), 2);

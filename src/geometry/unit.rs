@@ -18,7 +18,7 @@ pub enum LengthUnit {
 
 /// The text is not the name of a known unit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is not a unit of length; use one of mm, cm, m, inch")]
+#[error("{0:?} is not a unit of length; use one of mm, cm, m, inch (in, inches, millimetres and the like are understood too)")]
 pub struct UnknownUnit(String);
 
 impl LengthUnit {
@@ -36,15 +36,21 @@ impl LengthUnit {
         }
     }
 
+    /// Names under which it is understood, in lower case; the first is its own.
+    #[must_use]
+    pub fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Millimetre => &["mm", "millimetre", "millimetres", "millimeter", "millimeters"],
+            Self::Centimetre => &["cm", "centimetre", "centimetres", "centimeter", "centimeters"],
+            Self::Metre => &["m", "metre", "metres", "meter", "meters"],
+            Self::Inch => &["inch", "inches", "in", "\"", "\u{2033}"],
+        }
+    }
+
     /// Its name in files, queries and options.
     #[must_use]
     pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Millimetre => "mm",
-            Self::Centimetre => "cm",
-            Self::Metre => "m",
-            Self::Inch => "inch",
-        }
+        self.names()[0]
     }
 }
 
@@ -58,6 +64,39 @@ impl FromStr for LengthUnit {
     type Err = UnknownUnit;
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
-        Self::ALL.into_iter().find(|unit| unit.as_str() == name).ok_or_else(|| UnknownUnit(name.into()))
+        let plain = name.trim().to_lowercase();
+        Self::ALL.into_iter().find(|unit| unit.names().contains(&plain.as_str())).ok_or_else(|| UnknownUnit(name.into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::LengthUnit;
+
+    #[test]
+    fn units_are_understood_as_people_write_them() {
+        for (unit, names) in [
+            (LengthUnit::Millimetre, &["mm", "MM", "Mm", " mm", "millimetre", "Millimeters"][..]),
+            (LengthUnit::Centimetre, &["cm", "CM", "centimetres", "centimeter"]),
+            (LengthUnit::Metre, &["m", "M", "metre", "Meters"]),
+            (LengthUnit::Inch, &["inch", "Inch", "in", "IN", "inches", "\"", "\u{2033}"]),
+        ] {
+            for name in names {
+                assert_eq!(name.parse(), Ok(unit), "{name}");
+            }
+            assert_eq!(unit.as_str().parse(), Ok(unit), "what is written is read");
+        }
+        for wrong in ["", "feet", "mmm", "in.", "1", "µm"] {
+            let error = wrong.parse::<LengthUnit>().expect_err(wrong).to_string();
+            assert!(error.contains("use one of mm, cm, m, inch"), "{error}");
+        }
+    }
+
+    #[test]
+    fn no_name_stands_for_two_units() {
+        let names: Vec<_> = LengthUnit::ALL.iter().flat_map(|unit| unit.names()).collect();
+        let distinct: std::collections::BTreeSet<_> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len());
+        assert!(names.iter().all(|name| name.to_lowercase() == ***name), "lower case, as they are looked up");
     }
 }

@@ -11,6 +11,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName};
 use futures_util::StreamExt;
 use serde::de::DeserializeOwned;
+use utoipa::ToSchema;
 
 use super::problem::{ApiError, Code};
 use super::router::ApiState;
@@ -20,14 +21,14 @@ use crate::wire;
 /// Extractor of a JSON body.
 pub(super) struct Json<T>(pub T);
 
-impl<T: DeserializeOwned> FromRequest<ApiState> for Json<T> {
+impl<T: DeserializeOwned + ToSchema> FromRequest<ApiState> for Json<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &ApiState) -> Result<Self, ApiError> {
         let (parts, body) = request.into_parts();
         check_json(&parts.headers)?;
         let bytes = read(body, state.options.max_json_bytes).await?;
-        Ok(Self(wire::parse(&bytes)?))
+        Ok(Self(wire::parse_document(&bytes)?))
     }
 }
 

@@ -157,12 +157,20 @@ impl ApiError {
     }
 }
 
-impl From<ParseError> for ApiError {
-    fn from(error: ParseError) -> Self {
-        match error {
-            ParseError::Syntax(detail) => Self::new(Code::BadJson, detail),
-            ParseError::Shape { pointer, detail } => Self::at(Code::BadShape, pointer, detail),
+impl From<Vec<ParseError>> for ApiError {
+    fn from(errors: Vec<ParseError>) -> Self {
+        let mut fields = Vec::with_capacity(errors.len());
+        for error in errors {
+            match error {
+                ParseError::Syntax(detail) => return Self::new(Code::BadJson, detail),
+                ParseError::Shape { pointer, detail } => fields.push(ProblemField { pointer, detail }),
+            }
         }
+        let detail = match &fields[..] {
+            [only] => only.detail.clone(),
+            all => format!("{} fields are missing, unknown or of the wrong type; `errors` names each", all.len()),
+        };
+        Self::new(Code::BadShape, detail).with_errors(fields)
     }
 }
 

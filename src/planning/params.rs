@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::verdict::Grade;
-use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseSpec, Scanner};
+use crate::cell::{DeviceName, FieldError, Findings, OpticalDevice, PoseInput, PoseSpec, Scanner};
 
 mod candidates;
 mod dialects;
@@ -81,9 +81,11 @@ params! {
         /// Samples per mm²; every patch has at least one. Default: 50 000 on the part.
         samples_per_mm2: Option<f64> = None, [0.0001, 1_000_000.0] "per mm²";
         /// Pose of the part on the plate. Default: axes parallel, box bottom on the plate, box centre on the axis.
+        #[schema(value_type = Option<PoseInput>)]
         table_from_part: Option<PoseSpec> = None;
         /// Poses to choose from where `setups` is more than 1. Default: `table_from_part` and the stable poses of the part's
         /// convex hull.
+        #[schema(value_type = Vec<PoseInput>)]
         resting_poses: Vec<PoseSpec> = Vec::new(), entries [0, 12];
         /// A fixture that occludes and collides and is not measured, modelled in the part's own coordinates and unit:
         /// a mesh id over HTTP, a file on the command line.

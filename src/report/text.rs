@@ -16,7 +16,7 @@ use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
 use crate::wire::plan::{AdviceDocument, AtRiskDocument, CoverageDocument, RobustDocument};
 use crate::wire::summary::Summary;
-use crate::wire::warnings::of_robust;
+use crate::wire::warnings::{FieldWarning, of_robust};
 use crate::wire::words::{
     NOTHING_IN_REGION, advice_sentence, area_mm2, at_risk_sentence, changed_params, counted, fixed, freedom, headline,
     lie_phrase, noise_remark, remedy_sentence, risk_meaning, treated_spots,
@@ -29,6 +29,16 @@ pub fn text(plan: &Plan) -> String {
     // Writing to a String cannot fail.
     let _ = write_plan(&mut out, plan);
     out
+}
+
+/// Warnings on the part itself, which stand before the plan; nothing where there are none.
+#[must_use]
+pub fn warned(warnings: &[FieldWarning]) -> String {
+    let text = |warning: &FieldWarning| {
+        format!("warning, {}: the part {}\n  {}\n", warning.code.as_str(), warning.detail, warning.remedy)
+    };
+    let all: String = warnings.iter().map(text).collect();
+    if all.is_empty() { all } else { all + "\n" }
 }
 
 fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {

@@ -176,6 +176,7 @@ pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Resu
         fixture: fixture.as_ref(),
         part_name: input.part_name.clone(),
         part_sha256: &input.mesh.sha256,
+        unit: input.mesh.unit,
         scanner: &scanner,
         cell: cell.as_ref(),
         roadmaps: Some(roadmaps),
@@ -188,8 +189,18 @@ pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Resu
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },
-        error @ (PlanError::Cancelled | PlanError::BadParams(_)) => error.into(),
+        error @ (PlanError::Cancelled | PlanError::BadParams(_)) => blamed(&job, error),
     })
+}
+
+/// Error of a job for an error of its plan: at what the request gave.
+fn blamed(job: &PlanJob<'_>, error: PlanError) -> JobError {
+    let PlanError::BadParams(errors) = error else { return error.into() };
+    let blame = |error: FieldError| match job.error_of_part(&error) {
+        Some(detail) => FieldError { pointer: "/mesh_id".to_owned(), detail },
+        None => error.below("/params"),
+    };
+    JobError::BadInput(errors.into_iter().map(blame).collect())
 }
 
 /// Library of the meshes that a job brings along. Its specifications are inlined, so that a preset that changes in a later

@@ -15,13 +15,14 @@ use super::meshes::unit_of;
 use super::store::{StoredSpec, read_leniently};
 use crate::cell::{CellSpec, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::Mesh;
+use crate::wire::part_size::PartSize;
 use crate::wire::{MeshId, SpecCollection};
 
 /// Max number of stored names in an error message.
 const MAX_NAMES: u32 = 50;
 
-/// A stored mesh's file and its name, if any.
-type StoredMesh = (MeshSource, Option<String>);
+/// A stored mesh's file, its name, if any, and its size, if it is known.
+type StoredMesh = (MeshSource, Option<String>, Option<PartSize>);
 
 /// The stored specifications and meshes, for one request. Lookups wait for the database, on threads that may block.
 pub(super) struct Library {
@@ -66,7 +67,7 @@ impl Library {
 
     /// File of a mesh.
     pub(super) fn source(&self, id: MeshId) -> Option<MeshSource> {
-        self.find(id).map(|(source, _)| source)
+        self.find(id).map(|(source, ..)| source)
     }
 
     /// Flag that is raised when the caller no longer waits.
@@ -84,7 +85,12 @@ impl Library {
 
     /// Name of a mesh, or its id if it has none.
     pub(super) fn part_name(&self, id: MeshId) -> String {
-        self.find(id).and_then(|(_, name)| name).unwrap_or_else(|| id.to_string())
+        self.find(id).and_then(|(_, name, _)| name).unwrap_or_else(|| id.to_string())
+    }
+
+    /// Size of a mesh; `None` if its stored report has none.
+    pub(super) fn part_size(&self, id: MeshId) -> Option<PartSize> {
+        self.find(id).and_then(|(.., size)| size)
     }
 
     fn find(&self, id: MeshId) -> Option<StoredMesh> {
@@ -107,7 +113,9 @@ impl Library {
         let mesh = self.query(look).flatten()?;
         let unit = unit_of(&mesh).map_err(|error| self.error.replace(Some(error))).ok()?;
         let path = self.app.0.store.files().path(&mesh.sha256);
-        Some((MeshSource { path, sha256: mesh.sha256, unit }, mesh.name))
+        let (bbox, is_known) = (mesh.health.bbox_mm, mesh.health.triangles > 0);
+        let size_mm = std::array::from_fn(|axis| bbox.max[axis] - bbox.min[axis]);
+        Some((MeshSource { path, sha256: mesh.sha256, unit }, mesh.name, is_known.then_some(PartSize { size_mm, unit })))
     }
 }
 

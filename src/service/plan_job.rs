@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use sha2::{Digest, Sha256};
 
 use super::store::hex;
-use crate::cell::{Cell, CollisionScene, PoseSpec, Scanner};
-use crate::geometry::{self, Mesh, Poll};
+use crate::cell::{Cell, CollisionScene, FieldError, PoseSpec, Scanner};
+use crate::geometry::{self, LengthUnit, Mesh, Poll};
 use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
@@ -17,13 +17,15 @@ use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectErro
 use crate::program::{Expected, Program, compile};
 use crate::report::html::{self, NoPlanInput, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
-use crate::report::text::text;
+use crate::report::text::{text, warned};
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
+use crate::wire::part_size::{PartSize, SizeLimits, size_text};
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::summary::{SUMMARY_FILE, Summary};
+use crate::wire::warnings::FieldWarning;
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
 /// Max triangles of the preview that browsers draw and `coverage.bin` refers to.
@@ -111,6 +113,8 @@ pub struct PlanJob<'a> {
     pub part_name: String,
     /// SHA-256 of the part's file.
     pub part_sha256: &'a str,
+    /// Unit that the part's file was read in.
+    pub unit: LengthUnit,
     /// The scanner; the cell's own if there is a cell.
     pub scanner: &'a Scanner,
     /// The cell; `None` for viewpoints only.
@@ -156,6 +160,35 @@ impl PlanJob<'_> {
         plan(&input, self.params, ctx)
     }
 
+    /// Warnings on the part's size; `at` names the part: a pointer, or an option.
+    #[must_use]
+    pub fn size_warnings(&self, at: &str) -> Vec<FieldWarning> {
+        let limits = SizeLimits::new(self.scanner, self.cell);
+        PartSize::new(&self.mesh.aabb(), self.unit).warnings(self.params.part.table_from_part.as_ref(), &limits, at)
+    }
+
+    /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
+    /// too large. Its user gave the file and its unit. `None` for an error of parameters.
+    #[must_use]
+    pub fn error_of_part(&self, error: &FieldError) -> Option<String> {
+        let (given, unit) = (self.params.part.table_from_part.as_ref(), self.unit);
+        let size = PartSize::new(&self.mesh.aabb(), unit);
+        let limits = SizeLimits::new(self.scanner, self.cell);
+        let units =
+            || size.other_units(&limits).map_or_else(String::new, |units| format!("; it would fit if the file is in {units}"));
+        let FieldError { pointer, detail } = error;
+        match pointer.as_str() {
+            "/part" => Some(format!("{detail} (read in {unit}{})", units())),
+            "/part/table_from_part" if given.is_none() => {
+                let hint = if size.warnings(given, &limits, "").is_empty() { String::new() } else { units() };
+                let read = size_text(&size.size_mm);
+                let lies = "in the middle of the plate, as part.table_from_part is not given, that";
+                Some(format!("is {read} as read in {unit}; {lies} {detail}{hint}"))
+            }
+            _ => None,
+        }
+    }
+
     /// Renders every file; programs in the robot's own language and in the neutral ones alone.
     ///
     /// # Errors
@@ -167,13 +200,16 @@ impl PlanJob<'_> {
     fn files(&self, outcome: &Outcome, foreign: ForeignPrograms, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
-        let document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone()).to_bytes();
+        let size_warnings = self.size_warnings("/part/bbox_mm");
+        let mut document = PlanDocument::new(outcome, self.scanner, self.cell_document(outcome), self.echo.clone());
+        document.warnings.extend(size_warnings.iter().cloned());
+        let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let report = ReportInput {
-            subject: self.subject(),
+            subject: self.subject(&size_warnings),
             outcome,
             plan_sha256: &plan_sha256,
             cycle_secs: (!programs.is_empty()).then(|| programs.iter().map(|program| program.cycle_secs).sum()),
@@ -187,7 +223,7 @@ impl PlanJob<'_> {
             ("coverage.csv".into(), coverage::csv(outcome, self.mesh).into_bytes()),
             ("coverage.bin".into(), coverage::bin(outcome, &preview)),
             ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
-            ("report.txt".into(), format!("plan {plan_sha256}\n{}", text(plan)).into_bytes()),
+            ("report.txt".into(), format!("{}{}plan {plan_sha256}\n", warned(&size_warnings), text(plan)).into_bytes()),
             ("report.html".into(), html::render(&report, ctx)?.into_bytes()),
         ];
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
@@ -217,13 +253,14 @@ impl PlanJob<'_> {
     /// [`Cancelled`].
     pub fn render_no_plan(&self, finding: &NoPlan, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
-        let input = NoPlanInput { subject: self.subject(), params: self.params, finding };
+        let size_warnings = self.size_warnings("/part/bbox_mm");
+        let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, finding };
         let page = html::render_no_plan(&input, ctx)?;
-        let files = [("report.txt", no_plan_text(&input)), ("report.html", page)];
+        let files = [("report.txt", warned(&size_warnings) + &no_plan_text(&input)), ("report.html", page)];
         Ok(files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).into())
     }
 
-    fn subject(&self) -> ReportSubject<'_> {
+    fn subject<'a>(&'a self, size_warnings: &'a [FieldWarning]) -> ReportSubject<'a> {
         ReportSubject {
             mesh: self.mesh,
             fixture: self.fixture,
@@ -233,6 +270,7 @@ impl PlanJob<'_> {
             cell: self.cell,
             echo: &self.echo,
             date: self.date.as_deref(),
+            size_warnings,
         }
     }
 

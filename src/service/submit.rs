@@ -13,8 +13,10 @@ use super::error::{Error, InternalError};
 use super::execute::{JobInput, MeshSource};
 use super::library::Library;
 use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking, read_leniently};
-use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary, did_you_mean};
-use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, JobSelection, JobSort, MeshId};
+use crate::cell::{Cell, CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary, did_you_mean};
+use crate::wire::part_size::SizeLimits;
+use crate::wire::warnings::FieldWarning;
+use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, JobSelection, JobSort, MeshId, warnings};
 
 /// Filters and order of a job listing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -37,6 +39,9 @@ struct StoredInput {
     cell: Option<CellSpec>,
     scanner: ScannerSpec,
     body_meshes: BTreeMap<String, MeshFile>,
+    /// Warnings on the part's size and on the cell, found when the job was submitted.
+    #[serde(default)]
+    warnings: Vec<FieldWarning>,
 }
 
 /// Guard that raises its flag when dropped: the caller no longer waits for the lookup.
@@ -201,16 +206,27 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
     let shapes = scanner.iter().flat_map(|s| &s.body).map(|body| &body.shape).chain(cell.iter().flat_map(shapes_of));
     let body_meshes: BTreeMap<_, _> =
         shapes.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
-    let used = std::mem::take(&mut lookup.used);
+    let (used, built_cell) = (std::mem::take(&mut lookup.used), lookup.built_cell.take());
     let beyond = scanner.as_ref().map(|scanner| limits_beyond(request, scanner, &errors));
     errors.extend(beyond.into_iter().flatten());
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
             let part_name = library.part_name(request.mesh_id);
-            Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes }, used.into_iter().collect()))
+            let warnings = warnings_on(request, built_cell.as_ref(), &scanner, library);
+            Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes, warnings }, used.into_iter().collect()))
         }
         _ => Err(errors),
     }
+}
+
+/// Warnings on the size of a job's part, and on its cell.
+fn warnings_on(request: &JobRequest, cell: Option<&Cell>, scanner: &ScannerSpec, library: &Library) -> Vec<FieldWarning> {
+    let alone = if cell.is_none() { scanner.build().ok() } else { None };
+    let scanner = cell.map(|cell| &cell.scanner).or(alone.as_ref());
+    let size = scanner.zip(library.part_size(request.mesh_id)).map(|(scanner, size)| {
+        size.warnings(request.params.part.table_from_part.as_ref(), &SizeLimits::new(scanner, cell), "/mesh_id")
+    });
+    size.into_iter().flatten().chain(cell.into_iter().flat_map(|cell| warnings::of_cell(cell, "/cell"))).collect()
 }
 
 /// Limits of incidence beyond the scanner's own, except for values that are known to be out of range.
@@ -227,11 +243,13 @@ pub(super) struct Lookup<'a> {
     library: &'a Library,
     errors: &'a mut Vec<FieldError>,
     used: BTreeSet<MeshId>,
+    /// The cell that was found, built.
+    built_cell: Option<Cell>,
 }
 
 impl<'a> Lookup<'a> {
     pub(super) fn new(library: &'a Library, errors: &'a mut Vec<FieldError>) -> Self {
-        Self { library, errors, used: BTreeSet::new() }
+        Self { library, errors, used: BTreeSet::new(), built_cell: None }
     }
 
     pub(super) fn refuse(&mut self, pointer: &str, detail: String) {
@@ -286,7 +304,7 @@ impl<'a> Lookup<'a> {
         }
         let library = self.library;
         let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name).ok())?;
-        self.built("/cell", cell.build(library))?;
+        self.built_cell = Some(self.built("/cell", cell.build(library))?);
         inline(&mut cell.scanner, |name| library.scanner(name).ok());
         inline(&mut cell.robot, |name| library.robot(name).ok());
         inline(&mut cell.turntable, |name| library.turntable(name).ok());

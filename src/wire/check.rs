@@ -64,7 +64,7 @@ pub struct CheckReport {
     pub measured_of_asked: Option<f64>,
     /// Findings, each with the pointer into the document; empty for the whole.
     pub findings: Vec<ProblemField>,
-    /// Warnings on parameters of a sound document that cannot be reached.
+    /// Warnings on a sound document: parameters that cannot be reached, a cell or a part that is hardly what was meant.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
 }

@@ -212,8 +212,8 @@ pub struct Job {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
-    /// Warnings on parameters that were accepted: tolerances finer than the scanner's noise and, once the job has succeeded, regions
-    /// and features that do not reach their target.
+    /// Warnings on what was accepted: a part whose size tells of a wrong unit (`/mesh_id`), a doubtful cell, tolerances finer than the
+    /// scanner's noise and, once the job has succeeded, regions and features that do not reach their target.
     #[serde(default)]
     pub warnings: Vec<FieldWarning>,
     /// Coverage of each region of interest and each feature, once the job has succeeded.

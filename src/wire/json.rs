@@ -2,6 +2,10 @@
 
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
+use utoipa::ToSchema;
+
+use super::shape::refused;
+use crate::cell::FieldError;
 
 use crate::cell::with_suggestion;
 
@@ -19,6 +23,20 @@ pub enum ParseError {
         /// Description of the fault.
         detail: String,
     },
+}
+
+/// Parses one JSON document of a client; anything after it is an error.
+///
+/// # Errors
+/// [`ParseError`]; for a document of another shape every field that is missing or unknown.
+pub fn parse_document<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, Vec<ParseError>> {
+    parse(bytes).map_err(|error| match (error, serde_json::from_slice(bytes)) {
+        (ParseError::Shape { pointer, detail }, Ok(value)) => {
+            let findings = refused::<T>(&value, FieldError { pointer, detail });
+            findings.into_iter().map(|FieldError { pointer, detail }| ParseError::Shape { pointer, detail }).collect()
+        }
+        (error, _) => vec![error],
+    })
 }
 
 /// Parses one JSON document; anything after it is an error.

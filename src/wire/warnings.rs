@@ -1,11 +1,12 @@
-//! Warnings on parameters that are accepted, although what they ask for cannot be reached or was not.
+//! Warnings on parameters, cells and parts that are accepted, although what they ask for cannot be reached or was not, or is hardly
+//! what was meant.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, fixed, rounded_up_mm};
-use crate::cell::closed_list;
+use crate::cell::{Cell, closed_list};
 use crate::planning::params::{NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
 
@@ -21,6 +22,14 @@ closed_list! {
         RegionUnmet = "region_unmet",
         /// The plan loses more than one point of the asked area if poses are off by the error that it was evaluated with.
         FragileUnderPoseError = "fragile_under_pose_error",
+        /// The part's longest edge is less than 5 % of the scanner's field: its unit may be wrong.
+        PartSmall = "part_small",
+        /// The part, as it lies, is wider than the plate: its unit may be wrong.
+        PartLargerThanPlate = "part_larger_than_plate",
+        /// The home of a cell looks like radians; it is in degrees.
+        HomeInRadians = "home_in_radians",
+        /// The plate's centre is farther away than the stretched arm and the scanner measure.
+        PlateBeyondReach = "plate_beyond_reach",
     }
 }
 
@@ -35,6 +44,36 @@ pub struct FieldWarning {
     pub detail: String,
     /// Advice on what to do about it.
     pub remedy: String,
+}
+
+/// Warnings on a cell that can be built; `at` is the pointer to it.
+#[must_use]
+pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
+    let home = cell.home_in_radians().map(|home_deg| FieldWarning {
+        code: WarningCode::HomeInRadians,
+        pointer: format!("{at}/home_deg"),
+        detail: format!(
+            "is {:?}, all within ±2π, as if in radians",
+            cell.home_rad.axes_rad().map(|angle| fixed_number(angle.to_degrees()))
+        ),
+        remedy: format!("if it is in radians, give {home_deg:?} (degrees)"),
+    });
+    let (centre_mm, reach_mm) = cell.plate_centre_distance_mm();
+    let plate = (centre_mm > reach_mm).then(|| FieldWarning {
+        code: WarningCode::PlateBeyondReach,
+        pointer: format!("{at}/base_from_table"),
+        detail: format!(
+            "puts the plate's centre {centre_mm:.0} mm from the robot's shoulder; stretched, the arm and the scanner measure up to \
+             {reach_mm:.0} mm from it"
+        ),
+        remedy: "move the table nearer: `vantage study reach` compares distances and heights".to_owned(),
+    });
+    home.into_iter().chain(plate).collect()
+}
+
+/// The number without the digits that a turn into radians and back adds.
+fn fixed_number(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
 }
 
 /// Warnings on parameters before they are planned with; `at` is the pointer to them.

@@ -104,7 +104,7 @@ fn cell(task: &Task, folder: &Path) -> Cell {
     spec.robot = Named::Inline(Box::new(robot(task, folder)));
     spec.scanner = Named::Inline(Box::new(scanner));
     spec.turntable = Named::Inline(Box::new(table));
-    spec.base_from_table.translation_mm = [0.0, 0.0, -5000.0];
+    spec.base_from_table.translation_mm = [0.0, 0.0, -1200.0];
     spec.flange_from_scanner = task.flange_from_tip;
     spec.mount.clone_from(&task.tool);
     spec.obstacles.clone_from(&task.obstacles);
@@ -112,6 +112,8 @@ fn cell(task: &Task, folder: &Path) -> Cell {
     spec.home_deg = std::array::from_fn(|axis| task.home_deg.get(axis).copied().unwrap_or(0.0));
     let mut cell = spec.build(&Presets).expect("a sound cell");
     let shape = Shape::Mesh(Arc::new(mesh(&folder.join("jig.stl")).expect("a mesh")));
+    // Out of the way, where a cell that scans may not have it.
+    cell.base_from_table = Pose::from_parts(Vector3::new(0.0, 0.0, -5000.0), UnitQuaternion::identity());
     cell.obstacles.push(Body { name: "jig".into(), owner_from_body: Isometry3::identity(), shape });
     cell
 }

@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 use vantage::check::check_plan;
+use vantage::geometry::LengthUnit;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::{CandidateParams, FeatureParams, InterestParams, PlanParams, Region};
 use vantage::planning::plan::{Cause, StopReason};
@@ -54,6 +55,7 @@ fn files(params: &PlanParams) -> impl Fn(&str) -> Option<String> + use<> {
         fixture: None,
         part_name: "block".into(),
         part_sha256: &"0a".repeat(32),
+        unit: LengthUnit::Millimetre,
         scanner: &scanner,
         cell: None,
         roadmaps: None,

@@ -255,8 +255,17 @@ fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String 
 fn dated_page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo, date: Option<&str>) -> String {
     let (cell, flag) = (Cell { name: part_name.to_owned(), ..default_cell() }, AtomicBool::new(false));
     let part_sha256 = &outcome.plan.part.sha256;
-    let subject =
-        ReportSubject { mesh, fixture: None, part_sha256, part_name, scanner: &cell.scanner, cell: Some(&cell), echo, date };
+    let subject = ReportSubject {
+        mesh,
+        fixture: None,
+        part_sha256,
+        part_name,
+        scanner: &cell.scanner,
+        cell: Some(&cell),
+        echo,
+        date,
+        size_warnings: &[],
+    };
     let input = ReportInput { subject, outcome, plan_sha256: PLAN_SHA256, cycle_secs: Some(143.2) };
     render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }

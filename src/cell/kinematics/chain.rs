@@ -17,7 +17,7 @@ use super::classify::{ClosedForm, classify};
 use super::{JointAxes, LinkFrames, principal};
 use crate::cell::field_error::Findings;
 use crate::cell::halton::{PRIMES, halton};
-use crate::cell::pose_spec::PoseSpec;
+use crate::cell::pose_spec::{PoseInput, PoseSpec};
 
 /// Largest distance by which a solution is off, mm.
 const PLACE_MM: f64 = 1e-7;
@@ -41,6 +41,7 @@ const SAME_RAD: f64 = 1e-5;
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ChainJointSpec {
     /// The joint's frame at angle zero in the frame of the joint before it; the first in the foot's.
+    #[schema(value_type = PoseInput)]
     pub origin: PoseSpec,
     /// Axis in the joint's frame, any length but zero.
     #[schema(min_items = 3, max_items = 3)]
@@ -55,6 +56,7 @@ pub struct ChainSpec {
     #[schema(min_items = 6, max_items = 6)]
     pub joints: [ChainJointSpec; 6],
     /// The flange in the frame of joint 6.
+    #[schema(value_type = PoseInput)]
     pub flange: PoseSpec,
 }
 

@@ -1,5 +1,6 @@
 //! The structured-light scanner: two cameras and a projector, a working depth, a body ([`crate::planning::method::scanner`]).
 
+mod data_sheet;
 mod depth_of_field;
 mod device;
 mod measurement_volume;
@@ -11,6 +12,7 @@ mod tests;
 
 use nalgebra::{Point3, Vector3};
 
+pub use data_sheet::DataSheet;
 pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
 pub use measurement_volume::{Field, MeasurementVolume};

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::device::{DeviceName, Lens, OpticalDevice};
 use super::per_device::PerDevice;
 use crate::cell::field_error::{FieldError, Findings};
-use crate::cell::pose_spec::PoseSpec;
+use crate::cell::pose_spec::{PoseInput, PoseSpec};
 use crate::cell::shape_spec::BodySpec;
 use crate::geometry::{Device, Pose, ScannerFrame};
 
@@ -15,6 +15,9 @@ use crate::geometry::{Device, Pose, ScannerFrame};
 const ROTATION_TOLERANCE: f64 = 1e-3;
 /// Cameras closer than this, along x of the scanner, cannot triangulate.
 const BASELINE_MIN_MM: f64 = 1.0;
+/// Widest angle that a pinhole's image may show, degrees. Fisheyes beyond it need another model; a focal length in millimetres that
+/// was taken for pixels shows nearly 180°.
+const MAX_VIEW_DEG: f64 = 150.0;
 
 /// A structured-light scanner. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -50,19 +53,21 @@ pub struct ScannerSpec {
     /// Practical measurement volume along x, y, z, mm, 1 to 10000 each.
     #[schema(min_items = 3, max_items = 3)]
     pub practical_volume_mm: [f64; 3],
-    /// Edge of the cube that blocks of a large part must fit in, mm, 1 to 10000.
-    pub block_cube_mm: f64,
+    /// Edge of the cube that blocks of a large part must fit in, mm, 1 to 10000. Default: the largest cube in the practical
+    /// measurement volume, which is the shortest of its three edges.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub block_cube_mm: Option<f64>,
 }
 
 /// Working depth along +z of the scanner: 1 ≤ near < best < far ≤ 10000 mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct DepthSpec {
-    /// Nearest depth, mm.
+    /// Nearest depth, mm, 1 to 10000, below `best`.
     pub near: f64,
-    /// Depth of best focus, mm.
+    /// Depth of best focus, mm, 1 to 10000, between `near` and `far`.
     pub best: f64,
-    /// Farthest depth, mm.
+    /// Farthest depth, mm, 1 to 10000, beyond `best`.
     pub far: f64,
 }
 
@@ -72,18 +77,19 @@ pub struct DepthSpec {
 pub struct DeviceSpec {
     /// Pose of the device in the scanner frame; left out for cameras when `board_poses` is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<PoseInput>)]
     pub scanner_from_device: Option<PoseSpec>,
     /// Image width, pixels, 16 to 100000.
     pub width_px: u32,
     /// Image height, pixels, 16 to 100000.
     pub height_px: u32,
-    /// Focal length along u, pixels, 1 to 1e6.
+    /// Focal length along u, pixels (millimetres divided by the pixel pitch in mm), 1 to 1e6; the image may show up to 150°.
     pub fx: f64,
-    /// Focal length along v, pixels, 1 to 1e6.
+    /// Focal length along v, pixels, 1 to 1e6; the image may show up to 150°.
     pub fy: f64,
-    /// Principal point, u, pixels, inside the image.
+    /// Principal point, u, pixels, inside the image: 0 to `width_px`.
     pub cx: f64,
-    /// Principal point, v, pixels, inside the image.
+    /// Principal point, v, pixels, inside the image: 0 to `height_px`.
     pub cy: f64,
     /// Bouguet's α, -0.1 to 0.1. Default 0.
     #[serde(default)]
@@ -151,7 +157,7 @@ impl ScannerSpec {
             body: self.body.clone(),
             stated_volume_mm: self.stated_volume_mm,
             practical_volume_mm: self.practical_volume_mm,
-            block_cube_mm: self.block_cube_mm,
+            block_cube_mm: self.block_cube_mm(),
         })
     }
 
@@ -222,7 +228,14 @@ impl ScannerSpec {
         for (axis, value) in self.practical_volume_mm.iter().enumerate() {
             findings.range(format!("/practical_volume_mm/{axis}"), *value, 1.0, 1e4, "mm");
         }
-        findings.range("/block_cube_mm", self.block_cube_mm, 1.0, 1e4, "mm");
+        if let Some(edge_mm) = self.block_cube_mm {
+            findings.range("/block_cube_mm", edge_mm, 1.0, 1e4, "mm");
+        }
+    }
+
+    /// Edge of the block cube: as given, else the shortest edge of the practical volume.
+    fn block_cube_mm(&self) -> f64 {
+        self.block_cube_mm.unwrap_or_else(|| self.practical_volume_mm.iter().copied().fold(f64::INFINITY, f64::min))
     }
 }
 
@@ -234,8 +247,8 @@ impl DeviceSpec {
         let (width, height) = (f64::from(self.width_px), f64::from(self.height_px));
         findings.range(format!("{pointer}/width_px"), width, 16.0, 1e5, "px");
         findings.range(format!("{pointer}/height_px"), height, 16.0, 1e5, "px");
-        findings.range(format!("{pointer}/fx"), self.fx, 1.0, 1e6, "px");
-        findings.range(format!("{pointer}/fy"), self.fy, 1.0, 1e6, "px");
+        self.check_focal_length(&format!("{pointer}/fx"), self.fx, width, findings);
+        self.check_focal_length(&format!("{pointer}/fy"), self.fy, height, findings);
         findings.range(format!("{pointer}/cx"), self.cx, 0.0, width, "px");
         findings.range(format!("{pointer}/cy"), self.cy, 0.0, height, "px");
         findings.range(format!("{pointer}/skew"), self.skew, -0.1, 0.1, "");
@@ -246,6 +259,33 @@ impl DeviceSpec {
         if let Some(pitch_um) = self.pixel_pitch_um {
             findings.range(format!("{pointer}/pixel_pitch_um"), pitch_um, 0.1, 100.0, "µm");
         }
+    }
+
+    /// Records a focal length that is out of range, or with which the image shows more than [`MAX_VIEW_DEG`]: 2·atan(size / 2f).
+    fn check_focal_length(&self, pointer: &str, focal_px: f64, size_px: f64, findings: &mut Findings) {
+        let min_px = 0.5 * size_px / (0.5 * MAX_VIEW_DEG.to_radians()).tan();
+        // A size or a length that is out of range has its own finding.
+        let is_wide = (1.0..min_px).contains(&focal_px) && (16.0..=1e5).contains(&size_px);
+        if !is_wide {
+            return findings.range(pointer, focal_px, 1.0, 1e6, "px");
+        }
+        let view_deg = 2.0 * (0.5 * size_px / focal_px).atan().to_degrees();
+        let pitch_um = self.pixel_pitch_um.filter(|pitch_um| *pitch_um > 0.0);
+        let advice = pitch_um.map_or_else(
+            || "if it is in millimetres, divide it by the pixel pitch in mm".to_owned(),
+            |pitch_um| {
+                let in_px = focal_px * 1000.0 / pitch_um;
+                format!("if it is in millimetres, {focal_px} mm at {pitch_um} µm a pixel are {in_px:.1} px")
+            },
+        );
+        let min_px = min_px.ceil();
+        findings.push(
+            pointer,
+            format!(
+                "is {focal_px} px, with which {size_px} px show {view_deg:.1} °; allowed is {min_px} to 1000000 px \
+                 (up to {MAX_VIEW_DEG} °): {advice}"
+            ),
+        );
     }
 
     fn build(&self, name: DeviceName, pose: Pose<ScannerFrame, Device>, findings: &mut Findings) -> OpticalDevice {

@@ -341,7 +341,7 @@ mod refusals {
             ("/mass_kg", |s| s.mass_kg = f64::NAN),
             ("/practical_volume_mm/2", |s| s.practical_volume_mm[2] = 0.5),
             ("/stated_volume_mm/0", |s| s.stated_volume_mm = Some([0.0, 1.0, 1.0])),
-            ("/block_cube_mm", |s| s.block_cube_mm = 10_001.0),
+            ("/block_cube_mm", |s| s.block_cube_mm = Some(10_001.0)),
             ("/depth_mm/near", |s| s.depth_mm.near = 0.0),
             ("/depth_mm/far", |s| s.depth_mm.far = 20_000.0),
             ("/depth_mm", |s| s.depth_mm.near = 480.0),
@@ -394,6 +394,41 @@ mod refusals {
             refused(CALIBRATED, |s| s.left.scanner_from_device = Some(crate::cell::PoseSpec::default())),
             ["/left/scanner_from_device"]
         );
+    }
+
+    #[test]
+    fn a_focal_length_in_millimetres_is_refused_with_the_one_in_pixels() {
+        let changes: &[Change] = &[
+            ("/left/fx", |s| s.left.fx = 16.0),
+            ("/right/fy", |s| s.right.fy = 16.0),
+            ("/projector/fx", |s| s.projector.fx = 35.0),
+        ];
+        for (pointer, change) in changes {
+            assert_eq!(refused(NOMINAL, change), [*pointer]);
+        }
+        let detail = |pitch_um: Option<f64>| {
+            let mut changed = spec(NOMINAL);
+            (changed.left.fx, changed.left.pixel_pitch_um) = (16.0, pitch_um);
+            changed.build().expect_err("refused").remove(0).detail
+        };
+        let told = detail(Some(1.85));
+        for part in ["is 16 px", "4000 px show 179.1 °", "allowed is 536 to 1000000 px", "16 mm at 1.85 µm a pixel are 8648.6 px"]
+        {
+            assert!(told.contains(part), "{part:?} is not in {told}");
+        }
+        assert!(detail(None).contains("divide it by the pixel pitch in mm"));
+        // A wide lens is one: 4000 px at 540 px show 149.8°.
+        assert!(!refused(NOMINAL, |s| (s.left.fx, s.name) = (540.0, String::new())).contains(&"/left/fx".to_owned()));
+    }
+
+    #[test]
+    fn the_block_cube_is_the_largest_in_the_practical_volume_unless_given() {
+        let edge_mm = |given: Option<f64>| {
+            let mut changed = spec(NOMINAL);
+            (changed.block_cube_mm, changed.practical_volume_mm) = (given, [260.0, 165.0, 120.0]);
+            changed.build().expect("valid").block_cube_mm
+        };
+        assert_eq!((edge_mm(None), edge_mm(Some(90.0))), (120.0, 90.0));
     }
 
     #[test]

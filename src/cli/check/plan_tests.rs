@@ -3,6 +3,7 @@ use std::sync::atomic::AtomicBool;
 use serde_json::{Value, json};
 
 use crate::check::check_plan as check;
+use crate::geometry::LengthUnit;
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{CandidateParams, InterestParams, PlanParams, PoseErrorParams, Region};
 use crate::service::plan_job::PlanJob;
@@ -36,6 +37,7 @@ fn plan() -> Value {
         fixture: None,
         part_name: "block".into(),
         part_sha256: &"0a".repeat(32),
+        unit: LengthUnit::Millimetre,
         scanner: &scanner,
         cell: None,
         roadmaps: None,

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::{ProgramArgs, run};
 use crate::cell::{Named, Presets, SpecLibrary};
+use crate::geometry::LengthUnit;
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{CandidateParams, PlanParams};
 use crate::service::plan_job::{PlanJob, bytes_of, plan_sha256};
@@ -45,6 +46,7 @@ fn plan_without_cell() -> Vec<u8> {
         fixture: None,
         part_name: "block".into(),
         part_sha256: &"0a".repeat(32),
+        unit: LengthUnit::Millimetre,
         scanner: &scanner,
         cell: None,
         roadmaps: None,

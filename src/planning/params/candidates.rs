@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::knob::params;
-use crate::cell::{Findings, PoseSpec, closed_list};
+use crate::cell::{Findings, PoseInput, PoseSpec, closed_list};
 
 closed_list! {
     /// A scheme that generates candidates. Those of all schemes that are named are joined, in the order named; `iterative`
@@ -96,6 +96,7 @@ params! {
         /// Rule for the distance from the part.
         standoff: Standoff = Standoff::Surface;
         /// Viewpoints to consider besides those of the strategies, `part_from_scanner`: those of a remedy, or your own.
+        #[schema(value_type = Vec<PoseInput>)]
         poses: Vec<PoseSpec> = Vec::new(), entries [0, 10_000];
     }
 }

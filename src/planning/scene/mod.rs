@@ -23,7 +23,7 @@ use super::surface::Surface;
 use super::visibility::{Row, SampleSet};
 use crate::cell::collision::MetOnTable;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact, Farthest, Separation};
-use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, plate_from_placed};
 
 /// Largest separation that is measured, mm: as far as a clearance may be asked for.
 const MAX_SEPARATION_MM: f64 = 200.0;
@@ -41,15 +41,6 @@ pub(super) struct PlanningScene<'a> {
     roadmaps: Option<&'a Roadmaps>,
 }
 
-/// Question about the unit of a part that is wider than the plate: most such parts were read in a wrong one.
-fn size_hint(cell: &Cell, mesh: &Mesh) -> String {
-    let size_mm = mesh.aabb().extent_mm();
-    if size_mm.x.hypot(size_mm.y) <= 2.0 * cell.turntable.plate_radius_mm {
-        return String::new();
-    }
-    format!("; the part is {:.0} x {:.0} x {:.0} mm: was it read in the right unit?", size_mm.x, size_mm.y, size_mm.z)
-}
-
 impl<'a> PlanningScene<'a> {
     /// # Errors
     /// [`PlanError::BadParams`] when part or fixture meets what stands around or below the table, [`PlanError::Cancelled`].
@@ -64,8 +55,7 @@ impl<'a> PlanningScene<'a> {
         let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
         match scene.placement_contact() {
             Some(contact) => {
-                let hint = size_hint(cell, input.mesh);
-                let detail = format!("lets {contact} meet; move the part, or what it meets{hint}");
+                let detail = format!("lets {contact} meet; move the part, or what it meets");
                 Err(PlanError::param("/part/table_from_part", detail))
             }
             None => {

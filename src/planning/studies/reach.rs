@@ -10,11 +10,11 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
-use crate::cell::{Body, Cell, CollisionScene};
+use crate::cell::{Body, Cell, CollisionScene, HousingFace};
 use crate::geometry::{Aabb, Flange, Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::stations::solve_some;
@@ -72,8 +72,8 @@ pub struct Layout {
     pub reached: Option<Reached>,
 }
 
-/// Mountings: as the cell has it, then on each face of the scanner's envelope but the front: the flange's axis points into the
-/// face's middle, its x axis along the scanner's z (along x for the back), `adapter_mm` away from it.
+/// Mountings: as the cell has it, then on each face of the scanner's envelope but the front
+/// ([`HousingFace::flange_from_scanner`]).
 #[must_use]
 pub fn mountings(cell: &Cell, adapter_mm: f64) -> Vec<Mounting> {
     let mut all = vec![Mounting { label: "as it is".into(), flange_from_scanner: cell.flange_from_scanner }];
@@ -81,20 +81,15 @@ pub fn mountings(cell: &Cell, adapter_mm: f64) -> Vec<Mounting> {
     if cell.scanner_bodies.is_empty() {
         return all;
     }
-    let (centre, half) = (envelope.centre(), 0.5 * envelope.extent_mm());
     let faces = [
-        ("on the top face (−y)", Vector3::y(), half.y),
-        ("on the bottom face (+y)", -Vector3::y(), half.y),
-        ("on the left end (−x)", Vector3::x(), half.x),
-        ("on the right end (+x)", -Vector3::x(), half.x),
-        ("on the back (−z)", Vector3::z(), half.z),
+        ("on the top face (−y)", HousingFace::Top),
+        ("on the bottom face (+y)", HousingFace::Bottom),
+        ("on the left end (−x)", HousingFace::Left),
+        ("on the right end (+x)", HousingFace::Right),
+        ("on the back (−z)", HousingFace::Back),
     ];
-    all.extend(faces.map(|(label, into, reach_mm)| {
-        let x = if into.z == 0.0 { Vector3::z() } else { Vector3::x() };
-        let axes = Rotation3::from_basis_unchecked(&[x, into.cross(&x), into]);
-        let origin = centre.coords - into * (reach_mm + adapter_mm);
-        let scanner_from_flange = Isometry3::from_parts(Translation3::from(origin), UnitQuaternion::from_rotation_matrix(&axes));
-        let flange_from_scanner = Pose::<ScannerFrame, Flange>::claim(scanner_from_flange).inverse();
+    all.extend(faces.map(|(label, face)| {
+        let flange_from_scanner = face.flange_from_scanner(&envelope, adapter_mm);
         Mounting { label: label.into(), flange_from_scanner }
     }));
     all

@@ -155,6 +155,7 @@ mod tests {
             cell: Some(&cell),
             echo: &Echo::default(),
             date: None,
+            size_warnings: &[],
         };
         let pose = resting(&mesh);
         // Stretched out through the plate: the scene names two bodies that meet there.

@@ -25,6 +25,7 @@ mod regions;
 mod renderer;
 mod sections;
 mod shading;
+mod size;
 mod spots;
 mod stops;
 mod trust;
@@ -42,6 +43,7 @@ use crate::geometry::Mesh;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Outcome, SetupId};
 use crate::wire::echo::Echo;
+use crate::wire::warnings::FieldWarning;
 
 /// Subject of a report, whether or not a plan is possible: the part and what it was planned for.
 #[derive(Clone, Copy)]
@@ -62,6 +64,8 @@ pub struct ReportSubject<'a> {
     pub echo: &'a Echo,
     /// Time to print on the report, RFC 3339; a plan has none, so it is the caller's to say.
     pub date: Option<&'a str>,
+    /// Warnings on the part's size.
+    pub size_warnings: &'a [FieldWarning],
 }
 
 /// Input of the report of a plan.
@@ -90,6 +94,7 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
     let body = [
         sections::header(subject, "Scan plan"),
         "<main>\n".to_owned(),
+        size::notices(subject.size_warnings),
         verdict::section(input, &views::overviews(input, &scene)),
         regions::section(input),
         lay::section(subject, &lays, &scene),

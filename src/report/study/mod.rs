@@ -4,7 +4,7 @@
 mod chart;
 mod page;
 pub mod reach;
-mod svg;
+pub(super) mod svg;
 mod table;
 #[cfg(test)]
 mod tests;

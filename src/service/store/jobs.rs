@@ -26,6 +26,7 @@ use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::service::jobs::failure;
 use crate::wire::summary::Summary;
+use crate::wire::warnings::FieldWarning;
 use crate::wire::{EventKind, Job, JobBatch, JobEvent, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
 
 /// A job to be inserted.
@@ -69,6 +70,7 @@ macro_rules! select_job {
     () => {
         "SELECT id, state, mesh_id, part_number, serial, cell, scanner, labels, version, request, priority, stage, fraction, attempts,
             timings, problem, created_at, started_at, ended_at,
+            CASE WHEN json_valid(input) THEN input -> '$.warnings' END AS found,
             CASE WHEN state = 'queued' THEN (SELECT count(*) FROM job AS other INDEXED BY job_queue WHERE other.state = 'queued'
                 AND (other.priority > job.priority OR (other.priority = job.priority AND other.id <= job.id))) END AS position,
             (SELECT json_group_array(json_object('name', name, 'sha256', sha256, 'size_bytes', size_bytes))
@@ -514,11 +516,7 @@ async fn end(
     end_with(tx, id, &Ending { kind, after, problem, summary: None }).await
 }
 
-async fn end_with(
-    tx: &mut SqliteConnection,
-    id: JobId,
-    ending: &Ending<'_>,
-) -> Result<Arc<JobEvent>, Error> {
+async fn end_with(tx: &mut SqliteConnection, id: JobId, ending: &Ending<'_>) -> Result<Arc<JobEvent>, Error> {
     let Ending { kind, after, problem, summary } = *ending;
     sqlx::query(concat!(
         "UPDATE job SET state = ?2, problem = ?3, stage = NULL,
@@ -577,7 +575,9 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
     let results: Vec<JobFile> = serde_json::from_str(&row.try_get::<String, _>("results")?)?;
     let position: Option<i64> = row.try_get("position")?;
     let problem = read_problem(text("problem")).or(unreadable_request);
-    let warnings = warnings::of_params(&request.params, "/params");
+    let mut warnings = warnings::of_params(&request.params, "/params");
+    // Jobs of earlier versions have none; one that cannot be read tells no less of the job.
+    warnings.extend(text("found").and_then(|json| serde_json::from_str::<Vec<FieldWarning>>(&json).ok()).unwrap_or_default());
     Ok(Job {
         id: parsed("job.id", &row.try_get::<String, _>("id")?)?,
         state: state.as_ref().copied().unwrap_or(JobState::Failed),

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
 use vantage::cell::{Presets, SpecKind, SpecLibrary};
+use vantage::geometry::LengthUnit;
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::service::plan_job::{Artifact, PlanJob};
@@ -121,6 +122,7 @@ fn planned() -> (Value, Value) {
         fixture: None,
         part_name: "box".into(),
         part_sha256: &"0a".repeat(32),
+        unit: LengthUnit::Millimetre,
         scanner: &cell.scanner,
         cell: Some(&cell),
         roadmaps: None,

@@ -103,7 +103,19 @@ async fn a_request_is_refused_with_every_pointer() {
         (json!({"mesh_id": null}), "bad_shape", &["/mesh_id"]),
         (json!({"cell": "nowhere"}), "invalid_fields", &["/cell"]),
         (json!({"cell": 3}), "bad_shape", &["/cell"]),
-        (json!({"cell": {"name": "x", "size": 1}}), "bad_shape", &["/cell/size"]),
+        (
+            json!({"cell": {"name": "x", "size": 1}}),
+            "bad_shape",
+            &[
+                "/cell/base_from_table",
+                "/cell/flange_from_scanner",
+                "/cell/home_deg",
+                "/cell/robot",
+                "/cell/scanner",
+                "/cell/turntable",
+                "/cell/size",
+            ],
+        ),
         (json!({"scanner": "nothing"}), "invalid_fields", &["/scanner"]),
         (json!({"scanner": crossed}), "invalid_fields", &["/scanner/depth_mm"]),
         (json!({"colour": 1}), "bad_shape", &["/colour"]),
@@ -359,6 +371,47 @@ async fn a_tolerance_beyond_the_noise_is_told_at_submission_with_the_finest_that
     assert_eq!(job["regions"], json!([]), "nothing is planned yet");
     let plain = api.post_json("/api/v1/jobs", &json!({"mesh_id": mesh, "cell": "none"})).await.ok(202);
     assert_eq!(plain["warnings"], json!([]));
+}
+
+#[tokio::test]
+async fn a_part_of_a_wrong_unit_is_told_at_submission_and_stays_told() {
+    let api = Api::start().await;
+    let upload = async |unit: &str, edge: f64| {
+        let mesh = api.send("POST", &format!("/api/v1/meshes?unit={unit}"), &[], super::api::cube(edge)).await.ok(201);
+        (mesh["unit"].clone(), json!({"mesh_id": mesh["id"], "cell": "e05-transcan"}))
+    };
+    // 4 inches read as 4 mm; 80 mm read as 80 m.
+    for (unit, edge, code, fits) in
+        [("MM", 4.0, "part_small", "inch (101.6 × 101.6 × 101.6 mm)"), ("m", 80.0, "part_larger_than_plate", "mm (80.0 ×")]
+    {
+        let (_, request) = upload(unit, edge).await;
+        let job = api.post_json("/api/v1/jobs", &request).await.ok(202);
+        let told = job["warnings"].as_array().expect("a list").clone();
+        assert_eq!((told.len(), &told[0]["code"], &told[0]["pointer"]), (1, &json!(code), &json!("/mesh_id")), "{job}");
+        assert!(told[0]["remedy"].as_str().is_some_and(|remedy| remedy.contains(fits)), "{job}");
+        let id = job["id"].as_str().expect("an id");
+        assert_eq!(api.get(&format!("/api/v1/jobs/{id}")).await.ok(200)["warnings"], json!(told));
+    }
+    let (unit, request) = upload("Inches", 4.0).await;
+    assert_eq!(unit, "inch", "what is understood in many spellings is written in one");
+    assert_eq!(api.post_json("/api/v1/jobs", &request).await.ok(202)["warnings"], json!([]));
+}
+
+#[tokio::test]
+async fn a_pose_with_euler_angles_is_taken_and_given_back_as_a_quaternion() {
+    let api = Api::start().await;
+    let mut cell = api.get("/api/v1/cells/e05-transcan").await.ok(200);
+    cell["name"] = json!("turned");
+    cell["base_from_table"] = json!({"translation_mm": [400, 0, -200], "rpy_deg": [0, 0, 180]});
+    let headers = [("content-type", "application/json")];
+    let stored = api.send("PUT", "/api/v1/cells/turned", &headers, cell.to_string()).await.ok(201);
+    let turn: Vec<f64> = serde_json::from_value(stored["base_from_table"]["quaternion_xyzw"].clone()).expect("a quaternion");
+    assert!((turn[2].abs() - 1.0).abs() < 1e-12 && turn[3].abs() < 1e-12, "{stored}");
+    assert!(stored["base_from_table"].get("rpy_deg").is_none());
+    let request = json!({"mesh_id": api.mesh().await, "cell": cell, "params": {"part": {"resting_poses": [
+        {"translation_mm": [0, 0, 0], "rpy_deg": [0, 0, 0]}, {"translation_mm": [0, 10, 0], "rpy_deg": [90, 0, 0]},
+    ]}}});
+    api.post_json("/api/v1/jobs", &request).await.ok(202);
 }
 
 #[tokio::test]

@@ -1,0 +1,212 @@
+//! `vantage cell`: makes a cell's specification from robot, scanner, turntable and distances.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::atomic::AtomicBool;
+
+use super::check::warn;
+use super::files::{self, FileLibrary};
+use super::plan::pool;
+use super::scanner::{Triple, write_or_print};
+use super::{CliError, out, output};
+use crate::cell::{Cell, CellDistances, CellSpec, HousingFace};
+use crate::planning::context::{Context, Silent};
+use crate::planning::studies::reach::{ELEVATIONS, Layouts, Reached, mountings, own_layout, reach};
+use crate::report::sketch::cell_svg;
+use crate::wire::warnings;
+
+/// Write a cell's specification from its devices and distances, with a home and the scanner's mounting found.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage cell --robot ur10e --scanner my-scanner.toml --turntable minas-a6-500 --table-at 900,0,100 --out my-cell.toml
+  vantage cell --robot ur10e --scanner my-scanner.toml --turntable minas-a6-500 --table-at 900,0,100 --floor -600 --pedestal \\
+      --mount back --adapter 40 --out my-cell.toml --sketch my-cell.svg
+  vantage plan part.stl --unit mm --cell my-cell.toml --out plan
+
+The foot of the robot is the origin: x to the front, y to its left, z up. Without --mount each face of the scanner's housing is
+tried as the one that is bolted to the flange, and the one with which the arm reaches most is taken. Lengths are millimetres,
+angles degrees. Exit codes: 0 success, 1 system error, 2 bad input or a cell that does not fit together.")]
+pub struct CellArgs {
+    /// Robot: name of a preset, or a TOML or JSON file.
+    #[arg(long)]
+    robot: String,
+    /// Scanner: name of a preset, or a TOML or JSON file.
+    #[arg(long)]
+    scanner: String,
+    /// Turntable: name of a preset, or a TOML or JSON file.
+    #[arg(long, default_value = "minas-a6-500")]
+    turntable: String,
+    /// Centre of the plate's upper face from the robot's foot, X,Y,Z in mm, -10000 to 10000 each.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    table_at: Triple,
+    /// Angle by which the plate's zero is turned, degrees, -360 to 360.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    table_yaw: f64,
+    /// Face of the scanner's housing on the flange: back, top, bottom, left or right [default: the one that reaches most].
+    #[arg(long)]
+    mount: Option<Mount>,
+    /// Distance between flange and housing, mm, 0 to 1000.
+    #[arg(long, value_name = "MM", default_value_t = 30.0)]
+    adapter: f64,
+    /// Mass of the adapter, kg, 0 to 1000.
+    #[arg(long, value_name = "KG", default_value_t = 0.0)]
+    adapter_mass: f64,
+    /// Height of the floor below the robot's foot, mm, -10000 to 10000 [default: no floor].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    floor: Option<f64>,
+    /// The robot stands on a pedestal of 200 mm diameter that reaches down to --floor.
+    #[arg(long, requires = "floor")]
+    pedestal: bool,
+    /// Joints 1 to 6 and the table where a program begins and ends, degrees, comma-separated [default: found].
+    #[arg(long, value_name = "DEG,...", value_delimiter = ',', allow_hyphen_values = true)]
+    home: Vec<f64>,
+    /// Name of the cell.
+    #[arg(long, default_value = "my-cell")]
+    name: String,
+    /// Edge of the cube on the plate whose views are tried, mm, 1 to 5000.
+    #[arg(long, value_name = "MM", default_value_t = 120.0)]
+    cube: f64,
+    /// TOML file to write [default: standard output].
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// SVG file to write: the cell from above and from the side, with reach, table and heights.
+    #[arg(long, value_name = "FILE.svg")]
+    sketch: Option<PathBuf>,
+}
+
+/// Face of the housing on the flange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Mount(HousingFace);
+
+impl FromStr for Mount {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let named = HousingFace::ALL.into_iter().find(|face| face.as_str() == text.to_lowercase());
+        named
+            .map(Self)
+            .ok_or_else(|| format!("{text:?} is no face; use one of {}", HousingFace::ALL.map(HousingFace::as_str).join(", ")))
+    }
+}
+
+/// A cell with one of the faces on the flange.
+struct Mounted {
+    spec: CellSpec,
+    /// The cell, with the views that it reaches, or what does not fit.
+    cell: Result<(Cell, Option<Reached>), CliError>,
+    face: HousingFace,
+}
+
+impl CellArgs {
+    fn distances(&self, mount: HousingFace) -> Result<CellDistances, CliError> {
+        let home_deg = match &self.home[..] {
+            [] => None,
+            given => Some(given.try_into().map_err(|_| {
+                CliError::BadInput(format!("--home: has {} angles; give 7: joints 1 to 6 and the table", given.len()))
+            })?),
+        };
+        Ok(CellDistances {
+            name: self.name.clone(),
+            scanner: self.scanner.clone(),
+            robot: self.robot.clone(),
+            turntable: self.turntable.clone(),
+            table_at_mm: self.table_at.0,
+            table_yaw_deg: self.table_yaw,
+            mount,
+            adapter_mm: self.adapter,
+            adapter_kg: self.adapter_mass,
+            floor_mm: self.floor,
+            pedestal: self.pedestal,
+            home_deg,
+        })
+    }
+
+    /// The cell with a face on the flange.
+    fn mounted(&self, face: HousingFace) -> Result<Mounted, CliError> {
+        let spec = self.distances(face)?.spec(&FileLibrary).map_err(|errors| files::findings("cell", &errors))?;
+        let built = spec.build(&FileLibrary).map_err(|errors| files::findings("cell", &errors));
+        let cell = built.map(|cell| {
+            let reached = self.reached(&cell);
+            (cell, reached)
+        });
+        Ok(Mounted { spec, cell, face })
+    }
+
+    /// Views of a cube on the plate that the cell reaches.
+    fn reached(&self, cell: &Cell) -> Option<Reached> {
+        let [foot_mm, table_mm] = own_layout(cell);
+        let mut as_it_is = mountings(cell, self.adapter);
+        as_it_is.truncate(1);
+        let layouts = Layouts {
+            part_mm: self.cube,
+            foot_mm: vec![foot_mm],
+            table_mm: vec![table_mm],
+            mountings: as_it_is,
+            clearance_mm: 5.0,
+        };
+        let never = AtomicBool::new(false);
+        let found = reach(cell, &layouts, &Context::new(&never, &Silent)).ok()?;
+        found.first().and_then(|layout| layout.reached)
+    }
+
+    /// The cell with the face that is asked for, else with that which reaches most; the first that fits, of equals.
+    fn best(&self) -> Result<Mounted, CliError> {
+        let faces = self.mount.map_or_else(|| HousingFace::ALL.to_vec(), |Mount(face)| vec![face]);
+        let all = faces.into_iter().map(|face| self.mounted(face)).collect::<Result<Vec<_>, _>>()?;
+        let views = |mounted: &Mounted| mounted.cell.as_ref().ok().map(|(_, reached)| *reached);
+        let best = all.into_iter().reduce(|best, other| if views(&other) > views(&best) { other } else { best });
+        best.ok_or_else(|| CliError::Failed("no face was tried".into()))
+    }
+}
+
+/// Writes the specification, and the sketch if one is asked for. A cell that does not fit together is sketched and not written.
+///
+/// # Errors
+/// [`CliError::BadInput`] with everything that is out of range or does not fit; [`CliError::Failed`] if a file cannot be written.
+pub fn run(args: &CellArgs) -> Result<(), CliError> {
+    if !(1.0..=5000.0).contains(&args.cube) {
+        return Err(CliError::BadInput(format!("--cube: is {} mm; allowed is 1 to 5000 mm", args.cube)));
+    }
+    let Mounted { spec, cell, face } = pool(0)?.install(|| args.best())?;
+    if let Some(path) = &args.sketch {
+        let meant = spec.assemble(&FileLibrary).map_err(|errors| files::findings("cell", &errors))?;
+        out::write_file(path, cell_svg(&meant).as_bytes())?;
+    }
+    let (cell, reached) = cell?;
+    write_or_print(args.out.as_deref(), &spec, &text(args, &spec, face)?)?;
+    let shown = args.out.as_ref().map_or_else(|| "standard output".to_owned(), |path| path.display().to_string());
+    output::note(format_args!(
+        "{shown}: cell {}, flange on the {} of the scanner; {}",
+        cell.name,
+        face.as_str(),
+        reached_text(reached, args.cube)
+    ));
+    warn(&shown, &warnings::of_cell(&cell, ""));
+    Ok(())
+}
+
+fn reached_text(reached: Option<Reached>, cube_mm: f64) -> String {
+    let elevations = reached.map_or(0, |reached| reached.elevations);
+    let told = format!("reaches {elevations} of {ELEVATIONS} elevations around a cube of {cube_mm} mm on the plate");
+    match elevations {
+        0 => format!("warning: {told}; move the table nearer, or compare layouts with `vantage study reach`"),
+        few if 2 * few < ELEVATIONS => format!("{told}; `vantage study reach` compares other layouts"),
+        _ => told,
+    }
+}
+
+/// The specification in TOML, with its source.
+fn text(args: &CellArgs, spec: &CellSpec, face: HousingFace) -> Result<String, CliError> {
+    let toml = toml::to_string_pretty(spec).map_err(|error| CliError::Failed(error.to_string()))?;
+    let [x, y, z] = args.table_at.0;
+    Ok(format!(
+        "# By `vantage cell`: the plate's centre at x = {x}, y = {y}, z = {z} mm from the robot's foot; the flange on the {} of the\n\
+         # scanner's housing, {} mm from it. Replace flange_from_scanner by the result of your hand-eye calibration, and add what\n\
+         # stands around as [[obstacles]]. Poses may also be given as translation_mm with rpy_deg = [roll, pitch, yaw].\n\n{toml}",
+        face.as_str(),
+        args.adapter
+    ))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,18 @@
+//! Notices on a part whose size tells of a wrong unit.
+
+use super::markup::escape;
+use crate::wire::warnings::FieldWarning;
+
+/// A notice for each warning on the part's size; nothing where there are none.
+pub(super) fn notices(warnings: &[FieldWarning]) -> String {
+    let notice = |warning: &FieldWarning| {
+        format!(
+            "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Check the unit of the part</b> <code>{}</code>: it {}. \
+             What helps: {}.</p></div>\n",
+            warning.code.as_str(),
+            escape(&warning.detail),
+            escape(&warning.remedy)
+        )
+    };
+    warnings.iter().map(notice).collect()
+}

@@ -1,0 +1,347 @@
+//! Shape of a document against the schema of its type: everything that it lacks and everything that it has too much, at once.
+//! serde stops at the first fault; the schema, which the API document is made of, tells the others, with their units and ranges.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use super::json::pointer_of;
+use super::parameters::without_links;
+use crate::cell::{FieldError, closest, with_suggestion};
+
+/// Findings beyond which no more are listed.
+const MAX_FINDINGS: usize = 100;
+
+/// Converts a value to `T`.
+///
+/// # Errors
+/// What serde refuses, and every field that is missing or unknown.
+pub fn from_value<T: DeserializeOwned + ToSchema>(value: &Value) -> Result<T, Vec<FieldError>> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        let first = FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) };
+        refused::<T>(value, first)
+    })
+}
+
+/// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.
+pub(crate) fn refused<T: ToSchema>(value: &Value, first: FieldError) -> Vec<FieldError> {
+    let mut findings = fields::<T>(value);
+    let names_field = first.detail.starts_with("missing field") || first.detail.starts_with("unknown field");
+    let is_named = |finding: &FieldError| {
+        let below = finding.pointer.strip_prefix(&first.pointer);
+        let name = below.and_then(|below| below.strip_prefix('/'));
+        below == Some("") || name.is_some_and(|name| first.detail.contains(&format!("`{name}`")))
+    };
+    if !(names_field && findings.iter().any(is_named)) {
+        findings.insert(0, first);
+    }
+    findings
+}
+
+/// Fields of `value` that are missing or unknown by the schema of `T`.
+fn fields<T: ToSchema>(value: &Value) -> Vec<FieldError> {
+    let mut components = Vec::new();
+    T::schemas(&mut components);
+    let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
+    let mut walk = Walk { components, findings: Vec::new() };
+    walk.value(value, &to_json(&T::schema()), "");
+    walk.findings
+}
+
+fn to_json(schema: &impl serde::Serialize) -> Value {
+    serde_json::to_value(schema).unwrap_or_default()
+}
+
+/// Walk through a value along its schema.
+struct Walk {
+    /// Named schemas.
+    components: BTreeMap<String, Value>,
+    findings: Vec<FieldError>,
+}
+
+/// An object's schema, those of which it is put together joined.
+#[derive(Clone, Default)]
+struct ObjectShape {
+    properties: BTreeMap<String, Value>,
+    required: BTreeSet<String>,
+    /// No other properties are allowed.
+    is_closed: bool,
+}
+
+impl ObjectShape {
+    fn missing<'s>(&'s self, object: &'s Map<String, Value>) -> impl Iterator<Item = &'s String> {
+        self.required.iter().filter(move |name| !object.contains_key(*name))
+    }
+
+    fn unknown<'s>(&'s self, object: &'s Map<String, Value>) -> impl Iterator<Item = &'s String> {
+        object.keys().filter(move |name| self.is_closed && !self.properties.contains_key(*name))
+    }
+
+    /// Properties that have one value only: they tell a variant from the others.
+    fn tags(&self) -> impl Iterator<Item = (&String, &str)> {
+        self.properties.iter().filter_map(|(name, schema)| match schema["enum"].as_array()?.as_slice() {
+            [only] if self.required.contains(name) => Some((name, only.as_str()?)),
+            _ => None,
+        })
+    }
+
+    fn contradicts(&self, object: &Map<String, Value>) -> bool {
+        self.tags().any(|(name, value)| object.get(name).is_some_and(|found| found.as_str() != Some(value)))
+    }
+}
+
+impl Walk {
+    fn resolve(&self, schema: &Value) -> Value {
+        let name = schema["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
+        name.map_or_else(|| schema.clone(), |name| self.components.get(name).cloned().unwrap_or_default())
+    }
+
+    fn value(&mut self, value: &Value, schema: &Value, at: &str) {
+        let schema = self.resolve(schema);
+        match value {
+            Value::Object(object) => {
+                if let Some(shape) = self.shape_for(object, &schema, at) {
+                    self.object(object, &shape, at);
+                }
+            }
+            Value::Array(items) => {
+                let schema = self.variants(&schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or_default();
+                for (index, item) in items.iter().enumerate() {
+                    self.value(item, &schema["items"], &format!("{at}/{index}"));
+                }
+            }
+            Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
+        }
+    }
+
+    /// A schema's variants, resolved; itself, if it has none.
+    fn variants(&self, schema: &Value) -> Vec<Value> {
+        let Some(variants) = schema["oneOf"].as_array() else { return vec![schema.clone()] };
+        variants.iter().flat_map(|variant| self.variants(&self.resolve(variant))).collect()
+    }
+
+    /// The shape that an object is meant to have: of several variants the one that its tag names, else the one that it misses
+    /// least of. `None` where it is not known.
+    fn shape_for(&mut self, object: &Map<String, Value>, schema: &Value, at: &str) -> Option<ObjectShape> {
+        let shapes: Vec<ObjectShape> = self.variants(schema).iter().filter_map(|variant| self.object_shape(variant)).collect();
+        if shapes.len() > 1
+            && let Some((tag, values)) = common_tag(&shapes).filter(|(tag, _)| !object.contains_key(tag))
+        {
+            self.push(format!("{at}/{}", escape(&tag)), format!("is missing: one of {}", values.join(", ")));
+            return None;
+        }
+        let fitting = shapes.iter().filter(|shape| !shape.contradicts(object));
+        let mut best = fitting.min_by_key(|shape| shape.missing(object).count() + shape.unknown(object).count())?.clone();
+        // A field of another variant is not unknown: serde says what is wrong with it.
+        let others: Vec<String> = shapes.iter().flat_map(|shape| shape.properties.keys().cloned()).collect();
+        if common_tag(&shapes).is_none() {
+            for name in others {
+                best.properties.entry(name).or_default();
+            }
+        }
+        Some(best)
+    }
+
+    /// Shape of a schema of objects that names fields.
+    fn object_shape(&self, schema: &Value) -> Option<ObjectShape> {
+        let mut shape = ObjectShape::default();
+        self.join(schema, &mut shape);
+        (!shape.properties.is_empty()).then_some(shape)
+    }
+
+    fn join(&self, schema: &Value, shape: &mut ObjectShape) {
+        let schema = self.resolve(schema);
+        for part in schema["allOf"].as_array().into_iter().flatten() {
+            self.join(part, shape);
+        }
+        for (name, property) in schema["properties"].as_object().into_iter().flatten() {
+            shape.properties.insert(name.clone(), property.clone());
+        }
+        let required = schema["required"].as_array().into_iter().flatten();
+        shape.required.extend(required.filter_map(|name| name.as_str().map(str::to_owned)));
+        shape.is_closed |= schema["additionalProperties"] == Value::Bool(false);
+    }
+
+    fn object(&mut self, object: &Map<String, Value>, shape: &ObjectShape, at: &str) {
+        for name in shape.missing(object) {
+            let meaning = shape.properties.get(name).map(|property| self.description(property)).unwrap_or_default();
+            let meaning = if meaning.is_empty() { String::new() } else { format!(": {meaning}") };
+            self.push(format!("{at}/{}", escape(name)), format!("is missing{meaning}"));
+        }
+        for name in shape.unknown(object) {
+            let known: Vec<&str> = shape.properties.keys().map(String::as_str).collect();
+            let meant = closest(name, known.iter().copied()).map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
+            let detail = format!("unknown field `{name}`; allowed are {}{meant}", known.join(", "));
+            self.push(format!("{at}/{}", escape(name)), detail);
+        }
+        for (name, value) in object {
+            if let Some(property) = shape.properties.get(name) {
+                self.value(value, property, &format!("{at}/{}", escape(name)));
+            }
+        }
+    }
+
+    /// Description of a field, and of its type where that has fields of its own.
+    fn description(&self, property: &Value) -> String {
+        let (own, of_type) = (first_paragraph(property), first_paragraph(&self.resolve(property)));
+        match (own.is_empty(), of_type.is_empty() || own == of_type) {
+            (true, _) => of_type,
+            (false, true) => own,
+            (false, false) => format!("{own}. {of_type}"),
+        }
+    }
+
+    fn push(&mut self, pointer: String, detail: String) {
+        if self.findings.len() < MAX_FINDINGS {
+            self.findings.push(FieldError { pointer, detail });
+        }
+    }
+}
+
+/// The tag that all variants have, with its value in each.
+fn common_tag(shapes: &[ObjectShape]) -> Option<(String, Vec<String>)> {
+    let (name, _) = shapes.first()?.tags().next()?;
+    let value_in = |shape: &ObjectShape| shape.tags().find(|(tag, _)| *tag == name).map(|(_, value)| value.to_owned());
+    let values: Option<Vec<String>> = shapes.iter().map(value_in).collect();
+    values.map(|values| (name.clone(), values))
+}
+
+/// First paragraph of a schema's description, and its range, on one line and without links.
+fn first_paragraph(schema: &Value) -> String {
+    let text = schema["description"].as_str().unwrap_or_default();
+    let mut paragraphs = text.split("\n\n");
+    let mut told = paragraphs.next().unwrap_or_default().trim().replace('\n', " ");
+    if let Some(range) = paragraphs.find(|paragraph| paragraph.starts_with("Range:")) {
+        told = format!("{told} {}", range.trim().replace('\n', " "));
+    }
+    without_links(told.trim_end_matches('.'))
+}
+
+fn escape(key: &str) -> String {
+    key.replace('~', "~0").replace('/', "~1")
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::from_value;
+    use crate::cell::{BodySpec, CellSpec, FieldError, KinematicsSpec, Presets, ScannerSpec, SpecLibrary};
+    use crate::planning::params::PlanParams;
+
+    fn pointers(errors: &[FieldError]) -> Vec<&str> {
+        errors.iter().map(|error| error.pointer.as_str()).collect()
+    }
+
+    fn preset() -> Value {
+        serde_json::to_value(Presets.scanner("transcan-c-nominal").expect("a preset")).expect("JSON")
+    }
+
+    #[test]
+    fn a_file_of_a_name_alone_is_told_all_that_it_lacks_with_units_and_ranges() {
+        let errors = from_value::<ScannerSpec>(&json!({"name": "mine", "left": {"fx": 4000.0}})).expect_err("incomplete");
+        let at = |pointer: &str| {
+            let found = errors.iter().find(|error| error.pointer == pointer);
+            found.unwrap_or_else(|| panic!("{pointer} is not in {errors:#?}")).detail.as_str()
+        };
+        assert_eq!(at("/mass_kg"), "is missing: Mass, kg, 0.01 to 100");
+        assert!(at("/left/fy").contains("pixels, 1 to 1e6") && at("/left/incidence_max_deg").contains("degrees, 1 to 89.9"));
+        assert!(at("/depth_mm").contains("1 ≤ near < best < far ≤ 10000 mm"));
+        for pointer in
+            ["/right", "/projector", "/practical_volume_mm", "/left/width_px", "/left/height_px", "/left/cx", "/left/cy"]
+        {
+            assert!(at(pointer).starts_with("is missing: "), "{pointer}");
+        }
+        assert!(!pointers(&errors).contains(&"/block_cube_mm"), "it has a default");
+    }
+
+    #[test]
+    fn what_is_missing_and_what_is_unknown_stand_beside_a_wrong_type() {
+        let mut spec = preset();
+        let fields = spec.as_object_mut().expect("an object");
+        fields.remove("mass_kg");
+        fields.insert("colour".into(), json!("white"));
+        fields.insert("depth_mm".into(), json!({"near": "410", "far": 565.0}));
+        let errors = from_value::<ScannerSpec>(&spec).expect_err("wrong");
+        for pointer in ["/colour", "/mass_kg", "/depth_mm/best"] {
+            assert_eq!(pointers(&errors).iter().filter(|found| **found == pointer).count(), 1, "{pointer}: {errors:#?}");
+        }
+    }
+
+    #[test]
+    fn a_sound_document_has_no_findings_and_a_wrong_type_its_own_only() {
+        assert!(from_value::<ScannerSpec>(&preset()).is_ok());
+        let mut spec = preset();
+        spec["mass_kg"] = json!("heavy");
+        let errors = from_value::<ScannerSpec>(&spec).expect_err("wrong");
+        assert_eq!(pointers(&errors), ["/mass_kg"]);
+        assert!(errors[0].detail.contains("invalid type"), "{errors:?}");
+        let whole = from_value::<ScannerSpec>(&json!(3)).expect_err("wrong");
+        assert_eq!(pointers(&whole), [""]);
+    }
+
+    #[test]
+    fn variants_are_told_by_their_tag() {
+        let body = |shape: Value| from_value::<BodySpec>(&json!({"name": "b", "shape": shape})).expect_err("wrong");
+        let errors = body(json!({"kind": "cylinder", "radius_mm": 3.0}));
+        assert_eq!(pointers(&errors), ["/shape/height_mm"], "{errors:?}");
+        let errors = body(json!({"radius_mm": 3.0}));
+        assert!(
+            errors.iter().any(|e| e.pointer == "/shape/kind" && e.detail.contains("box, cylinder, capsule, mesh")),
+            "{errors:?}"
+        );
+        let errors = body(json!({"kind": "cone"}));
+        assert!(errors[0].detail.contains("cone") && errors.len() == 1, "{errors:?}");
+        let arm = from_value::<KinematicsSpec>(&json!({"kind": "ur", "d1_mm": 100.0})).expect_err("incomplete");
+        assert!(arm.len() >= 5 && pointers(&arm).contains(&"/a2_mm"), "{arm:?}");
+    }
+
+    #[test]
+    fn a_cell_with_its_devices_in_place_is_searched_to_the_bottom() {
+        let errors = from_value::<CellSpec>(&json!({
+            "name": "mine", "scanner": "transcan-c", "turntable": {"name": "t"}, "robot": {"name": "r", "joints": [{"min_deg": 0}]},
+            "base_from_table": {"translation_mm": [0, 0, 0]}, "mount": [{"shape": {"kind": "box"}}],
+        }))
+        .expect_err("incomplete");
+        let found = pointers(&errors);
+        for pointer in [
+            "/turntable/plate_diameter_mm",
+            "/turntable/rotation",
+            "/robot/payload_kg",
+            "/robot/joints/0/max_deg",
+            "/base_from_table/quaternion_xyzw",
+            "/flange_from_scanner",
+            "/home_deg",
+            "/mount/0/name",
+            "/mount/0/shape/size_mm",
+        ] {
+            assert!(found.contains(&pointer), "{pointer} is not in {errors:#?}");
+        }
+    }
+
+    #[test]
+    fn a_pose_may_have_either_rotation_and_not_both() {
+        let cell = |pose: Value| {
+            let mut cell = serde_json::to_value(Presets.cell("e05-transcan").expect("a preset")).expect("JSON");
+            cell["base_from_table"] = pose;
+            from_value::<CellSpec>(&cell)
+        };
+        assert!(cell(json!({"translation_mm": [400, 0, -200], "rpy_deg": [0, 0, 90]})).is_ok());
+        let both = json!({"translation_mm": [400, 0, -200], "rpy_deg": [0, 0, 90], "quaternion_xyzw": [0, 0, 0, 1]});
+        let errors = cell(both).expect_err("both");
+        assert_eq!(pointers(&errors), ["/base_from_table"]);
+        let errors = cell(json!({"translation_mm": [400, 0, -200]})).expect_err("neither");
+        assert!(errors.len() == 1 && errors[0].detail.contains("rpy_deg"), "{errors:?}");
+    }
+
+    #[test]
+    fn parameters_have_all_their_unknown_fields_named() {
+        let params = json!({"selection": {"goall": 1}, "motion": {"speed": 2}, "candidates": {"even_direction": 3}});
+        let errors = from_value::<PlanParams>(&params).expect_err("unknown");
+        for pointer in ["/selection/goall", "/motion/speed", "/candidates/even_direction"] {
+            assert!(pointers(&errors).contains(&pointer), "{errors:?}");
+        }
+    }
+}
