@@ -69,6 +69,7 @@ fn report(mesh: &Mesh, cell: Option<&Cell>, params: &PlanParams, finding: &NoPla
         cell,
         echo: &echo,
         date: Some("2026-01-31T08:15:00Z"),
+        size_warnings: &[],
     };
     let input = NoPlanInput { subject, params, finding };
     let page = render_no_plan(&input, &Context::new(&flag, &Silent)).expect("not cancelled");
