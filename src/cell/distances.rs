@@ -230,7 +230,8 @@ mod tests {
 
     #[test]
     fn distances_out_of_range_are_named_by_their_option() {
-        let cases: [(&str, fn(&mut CellDistances)); 7] = [
+        type Change = fn(&mut CellDistances);
+        let cases: [(&str, Change); 7] = [
             ("--name", |d| d.name.clear()),
             ("--table-at", |d| d.table_at_mm[2] = 20_000.0),
             ("--table-yaw", |d| d.table_yaw_deg = 400.0),

@@ -325,7 +325,7 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
             .split_once('=')
             .ok_or_else(|| CliError::BadInput(format!("--set {set}: is not KEY=VALUE, as in selection.target=0.99")))?;
         if let Some(fault) = parameters::unknown(key) {
-            return Err(CliError::BadInput(format!("--set {set}: {fault}; `vantage params` lists them")));
+            return Err(CliError::BadInput(format!("--set {set}: {fault} (`vantage params` lists all)")));
         }
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;

@@ -48,7 +48,7 @@ fn inspect_needs_no_unit_and_prints_the_size_in_all_four() {
     ] {
         assert!(text.contains(line), "{line:?} is not in\n{text}");
     }
-    assert!(!text.contains("area") && text.contains("triangles   1 of 2"), "{text}");
+    assert!(!text.contains("\n  area") && text.contains("triangles   1 of 2"), "{text}");
     let json: serde_json::Value = serde_json::from_str(&inspect(TRIANGLE, None, true).expect("a report")).expect("JSON");
     assert!(json["unit"].is_null() && json.get("bbox_mm").is_none() && json.get("area_mm2").is_none(), "{json}");
     assert_eq!(json["readings"][3], serde_json::json!({"unit": "inch", "size_mm": [25.4, 25.4, 0.0]}));

@@ -24,6 +24,8 @@ use crate::planning::sequence::Sequence;
 
 /// Schema name in the document.
 pub const SUMMARY_SCHEMA: &str = "vantage.summary/1";
+/// Groups of missed spots that have a line of their own.
+const GROUPS_SHOWN: usize = 6;
 /// Name of the file.
 pub const SUMMARY_FILE: &str = "summary.json";
 
@@ -152,14 +154,19 @@ impl Summary {
     }
 
     /// The summary in sentences, one on a line, as people read it: the verdict first, then views, coverage, cycle, the best
-    /// action, and what is missed; a group of missed spots is indented.
+    /// action, and what is missed; the largest groups of missed spots are indented.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut lines = vec![self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
         lines.extend(self.cycle_text.clone());
         lines.extend(self.action.as_ref().map(|action| format!("Next: {}", action.text)));
         lines.push(self.missed_text.clone());
-        lines.extend(self.missed.iter().map(|group| format!("  {}", group.text)));
+        let (shown, rest) = self.missed.split_at(self.missed.len().min(GROUPS_SHOWN));
+        lines.extend(shown.iter().map(|group| format!("  {}", group.text)));
+        if !rest.is_empty() {
+            let (spots, of_asked) = rest.iter().fold((0, 0.0), |(spots, sum), group| (spots + group.spots, sum + group.of_asked));
+            lines.push(format!("  {} more, {} of asked: in the report", counted(spots, "spot"), percent(of_asked)));
+        }
         lines
     }
 }

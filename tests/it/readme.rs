@@ -66,6 +66,16 @@ fn the_walk_through_runs_as_written() {
 }
 
 #[test]
+fn own_hardware_and_two_setups_run_as_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    bash("vantage part base --triangles 8000 --out base.stl", folder.path());
+    bash(block_after("## Your own scanner, cell and setups"), folder.path());
+    for file in ["my-scanner.svg", "my-cell.svg", "plan-of-two/program-2.json"] {
+        assert!(folder.path().join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
 fn the_study_runs_as_written() {
     let folder = tempfile::tempdir().expect("a folder");
     bash("vantage part base --triangles 8000 --out base.stl", folder.path());

@@ -1,6 +1,7 @@
 //! Wrong inputs, as users write them: each is refused, at the field that is wrong, with what was found, what is allowed and what
 //! to do.
 
+use std::f64::consts::{FRAC_PI_3, FRAC_PI_6};
 use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
@@ -286,7 +287,7 @@ fn files_that_are_no_meshes_are_refused_with_the_place() {
 #[test]
 fn a_home_in_radians_is_warned_of_where_it_collides_with_nothing() {
     let mut document = as_json(Presets.cell("e05-transcan"));
-    document["home_deg"] = json!([0.0, -0.5236, 1.0472, 0.0, 0.5236, 0.0, 0.0]);
+    document["home_deg"] = json!([0.0, -FRAC_PI_6, FRAC_PI_3, 0.0, FRAC_PI_6, 0.0, 0.0]);
     let never = AtomicBool::new(false);
     let ctx = Context::new(&never, &Silent);
     let told = match check(document, &Presets, None, &Reference::default(), &ctx) {

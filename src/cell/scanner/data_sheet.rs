@@ -265,7 +265,8 @@ mod tests {
 
     #[test]
     fn what_a_sheet_says_wrongly_is_named_by_its_option() {
-        let cases: [(&str, fn(&mut DataSheet)); 11] = [
+        type Change = fn(&mut DataSheet);
+        let cases: [(&str, Change); 11] = [
             ("--name", |s| s.name.clear()),
             ("--field", |s| s.field_mm[1] = 0.0),
             ("--at", |s| s.at_mm = f64::NAN),

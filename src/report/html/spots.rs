@@ -96,7 +96,7 @@ pub(super) fn drawings(outcome: &Outcome, spots: &[NumberedSpot<'_>], pictures: 
 fn seen_at(outcome: &Outcome, spot: &NumberedSpot<'_>, picture: &SidePicture) -> Option<[f64; 2]> {
     let surface = &outcome.surface;
     let p_mm = |sample: &SampleId| &surface.sample_mm[sample.index()];
-    let shown = spot.samples.iter().filter(|sample| picture.rendered.shows(p_mm(*sample), &surface.patch_of(**sample).normal));
+    let shown = spot.samples.iter().filter(|sample| picture.rendered.shows(p_mm(sample), &surface.patch_of(**sample).normal));
     picture.pixel(p_mm(nearest(shown, p_mm, &spot.spot.centre_mm)?))
 }
 

@@ -17,6 +17,8 @@ use crate::wire::words::{area_mm2, cause_phrase, counted, fixed, none_found, par
 const MAX_SETUPS: u32 = 4;
 /// Largest number of views of a plan: the range of `selection.max_views`.
 const MAX_VIEWS: usize = 1000;
+/// Parameter that takes poses to consider.
+const POSES: &str = "candidates.poses";
 /// Largest number of poses in a command; more are left to `missed.json`.
 const MAX_POSES: usize = 2;
 /// Steps of a target in one: three decimals.
@@ -120,7 +122,12 @@ fn views_of<'a>(remedies: &[&'a Remedy]) -> Vec<&'a RemedyView> {
 impl MissedGroup {
     /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera (shadow_left): …`.
     fn sentence(&self) -> String {
-        let command = self.command().map_or_else(String::new, |command| format!(": {command}"));
+        let command = match self.command() {
+            // Too long for a line that people read.
+            Some(_) if self.set.contains_key(POSES) => " (poses in missed.json)".to_owned(),
+            Some(command) => format!(": {command}"),
+            None => String::new(),
+        };
         let recovers = match self.fix {
             Some(RemedyKind::None) | None => String::new(),
             Some(_) => format!("; recovers {}", self.recovers()),
@@ -198,7 +205,7 @@ fn poses(plan: &Plan, views: &[&RemedyView]) -> BTreeMap<String, Value> {
         return BTreeMap::new();
     }
     let poses: Vec<PoseSpec> = views.iter().map(|view| rounded(PoseSpec::from(&view.part_from_scanner))).collect();
-    BTreeMap::from([("candidates.poses".to_owned(), json!(poses))])
+    BTreeMap::from([(POSES.to_owned(), json!(poses))])
 }
 
 /// The pose to a micrometre and 10⁻⁷ of a unit quaternion: what a command line can hold.

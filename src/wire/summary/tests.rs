@@ -336,8 +336,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     );
     assert_eq!(
         fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
-        "1 more view, tilted: --set 'candidates.poses=[{\"quaternion_xyzw\":[0.0,0.0,0.0,1.0],\"translation_mm\":[4.0,0.0,0.0]}]'; \
-         recovers 10.0 mm² (100 %)"
+        "1 more view, tilted (poses in missed.json); recovers 10.0 mm² (100 %)"
     );
     assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "3 more views, rolled; recovers 10.0 mm² (100 %)");
 }
