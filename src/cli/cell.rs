@@ -8,7 +8,7 @@ use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::plan::pool;
 use super::scanner::{Triple, write_or_print};
-use super::{CliError, out, output};
+use super::{CliError, output};
 use crate::cell::{Cell, CellDistances, CellSpec, HousingFace};
 use crate::planning::context::{Context, Silent};
 use crate::planning::studies::reach::{ELEVATIONS, Layouts, Reached, mountings, own_layout, reach};
@@ -170,7 +170,7 @@ pub fn run(args: &CellArgs) -> Result<(), CliError> {
     let Mounted { spec, cell, face } = pool(0)?.install(|| args.best())?;
     if let Some(path) = &args.sketch {
         let meant = spec.assemble(&FileLibrary).map_err(|errors| files::findings("cell", &errors))?;
-        out::write_file(path, cell_svg(&meant).as_bytes())?;
+        files::write(path, cell_svg(&meant).as_bytes())?;
     }
     let (cell, reached) = cell?;
     write_or_print(args.out.as_deref(), &spec, &text(args, &spec, face)?)?;

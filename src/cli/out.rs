@@ -22,6 +22,7 @@ use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::output_record::{OutputRecord, RECORD_FILE, RecordedFile};
 use crate::wire::plan::PLAN_SCHEMA;
 use crate::wire::regions::REGIONS_FILE;
+use crate::wire::summary::SUMMARY_FILE;
 
 /// File that is written and removed to test that the folder is writable.
 const PROBE: &str = ".vantage-probe";
@@ -29,8 +30,9 @@ const PROBE: &str = ".vantage-probe";
 /// renamed.
 const STAGING: &str = ".vantage-new";
 /// Files of every plan, beside its programs.
-pub(super) const FILES_OF_EVERY_PLAN: [&str; 11] = [
+pub(super) const FILES_OF_EVERY_PLAN: [&str; 12] = [
     PLAN_FILE,
+    SUMMARY_FILE,
     "viewpoints.json",
     "viewpoints.csv",
     "coverage.json",
@@ -44,6 +46,8 @@ pub(super) const FILES_OF_EVERY_PLAN: [&str; 11] = [
 ];
 /// Files that some plans have.
 const FILES_OF_SOME_PLANS: [&str; 3] = [REGIONS_FILE, CANDIDATES_FILE, REFUSED_FILE];
+/// Name, without extension, of a program that no parameter names.
+const DEFAULT_PROGRAM: &str = "vantage";
 /// Largest number of setups of a plan.
 const MAX_SETUPS: usize = 4;
 /// Bytes at the beginning of a program in which its header says whose it is.
@@ -147,9 +151,15 @@ impl OutputFolder {
         self.refuse_files_of_the_user(&old, &touched)?;
         let staging = self.path.join(STAGING);
         let new = self.stage(&staging, artifacts, origin).map_err(|error| self.abandon(&staging, &error))?;
-        let kept: Vec<RecordedFile> = kept.into_iter().cloned().collect();
-        let swapped = self.swap(&staging, &old.files, &touched, &new, kept);
-        swapped.map_err(|error| self.abandon(&staging, &error))
+        // A plan that was not completed stays so until none of its files is left.
+        let is_of_plan = |file: &&RecordedFile| OutputWriter::Plan.replaces(file, origin);
+        let complete = old.complete || !kept.iter().any(is_of_plan);
+        let kept = kept.into_iter().cloned().collect::<Vec<_>>();
+        let left = OutputRecord::new([kept, new.clone()].concat(), complete);
+        self.swap(&staging, &old.files, &touched, &new, &left).map_err(|error| {
+            let what = format!("cannot be written: {error}; what it lacks of the new files is in {}", staging.display());
+            CliError::Failed(format!("--out {}: {what}", self.path.display()))
+        })
     }
 
     /// Files of earlier runs. Without a record, those that a release without records wrote.
@@ -161,10 +171,10 @@ impl OutputFolder {
                     let what = "is not a record that this version of Vantage reads; move it away or name another folder";
                     CliError::BadInput(format!("--out {}: {RECORD_FILE} {what}", self.path.display()))
                 })?;
-                Ok(OldFiles { files: record.files, has_record: true })
+                Ok(OldFiles { files: record.files, has_record: true, complete: record.complete })
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {
-                Ok(OldFiles { files: unrecorded(&self.path), has_record: false })
+                Ok(OldFiles { files: unrecorded(&self.path), has_record: false, complete: true })
             }
             Err(error) => Err(refused(&path, &error)),
         }
@@ -236,7 +246,7 @@ impl OutputFolder {
         old: &[RecordedFile],
         touched: &BTreeSet<&str>,
         new: &[RecordedFile],
-        kept: Vec<RecordedFile>,
+        left: &OutputRecord,
     ) -> std::io::Result<()> {
         // Until the end it names old and new files: whichever of them are there, they are Vantage's.
         self.write_record(&OutputRecord::new([old, new].concat(), false))?;
@@ -250,11 +260,10 @@ impl OutputFolder {
             fs::rename(staging.join(&file.name), self.path.join(&file.name))?;
         }
         fs::remove_dir(staging)?;
-        let left = [kept, new.to_vec()].concat();
-        if left.is_empty() {
+        if left.files.is_empty() {
             return fs::remove_file(self.path.join(RECORD_FILE));
         }
-        self.write_record(&OutputRecord::new(left, true))
+        self.write_record(left)
     }
 
     fn write_record(&self, record: &OutputRecord) -> std::io::Result<()> {
@@ -276,6 +285,8 @@ struct OldFiles {
     files: Vec<RecordedFile>,
     /// False for a folder of a release without records.
     has_record: bool,
+    /// False after a command that was stopped between two renames.
+    complete: bool,
 }
 
 /// Locks the folder, where the system can.
@@ -290,17 +301,25 @@ fn lock(path: &Path) -> Result<Option<File>, CliError> {
     }
 }
 
-/// Files of a plan or a study in a folder without a record. A plan is known by `plan.json`, a study by having all of its files.
+/// Files of a plan or a study in a folder without a record. A plan is known by `plan.json`, a study by having all of its files;
+/// programs that were made from the plan by their default name.
 fn unrecorded(folder: &Path) -> Vec<RecordedFile> {
+    let plan = fs::read(folder.join(PLAN_FILE)).ok().filter(|bytes| is_plan(bytes));
+    let plan_sha256 = plan.as_deref().map(sha256);
     let recorded = |name: &str, writer: OutputWriter| {
-        let sha256 = sha256(&fs::read(folder.join(name)).ok()?);
-        let (name, written_by) = (name.to_owned(), writer.name());
-        Some(RecordedFile { name, sha256, written_by, plan_sha256: None, made_from: None })
+        let bytes = fs::read(folder.join(name)).ok()?;
+        let is_taken = writer != OutputWriter::Program || is_program_text(&bytes);
+        let (name, written_by, plan_sha256) = (name.to_owned(), writer.name(), plan_sha256.clone());
+        is_taken.then(|| RecordedFile { name, sha256: sha256(&bytes), written_by, plan_sha256, made_from: None })
     };
     let mut found = Vec::new();
-    if fs::read(folder.join(PLAN_FILE)).is_ok_and(|bytes| is_plan(&bytes)) {
-        let names = FILES_OF_EVERY_PLAN.into_iter().chain(FILES_OF_SOME_PLANS).map(str::to_owned).chain(programs());
+    if plan.is_some() {
+        let programs = programs(MAX_SETUPS, |_| true);
+        let names = FILES_OF_EVERY_PLAN.into_iter().chain(FILES_OF_SOME_PLANS).map(str::to_owned).chain(programs);
         found.extend(names.filter_map(|name| recorded(&name, OutputWriter::Plan)));
+        let extensions = Dialect::ALL.into_iter().flat_map(Dialect::outputs).map(|output| output.extension);
+        let names = extensions.map(|extension| format!("{DEFAULT_PROGRAM}.{extension}"));
+        found.extend(names.filter_map(|name| recorded(&name, OutputWriter::Program)));
     }
     for (study, names) in STUDIES {
         if names.iter().all(|name| folder.join(name).is_file()) {
@@ -318,13 +337,15 @@ const STUDIES: [(&str, &[&str]); 4] = [
     ("reach", &["reach.csv", "reach.svg"]),
 ];
 
-/// Names of the programs that a plan may have.
-fn programs() -> impl Iterator<Item = String> {
-    (0..MAX_SETUPS).flat_map(|setup| {
-        let extensions = Dialect::ALL.into_iter().flat_map(Dialect::outputs).map(|output| output.extension);
+/// Names of the programs that a plan of so many setups may have, in the languages that its robot takes.
+pub(super) fn programs(setups: usize, takes: impl Fn(Dialect) -> bool) -> Vec<String> {
+    let dialects = Dialect::ALL.into_iter().filter(|dialect| takes(*dialect));
+    let extensions: Vec<&str> = dialects.flat_map(Dialect::outputs).map(|output| output.extension).chain(["json"]).collect();
+    let of_setup = |setup: usize| {
         let stem = program_stem(setup);
-        extensions.chain(["json"]).map(|extension| format!("{stem}.{extension}")).collect::<Vec<_>>()
-    })
+        extensions.iter().map(move |extension| format!("{stem}.{extension}"))
+    };
+    (0..setups).flat_map(of_setup).collect()
 }
 
 fn is_plan(bytes: &[u8]) -> bool {

@@ -10,7 +10,7 @@ use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
-use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter};
+use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, programs};
 use super::progress::{Course, Progress};
 use super::{CliError, FileFinding, features, output, parts, set_value, summary};
 use crate::cell::{Cell, CellSpec, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
@@ -21,7 +21,7 @@ use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
-use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, bytes_of, plan_sha256};
+use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, bytes_of, plan_sha256};
 use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
@@ -160,7 +160,9 @@ impl<'a> PartPlanner<'a> {
     /// The folder for the results of a part.
     pub(super) fn folder(&self, path: &Path) -> Result<OutputFolder, CliError> {
         let mut names = FILES_OF_EVERY_PLAN.to_vec();
-        names.extend(self.cell.is_some().then_some("program.json"));
+        let takes = |cell: &Cell| programs(self.params.setups as usize, |dialect| cell.robot.takes(dialect));
+        let programs = self.cell.as_ref().map(takes).unwrap_or_default();
+        names.extend(programs.iter().map(String::as_str).chain([REFUSED_FILE]));
         names.extend(
             (!self.params.regions.interest.is_empty() || !self.params.regions.features.is_empty()).then_some(REGIONS_FILE),
         );
@@ -205,8 +207,10 @@ impl<'a> PartPlanner<'a> {
                 Err(error) => Err(error),
             }
         };
-        let result =
-            self.args.limits.within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, mesh, error)));
+        let result = self
+            .args
+            .limits
+            .within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, self.args.up, mesh, error)));
         let seconds = progress.finish();
         let (planned, mut artifacts) = result?;
         let outcome = planned.map_err(|finding| without_plan(&finding, &artifacts, folder))?;
@@ -387,9 +391,10 @@ fn no_plan_reason(finding: &NoPlan) -> String {
 }
 
 /// Error of the command for an error of a plan: at what its user gave, the file and its unit where no parameter is to blame.
-fn blamed(job: &PlanJob<'_>, mesh: &Path, error: PlanError) -> CliError {
+fn blamed(job: &PlanJob<'_>, up: Option<UpAxis>, mesh: &Path, error: PlanError) -> CliError {
     let PlanError::BadParams(errors) = error else { return to_cli_error(error) };
-    let finding = |error: &FieldError| match job.error_of_part(error) {
+    let is_pose_given = up.is_none() && job.params.part.table_from_part.is_some();
+    let finding = |error: &FieldError| match job.error_of_part(error, is_pose_given) {
         Some(detail) => FileFinding { file: format!("{} (--unit {})", mesh.display(), job.unit), pointer: String::new(), detail },
         None => FileFinding { file: "parameters".to_owned(), pointer: error.pointer.clone(), detail: error.detail.clone() },
     };

@@ -12,6 +12,7 @@ use crate::planning::params::DialectParams;
 use crate::program::Program;
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectFile};
 use crate::service::plan_job::{Artifact, PLAN_FILE, program_stem};
+use crate::wire::output_record::RECORD_FILE;
 use crate::wire::plan::PlanDocument;
 use crate::wire::program::ProgramDocument;
 
@@ -166,7 +167,7 @@ fn params(plan: Option<&PlanDocument>, sets: &[String]) -> Result<DialectParams,
 fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<(), CliError> {
     let is_folder = path.is_dir() || (path.extension().is_none() && !path.is_file());
     if !is_folder {
-        return write_alone(path, &files);
+        return write_alone(path, files, origin);
     }
     let artifact = |file: DialectFile| Artifact { name: file.name.into(), bytes: file.text.into_bytes() };
     let artifacts: Vec<Artifact> = files.into_iter().map(artifact).collect();
@@ -175,16 +176,20 @@ fn write(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<()
     print_written(&names.iter().map(|name| path.join(name)).collect::<Vec<_>>())
 }
 
-/// Writes the only file of the only program under the name that was asked for, over an earlier program if there is one.
-fn write_alone(path: &Path, files: &[DialectFile]) -> Result<(), CliError> {
-    let [file] = files else {
+/// Writes the only file of the only program under the name that was asked for, over an earlier program if there is one. In a
+/// folder with results it is recorded among them.
+fn write_alone(path: &Path, files: Vec<DialectFile>, origin: &FileOrigin) -> Result<(), CliError> {
+    let [file] = <[DialectFile; 1]>::try_from(files).map_err(|files| {
         let names: Vec<_> = files.iter().map(|file| file.name.as_str()).collect();
-        return Err(CliError::BadInput(format!(
-            "--out {}: is a single file; name a folder for {}",
-            path.display(),
-            names.join(", ")
-        )));
-    };
+        CliError::BadInput(format!("--out {}: is a single file; name a folder for {}", path.display(), names.join(", ")))
+    })?;
+    let folder = folder_of(path);
+    if [RECORD_FILE, PLAN_FILE].iter().any(|name| folder.join(name).is_file()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let prepared = OutputFolder::prepare(folder, OutputWriter::Program, &[&name])?;
+        prepared.replace(&[Artifact { name: name.into(), bytes: file.text.into_bytes() }], origin)?;
+        return print_written(&[path.to_owned()]);
+    }
     if std::fs::read(path).is_ok_and(|bytes| !bytes.is_empty() && !out::is_program_text(&bytes)) {
         let what = "exists and is not a program of Vantage's; move it away or name another file";
         return Err(CliError::BadInput(format!("--out {}: {what}", path.display())));

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-use super::{CliError, files, out, output};
+use super::{CliError, files, output};
 use crate::cell::{DataSheet, Scanner, ScannerSpec};
 use crate::report::sketch::scanner_svg;
 
@@ -144,7 +144,7 @@ pub fn run(args: &ScannerArgs) -> Result<(), CliError> {
     let text = text(&sheet, &spec)?;
     write_or_print(args.out.as_deref(), &spec, &text)?;
     if let Some(path) = &args.sketch {
-        out::write_file(path, scanner_svg(&scanner).as_bytes())?;
+        files::write(path, scanner_svg(&scanner).as_bytes())?;
     }
     let shown = args.out.as_ref().map_or_else(|| "standard output".to_owned(), |path| path.display().to_string());
     output::note(format_args!("{shown}: {}", summary(&scanner)));
@@ -155,7 +155,7 @@ pub fn run(args: &ScannerArgs) -> Result<(), CliError> {
 pub(super) fn write_or_print(path: Option<&Path>, spec: &impl Serialize, text: &str) -> Result<(), CliError> {
     match path {
         Some(path) => {
-            out::write_file(path, text.as_bytes())?;
+            files::write(path, text.as_bytes())?;
             output::result(&serde_json::json!({ "files": [path.display().to_string()] }), "")
         }
         None if output::is_json() => output::json(spec),

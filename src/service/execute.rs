@@ -196,7 +196,7 @@ pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Resu
 /// Error of a job for an error of its plan: at what the request gave.
 fn blamed(job: &PlanJob<'_>, error: PlanError) -> JobError {
     let PlanError::BadParams(errors) = error else { return error.into() };
-    let blame = |error: FieldError| match job.error_of_part(&error) {
+    let blame = |error: FieldError| match job.error_of_part(&error, job.params.part.table_from_part.is_some()) {
         Some(detail) => FieldError { pointer: "/mesh_id".to_owned(), detail },
         None => error.below("/params"),
     };

@@ -307,7 +307,10 @@ impl App {
                 Err(error) if error.is_transient() => {
                     tracing::warn!(error = &error as &dyn std::error::Error, "results cannot be stored at the moment; retrying");
                 }
-                Err(error) => break AttemptOutcome::Failed(internal(&error), Vec::new()),
+                Err(error) => {
+                    let problem = problem.unwrap_or_else(|| internal(&error));
+                    break AttemptOutcome::Failed(problem, Vec::new());
+                }
             }
             self.pause(pause).await;
             pause = (pause * 2).min(MAX_STORE_RETRY);

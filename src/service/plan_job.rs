@@ -168,9 +168,9 @@ impl PlanJob<'_> {
     }
 
     /// Description of an error that parameters are blamed for which nobody has set: how the part lies by default, or that it is far
-    /// too large. Its user gave the file and its unit. `None` for an error of parameters.
+    /// too large. Its user gave the file and its unit. `None` for an error of parameters, as one on a pose that `is_pose_given`.
     #[must_use]
-    pub fn error_of_part(&self, error: &FieldError) -> Option<String> {
+    pub fn error_of_part(&self, error: &FieldError, is_pose_given: bool) -> Option<String> {
         let (given, unit) = (self.params.part.table_from_part.as_ref(), self.unit);
         let size = PartSize::new(&self.mesh.aabb(), unit);
         let limits = SizeLimits::new(self.scanner, self.cell);
@@ -179,7 +179,7 @@ impl PlanJob<'_> {
         let FieldError { pointer, detail } = error;
         match pointer.as_str() {
             "/part" => Some(format!("{detail} (read in {unit}{})", units())),
-            "/part/table_from_part" if given.is_none() => {
+            "/part/table_from_part" if !is_pose_given => {
                 let hint = if size.warnings(given, &limits, "").is_empty() { String::new() } else { units() };
                 let read = size_text(&size.size_mm);
                 let lies = "in the middle of the plate, as part.table_from_part is not given, that";

@@ -1,6 +1,8 @@
 //! `vantage.json`, schema `vantage.output/1`: what a command wrote to a folder. A file that it does not name, or that has other
 //! bytes than it says, is the user's and is neither replaced nor removed.
 
+use std::path::{Component, Path};
+
 use serde::{Deserialize, Serialize};
 
 use super::json_file_bytes;
@@ -53,9 +55,11 @@ impl OutputRecord {
         json_file_bytes(self)
     }
 
-    /// Reads the bytes of a file; `None` if they are not a record.
+    /// Reads the bytes of a file; `None` if they are not a record, or if it names a file elsewhere than in its folder.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> Option<Self> {
-        serde_json::from_slice::<Self>(bytes).ok().filter(|record| record.schema == RECORD_SCHEMA)
+        let record = serde_json::from_slice::<Self>(bytes).ok()?;
+        let is_here = |file: &RecordedFile| matches!(Path::new(&file.name).components().collect::<Vec<_>>()[..], [Component::Normal(name)] if name == &*file.name);
+        (record.schema == RECORD_SCHEMA && record.files.iter().all(is_here)).then_some(record)
     }
 }

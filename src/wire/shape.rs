@@ -11,8 +11,10 @@ use super::json::pointer_of;
 use super::parameters::without_links;
 use crate::cell::{FieldError, closest, with_suggestion};
 
-/// Findings beyond which no more are listed.
+/// Findings beyond which no more are looked for.
 const MAX_FINDINGS: usize = 100;
+/// Values beyond which no more are looked at: a body of two megabytes may hold a million.
+const MAX_VALUES: usize = 10_000;
 
 /// Converts a value to `T`.
 ///
@@ -45,7 +47,7 @@ fn fields<T: ToSchema>(value: &Value) -> Vec<FieldError> {
     let mut components = Vec::new();
     T::schemas(&mut components);
     let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
-    let mut walk = Walk { components, findings: Vec::new() };
+    let mut walk = Walk { components, findings: Vec::new(), values: 0 };
     walk.value(value, &to_json(&T::schema()), "");
     walk.findings
 }
@@ -59,6 +61,8 @@ struct Walk {
     /// Named schemas.
     components: BTreeMap<String, Value>,
     findings: Vec<FieldError>,
+    /// Values seen.
+    values: usize,
 }
 
 /// An object's schema, those of which it is put together joined.
@@ -99,6 +103,10 @@ impl Walk {
     }
 
     fn value(&mut self, value: &Value, schema: &Value, at: &str) {
+        self.values += 1;
+        if self.is_done() {
+            return;
+        }
         let schema = self.resolve(schema);
         match value {
             Value::Object(object) => {
@@ -171,6 +179,9 @@ impl Walk {
             self.push(format!("{at}/{}", escape(name)), format!("is missing{meaning}"));
         }
         for name in shape.unknown(object) {
+            if self.is_done() {
+                return;
+            }
             let known: Vec<&str> = shape.properties.keys().map(String::as_str).collect();
             let meant = closest(name, known.iter().copied()).map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
             let detail = format!("unknown field `{name}`; allowed are {}{meant}", known.join(", "));
@@ -194,9 +205,12 @@ impl Walk {
     }
 
     fn push(&mut self, pointer: String, detail: String) {
-        if self.findings.len() < MAX_FINDINGS {
-            self.findings.push(FieldError { pointer, detail });
-        }
+        self.findings.push(FieldError { pointer, detail });
+    }
+
+    /// Returns true once enough was found, or looked at.
+    fn is_done(&self) -> bool {
+        self.findings.len() >= MAX_FINDINGS || self.values > MAX_VALUES
     }
 }
 
@@ -233,6 +247,12 @@ mod tests {
 
     fn pointers(errors: &[FieldError]) -> Vec<&str> {
         errors.iter().map(|error| error.pointer.as_str()).collect()
+    }
+
+    #[test]
+    fn a_long_list_of_wrong_objects_is_not_walked_to_its_end() {
+        let errors = from_value::<Vec<BodySpec>>(&Value::Array(vec![json!({}); 300_000])).expect_err("empty objects");
+        assert!(errors.len() <= super::MAX_FINDINGS + 10, "{}", errors.len());
     }
 
     fn preset() -> Value {

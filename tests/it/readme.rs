@@ -11,7 +11,7 @@ use vantage::planning::params::{CandidateParams, PlanParams};
 use vantage::planning::{PlanInput, plan};
 
 use crate::server::process::{Server, vantage};
-use crate::support::program;
+use crate::support::{chromium, program};
 
 const README: &str = include_str!("../../README.md");
 
@@ -63,6 +63,29 @@ fn the_walk_through_runs_as_written() {
     assert!(report.contains("<html") && report.contains("PN-1"));
     let csv = std::fs::read_to_string(folder.path().join("viewpoints.csv")).expect("the table");
     assert!(csv.lines().count() > 2, "{csv}");
+}
+
+/// The picture of README is the head of the report that its first commands make, drawn by a browser.
+#[test]
+fn the_picture_is_the_head_of_a_report() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/report.png");
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        let Some(browser) = chromium() else { return };
+        let folder = tempfile::tempdir().expect("a folder");
+        bash(block_after("## Plan from the command line"), folder.path());
+        let drawn = Command::new(browser)
+            .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1280,1400"])
+            .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
+            .arg(format!("--screenshot={file}"))
+            .arg(format!("file://{}", folder.path().join("plan/report.html").display()))
+            .output()
+            .expect("the browser runs");
+        assert!(drawn.status.success(), "{}", String::from_utf8_lossy(&drawn.stderr));
+    }
+    assert!(README.contains("](tests/golden/report.png)"));
+    let bytes = std::fs::read(file).expect("tests/golden/report.png");
+    let image = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG file");
+    assert_eq!((image.info().width, image.info().height), (1280, 1400));
 }
 
 #[test]

@@ -328,7 +328,7 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         "Ready to scan",
         "4</b><span>views",
         "2\u{a0}min 23\u{a0}s</b><span>cycle time",
-        "4 × 1.3\u{a0}s scanning",
+        "4 × 1.3 s scanning",
         "Hidden from the left camera",
         "coverage.csv",
         "The largest spots",
@@ -421,7 +421,12 @@ fn views_without_a_path_stand_apart_and_do_not_count() {
     sequence.visits.retain(|(view, _)| *view != ViewId(0));
     let page = page(&mesh, &outcome, "sphere", &Echo::default());
     well_formed(&page).expect("well-formed");
-    for said in ["Can be scanned, with gaps", "3</b><span>views", "1 chosen view is not executed", "Chosen, but not executed"] {
+    for said in [
+        "Can be scanned, with gaps",
+        "3</b><span>views",
+        "no collision-free path leads to 1 of 4 chosen views",
+        "Chosen, but not executed",
+    ] {
         assert!(page.contains(said), "the page lacks {said:?}");
     }
     ascend(&page, &["data-view=\"1\"", "Chosen, but not executed", "data-view=\"0\""]);

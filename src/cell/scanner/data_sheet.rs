@@ -155,13 +155,14 @@ impl DataSheet {
         }
     }
 
-    /// Largest |X / Z| and |Y / Z| of the field's corners in a device's frame.
+    /// Largest |X / Z| and |Y / Z| of the field's corners in a device's frame; infinite where one is not in front of the device.
     fn widest_slopes(&self, pose: &Pose<ScannerFrame, Device>) -> [f64; 2] {
         let [half_width, half_height] = self.field_mm.map(|edge_mm| 0.5 * edge_mm);
         let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
         corners.into_iter().fold([0.0; 2], |[u, v], (right, down): (f64, f64)| {
             let corner = pose.inverse().point(&Point3::new(right * half_width, down * half_height, self.at_mm));
-            [u.max((corner.x / corner.z).abs()), v.max((corner.y / corner.z).abs())]
+            let slope = |across: f64| if corner.z > 0.0 { (across / corner.z).abs() } else { f64::INFINITY };
+            [u.max(slope(corner.x)), v.max(slope(corner.y))]
         })
     }
 

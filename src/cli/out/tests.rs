@@ -54,6 +54,47 @@ fn a_run_replaces_what_an_earlier_one_wrote_and_leaves_the_users_files() {
 }
 
 #[test]
+fn a_plan_that_was_not_completed_stays_so_until_it_is_replaced() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), OutputWriter::Plan, &[("plan.json", "1"), ("program.json", "of 1")], &plan_of("aa")).expect("written");
+    let half = OutputRecord { complete: false, ..record(folder.path()) };
+    fs::write(folder.path().join(RECORD_FILE), half.to_bytes()).expect("a record");
+    write(folder.path(), OutputWriter::Study("weights"), &[("weights.csv", "w")], &FileOrigin::default()).expect("written");
+    assert!(check_complete(folder.path()).is_err());
+    write(folder.path(), OutputWriter::Plan, &[("plan.json", "2")], &plan_of("bb")).expect("written");
+    check_complete(folder.path()).expect("complete");
+}
+
+#[test]
+fn a_record_that_names_a_file_elsewhere_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    fs::create_dir(&out).expect("a folder");
+    fs::write(folder.path().join("mine.txt"), "mine").expect("a file");
+    for name in ["../mine.txt", "/etc/hostname", "a/b", ".."] {
+        let (name, written_by) = (name.to_owned(), OutputWriter::Plan.name());
+        let file = RecordedFile { name, sha256: sha256(b"mine"), written_by, plan_sha256: None, made_from: None };
+        fs::write(out.join(RECORD_FILE), OutputRecord::new(vec![file], true).to_bytes()).expect("a record");
+        let error = write(&out, OutputWriter::Plan, &[("plan.json", "2")], &plan_of("bb")).expect_err("not a record");
+        assert!(error.to_string().contains("is not a record"), "{error}");
+    }
+    assert!(folder.path().join("mine.txt").exists());
+}
+
+#[test]
+fn a_program_beside_the_plan_of_a_release_without_records_goes_with_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let plan = format!("{{\"schema\": \"{PLAN_SCHEMA}\"}}");
+    fs::write(folder.path().join("plan.json"), &plan).expect("a file");
+    fs::write(folder.path().join("vantage.script"), "# Vantage scan program").expect("a file");
+    fs::write(folder.path().join("vantage.src"), "mine").expect("a file");
+    let error = write(folder.path(), OutputWriter::Program, &[("scan.cps", "p")], &plan_of("bb")).expect_err("of another plan");
+    assert!(error.to_string().contains("another plan"), "{error}");
+    write(folder.path(), OutputWriter::Plan, &[("plan.json", "2")], &plan_of("bb")).expect("written");
+    assert_eq!(found(folder.path()), is(&[("plan.json", "2"), ("vantage.src", "mine")]));
+}
+
+#[test]
 fn files_of_the_user_are_neither_replaced_nor_removed() {
     let folder = tempfile::tempdir().expect("a folder");
     fs::write(folder.path().join("report.txt"), "mine").expect("a file");

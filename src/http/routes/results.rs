@@ -273,7 +273,8 @@ macro_rules! program_text {
             params(
                 ("id" = uuid::Uuid, Path, description = "Id of the job."),
                 ("dialect" = ProgramDialect, Path, description = "Language of the program, or `csv`."),
-                ("force" = Option<bool>, Query, description = "Send a program in the language of another maker than the robot's too."),
+                ("force" = Option<bool>, Query, example = false,
+                    description = "Send a program in the language of another maker than the robot's too."),
             ),
             responses(
                 (status = 200, description = "The program; it never changes.", content((String = "text/plain")),

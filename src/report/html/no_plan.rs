@@ -2,7 +2,6 @@
 //! is in the way.
 
 use nalgebra::{Vector2, Vector3};
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::ReportSubject;
 use super::appendix;
@@ -209,7 +208,8 @@ fn in_the_way(
             escape(&advice_sentence(&obstruction.advice))
         ))
     };
-    let figures = shown.par_iter().map(figure).collect::<Result<Vec<String>, Cancelled>>()?.concat();
+    // One after another: each makes a mesh of the whole cell.
+    let figures = shown.iter().map(figure).collect::<Result<Vec<String>, Cancelled>>()?.concat();
     let legend = [Ink::Body(BodyRole::Part), Ink::Body(BodyRole::Other)];
     let legend: String = legend.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();
     Ok(format!(

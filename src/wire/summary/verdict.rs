@@ -75,7 +75,10 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         PlanVerdict::ViewsWithoutPath => {
             format!("Not every view is executed: {}; {reached}", no_path(plan).unwrap_or_default())
         }
-        PlanVerdict::Fragile => format!("Target met, but fragile: {reached}; {}", fragile(plan)),
+        PlanVerdict::Fragile => {
+            let found = if has_target(plan) { "Target met" } else { "Best coverage found" };
+            format!("{found}, but fragile: {reached}; {}", fragile(plan))
+        }
         PlanVerdict::BestCoverage => match plan.bound.of_asked_upper {
             Some(upper) => format!("Best coverage found: {reached}; upper bound {}", percent(upper)),
             None => format!("Best coverage found: {reached}"),

@@ -119,7 +119,7 @@ async fn a_queued_job_overtakes_with_a_higher_priority() {
     assert!(problem["detail"].as_str().is_some_and(|detail| detail.contains("running")), "{problem}");
     let path = format!("/api/v1/jobs/{second}");
     api.patch_json(&path, &json!({"priority": -101})).await.problem_at("invalid_fields", &["/priority"]);
-    api.patch_json(&path, &json!({"labels": {}})).await.problem_at("bad_shape", &["/labels"]);
+    api.patch_json(&path, &json!({"labels": {}})).await.problem_at("bad_shape", &["/priority", "/labels"]);
     api.post_json(&format!("/api/v1/jobs/{running}/cancel"), &json!(null)).await.ok(202);
     let (first, second) = (api.ended(&first).await, api.ended(&second).await);
     assert!(second["started_at"].as_str() <= first["started_at"].as_str(), "{second} {first}");

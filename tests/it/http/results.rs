@@ -43,7 +43,7 @@ async fn each_result_comes_in_its_forms() {
         ("report", "", html, "report.html"),
         ("report?format=text", "", text, "report.txt"),
         ("coverage.bin", "", bytes, "coverage.bin"),
-        ("files/report.txt", "", text, "report.txt"),
+        ("files/report.txt", "", bytes, "report.txt"),
         ("files/coverage.bin", "", bytes, "coverage.bin"),
     ] {
         let headers = [("accept", accept)];
