@@ -9,8 +9,9 @@ use super::files::{self, FileLibrary};
 use super::plan::pool;
 use super::scanner::{Triple, write_or_print};
 use super::{CliError, output};
-use crate::cell::{Cell, CellDistances, CellSpec, HousingFace};
+use crate::cell::{Cell, CellDistances, CellSpec, CollisionScene, HousingFace};
 use crate::planning::context::{Context, Silent};
+use crate::planning::params::MotionParams;
 use crate::planning::studies::reach::{ELEVATIONS, Layouts, Reached, mountings, own_layout, reach};
 use crate::report::sketch::cell_svg;
 use crate::wire::warnings;
@@ -142,7 +143,7 @@ impl CellArgs {
             foot_mm: vec![foot_mm],
             table_mm: vec![table_mm],
             mountings: as_it_is,
-            clearance_mm: 5.0,
+            clearance_mm: MotionParams::default().clearance_mm,
         };
         let never = AtomicBool::new(false);
         let found = reach(cell, &layouts, &Context::new(&never, &Silent)).ok()?;
@@ -153,7 +154,10 @@ impl CellArgs {
     fn best(&self) -> Result<Mounted, CliError> {
         let faces = self.mount.map_or_else(|| HousingFace::ALL.to_vec(), |Mount(face)| vec![face]);
         let all = faces.into_iter().map(|face| self.mounted(face)).collect::<Result<Vec<_>, _>>()?;
-        let views = |mounted: &Mounted| mounted.cell.as_ref().ok().map(|(_, reached)| *reached);
+        // A face with which the home is free with the clearance of plans comes first, then the one that reaches most.
+        let clearance_mm = MotionParams::default().clearance_mm;
+        let is_clear = |cell: &Cell| CollisionScene::without_part(cell, clearance_mm).check(&cell.home_rad).is_none();
+        let views = |mounted: &Mounted| mounted.cell.as_ref().ok().map(|(cell, reached)| (is_clear(cell), *reached));
         let best = all.into_iter().reduce(|best, other| if views(&other) > views(&best) { other } else { best });
         best.ok_or_else(|| CliError::Failed("no face was tried".into()))
     }

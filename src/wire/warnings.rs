@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, fixed, rounded_up_mm};
-use crate::cell::{Cell, closed_list};
-use crate::planning::params::{NoiseParams, PlanParams};
+use crate::cell::{Cell, CollisionScene, closed_list};
+use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
 
 #[cfg(test)]
@@ -28,6 +28,8 @@ closed_list! {
         PartLargerThanPlate = "part_larger_than_plate",
         /// The home of a cell looks like radians; it is in degrees.
         HomeInRadians = "home_in_radians",
+        /// At the home of a cell two bodies are closer than plans keep them apart by default: no path may lead from there.
+        HomeTooClose = "home_too_close",
         /// The plate's centre is farther away than the stretched arm and the scanner measure.
         PlateBeyondReach = "plate_beyond_reach",
     }
@@ -68,7 +70,21 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
         ),
         remedy: "move the table nearer: `vantage study reach` compares distances and heights".to_owned(),
     });
-    home.into_iter().chain(plate).collect()
+    let close = home_too_close(cell, MotionParams::default().clearance_mm, at);
+    home.into_iter().chain(close).chain(plate).collect()
+}
+
+/// Warning of a home that is free, but not with the clearance of a plan.
+fn home_too_close(cell: &Cell, clearance_mm: f64, at: &str) -> Option<FieldWarning> {
+    let contact = CollisionScene::without_part(cell, clearance_mm).check(&cell.home_rad)?;
+    Some(FieldWarning {
+        code: WarningCode::HomeTooClose,
+        pointer: format!("{at}/home_deg"),
+        detail: format!(
+            "lets {contact} come closer than {clearance_mm} mm, the clearance of a plan: no path may lead from there"
+        ),
+        remedy: "move the home, mount the scanner by another face, or plan with a smaller motion.clearance_mm".to_owned(),
+    })
 }
 
 /// The number without the digits that a turn into radians and back adds.

@@ -51,6 +51,9 @@ impl VerdictText {
         let plan = &input.outcome.plan;
         let summary = Summary::of(plan);
         let (standing, title) = match summary.verdict {
+            PlanVerdict::ViewsWithoutPath if summary.views == 0 => {
+                (Standing::NoPlan, "Cannot be scanned: no view is within reach")
+            }
             PlanVerdict::TargetMet | PlanVerdict::BestCoverage => (Standing::Met, "Ready to scan"),
             PlanVerdict::Fragile => (Standing::Short, "Can be scanned, but small pose errors cost coverage"),
             PlanVerdict::TargetMissed | PlanVerdict::RegionsUnmet | PlanVerdict::ViewsWithoutPath => {

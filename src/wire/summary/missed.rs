@@ -160,7 +160,8 @@ impl MissedGroup {
 
 /// The fix in words.
 fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
-    let more = counted(views, "more view");
+    // Views are counted spot by spot; a plan with the target may need fewer.
+    let more = if views > 1 { format!("up to {}", counted(views, "more view")) } else { counted(views, "more view") };
     match fix.kind {
         RemedyKind::View => more,
         RemedyKind::Roll => format!("{more}, rolled"),

@@ -289,7 +289,7 @@ fn spots_of_one_cause_and_one_fix_are_one_group() {
         [
             "3 spots, 3.00 % of asked, hidden from the left camera (shadow_left): no fix found (no 8 of the 830 views tried see half \
              of it)",
-            "3 spots, 3.00 % of asked, measurable, but no view chosen (not_chosen): 2 more views: --set selection.target=1.0; \
+            "3 spots, 3.00 % of asked, measurable, but no view chosen (not_chosen): up to 2 more views: --set selection.target=1.0; \
              recovers 30.0 mm² (100 %)",
             "1 spot, 1.00 % of asked, hidden from the left camera (shadow_left): no fix searched for",
         ]
@@ -318,7 +318,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
     assert_eq!(
         fixed(1.0, RemedyKind::View, &[4, 5], &limited),
-        "2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
+        "up to 2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
     );
     assert_eq!(
         fixed(0.75, RemedyKind::Setup, &[4], &as_it_is),
@@ -338,7 +338,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
         "1 more view, tilted (poses in missed.json); recovers 10.0 mm² (100 %)"
     );
-    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "3 more views, rolled; recovers 10.0 mm² (100 %)");
+    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "up to 3 more views, rolled; recovers 10.0 mm² (100 %)");
 }
 
 #[test]
@@ -372,7 +372,7 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     let action = summary.action.as_ref().expect("advice");
     assert_eq!(
         action.text,
-        "turn it upside down and scan again: --set setups=2 --set registration=markers, 70.1 → 97.9 % of asked, +2 views; meets the \
+        "turn it upside down and scan again: --set setups=2 --set registration=markers, 70.1 → 97.9 % of asked, about +2 views; meets the \
          target of bore"
     );
     assert_eq!(action.command.as_deref(), Some("--set setups=2 --set registration=markers"));
@@ -394,7 +394,7 @@ fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
     ];
     let action = Summary::of(&plan).action.expect("a fix");
     // 790 of 800 mm² are 98.75 %, which three decimals give as 98.7.
-    assert_eq!(action.text, "1 more view: --set selection.target=0.987, 78.0 → 79.0 % of asked, +1 view");
+    assert_eq!(action.text, "1 more view: --set selection.target=0.987, 78.0 → 79.0 % of asked, at most +1 view");
     assert_eq!((action.added_views, action.added_cycle_secs), (1, None));
     plan.missed.remove(1);
     let partial = Summary::of(&plan).action.expect("a fix of a part");

@@ -13,7 +13,8 @@ closed_list! {
         TargetMissed = "target_missed",
         /// The target of the plan is reached, or it has none; a region or feature does not reach its own.
         RegionsUnmet = "regions_unmet",
-        /// Nothing of the above; no collision-free path was found to some of the chosen views, which are not executed.
+        /// Nothing of the above, and no collision-free path was found to some of the chosen views, which are not executed; or none was
+        /// found to any of them.
         ViewsWithoutPath = "views_without_path",
         /// Nothing of the above; wrong poses cost more than one point of the asked area in the worst draw (`coverage.robust`).
         Fragile = "fragile",
@@ -29,7 +30,9 @@ impl PlanVerdict {
     #[must_use]
     pub fn of(plan: &Plan) -> Self {
         let is_fragile = plan.coverage.robust.as_ref().is_some_and(|robust| robust.is_fragile());
+        let is_nothing_executed = plan.executed_views() == 0 && !plan.views.is_empty();
         let verdicts = [
+            (is_nothing_executed, Self::ViewsWithoutPath),
             (has_target(plan) && !is_target_met(plan), Self::TargetMissed),
             (plan.coverage.regions.iter().any(RegionCoverage::is_unmet), Self::RegionsUnmet),
             (plan.executed_views() < plan.views.len(), Self::ViewsWithoutPath),

@@ -1,4 +1,5 @@
 use super::*;
+use crate::cell::{Presets, SpecLibrary};
 use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
 use crate::wire::plan::{DrawnDocument, MisplacedDocument};
@@ -144,4 +145,13 @@ fn a_plan_that_loses_less_is_not_warned_of() {
     assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), ""), None);
     let without_hand_eye = RobustDocument { hand_eye: None, ..losing([0.0, 0.0, 0.5]) };
     assert_eq!(of_robust(&params, &without_hand_eye, ""), None);
+}
+
+#[test]
+fn a_home_that_is_free_only_without_the_clearance_is_warned_of() {
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    assert_eq!(of_cell(&cell, "/cell"), []);
+    let warning = home_too_close(&cell, 400.0, "/cell").expect("nothing is that far apart");
+    assert_eq!((warning.code.as_str(), warning.pointer.as_str()), ("home_too_close", "/cell/home_deg"));
+    assert!(warning.detail.contains(" and ") && warning.detail.contains("closer than 400 mm"), "{}", warning.detail);
 }

@@ -94,7 +94,7 @@ fn every_output_has_the_same_summary() {
     let (action, advice) = (summary.action.expect("advice"), &plan["advice"][0]);
     assert_eq!((&json!(action.set), &json!(action.to_of_asked)), (&advice["set"], &advice["of_asked"]));
     let next = "\nNext: choose 5 more views: --set selection.target=1.0 --set selection.max_views=6, 16.7 → 100.0 % of asked, \
-                +5 views\n";
+                about +5 views\n";
     assert!(said.contains(next), "{said}");
     // All spots are in some group, each once.
     let spots: u64 = plan["missed"].as_array().expect("a list").iter().filter_map(|missed| missed["spots"].as_u64()).sum();
