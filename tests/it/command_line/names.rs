@@ -43,7 +43,7 @@ fn keys_within_values_and_whole_groups_are_set_as_before() {
     let folder = tempfile::tempdir().expect("a folder");
     let [part, ..] = inputs(folder.path());
     let out = folder.path().join("out").display().to_string();
-    for set in ["selection={\"max_views\":2}", "regions.noise.budget=3"] {
+    for set in ["selection={\"max_views\":2}", "regions.noise.budget=0.25"] {
         let quick = super::quick_plan(&part, &out);
         let without_errors: Vec<&str> = quick.into_iter().filter(|argument| !argument.starts_with("robust.")).collect();
         let cut: Vec<&str> = without_errors[..without_errors.len() - 1].to_vec();
