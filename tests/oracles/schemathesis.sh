@@ -13,6 +13,8 @@ if [ -z "${VANTAGE_ORACLE_PYTHON:-}" ]; then
 fi
 
 work=$(mktemp -d)
+# Read below, perhaps before the server opens it.
+: > "$work/out"
 # A key is set, so that the checks of authorisation have something to look at.
 key=schemathesis-0123456789
 VANTAGE_SERVER__API_KEY=$key VANTAGE_LIMITS__QUEUED_JOBS=1000000 \
