@@ -4,7 +4,7 @@ use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
 use utoipa::ToSchema;
 
-use super::shape::refused;
+use super::shape::{lists_for_objects, refused};
 use crate::cell::FieldError;
 
 use crate::cell::with_suggestion;
@@ -30,7 +30,16 @@ pub enum ParseError {
 /// # Errors
 /// [`ParseError`]; for a document of another shape every field that is missing or unknown.
 pub fn parse_document<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, Vec<ParseError>> {
-    parse(bytes).map_err(|error| match (error, serde_json::from_slice(bytes)) {
+    let parsed = parse(bytes).and_then(|document| {
+        // Where there is no list, none stands for an object.
+        let value = bytes.contains(&b'[').then(|| serde_json::from_slice(bytes).ok()).flatten();
+        let lists = value.map(|value| lists_for_objects::<T>(&value)).unwrap_or_default();
+        match lists.into_iter().next() {
+            Some(FieldError { pointer, detail }) => Err(ParseError::Shape { pointer, detail }),
+            None => Ok(document),
+        }
+    });
+    parsed.map_err(|error| match (error, serde_json::from_slice(bytes)) {
         (ParseError::Shape { pointer, detail }, Ok(value)) => {
             let findings = refused::<T>(&value, FieldError { pointer, detail });
             findings.into_iter().map(|FieldError { pointer, detail }| ParseError::Shape { pointer, detail }).collect()

@@ -42,12 +42,21 @@ pub(crate) fn refused<T: ToSchema>(value: &Value, first: FieldError) -> Vec<Fiel
     findings
 }
 
+/// Lists in `value` where the schema of `T` has an object: serde takes the fields of a structure from a list too.
+pub(crate) fn lists_for_objects<T: ToSchema>(value: &Value) -> Vec<FieldError> {
+    walked::<T>(value, true)
+}
+
 /// Fields of `value` that are missing or unknown by the schema of `T`.
 fn fields<T: ToSchema>(value: &Value) -> Vec<FieldError> {
+    walked::<T>(value, false)
+}
+
+fn walked<T: ToSchema>(value: &Value, lists_only: bool) -> Vec<FieldError> {
     let mut components = Vec::new();
     T::schemas(&mut components);
     let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
-    let mut walk = Walk { components, findings: Vec::new(), values: 0 };
+    let mut walk = Walk { components, findings: Vec::new(), values: 0, lists_only };
     walk.value(value, &to_json(&T::schema()), "");
     walk.findings
 }
@@ -63,6 +72,8 @@ struct Walk {
     findings: Vec<FieldError>,
     /// Values seen.
     values: usize,
+    /// Look for nothing but lists in the place of objects.
+    lists_only: bool,
 }
 
 /// An object's schema, those of which it is put together joined.
@@ -113,6 +124,9 @@ impl Walk {
                 if let Some(shape) = self.shape_for(object, &schema, at) {
                     self.object(object, &shape, at);
                 }
+            }
+            Value::Array(_) if self.is_object(&schema) => {
+                self.findings.push(FieldError { pointer: at.to_owned(), detail: "is a list; allowed is an object".to_owned() });
             }
             Value::Array(items) => {
                 let schema = self.variants(&schema).into_iter().find(|variant| !variant["items"].is_null()).unwrap_or_default();
@@ -204,8 +218,15 @@ impl Walk {
         }
     }
 
+    /// Returns true if every variant of a schema is an object.
+    fn is_object(&self, schema: &Value) -> bool {
+        self.variants(schema).iter().all(|variant| variant["type"] == "object" && variant["items"].is_null())
+    }
+
     fn push(&mut self, pointer: String, detail: String) {
-        self.findings.push(FieldError { pointer, detail });
+        if !self.lists_only {
+            self.findings.push(FieldError { pointer, detail });
+        }
     }
 
     /// Returns true once enough was found, or looked at.
@@ -247,6 +268,14 @@ mod tests {
 
     fn pointers(errors: &[FieldError]) -> Vec<&str> {
         errors.iter().map(|error| error.pointer.as_str()).collect()
+    }
+
+    #[test]
+    fn a_list_in_the_place_of_an_object_is_found() {
+        let params = json!({"selection": {"overlap": [null, null]}, "regions": {"exclude": []}});
+        let found = super::lists_for_objects::<PlanParams>(&params);
+        assert_eq!(pointers(&found), ["/selection/overlap"]);
+        assert_eq!(super::lists_for_objects::<PlanParams>(&json!({"selection": {"overlap": {}}})), []);
     }
 
     #[test]
