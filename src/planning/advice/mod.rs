@@ -65,7 +65,7 @@ impl Basis {
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
         let params = problem.params;
-        if !params.missed.advice || !params.realism.count_at_risk || problem.robust_rows.is_some() {
+        if !params.missed.advice || !params.realism.count_at_risk || problem.tolerates_errors() {
             return Ok(None);
         }
         let samples = problem.asked_area_mm2.len();

@@ -9,8 +9,10 @@ use crate::planning::context::{Context, PlanError, Stage};
 use crate::planning::estimate::Estimate;
 use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
+use crate::planning::plan::ChosenOn;
 use crate::planning::scene::{self, PlanInput, PlanningScene};
 use crate::planning::setups::{self, Setup};
+use crate::planning::surface::thinned::{self, Strata};
 use crate::planning::surface::{Surface, check_asked, requirements};
 use crate::planning::visibility::{Occluders, Optics, Row};
 
@@ -21,8 +23,17 @@ pub(in crate::planning) struct SampledPart {
     pub(in crate::planning) surface: Surface,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
+    /// Samples that views are chosen on; `None` where that is all of them.
+    thinned: Option<Thinned>,
     /// The part without a plate; with several setups, since none of their plates stands in all.
     alone: Option<Occluders>,
+}
+
+/// Some of the samples of a part.
+struct Thinned {
+    surface: Surface,
+    strata: Strata,
+    asked_area_mm2: Vec<f64>,
 }
 
 /// The candidates of all setups.
@@ -48,9 +59,34 @@ impl SampledPart {
         let asked_area_mm2 = surface.asked_area_mm2();
         check_asked(&asked_area_mm2)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
-        params.candidates = candidates::resolve(&surface, &table_from_part, input.scanner, &params.candidates);
+        let count = params.selection.samples.map_or_else(|| thinned::default_count(surface.area_where(|_| true)), f64::from);
+        let thinned = thinned::thinned(&surface, count).map(|(surface, strata)| {
+            let asked_area_mm2 = surface.asked_area_mm2();
+            Thinned { surface, strata, asked_area_mm2 }
+        });
+        let chosen_on = thinned.as_ref().map_or(&surface, |thinned| &thinned.surface);
+        params.candidates = candidates::resolve(chosen_on, &table_from_part, input.scanner, &params.candidates);
         let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
-        Ok(Self { params, surface, asked_area_mm2, alone })
+        Ok(Self { params, surface, asked_area_mm2, thinned, alone })
+    }
+
+    /// The surface that views are chosen on, and the area of each of its samples, 0 where it is not asked for.
+    pub(in crate::planning) fn chosen_on(&self) -> (&Surface, &[f64]) {
+        match &self.thinned {
+            Some(thinned) => (&thinned.surface, &thinned.asked_area_mm2),
+            None => (&self.surface, &self.asked_area_mm2),
+        }
+    }
+
+    /// Number of samples that views are chosen on, and of all.
+    pub(in crate::planning) fn counts(&self) -> ChosenOn {
+        let (surface, _) = self.chosen_on();
+        ChosenOn { samples: surface.sample_mm.len(), of_samples: self.surface.sample_mm.len(), refinements: 0 }
+    }
+
+    /// Strata of the samples, where views are chosen on some of them.
+    pub(in crate::planning) fn strata(&self) -> Option<&Strata> {
+        self.thinned.as_ref().map(|thinned| &thinned.strata)
     }
 
     /// The setups to plan in, with everything that hides a sample or hinders the robot in each.
@@ -96,15 +132,22 @@ impl SampledPart {
         ctx: &Context<'_>,
     ) -> Result<EvaluatedCandidates, PlanError> {
         let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
-        let mut some = self.rounds(input, setup, &optics).run_some(max, ctx)?;
+        let on = (&self.surface, self.asked_area_mm2.as_slice());
+        let mut some = self.rounds(input, setup, on, &optics).run_some(max, ctx)?;
         some.drop_unusable();
         Ok(some)
     }
 
-    fn rounds<'a>(&'a self, input: &'a PlanInput<'_>, setup: &'a Setup<'_>, optics: &'a Optics) -> Rounds<'a> {
+    fn rounds<'a>(
+        &'a self,
+        input: &'a PlanInput<'_>,
+        setup: &'a Setup<'_>,
+        (surface, asked_area_mm2): (&'a Surface, &'a [f64]),
+        optics: &'a Optics,
+    ) -> Rounds<'a> {
         let scope = Scope {
             part: input.mesh,
-            surface: &self.surface,
+            surface,
             scanner: input.scanner,
             cell: input.cell,
             table_from_part: setup.table_from_part,
@@ -114,7 +157,7 @@ impl SampledPart {
             seed: self.params.seed,
         };
         let (occluders, scene) = (&setup.occluders, setup.scene.as_ref());
-        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 }
+        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2 }
     }
 
     /// Every candidate with its stations and what it measures, the setups' candidates one after another.
@@ -127,13 +170,15 @@ impl SampledPart {
         setups: &[Setup<'_>],
         ctx: &Context<'_>,
     ) -> Result<EvaluatedSetups, PlanError> {
+        let (surface, asked_area_mm2) = self.chosen_on();
         let mut all =
-            EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
+            EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(surface, input.cell.is_some()), robust_rows: None };
         let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
         for (index, setup) in SetupIndex::number(setups) {
-            let evaluated = self.rounds(input, setup, &optics).run(ctx)?.in_setup(index);
+            let rounds = self.rounds(input, setup, (surface, asked_area_mm2), &optics);
+            let evaluated = rounds.run(ctx)?.in_setup(index);
             let (params, occluders) = (&self.params, &setup.occluders);
-            let visibility = VisibilityInput { surface: &self.surface, scanner: input.scanner, occluders, params };
+            let visibility = VisibilityInput { surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
                 all.robust_rows.get_or_insert_default().extend(rows);
             }

@@ -154,6 +154,18 @@ impl Requirements {
         Ok(requirements)
     }
 
+    /// The same kinds, of no samples yet.
+    pub(super) fn of_none(&self) -> Self {
+        Self { kinds: self.kinds.clone(), of_sample: Vec::new() }
+    }
+
+    /// Adds a sample with the requirement that one of `whole` has, which has the same kinds.
+    pub(super) fn push_of(&mut self, whole: &Self, sample: SampleId) {
+        if !whole.of_sample.is_empty() {
+            self.of_sample.push(whole.kind(sample));
+        }
+    }
+
     /// Number of a sample's kind.
     #[must_use]
     pub fn kind(&self, sample: SampleId) -> u8 {
