@@ -68,8 +68,8 @@ params! {
         /// Means by which measurements of different setups are registered to each other. With `surface` every setup has to share
         /// surface with another that fixes all six freedoms; views are added where it takes them.
         registration: Registration = Registration::Surface;
-        /// Seed of every pseudo-random choice.
-        seed: u64 = 0;
+        /// Seed of every pseudo-random choice. The largest is that which a JSON number of any reader holds exactly, 2⁵³ − 1.
+        seed: u64 = 0, [0.0, 9007199254740991.0] "";
     }
 }
 
