@@ -16,9 +16,9 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Advice, AtRisk, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MeasuredArea, MissedCause,
-    MissedSpot, Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance,
-    StopReason, Verdict, ViewId,
+    Advice, AtRisk, Bound, CandidateCounts, CandidateId, Cause, ChosenOn, Coverage, Grade, Independent, MeasuredArea,
+    MissedCause, MissedSpot, Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId,
+    SetupPlan, Stance, StopReason, Verdict, ViewId,
 };
 use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
@@ -243,6 +243,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         advice: Vec::new(),
         stopped_because: StopReason::Target,
         bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },
+        chosen_on: ChosenOn::default(),
         coverage,
     };
     Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None }

@@ -36,7 +36,8 @@ pub(super) fn of(
         let is_partial = !usable || some_alone && fate.view.is_none();
         (TableEntry { candidate, fate, row: Some(row) }, is_partial)
     });
-    let rejected = candidates.rejected.into_iter().map(|(candidate, reason)| (dropped(candidate, reason), reason.is_of_evaluated()));
+    let rejected =
+        candidates.rejected.into_iter().map(|(candidate, reason)| (dropped(candidate, reason), reason.is_of_evaluated()));
     let (mut entries, is_partial): (Vec<TableEntry>, Vec<bool>) = remaining.chain(rejected).unzip();
     let partial: Vec<usize> = is_partial.iter().enumerate().filter(|(_, partial)| **partial).map(|(at, _)| at).collect();
     for (at, mut row) in partial.iter().zip(rows_of(problem, &partial, &entries, surroundings.occluders, ctx)?) {

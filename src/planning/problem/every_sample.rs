@@ -251,8 +251,7 @@ impl<'a> ViewPlanningProblem<'a> {
             let here: Vec<usize> = (0..views.len()).filter(|place| views[*place].setup == index).collect();
             let poses: Vec<_> = here.iter().map(|place| *views[*place].pose).collect();
             let usable: Vec<bool> = here.iter().map(|place| views[*place].usable).collect();
-            let mut cast =
-                visibility::cast(surface, &poses, &usable, self.input.scanner, &setup.occluders, self.params, ctx)?;
+            let mut cast = visibility::cast(surface, &poses, &usable, self.input.scanner, &setup.occluders, self.params, ctx)?;
             if let Some(sight) = setup.scene.as_ref().map(|scene| scene.sight()).filter(|sight| !sight.has_no_obstacles()) {
                 let hidden = |(row, place): (&Row, &usize)| {
                     let (view, mut hidden) = (&views[*place], SampleSet::none_of(samples));

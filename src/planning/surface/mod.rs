@@ -15,9 +15,9 @@ use crate::geometry::Mesh;
 
 mod region_finder;
 pub mod requirements;
-pub(super) mod thinned;
 #[cfg(test)]
 mod tests;
+pub(super) mod thinned;
 
 use region_finder::RegionFinder;
 use requirements::Requirements;

@@ -7,9 +7,9 @@ use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
 use crate::planning::params::{PlanParams, Registration, SelectionGoal};
 use crate::planning::plan::{
-    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot, ParamChange,
-    PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, SetupPlan,
-    StopReason, Turn, TurnKind,
+    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot,
+    ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView,
+    SetupPlan, StopReason, Turn, TurnKind,
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
@@ -80,6 +80,7 @@ fn plan(views: u32, without_path: u32, measured_mm2: f64) -> Plan {
         advice: Vec::new(),
         stopped_because: StopReason::Target,
         bound: Bound { views_lower: 2, ..Bound::default() },
+        chosen_on: ChosenOn::default(),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::planning::surface::requirements;
 
 /// A box of 100 × 80 × 60 mm, each side a grid of `cells` × `cells` squares, with a pin of 1 × 1 × 4 mm on top.
 fn box_with_pin(cells: usize) -> Mesh {
-    let mut mesh = Mesh::default();
+    let mut mesh = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
     let mut add = |min: [f64; 3], max: [f64; 3], cells: usize| {
         for axis in 0..3 {
             for (side, level) in [(false, min[axis]), (true, max[axis])] {
@@ -71,7 +71,8 @@ fn every_stratum_keeps_its_area_and_a_small_feature_keeps_samples() {
     assert!(areas.iter().all(|[all, chosen_on]| (all - chosen_on).abs() < 1e-9 * all));
     // The four sides of the pin, 4 mm² each, beside 37 600 mm² of box.
     let on_pin = |normal: Vector3<f64>| {
-        let is_on_pin = |sample: &SampleId| surface.sample_mm[sample.index()].z > 60.0 && surface.patch_of(*sample).normal == normal;
+        let is_on_pin =
+            |sample: &SampleId| surface.sample_mm[sample.index()].z > 60.0 && surface.patch_of(*sample).normal == normal;
         surface.samples().filter(is_on_pin).count()
     };
     for normal in [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y()] {
