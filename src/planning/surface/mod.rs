@@ -15,11 +15,13 @@ use crate::geometry::Mesh;
 
 mod region_finder;
 pub mod requirements;
+mod subset;
 #[cfg(test)]
 mod tests;
 
 use region_finder::RegionFinder;
 use requirements::Requirements;
+pub(super) use subset::{sample_some, systematic};
 
 /// Default patch edge as a share of the bounding box's diagonal.
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;

@@ -160,6 +160,12 @@ impl Requirements {
         self.of_sample.get(sample.index()).copied().unwrap_or(0)
     }
 
+    /// The requirements of some of the samples, numbered anew in the order given.
+    pub(super) fn of_samples(&self, some: impl Iterator<Item = SampleId>) -> Self {
+        let of_sample = if self.of_sample.is_empty() { Vec::new() } else { some.map(|sample| self.kind(sample)).collect() };
+        Self { kinds: self.kinds.clone(), of_sample }
+    }
+
     /// The requirement of a sample.
     #[must_use]
     pub fn of(&self, sample: SampleId) -> &Requirement {
