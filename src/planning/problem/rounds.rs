@@ -54,11 +54,8 @@ impl Rounds<'_> {
     /// # Errors
     /// The errors of [`candidates::generate`].
     pub(super) fn run_some(&self, max: usize, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
-        let mut candidates = candidates::generate(&self.scope, &self.params.candidates, ctx)?;
-        let all = candidates.remaining.len();
-        let count = all.min(max);
-        candidates.remaining = (0..count).map(|i| candidates.remaining[i * all / count].clone()).collect();
-        Ok(self.evaluate(candidates, ctx)?)
+        let some = candidates::generate_some(&self.scope, &self.params.candidates, max, ctx)?;
+        Ok(self.evaluate(some, ctx)?)
     }
 
     /// Evaluates candidates: their stations, and the samples that each measures.
