@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use super::adjust;
 use super::advice::{self, AdviceScope, Basis};
@@ -49,7 +50,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let mut problem = problem(input, &sampled, &setups, ctx)?;
     let views = select_and_order(&mut problem, &sampled, &setups, ctx)?;
     let (views, problem) = shorten(problem, &sampled, &setups, views, ctx)?;
-    let part = RayScene::interruptible([input.mesh], || ctx.check())?;
+    let part = Arc::new(RayScene::interruptible([input.mesh], || ctx.check())?);
     let mut outcome = explain(problem, &sampled, &setups, views, &part, ctx)?;
     certify(&mut outcome, input, &sampled.params, &setups, &part, ctx)?;
     Ok(outcome)
@@ -213,7 +214,7 @@ fn explain(
     sampled: &SampledPart,
     setups: &[Setup<'_>],
     views: OrderedViews,
-    part: &RayScene,
+    part: &Arc<RayScene>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     ctx.begin(Stage::Missed)?;
@@ -228,7 +229,7 @@ fn explain(
     let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
     if let Some(basis) = basis {
-        outcome.plan.advice = advice::of(&basis, &outcome, &AdviceScope { input, sampled, setups }, ctx)?;
+        outcome.plan.advice = advice::of(&basis, &outcome, &AdviceScope { input, sampled, setups, part }, ctx)?;
     }
     if sampled.params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;

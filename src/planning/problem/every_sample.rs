@@ -105,7 +105,7 @@ impl<'a> ViewPlanningProblem<'a> {
         let viewpoints = others.iter().map(|candidate| self.viewpoint(*candidate, self.table_angles_rad(*candidate)));
         let dropped = self.candidates.rejected.iter().filter(|(_, reason)| reason.is_of_evaluated());
         let dropped = dropped.map(|(candidate, _)| viewpoint(candidate, false, Vec::new()));
-        let (of_open, hidden) = self.cast_on(&whole.part(&open), setups, &viewpoints.chain(dropped).collect::<Vec<_>>(), ctx)?;
+        let (of_open, hidden) = self.cast_on(&whole.of_samples(&open), setups, &viewpoints.chain(dropped).collect::<Vec<_>>(), ctx)?;
         for (candidate, row) in others.iter().zip(&of_open.rows) {
             let mut placed = SampleSet::none_of(samples);
             row.samples().for_each(|place| placed.insert(open[place.index()].0));
@@ -172,7 +172,7 @@ impl<'a> ViewPlanningProblem<'a> {
         if added.is_empty() {
             return Ok(false);
         }
-        let part = every.surface.part(&added.iter().map(|sample| (*sample, 0.0)).collect::<Vec<_>>());
+        let part = every.surface.of_samples(&added.iter().map(|sample| (*sample, 0.0)).collect::<Vec<_>>());
         let all = self.candidates.indices().map(|candidate| self.viewpoint(candidate, self.table_angles_rad(candidate)));
         let (cast, hidden) = self.cast_on(&part, setups, &all.collect::<Vec<_>>(), &ctx.silent())?;
         let samples = own + added.len();

@@ -12,7 +12,8 @@ mod sampled_part;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-pub(super) use sampled_part::{EvaluatedSetups, SampledPart};
+pub(super) use evaluated::EvaluatedCandidates;
+pub(super) use sampled_part::{EvaluatedSetups, SampledPart, TriedSetup};
 
 use super::candidates::{Candidate, CandidateSet};
 use super::context::{Context, PlanError};

@@ -55,11 +55,8 @@ impl Rounds<'_> {
     /// # Errors
     /// The errors of [`candidates::generate`].
     pub(super) fn run_some(&self, max: usize, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
-        let mut candidates = candidates::generate(&self.scope, &self.params.candidates, ctx)?;
-        let all = candidates.remaining.len();
-        let count = all.min(max);
-        candidates.remaining = (0..count).map(|i| candidates.remaining[i * all / count].clone()).collect();
-        Ok(self.evaluate(candidates, ctx)?)
+        let some = candidates::generate_some(&self.scope, &self.params.candidates, max, ctx)?;
+        Ok(self.evaluate(some, ctx)?)
     }
 
     /// Evaluates candidates: their stations, and the samples that each measures.
@@ -131,7 +128,7 @@ impl Rounds<'_> {
         let proposed = candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?;
         let open: Vec<(SampleId, f64)> = samples.iter().map(|sample| (*sample, area_mm2[sample.index()])).collect();
         let mut area_mm2: Vec<f64> = open.iter().map(|(_, mm2)| *mm2).collect();
-        let mut proposed = self.evaluate_on(&self.scope.surface.part(&open), proposed, ctx)?;
+        let mut proposed = self.evaluate_on(&self.scope.surface.of_samples(&open), proposed, ctx)?;
         let mut needed = vec![false; proposed.candidates.remaining.len()];
         let mut left = params.targeted_max;
         for usable in [true, false] {

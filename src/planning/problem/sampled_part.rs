@@ -36,6 +36,16 @@ struct Thinned {
     asked_area_mm2: Vec<f64>,
 }
 
+/// One way in which the part lies, with the samples that candidates are evaluated on.
+#[derive(Clone, Copy)]
+pub(in crate::planning) struct TriedSetup<'a> {
+    pub(in crate::planning) table_from_part: Pose<Table, Part>,
+    pub(in crate::planning) surface: &'a Surface,
+    pub(in crate::planning) occluders: &'a Occluders,
+    /// Present with a cell.
+    pub(in crate::planning) scene: Option<&'a PlanningScene<'a>>,
+}
+
 /// The candidates of all setups.
 pub(in crate::planning) struct EvaluatedSetups {
     pub(in crate::planning) evaluated: EvaluatedCandidates,
@@ -114,9 +124,22 @@ impl SampledPart {
         let plate = input.cell.map(|cell| scene::plate(cell, &table_from_part));
         let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
         let occluders = Occluders::interruptible(occluders, ctx)?;
-        input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
-        let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part, ctx)).transpose()?;
+        let scene = self.scene(input, table_from_part, ctx)?;
         Ok(Setup { table_from_part, occluders, scene })
+    }
+
+    /// The cell with the part lying in one way; `None` without a cell.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn scene<'a>(
+        &'a self,
+        input: &PlanInput<'a>,
+        table_from_part: Pose<Table, Part>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<PlanningScene<'a>>, PlanError> {
+        input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
+        input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part, ctx)).transpose()
     }
 
     /// Evaluates at most `max` candidates of a setup, evenly spaced among those of the strategies that know the part alone, and keeps
@@ -127,13 +150,13 @@ impl SampledPart {
     pub(in crate::planning) fn evaluate_some(
         &self,
         input: &PlanInput<'_>,
-        setup: &Setup<'_>,
+        setup: &TriedSetup<'_>,
         max: usize,
         ctx: &Context<'_>,
     ) -> Result<EvaluatedCandidates, PlanError> {
-        let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
-        let on = (&self.surface, self.asked_area_mm2.as_slice());
-        let mut some = self.rounds(input, setup, on, &optics).run_some(max, ctx)?;
+        let optics = Optics::new(input.scanner, &self.params, &setup.surface.requirements);
+        let asked_area_mm2 = setup.surface.asked_area_mm2();
+        let mut some = self.rounds(input, setup, &optics, &asked_area_mm2).run_some(max, ctx)?;
         some.drop_unusable();
         Ok(some)
     }
@@ -141,22 +164,22 @@ impl SampledPart {
     fn rounds<'a>(
         &'a self,
         input: &'a PlanInput<'_>,
-        setup: &'a Setup<'_>,
-        (surface, asked_area_mm2): (&'a Surface, &'a [f64]),
+        setup: &TriedSetup<'a>,
         optics: &'a Optics,
+        asked_area_mm2: &'a [f64],
     ) -> Rounds<'a> {
+        let TriedSetup { table_from_part, surface, occluders, scene } = *setup;
         let scope = Scope {
             part: input.mesh,
             surface,
             scanner: input.scanner,
             cell: input.cell,
-            table_from_part: setup.table_from_part,
-            occluders: &setup.occluders,
+            table_from_part,
+            occluders,
             optics,
             score: &self.params.score,
             seed: self.params.seed,
         };
-        let (occluders, scene) = (&setup.occluders, setup.scene.as_ref());
         Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2 }
     }
 
@@ -175,8 +198,13 @@ impl SampledPart {
             EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(surface, input.cell.is_some()), robust_rows: None };
         let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
         for (index, setup) in SetupIndex::number(setups) {
-            let rounds = self.rounds(input, setup, (surface, asked_area_mm2), &optics);
-            let evaluated = rounds.run(ctx)?.in_setup(index);
+            let tried = TriedSetup {
+                table_from_part: setup.table_from_part,
+                surface,
+                occluders: &setup.occluders,
+                scene: setup.scene.as_ref(),
+            };
+            let evaluated = self.rounds(input, &tried, &optics, asked_area_mm2).run(ctx)?.in_setup(index);
             let (params, occluders) = (&self.params, &setup.occluders);
             let visibility = VisibilityInput { surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {

@@ -15,12 +15,14 @@ use crate::geometry::Mesh;
 
 mod region_finder;
 pub mod requirements;
+mod subset;
 #[cfg(test)]
 mod tests;
 pub(super) mod thinned;
 
 use region_finder::RegionFinder;
 use requirements::Requirements;
+pub(super) use subset::{sample_some, systematic};
 
 /// Default patch edge as a share of the bounding box's diagonal.
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
@@ -41,7 +43,7 @@ pub struct Patch {
     pub face: u32,
     /// Unit outward normal, each component a whole f32.
     pub normal: Vector3<f64>,
-    /// Area that its samples stand for: its own, but on a surface that views are chosen on ([`Surface::part`]).
+    /// Area that its samples stand for: its own, but on a surface that views are chosen on ([`Surface::of_samples`]).
     pub area_mm2: f64,
     /// Its samples are `first_sample .. first_sample + samples`.
     pub first_sample: SampleId,
@@ -50,12 +52,6 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// Area of its triangle.
-    #[must_use]
-    pub fn facet_mm2(&self) -> f64 {
-        triangle_mm2(&self.corners_mm)
-    }
-
     /// Area that each of its samples stands for.
     #[must_use]
     pub fn sample_area_mm2(&self) -> f64 {

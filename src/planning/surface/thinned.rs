@@ -84,7 +84,7 @@ pub(in crate::planning) fn thinned(whole: &Surface, count: f64) -> Option<(Surfa
     for (place, (sample, _)) in SampleId::number(&picks) {
         members[of_sample[sample.index()] as usize].push(place);
     }
-    Some((whole.part(&picks), Strata { of_sample, members }))
+    Some((whole.of_samples(&picks), Strata { of_sample, members }))
 }
 
 impl Strata {
@@ -129,14 +129,6 @@ impl Strata {
 }
 
 impl Surface {
-    /// Some samples, each in a patch of its own that stands for the area beside it.
-    #[must_use]
-    pub(in crate::planning) fn part(&self, picks: &[(SampleId, f64)]) -> Self {
-        let mut part = Self { centre_mm: self.centre_mm, requirements: self.requirements.of_none(), ..Self::default() };
-        picks.iter().for_each(|(sample, area_mm2)| part.push_sample_of(self, *sample, *area_mm2));
-        part
-    }
-
     fn push_sample_of(&mut self, whole: &Surface, sample: SampleId, area_mm2: f64) {
         let (patch, first_sample) = (PatchId::at(self.patches.len()), SampleId::at(self.sample_mm.len()));
         self.patches.push(Patch { area_mm2, first_sample, samples: 1, ..*whole.patch_of(sample) });

@@ -81,7 +81,7 @@ impl SampleCluster {
             normal: [[0.0; SAMPLES]; 3],
             number: [NO_SAMPLE; SAMPLES],
             kind: [0; SAMPLES],
-            facet_mm: patches.map(|patch| patch.facet_mm2().sqrt() as f32).fold(0.0, f32::max),
+            facet_mm: patches.map(|patch| facet_mm(&patch.corners_mm) as f32).fold(0.0, f32::max),
             centre_mm,
             radius_mm: numbers.iter().map(|number| (offset(number) - centre_mm).norm()).fold(0.0, f64::max) + 1e-6,
             cone: Cone::around(normals.iter()),
@@ -113,6 +113,11 @@ impl SampleCluster {
     pub(super) fn batch_of_normals(&self, batch: usize) -> [&[f32; LANES]; 3] {
         lanes_of(&self.normal, batch)
     }
+}
+
+/// Edge of a square as large as a facet.
+fn facet_mm([a, b, c]: &[Point3<f64>; 3]) -> f64 {
+    (0.5 * (b - a).cross(&(c - a)).norm()).sqrt()
 }
 
 #[inline(always)]
