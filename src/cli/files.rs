@@ -23,7 +23,7 @@ use crate::wire;
 pub struct FileLibrary;
 
 impl FileLibrary {
-    fn file<T: DeserializeOwned + ToSchema>(path: &str) -> Result<T, NotFound> {
+    fn file<T: DeserializeOwned + ToSchema + 'static>(path: &str) -> Result<T, NotFound> {
         let read = existing(path)?;
         value(read).and_then(|value| from_value(value, path)).map_err(unusable)
     }
@@ -70,7 +70,11 @@ fn unusable(error: CliError) -> NotFound {
 ///
 /// # Errors
 /// Neither a preset nor a readable file of the right structure.
-pub fn spec<T: DeserializeOwned + ToSchema>(kind: SpecKind, name: &str, preset: Result<T, NotFound>) -> Result<T, CliError> {
+pub fn spec<T: DeserializeOwned + ToSchema + 'static>(
+    kind: SpecKind,
+    name: &str,
+    preset: Result<T, NotFound>,
+) -> Result<T, CliError> {
     if let Ok(preset) = preset {
         return Ok(preset);
     }
@@ -116,7 +120,7 @@ fn toml_fault(text: &str, error: &toml::de::Error) -> String {
 ///
 /// # Errors
 /// A value of another structure: every field that is missing or unknown, a line each.
-pub fn from_value<T: DeserializeOwned + ToSchema>(value: Value, what: &str) -> Result<T, CliError> {
+pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: Value, what: &str) -> Result<T, CliError> {
     wire::from_value(&value).map_err(|errors| findings(what, &errors))
 }
 

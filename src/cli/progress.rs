@@ -9,16 +9,13 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-mod course;
-mod overall;
 #[cfg(test)]
 mod tests;
 
-pub use course::Course;
-use overall::Overall;
-
 use super::output;
 use crate::planning::context::{Observer, Stage};
+pub use crate::service::progress::Course;
+use crate::service::progress::{Overall, secs_left};
 
 /// Seconds of each stage that ran, by its name.
 pub type StageTimes = BTreeMap<&'static str, f64>;
@@ -128,7 +125,7 @@ fn lock(running: &Mutex<Running>) -> MutexGuard<'_, Running> {
 /// Time that has passed, and the time left once it can be told.
 fn clock(secs: f64, fraction: f64) -> String {
     let text = |secs: f64| format!("{}:{:02}", secs as u64 / 60, secs as u64 % 60);
-    match overall::secs_left(secs, fraction) {
+    match secs_left(secs, fraction) {
         Some(left) => format!("{}, about {} left", text(secs), text(left)),
         None => text(secs),
     }

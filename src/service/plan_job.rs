@@ -48,9 +48,16 @@ pub const REFUSED_FILE: &str = "refused.json";
 #[must_use]
 pub fn foreign_name(name: &str) -> Option<String> {
     let (stem, extension) = name.rsplit_once('.')?;
-    let mut makers = Dialect::ALL.into_iter().filter(|dialect| !dialect.is_neutral()).flat_map(Dialect::outputs);
+    dialect_of(name).map(|_| format!("{stem}.foreign.{extension}"))
+}
+
+/// Language of the program that a file name is of, if that is a maker's.
+#[must_use]
+pub fn dialect_of(name: &str) -> Option<Dialect> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let mut makers = Dialect::ALL.into_iter().filter(|dialect| !dialect.is_neutral());
     let is_program = stem.starts_with("program") && !stem.contains('.');
-    (is_program && makers.any(|output| output.extension == extension)).then(|| format!("{stem}.foreign.{extension}"))
+    makers.find(|dialect| is_program && dialect.outputs().iter().any(|output| output.extension == extension))
 }
 
 /// Programs in the languages of other makers than the robot's.

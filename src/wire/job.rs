@@ -226,6 +226,9 @@ pub struct Job {
     pub plan_sha256: Option<String>,
     /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
     pub summary: Option<Summary>,
+    /// Name of the key with which the job was submitted: of a key in `server.api_keys_file`, or `api_key` for the one in the
+    /// settings; `null` without a key.
+    pub submitted_by: Option<String>,
     /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`. A job that failed with the code `no_plan` has its report
     /// on the reasons.
     pub results: Vec<JobFile>,
@@ -283,12 +286,18 @@ pub struct JobListItem {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
+    /// Warnings on what was accepted, as when the job was submitted.
+    #[serde(default)]
+    pub warnings: Vec<FieldWarning>,
     /// Reason for the failure of the job.
     pub problem: Option<JobProblem>,
     /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
     /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
     pub summary: Option<Summary>,
+    /// Name of the key with which the job was submitted: of a key in `server.api_keys_file`, or `api_key` for the one in the
+    /// settings; `null` without a key.
+    pub submitted_by: Option<String>,
     /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
     pub results: Vec<JobFile>,
 }

@@ -131,8 +131,8 @@ impl SceneBody {
     }
 }
 
-/// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles, part, fixture.
-pub(super) fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
+/// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles.
+pub(super) fn assemble(cell: &Cell) -> Vec<SceneBody> {
     let (mut trees, identity) = (Trees::default(), Isometry3::identity());
     let own = |surface: &LinkBody| Solid::shared(&surface.body.shape, &mut trees);
     let solids: Vec<_> = cell.link_surfaces.iter().map(own).collect();
@@ -146,12 +146,19 @@ pub(super) fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part:
     bodies.extend(table_bodies(cell, &mut trees));
     bodies.extend(cell.floor_mm.map(floor));
     bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, &identity, &mut trees)));
+    bodies
+}
+
+/// What is attached to the plate: part and fixture, unless they are empty.
+pub(super) fn attach<'a>(
+    meshes: impl Iterator<Item = (&'a str, &'a Mesh)>,
+    table_from_part: &Pose<Table, Part>,
+) -> impl Iterator<Item = SceneBody> {
     // In plate coordinates before rounding to single precision: files may lie far from their own origin.
     let plate_from_part = plate_from_placed(table_from_part);
-    bodies.extend(attached.iter().filter(|(_, mesh)| !mesh.faces.is_empty()).map(|(name, mesh)| {
+    meshes.filter(|(_, mesh)| !mesh.faces.is_empty()).map(move |(name, mesh)| {
         SceneBody::new(name, ParentLink::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
-    }));
-    bodies
+    })
 }
 
 fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {

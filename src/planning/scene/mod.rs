@@ -52,7 +52,10 @@ impl<'a> PlanningScene<'a> {
         ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
         let clearance_mm = params.motion.clearance_mm;
-        let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
+        let scene = match input.roadmaps {
+            Some(kept) => kept.bare_scene(cell, clearance_mm).with_part(input.mesh, input.fixture, &table_from_part),
+            None => CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm),
+        };
         match scene.placement_contact() {
             Some(contact) => {
                 let detail = format!("lets {contact} meet; move the part, or what it meets");

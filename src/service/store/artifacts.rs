@@ -144,6 +144,21 @@ impl Store {
         Ok(PartNames { part_number: row.try_get("part_number")?, serial: row.try_get("serial")?, mesh: row.try_get("name")? })
     }
 
+    /// Name of the robot that a job was planned for, and its dialect as its specification had it then; `None` without a cell.
+    pub(crate) async fn robot(&self, id: JobId) -> Result<Option<(String, Option<String>)>, Error> {
+        let row = sqlx::query(
+            "SELECT CASE WHEN json_valid(input) THEN CAST(input ->> '$.cell.robot.name' AS TEXT) END AS name,
+                CASE WHEN json_valid(input) THEN CAST(input ->> '$.cell.robot.dialect' AS TEXT) END AS dialect
+             FROM job_body WHERE job_id = ?1",
+        )
+        .bind(id.to_string())
+        .fetch_optional(&self.reader)
+        .await?;
+        let Some(row) = row else { return Ok(None) };
+        let (name, dialect): (Option<String>, Option<String>) = (row.try_get("name")?, row.try_get("dialect")?);
+        Ok(name.map(|name| (name, dialect)))
+    }
+
     /// Opens the file of a result and checks its hash; decompresses it if `decompressed`.
     pub(crate) async fn open_result(&self, file: &ResultFile, decompressed: bool) -> Result<Box<dyn Read + Send>, Error> {
         let (files, file) = (self.files.clone(), file.clone());

@@ -18,5 +18,6 @@ mod prefix;
 mod refusals;
 mod results;
 mod shares;
+mod side_by_side;
 mod specs;
 mod suggestions;
