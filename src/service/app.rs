@@ -36,6 +36,8 @@ pub(super) struct Inner {
     pub(super) resolving: Arc<Semaphore>,
     /// Limits the concurrent uploads.
     pub(super) uploads: Arc<Semaphore>,
+    /// Held while a report is drawn.
+    pub(super) drawing: Mutex<()>,
     /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
@@ -64,7 +66,8 @@ impl App {
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (uploads, resolving) =
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
-        let inner = Inner { store, options, runner, parsing, resolving, uploads, probed: Mutex::default(), stopping, tasks };
+        let (drawing, probed) = (Mutex::default(), Mutex::default());
+        let inner = Inner { store, options, runner, parsing, resolving, uploads, drawing, probed, stopping, tasks };
         let app = Self(Arc::new(inner));
         app.recover().await?;
         for _ in 0..app.0.options.concurrent_jobs.max(1) {

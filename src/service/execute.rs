@@ -11,12 +11,12 @@ use std::time::Duration;
 use super::error::is_transient_io;
 use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
-use super::plan_job::PlanJob;
+use super::plan_job::{PlanJob, Reports};
 use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
-use crate::planning::context::Context;
+use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::sequence::Roadmaps;
 use crate::wire::echo::Echo;
@@ -161,6 +161,7 @@ impl MeshSource {
 pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
     let stop = || ctx.check().is_err();
     let read = |source: &MeshSource, pointer: &str| source.read_with_retry(pointer, input.max_triangles, &stop);
+    ctx.begin(Stage::Reading).map_err(PlanError::from)?;
     let mesh = read(&input.mesh, "/mesh_id")?;
     let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
     let cell = input.cell.as_ref().map(|cell| cell.build(&JobLibrary { input, stop: &stop })).transpose();
@@ -184,8 +185,8 @@ pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Resu
         echo: input.echo.clone(),
         date: input.accepted_at.clone(),
     };
-    job.execute(ctx).map_err(|error| match error {
-        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, ctx) {
+    job.execute_with_draft(ctx).map_err(|error| match error {
+        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, Reports::Html, ctx) {
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },

@@ -18,7 +18,7 @@ use super::options::Options;
 use super::store::{Attempt, AttemptOutcome};
 use super::submit::job_input;
 use crate::planning::Allowance;
-use crate::planning::context::{Context, Observer, Stage};
+use crate::planning::context::{Context, Observer, Silent, Stage};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
 
@@ -95,6 +95,25 @@ impl Runner {
     /// Runs `work` on the planning pool, and waits for it.
     pub(super) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         self.pool.install(work)
+    }
+
+    /// Runs `work` on a thread of the planning pool; an error if it panics.
+    pub(super) async fn compute<T: Send + 'static>(
+        &self,
+        cancel: Arc<AtomicBool>,
+        work: impl FnOnce(&Context<'_>) -> T + Send + 'static,
+    ) -> Result<T, String> {
+        let (sender, receiver) = oneshot::channel();
+        self.pool.spawn(move || {
+            // Unwind safe: nothing that the closure uses is used again after a panic.
+            let result = catch_unwind(AssertUnwindSafe(|| work(&Context::new(&cancel, &Silent))));
+            // The receiver is gone when the process stops.
+            let _ = sender.send(result);
+        });
+        match receiver.await {
+            Ok(result) => result.map_err(|panic| panic_text(&*panic)),
+            Err(_) => Err("the planning thread ended".to_owned()),
+        }
     }
 
     /// Memory and core time allowed for a job, all threads of the pool together.
@@ -415,6 +434,8 @@ async fn persist_progress(app: App, id: JobId, mut updates: mpsc::UnboundedRecei
 struct StageTimes {
     seconds: BTreeMap<String, f64>,
     now: Option<(Stage, Instant)>,
+    /// Stage that goes on when the one within it has ended.
+    outer: Option<Stage>,
     fraction: f64,
     sent: Option<Instant>,
 }
@@ -440,7 +461,7 @@ struct Tracker {
 }
 
 /// Share of the work done before each stage, and after the last; a rule of thumb.
-const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.65, 0.7, 0.85, 0.88, 0.92, 1.0];
+const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.02, 0.05, 0.05, 0.1, 0.2, 0.65, 0.7, 0.7, 0.85, 0.88, 0.92, 1.0];
 
 impl Tracker {
     fn new(updates: mpsc::UnboundedSender<Update>) -> Self {
@@ -474,7 +495,19 @@ impl Observer for Tracker {
         let mut times = self.lock();
         times.close();
         times.now = Some((stage, Instant::now()));
+        times.outer = None;
         self.send(&mut times, stage, Self::fraction(stage, 0, 1));
+    }
+
+    fn within(&self, stage: Option<Stage>) {
+        if let Some(stage) = stage {
+            failpoint::hit("stage", stage.as_str());
+        }
+        let mut times = self.lock();
+        let running = times.now.map(|(stage, _)| stage);
+        times.close();
+        times.now = stage.or(times.outer).map(|stage| (stage, Instant::now()));
+        times.outer = stage.and(running);
     }
 
     fn progress(&self, done: usize, total: usize) {

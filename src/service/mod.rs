@@ -5,6 +5,7 @@
 
 mod app;
 mod checks;
+mod drawing;
 mod error;
 mod events;
 pub mod execute;

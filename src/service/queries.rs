@@ -169,12 +169,12 @@ impl App {
         Ok(result.coverage.regions)
     }
 
-    /// One of a job's results; its file is not read yet.
+    /// One of a job's results; its file is not read yet. A report that nobody has asked for before is drawn first.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
     pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
-        Ok(ResultBody { app: self.clone(), file: self.0.store.result(id, name).await? })
+        Ok(ResultBody { app: self.clone(), file: self.stored_result(id, name).await? })
     }
 }
 

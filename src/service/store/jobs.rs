@@ -27,7 +27,7 @@ use crate::service::failpoint;
 use crate::service::jobs::failure;
 use crate::wire::summary::Summary;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{EventKind, Job, JobBatch, JobEvent, JobFile, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
+use crate::wire::{EventKind, Job, JobBatch, JobEvent, JobId, JobProblem, JobRequest, JobState, MeshId, warnings};
 
 /// A job to be inserted.
 pub(crate) struct NewJob {
@@ -572,7 +572,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         Ok(request) => (request, None),
         Err(reason) => (JobRequest::new(parsed("job.mesh_id", &mesh_id)?), Some(unreadable(reason))),
     };
-    let results: Vec<JobFile> = serde_json::from_str(&row.try_get::<String, _>("results")?)?;
+    let results = artifacts::listed(serde_json::from_str(&row.try_get::<String, _>("results")?)?);
     let position: Option<i64> = row.try_get("position")?;
     let problem = read_problem(text("problem")).or(unreadable_request);
     let mut warnings = warnings::of_params(&request.params, "/params");
@@ -600,7 +600,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         warnings,
         regions: Vec::new(),
         problem: state.err().or(problem),
-        plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        plan_sha256: results.iter().find(|file| file.name == "plan.json").and_then(|file| file.sha256.clone()),
         summary: summaries::read(text("summary")),
         results,
     })
