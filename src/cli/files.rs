@@ -158,12 +158,28 @@ pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
 /// # Errors
 /// A file that cannot be read or is not a usable mesh; [`CliError::Cancelled`] once `poll` says to stop.
 pub fn mesh(path: &Path, unit: Option<LengthUnit>, poll: &Poll<'_>) -> Result<(ReadMesh, String), CliError> {
+    mesh_in_steps(path, unit, poll, || ())
+}
+
+/// Reads a mesh file as [`mesh`] does; calls `is_read` when its bytes are read and its mesh is to be welded and assessed.
+///
+/// # Errors
+/// Those of [`mesh`].
+pub(super) fn mesh_in_steps(
+    path: &Path,
+    unit: Option<LengthUnit>,
+    poll: &Poll<'_>,
+    is_read: impl FnOnce(),
+) -> Result<(ReadMesh, String), CliError> {
     let refuse = |error: std::io::Error| CliError::BadInput(format!("{}: {error}", path.display()));
     let mut file = HashingReader::new(File::open(path).map_err(refuse)?);
     let length_bytes = path.metadata().map_err(refuse)?.len();
-    let read = mesh_io::read_from(&mut file, length_bytes, unit, &Limits::default(), poll);
-    let read = read.map_err(|error| unusable_mesh(path, &error))?;
+    let limits = Limits::default();
+    let parsed =
+        mesh_io::parse_from(&mut file, length_bytes, unit, &limits, poll).map_err(|error| unusable_mesh(path, &error))?;
     let sha256 = file.finish(poll).map_err(refuse)?.ok_or_else(|| unusable_mesh(path, &MeshError::Interrupted.into()))?;
+    is_read();
+    let read = parsed.finished().map_err(|error| unusable_mesh(path, &error.into()))?;
     Ok((read, sha256))
 }
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use serde_json::Value;
 use tracing_subscriber::fmt::format::Writer;
@@ -10,18 +11,20 @@ use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
-use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, programs};
-use super::progress::{Course, Progress};
+use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, TIMINGS_FILE, programs};
+use super::progress::{CommandStage, Course, Progress, Stopwatch};
 use super::{CliError, FileFinding, features, output, parts, set_value, summary};
 use crate::cell::{Cell, CellSpec, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Mesh, Poll};
-use crate::planning::context::{Context, NoPlan};
+use crate::planning::context::{Context, NoPlan, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
-use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, bytes_of, plan_sha256};
+use crate::service::plan_job::{
+    Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, plan_sha256,
+};
 use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
@@ -37,8 +40,8 @@ const EXAMPLES: &str = "Examples:
   vantage plan lid.stl --unit mm --up -z --set regions.exclude=@clamp.toml --out plan
   vantage plan lid.stl housing.stl --unit mm --out plans
 
-Files written to --out: plan.json, summary.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
-spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
+Files written to --out: plan.json, summary.json, program.json, report.html, report.txt (see --report), coverage.csv, tables of views
+and missed spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
 regions of interest or features; candidates.json, every candidate with what it measures and how well, with
 --set output.candidates=true. They appear together, once all are there, and replace what Vantage wrote to the folder before, programs
 made from the earlier plan among it; vantage.json records them with their hashes. Other files are left alone: if one is in the way,
@@ -85,6 +88,9 @@ pub struct PlanArgs {
     /// Print plan.json to standard output instead of a summary; of several parts an object a line.
     #[arg(long)]
     pub(super) json: bool,
+    /// Reports to write: html (report.html and report.txt), text (report.txt alone) or none.
+    #[arg(long, value_name = "REPORTS", default_value_t = Reports::Html)]
+    report: Reports,
     /// Exit with code 3 if a region of interest or a feature does not reach its target; the results are written all the same.
     #[arg(long)]
     strict: bool,
@@ -133,6 +139,8 @@ pub(super) struct PartPlanner<'a> {
     /// Views are ordered, and remedies tried, many times in the same cell.
     roadmaps: Roadmaps,
     pool: rayon::ThreadPool,
+    /// Clock of the command since its start, until the first part takes it.
+    watch: Mutex<Option<Stopwatch>>,
     cancel: &'a AtomicBool,
 }
 
@@ -144,6 +152,7 @@ pub(super) struct PlannedPart {
 
 impl<'a> PartPlanner<'a> {
     fn load(args: &'a PlanArgs, cancel: &'a AtomicBool) -> Result<Self, CliError> {
+        let watch = Mutex::new(Some(Stopwatch::start(Some(CommandStage::Loading.as_str()))));
         let mut params = load_params(args.params.as_deref(), &args.sets)?;
         params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
         check_up(args.up, &params)?;
@@ -154,12 +163,18 @@ impl<'a> PartPlanner<'a> {
         params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
-        Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, cancel })
+        Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, watch, cancel })
     }
 
     /// The folder for the results of a part.
     pub(super) fn folder(&self, path: &Path) -> Result<OutputFolder, CliError> {
         let mut names = FILES_OF_EVERY_PLAN.to_vec();
+        let left_out: &[&str] = match self.args.report {
+            Reports::None => &[REPORT_FILE, TEXT_REPORT_FILE],
+            Reports::Text => &[REPORT_FILE],
+            Reports::Html => &[],
+        };
+        names.retain(|name| !left_out.contains(name));
         let takes = |cell: &Cell| programs(self.params.setups as usize, |dialect| cell.robot.takes(dialect));
         let programs = self.cell.as_ref().map(takes).unwrap_or_default();
         names.extend(programs.iter().map(String::as_str).chain([REFUSED_FILE]));
@@ -181,7 +196,10 @@ impl<'a> PartPlanner<'a> {
     /// Plans a part and writes its files. Where no plan is possible, those of an earlier plan are removed, so that nobody takes
     /// them for this part's.
     pub(super) fn plan(&self, mesh: &Path, folder: &OutputFolder) -> Result<PlannedPart, CliError> {
-        let (part, part_sha256) = load_mesh(mesh, self.args.unit, self.cancel)?;
+        let mut watch = self.watch().take().unwrap_or_else(|| Stopwatch::start(None));
+        watch.switch(Some(Stage::Reading.as_str()));
+        let is_read = || watch.switch(Some(CommandStage::Health.as_str()));
+        let (part, part_sha256) = load_mesh_in_steps(mesh, self.args.unit, self.cancel, is_read)?;
         let params = placed(&self.params, self.args.up, &part.mesh);
         let job = PlanJob {
             mesh: &part.mesh,
@@ -197,13 +215,15 @@ impl<'a> PartPlanner<'a> {
             date: Some(now()),
         };
         warn(&mesh.display().to_string(), &job.size_warnings("--unit"));
-        let progress = Progress::start(&Course::of_plan(&params, self.cell.is_some()));
+        let progress = Progress::go_on(&Course::of_plan(&params, self.cell.is_some()), watch);
         let planned = || {
             let allowance = self.args.limits.allowance(rayon::current_num_threads());
             let ctx = Context::new(self.cancel, &progress).with_allowance(allowance);
             match job.plan(&ctx) {
-                Ok(outcome) => job.render(&outcome, &ctx).map(|artifacts| (Ok(outcome), artifacts)).map_err(PlanError::from),
-                Err(PlanError::NoPlan(finding)) => Ok((Err(finding.clone()), job.render_no_plan(&finding, &ctx)?)),
+                Ok(outcome) => Ok(job.render(&outcome, self.args.report, &ctx).map(|artifacts| (Ok(outcome), artifacts))?),
+                Err(PlanError::NoPlan(finding)) => {
+                    Ok((Err(finding.clone()), job.render_no_plan(&finding, self.args.report, &ctx)?))
+                }
                 Err(error) => Err(error),
             }
         };
@@ -211,15 +231,21 @@ impl<'a> PartPlanner<'a> {
             .args
             .limits
             .within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, self.args.up, mesh, error)));
-        let seconds = progress.finish();
+        let mut watch = progress.finish();
         let (planned, mut artifacts) = result?;
+        watch.switch(Some(CommandStage::Writing.as_str()));
         let outcome = planned.map_err(|finding| without_plan(&finding, &artifacts, folder))?;
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
-        let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &seconds, now());
-        artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
+        let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
-        folder.replace(&artifacts, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
+        let timings = || Artifact { name: TIMINGS_FILE.into(), bytes: json_file_bytes(&watch.times()) };
+        folder.replace_timed(&artifacts, &timings, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
         Ok(PlannedPart { outcome, artifacts })
+    }
+
+    fn watch(&self) -> std::sync::MutexGuard<'_, Option<Stopwatch>> {
+        // There, or taken: whole after every operation.
+        self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error.
@@ -234,11 +260,18 @@ fn without_plan(finding: &NoPlan, report: &[Artifact], folder: &OutputFolder) ->
     let reason = no_plan_reason(finding);
     match folder.replace(report, &FileOrigin::default()) {
         Ok(()) => {
-            output::note(format_args!("Report: {}", folder.path().join("report.html").display()));
+            if let Some(report) = shown_report(report) {
+                output::note(format_args!("Report: {}", folder.path().join(report).display()));
+            }
             CliError::NoPlan(reason)
         }
         Err(kept) => CliError::NoPlan(format!("{reason}\nresults of an earlier plan could not be replaced: {kept}")),
     }
+}
+
+/// The report among the files that a user looks at first, if there is one.
+fn shown_report(artifacts: &[Artifact]) -> Option<&'static str> {
+    [REPORT_FILE, TEXT_REPORT_FILE].into_iter().find(|name| artifacts.iter().any(|artifact| artifact.name == *name))
 }
 
 /// Refuses `--up` beside parameters that say how the part lies.
@@ -284,7 +317,17 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) 
 
 /// Loads a mesh and prints its warnings: a wrong unit is better noticed before an hour of planning than after.
 pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>, cancel: &AtomicBool) -> Result<(ReadMesh, String), CliError> {
-    let (read, sha256) = files::mesh(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)))?;
+    load_mesh_in_steps(path, unit, cancel, || ())
+}
+
+/// Loads a mesh as [`load_mesh`] does; calls `is_read` when its bytes are read and it is to be welded and assessed.
+fn load_mesh_in_steps(
+    path: &Path,
+    unit: Option<LengthUnit>,
+    cancel: &AtomicBool,
+    is_read: impl FnOnce(),
+) -> Result<(ReadMesh, String), CliError> {
+    let (read, sha256) = files::mesh_in_steps(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)), is_read)?;
     for warning in read.health.warnings() {
         output::warning(&path.display().to_string(), "", &warning.to_string(), warning.remedy());
     }
@@ -408,5 +451,6 @@ pub(super) fn print_summary(args: &PlanArgs, out: &Path, artifacts: &[Artifact])
         return output::bytes(bytes);
     }
     let lines = summary::lines(artifacts)?.join("\n");
-    output::text(format!("{lines}\nReport: {}\n", out.join("report.html").display()))
+    let report = shown_report(artifacts).map_or_else(String::new, |name| format!("Report: {}\n", out.join(name).display()));
+    output::text(format!("{lines}\n{report}"))
 }

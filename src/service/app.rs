@@ -39,6 +39,8 @@ pub(super) struct Inner {
     pub(super) resolving: Arc<Semaphore>,
     /// Limits the concurrent uploads.
     pub(super) uploads: Arc<Semaphore>,
+    /// Held while a report is drawn.
+    pub(super) drawing: Mutex<()>,
     /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
@@ -85,8 +87,8 @@ impl App {
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (uploads, resolving) =
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
-        let probed = Mutex::default();
-        let inner = Inner { store, options, runner, cells, parsing, resolving, uploads, probed, stopping, tasks };
+        let (drawing, probed) = (Mutex::default(), Mutex::default());
+        let inner = Inner { store, options, runner, cells, parsing, resolving, uploads, drawing, probed, stopping, tasks };
         let app = Self(Arc::new(inner));
         app.recover().await?;
         app.0.tasks.spawn(jobs::dispatch(app.clone()));

@@ -12,12 +12,12 @@ use super::cells::{BuiltCell, KeptCells};
 use super::error::is_transient_io;
 use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
-use super::plan_job::PlanJob;
+use super::plan_job::{PlanJob, Reports};
 use crate::cell::{Cell, CellSpec, FieldError, NotFound, RobotSpec, Scanner, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
-use crate::planning::context::Context;
+use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
 use crate::wire::echo::Echo;
 use crate::wire::words::no_plan_sentence;
@@ -204,6 +204,7 @@ pub(super) fn opened(input: &JobInput, cells: &KeptCells, stop: &dyn Fn() -> boo
 /// # Errors
 /// [`JobError`].
 pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
+    ctx.begin(Stage::Reading).map_err(PlanError::from)?;
     let (meshes, hardware) = opened(input, cells, &|| ctx.check().is_err())?;
     let job = PlanJob {
         mesh: &meshes.mesh,
@@ -218,8 +219,8 @@ pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result
         echo: input.echo.clone(),
         date: input.accepted_at.clone(),
     };
-    job.execute(ctx).map_err(|error| match error {
-        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, ctx) {
+    job.execute_with_draft(ctx).map_err(|error| match error {
+        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, Reports::Html, ctx) {
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },

@@ -24,7 +24,7 @@ use super::size::{JobSize, Sizer};
 use super::store::{Attempt, AttemptOutcome, blocking, hex};
 use super::submit::job_input;
 use crate::planning::Allowance;
-use crate::planning::context::{Context, Observer, Stage};
+use crate::planning::context::{Context, Observer, Silent, Stage};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
 
@@ -113,6 +113,25 @@ impl Runner {
     /// Runs `work` on the planning pool, and waits for it.
     pub(super) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         self.pool.install(work)
+    }
+
+    /// Runs `work` on a thread of the planning pool; an error if it panics.
+    pub(super) async fn compute<T: Send + 'static>(
+        &self,
+        cancel: Arc<AtomicBool>,
+        work: impl FnOnce(&Context<'_>) -> T + Send + 'static,
+    ) -> Result<T, String> {
+        let (sender, receiver) = oneshot::channel();
+        self.pool.spawn(move || {
+            // Unwind safe: nothing that the closure uses is used again after a panic.
+            let result = catch_unwind(AssertUnwindSafe(|| work(&Context::new(&cancel, &Silent))));
+            // The receiver is gone when the process stops.
+            let _ = sender.send(result);
+        });
+        match receiver.await {
+            Ok(result) => result.map_err(|panic| panic_text(&*panic)),
+            Err(_) => Err("the planning thread ended".to_owned()),
+        }
     }
 
     /// Memory and core time allowed for a job, all threads of the pool together.
@@ -556,6 +575,8 @@ struct StageTimes {
     seconds: BTreeMap<String, f64>,
     now: Option<(Stage, Instant)>,
     overall: Overall,
+    /// Stage that goes on when the one within it has ended.
+    outer: Option<Stage>,
     sent: Option<Instant>,
 }
 
@@ -582,7 +603,7 @@ struct Tracker {
 impl Tracker {
     fn new(updates: mpsc::UnboundedSender<Update>, course: &Course) -> Self {
         let (began, overall) = (Instant::now(), Overall::new(course));
-        let times = StageTimes { began, seconds: BTreeMap::new(), now: None, overall, sent: None };
+        let times = StageTimes { began, seconds: BTreeMap::new(), now: None, overall, outer: None, sent: None };
         Self { updates, times: Arc::new(Mutex::new(times)) }
     }
 
@@ -605,9 +626,21 @@ impl Observer for Tracker {
         let mut times = self.lock();
         times.close();
         times.now = Some((stage, Instant::now()));
+        times.outer = None;
         let secs = times.began.elapsed().as_secs_f64();
         times.overall.begin(stage, secs);
         self.send(&mut times, stage);
+    }
+
+    fn within(&self, stage: Option<Stage>) {
+        if let Some(stage) = stage {
+            failpoint::hit("stage", stage.as_str());
+        }
+        let mut times = self.lock();
+        let running = times.now.map(|(stage, _)| stage);
+        times.close();
+        times.now = stage.or(times.outer).map(|stage| (stage, Instant::now()));
+        times.outer = stage.and(running);
     }
 
     fn progress(&self, done: usize, total: usize) {

@@ -6,6 +6,7 @@
 mod app;
 mod cells;
 mod checks;
+mod drawing;
 mod error;
 mod events;
 pub mod execute;

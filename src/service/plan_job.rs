@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use sha2::{Digest, Sha256};
 
 use super::store::hex;
-use crate::cell::{Cell, CollisionScene, FieldError, PoseSpec, Scanner};
-use crate::geometry::{self, LengthUnit, Mesh, Poll};
+use crate::cell::{Cell, CollisionScene, FieldError, PoseSpec, Scanner, closed_list};
+use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
 use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
@@ -39,6 +39,54 @@ pub fn program_stem(setup: usize) -> String {
 
 /// File of the plan itself.
 pub const PLAN_FILE: &str = "plan.json";
+
+/// The report with pictures.
+pub const REPORT_FILE: &str = "report.html";
+
+/// The report as plain text.
+pub const TEXT_REPORT_FILE: &str = "report.txt";
+
+/// Draft of [`REPORT_FILE`], which takes its place until somebody asks for it; not shown to clients.
+pub const REPORT_DRAFT_FILE: &str = "report.draft";
+
+closed_list! {
+    /// Reports that `vantage plan` writes.
+    pub enum Reports {
+        /// None.
+        None = "none",
+        /// The one in plain text.
+        Text = "text",
+        /// That, and the one with pictures.
+        Html = "html",
+    }
+}
+
+impl std::str::FromStr for Reports {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let known = || Self::ALL.map(Self::as_str).join(", ");
+        Self::ALL
+            .into_iter()
+            .find(|reports| reports.as_str() == name)
+            .ok_or_else(|| format!("is {name:?}; allowed is one of {}", known()))
+    }
+}
+
+impl std::fmt::Display for Reports {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Which reports are rendered, and how far.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rendered {
+    /// These, with their pictures.
+    Whole(Reports),
+    /// Both, with a draft of the pictures.
+    Draft,
+}
 
 /// File with the reasons why some files are missing: programs in some dialects, or a listing that is too large.
 pub const REFUSED_FILE: &str = "refused.json";
@@ -148,7 +196,16 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn execute(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, ctx)?)
+        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Whole(Reports::Html), ctx)?)
+    }
+
+    /// Plans and renders every file as [`PlanJob::execute`] does, but [`REPORT_DRAFT_FILE`] in place of [`REPORT_FILE`]: few reports
+    /// are ever looked at, and [`drawn_report`] draws one when it is.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn execute_with_draft(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
+        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Draft, ctx)?)
     }
 
     /// Plans.
@@ -196,15 +253,21 @@ impl PlanJob<'_> {
         }
     }
 
-    /// Renders every file; programs in the robot's own language and in the neutral ones alone.
+    /// Renders every file, of the reports these; programs in the robot's own language and in the neutral ones alone.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
-        self.files(outcome, ForeignPrograms::LeftOut, ctx)
+    pub fn render(&self, outcome: &Outcome, reports: Reports, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+        self.files(outcome, ForeignPrograms::LeftOut, Rendered::Whole(reports), ctx)
     }
 
-    fn files(&self, outcome: &Outcome, foreign: ForeignPrograms, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    fn files(
+        &self,
+        outcome: &Outcome,
+        foreign: ForeignPrograms,
+        reports: Rendered,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let size_warnings = self.size_warnings("/part/bbox_mm");
@@ -230,9 +293,8 @@ impl PlanJob<'_> {
             ("coverage.csv".into(), coverage::csv(outcome, self.mesh).into_bytes()),
             ("coverage.bin".into(), coverage::bin(outcome, &preview)),
             ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
-            ("report.txt".into(), format!("{}{}plan {plan_sha256}\n", warned(&size_warnings), text(plan)).into_bytes()),
-            ("report.html".into(), html::render(&report, ctx)?.into_bytes()),
         ];
+        files.extend(report_files(&report, reports, &preview, ctx)?);
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         let mut refused = Refused::new();
         for program in &programs {
@@ -258,13 +320,18 @@ impl PlanJob<'_> {
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub fn render_no_plan(&self, finding: &NoPlan, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    pub fn render_no_plan(&self, finding: &NoPlan, reports: Reports, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let size_warnings = self.size_warnings("/part/bbox_mm");
         let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, finding };
-        let page = html::render_no_plan(&input, ctx)?;
-        let files = [("report.txt", warned(&size_warnings) + &no_plan_text(&input)), ("report.html", page)];
-        Ok(files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).into())
+        let mut files = Vec::new();
+        if reports != Reports::None {
+            files.push((TEXT_REPORT_FILE, warned(&size_warnings) + &no_plan_text(&input)));
+        }
+        if reports == Reports::Html {
+            files.push((REPORT_FILE, html::render_no_plan(&input, ctx)?));
+        }
+        Ok(files.into_iter().map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).collect())
     }
 
     fn subject<'a>(&'a self, size_warnings: &'a [FieldWarning]) -> ReportSubject<'a> {
@@ -320,6 +387,30 @@ impl PlanJob<'_> {
             turntable: cell.turntable.name.clone(),
         })
     }
+}
+
+/// The reports of a plan.
+fn report_files(report: &ReportInput<'_>, reports: Rendered, preview: &Preview, ctx: &Context<'_>) -> Result<Files, Cancelled> {
+    let in_text = || {
+        let words = format!("{}{}", warned(report.subject.size_warnings), text(&report.outcome.plan));
+        (TEXT_REPORT_FILE.into(), format!("{words}plan {}\n", report.plan_sha256).into_bytes())
+    };
+    let draft = || html::draft(report, Some(preview), ctx);
+    Ok(match reports {
+        Rendered::Whole(Reports::None) => Vec::new(),
+        Rendered::Whole(Reports::Text) => vec![in_text()],
+        Rendered::Whole(Reports::Html) => vec![in_text(), (REPORT_FILE.into(), draft()?.draw(ctx)?.into_bytes())],
+        Rendered::Draft => vec![in_text(), (REPORT_DRAFT_FILE.into(), draft()?.to_bytes())],
+    })
+}
+
+/// Draws the report of a draft, of the bytes of [`REPORT_DRAFT_FILE`]; `None` if this version cannot read it.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn drawn_report(draft: &[u8], ctx: &Context<'_>) -> Result<Option<Artifact>, Cancelled> {
+    let Ok(draft) = html::Draft::from_bytes(draft) else { return Ok(None) };
+    Ok(Some(Artifact { name: REPORT_FILE.into(), bytes: draft.draw(ctx)?.into_bytes() }))
 }
 
 /// Every file of a program in a dialect. If the robot does not take the dialect, that is told beside a text that warns of it.

@@ -196,12 +196,12 @@ impl App {
         Ok(foreign.map(|own| DialectError::Foreign { dialect: dialect.as_str(), robot, own: own.as_str() }.to_string()))
     }
 
-    /// One of a job's results; its file is not read yet.
+    /// One of a job's results; its file is not read yet. A report that nobody has asked for before is drawn first.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
     pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
-        Ok(ResultBody { app: self.clone(), file: self.0.store.result(id, name).await? })
+        Ok(ResultBody { app: self.clone(), file: self.stored_result(id, name).await? })
     }
 }
 

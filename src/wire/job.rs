@@ -239,10 +239,10 @@ pub struct Job {
 pub struct JobFile {
     /// Name of the file.
     pub name: String,
-    /// SHA-256 of the file, lower-case hexadecimal.
-    pub sha256: String,
-    /// Size of the file.
-    pub size_bytes: u64,
+    /// SHA-256 of the file, lower-case hexadecimal; `null` for a report that nobody has asked for yet: it is drawn then.
+    pub sha256: Option<String>,
+    /// Size of the file; `null` where its hash is.
+    pub size_bytes: Option<u64>,
 }
 
 /// A job in a list: its state, without the full request.

@@ -304,3 +304,50 @@ fn the_part_stands_as_up_says_and_values_come_from_files() {
     let (code, _, told) = planned(&[&part], &out, &["--up", "w"]);
     assert!(code == Some(2) && told.contains("allowed is one of x, -x, y, -y, z, -z"), "{told}");
 }
+
+#[test]
+fn reports_are_written_as_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    for (asked, files) in [("html", &["report.html", "report.txt"][..]), ("none", &[]), ("text", &["report.txt"])] {
+        let (code, summary, told) = plan_block(folder.path(), &[], &["--report", asked]);
+        assert_eq!(code, Some(0), "{told}");
+        for name in ["report.html", "report.txt"] {
+            assert_eq!(out.join(name).is_file(), files.contains(&name), "{asked}: {name}");
+        }
+        let named = summary.lines().find_map(|line| line.strip_prefix("Report: "));
+        assert_eq!(named.is_some_and(|path| path.ends_with(files.first().unwrap_or(&"none"))), !files.is_empty(), "{summary}");
+        assert!(out.join("plan.json").is_file() && out.join("coverage.csv").is_file());
+    }
+    let (code, _, told) = plan_block(folder.path(), &[], &["--report", "pdf"]);
+    assert!(code == Some(2) && told.contains("allowed is one of none, text, html"), "{told}");
+    // A report that was left out does not stand in the way of the user's own file of its name.
+    std::fs::write(out.join("report.html"), "mine").expect("a file");
+    let (code, _, told) = plan_block(folder.path(), &[], &["--report", "text"]);
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(std::fs::read_to_string(out.join("report.html")).expect("kept"), "mine");
+    let impossible = ["limits.camera_deg=1", "limits.projector_deg=1"];
+    let (code, _, told) = plan_block(folder.path(), &impossible, &["--report", "text"]);
+    assert!(code == Some(3) && told.contains("report.txt") && !told.contains("report.html"), "{told}");
+}
+
+#[test]
+fn the_stages_of_a_command_add_up_to_its_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (part, out) = (block(&at("block.obj")), at("plan").display().to_string());
+    let began = std::time::Instant::now();
+    let (code, _, told) = planned(&[&part], &out, &[]);
+    let wall_secs = began.elapsed().as_secs_f64();
+    assert_eq!(code, Some(0), "{told}");
+    let times: std::collections::BTreeMap<String, f64> =
+        serde_json::from_value(json(&at("plan/timings.json"))).expect("seconds by stage");
+    for stage in ["loading", "reading", "health", "surface", "collision_scene", "visibility", "report", "writing"] {
+        assert!(times.get(stage).is_some_and(|secs| *secs >= 0.0), "{stage} of {times:?}");
+    }
+    let total_secs = times["total"];
+    let sum_secs: f64 = times.iter().filter(|(stage, _)| *stage != "total").map(|(_, secs)| secs).sum();
+    assert!((sum_secs - total_secs).abs() <= 0.05 * total_secs, "{sum_secs} s of {total_secs} s: {times:?}");
+    // Beyond it are the start of the process, the renaming of the files, and the summary.
+    assert!((0.5..=1.0).contains(&(total_secs / wall_secs)), "{total_secs} s of {wall_secs} s");
+}

@@ -118,6 +118,20 @@ pub fn read_from(
     limits: &Limits,
     poll: &Poll<'_>,
 ) -> Result<ReadMesh, ReadError> {
+    Ok(parse_from(source, length_bytes, unit, limits, poll)?.finished()?)
+}
+
+/// Reads a mesh file as [`read_from`] does, up to the welding and the assessment of its mesh.
+///
+/// # Errors
+/// [`ReadError`]; [`MeshError::Interrupted`] when `poll` says to stop.
+pub fn parse_from<'a>(
+    source: &mut dyn Read,
+    length_bytes: u64,
+    unit: Option<LengthUnit>,
+    limits: &'a Limits,
+    poll: &'a Poll<'a>,
+) -> Result<ParsedMesh<'a>, ReadError> {
     let mut bytes = Vec::new();
     Read::take(&mut *source, stl_binary::HEAD_BYTES as u64).read_to_end(&mut bytes)?;
     let parsed = match bytes.first_chunk().filter(|head| stl_binary::length_fits(*head, length_bytes)) {
@@ -125,7 +139,7 @@ pub fn read_from(
             let unit = unit.ok_or(MeshError::UnitMissing)?;
             let mut soup = Soup::new(unit, limits, poll);
             stl_binary::read_records(head, source, &mut soup)?;
-            Parsed { format: MeshFormat::StlBinary, unit, soup, groups: Vec::new() }
+            ParsedMesh { format: MeshFormat::StlBinary, unit, soup, groups: Vec::new() }
         }
         None => {
             while Read::take(&mut *source, CHUNK_BYTES).read_to_end(&mut bytes)? > 0 {
@@ -134,19 +148,23 @@ pub fn read_from(
             parsed(&bytes, unit, limits, poll)?
         }
     };
-    drop(bytes);
-    Ok(parsed.finished()?)
+    Ok(parsed)
 }
 
 /// A parsed file, before its mesh is welded and assessed.
-struct Parsed<'a> {
+pub struct ParsedMesh<'a> {
     format: MeshFormat,
     unit: LengthUnit,
     soup: Soup<'a>,
     groups: Vec<FaceGroup>,
 }
 
-fn parsed<'a>(bytes: &[u8], unit: Option<LengthUnit>, limits: &'a Limits, poll: &'a Poll<'a>) -> Result<Parsed<'a>, MeshError> {
+fn parsed<'a>(
+    bytes: &[u8],
+    unit: Option<LengthUnit>,
+    limits: &'a Limits,
+    poll: &'a Poll<'a>,
+) -> Result<ParsedMesh<'a>, MeshError> {
     let text = content(bytes, poll)?;
     let format = detect::detect_format(&text, poll)?;
     let unit = unit.ok_or(MeshError::UnitMissing)?;
@@ -159,11 +177,15 @@ fn parsed<'a>(bytes: &[u8], unit: Option<LengthUnit>, limits: &'a Limits, poll: 
     };
     // Once stopped, a reader sees the file end and reports that it is truncated.
     poll.check()?;
-    Ok(Parsed { format, unit, soup, groups: groups? })
+    Ok(ParsedMesh { format, unit, soup, groups: groups? })
 }
 
-impl Parsed<'_> {
-    fn finished(self) -> Result<ReadMesh, MeshError> {
+impl ParsedMesh<'_> {
+    /// Welds and assesses the mesh.
+    ///
+    /// # Errors
+    /// [`MeshError::NoTriangles`]; [`MeshError::Interrupted`] when the poll that it was read with says to stop.
+    pub fn finished(self) -> Result<ReadMesh, MeshError> {
         let Self { format, unit, mut soup, groups } = self;
         match format {
             MeshFormat::StlBinary | MeshFormat::StlAscii => soup.weld_float_noise()?,

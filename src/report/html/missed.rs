@@ -1,15 +1,14 @@
 //! The section on what is missed: numbered spots in pictures, and what would help, one row for spots that the same fix mends.
 
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-
 use super::ReportInput;
+use super::album::Album;
 use super::markup::{area, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
-use super::pictures::{self, SIDES, SidePicture};
-use super::renderer::Scene;
+use super::pictures::{self, SIDES};
 use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, unmeasured};
 use super::words;
+use crate::geometry::SimdLevel;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Cause, Remedy, RemedyKind, share};
 use crate::wire::plan::AdviceDocument;
@@ -28,7 +27,7 @@ struct FixGroup {
 }
 
 /// The section.
-pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLevel) -> String {
     let plan = &input.outcome.plan;
     if plan.missed.is_empty() {
         return "<section>\n<h2>What is missed</h2>\n<p>Nothing: all of the asked area is measured.</p>\n</section>\n".into();
@@ -44,20 +43,18 @@ pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
         area(missed_mm2),
         number(count as f64, 0),
         if count == 1 { "spot" } else { "spots" },
-        numbered_pictures(input, scene, &spots),
-        legend(scene, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers])),
+        numbered_pictures(input, album, &spots, level),
+        legend(album, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers])),
         advice(input),
         fixes(input, &spots),
         list(input, &spots)
     )
 }
 
-fn numbered_pictures(input: &ReportInput<'_>, scene: &Scene<'_>, spots: &[NumberedSpot<'_>]) -> String {
-    let drawn: Vec<SidePicture> = SIDES.par_iter().map(|side| pictures::misses(input, scene, side)).collect();
-    let drawings = spots::drawings(input.outcome, spots, &drawn);
-    let numbered = drawn.iter().zip(&SIDES).zip(&drawings);
-    let finished: Vec<String> = numbered.map(|((picture, side), drawing)| picture.with(&input.subject, side, drawing)).collect();
-    figures(&finished)
+fn numbered_pictures(input: &ReportInput<'_>, album: &mut Album, spots: &[NumberedSpot<'_>], level: SimdLevel) -> String {
+    let drawings = spots::drawings(input.outcome, spots, &pictures::seen_sides(input, album, level));
+    let numbered = drawings.iter().zip(&SIDES).map(|(drawing, side)| pictures::misses(input, album, side, drawing));
+    figures(&numbered.collect::<Vec<String>>())
 }
 
 /// Advice for the plan as a whole; empty if there is none.

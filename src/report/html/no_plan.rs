@@ -4,15 +4,18 @@
 use nalgebra::{Vector2, Vector3};
 
 use super::ReportSubject;
+use super::album::Album;
 use super::appendix;
 use super::bodies::Assembly;
 use super::camera::Camera;
 use super::lay::{self, Lay};
 use super::markup::{area, escape, number, percent};
+use super::model::{Model, SampledModel};
 use super::palette::{BodyRole, Ink, MissGroup};
 use super::pictures::{self, SIZE_PX};
-use super::renderer::Scene;
+use super::renderer::Seen;
 use super::sections;
+use super::shading::Shading;
 use super::verdict::{Figure, Standing, VerdictText};
 use super::views::{swatch, three_sides};
 use super::words;
@@ -68,7 +71,7 @@ impl NoPlanInput<'_> {
 pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
     let (subject, poses) = (&input.subject, input.poses());
     let surface = facets(subject.mesh);
-    let scene = Scene::new(subject.mesh, &surface, ctx)?;
+    let mut album = Album::new(SampledModel::new(subject.mesh, &surface, None, ctx)?);
     let turn = |place: usize| (place > 0).then(|| Turn::between(&poses[0], &poses[place]));
     let lays: Vec<Lay> =
         poses.iter().enumerate().map(|(place, pose)| Lay { table_from_part: *pose, turn: turn(place) }).collect();
@@ -76,8 +79,8 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
         sections::header(subject, "No scan plan"),
         "<main>\n".to_owned(),
         verdict(input),
-        in_the_way(input, &poses[0], &scene, ctx)?,
-        lay::section(subject, &lays, &scene),
+        in_the_way(input, &poses[0], &mut album, ctx)?,
+        lay::section(subject, &lays, &mut album),
         reasons(input),
         format!(
             "<section class=\"appendix\">\n<h2>Appendix</h2>\n{}<h3>How it was planned</h3>\n{}<p>SHA-256 of the part’s file: {}.</p>\n\
@@ -89,7 +92,7 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
         "</main>\n".to_owned(),
         sections::footer("what was found while planning"),
     ];
-    Ok(sections::document(subject, "No scan plan", &body.concat()))
+    album.into_draft(sections::document(subject, "No scan plan", &body.concat())).draw(ctx)
 }
 
 /// A surface of one sample a facet, for pictures alone.
@@ -178,12 +181,12 @@ fn dropped(candidates: &CandidateCounts) -> String {
 fn in_the_way(
     input: &NoPlanInput<'_>,
     pose: &Pose<Table, Part>,
-    scene: &Scene<'_>,
+    album: &mut Album,
     ctx: &Context<'_>,
 ) -> Result<String, Cancelled> {
     let subject = &input.subject;
     let Some(cell) = subject.cell else {
-        let sides = three_sides(|side| pictures::plain(subject, scene, *pose, side));
+        let sides = three_sides(|side| pictures::plain(subject, album, *pose, side));
         return Ok(format!("<section>\n<h2>The part</h2>\n{sides}</section>\n"));
     };
     let shown: Vec<&Obstruction> = input.obstructions().iter().take(PICTURED).collect();
@@ -239,8 +242,9 @@ fn pair(
 ) -> Result<String, Cancelled> {
     let names = obstruction.map(|obstruction| [&*obstruction.bodies.a, &*obstruction.bodies.b]);
     let assembly = Assembly::at(subject, cell, pose, configuration, names);
-    let surface = facets(&assembly.mesh);
-    let scene = Scene::new(&assembly.mesh, &surface, ctx)?;
+    let model = Model::of_mesh(&assembly.mesh, ctx)?;
+    let shading = Shading::new(&model);
+    let inks: Vec<u8> = assembly.inks.iter().map(|ink| ink.code()).collect();
     let foot = cell.base_from_table.origin_mm().xy().coords;
     let away = foot.try_normalize(1e-6).unwrap_or(Vector2::x());
     let alt = match names {
@@ -255,8 +259,8 @@ fn pair(
         let ring = place
             .and_then(|place_mm| camera.pixel(&camera.camera_from_part.point(&place_mm)))
             .map_or_else(String::new, |[x, y]| format!("<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{RING_PX}\"/>"));
-        let image = scene.render_through(&camera, &assembly.inks).image;
-        Ok(format!("<figure>{}</figure>\n", pictures::overlaid(&image, &alt, &ring)))
+        let image = Seen::new(&model, &camera, ctx.simd_level()).picture(&shading, &inks, true);
+        Ok(format!("<figure>{}</figure>\n", pictures::overlaid(SIZE_PX, &image.data_uri(), &alt, &ring)))
     };
     let figures = [-1.0, 1.0].map(figure).into_iter().collect::<Result<String, Cancelled>>()?;
     Ok(format!("<div class=\"grid2\">\n{figures}</div>\n"))

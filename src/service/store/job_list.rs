@@ -12,7 +12,7 @@ use sqlx::{QueryBuilder, Row, Sqlite};
 use super::job_rows::{read_problem, read_state};
 use super::pages::{Page, Place};
 use super::stored::{VERSION, read_leniently};
-use super::{Store, summaries};
+use super::{Store, artifacts, summaries};
 use crate::service::error::Error;
 use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSelection, JobSort, JobSortKey, JobState, UtcTime};
 
@@ -219,6 +219,7 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
     let state = read_state(&text("state").unwrap_or_default());
     let results: Vec<JobFile> =
         text("results").and_then(|json| read_leniently(VERSION, &json).ok()).map_or_else(Vec::new, |read| read.0);
+    let results = artifacts::listed(results);
     Some(JobListItem {
         id,
         state: state.as_ref().copied().unwrap_or(JobState::Failed),
@@ -240,7 +241,7 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
         warnings: text("warnings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
         problem: state.err().or_else(|| read_problem(text("problem"))),
         submitted_by: text("submitted_by"),
-        plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        plan_sha256: results.iter().find(|file| file.name == "plan.json").and_then(|file| file.sha256.clone()),
         summary: summaries::read(text("summary")),
         results,
     })

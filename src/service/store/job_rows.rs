@@ -9,7 +9,7 @@ use super::{parsed, summaries};
 use crate::service::error::Error;
 use crate::service::jobs::failure;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobFile, JobId, JobProblem, JobRequest, JobState, warnings};
+use crate::wire::{Job, JobId, JobProblem, JobRequest, JobState, warnings};
 
 /// `SELECT` of everything that [`read`] needs.
 macro_rules! select_job {
@@ -68,7 +68,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         Ok(request) => (request, None),
         Err(reason) => (JobRequest::new(parsed("job.mesh_id", &mesh_id)?), Some(unreadable(reason))),
     };
-    let results: Vec<JobFile> = serde_json::from_str(&row.try_get::<String, _>("results")?)?;
+    let results = artifacts::listed(serde_json::from_str(&row.try_get::<String, _>("results")?)?);
     let position: Option<i64> = row.try_get("position")?;
     let problem = read_problem(text("problem")).or(unreadable_request);
     let mut warnings = warnings::of_params(&request.params, "/params");
@@ -97,7 +97,7 @@ fn read(row: &SqliteRow) -> Result<Job, Error> {
         regions: Vec::new(),
         problem: state.err().or(problem),
         submitted_by: text("submitted_by"),
-        plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        plan_sha256: results.iter().find(|file| file.name == "plan.json").and_then(|file| file.sha256.clone()),
         summary: summaries::read(text("summary")),
         results,
     })

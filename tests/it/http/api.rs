@@ -68,6 +68,7 @@ fn planner() -> Planner {
             Some("long") => {
                 return Ok(vec![Artifact { name: "report.txt".into(), bytes: "0123456789".repeat(1000).into_bytes() }]);
             }
+            Some("draft") => return Ok(super::drafts::drafted().files.clone()),
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
                 return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);

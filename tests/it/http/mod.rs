@@ -8,6 +8,7 @@ mod checks;
 mod contract;
 mod cross_origin;
 mod downloads;
+mod drafts;
 mod events;
 mod examples;
 mod hosts;
