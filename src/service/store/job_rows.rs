@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::stored::{VERSION, read_leniently};
-use super::{parsed, summaries};
+use super::{artifacts, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::jobs::failure;
 use crate::wire::warnings::FieldWarning;
