@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn draws_on_some_samples_tell_what_all_samples_do_within_a_twentieth_of_a_point() {
-        let mesh = demo_parts::figurine(6_000).unwrap_or_else(|error| panic!("{error}"));
+        let mesh = demo_parts::figurine(8_000).unwrap_or_else(|error| panic!("{error}"));
         let [all, some] = &drawn(&mesh, 90_000.0, |_| (), &[usize::MAX, MAX_SAMPLES], 2)[..] else { unreachable!("two") };
         let (all, some) = (figures(all), figures(some));
         assert!(all.iter().any(|share| (share - all[0]).abs() > 1e-4), "errors change what is measured: {all:?}");
@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn draws_are_the_same_on_any_number_of_threads_with_risks_counted_and_not() {
-        let mesh = demo_parts::base(3_000).unwrap_or_else(|error| panic!("{error}"));
+        let mesh = demo_parts::base(8_000).unwrap_or_else(|error| panic!("{error}"));
         for change in [|_: &mut PlanParams| (), |params: &mut PlanParams| params.realism.count_at_risk = false] {
             let [one, two] = [1, 2].map(|threads| drawn(&mesh, 4_000.0, change, &[3_000], threads));
             assert_eq!(one, two);

@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn some_samples_tell_the_area_at_risk_that_all_do() {
-        let mesh = demo_parts::base(3_000).unwrap_or_else(|error| panic!("{error}"));
+        let mesh = demo_parts::base(8_000).unwrap_or_else(|error| panic!("{error}"));
         let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
         let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
         let planned = |count_at_risk: bool| -> Plan {

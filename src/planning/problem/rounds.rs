@@ -78,6 +78,7 @@ impl Rounds<'_> {
         let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
         ctx.begin(Stage::Stations)?;
         let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;
+        ctx.begin(Stage::Visibility)?;
         self.seen(surface, candidates, reach, ctx)
     }
 
@@ -89,7 +90,6 @@ impl Rounds<'_> {
         reach: Option<Reach>,
         ctx: &Context<'_>,
     ) -> Result<EvaluatedCandidates, Cancelled> {
-        ctx.begin(Stage::Visibility)?;
         let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
         let usable: Vec<bool> = candidates.indices().map(|candidate| is_usable(reach.as_ref(), candidate)).collect();
         let matrix = visibility::cast(surface, &poses, &usable, self.scope.scanner, self.occluders, self.params, ctx)?;

@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn some_triangles_stand_for_the_area_of_all_and_of_what_is_excluded() {
-        let mesh = crate::geometry::demo_parts::figurine(6_000).unwrap_or_else(|error| panic!("{error}"));
+        let mesh = crate::geometry::demo_parts::figurine(8_000).unwrap_or_else(|error| panic!("{error}"));
         let middle = mesh.aabb().centre();
         let half = Region::HalfSpace { point_mm: middle.into(), normal: [1.0, 0.0, 0.0] };
         let regions = RegionParams { exclude: vec![half], ..RegionParams::default() };

@@ -450,9 +450,11 @@ fn a_ball_of_small_triangles_looks_like_one_of_large_ones() {
     let (coarse, fine) = (image(64), image(400));
     let inside = |pixel: &[u8; 4]| pixel[3] == 255 && pixel[0] > 150;
     let both = coarse.rgba.iter().zip(&fine.rgba).filter(|(a, b)| inside(a) && inside(b));
+    // On the rim a pixel may show another facet.
     let off: Vec<u8> = both.flat_map(|(a, b)| (0..3).map(|channel| a[channel].abs_diff(b[channel]))).collect();
     let mean = off.iter().map(|off| f64::from(*off)).sum::<f64>() / off.len() as f64;
-    assert!(off.len() > 90_000 && mean < 1.0 && off.iter().all(|off| *off < 16), "{mean} on {}", off.len());
+    let far_off = off.iter().filter(|off| **off >= 16).count();
+    assert!(off.len() > 90_000 && mean < 0.5 && far_off * 1000 < off.len(), "{mean}, {far_off} of {} far off", off.len());
 }
 
 /// A page with pictures of a ball from two cameras, two of them from one.
