@@ -19,6 +19,7 @@ use crate::planning::PlanError;
 use crate::planning::context::Context;
 use crate::planning::params::PlanParams;
 use crate::planning::sequence::Roadmaps;
+use crate::report::html::NoPlanReason;
 use crate::wire::echo::Echo;
 use crate::wire::words::no_plan_sentence;
 
@@ -185,7 +186,7 @@ pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Resu
         date: input.accepted_at.clone(),
     };
     job.execute(ctx).map_err(|error| match error {
-        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, ctx) {
+        PlanError::NoPlan(finding) => match job.render_no_plan(NoPlanReason::NoPlan(&finding), ctx) {
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },
