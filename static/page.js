@@ -111,12 +111,13 @@ function actions(job) {
 function summaryOf(job) {
   const summary = job.summary;
   if (!summary) return [];
-  const next = summary.action && `Next: ${summary.action.text}`;
+  const next = summary.action && element("li", { className: "next" }, `Next: ${summary.action.text}`);
   return [
-    element("li", { className: "verdict" }, summary.verdict_text),
-    ...[summary.views_text, summary.coverage_text, summary.cycle_text, next].filter(Boolean)
+    element("li", { className: "verdict" }, summary.title),
+    next,
+    ...[summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text].filter(Boolean)
       .map((text) => element("li", {}, text)),
-  ];
+  ].filter(Boolean);
 }
 
 const percent = (share) => `${(100 * share).toFixed(2)} %`;
@@ -157,7 +158,7 @@ function draw(job) {
   time.dateTime = job.created_at;
   time.textContent = new Date(job.created_at).toLocaleString();
   item.querySelector(".facts").textContent = facts(job);
-  item.dataset.verdict = job.summary?.verdict ?? "";
+  item.dataset.level = job.summary?.level ?? "";
   item.querySelector(".summary").replaceChildren(...summaryOf(job));
   const progress = item.querySelector("progress");
   progress.hidden = !["running", "cancelling"].includes(job.state);

@@ -104,6 +104,31 @@ pub(super) struct OutputFolder {
     writer: OutputWriter,
     /// The folder itself, locked; `None` where the system cannot lock a folder.
     _lock: Option<File>,
+    // After the lock, so that the folder is closed when it goes.
+    _made: MadeFolders,
+}
+
+/// Folders that this run made. Those in which nothing is when this goes are removed: a run that fails leaves none behind.
+#[derive(Debug)]
+pub(super) struct MadeFolders(Vec<PathBuf>);
+
+impl MadeFolders {
+    /// Makes a folder, with those that it lies in.
+    pub(super) fn make(path: &Path) -> std::io::Result<Self> {
+        let missing = path.ancestors().take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());
+        let made = Self(missing.map(Path::to_path_buf).collect());
+        fs::create_dir_all(path)?;
+        Ok(made)
+    }
+}
+
+impl Drop for MadeFolders {
+    fn drop(&mut self) {
+        // The innermost first; one that is not empty stays.
+        for folder in &self.0 {
+            let _ = fs::remove_dir(folder);
+        }
+    }
 }
 
 impl OutputFolder {
@@ -114,7 +139,7 @@ impl OutputFolder {
     /// [`CliError::BadInput`] if the path is, or leads through, a file, if another run writes to it, or if a file is in the
     /// way; [`CliError::Failed`] if the system refuses.
     pub(super) fn prepare(path: &Path, writer: OutputWriter, names: &[&str]) -> Result<Self, CliError> {
-        fs::create_dir_all(path).map_err(|error| {
+        let made = MadeFolders::make(path).map_err(|error| {
             if matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotADirectory) {
                 CliError::BadInput(format!("--out {}: is a file, or below a file; name a folder", path.display()))
             } else {
@@ -124,7 +149,7 @@ impl OutputFolder {
         let lock = lock(path)?;
         let probe = path.join(PROBE);
         fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)).map_err(|error| refused(path, &error))?;
-        let folder = Self { path: path.to_owned(), writer, _lock: lock };
+        let folder = Self { path: path.to_owned(), writer, _lock: lock, _made: made };
         let old = folder.old_files()?;
         let replaced =
             old.files.iter().filter(|file| writer != OutputWriter::Program && writer.replaces(file, &FileOrigin::default()));

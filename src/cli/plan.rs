@@ -22,6 +22,7 @@ use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
+use crate::report::html::NoPlanReason;
 use crate::service::plan_job::{
     Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, plan_sha256,
 };
@@ -35,21 +36,29 @@ use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
   vantage plan part.stl --unit mm --out plan
-  vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
-  vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
-  vantage plan lid.stl --unit mm --up -z --set regions.exclude=@clamp.toml --out plan
+  vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal \\
+      --out plan
+  vantage plan part.obj --unit inch --set limits.camera_deg=60 \\
+      --set selection.max_views=8 --out plan --json
+  vantage plan lid.stl --unit mm --up -z --set regions.exclude=@clamp.toml \\
+      --out plan
   vantage plan lid.stl housing.stl --unit mm --out plans
 
-Files written to --out: plan.json, summary.json, program.json, report.html, report.txt (see --report), coverage.csv, tables of views
-and missed spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
-regions of interest or features; candidates.json, every candidate with what it measures and how well, with
---set output.candidates=true. They appear together, once all are there, and replace what Vantage wrote to the folder before, programs
-made from the earlier plan among it; vantage.json records them with their hashes. Other files are left alone: if one is in the way,
-nothing is planned. If no plan is possible, the earlier one is removed, and report.html and report.txt say why.
-Several parts are planned one after another, each into the folder of --out that is named after its file. One that fails does not
-stop the others; a table at the end says what became of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there
-is a line for each part, an object with mesh, out, exit_code, error and plan.
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target,
+Files written to --out: report.html (open this first), report.txt (see --report), summary.json, plan.json, program.json and the program in the \
+robot's language, tables of views, coverage and missed spots (CSV, JSON), timings.json, and ovp.json, a log in the format of the \
+public benchmark of viewpoint planning. With regions of interest or features also regions.csv; with --set output.candidates=true \
+also candidates.json, every viewpoint that was considered.
+
+The files appear together, once all of them are written, and replace the results of an earlier run, including programs made from \
+its plan. vantage.json records them with their hashes. Files that Vantage did not write are left alone; if one is in the way, \
+nothing is planned. If no plan is possible, or the part does not suit the plate or the scanner, the earlier results are removed, \
+and report.html and report.txt say why.
+
+Several parts are planned one after another, each into a folder of --out that is named after its file. One that fails does not \
+stop the others; a table at the end shows the result of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there \
+is one line for each part, an object with mesh, out, exit_code, error and plan.
+
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target, \
 4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
@@ -59,7 +68,7 @@ pub struct PlanArgs {
     /// Part: an STL, OBJ or PLY file. Several are planned one after another, each into a folder named after its file.
     #[arg(required = true, value_name = "MESH")]
     pub(super) meshes: Vec<PathBuf>,
-    /// Unit of the coordinates in the file: mm, cm, m or inch (in, inches, MM and the like are understood).
+    /// Unit of the coordinates in the file: mm, cm, m or inch (also `in`, `inches`, `MM` and the like).
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
@@ -215,14 +224,26 @@ impl<'a> PartPlanner<'a> {
             date: Some(now()),
         };
         warn(&mesh.display().to_string(), &job.size_warnings("--unit"));
+        if let (Some(up), None) = (self.args.up, self.fixture.as_ref()) {
+            warn(&mesh.display().to_string(), warnings::of_standing(&part.mesh, up, "--up").as_slice());
+        }
         let progress = Progress::go_on(&Course::of_plan(&params, self.cell.is_some()), watch);
         let planned = || {
             let allowance = self.args.limits.allowance(rayon::current_num_threads());
             let ctx = Context::new(self.cancel, &progress).with_allowance(allowance);
             match job.plan(&ctx) {
-                Ok(outcome) => Ok(job.render(&outcome, self.args.report, &ctx).map(|artifacts| (Ok(outcome), artifacts))?),
-                Err(PlanError::NoPlan(finding)) => {
-                    Ok((Err(finding.clone()), job.render_no_plan(&finding, self.args.report, &ctx)?))
+                Ok(outcome) => job
+                    .render(&outcome, self.args.report, &ctx)
+                    .map(|artifacts| (Ok(outcome), artifacts))
+                    .map_err(PlanError::from),
+                Err(PlanError::NoPlan(finding)) => Ok((
+                    Err(CliError::NoPlan(no_plan_reason(&finding))),
+                    job.render_no_plan(NoPlanReason::NoPlan(&finding), self.args.report, &ctx)?,
+                )),
+                Err(PlanError::BadParams(errors)) if !self.faults_of_part(&job, &errors).is_empty() => {
+                    let faults = self.faults_of_part(&job, &errors);
+                    let report = job.render_no_plan(NoPlanReason::PartRefused(&faults), self.args.report, &ctx)?;
+                    Ok((Err(blamed(&job, self.args.up, mesh, PlanError::BadParams(errors))), report))
                 }
                 Err(error) => Err(error),
             }
@@ -234,7 +255,7 @@ impl<'a> PartPlanner<'a> {
         let mut watch = progress.finish();
         let (planned, mut artifacts) = result?;
         watch.switch(Some(CommandStage::Writing.as_str()));
-        let outcome = planned.map_err(|finding| without_plan(&finding, &artifacts, folder))?;
+        let outcome = planned.map_err(|error| without_plan(error, &artifacts, folder))?;
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
         let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
@@ -248,6 +269,13 @@ impl<'a> PartPlanner<'a> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// What is wrong with a part that does not suit plate or scanner; empty where parameters are to blame.
+    fn faults_of_part(&self, job: &PlanJob<'_>, errors: &[FieldError]) -> Vec<String> {
+        let is_pose_given = is_pose_given(job, self.args.up);
+        let faults: Option<Vec<String>> = errors.iter().map(|error| job.error_of_part(error, is_pose_given)).collect();
+        faults.unwrap_or_default()
+    }
+
     /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error.
     pub(super) fn judge(&self, outcome: &Outcome) -> Result<(), CliError> {
         warn_of_errors(&self.params, outcome.plan.coverage.robust.as_ref());
@@ -255,18 +283,22 @@ impl<'a> PartPlanner<'a> {
     }
 }
 
-/// Replaces the results of an earlier plan by the report on why no plan is possible; the error to end with.
-fn without_plan(finding: &NoPlan, report: &[Artifact], folder: &OutputFolder) -> CliError {
-    let reason = no_plan_reason(finding);
+/// Replaces the results of an earlier plan by the report on why there is none; the error to end with.
+fn without_plan(error: CliError, report: &[Artifact], folder: &OutputFolder) -> CliError {
     match folder.replace(report, &FileOrigin::default()) {
         Ok(()) => {
             if let Some(report) = shown_report(report) {
                 output::note(format_args!("Report: {}", folder.path().join(report).display()));
             }
-            CliError::NoPlan(reason)
         }
-        Err(kept) => CliError::NoPlan(format!("{reason}\nresults of an earlier plan could not be replaced: {kept}")),
+        Err(kept) => output::note(format_args!("results of an earlier plan could not be replaced: {kept}")),
     }
+    error
+}
+
+/// Returns true if the pose of the part is a parameter that its user set.
+fn is_pose_given(job: &PlanJob<'_>, up: Option<UpAxis>) -> bool {
+    up.is_none() && job.params.part.table_from_part.is_some()
 }
 
 /// The report among the files that a user looks at first, if there is one.
@@ -276,7 +308,8 @@ fn shown_report(artifacts: &[Artifact]) -> Option<&'static str> {
 
 /// Refuses `--up` beside parameters that say how the part lies.
 pub(super) fn check_up(up: Option<UpAxis>, params: &PlanParams) -> Result<(), CliError> {
-    let refuse = |what: &str| Err(CliError::BadInput(format!("--up: {what} says how the part lies; give one of the two")));
+    let refuse =
+        |what: &str| Err(CliError::BadInput(format!("--up: {what} already says how the part lies; give only one of the two")));
     match up {
         None => Ok(()),
         Some(_) if params.part.table_from_part.is_some() => refuse("part.table_from_part"),
@@ -368,9 +401,9 @@ pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanPa
 /// Applies every `--set` to `value`.
 pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
     for set in sets {
-        let (key, text) = set
-            .split_once('=')
-            .ok_or_else(|| CliError::BadInput(format!("--set {set}: is not KEY=VALUE, as in selection.target=0.99")))?;
+        let (key, text) = set.split_once('=').ok_or_else(|| {
+            CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE, such as selection.target=0.99"))
+        })?;
         if let Some(fault) = parameters::unknown(key) {
             return Err(CliError::BadInput(format!("--set {set}: {fault} (`vantage params` lists all)")));
         }
@@ -414,7 +447,7 @@ fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>
         .iter()
         .map(|pair| {
             let (key, value) =
-                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: is not KEY=VALUE")))?;
+                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: not of the form KEY=VALUE")))?;
             Ok((key.to_owned(), value.to_owned()))
         })
         .collect()
@@ -436,7 +469,7 @@ fn no_plan_reason(finding: &NoPlan) -> String {
 /// Error of the command for an error of a plan: at what its user gave, the file and its unit where no parameter is to blame.
 fn blamed(job: &PlanJob<'_>, up: Option<UpAxis>, mesh: &Path, error: PlanError) -> CliError {
     let PlanError::BadParams(errors) = error else { return to_cli_error(error) };
-    let is_pose_given = up.is_none() && job.params.part.table_from_part.is_some();
+    let is_pose_given = is_pose_given(job, up);
     let finding = |error: &FieldError| match job.error_of_part(error, is_pose_given) {
         Some(detail) => FileFinding { file: format!("{} (--unit {})", mesh.display(), job.unit), pointer: String::new(), detail },
         None => FileFinding { file: "parameters".to_owned(), pointer: error.pointer.clone(), detail: error.detail.clone() },

@@ -19,6 +19,7 @@ use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
 use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
+use crate::report::html::NoPlanReason;
 use crate::wire::echo::Echo;
 use crate::wire::words::no_plan_sentence;
 
@@ -220,7 +221,7 @@ pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result
         date: input.accepted_at.clone(),
     };
     job.execute_with_draft(ctx).map_err(|error| match error {
-        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, Reports::Html, ctx) {
+        PlanError::NoPlan(finding) => match job.render_no_plan(NoPlanReason::NoPlan(&finding), Reports::Html, ctx) {
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },

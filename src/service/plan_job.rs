@@ -8,23 +8,23 @@ use sha2::{Digest, Sha256};
 use super::store::hex;
 use crate::cell::{Cell, CollisionScene, FieldError, PoseSpec, Scanner, closed_list};
 use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
-use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
+use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectOutput};
 use crate::program::{Expected, Program, compile};
-use crate::report::html::{self, NoPlanInput, ReportInput, ReportSubject};
+use crate::report::html::{self, NoPlanInput, NoPlanReason, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
-use crate::report::text::{text, warned};
+use crate::report::text::{summarised_text, warned};
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::part_size::{PartSize, SizeLimits, size_text};
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
-use crate::wire::summary::{SUMMARY_FILE, Summary};
+use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
@@ -120,6 +120,8 @@ enum ForeignPrograms {
 /// Files with their names, and reasons why some are missing.
 type Files = Vec<(Cow<'static, str>, Vec<u8>)>;
 type Refused = BTreeMap<String, String>;
+/// A program that the linter found nothing in, or its findings in a sentence.
+type CheckedOrFindings<'a> = Result<CheckedProgram<'a>, String>;
 
 /// A program in some dialect.
 struct DialectProgram {
@@ -182,11 +184,6 @@ pub struct PlanJob<'a> {
     pub echo: Echo,
     /// Time to print on the report, RFC 3339: the one thing in the files that is not of the request.
     pub date: Option<String>,
-}
-
-/// The summary of a plan whose file is `document`.
-fn summary_bytes(plan: &Plan, document: &[u8]) -> Vec<u8> {
-    json_file_bytes(&Summary::of(plan).of_file(hex(&Sha256::digest(document))))
 }
 
 impl PlanJob<'_> {
@@ -276,16 +273,13 @@ impl PlanJob<'_> {
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
+        let checked: Vec<_> = programs.iter().map(|program| self.checked(plan, program)).collect();
+        let summary = Summary::of(plan).with_program(self.program_cycle(&checked, &programs)).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
-        let report = ReportInput {
-            subject: self.subject(&size_warnings),
-            outcome,
-            plan_sha256: &plan_sha256,
-            cycle_secs: (!programs.is_empty()).then(|| programs.iter().map(|program| program.cycle_secs).sum()),
-        };
+        let report = ReportInput { subject: self.subject(&size_warnings), outcome, plan_sha256: &plan_sha256, summary: &summary };
         let mut files: Files = vec![
-            (SUMMARY_FILE.into(), summary_bytes(plan, &document)),
+            (SUMMARY_FILE.into(), json_file_bytes(&summary)),
             (PLAN_FILE.into(), document),
             ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
             ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
@@ -294,13 +288,13 @@ impl PlanJob<'_> {
             ("coverage.bin".into(), coverage::bin(outcome, &preview)),
             ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
         ];
-        files.extend(report_files(&report, reports, &preview, ctx)?);
+        files.extend(report_files(&report, self.text(plan, &summary, &size_warnings), reports, &preview, ctx)?);
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         let mut refused = Refused::new();
-        for program in &programs {
+        for (program, checked) in programs.iter().zip(&checked) {
             let bytes = ProgramDocument::new(program, self.echo.clone()).to_bytes();
             files.push((format!("{}.json", program_stem(program.setup)).into(), bytes));
-            for program in self.dialects(plan, program, foreign) {
+            for program in self.dialects(program, checked, foreign, &plan.params.dialects) {
                 program.sort_into(&mut files, &mut refused);
             }
         }
@@ -316,14 +310,19 @@ impl PlanJob<'_> {
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
-    /// Renders the report of a job for which no plan is possible.
+    /// Renders the report of a job that has no plan.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub fn render_no_plan(&self, finding: &NoPlan, reports: Reports, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    pub fn render_no_plan(
+        &self,
+        reason: NoPlanReason<'_>,
+        reports: Reports,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let size_warnings = self.size_warnings("/part/bbox_mm");
-        let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, finding };
+        let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, reason };
         let mut files = Vec::new();
         if reports != Reports::None {
             files.push((TEXT_REPORT_FILE, warned(&size_warnings) + &no_plan_text(&input)));
@@ -355,9 +354,9 @@ impl PlanJob<'_> {
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// The program in the dialects that the robot takes, or in every one. The linter checks the program first.
-    fn dialects(&self, plan: &Plan, program: &Program, foreign: ForeignPrograms) -> Vec<DialectProgram> {
-        let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
+    /// The program of a setup as the linter finds it, or its findings.
+    fn checked<'p>(&'p self, plan: &Plan, program: &'p Program) -> CheckedOrFindings<'p> {
+        let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Err(String::new()) };
         let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
         let visited = plan.views.iter().filter(|view| view.setup.index() == program.setup && view.station.is_some());
         let expected = Expected {
@@ -367,13 +366,35 @@ impl PlanJob<'_> {
             views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
         };
         let checked = CheckedProgram::new(program, cell, &scene, Some(&expected), CheckedWith::Part);
-        let checked = checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "));
+        checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
+    }
+
+    /// Cycle of the programs in the robot's own dialect; `None` if it names none, or one of them cannot be said in it.
+    fn program_cycle(&self, checked: &[CheckedOrFindings<'_>], programs: &[Program]) -> Option<ProgramCycle> {
+        let dialect = self.cell?.robot.dialect?;
+        let planned_secs = programs.iter().map(|program| program.cycle_secs).sum();
+        let secs = |checked: &CheckedOrFindings<'_>| checked.as_ref().ok()?.cycle_secs(dialect).ok();
+        let cycle_secs = checked.iter().map(secs).sum::<Option<f64>>()?;
+        (!checked.is_empty()).then(|| ProgramCycle::new(dialect, cycle_secs, planned_secs))
+    }
+
+    /// The program in the dialects that the robot takes, or in every one.
+    fn dialects(
+        &self,
+        program: &Program,
+        checked: &CheckedOrFindings<'_>,
+        foreign: ForeignPrograms,
+        params: &DialectParams,
+    ) -> Vec<DialectProgram> {
+        let Some(cell) = self.cell else { return Vec::new() };
         let wanted = |dialect: &Dialect| foreign == ForeignPrograms::Kept || cell.robot.takes(*dialect);
-        let files = Dialect::ALL
-            .into_iter()
-            .filter(wanted)
-            .flat_map(|dialect| in_dialect(checked.as_ref(), dialect, &program_stem(program.setup), &plan.params.dialects));
-        files.collect()
+        let rendered = |dialect| in_dialect(checked.as_ref(), dialect, &program_stem(program.setup), params);
+        Dialect::ALL.into_iter().filter(wanted).flat_map(rendered).collect()
+    }
+
+    fn text(&self, plan: &Plan, summary: &Summary, size_warnings: &[FieldWarning]) -> String {
+        let sha256 = summary.plan_sha256.as_deref().unwrap_or_default();
+        format!("{}{}plan {sha256}\n", warned(size_warnings), summarised_text(plan, summary))
     }
 
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {
@@ -390,11 +411,14 @@ impl PlanJob<'_> {
 }
 
 /// The reports of a plan.
-fn report_files(report: &ReportInput<'_>, reports: Rendered, preview: &Preview, ctx: &Context<'_>) -> Result<Files, Cancelled> {
-    let in_text = || {
-        let words = format!("{}{}", warned(report.subject.size_warnings), text(&report.outcome.plan));
-        (TEXT_REPORT_FILE.into(), format!("{words}plan {}\n", report.plan_sha256).into_bytes())
-    };
+fn report_files(
+    report: &ReportInput<'_>,
+    words: String,
+    reports: Rendered,
+    preview: &Preview,
+    ctx: &Context<'_>,
+) -> Result<Files, Cancelled> {
+    let in_text = || (TEXT_REPORT_FILE.into(), words.into_bytes());
     let draft = || html::draft(report, Some(preview), ctx);
     Ok(match reports {
         Rendered::Whole(Reports::None) => Vec::new(),

@@ -355,7 +355,7 @@ mod tests {
         spec["mass_kg"] = json!("heavy");
         let errors = from_value::<ScannerSpec>(&spec).expect_err("wrong");
         assert_eq!(pointers(&errors), ["/mass_kg"]);
-        assert!(errors[0].detail.contains("invalid type"), "{errors:?}");
+        assert!(errors[0].detail.contains("is \"heavy\"; expected a number"), "{errors:?}");
         let whole = from_value::<ScannerSpec>(&json!(3)).expect_err("wrong");
         assert_eq!(pointers(&whole), [""]);
     }

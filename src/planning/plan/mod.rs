@@ -228,6 +228,12 @@ impl Coverage {
     pub fn reaches_target(&self, params: &SelectionParams) -> bool {
         self.of_target(params.target_of) >= params.target - SHARE_SLACK
     }
+
+    /// Returns true if so large a share of the asked area is measured, whatever of it can be.
+    #[must_use]
+    pub fn measures_of_asked(&self, min_share: f64) -> bool {
+        self.of_asked() >= min_share - SHARE_SLACK
+    }
 }
 
 /// `part / whole`, 0 where there is no whole.

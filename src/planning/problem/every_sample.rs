@@ -105,7 +105,8 @@ impl<'a> ViewPlanningProblem<'a> {
         let viewpoints = others.iter().map(|candidate| self.viewpoint(*candidate, self.table_angles_rad(*candidate)));
         let dropped = self.candidates.rejected.iter().filter(|(_, reason)| reason.is_of_evaluated());
         let dropped = dropped.map(|(candidate, _)| viewpoint(candidate, false, Vec::new()));
-        let (of_open, hidden) = self.cast_on(&whole.of_samples(&open), setups, &viewpoints.chain(dropped).collect::<Vec<_>>(), ctx)?;
+        let (of_open, hidden) =
+            self.cast_on(&whole.of_samples(&open), setups, &viewpoints.chain(dropped).collect::<Vec<_>>(), ctx)?;
         for (candidate, row) in others.iter().zip(&of_open.rows) {
             let mut placed = SampleSet::none_of(samples);
             row.samples().for_each(|place| placed.insert(open[place.index()].0));

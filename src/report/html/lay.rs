@@ -41,7 +41,7 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, a
     let up = up(&lay.table_from_part);
     let title = match (setups, &lay.turn) {
         (1, _) => "The part on the plate".to_owned(),
-        (_, None) => format!("Setup {setup}: as it is laid first"),
+        (_, None) => format!("Setup {setup}: as placed first"),
         (_, Some(turn)) => format!("Setup {setup}, from setup 1: {}", turn_phrase(turn)),
     };
     let facts: String =

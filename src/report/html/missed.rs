@@ -36,7 +36,7 @@ pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLev
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
     let count: usize = plan.missed.iter().map(|missed| missed.spots.len()).sum();
     format!(
-        "<section>\n<h2>What is missed, and what helps</h2>\n<p>{} of the asked area is missed: {} in {} {}. The part is shown in \
+        "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>{} of the asked area is missed: {} in {} {}. The part is shown in \
          grey; every missed spot has the colour of its cause, paler where something hides it from this side. Numbers are those \
          of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}{}</section>\n",
         percent(share(missed_mm2, plan.coverage.asked_area_mm2)),
@@ -66,8 +66,8 @@ fn advice(input: &ReportInput<'_>) -> String {
         return String::new();
     }
     format!(
-        "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model: views were chosen for it that the \
-         cell can take. “At least” holds for a plan with these parameters that meets its target.</p>\n<ul class=\"card list\">\n\
+        "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model with views that the cell can take. \
+         The figures are estimates: a plan with these parameters chooses its views anew.</p>\n<ul class=\"card list\">\n\
          {items}</ul>\n"
     )
 }
@@ -100,7 +100,7 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     };
     let rows: String = groups.iter().map(row).collect();
     format!(
-        "<h3>What helps the spots</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Fix</th><th>Spots</th>\
+        "<h3>Fixes for the spots</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Fix</th><th>Spots</th>\
          <th class=\"n\">Number</th><th class=\"n\">Of asked</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{}",
         unnumbered(input, spots)
     )
@@ -131,7 +131,7 @@ fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
         Some(remedy) => match remedy.kind {
             RemedyKind::Setup => {
                 let turn = remedy.turn.as_ref().map_or_else(|| "turn it onto another side".to_owned(), turn_phrase);
-                (format!("{} and scan again", capitalised(&turn)), turn_over(), true)
+                (format!("{} and scan again", words::capitalised(&turn)), turn_over(), true)
             }
             RemedyKind::View => told("Choose more views: raise selection.target or selection.max_views", ""),
             RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses", ""),
@@ -211,19 +211,13 @@ fn ranges(numbers: &[usize]) -> String {
     runs.iter().map(told).collect::<Vec<_>>().join(", ")
 }
 
-fn capitalised(text: &str) -> String {
-    let mut characters = text.chars();
-    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{capitalised, ranges};
+    use super::ranges;
 
     #[test]
     fn runs_of_numbers_are_joined() {
         assert_eq!(ranges(&[1, 2, 3, 4, 7, 9, 10]), "1–4, 7, 9–10");
         assert_eq!((ranges(&[5]), ranges(&[])), ("5".to_owned(), String::new()));
-        assert_eq!(capitalised("turn it upside down"), "Turn it upside down");
     }
 }

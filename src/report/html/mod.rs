@@ -43,13 +43,14 @@ mod tests;
 
 pub use album::Draft;
 pub use draft_bytes::NoDraft;
-pub use no_plan::{NoPlanInput, render_no_plan};
+pub use no_plan::{NoPlanInput, NoPlanReason, render_no_plan};
 
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, Preview};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Outcome, SetupId};
 use crate::wire::echo::Echo;
+use crate::wire::summary::Summary;
 use crate::wire::warnings::FieldWarning;
 
 /// Subject of a report, whether or not a plan is possible: the part and what it was planned for.
@@ -84,8 +85,8 @@ pub struct ReportInput<'a> {
     pub outcome: &'a Outcome,
     /// SHA-256 of `plan.json`, lower-case hexadecimal; empty if it is not known.
     pub plan_sha256: &'a str,
-    /// Predicted cycle time; `None` without a program.
-    pub cycle_secs: Option<f64>,
+    /// Summary of the plan.
+    pub summary: &'a Summary,
 }
 
 /// Renders the page.

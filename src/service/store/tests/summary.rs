@@ -17,7 +17,7 @@ fn summary() -> Summary {
     let mut coverage = json!({"of_total": 0.7});
     shares.iter().for_each(|share| coverage[share] = json!(0.9));
     serde_json::from_value(json!({
-        "schema": "vantage.summary/1", "verdict": "target_met", "verdict_text": "Target met", "views": 9, "views_chosen": 10,
+        "schema": "vantage.summary/1", "level": "ready", "title": "Ready to scan", "verdict": "target_met", "verdict_text": "Target met", "views": 9, "views_chosen": 10,
         "setups": 1, "views_text": "9 views", "coverage": coverage, "coverage_text": "90 %",
         "grades": {"A": 0.4, "B": 0.3, "C": 0.0, "D": 0.0}, "cycle_secs": null, "cycle_parts": null, "cycle_text": null,
         "regions_with_target": 0, "regions_unmet": 0, "missed_of_asked": 0.3, "missed_spots": 0, "missed_text": "nothing",
