@@ -36,7 +36,7 @@ const NEIGHBOURS: usize = 256;
 /// Height above the surface at which lines begin, mm: clear of the point's own facet.
 const ABOVE_MM: f64 = 0.02;
 
-/// What a sine may be off by rounding.
+/// Rounding error of a sine.
 const ROUNDING: f64 = 1e-9;
 
 /// Largest distance from the plate of a sample that the part rests on, mm.

@@ -79,7 +79,7 @@ impl std::fmt::Display for Reports {
     }
 }
 
-/// Which reports are rendered, and how far.
+/// Reports to render, and how far.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Rendered {
     /// These, with their pictures.

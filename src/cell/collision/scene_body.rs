@@ -149,7 +149,7 @@ pub(super) fn assemble(cell: &Cell) -> Vec<SceneBody> {
     bodies
 }
 
-/// What is attached to the plate: part and fixture, unless they are empty.
+/// Bodies attached to the plate: part and fixture, unless they are empty.
 pub(super) fn attach<'a>(
     meshes: impl Iterator<Item = (&'a str, &'a Mesh)>,
     table_from_part: &Pose<Table, Part>,

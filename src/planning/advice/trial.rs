@@ -19,7 +19,7 @@ use crate::planning::scene::PlanningScene;
 use crate::planning::stations::Station;
 use crate::planning::surface::Surface;
 use crate::planning::verdict::MIN_RESISTANCE;
-use crate::planning::visibility::{Occluders, Row, SampleSet, Together};
+use crate::planning::visibility::{Occluders, Row, SampleSet, UnitedViews};
 
 /// Views that are added at most for what is missed.
 const MAX_ADDED: usize = 60;
@@ -159,7 +159,7 @@ impl<'a> Trial<'a> {
     /// Samples of a surface that the chosen views measure, past the obstacles of the cell.
     pub(super) fn measured_by_chosen(
         &self,
-        together: &Together<'_>,
+        together: &UnitedViews<'_>,
         surface: &Surface,
         ctx: &Context<'_>,
     ) -> Result<SampleSet, Cancelled> {
@@ -180,7 +180,7 @@ impl<'a> Trial<'a> {
     /// be taken from: with obstacles they count for nothing.
     pub(super) fn add_what_others_measure(
         &self,
-        together: &Together<'_>,
+        together: &UnitedViews<'_>,
         coverable: &mut SampleSet,
         ctx: &Context<'_>,
     ) -> Result<(), Cancelled> {

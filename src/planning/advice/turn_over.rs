@@ -13,7 +13,7 @@ use crate::planning::problem::TriedSetup;
 use crate::planning::setups::{self, FurtherPose};
 use crate::planning::sky::stands_on;
 use crate::planning::surface::systematic;
-use crate::planning::visibility::{Occluders, Optics, SampleSet, Together};
+use crate::planning::visibility::{Occluders, Optics, SampleSet, UnitedViews};
 
 /// Setups that a plan may have.
 const MAX_SETUPS: u32 = 4;
@@ -115,7 +115,7 @@ fn recovered(
     let open: Vec<(SampleId, f64)> = open.map(|sample| (sample, basis.asked_area_mm2[sample.index()])).collect();
     let surface = outcome.surface.of_samples(&open);
     let optics = Optics::new(scope.input.scanner, params, &surface.requirements);
-    let together = Together::new(&surface, &optics, trial.occluders(), params, ctx);
+    let together = UnitedViews::new(&surface, &optics, trial.occluders(), params, ctx);
     let by_chosen = trial.measured_by_chosen(&together, &surface, ctx)?;
     let mut coverable = within(&basis.coverable, &open);
     coverable.insert_all(&by_chosen);

@@ -1,6 +1,6 @@
 //! Coverage with poses that are off, draw by draw.
 //!
-//! What is told of a draw is the nominal share of all samples and the difference between the draw and the planned poses, both on
+//! The share that is told of a draw is the nominal share of all samples and the difference between the draw and the planned poses, both on
 //! the same thinned samples: few samples change sides, so that the difference is known far better than either share
 //! ([`crate::planning::method::robustness`] has its standard error). Draws run side by side; in each a sample that one view
 //! measures is not looked at for the others.
@@ -19,7 +19,7 @@ use crate::planning::plan::{Drawn, Robust, share};
 use crate::planning::random::Stream;
 use crate::planning::registration::union_of;
 use crate::planning::surface::{Surface, systematic};
-use crate::planning::visibility::{Optics, SampleSet, Together};
+use crate::planning::visibility::{Optics, SampleSet, UnitedViews};
 
 /// Samples on which draws are evaluated at most.
 const MAX_SAMPLES: usize = 30_000;
@@ -55,8 +55,8 @@ fn robust_on(
     let optics = Optics::new(second.input.scanner, &second.params, &thinned.surface.requirements);
     let silent = ctx.silent();
     let occluders = second.setups.iter().map(|setup| setup.occluders);
-    let by_setup: Vec<Together<'_>> =
-        occluders.map(|occluders| Together::new(&thinned.surface, &optics, occluders, &second.params, &silent)).collect();
+    let by_setup: Vec<UnitedViews<'_>> =
+        occluders.map(|occluders| UnitedViews::new(&thinned.surface, &optics, occluders, &second.params, &silent)).collect();
     let of_kinds = [drawn_views(second, &error), drawn_parts(second, &error), drawn_hand_eyes(second, &error)];
     let planned: Poses = second.views().map(|(_, view)| *view).collect();
     let all: Vec<&Poses> = std::iter::once(&planned).chain(of_kinds.iter().flatten()).collect();
@@ -91,7 +91,7 @@ impl ThinnedSamples {
     fn measured_mm2(
         &self,
         second: &SecondSampling<'_>,
-        by_setup: &[Together<'_>],
+        by_setup: &[UnitedViews<'_>],
         poses: &[Pose<Part, ScannerFrame>],
         ctx: &Context<'_>,
     ) -> Result<f64, Cancelled> {

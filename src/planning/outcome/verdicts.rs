@@ -13,7 +13,7 @@ use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
 use crate::planning::sky::{Sky, SkyProbe, stands_on};
 use crate::planning::stations::StationFailure;
-use crate::planning::visibility::{Occluders, Optics, Row, SampleSet, Together};
+use crate::planning::visibility::{Occluders, Optics, Row, SampleSet, UnitedViews};
 
 /// Measured samples that count.
 pub(super) struct Counted<'a> {
@@ -104,7 +104,7 @@ fn measured_by_dropped(
     let surface = surface.of_samples(&open.iter().map(area_mm2).collect::<Vec<_>>());
     let optics = Optics::new(input.scanner, params, &surface.requirements);
     let poses = problem.dropped_for_body().filter(|_| !open.is_empty()).map(|candidate| &candidate.part_from_scanner);
-    Together::new(&surface, &optics, occluders, params, &ctx.silent()).measured(poses)
+    UnitedViews::new(&surface, &optics, occluders, params, &ctx.silent()).measured(poses)
 }
 
 /// The sky over the part: with viewpoints above the plate alone, in the setups that are planned in.

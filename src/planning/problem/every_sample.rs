@@ -236,8 +236,8 @@ impl<'a> ViewPlanningProblem<'a> {
         viewpoint(&self.candidates[candidate], self.blocked(candidate).is_none(), table_rad)
     }
 
-    /// What views measure of another surface of the part, less what obstacles of the cell hide at any of their angles; and what
-    /// these hide.
+    /// Matrix of views on another surface of the part, less the samples that obstacles of the cell hide at any of their angles;
+    /// and those samples.
     fn cast_on(
         &self,
         surface: &Surface,

@@ -62,7 +62,7 @@ pub(in crate::planning) fn sample_some(
     Ok(surface)
 }
 
-/// At most `max` samples that stand for all, with the area that each stands for: one at every `max`-th part of the area as it adds
+/// Samples that stand for all, at most `max`, with the area that each stands for: one at every `max`-th part of the area as it adds
 /// up in the order of the samples, which is that of the patches (systematic sampling with probability proportional to size:
 /// W. Madow 1949, *On the theory of systematic sampling, II*, Annals of Mathematical Statistics 20). All that have an area where
 /// those are no more than `max`. The areas add up to the whole.

@@ -10,7 +10,7 @@ mod row;
 mod sample_set;
 #[cfg(test)]
 mod tests;
-mod together;
+mod united_views;
 pub(super) mod view;
 
 use std::convert::Infallible;
@@ -30,7 +30,7 @@ pub(super) use rays::Probe;
 pub use row::{QualityScale, Row};
 pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
-pub(super) use together::Together;
+pub(super) use united_views::UnitedViews;
 pub use view::Optics;
 
 /// The visibility matrix: what every view measures, and how far the others get. Rows are in the order of the views.

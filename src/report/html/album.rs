@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::camera::Camera;
-use super::model::{Model, SampledModel};
+use super::model::{DrawnModel, SampledModel};
 use super::palette::Ink;
 use super::renderer::Seen;
 use super::shading::Shading;
@@ -39,7 +39,7 @@ pub(super) struct Album {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Draft {
     pub(super) page: String,
-    pub(super) model: Model,
+    pub(super) model: DrawnModel,
     pub(super) pictures: Vec<Picture>,
 }
 
@@ -50,7 +50,7 @@ impl Album {
     }
 
     /// Shape of the part.
-    pub(super) fn model(&self) -> &Model {
+    pub(super) fn model(&self) -> &DrawnModel {
         &self.sampled.model
     }
 

@@ -150,7 +150,7 @@ struct Triangle {
     /// Edge functions at the grid's origin, not negative on the inner side; one step of tolerance is added: where a long edge meets two
     /// short ones, as in some files, rounding would otherwise leave pinholes.
     at_origin: [i64; 3],
-    /// What they change by from a sample to the next one of its row, and of its column.
+    /// Change of them from a sample to the next one of its row, and of its column.
     right: [i64; 3],
     down: [i64; 3],
     /// Inverse depth as weighted sum of them, with its constant.

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::album::{Draft, Picture};
 use super::camera::Camera;
-use super::model::Model;
+use super::model::DrawnModel;
 use super::palette::Ink;
 use crate::geometry::Pose;
 
@@ -24,7 +24,7 @@ impl Draft {
     /// Writes the draft.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
-        let Model { vertices_mm, faces, rows, is_open, .. } = &self.model;
+        let DrawnModel { vertices_mm, faces, rows, is_open, .. } = &self.model;
         let mut bytes = HEAD.to_vec();
         bytes.push(u8::from(*is_open));
         put_count(&mut bytes, self.page.len());
@@ -74,7 +74,7 @@ impl Draft {
         };
         let faces = (0..count).map(|_| Ok([corner()?, corner()?, corner()?])).collect::<Result<Vec<_>, NoDraft>>()?;
         let rows = (0..count).map(|_| u16::try_from(rest.number()?).map_err(|_| NoDraft)).collect::<Result<Vec<_>, _>>()?;
-        let model = Model::new(vertices_mm, faces, rows, is_open).ok_or(NoDraft)?;
+        let model = DrawnModel::new(vertices_mm, faces, rows, is_open).ok_or(NoDraft)?;
         let count = rest.count(model.cells().max(1))?;
         let pictures = (0..count).map(|_| picture(&mut rest, model.cells())).collect::<Result<Vec<_>, _>>()?;
         if rest.0.is_empty() { Ok(Self { page, model, pictures }) } else { Err(NoDraft) }

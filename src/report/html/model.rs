@@ -24,7 +24,7 @@ const NO_SAMPLE: u32 = u32::MAX;
 
 /// Shape of a part.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Model {
+pub(super) struct DrawnModel {
     /// Vertices, mm.
     pub(super) vertices_mm: Vec<[f32; 3]>,
     /// Corners of each triangle, counter-clockwise seen from outside.
@@ -39,11 +39,11 @@ pub(super) struct Model {
 
 /// A model and the surface sample that gives each of its cells an ink.
 pub(super) struct SampledModel {
-    pub(super) model: Model,
+    pub(super) model: DrawnModel,
     sample_of_cell: Vec<u32>,
 }
 
-impl Model {
+impl DrawnModel {
     /// A model; `None` if `rows` or `faces` do not belong to it.
     pub(super) fn new(vertices_mm: Vec<[f32; 3]>, faces: Vec<[u32; 3]>, rows: Vec<u16>, is_open: bool) -> Option<Self> {
         let vertices = vertices_mm.len();
@@ -94,7 +94,7 @@ impl Model {
     }
 }
 
-impl Default for Model {
+impl Default for DrawnModel {
     fn default() -> Self {
         Self { vertices_mm: Vec::new(), faces: Vec::new(), rows: Vec::new(), first_cell: vec![0], is_open: false }
     }
@@ -123,7 +123,7 @@ impl SampledModel {
         ctx.check()?;
         let shown = |face: u32| preview.face_of_triangle.get(face as usize).copied().filter(|face| *face != geometry::NOT_DRAWN);
         let rows = vec![1; preview.faces.len()];
-        let model = Model::new(preview.positions_mm.clone(), preview.faces.clone(), rows, is_open).unwrap_or_default();
+        let model = DrawnModel::new(preview.positions_mm.clone(), preview.faces.clone(), rows, is_open).unwrap_or_default();
         let sample_of_cell = sample_of_cell(&model, surface, shown);
         Ok(Self { model, sample_of_cell })
     }
@@ -135,10 +135,10 @@ impl SampledModel {
             samples[patch.face as usize] += patch.samples;
         }
         let rows = vec![1; faces.len()];
-        let mut model = Model::new(vertices_mm, faces, rows, is_open).unwrap_or_default();
+        let mut model = DrawnModel::new(vertices_mm, faces, rows, is_open).unwrap_or_default();
         let cell_mm = model.aabb().extent_mm().norm() / CELLS_ACROSS;
         let rows = (0..model.faces.len()).map(|face| rows_of(&model.corners(face), samples[face], cell_mm)).collect();
-        model = Model::new(model.vertices_mm, model.faces, rows, is_open).unwrap_or_default();
+        model = DrawnModel::new(model.vertices_mm, model.faces, rows, is_open).unwrap_or_default();
         let sample_of_cell = sample_of_cell(&model, surface, Some);
         Self { model, sample_of_cell }
     }
@@ -188,7 +188,7 @@ fn positions(mesh: &Mesh) -> Vec<[f32; 3]> {
 
 /// The sample of each cell: one that lies in it, that nearest to the middle of a triangle that is one cell, else that of a cell
 /// beside it. `shown` is the triangle of the model for one of the mesh.
-fn sample_of_cell(model: &Model, surface: &Surface, shown: impl Fn(u32) -> Option<u32>) -> Vec<u32> {
+fn sample_of_cell(model: &DrawnModel, surface: &Surface, shown: impl Fn(u32) -> Option<u32>) -> Vec<u32> {
     let mut samples = vec![NO_SAMPLE; model.cells()];
     // Squared distances from the middle, of the samples in triangles of one cell.
     let mut off_mm2 = vec![f64::INFINITY; model.faces.len()];
@@ -246,7 +246,7 @@ fn fill_gaps(samples: &mut [u32], rows: u32) {
 }
 
 /// Gives triangles without any sample that of a triangle beside them.
-fn fill_faces(model: &Model, samples: &mut [u32]) {
+fn fill_faces(model: &DrawnModel, samples: &mut [u32]) {
     let first = |face: usize| model.first_cell[face] as usize;
     if (0..model.faces.len()).all(|face| samples[first(face)] != NO_SAMPLE) {
         return;
@@ -330,9 +330,9 @@ mod tests {
     #[test]
     fn a_model_of_parts_that_do_not_fit_is_none() {
         let vertices = vec![[0.0; 3]; 3];
-        assert!(Model::new(vertices.clone(), vec![[0, 1, 2]], vec![2], false).is_some_and(|model| model.cells() == 3));
-        assert!(Model::new(vertices.clone(), vec![[0, 1, 3]], vec![1], false).is_none());
-        assert!(Model::new(vertices.clone(), vec![[0, 1, 2]], vec![0], false).is_none());
-        assert!(Model::new(vertices, vec![[0, 1, 2]], Vec::new(), false).is_none());
+        assert!(DrawnModel::new(vertices.clone(), vec![[0, 1, 2]], vec![2], false).is_some_and(|model| model.cells() == 3));
+        assert!(DrawnModel::new(vertices.clone(), vec![[0, 1, 3]], vec![1], false).is_none());
+        assert!(DrawnModel::new(vertices.clone(), vec![[0, 1, 2]], vec![0], false).is_none());
+        assert!(DrawnModel::new(vertices, vec![[0, 1, 2]], Vec::new(), false).is_none());
     }
 }

@@ -12,7 +12,7 @@ use super::bodies::{Assembly, Placing};
 use super::camera::Camera;
 use super::lay::{self, Lay};
 use super::markup::{area, escape, number, percent};
-use super::model::{Model, SampledModel};
+use super::model::{DrawnModel, SampledModel};
 use super::palette::{BodyRole, Ink, MissGroup};
 use super::pictures::{self, SIZE_PX};
 use super::renderer::Seen;
@@ -303,7 +303,7 @@ fn pair(
 ) -> Result<String, Cancelled> {
     let names = obstruction.map(|obstruction| [&*obstruction.bodies.a, &*obstruction.bodies.b]);
     let assembly = Assembly::at(subject, cell, &Placing { table_from_part: pose, configuration, in_the_way: names }, ctx)?;
-    let model = Model::of_mesh(&assembly.mesh, ctx)?;
+    let model = DrawnModel::of_mesh(&assembly.mesh, ctx)?;
     let shading = Shading::new(&model);
     let inks: Vec<u8> = assembly.inks.iter().map(|ink| ink.code()).collect();
     let foot = cell.base_from_table.origin_mm().xy().coords;

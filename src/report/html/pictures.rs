@@ -66,7 +66,7 @@ pub(super) fn plain(
     markup(subject, album, Picture { camera, inks, through: false }, &format!("{}: the part", side.name), "")
 }
 
-/// What is seen of the part from each side.
+/// Parts of the surface that are seen from each side.
 pub(super) fn seen_sides<'m>(input: &ReportInput<'_>, album: &'m Album, level: SimdLevel) -> Vec<Seen<'m>> {
     let seen =
         |side: &OverviewSide| Seen::new(album.model(), &overview_camera(&input.subject, first_pose(input.outcome), side), level);

@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::camera::Camera;
 use super::depth_buffer::{DepthBuffer, Projected, STEPS, face_of, inverse_depth_of};
 use super::image::Image;
-use super::model::Model;
+use super::model::DrawnModel;
 use super::palette::Ink;
 use super::shading::{Lamp, Shading};
 use crate::geometry::{Kernel, SimdLevel};
@@ -31,7 +31,7 @@ const SMOOTH: u32 = 1 << 26;
 
 /// The part from a camera.
 pub(super) struct Seen<'m> {
-    model: &'m Model,
+    model: &'m DrawnModel,
     /// The camera with one pixel per sample.
     fine: Camera,
     /// Place of the camera, part frame, mm.
@@ -43,7 +43,7 @@ pub(super) struct Seen<'m> {
 
 impl<'m> Seen<'m> {
     /// Draws the depths of a model.
-    pub(super) fn new(model: &'m Model, camera: &Camera, level: SimdLevel) -> Self {
+    pub(super) fn new(model: &'m DrawnModel, camera: &Camera, level: SimdLevel) -> Self {
         let fine = finer(camera);
         let at_mm = camera.camera_from_part.inverse().origin_mm();
         let projected = level.run(Project { model, fine: &fine });
@@ -100,7 +100,7 @@ impl<'m> Seen<'m> {
 
 /// Projects the vertices.
 struct Project<'a> {
-    model: &'a Model,
+    model: &'a DrawnModel,
     fine: &'a Camera,
 }
 
@@ -124,7 +124,7 @@ impl Kernel for Project<'_> {
 
 /// Draws the depths of triangles.
 struct Rasterise<'a, K> {
-    model: &'a Model,
+    model: &'a DrawnModel,
     fine: &'a Camera,
     projected: &'a [Projected],
     keep: K,
@@ -152,7 +152,7 @@ impl<K: Fn(usize) -> bool> Kernel for Rasterise<'_, K> {
 
 /// Draws what lies behind the near plane of a triangle that reaches before it.
 #[cold]
-fn draw_clipped(buffer: &mut DepthBuffer, fine: &Camera, model: &Model, face: usize) {
+fn draw_clipped(buffer: &mut DepthBuffer, fine: &Camera, model: &DrawnModel, face: usize) {
     let (fan, count) = Camera::clip_near(model.corners(face).map(|p| fine.camera_from_part.point(&p)));
     for last in 2..count {
         buffer.draw([fan[0], fan[last - 1], fan[last]].map(|p| Projected::of(fine, &p)), face as u32);

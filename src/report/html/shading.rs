@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
-use super::model::Model;
+use super::model::DrawnModel;
 use crate::geometry::{Device, FaceLists, Part, Pose};
 
 /// Cosine of 40°: facets that meet at a smaller angle are shaded as one smooth surface and get no line.
@@ -58,7 +58,7 @@ impl Shading {
     pub(super) const CREASE: f32 = 0.62;
 
     /// Prepares the shading of a model.
-    pub(super) fn new(model: &Model) -> Self {
+    pub(super) fn new(model: &DrawnModel) -> Self {
         let around = FaceLists::around(&model.faces, model.vertices_mm.len());
         let scaled: Vec<Vector3<f32>> = (0..model.faces.len()).into_par_iter().map(|face| scaled_normal(model, face)).collect();
         let unit = |n: &Vector3<f32>| n.try_normalize(0.0).unwrap_or_else(Vector3::z);
@@ -107,7 +107,7 @@ impl Shading {
     }
 }
 
-fn scaled_normal(model: &Model, face: usize) -> Vector3<f32> {
+fn scaled_normal(model: &DrawnModel, face: usize) -> Vector3<f32> {
     let [a, b, c] = model.corners(face);
     // Of triangles so small that their squares vanish in f32 only the direction matters.
     let scaled = (b - a).cross(&(c - a));

@@ -59,7 +59,7 @@ impl Store {
         Ok(ids)
     }
 
-    /// What a job is asked for and planned with, whatever its state; `None` if that cannot be read.
+    /// Request and input of a job, whatever its state; `None` if they cannot be read.
     pub(crate) async fn body(&self, id: JobId) -> Result<Option<Attempt>, Error> {
         let body = body_of(&mut *self.reader.acquire().await?, id).await?;
         Ok(body.ok().map(|(request, input)| Attempt { id, request, input, number: 0, created_at: String::new() }))
