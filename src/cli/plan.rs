@@ -173,7 +173,8 @@ impl<'a> PartPlanner<'a> {
     /// Loads the fixture, if there is one.
     pub(super) fn load_fixture(&mut self) -> Result<(), CliError> {
         let path = self.params.part.fixture_mesh.as_ref();
-        let fixture = path.map(|path| load_mesh(Path::new(path), self.args.unit, self.cancel)).transpose()?;
+        let load = |path: &String| self.pool.install(|| load_mesh(Path::new(path), self.args.unit, self.cancel));
+        let fixture = path.map(load).transpose()?;
         self.fixture = fixture.map(|(fixture, _)| fixture.mesh);
         Ok(())
     }
@@ -181,7 +182,7 @@ impl<'a> PartPlanner<'a> {
     /// Plans a part and writes its files. Where no plan is possible, those of an earlier plan are removed, so that nobody takes
     /// them for this part's.
     pub(super) fn plan(&self, mesh: &Path, folder: &OutputFolder) -> Result<PlannedPart, CliError> {
-        let (part, part_sha256) = load_mesh(mesh, self.args.unit, self.cancel)?;
+        let (part, part_sha256) = self.pool.install(|| load_mesh(mesh, self.args.unit, self.cancel))?;
         let params = placed(&self.params, self.args.up, &part.mesh);
         let job = PlanJob {
             mesh: &part.mesh,

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use sha2::{Digest, Sha256};
 
 use super::store::hex;
-use crate::cell::{Cell, CollisionScene, FieldError, PoseSpec, Scanner};
+use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
 use crate::geometry::{self, LengthUnit, Mesh, Poll};
 use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
@@ -231,7 +231,7 @@ impl PlanJob<'_> {
         for program in &programs {
             let bytes = ProgramDocument::new(program, self.echo.clone()).to_bytes();
             files.push((format!("{}.json", program_stem(program.setup)).into(), bytes));
-            for program in self.dialects(plan, program, foreign) {
+            for program in self.dialects(outcome, program, foreign) {
                 program.sort_into(&mut files, &mut refused);
             }
         }
@@ -281,10 +281,12 @@ impl PlanJob<'_> {
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// The program in the dialects that the robot takes, or in every one. The linter checks the program first.
-    fn dialects(&self, plan: &Plan, program: &Program, foreign: ForeignPrograms) -> Vec<DialectProgram> {
+    /// The program in the dialects that the robot takes, or in every one. The linter checks the program first, in the scene that it
+    /// was planned in.
+    fn dialects(&self, outcome: &Outcome, program: &Program, foreign: ForeignPrograms) -> Vec<DialectProgram> {
+        let plan = &outcome.plan;
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
-        let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
+        let Some(scene) = outcome.scenes.get(program.setup) else { return Vec::new() };
         let visited = plan.views.iter().filter(|view| view.setup.index() == program.setup && view.station.is_some());
         let expected = Expected {
             plan_sha256: program.plan_sha256.clone(),
@@ -292,7 +294,7 @@ impl PlanJob<'_> {
             table_alone: plan.params.motion.table == TableMotion::Alone,
             views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
         };
-        let checked = CheckedProgram::new(program, cell, &scene, Some(&expected), CheckedWith::Part);
+        let checked = CheckedProgram::new(program, cell, scene, Some(&expected), CheckedWith::Part);
         let checked = checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "));
         let wanted = |dialect: &Dialect| foreign == ForeignPrograms::Kept || cell.robot.takes(*dialect);
         let files = Dialect::ALL

@@ -245,7 +245,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },
         coverage,
     };
-    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None }
+    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None, scenes: Vec::new() }
 }
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {
