@@ -197,7 +197,8 @@ impl<'a> PartPlanner<'a> {
     /// Loads the fixture, if there is one.
     pub(super) fn load_fixture(&mut self) -> Result<(), CliError> {
         let path = self.params.part.fixture_mesh.as_ref();
-        let fixture = path.map(|path| load_mesh(Path::new(path), self.args.unit, self.cancel)).transpose()?;
+        let load = |path: &String| self.pool.install(|| load_mesh(Path::new(path), self.args.unit, self.cancel));
+        let fixture = path.map(load).transpose()?;
         self.fixture = fixture.map(|(fixture, _)| fixture.mesh);
         Ok(())
     }
@@ -208,7 +209,7 @@ impl<'a> PartPlanner<'a> {
         let mut watch = self.watch().take().unwrap_or_else(|| Stopwatch::start(None));
         watch.switch(Some(Stage::Reading.as_str()));
         let is_read = || watch.switch(Some(CommandStage::Health.as_str()));
-        let (part, part_sha256) = load_mesh_in_steps(mesh, self.args.unit, self.cancel, is_read)?;
+        let (part, part_sha256) = self.pool.install(|| load_mesh_in_steps(mesh, self.args.unit, self.cancel, is_read))?;
         let params = placed(&self.params, self.args.up, &part.mesh);
         let job = PlanJob {
             mesh: &part.mesh,

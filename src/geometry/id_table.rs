@@ -2,9 +2,10 @@
 //! stay where they are. Open addressing with linear probing (D. E. Knuth, *The Art of Computer Programming* 3, §6.4); the
 //! hash is keyed at random, so that no file can choose colliding items. What it answers does not depend on the key.
 
-use std::hash::{BuildHasher, Hash, RandomState};
+use std::hash::{BuildHasher, Hash};
 
 use super::poll::{Interrupted, Poll};
+use super::random_hash::RandomHash;
 
 /// Stands for no number.
 const FREE: u32 = u32::MAX;
@@ -15,7 +16,7 @@ const MIN_SLOTS: usize = 64;
 pub(super) struct IdTable {
     slots: Vec<u32>,
     taken: usize,
-    hash: RandomState,
+    hash: RandomHash,
 }
 
 impl IdTable {
@@ -27,7 +28,7 @@ impl IdTable {
     /// A table that holds so many items without growing.
     pub(super) fn for_items(items: usize) -> Self {
         let slots = (items + items.div_ceil(3) + 1).next_power_of_two().max(MIN_SLOTS);
-        Self { slots: vec![FREE; slots], taken: 0, hash: RandomState::new() }
+        Self { slots: vec![FREE; slots], taken: 0, hash: RandomHash::new() }
     }
 
     /// The number of the item with this key; `new` is its number from now on if it had none. `key_of` gives the key of a

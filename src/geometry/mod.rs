@@ -11,9 +11,12 @@ mod mesh_health;
 pub mod mesh_io;
 mod poll;
 mod preview;
+mod random_hash;
 mod ray_scene;
+mod side_by_side;
 mod simd;
 mod sort;
+mod sorted_lists;
 mod stable_poses;
 mod unit;
 

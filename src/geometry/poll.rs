@@ -62,6 +62,11 @@ impl<'a> Poll<'a> {
         }
         None
     }
+
+    /// Returns true if one of `bytes` is `wanted`; false once told to stop.
+    pub(super) fn holds(&self, bytes: &[u8], wanted: u8) -> bool {
+        bytes.chunks(WINDOW).any(|window| self.spend(WINDOW / 8).is_ok() && window.contains(&wanted))
+    }
 }
 
 impl Poll<'static> {
@@ -101,5 +106,7 @@ mod tests {
         assert_eq!(Poll::never().position(&bytes, |b| *b == b'x'), Some(2 * WINDOW + 7));
         assert_eq!(Poll::never().position(&bytes, |b| *b == b'y'), None);
         assert_eq!(Poll::new(&|| true).position(&bytes, |b| *b == b'x'), None);
+        assert!(Poll::never().holds(&bytes, b'x') && !Poll::never().holds(&bytes, b'y'));
+        assert!(!Poll::new(&|| true).holds(&bytes, b'x'));
     }
 }

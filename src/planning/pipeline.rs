@@ -53,6 +53,8 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let part = Arc::new(RayScene::interruptible([input.mesh], || ctx.check())?);
     let mut outcome = explain(problem, &sampled, &setups, views, &part, ctx)?;
     certify(&mut outcome, input, &sampled.params, &setups, &part, ctx)?;
+    let scene_of = |plan: &SetupPlan| Some(setup_of(&setups, plan)?.scene.as_ref()?.collision_scene().clone());
+    outcome.scenes = outcome.plan.setups.iter().filter_map(scene_of).collect();
     Ok(outcome)
 }
 

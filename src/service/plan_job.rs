@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use sha2::{Digest, Sha256};
 
 use super::store::hex;
-use crate::cell::{Cell, CollisionScene, FieldError, PoseSpec, Scanner, closed_list};
+use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
 use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
@@ -273,7 +273,7 @@ impl PlanJob<'_> {
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
-        let checked: Vec<_> = programs.iter().map(|program| self.checked(plan, program)).collect();
+        let checked: Vec<_> = programs.iter().map(|program| self.checked(outcome, program)).collect();
         let summary = Summary::of(plan).with_program(self.program_cycle(&checked, &programs)).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
@@ -354,10 +354,11 @@ impl PlanJob<'_> {
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// The program of a setup as the linter finds it, or its findings.
-    fn checked<'p>(&'p self, plan: &Plan, program: &'p Program) -> CheckedOrFindings<'p> {
+    /// The program of a setup as the linter finds it in the scene that it was planned in, or its findings.
+    fn checked<'p>(&'p self, outcome: &Outcome, program: &'p Program) -> CheckedOrFindings<'p> {
+        let plan = &outcome.plan;
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Err(String::new()) };
-        let scene = CollisionScene::new(cell, self.mesh, self.fixture, &setup.table_from_part, plan.params.motion.clearance_mm);
+        let Some(scene) = outcome.scenes.get(program.setup) else { return Err(String::new()) };
         let visited = plan.views.iter().filter(|view| view.setup.index() == program.setup && view.station.is_some());
         let expected = Expected {
             plan_sha256: program.plan_sha256.clone(),
@@ -365,7 +366,7 @@ impl PlanJob<'_> {
             table_alone: plan.params.motion.table == TableMotion::Alone,
             views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
         };
-        let checked = CheckedProgram::new(program, cell, &scene, Some(&expected), CheckedWith::Part);
+        let checked = CheckedProgram::new(program, cell, scene, Some(&expected), CheckedWith::Part);
         checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
     }
 

@@ -121,11 +121,13 @@ impl Solid {
     pub(super) fn motion_bound_mm(&self, parent_from_body: &Isometry3<f64>, from_axis: bool) -> f64 {
         let pose = parry_pose(parent_from_body);
         let distance = |point: Vector| if from_axis { point.x.hypot(point.y) } else { point.length() };
-        let corners = match self {
-            Self::Mesh(surface) => surface.vertices().iter().map(|vertex| pose * *vertex).collect(),
-            Self::Segment { .. } | Self::Box(_) | Self::Cylinder { .. } => self.aabb(&pose).vertices().to_vec(),
+        let farthest = match self {
+            Self::Mesh(surface) => surface.vertices().iter().map(|vertex| distance(pose * *vertex)).fold(0.0, f32::max),
+            Self::Segment { .. } | Self::Box(_) | Self::Cylinder { .. } => {
+                self.aabb(&pose).vertices().map(distance).into_iter().fold(0.0, f32::max)
+            }
         };
-        f64::from(corners.into_iter().map(distance).fold(0.0, f32::max))
+        f64::from(farthest)
     }
 
     /// Returns true if a point of the body's frame lies in it.

@@ -13,6 +13,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::edges::{Edges, Side};
 use crate::geometry::poll::{Interrupted, Poll};
+use crate::geometry::side_by_side::{self, PIECE};
 use crate::geometry::{Aabb, Mesh};
 
 /// Triangles looked at to tell who lies in whom; about a second. Beyond it bodies are left as they are.
@@ -130,9 +131,9 @@ impl Bodies {
 /// Body number of each face, numbered by first face, and how many there are. Only edges of exactly two faces connect.
 fn connect(faces: usize, edges: &Edges, poll: &Poll<'_>) -> Result<(Vec<u32>, usize), Interrupted> {
     let mut parent: Vec<u32> = (0..faces as u32).collect();
-    for sides in edges.shared() {
-        poll.spend(10 + sides.len())?;
-        if let [a, b] = sides {
+    for edge in edges.iter() {
+        poll.spend(10)?;
+        if let Some([a, b]) = edge.pair() {
             let (a, b) = (root(&mut parent, a.face()), root(&mut parent, b.face()));
             parent[a.max(b) as usize] = a.min(b);
         }
@@ -168,19 +169,28 @@ fn root(parent: &mut [u32], face: usize) -> u32 {
 /// A body is closed when on each of its edges one of its triangles runs up and one runs down.
 fn closed_bodies(count: usize, of_face: &[u32], edges: &Edges, poll: &Poll<'_>) -> Result<Vec<bool>, Interrupted> {
     let mut closed = vec![true; count];
+    if edges.counts.are_sound() {
+        return Ok(closed);
+    }
     // How many sides of each body run up and down the edge that is looked at, up to two.
     let mut ways = vec![[0_u8; 2]; count];
-    let body = |side: &Side| of_face[side.face()] as usize;
-    for sides in edges.shared() {
-        poll.spend(10 * sides.len())?;
-        for side in sides {
+    let body = |side: Side| of_face[side.face()] as usize;
+    for edge in edges.iter() {
+        poll.spend(10)?;
+        if let Some([a, b]) = edge.pair() {
+            // Joined by this edge, they are of one body.
+            closed[body(a)] &= a.is_ascending() != b.is_ascending();
+            continue;
+        }
+        for side in edge.sides() {
+            poll.spend(10)?;
             let way = &mut ways[body(side)][usize::from(side.is_ascending())];
             *way = (*way + 1).min(2);
         }
-        for side in sides {
+        for side in edge.sides() {
             closed[body(side)] &= ways[body(side)] == [1, 1];
         }
-        sides.iter().for_each(|side| ways[body(side)] = [0, 0]);
+        edge.sides().for_each(|side| ways[body(side)] = [0, 0]);
     }
     Ok(closed)
 }
@@ -196,14 +206,22 @@ struct Solid {
 
 impl Solid {
     fn new(index: usize, mesh: &Mesh, faces: &[u32], origin: &Point3<f64>, poll: &Poll<'_>) -> Result<Self, Interrupted> {
-        let (mut aabb, mut sixfold_mm3) = (Aabb::empty(), 0.0);
-        for &face in faces {
-            poll.spend(10)?;
-            let corners = mesh.corners(face as usize);
-            aabb = corners.iter().fold(aabb, |aabb, corner| aabb.with(corner));
-            let [a, b, c] = corners.map(|corner| corner - origin);
-            sixfold_mm3 += a.dot(&b.cross(&c));
-        }
+        let extent = |faces: &&[u32]| {
+            faces.iter().fold((Aabb::empty(), 0.0), |(aabb, sixfold_mm3), face| {
+                let corners = mesh.corners(*face as usize);
+                let [a, b, c] = corners.map(|corner| corner - origin);
+                (corners.iter().fold(aabb, |aabb, corner| aabb.with(corner)), sixfold_mm3 + a.dot(&b.cross(&c)))
+            })
+        };
+        poll.spend(10 * faces.len().min(PIECE))?;
+        // Most of many bodies are small.
+        let pieces = match faces.len() {
+            0..=PIECE => vec![extent(&faces)],
+            _ => side_by_side::map(&faces.chunks(PIECE).collect::<Vec<_>>(), extent, poll)?,
+        };
+        let (aabb, sixfold_mm3) = pieces.into_iter().fold((Aabb::empty(), 0.0), |(aabb, sum), (of_piece, sixfold_mm3)| {
+            (aabb.with(&of_piece.min).with(&of_piece.max), sum + sixfold_mm3)
+        });
         // What rounding leaves of a sheet that is folded onto itself is no volume.
         let rounding_mm3 = 1e-12 * aabb.extent_mm().norm().powi(3);
         let volume_mm3 = if sixfold_mm3.abs() > rounding_mm3 { sixfold_mm3 / 6.0 } else { 0.0 };

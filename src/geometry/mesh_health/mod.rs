@@ -5,15 +5,20 @@
 //! *Topology* (watertight, bodies, edges) is that of the welded triangles with three different vertices, thin ones
 //! included: a triangle without area closes its edges, and dropping it makes no hole in the surface.
 //! *Body*: triangles connected by edges that exactly two triangles share.
-//! Cost: O(n) in the triangles, and at most 47 bytes each beside the mesh; nesting is only looked at when a closed body has
+//! Cost: O(n) in the triangles, side by side on the threads of the caller's pool save for the joining of bodies, and at most 40
+//! bytes each beside the mesh; nesting is only looked at when a closed body has
 //! negative volume, and then up to a budget.
 
 mod bodies;
 mod edges;
 mod warning;
 
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use super::poll::{Interrupted, Poll};
-use super::sort::sort_by_key;
+use super::side_by_side::{self, PIECE};
+use super::sorted_lists::SortedLists;
 use super::{Aabb, Mesh};
 use bodies::{Bodies, Turned};
 use edges::{EdgeCounts, Edges};
@@ -29,7 +34,7 @@ const MIN_AREA_SHARE: f64 = 1e-12;
 /// # Errors
 /// [`Interrupted`].
 pub fn outward_faces(mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<bool>, Interrupted> {
-    let edges = Edges::of(&mesh.faces, poll)?;
+    let edges = Edges::of(mesh, poll)?;
     let bodies = Bodies::of(mesh.faces.len(), &edges, poll)?;
     drop(edges);
     bodies.outward_faces(mesh, poll)
@@ -41,12 +46,12 @@ pub fn outward_faces(mesh: &Mesh, poll: &Poll<'_>) -> Result<Vec<bool>, Interrup
 /// # Errors
 /// [`Interrupted`].
 pub fn each_inner_edge(mesh: &Mesh, poll: &Poll<'_>, mut found: impl FnMut([u32; 2], [usize; 2])) -> Result<(), Interrupted> {
-    for sides in Edges::of(&mesh.faces, poll)?.shared() {
+    for edge in Edges::of(mesh, poll)?.iter() {
         poll.spend(50)?;
-        if let [a, b] = sides
+        if let Some([a, b]) = edge.pair()
             && a.is_ascending() != b.is_ascending()
         {
-            found(a.vertices(), [a.face(), b.face()]);
+            found(edge.vertices(), [a.face(), b.face()]);
         }
     }
     Ok(())
@@ -58,8 +63,7 @@ pub fn each_inner_edge(mesh: &Mesh, poll: &Poll<'_>, mut found: impl FnMut([u32;
 /// # Errors
 /// [`Interrupted`].
 pub fn is_closed(mesh: &Mesh, poll: &Poll<'_>) -> Result<bool, Interrupted> {
-    let EdgeCounts { boundary, non_manifold, inconsistent } = Edges::of(&mesh.faces, poll)?.counts;
-    Ok(boundary + non_manifold + inconsistent == 0)
+    Ok(Edges::of(mesh, poll)?.counts.are_sound())
 }
 
 /// The health report of a mesh. Counts of triangles are after polygons were cut into fans.
@@ -121,20 +125,19 @@ pub fn assess(mesh: &Mesh) -> MeshHealth {
 pub(super) fn clean(mut mesh: Mesh, poll: &Poll<'_>) -> Result<(Mesh, MeshHealth), Interrupted> {
     let triangles_in_file = mesh.faces.len();
     mesh.keep_faces(|mesh, face| has_three_vertices(mesh.faces[face]), poll)?;
-    let edges = Edges::of(&mesh.faces, poll)?;
+    let edges = Edges::of(&mesh, poll)?;
     let (bodies, counts) = (Bodies::of(mesh.faces.len(), &edges, poll)?, edges.counts);
     drop(edges);
     let turned = bodies.turn_inverted(&mut mesh, poll)?;
 
     let used = mesh.aabb_of_faces(poll)?;
     let min_area_mm2 = MIN_AREA_SHARE * used.extent_mm().norm_squared();
-    let mut body_has_area = vec![false; bodies.count()];
-    let keep = |mesh: &Mesh, face: usize| {
-        let keep = mesh.face_area_mm2(face) >= min_area_mm2;
-        body_has_area[bodies.of_face(face)] |= keep;
-        keep
-    };
-    mesh.keep_faces(keep, poll)?;
+    let kept = mesh.keep_faces(|mesh, face| mesh.face_area_mm2(face) >= min_area_mm2, poll)?;
+    let mut body_has_area = vec![kept.is_none(); bodies.count()];
+    for face in kept.iter().flatten().enumerate().filter_map(|(face, kept)| kept.then_some(face)) {
+        poll.spend(5)?;
+        body_has_area[bodies.of_face(face)] = true;
+    }
     let with_area = body_has_area.into_iter().filter(|&has| has).count();
     drop(bodies);
     mesh.drop_unused_vertices(poll)?;
@@ -154,13 +157,13 @@ fn report(
         triangles_in_file,
         triangles: mesh.faces.len(),
         vertices: mesh.vertices_mm.len(),
-        aabb: mesh.aabb_of_faces(poll)?,
+        aabb: mesh.aabb_of_vertices(poll)?,
         area_mm2: area_mm2(mesh, poll)?,
         volume_mm3: turned.volume_mm3,
         watertight: edges.boundary == 0 && edges.non_manifold == 0,
         bodies,
         degenerate_triangles: triangles_in_file - mesh.faces.len(),
-        duplicate_triangles: duplicates(&mesh.faces, poll)?,
+        duplicate_triangles: duplicates(mesh, poll)?,
         boundary_edges: edges.boundary,
         non_manifold_edges: edges.non_manifold,
         inconsistent_edges: edges.inconsistent,
@@ -173,78 +176,82 @@ fn has_three_vertices([a, b, c]: [u32; 3]) -> bool {
     a != b && b != c && c != a
 }
 
+/// Area of all triangles: sums of pieces, added in their order.
 fn area_mm2(mesh: &Mesh, poll: &Poll<'_>) -> Result<f64, Interrupted> {
-    let mut sum_mm2 = 0.0;
-    for face in 0..mesh.faces.len() {
-        poll.spend(10)?;
-        sum_mm2 += mesh.face_area_mm2(face);
-    }
-    Ok(sum_mm2)
+    let of_piece = |faces: &Range<usize>| faces.clone().map(|face| mesh.face_area_mm2(face)).sum::<f64>();
+    Ok(side_by_side::map(&side_by_side::ranges(mesh.faces.len()), of_piece, poll)?.into_iter().sum())
 }
 
-fn duplicates(faces: &[[u32; 3]], poll: &Poll<'_>) -> Result<usize, Interrupted> {
-    let mut sorted: Vec<[u32; 3]> = faces.to_vec();
-    for face in &mut sorted {
-        poll.spend(5)?;
-        face.sort_unstable();
-    }
-    let key = |face: &[u32; 3]| face.iter().fold(0, |key, vertex| key << 32 | u128::from(*vertex));
-    sort_by_key(&mut sorted, key, poll)?;
-    poll.spend(sorted.len())?;
-    Ok(sorted.windows(2).filter(|pair| pair[0] == pair[1]).count())
+/// Number of triangles with the same three vertices as another before them.
+fn duplicates(mesh: &Mesh, poll: &Poll<'_>) -> Result<usize, Interrupted> {
+    let entry = |face: usize| {
+        let mut vertices = mesh.faces[face];
+        vertices.sort_unstable();
+        let [low, middle, high] = vertices;
+        [(low, u64::from(middle) << 32 | u64::from(high))]
+    };
+    let lists = SortedLists::new(mesh.faces.len(), mesh.vertices_mm.len(), entry, poll)?;
+    let repeated = |list: &[u64]| list.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    let of_piece = |keys: &Range<usize>| lists.of(keys.clone()).map(|(_, list)| repeated(list)).sum::<usize>();
+    Ok(side_by_side::map(&lists.pieces(), of_piece, poll)?.into_iter().sum())
+}
+
+/// Smallest box around the boxes of pieces.
+fn join(boxes: Vec<Aabb>) -> Aabb {
+    boxes.iter().fold(Aabb::empty(), |all, aabb| all.with(&aabb.min).with(&aabb.max))
 }
 
 impl Mesh {
-    /// Keeps the faces that `keep` says yes to. It sees the mesh as it was and is asked once a face, in order.
-    fn keep_faces(&mut self, mut keep: impl FnMut(&Self, usize) -> bool, poll: &Poll<'_>) -> Result<(), Interrupted> {
-        let mut kept = Vec::with_capacity(self.faces.len());
-        for face in 0..self.faces.len() {
-            poll.spend(10)?;
-            kept.push(keep(self, face));
-        }
+    /// Keeps the faces that `keep` says yes to; which of them, or `None` where all are kept.
+    fn keep_faces(
+        &mut self,
+        keep: impl Fn(&Self, usize) -> bool + Sync,
+        poll: &Poll<'_>,
+    ) -> Result<Option<Vec<bool>>, Interrupted> {
+        let of_piece = |faces: &Range<usize>| faces.clone().map(|face| keep(self, face)).collect::<Vec<_>>();
+        let kept = side_by_side::map(&side_by_side::ranges(self.faces.len()), of_piece, poll)?.concat();
         if kept.iter().all(|&keep| keep) {
-            return Ok(());
+            return Ok(None);
         }
         let (mut faces_kept, mut sources_kept) = (kept.iter(), kept.iter());
         self.faces.retain(|_| faces_kept.next() == Some(&true));
         self.source_face.retain(|_| sources_kept.next() == Some(&true));
-        Ok(())
+        Ok(Some(kept))
     }
 
     /// Box around the vertices that triangles use.
     fn aabb_of_faces(&self, poll: &Poll<'_>) -> Result<Aabb, Interrupted> {
-        let mut aabb = Aabb::empty();
-        for &vertex in self.faces.iter().flatten() {
-            poll.spend(3)?;
-            aabb = aabb.with(&self.vertices_mm[vertex as usize]);
-        }
-        Ok(aabb)
+        let pieces: Vec<_> = self.faces.chunks(PIECE).collect();
+        let around = |faces: &&[[u32; 3]]| Aabb::around(faces.iter().flatten().map(|vertex| &self.vertices_mm[*vertex as usize]));
+        Ok(join(side_by_side::map(&pieces, around, poll)?))
     }
 
     /// Box around all vertices.
     fn aabb_of_vertices(&self, poll: &Poll<'_>) -> Result<Aabb, Interrupted> {
-        let mut aabb = Aabb::empty();
-        for vertex in &self.vertices_mm {
-            poll.spend(2)?;
-            aabb = aabb.with(vertex);
-        }
-        Ok(aabb)
+        let pieces: Vec<_> = self.vertices_mm.chunks(PIECE).collect();
+        Ok(join(side_by_side::map(&pieces, |vertices| Aabb::around(*vertices), poll)?))
     }
 
     fn drop_unused_vertices(&mut self, poll: &Poll<'_>) -> Result<(), Interrupted> {
-        let mut number = vec![u32::MAX; self.vertices_mm.len()];
-        for &vertex in self.faces.iter().flatten() {
-            poll.spend(2)?;
-            number[vertex as usize] = 0;
+        let used: Vec<AtomicBool> = std::iter::repeat_with(|| AtomicBool::new(false)).take(self.vertices_mm.len()).collect();
+        let mark = |faces: &&[[u32; 3]]| {
+            faces.iter().flatten().for_each(|vertex| used[*vertex as usize].store(true, Ordering::Relaxed));
+        };
+        side_by_side::map(&self.faces.chunks(PIECE).collect::<Vec<_>>(), mark, poll)?;
+        let used: Vec<bool> = used.into_iter().map(AtomicBool::into_inner).collect();
+        if used.iter().all(|used| *used) {
+            self.vertices_mm.shrink_to_fit();
+            return Ok(());
         }
-        let used = number.iter_mut().filter(|number| **number == 0);
-        used.zip(0..).for_each(|(number, next)| *number = next);
-        for vertex in self.faces.iter_mut().flatten() {
-            poll.spend(2)?;
-            *vertex = number[*vertex as usize];
-        }
-        let mut numbers = number.iter();
-        self.vertices_mm.retain(|_| numbers.next() != Some(&u32::MAX));
+        let mut next = 0;
+        let numbered = |used: &bool| {
+            next += u32::from(*used);
+            next - u32::from(*used)
+        };
+        let number: Vec<u32> = used.iter().map(numbered).collect();
+        side_by_side::change(&mut self.faces, |face| *face = face.map(|vertex| number[vertex as usize]), poll)?;
+        let mut used = used.iter();
+        self.vertices_mm.retain(|_| used.next() == Some(&true));
         self.vertices_mm.shrink_to_fit();
         Ok(())
     }

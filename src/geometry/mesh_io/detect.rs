@@ -47,7 +47,7 @@ pub(super) fn detect_format(text: &[u8], poll: &Poll<'_>) -> Result<MeshFormat, 
     match Tokens::of(start, poll).next().unwrap_or_default() {
         b"ply" => Ok(MeshFormat::Ply),
         word if word.eq_ignore_ascii_case(b"solid") && is_ascii_stl(start, poll) => Ok(MeshFormat::StlAscii),
-        _ if poll.position(text, |byte| *byte == 0).is_none() && is_obj(text, poll) => Ok(MeshFormat::Obj),
+        _ if !poll.holds(text, 0) && is_obj(text, poll) => Ok(MeshFormat::Obj),
         _ if !is_text(text) => Ok(MeshFormat::StlBinary),
         _ => Err(MeshError::UnknownFormat),
     }

@@ -3,14 +3,17 @@
 //! together with its health. Every error names the line or byte at fault; no allocation relies on a count that the file
 //! merely declares.
 //!
-//! Cost: linear in the size of the file; long loops poll every few milliseconds for cancellation. Peak memory: for a binary
-//! STL file, which is read in chunks, 65 bytes per triangle where six triangles share each vertex, 135 where none share any;
-//! for other formats the file and 28 to 88 bytes per triangle, then 45 to 135 bytes per triangle without the file.
+//! Cost: linear in the size of the file. Files are parsed in pieces, side by side on the threads of the caller's pool (`pieces`),
+//! and the poll is asked every few milliseconds for cancellation. Peak memory: for a binary STL file, of which a few megabytes
+//! are held at a time, 75 bytes per triangle where six triangles share each vertex, 150 where none share any; for other formats
+//! the file and 28 to 88 bytes per triangle, then 55 to 150 bytes per triangle without the file.
 
 mod detect;
 mod error;
+mod facets;
 mod obj;
 mod obj_groups;
+mod pieces;
 mod ply;
 mod soup;
 mod stl_ascii;
@@ -86,6 +89,25 @@ pub struct ReadMesh {
     pub unit: LengthUnit,
 }
 
+/// Settings that a file is read with.
+#[derive(Clone, Copy)]
+struct Settings<'a> {
+    unit: LengthUnit,
+    limits: &'a Limits,
+    /// Bytes of text that are parsed at a time at least; what is read does not depend on it.
+    piece_bytes: usize,
+}
+
+impl<'a> Settings<'a> {
+    fn new(unit: LengthUnit, limits: &'a Limits) -> Self {
+        Self { unit, limits, piece_bytes: pieces::PIECE_BYTES }
+    }
+
+    fn unit_mm(&self) -> f64 {
+        self.unit.mm()
+    }
+}
+
 /// Bytes read from a source at a time.
 const CHUNK_BYTES: u64 = 1 << 20;
 
@@ -103,7 +125,8 @@ pub fn detect_format(bytes: &[u8]) -> Result<MeshFormat, MeshError> {
 /// # Errors
 /// Every variant of [`MeshError`] except [`MeshError::Interrupted`]; [`MeshError::UnitMissing`] only once the format is known.
 pub fn read(bytes: &[u8], unit: Option<LengthUnit>, limits: &Limits) -> Result<ReadMesh, MeshError> {
-    parsed(bytes, unit, limits, &Poll::never())?.finished()
+    let settings = |unit| Settings::new(unit, limits);
+    parsed(bytes, unit.map(settings), &Poll::never())?.finished()
 }
 
 /// Reads a mesh file of `length_bytes` from `source` until `poll` says to stop. The file is streamed where its format allows
@@ -136,16 +159,15 @@ pub fn parse_from<'a>(
     Read::take(&mut *source, stl_binary::HEAD_BYTES as u64).read_to_end(&mut bytes)?;
     let parsed = match bytes.first_chunk().filter(|head| stl_binary::length_fits(*head, length_bytes)) {
         Some(head) => {
-            let unit = unit.ok_or(MeshError::UnitMissing)?;
-            let mut soup = Soup::new(unit, limits, poll);
+            let mut soup = Soup::new(Settings::new(unit.ok_or(MeshError::UnitMissing)?, limits), poll);
             stl_binary::read_records(head, source, &mut soup)?;
-            ParsedMesh { format: MeshFormat::StlBinary, unit, soup, groups: Vec::new() }
+            ParsedMesh { format: MeshFormat::StlBinary, soup, groups: Vec::new() }
         }
         None => {
             while Read::take(&mut *source, CHUNK_BYTES).read_to_end(&mut bytes)? > 0 {
                 poll.check().map_err(MeshError::from)?;
             }
-            parsed(&bytes, unit, limits, poll)?
+            parsed(&bytes, unit.map(|unit| Settings::new(unit, limits)), poll)?
         }
     };
     Ok(parsed)
@@ -154,30 +176,24 @@ pub fn parse_from<'a>(
 /// A parsed file, before its mesh is welded and assessed.
 pub struct ParsedMesh<'a> {
     format: MeshFormat,
-    unit: LengthUnit,
     soup: Soup<'a>,
     groups: Vec<FaceGroup>,
 }
 
-fn parsed<'a>(
-    bytes: &[u8],
-    unit: Option<LengthUnit>,
-    limits: &'a Limits,
-    poll: &'a Poll<'a>,
-) -> Result<ParsedMesh<'a>, MeshError> {
+/// Parses a whole file; without settings for want of a unit only its format is found.
+fn parsed<'a>(bytes: &[u8], settings: Option<Settings<'a>>, poll: &'a Poll<'a>) -> Result<ParsedMesh<'a>, MeshError> {
     let text = content(bytes, poll)?;
     let format = detect::detect_format(&text, poll)?;
-    let unit = unit.ok_or(MeshError::UnitMissing)?;
-    let mut soup = Soup::new(unit, limits, poll);
+    let mut soup = Soup::new(settings.ok_or(MeshError::UnitMissing)?, poll);
     let groups = match format {
         MeshFormat::StlBinary => stl_binary::read(&text, &mut soup).map(|()| Vec::new()),
         MeshFormat::StlAscii => stl_ascii::read(&text, &mut soup).map(|()| Vec::new()),
-        MeshFormat::Obj => obj::read(&text, &mut soup, limits),
+        MeshFormat::Obj => obj::read(&text, &mut soup),
         MeshFormat::Ply => ply::read(&text, &mut soup).map(|()| Vec::new()),
     };
     // Once stopped, a reader sees the file end and reports that it is truncated.
     poll.check()?;
-    Ok(ParsedMesh { format, unit, soup, groups: groups? })
+    Ok(ParsedMesh { format, soup, groups: groups? })
 }
 
 impl ParsedMesh<'_> {
@@ -186,12 +202,12 @@ impl ParsedMesh<'_> {
     /// # Errors
     /// [`MeshError::NoTriangles`]; [`MeshError::Interrupted`] when the poll that it was read with says to stop.
     pub fn finished(self) -> Result<ReadMesh, MeshError> {
-        let Self { format, unit, mut soup, groups } = self;
+        let Self { format, mut soup, groups } = self;
         match format {
             MeshFormat::StlBinary | MeshFormat::StlAscii => soup.weld_float_noise()?,
             MeshFormat::Obj | MeshFormat::Ply => soup.weld_equal()?,
         }
-        let poll = soup.poll;
+        let (unit, poll) = (soup.settings.unit, soup.poll);
         let raw = soup.into_mesh(groups);
         if raw.faces.is_empty() {
             return Err(MeshError::NoTriangles {

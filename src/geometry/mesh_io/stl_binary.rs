@@ -2,13 +2,17 @@
 //! endian. Normals and attributes are ignored: the order of the corners defines the outer side. A file of many triangles is
 //! read in chunks, so that it is never held in memory together with the mesh.
 
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use super::error::{MeshError, Position, ReadError};
+use super::facets::Facets;
 use super::soup::Soup;
 use crate::geometry::Mesh;
+use crate::geometry::poll::Poll;
+use crate::geometry::side_by_side::pieces_of_a_round;
 
 const COUNT_AT: usize = 80;
 /// Bytes before the first record.
@@ -16,8 +20,8 @@ pub(super) const HEAD_BYTES: usize = 84;
 const RECORD_BYTES: usize = 50;
 const CORNERS_AT: usize = 12;
 const HEADER: &[u8] = b"binary STL by vantage, millimetres";
-/// Records read at a time.
-const RECORDS_AT_ONCE: usize = 1024;
+/// Size of a piece of records against one of text, which takes longer to parse.
+const PIECE_PER_PIECE_BYTES: usize = 2;
 
 /// Returns true if a file of `length_bytes` has exactly the triangles that its `head` declares.
 pub(super) fn length_fits(head: &[u8], length_bytes: u64) -> bool {
@@ -26,43 +30,98 @@ pub(super) fn length_fits(head: &[u8], length_bytes: u64) -> bool {
 
 /// Reads every triangle.
 pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
-    let count = declared(bytes)
-        .ok_or(MeshError::Truncated { at: Position::Byte(bytes.len() as u64), expected: "the header of a binary STL" })?;
-    check_length(bytes, count)?;
-    let (records, _) = bytes[HEAD_BYTES..].as_chunks();
-    add(&records[..count as usize], HEAD_BYTES as u64, soup)
+    let Some((head, mut records)) = bytes.split_first_chunk::<HEAD_BYTES>() else {
+        return Err(MeshError::Truncated { at: Position::Byte(bytes.len() as u64), expected: "the header of a binary STL" });
+    };
+    check_length(bytes, count(head))?;
+    read_records(head, &mut records, soup).map_err(|error| match error {
+        ReadError::Mesh(error) => error,
+        ReadError::Io(error) => unreachable!("memory can be read: {error}"),
+    })
 }
 
-/// Reads every triangle that follows `head` in `source`.
+/// Reads every triangle that follows `head` in `source`: the next ones while those that are there are parsed, side by side.
 pub(super) fn read_records(head: &[u8; HEAD_BYTES], source: &mut dyn Read, soup: &mut Soup<'_>) -> Result<(), ReadError> {
-    let mut at = HEAD_BYTES as u64;
-    let mut left = declared(head).map_or(0, |count| count as usize);
-    let mut buffer = vec![[0; RECORD_BYTES]; RECORDS_AT_ONCE.min(left)];
-    while left > 0 {
-        let records = &mut buffer[..RECORDS_AT_ONCE.min(left)];
-        source.read_exact(records.as_flattened_mut()).map_err(|error| {
-            if error.kind() == ErrorKind::UnexpectedEof {
-                MeshError::Truncated { at: Position::Byte(at), expected: "a triangle" }.into()
-            } else {
-                ReadError::Io(error)
-            }
-        })?;
-        add(records, at, soup)?;
-        (at, left) = (at + (records.len() * RECORD_BYTES) as u64, left - records.len());
+    let mut coming = Records { source, at: HEAD_BYTES as u64, left: count(head) as usize };
+    soup.expect_triangles(coming.left);
+    let at_once = (PIECE_PER_PIECE_BYTES * soup.settings.piece_bytes / RECORD_BYTES).max(1);
+    let records_of_a_round = at_once * pieces_of_a_round();
+    let unit_mm = soup.settings.unit_mm();
+    let (mut first, mut bytes) = (coming.at, Vec::new());
+    coming.read(records_of_a_round, &mut bytes)?;
+    let mut next_bytes = Vec::new();
+    while !bytes.is_empty() {
+        soup.poll.check().map_err(MeshError::from)?;
+        let (records, _) = bytes.as_chunks();
+        let (next_first, mut parsed) = (coming.at, Vec::new());
+        let read = if coming.left == 0 {
+            parsed = parse(records, first, at_once, unit_mm);
+            next_bytes.clear();
+            Ok(())
+        } else {
+            rayon::in_place_scope(|scope| {
+                scope.spawn(|_| parsed = parse(records, first, at_once, unit_mm));
+                coming.read(records_of_a_round, &mut next_bytes)
+            })
+        };
+        for (facets, end) in parsed {
+            facets.into_soup(soup)?;
+            end?;
+        }
+        read?;
+        std::mem::swap(&mut bytes, &mut next_bytes);
+        first = next_first;
     }
     Ok(())
 }
 
-/// Adds the triangles of `records`, the first of which begins at byte `first`.
-fn add(records: &[[u8; RECORD_BYTES]], first: u64, soup: &mut Soup<'_>) -> Result<(), MeshError> {
+/// Records that are still to be read.
+struct Records<'a> {
+    source: &'a mut dyn Read,
+    /// Byte at which the next one begins.
+    at: u64,
+    left: usize,
+}
+
+impl Records<'_> {
+    /// Reads so many into `bytes`, or those that are left.
+    fn read(&mut self, count: usize, bytes: &mut Vec<u8>) -> Result<(), ReadError> {
+        let count = count.min(self.left);
+        let length = count * RECORD_BYTES;
+        bytes.clear();
+        bytes.reserve_exact(length);
+        let read = Read::take(&mut *self.source, length as u64).read_to_end(bytes)?;
+        if read < length {
+            return Err(MeshError::Truncated { at: Position::Byte(self.at + read as u64), expected: "a triangle" }.into());
+        }
+        (self.at, self.left) = (self.at + length as u64, self.left - count);
+        Ok(())
+    }
+}
+
+/// Parses records, the first of which begins at byte `first`, so many in a piece; each piece up to its first fault.
+fn parse(records: &[[u8; RECORD_BYTES]], first: u64, at_once: usize, unit_mm: f64) -> Vec<(Facets, Result<(), MeshError>)> {
+    let piece = |(piece, records): (usize, &[[u8; RECORD_BYTES]])| {
+        let mut facets = Facets::new(unit_mm, records.len());
+        let end = parse_piece(records, first + (piece * at_once * RECORD_BYTES) as u64, &mut facets);
+        (facets, end)
+    };
+    if records.len() <= at_once {
+        return vec![piece((0, records))];
+    }
+    records.par_chunks(at_once).enumerate().map(piece).collect()
+}
+
+fn parse_piece(records: &[[u8; RECORD_BYTES]], first: u64, facets: &mut Facets) -> Result<(), MeshError> {
+    let poll = Poll::never();
     for (record, at) in records.iter().zip((first..).step_by(RECORD_BYTES)) {
         let mut corners = [0; 3];
         for (corner, k) in corners.iter_mut().zip(0..) {
             let offset = CORNERS_AT + 12 * k;
             let xyz = [0, 4, 8].map(|axis| f64::from(float(record, offset + axis)));
-            *corner = soup.welded_vertex(xyz, Position::Byte(at + offset as u64))?;
+            *corner = facets.corner(xyz, Position::Byte(at + offset as u64), &poll)?;
         }
-        soup.face(&corners, Position::Byte(at))?;
+        facets.triangle(corners, Position::Byte(at));
     }
     Ok(())
 }
@@ -84,6 +143,11 @@ pub fn write_stl(mesh: &Mesh) -> Vec<u8> {
         bytes.extend_from_slice(&[0, 0]);
     }
     bytes
+}
+
+/// Number of triangles that a head declares.
+fn count(head: &[u8; HEAD_BYTES]) -> u32 {
+    u32::from_le_bytes([head[COUNT_AT], head[COUNT_AT + 1], head[COUNT_AT + 2], head[COUNT_AT + 3]])
 }
 
 fn declared(bytes: &[u8]) -> Option<u32> {

@@ -6,6 +6,7 @@ use super::*;
 use crate::geometry::Mesh;
 
 mod hostile;
+mod pieces;
 
 const CUBE_CORNERS: [[f64; 3]; 8] =
     [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0., 0., 1.], [1., 0., 1.], [1., 1., 1.], [0., 1., 1.]];

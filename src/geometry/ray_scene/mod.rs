@@ -14,7 +14,7 @@
 //! thirds of the time, rays run through as fast, and who gives up need not wait.
 //!
 //! Size at 11 triangles a block, the usual filling: 7 bytes a triangle for nodes (224 each), 53 for blocks (592 each), 4
-//! for the order, 12 for faces, 12 for vertices shared by six triangles: 88 in all; growing takes some 140 more for a while.
+//! for the order, 12 for faces, 12 for vertices shared by six triangles: 88 in all; growing takes some 90 more for a while.
 //! Cost: O(log n) a segment, some 5·10⁻⁷ s alone and 2·10⁻⁷ to 2·10⁻⁸ s in a packet.
 
 use std::convert::Infallible;

@@ -87,14 +87,14 @@ impl Tree {
         corners: impl Fn(u32) -> [Point3<f64>; 3] + Sync,
         check: impl Fn() -> Result<(), E> + Sync,
     ) -> Result<Self, E> {
-        let numbers: Vec<u32> = (0..triangles as u32).collect();
-        let boxes_of = |numbers: &[u32]| {
+        let mut boxes = vec![ParryAabb::new_invalid(); triangles];
+        boxes.par_chunks_mut(PART).enumerate().try_for_each(|(part, boxes)| {
             check()?;
-            Ok(numbers.iter().map(|triangle| outward_box(&corners(*triangle))).collect::<Vec<_>>())
-        };
-        let boxes = numbers.par_chunks(PART).map(boxes_of).collect::<Result<Vec<_>, E>>()?.concat();
+            boxes.iter_mut().zip((part * PART) as u32..).for_each(|(aabb, triangle)| *aabb = outward_box(&corners(triangle)));
+            Ok(())
+        })?;
         let reach = boxes.iter().map(|aabb| aabb.mins.abs().max(aabb.maxs.abs()).max_element()).fold(0.0, f32::max);
-        let parts = split::into_parts(numbers, &boxes, &check)?;
+        let parts = split::into_parts((0..triangles as u32).collect(), &boxes, &check)?;
         let grown = |part: &Vec<u32>| {
             check()?;
             let own: Vec<_> = part.iter().map(|triangle| boxes[*triangle as usize]).collect();
@@ -113,20 +113,41 @@ impl Tree {
             own.reduce(|all, aabb| all.merged(&aabb)).unwrap_or_else(ParryAabb::new_invalid)
         };
         let around: Vec<_> = parts.par_iter().map(around).collect();
-        Ok(Self::of(&around, reach, 1, |tree, parts| {
+        // The whole takes as much again as its parts, less the little that is copied at a time.
+        drop((parts, boxes));
+        let mut whole = Self::with_room_for(&trees);
+        whole.reach = reach;
+        whole.put_in(&around, 1, |tree, parts| {
             parts.first().map_or(Child::NONE, |part| tree.append(std::mem::take(&mut trees[*part as usize])))
-        }))
+        });
+        Ok(whole)
+    }
+
+    /// A tree without nodes that takes over others without growing, and a few nodes above them.
+    fn with_room_for(trees: &[Self]) -> Self {
+        let sum = |count: fn(&Self) -> usize| trees.iter().map(count).sum::<usize>();
+        Self {
+            nodes: Vec::with_capacity(sum(|tree| tree.nodes.len()) + trees.len()),
+            blocks: Vec::with_capacity(sum(|tree| tree.blocks.len()) + 1),
+            order: Vec::with_capacity(sum(|tree| tree.order.len())),
+            reach: 0.0,
+        }
     }
 
     /// A tree over boxes, up to `leaf` of which are put in by `push`.
-    fn of(boxes: &[ParryAabb], reach: f32, leaf: usize, mut push: impl FnMut(&mut Self, &[u32]) -> Child) -> Self {
+    fn of(boxes: &[ParryAabb], reach: f32, leaf: usize, push: impl FnMut(&mut Self, &[u32]) -> Child) -> Self {
         let mut tree = Self { reach, ..Self::default() };
-        tree.blocks.push(Block::default());
+        tree.put_in(boxes, leaf, push);
+        tree
+    }
+
+    /// Puts boxes into a tree that is empty yet.
+    fn put_in(&mut self, boxes: &[ParryAabb], leaf: usize, mut push: impl FnMut(&mut Self, &[u32]) -> Child) {
+        self.blocks.push(Block::default());
         if !boxes.is_empty() {
             let binary = Bvh::from_leaves(BvhBuildStrategy::Binned, boxes);
-            tree.grow(&binary, leaf, &mut push);
+            self.grow(&binary, leaf, &mut push);
         }
-        tree
     }
 
     /// Takes over all of another tree; its root.

@@ -82,7 +82,8 @@ pub(super) fn assemble(
     let fates = problem.params.output.candidates.then(|| solution.fates());
     let measured_by_view = solution.measuring;
     let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings, ctx)).transpose()?;
-    Ok(Outcome { plan, surface: problem.surface.into_owned(), verdicts, measured_by_view, pixel_views: None, candidates })
+    let surface = problem.surface.into_owned();
+    Ok(Outcome { plan, surface, verdicts, measured_by_view, pixel_views: None, candidates, scenes: Vec::new() })
 }
 
 /// The weakest link of the views of each setup.

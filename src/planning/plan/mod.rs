@@ -32,7 +32,7 @@ use super::surface::Surface;
 pub use super::surface::requirements::RegionKind;
 pub use super::verdict::{Advice, CandidateCounts, Cause, Fate, Grade, Obstruction, RiskReason, Verdict};
 use super::visibility::Row;
-use crate::cell::{Posture, Robot};
+use crate::cell::{CollisionScene, Posture, Robot};
 use crate::geometry::{Aabb, Part, Pose, ScannerFrame, Table};
 
 /// A plan. Everything needed to write `plan.json`; no clock, no thread count.
@@ -333,4 +333,6 @@ pub struct Outcome {
     pub pixel_views: Option<Vec<u32>>,
     /// Every candidate, chosen or not; with `output.candidates`.
     pub candidates: Option<CandidateTable>,
+    /// Cell and part of each setup as its moves were proved free in, for what checks programs; none without a cell.
+    pub scenes: Vec<CollisionScene>,
 }

@@ -112,6 +112,11 @@ impl<'a> PlanningScene<'a> {
         stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
     }
 
+    /// Cell and part as collisions are looked for.
+    pub(super) fn collision_scene(&self) -> &CollisionScene {
+        &self.scene
+    }
+
     /// The lines of sight past the obstacles of the cell.
     pub(super) fn sight(&self) -> &Sight {
         &self.sight

@@ -3,14 +3,18 @@
 //! `.5` and do not locate errors in binary files.
 
 mod header;
+mod stretches;
 mod values;
 
 use std::ops::Range;
 
 use self::header::{Element, Header, Property, PropertyKind, Scalar};
+use self::stretches::{Parsed, Stretch};
 use self::values::Values;
 use super::error::{MeshError, Position};
-use super::soup::Soup;
+use super::pieces::parse_round;
+use super::soup::{Part, Sink, Soup};
+use crate::geometry::poll::Poll;
 
 /// Reads the elements `vertex` and `face`; skips all others.
 pub(super) fn read(bytes: &[u8], soup: &mut Soup<'_>) -> Result<(), MeshError> {
@@ -44,19 +48,20 @@ fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>
         let found = element.property_names();
         return Err(MeshError::Syntax { at: element.at, expected: "the properties x, y, z of vertex", found });
     };
-    let first = soup.vertices() as u32;
-    for _ in 0..element.count {
+    let read_vertex = |values: &mut Values<'_>, sink: &mut dyn Sink| {
         values.begin_record("a vertex")?;
         let at = values.at();
         let mut xyz = [0.0; 3];
         for (k, property) in element.properties.iter().enumerate() {
             match (axes.iter().position(|&axis| axis == Some(k)), property.kind) {
                 (Some(axis), PropertyKind::Scalar(scalar)) => xyz[axis] = values.next(scalar)?,
-                (_, kind) => skip_property(kind, values)?,
+                (_, kind) => values.skip_property(kind)?,
             }
         }
-        soup.vertex(xyz, at)?;
-    }
+        sink.vertex(xyz, at)
+    };
+    let first = soup.vertices() as u32;
+    read_records(element, values, soup, &read_vertex)?;
     Ok(first..soup.vertices() as u32)
 }
 
@@ -67,8 +72,8 @@ fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>,
         let found = element.property_names();
         return Err(MeshError::Syntax { at: element.at, expected: "the list vertex_indices (or vertex_index) of face", found });
     }
-    let mut corners = Vec::new();
-    for _ in 0..element.count {
+    let read_face = |values: &mut Values<'_>, sink: &mut dyn Sink| {
+        let mut corners = Vec::new();
         values.begin_record("a face")?;
         let at = values.at();
         for property in &element.properties {
@@ -76,12 +81,46 @@ fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>,
                 PropertyKind::List { count, item } if is_corners(&property.name) => {
                     read_corners(count, item, values, vertices, &mut corners)?;
                 }
-                kind @ (PropertyKind::Scalar(_) | PropertyKind::List { .. }) => skip_property(kind, values)?,
+                kind @ (PropertyKind::Scalar(_) | PropertyKind::List { .. }) => values.skip_property(kind)?,
             }
         }
-        soup.face(&corners, at)?;
+        sink.face(&corners, at)
+    };
+    read_records(element, values, soup, &read_face)
+}
+
+/// Reads one record into a sink.
+type ReadRecord<'a> = dyn Fn(&mut Values<'_>, &mut dyn Sink) -> Result<(), MeshError> + Sync + 'a;
+
+/// Reads all records of an element: stretches of them side by side, as long as nothing is wrong and all are of the element, then
+/// one after the other.
+fn read_records(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>, read: &ReadRecord<'_>) -> Result<(), MeshError> {
+    let (poll, unit_mm) = (soup.poll, soup.settings.unit_mm());
+    let mut left = element.count;
+    'stretches: while left > 0 {
+        let round = values.next_stretches(element, left, soup.settings.piece_bytes, poll);
+        let parse = |stretch: &Stretch<'_>, poll: &Poll<'_>| {
+            let mut part = Part::new(unit_mm);
+            let end = stretch.parse(read, &mut part, poll);
+            (part, end)
+        };
+        let parsed = parse_round(&round, parse, poll)?;
+        if parsed.is_empty() {
+            break;
+        }
+        for (stretch, (part, end)) in round.iter().zip(parsed) {
+            match end {
+                // The last record of lines is left, since blank lines behind it are nobody's.
+                Some(Parsed { records, lines }) if records + lines.min(1) <= left && soup.has_room(&part) => {
+                    soup.take(part);
+                    values.pass(stretch, lines);
+                    left -= records;
+                }
+                Some(_) | None => break 'stretches,
+            }
+        }
     }
-    Ok(())
+    (0..left).try_for_each(|_| read(values, soup))
 }
 
 fn read_corners(
@@ -124,18 +163,8 @@ fn skip_records(element: &Element, values: &mut Values<'_>) -> Result<(), MeshEr
     for _ in 0..element.count {
         values.begin_record("a record")?;
         for property in &element.properties {
-            skip_property(property.kind, values)?;
+            values.skip_property(property.kind)?;
         }
     }
     Ok(())
-}
-
-fn skip_property(kind: PropertyKind, values: &mut Values<'_>) -> Result<(), MeshError> {
-    match kind {
-        PropertyKind::Scalar(scalar) => values.skip(scalar, 1),
-        PropertyKind::List { count, item } => {
-            let length = values.next_count(count)?;
-            values.skip(item, length)
-        }
-    }
 }

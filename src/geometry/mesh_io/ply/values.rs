@@ -1,11 +1,12 @@
 //! The body of a PLY file as a stream of numbers. Every number type of PLY fits an `f64` exactly.
 
-use super::header::{BodyEncoding, Header, Scalar};
+use super::header::{BodyEncoding, Header, PropertyKind, Scalar};
 use crate::geometry::mesh_io::error::{MeshError, Position};
 use crate::geometry::mesh_io::text::{Lines, Tokens, number};
 use crate::geometry::poll::Poll;
 
 /// Source of the numbers, by encoding.
+#[derive(Clone)]
 pub(super) enum Values<'a> {
     /// Text, one record per line.
     Text { lines: Lines<'a>, tokens: Tokens<'a> },
@@ -80,6 +81,17 @@ impl<'a> Values<'a> {
                 }
                 *at += size as usize;
                 Ok(())
+            }
+        }
+    }
+
+    /// Skips a number or a list.
+    pub(super) fn skip_property(&mut self, kind: PropertyKind) -> Result<(), MeshError> {
+        match kind {
+            PropertyKind::Scalar(scalar) => self.skip(scalar, 1),
+            PropertyKind::List { count, item } => {
+                let length = self.next_count(count)?;
+                self.skip(item, length)
             }
         }
     }

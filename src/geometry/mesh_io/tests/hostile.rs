@@ -14,29 +14,42 @@ fn cpu_time() -> Duration {
     Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }
 
+/// Runs work, with all that it would do side by side, on one thread, whose CPU time then is that of the work.
+fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match rayon::current_thread_index() {
+        Some(_) => work(),
+        None => rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread").install(work),
+    }
+}
+
 /// CPU time of one call.
-fn cost<T>(work: impl FnOnce() -> T) -> (Duration, T) {
-    let before = cpu_time();
-    let result = work();
-    (cpu_time() - before, result)
+fn cost<T: Send>(work: impl FnOnce() -> T + Send) -> (Duration, T) {
+    on_one_thread(|| {
+        let before = cpu_time();
+        let result = work();
+        (cpu_time() - before, result)
+    })
 }
 
 fn read_polled(bytes: &[u8], poll: &Poll<'_>) -> Result<ReadMesh, ReadError> {
     read_from(&mut &bytes[..], bytes.len() as u64, Some(LengthUnit::Millimetre), &Limits::default(), poll)
 }
 
-/// The longest CPU time between two polls, from begin to end.
-fn longest_wait<T>(work: impl FnOnce(&Poll<'_>) -> T) -> Duration {
-    let (last, longest) = (Cell::new(cpu_time()), Cell::new(Duration::ZERO));
-    let look = || {
-        let now = cpu_time();
-        longest.set(longest.get().max(now - last.replace(now)));
-        false
-    };
-    let poll = Poll::new(&look);
-    let _ = work(&poll);
-    look();
-    longest.get()
+/// The longest CPU time between two polls, from begin to end. A round of work that is done side by side has as many pieces as its
+/// threads take in the same time.
+fn longest_wait<T>(work: impl FnOnce(&Poll<'_>) -> T + Send) -> Duration {
+    on_one_thread(|| {
+        let (last, longest) = (Cell::new(cpu_time()), Cell::new(Duration::ZERO));
+        let look = || {
+            let now = cpu_time();
+            longest.set(longest.get().max(now - last.replace(now)));
+            false
+        };
+        let poll = Poll::new(&look);
+        let _ = work(&poll);
+        look();
+        longest.get()
+    })
 }
 
 fn binary_stl(triangles: impl ExactSizeIterator<Item = [[f32; 3]; 3]>) -> Vec<u8> {
