@@ -44,7 +44,7 @@ impl RecordRun<'_> {
                 }
             }
             RecordRun::Records { bytes, place, big_endian, count } => {
-                let mut values = Values::Binary { bytes: *bytes, at: place.start, big_endian: *big_endian, poll };
+                let mut values = Values::Binary { bytes, at: place.start, big_endian: *big_endian, poll };
                 (0..*count).try_for_each(|_| read(&mut values, part)).ok()?;
                 Some(Parsed { records: *count, lines: 0 })
             }
