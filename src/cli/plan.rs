@@ -242,7 +242,7 @@ impl<'a> PartPlanner<'a> {
         Ok(PlannedPart { outcome, artifacts })
     }
 
-    /// What is wrong with a part that does not suit plate or scanner; empty where parameters are to blame.
+    /// Faults of a part that does not suit plate or scanner, in sentences; empty where parameters are to blame.
     fn faults_of_part(&self, job: &PlanJob<'_>, errors: &[FieldError]) -> Vec<String> {
         let is_pose_given = is_pose_given(job, self.args.up);
         let faults: Option<Vec<String>> = errors.iter().map(|error| job.error_of_part(error, is_pose_given)).collect();

@@ -276,7 +276,7 @@ fn the_table_has_a_row_a_point_and_action() {
     assert!((0..3).all(|axis| (number(1, 13 + axis) - scanner.origin_mm()[axis]).abs() < 1e-6));
 }
 
-/// What a summary says of the cycle is what the operator reads at the head of the program.
+/// A summary gives the cycle that the operator reads at the head of the program.
 #[test]
 fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     let cell = cell();
