@@ -91,6 +91,7 @@ function facts(job) {
     cell === "none" ? "viewpoints alone" : `cell ${cell}`,
     job.part_number && `part number ${job.part_number}`,
     job.serial && `serial ${job.serial}`,
+    job.submitted_by && `submitted by ${job.submitted_by}`,
     ...Object.entries(job.labels).map(([name, value]) => `${name}: ${value}`),
     job.state === "queued" && `place ${job.queue_position} in the queue`,
     job.stage && `${job.stage}, ${Math.round(100 * job.fraction)} %`,
@@ -110,12 +111,13 @@ function actions(job) {
 function summaryOf(job) {
   const summary = job.summary;
   if (!summary) return [];
-  const next = summary.action && `Next: ${summary.action.text}`;
+  const next = summary.action && element("li", { className: "next" }, `Next: ${summary.action.text}`);
   return [
-    element("li", { className: "verdict" }, summary.verdict_text),
-    ...[summary.views_text, summary.coverage_text, summary.cycle_text, next].filter(Boolean)
+    element("li", { className: "verdict" }, summary.title),
+    next,
+    ...[summary.verdict_text, summary.views_text, summary.coverage_text, summary.cycle_text].filter(Boolean)
       .map((text) => element("li", {}, text)),
-  ];
+  ].filter(Boolean);
 }
 
 const percent = (share) => `${(100 * share).toFixed(2)} %`;
@@ -156,7 +158,7 @@ function draw(job) {
   time.dateTime = job.created_at;
   time.textContent = new Date(job.created_at).toLocaleString();
   item.querySelector(".facts").textContent = facts(job);
-  item.dataset.verdict = job.summary?.verdict ?? "";
+  item.dataset.level = job.summary?.level ?? "";
   item.querySelector(".summary").replaceChildren(...summaryOf(job));
   const progress = item.querySelector("progress");
   progress.hidden = !["running", "cancelling"].includes(job.state);
@@ -181,16 +183,29 @@ async function show(job) {
     meshNames.set(job.mesh_id, await ask(`/meshes/${job.mesh_id}`).then((mesh) => mesh.name, () => null) ?? job.mesh_id);
   }
   draw(jobs.get(job.id) ?? job);
-  if (!job.warnings) complete(job.id);
+  if (!job.regions && hasRegions(job)) regionsOf(job.id);
 }
 
-// Lists come without regions and warnings; they follow once the list stands.
-async function complete(id) {
-  const whole = await ask(`/jobs/${id}`).catch(() => null);
+// Lists have everything but the regions, which few jobs have.
+const hasRegions = (job) => job.results.some((file) => file.name === "regions.csv");
+async function regionsOf(id) {
+  const whole = await ask(`/jobs/${id}?fields=regions,warnings`).catch(() => null);
   const job = jobs.get(id);
   if (!whole || !job) return;
   Object.assign(job, { regions: whole.regions, warnings: whole.warnings });
   draw(job);
+}
+
+// A place became free: everybody behind moves up, which one list tells.
+async function movedUp() {
+  if (![...jobs.values()].some((job) => job.state === "queued")) return;
+  const page = await ask("/jobs?state=queued&fields=queue_position&page_size=1000").catch(() => ({ items: [] }));
+  for (const { id, queue_position } of page.items) {
+    const job = jobs.get(id);
+    if (job?.state !== "queued") continue;
+    Object.assign(job, { queue_position });
+    draw(job);
+  }
 }
 
 async function list(token) {
@@ -238,8 +253,7 @@ function follow() {
       draw(job);
     } else {
       refresh(about.job_id);
-      // A place became free: everybody behind moves up.
-      for (const other of jobs.values()) if (other.state === "queued" && other.id !== about.job_id) refresh(other.id);
+      movedUp();
     }
   };
   for (const kind of ["queued", "started", "progress", "cancelling", "succeeded", "failed", "cancelled"]) {

@@ -17,6 +17,8 @@ use crate::geometry::{Aabb, Base, Pose, Table};
 const ADAPTER_RADIUS_MM: f64 = 40.0;
 /// Adapters that are thinner have no body, mm.
 const MIN_ADAPTER_MM: f64 = 1.0;
+/// Distance from the robot's foot within which no table stands: lengths so short are metres, mm.
+const MIN_TABLE_MM: f64 = 10.0;
 /// Radius and least height of a pedestal below the foot, mm.
 const PEDESTAL_MM: [f64; 2] = [100.0, 1.0];
 
@@ -86,6 +88,35 @@ impl CellDistances {
         Ok(spec)
     }
 
+    /// Faults of the specification, at the options that they follow from: what its user gave.
+    #[must_use]
+    pub fn blamed(&self, errors: Vec<FieldError>) -> Vec<FieldError> {
+        errors.into_iter().map(|error| self.blamed_one(error)).collect()
+    }
+
+    fn blamed_one(&self, error: FieldError) -> FieldError {
+        let mut names = error.pointer.split('/').skip(1);
+        let option = match names.next().unwrap_or_default() {
+            "home_deg" if self.home_deg.is_none() => {
+                let searched =
+                    "leaves no collision-free home that looks at the plate; move the table, or give --home (at 0° of every axis";
+                return FieldError { pointer: "--table-at".into(), detail: format!("{searched}, the cell {})", error.detail) };
+            }
+            "home_deg" => "--home",
+            "base_from_table" => "--table-at",
+            "flange_from_scanner" | "mount" => "--adapter",
+            "mount_mass_kg" => "--adapter-mass",
+            "floor_mm" => "--floor",
+            "obstacles" => "--pedestal",
+            "scanner" => "--scanner",
+            "robot" => "--robot",
+            "turntable" => "--turntable",
+            _ => return error,
+        };
+        let below = names.map(|name| format!("/{name}")).collect::<String>();
+        FieldError { pointer: option.to_owned() + &below, detail: error.detail }
+    }
+
     fn base_from_table(&self) -> PoseSpec {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.table_yaw_deg.to_radians());
         PoseSpec::from(&Pose::<Base, Table>::from_parts(self.table_at_mm.into(), turn))
@@ -114,6 +145,12 @@ impl CellDistances {
         for distance_mm in self.table_at_mm {
             findings.range("--table-at", distance_mm, -10_000.0, 10_000.0, "mm");
         }
+        let is_in_the_foot = Vector3::from(self.table_at_mm).norm() < MIN_TABLE_MM;
+        findings.require(!is_in_the_foot, "--table-at", || {
+            // Rounded: a factor adds digits.
+            let told = |factor: f64| self.table_at_mm.map(|length| ((length * factor * 1e6).round() / 1e6).to_string()).join(",");
+            format!("is {} mm, inside the robot's foot; give millimetres: {} if these are metres", told(1.0), told(1e3))
+        });
         findings.range("--table-yaw", self.table_yaw_deg, -360.0, 360.0, "°");
         findings.range("--adapter", self.adapter_mm, 0.0, 1000.0, "mm");
         findings.range("--adapter-mass", self.adapter_kg, 0.0, 1000.0, "kg");
@@ -226,6 +263,30 @@ mod tests {
             "{errors:?}"
         );
         assert!(errors.iter().all(|error| error.contains("reach") || error.contains("/home_deg")), "{errors:?}");
+    }
+
+    #[test]
+    fn metres_are_refused_at_the_option_that_has_them() {
+        let metres = CellDistances { table_at_mm: [0.9, 0.0, 0.1], ..distances() };
+        let errors = metres.spec(&Presets).expect_err("in the foot");
+        let [error] = &errors[..] else { panic!("{errors:?}") };
+        assert_eq!(error.pointer, "--table-at");
+        assert!(error.detail.contains("inside the robot's foot") && error.detail.contains("900,0,100"), "{error}");
+    }
+
+    #[test]
+    fn a_fault_of_the_cell_is_told_at_what_its_user_gave() {
+        // The plate around the robot's foot: no home is free, and none was given.
+        let around = CellDistances { table_at_mm: [60.0, 0.0, 20.0], ..distances() };
+        let spec = around.spec(&Presets).expect("in range");
+        let errors = around.blamed(spec.build(&Presets).expect_err("it collides"));
+        assert!(errors.iter().all(|error| error.pointer.starts_with("--")), "{errors:?}");
+        let home = errors.iter().find(|error| error.pointer == "--table-at").expect("blamed");
+        assert!(home.detail.contains("no collision-free home") && home.detail.contains("collides: "), "{home}");
+        // A home that was given is to blame itself.
+        let given = CellDistances { home_deg: Some([0.0; 7]), ..around };
+        let errors = given.blamed(given.spec(&Presets).expect("in range").build(&Presets).expect_err("it collides"));
+        assert!(errors.iter().any(|error| error.pointer == "--home"), "{errors:?}");
     }
 
     #[test]

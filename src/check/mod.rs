@@ -142,7 +142,7 @@ pub fn kind_of(value: &Value) -> Option<DocumentKind> {
     }
 }
 
-fn read<T: DeserializeOwned + ToSchema>(value: Value) -> Result<T, Vec<FieldError>> {
+fn read<T: DeserializeOwned + ToSchema + 'static>(value: Value) -> Result<T, Vec<FieldError>> {
     from_value(&value)
 }
 

@@ -9,11 +9,13 @@ use crate::service::{BackupReport, backup, restore};
 
 /// Back up a server's store; the server may be running.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "A backup has the layout of a store: vantage.db, files and store-id. A later backup to the same folder
-copies the database and only new files. The hash of every file is checked as it is copied.
+#[command(
+    after_help = "A backup has the layout of a store: vantage.db, files and store-id. A later backup to the same folder copies the \
+database and only new files. The hash of every file is checked as it is copied.
 
 Example:
-  vantage backup --data /var/lib/vantage --to /mnt/backup/vantage")]
+  vantage backup --data /var/lib/vantage --to /mnt/backup/vantage"
+)]
 pub struct BackupArgs {
     /// Data folder of the server.
     #[arg(long, value_name = "DIR", default_value = "vantage-data")]

@@ -19,14 +19,18 @@ use crate::wire::warnings;
 /// Write a cell's specification from its devices and distances, with a home and the scanner's mounting found.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
-  vantage cell --robot ur10e --scanner my-scanner.toml --turntable minas-a6-500 --table-at 900,0,100 --out my-cell.toml
-  vantage cell --robot ur10e --scanner my-scanner.toml --turntable minas-a6-500 --table-at 900,0,100 --floor -600 --pedestal \\
+  vantage cell --robot ur10e --scanner my-scanner.toml \\
+      --turntable minas-a6-500 --table-at 900,0,100 --out my-cell.toml
+  vantage cell --robot ur10e --scanner my-scanner.toml \\
+      --turntable minas-a6-500 --table-at 900,0,100 --floor -600 --pedestal \\
       --mount back --adapter 40 --out my-cell.toml --sketch my-cell.svg
   vantage plan part.stl --unit mm --cell my-cell.toml --out plan
 
-The foot of the robot is the origin: x to the front, y to its left, z up. Without --mount each face of the scanner's housing is
-tried as the one that is bolted to the flange, and the one with which the arm reaches most is taken. Lengths are millimetres,
-angles degrees. Exit codes: 0 success, 1 system error, 2 bad input or a cell that does not fit together.")]
+The foot of the robot is the origin: x to the front, y to its left, z up. Without --mount every \
+face of the scanner's housing is tried on the flange, and the one from which the arm reaches the most views is taken. \
+Lengths are millimetres, angles degrees.
+
+Exit codes: 0 success, 1 system error, 2 bad input or a cell that does not fit together.")]
 pub struct CellArgs {
     /// Robot: name of a preset, or a TOML or JSON file.
     #[arg(long)]
@@ -86,7 +90,7 @@ impl FromStr for Mount {
         let named = HousingFace::ALL.into_iter().find(|face| face.as_str() == text.to_lowercase());
         named
             .map(Self)
-            .ok_or_else(|| format!("{text:?} is no face; use one of {}", HousingFace::ALL.map(HousingFace::as_str).join(", ")))
+            .ok_or_else(|| format!("unknown face {text:?}; use one of {}", HousingFace::ALL.map(HousingFace::as_str).join(", ")))
     }
 }
 
@@ -124,8 +128,9 @@ impl CellArgs {
 
     /// The cell with a face on the flange.
     fn mounted(&self, face: HousingFace) -> Result<Mounted, CliError> {
-        let spec = self.distances(face)?.spec(&FileLibrary).map_err(|errors| files::findings("cell", &errors))?;
-        let built = spec.build(&FileLibrary).map_err(|errors| files::findings("cell", &errors));
+        let distances = self.distances(face)?;
+        let spec = distances.spec(&FileLibrary).map_err(|errors| files::findings("cell", &distances.blamed(errors)))?;
+        let built = spec.build(&FileLibrary).map_err(|errors| files::findings("cell", &distances.blamed(errors)));
         let cell = built.map(|cell| {
             let reached = self.reached(&cell);
             (cell, reached)

@@ -24,12 +24,14 @@ use crate::wire::warnings::FieldWarning;
 #[command(after_help = "Examples:
   vantage check cell.toml robot.json params.toml
   vantage check plan/plan.json plan/program.json
-  vantage check plan/program.json --cell e05-transcan --plan plan/plan.json --mesh part.stl --unit mm
+  vantage check plan/program.json --cell e05-transcan --plan plan/plan.json \\
+      --mesh part.stl --unit mm
 
-Without --cell only structure and ranges of a program are checked, and that it is made from the plan.json beside it, if there is
-one. A file that is incomplete is told everything that it lacks. Warnings, as of a tolerance that is finer than the scanner's noise
-can serve, or a home that looks like radians, are not findings, unless --strict makes them so. Exit codes: 0 no findings,
-2 findings.")]
+Without --cell a program is checked for structure and ranges only, and that it belongs to the plan.json beside it, if there is \
+one. For an incomplete file every missing field is listed at once. Warnings, such as a tolerance finer than the scanner's noise \
+allows or a home that looks like radians, are not findings unless --strict is given.
+
+Exit codes: 0 no findings, 2 findings.")]
 pub struct CheckArgs {
     /// Files to check, TOML or JSON; the kind of each is recognised by its content.
     #[arg(required = true)]

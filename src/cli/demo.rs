@@ -10,7 +10,7 @@ use super::{CliError, failed, open_files, output, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
-use crate::service::{App, MeshUpload};
+use crate::service::{App, MeshUpload, Submission};
 use crate::settings::{Flags, Settings};
 use crate::wire::{Job, JobRequest, JobState};
 
@@ -87,7 +87,7 @@ async fn plan_sample(app: &App) -> Result<Job, Box<dyn std::error::Error + Send 
     upload.write(Bytes::from(stl)).await?;
     let about = MeshUpload { unit: LengthUnit::Millimetre, name: Some("sample base".to_owned()) };
     let mesh = app.add_mesh(upload.finish(None).await?, about).await?;
-    let job = app.submit(JobRequest::new(mesh.id), None, None).await?;
+    let job = app.submit(JobRequest::new(mesh.id), Submission::default()).await?;
     loop {
         let job = app.job_when_ended(job.id, Duration::from_secs(3600)).await?;
         if job.state.is_ended() || app.stopping().is_cancelled() {

@@ -23,7 +23,7 @@ use crate::wire;
 pub struct FileLibrary;
 
 impl FileLibrary {
-    fn file<T: DeserializeOwned + ToSchema>(path: &str) -> Result<T, NotFound> {
+    fn file<T: DeserializeOwned + ToSchema + 'static>(path: &str) -> Result<T, NotFound> {
         let read = existing(path)?;
         value(read).and_then(|value| from_value(value, path)).map_err(unusable)
     }
@@ -70,7 +70,11 @@ fn unusable(error: CliError) -> NotFound {
 ///
 /// # Errors
 /// Neither a preset nor a readable file of the right structure.
-pub fn spec<T: DeserializeOwned + ToSchema>(kind: SpecKind, name: &str, preset: Result<T, NotFound>) -> Result<T, CliError> {
+pub fn spec<T: DeserializeOwned + ToSchema + 'static>(
+    kind: SpecKind,
+    name: &str,
+    preset: Result<T, NotFound>,
+) -> Result<T, CliError> {
     if let Ok(preset) = preset {
         return Ok(preset);
     }
@@ -116,7 +120,7 @@ fn toml_fault(text: &str, error: &toml::de::Error) -> String {
 ///
 /// # Errors
 /// A value of another structure: every field that is missing or unknown, a line each.
-pub fn from_value<T: DeserializeOwned + ToSchema>(value: Value, what: &str) -> Result<T, CliError> {
+pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: Value, what: &str) -> Result<T, CliError> {
     wire::from_value(&value).map_err(|errors| findings(what, &errors))
 }
 
@@ -154,12 +158,28 @@ pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), CliError> {
 /// # Errors
 /// A file that cannot be read or is not a usable mesh; [`CliError::Cancelled`] once `poll` says to stop.
 pub fn mesh(path: &Path, unit: Option<LengthUnit>, poll: &Poll<'_>) -> Result<(ReadMesh, String), CliError> {
+    mesh_in_steps(path, unit, poll, || ())
+}
+
+/// Reads a mesh file as [`mesh`] does; calls `is_read` when its bytes are read and its mesh is to be welded and assessed.
+///
+/// # Errors
+/// Those of [`mesh`].
+pub(super) fn mesh_in_steps(
+    path: &Path,
+    unit: Option<LengthUnit>,
+    poll: &Poll<'_>,
+    is_read: impl FnOnce(),
+) -> Result<(ReadMesh, String), CliError> {
     let refuse = |error: std::io::Error| CliError::BadInput(format!("{}: {error}", path.display()));
     let mut file = HashingReader::new(File::open(path).map_err(refuse)?);
     let length_bytes = path.metadata().map_err(refuse)?.len();
-    let read = mesh_io::read_from(&mut file, length_bytes, unit, &Limits::default(), poll);
-    let read = read.map_err(|error| unusable_mesh(path, &error))?;
+    let limits = Limits::default();
+    let parsed =
+        mesh_io::parse_from(&mut file, length_bytes, unit, &limits, poll).map_err(|error| unusable_mesh(path, &error))?;
     let sha256 = file.finish(poll).map_err(refuse)?.ok_or_else(|| unusable_mesh(path, &MeshError::Interrupted.into()))?;
+    is_read();
+    let read = parsed.finished().map_err(|error| unusable_mesh(path, &error.into()))?;
     Ok((read, sha256))
 }
 

@@ -33,7 +33,7 @@ impl LimitArgs {
     /// Allowance for planning on `threads` threads.
     pub(super) fn allowance(&self, threads: usize) -> Allowance {
         let core_secs = if self.max_secs > 0.0 { self.max_secs * threads as f64 } else { f64::INFINITY };
-        let bytes = if self.max_memory > 0 { self.max_memory << 20 } else { job_memory_bytes(1) };
+        let bytes = if self.max_memory > 0 { self.max_memory << 20 } else { job_memory_bytes() };
         Allowance { bytes: bytes as f64, core_secs }
     }
 

@@ -54,13 +54,15 @@ mod telemetry;
     version = VERSION_LINE,
     max_term_width = 110,
     after_help = "Examples:
-  vantage demo                                     start a server with a sample part that is already being planned
-  vantage plan part.stl --unit mm --out plan       plan a part without a server
-  vantage serve --data /var/lib/vantage            start the server at http://127.0.0.1:8080
+  vantage demo                                 try it: a server with a sample part
+  vantage plan part.stl --unit mm --out plan   plan a part without a server
+  vantage serve --data /var/lib/vantage        serve at http://127.0.0.1:8080
 
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with `plan --strict` a region below its target,
-4 interrupted. With --json an error is an object {level, code, title, detail, exit_code, errors} on standard error.
-If the reader of the output closes the pipe, as `head` does, the command finishes its work and keeps its exit code."
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with `plan --strict` a region below its \
+target, 4 interrupted.
+
+With --json an error is an object {level, code, title, detail, exit_code, errors} on standard error. If the reader of the output \
+closes the pipe, as `head` does, the command finishes its work and keeps its exit code."
 )]
 pub struct Cli {
     #[command(subcommand)]

@@ -29,7 +29,9 @@ const PROBE: &str = ".vantage-probe";
 /// Folder in the output folder that holds the new files until all are written: on the same file system, so that they can be
 /// renamed.
 const STAGING: &str = ".vantage-new";
-/// Files of every plan, beside its programs.
+/// Seconds of the stages of a command.
+pub(super) const TIMINGS_FILE: &str = "timings.json";
+/// Files of every plan, beside its programs; the reports as long as they are not left out.
 pub(super) const FILES_OF_EVERY_PLAN: [&str; 12] = [
     PLAN_FILE,
     SUMMARY_FILE,
@@ -41,7 +43,7 @@ pub(super) const FILES_OF_EVERY_PLAN: [&str; 12] = [
     "missed.json",
     "report.txt",
     "report.html",
-    "timings.json",
+    TIMINGS_FILE,
     "ovp.json",
 ];
 /// Files that some plans have.
@@ -102,6 +104,31 @@ pub(super) struct OutputFolder {
     writer: OutputWriter,
     /// The folder itself, locked; `None` where the system cannot lock a folder.
     _lock: Option<File>,
+    // After the lock, so that the folder is closed when it goes.
+    _made: MadeFolders,
+}
+
+/// Folders that this run made. Those in which nothing is when this goes are removed: a run that fails leaves none behind.
+#[derive(Debug)]
+pub(super) struct MadeFolders(Vec<PathBuf>);
+
+impl MadeFolders {
+    /// Makes a folder, with those that it lies in.
+    pub(super) fn make(path: &Path) -> std::io::Result<Self> {
+        let missing = path.ancestors().take_while(|folder| !folder.as_os_str().is_empty() && !folder.exists());
+        let made = Self(missing.map(Path::to_path_buf).collect());
+        fs::create_dir_all(path)?;
+        Ok(made)
+    }
+}
+
+impl Drop for MadeFolders {
+    fn drop(&mut self) {
+        // The innermost first; one that is not empty stays.
+        for folder in &self.0 {
+            let _ = fs::remove_dir(folder);
+        }
+    }
 }
 
 impl OutputFolder {
@@ -112,7 +139,7 @@ impl OutputFolder {
     /// [`CliError::BadInput`] if the path is, or leads through, a file, if another run writes to it, or if a file is in the
     /// way; [`CliError::Failed`] if the system refuses.
     pub(super) fn prepare(path: &Path, writer: OutputWriter, names: &[&str]) -> Result<Self, CliError> {
-        fs::create_dir_all(path).map_err(|error| {
+        let made = MadeFolders::make(path).map_err(|error| {
             if matches!(error.kind(), ErrorKind::AlreadyExists | ErrorKind::NotADirectory) {
                 CliError::BadInput(format!("--out {}: is a file, or below a file; name a folder", path.display()))
             } else {
@@ -122,7 +149,7 @@ impl OutputFolder {
         let lock = lock(path)?;
         let probe = path.join(PROBE);
         fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)).map_err(|error| refused(path, &error))?;
-        let folder = Self { path: path.to_owned(), writer, _lock: lock };
+        let folder = Self { path: path.to_owned(), writer, _lock: lock, _made: made };
         let old = folder.old_files()?;
         let replaced =
             old.files.iter().filter(|file| writer != OutputWriter::Program && writer.replaces(file, &FileOrigin::default()));
@@ -142,15 +169,39 @@ impl OutputFolder {
     /// [`CliError::BadInput`] if a file of the user is in the way, [`CliError::Failed`] if the system refuses; then the folder
     /// is as it was, unless the system fails between two renames.
     pub(super) fn replace(&self, artifacts: &[Artifact], origin: &FileOrigin) -> Result<(), CliError> {
+        self.replace_all(artifacts, None, origin)
+    }
+
+    /// Does what [`OutputFolder::replace`] does, and writes `timings`, the file [`TIMINGS_FILE`], which is made when the others are on
+    /// the disk.
+    ///
+    /// # Errors
+    /// Those of [`OutputFolder::replace`].
+    pub(super) fn replace_timed(
+        &self,
+        artifacts: &[Artifact],
+        timings: &dyn Fn() -> Artifact,
+        origin: &FileOrigin,
+    ) -> Result<(), CliError> {
+        self.replace_all(artifacts, Some(timings), origin)
+    }
+
+    fn replace_all(
+        &self,
+        artifacts: &[Artifact],
+        timings: Option<&dyn Fn() -> Artifact>,
+        origin: &FileOrigin,
+    ) -> Result<(), CliError> {
         let old = self.old_files()?;
         self.refuse_another_plan(&old, origin)?;
-        let written: BTreeSet<&str> = artifacts.iter().map(|artifact| &*artifact.name).collect();
+        let written: BTreeSet<&str> =
+            artifacts.iter().map(|artifact| &*artifact.name).chain(timings.map(|_| TIMINGS_FILE)).collect();
         let goes = |file: &&RecordedFile| written.contains(file.name.as_str()) || self.writer.replaces(file, origin);
         let (gone, kept): (Vec<&RecordedFile>, Vec<&RecordedFile>) = old.files.iter().partition(|file| goes(file));
         let touched = written.iter().copied().chain(gone.iter().map(|file| file.name.as_str())).collect();
         self.refuse_files_of_the_user(&old, &touched)?;
         let staging = self.path.join(STAGING);
-        let new = self.stage(&staging, artifacts, origin).map_err(|error| self.abandon(&staging, &error))?;
+        let new = self.stage(&staging, artifacts, timings, origin).map_err(|error| self.abandon(&staging, &error))?;
         // A plan that was not completed stays so until none of its files is left.
         let is_of_plan = |file: &&RecordedFile| OutputWriter::Plan.replaces(file, origin);
         let complete = old.complete || !kept.iter().any(is_of_plan);
@@ -220,7 +271,13 @@ impl OutputFolder {
     }
 
     /// Writes the new files beside the old ones.
-    fn stage(&self, staging: &Path, artifacts: &[Artifact], origin: &FileOrigin) -> std::io::Result<Vec<RecordedFile>> {
+    fn stage(
+        &self,
+        staging: &Path,
+        artifacts: &[Artifact],
+        timings: Option<&dyn Fn() -> Artifact>,
+        origin: &FileOrigin,
+    ) -> std::io::Result<Vec<RecordedFile>> {
         // A run that was killed may have left it.
         match fs::remove_dir_all(staging) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
@@ -236,7 +293,9 @@ impl OutputFolder {
                 made_from: origin.made_from.clone(),
             })
         };
-        artifacts.iter().map(stage).collect()
+        let mut staged = artifacts.iter().map(stage).collect::<std::io::Result<Vec<_>>>()?;
+        staged.extend(timings.map(|timings| stage(&timings())).transpose()?);
+        Ok(staged)
     }
 
     /// Removes the old files that go and moves the new ones to their places.

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::out::OutputFolder;
+use super::out::{MadeFolders, OutputFolder};
 use super::plan::{PartPlanner, PlannedPart, print_summary};
-use super::{CliError, output};
+use super::{CliError, output, summary};
 use crate::service::plan_job::{Artifact, PLAN_FILE, bytes_of};
-use crate::wire::summary::Summary;
+use crate::wire::summary::ProgramCycle;
 
 /// Plans every part; prints what became of each.
 ///
@@ -19,9 +19,14 @@ use crate::wire::summary::Summary;
 /// The worst of the parts' errors: an interruption, then one of the system, of the input, and no plan.
 pub(super) fn run(planner: &mut PartPlanner<'_>, meshes: &[PathBuf]) -> Result<(), CliError> {
     if planner.args.serial.is_some() {
-        return Err(CliError::BadInput("--serial: belongs to one part; plan parts with serial numbers one by one".into()));
+        return Err(CliError::BadInput(
+            "--serial: a serial number belongs to one part; plan parts with serial numbers one by one".into(),
+        ));
     }
     let paths = folders(meshes, &planner.args.out)?;
+    let out = &planner.args.out;
+    // Before the parts' own: they are inside it, and gone before it is looked at. What stands in its way is told with theirs.
+    let _made = MadeFolders::make(out).ok();
     // All are tried before the first part is planned.
     let folders = paths.iter().map(|path| planner.folder(path)).collect::<Result<Vec<_>, _>>()?;
     planner.load_fixture()?;
@@ -53,7 +58,7 @@ fn folders(meshes: &[PathBuf], out: &Path) -> Result<Vec<PathBuf>, CliError> {
             match taken.insert(stem.to_string_lossy().to_lowercase(), mesh) {
                 None => Ok(out.join(stem)),
                 Some(other) => Err(CliError::BadInput(format!(
-                    "{} and {} would both be planned into {}; rename one, or plan them with an --out each",
+                    "{} and {} would both be planned into {}; rename one of them, or plan each with its own --out",
                     other.display(),
                     mesh.display(),
                     out.join(stem).display()
@@ -68,7 +73,7 @@ fn plan_part(planner: &PartPlanner<'_>, mesh: &Path, folder: &OutputFolder) -> P
     let mut row = PartRow::new(mesh);
     let planned = planner.plan(mesh, folder);
     let judged = planned.as_ref().map_err(Clone::clone).and_then(|planned| {
-        row.fill(planned);
+        row.fill(planned)?;
         planner.judge(&planned.outcome)
     });
     row.error = judged.err();
@@ -96,21 +101,25 @@ struct PartRow {
     views: Option<usize>,
     /// Measured share of the visible area.
     of_visible: Option<f64>,
-    cycle_secs: Option<f64>,
+    cycle: Option<String>,
     error: Option<CliError>,
 }
 
 impl PartRow {
     fn new(mesh: &Path) -> Self {
-        Self { mesh: mesh.to_owned(), views: None, of_visible: None, cycle_secs: None, error: None }
+        Self { mesh: mesh.to_owned(), views: None, of_visible: None, cycle: None, error: None }
     }
 
     /// Takes over the figures of the plan.
-    fn fill(&mut self, planned: &PlannedPart) {
-        let summary = Summary::of(&planned.outcome.plan);
+    fn fill(&mut self, planned: &PlannedPart) -> Result<(), CliError> {
+        let summary = summary::of(&planned.artifacts)?;
         self.of_visible = Some(summary.coverage.of_visible);
         self.views = Some(summary.views);
-        self.cycle_secs = summary.cycle_secs;
+        self.cycle = summary.cycle_secs.map(|secs| match summary.program_cycle.filter(ProgramCycle::differs) {
+            Some(program) => format!("{secs:.1} s ({}: {:.1} s)", program.dialect.as_str(), program.cycle_secs),
+            None => format!("{secs:.1} s"),
+        });
+        Ok(())
     }
 
     /// Result in a word or two.
@@ -135,7 +144,7 @@ fn table(rows: &[PartRow]) -> String {
             row.mesh.display().to_string(),
             or_dash(row.views.map(|views| views.to_string())),
             or_dash(row.of_visible.map(|share| format!("{:.2} %", 100.0 * share))),
-            or_dash(row.cycle_secs.map(|secs| format!("{secs:.1} s"))),
+            or_dash(row.cycle.clone()),
             row.result().to_owned(),
         ]
     });

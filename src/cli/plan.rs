@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use serde_json::Value;
 use tracing_subscriber::fmt::format::Writer;
@@ -10,18 +11,21 @@ use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use super::check::warn;
 use super::files::{self, FileLibrary};
 use super::limits::LimitArgs;
-use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, programs};
-use super::progress::{Course, Progress};
+use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, TIMINGS_FILE, programs};
+use super::progress::{CommandStage, Course, Progress, Stopwatch};
 use super::{CliError, FileFinding, features, output, parts, set_value, summary};
 use crate::cell::{Cell, CellSpec, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Mesh, Poll};
-use crate::planning::context::{Context, NoPlan};
+use crate::planning::context::{Context, NoPlan, Stage};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Outcome, RegionCoverage, Robust};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
-use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, bytes_of, plan_sha256};
+use crate::report::html::NoPlanReason;
+use crate::service::plan_job::{
+    Artifact, PLAN_FILE, PlanJob, REFUSED_FILE, REPORT_FILE, Reports, TEXT_REPORT_FILE, bytes_of, plan_sha256,
+};
 use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
@@ -32,21 +36,29 @@ use crate::wire::{json_file_bytes, parameters, warnings};
 
 const EXAMPLES: &str = "Examples:
   vantage plan part.stl --unit mm --out plan
-  vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal --out plan
-  vantage plan part.obj --unit inch --set limits.camera_deg=60 --set selection.max_views=8 --out plan --json
-  vantage plan lid.stl --unit mm --up -z --set regions.exclude=@clamp.toml --out plan
+  vantage plan part.stl --unit mm --cell none --scanner transcan-c-nominal \\
+      --out plan
+  vantage plan part.obj --unit inch --set limits.camera_deg=60 \\
+      --set selection.max_views=8 --out plan --json
+  vantage plan lid.stl --unit mm --up -z --set regions.exclude=@clamp.toml \\
+      --out plan
   vantage plan lid.stl housing.stl --unit mm --out plans
 
-Files written to --out: plan.json, summary.json, program.json, report.html, report.txt, coverage.csv, tables of views and missed
-spots, timings.json, and ovp.json, a log in the format of the public benchmark of viewpoint planning; regions.csv if there are
-regions of interest or features; candidates.json, every candidate with what it measures and how well, with
---set output.candidates=true. They appear together, once all are there, and replace what Vantage wrote to the folder before, programs
-made from the earlier plan among it; vantage.json records them with their hashes. Other files are left alone: if one is in the way,
-nothing is planned. If no plan is possible, the earlier one is removed, and report.html and report.txt say why.
-Several parts are planned one after another, each into the folder of --out that is named after its file. One that fails does not
-stop the others; a table at the end says what became of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there
-is a line for each part, an object with mesh, out, exit_code, error and plan.
-Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target,
+Files written to --out: report.html (open this first), report.txt (see --report), summary.json, plan.json, program.json and the program in the \
+robot's language, tables of views, coverage and missed spots (CSV, JSON), timings.json, and ovp.json, a log in the format of the \
+public benchmark of viewpoint planning. With regions of interest or features also regions.csv; with --set output.candidates=true \
+also candidates.json, every viewpoint that was considered.
+
+The files appear together, once all of them are written, and replace the results of an earlier run, including programs made from \
+its plan. vantage.json records them with their hashes. Files that Vantage did not write are left alone; if one is in the way, \
+nothing is planned. If no plan is possible, or the part does not suit the plate or the scanner, the earlier results are removed, \
+and report.html and report.txt say why.
+
+Several parts are planned one after another, each into a folder of --out that is named after its file. One that fails does not \
+stop the others; a table at the end shows the result of each, and the exit code is the worst: 4, then 1, 2, 3. With --json there \
+is one line for each part, an object with mesh, out, exit_code, error and plan.
+
+Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with --strict a region or feature below its target, \
 4 interrupted.";
 
 /// Plan viewpoints, motion and a robot program for a part.
@@ -56,7 +68,7 @@ pub struct PlanArgs {
     /// Part: an STL, OBJ or PLY file. Several are planned one after another, each into a folder named after its file.
     #[arg(required = true, value_name = "MESH")]
     pub(super) meshes: Vec<PathBuf>,
-    /// Unit of the coordinates in the file: mm, cm, m or inch (in, inches, MM and the like are understood).
+    /// Unit of the coordinates in the file: mm, cm, m or inch (also `in`, `inches`, `MM` and the like).
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Axis of the part that points up on the plate: x, -x, y, -y, z or -z [default: z].
@@ -85,6 +97,9 @@ pub struct PlanArgs {
     /// Print plan.json to standard output instead of a summary; of several parts an object a line.
     #[arg(long)]
     pub(super) json: bool,
+    /// Reports to write: html (report.html and report.txt), text (report.txt alone) or none.
+    #[arg(long, value_name = "REPORTS", default_value_t = Reports::Html)]
+    report: Reports,
     /// Exit with code 3 if a region of interest or a feature does not reach its target; the results are written all the same.
     #[arg(long)]
     strict: bool,
@@ -133,6 +148,8 @@ pub(super) struct PartPlanner<'a> {
     /// Views are ordered, and remedies tried, many times in the same cell.
     roadmaps: Roadmaps,
     pool: rayon::ThreadPool,
+    /// Clock of the command since its start, until the first part takes it.
+    watch: Mutex<Option<Stopwatch>>,
     cancel: &'a AtomicBool,
 }
 
@@ -144,6 +161,7 @@ pub(super) struct PlannedPart {
 
 impl<'a> PartPlanner<'a> {
     fn load(args: &'a PlanArgs, cancel: &'a AtomicBool) -> Result<Self, CliError> {
+        let watch = Mutex::new(Some(Stopwatch::start(Some(CommandStage::Loading.as_str()))));
         let mut params = load_params(args.params.as_deref(), &args.sets)?;
         params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
         check_up(args.up, &params)?;
@@ -154,12 +172,18 @@ impl<'a> PartPlanner<'a> {
         params.check_limits(&scanner).map_err(|errors| files::findings("parameters", &errors))?;
         let echo = Echo { labels: labels(&args.labels)?, part_number: args.part_number.clone(), serial: args.serial.clone() };
         let (roadmaps, pool) = (Roadmaps::default(), pool(args.threads)?);
-        Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, cancel })
+        Ok(Self { args, params, cell, scanner, fixture: None, echo, roadmaps, pool, watch, cancel })
     }
 
     /// The folder for the results of a part.
     pub(super) fn folder(&self, path: &Path) -> Result<OutputFolder, CliError> {
         let mut names = FILES_OF_EVERY_PLAN.to_vec();
+        let left_out: &[&str] = match self.args.report {
+            Reports::None => &[REPORT_FILE, TEXT_REPORT_FILE],
+            Reports::Text => &[REPORT_FILE],
+            Reports::Html => &[],
+        };
+        names.retain(|name| !left_out.contains(name));
         let takes = |cell: &Cell| programs(self.params.setups as usize, |dialect| cell.robot.takes(dialect));
         let programs = self.cell.as_ref().map(takes).unwrap_or_default();
         names.extend(programs.iter().map(String::as_str).chain([REFUSED_FILE]));
@@ -182,7 +206,11 @@ impl<'a> PartPlanner<'a> {
     /// Plans a part and writes its files. Where no plan is possible, those of an earlier plan are removed, so that nobody takes
     /// them for this part's.
     pub(super) fn plan(&self, mesh: &Path, folder: &OutputFolder) -> Result<PlannedPart, CliError> {
-        let (part, part_sha256) = self.pool.install(|| load_mesh(mesh, self.args.unit, self.cancel))?;
+        let mut watch = self.watch().take().unwrap_or_else(|| Stopwatch::start(None));
+        watch.switch(Some(Stage::Reading.as_str()));
+        let is_read = || watch.switch(Some(CommandStage::Health.as_str()));
+        let read = || load_mesh_in_steps(mesh, self.args.unit, self.cancel, is_read);
+        let (part, part_sha256) = self.pool.install(read)?;
         let params = placed(&self.params, self.args.up, &part.mesh);
         let job = PlanJob {
             mesh: &part.mesh,
@@ -198,13 +226,27 @@ impl<'a> PartPlanner<'a> {
             date: Some(now()),
         };
         warn(&mesh.display().to_string(), &job.size_warnings("--unit"));
-        let progress = Progress::start(&Course::of_plan(&params, self.cell.is_some()));
+        if let (Some(up), None) = (self.args.up, self.fixture.as_ref()) {
+            warn(&mesh.display().to_string(), warnings::of_standing(&part.mesh, up, "--up").as_slice());
+        }
+        let progress = Progress::go_on(&Course::of_plan(&params, self.cell.is_some()), watch);
         let planned = || {
             let allowance = self.args.limits.allowance(rayon::current_num_threads());
             let ctx = Context::new(self.cancel, &progress).with_allowance(allowance);
             match job.plan(&ctx) {
-                Ok(outcome) => job.render(&outcome, &ctx).map(|artifacts| (Ok(outcome), artifacts)).map_err(PlanError::from),
-                Err(PlanError::NoPlan(finding)) => Ok((Err(finding.clone()), job.render_no_plan(&finding, &ctx)?)),
+                Ok(outcome) => job
+                    .render(&outcome, self.args.report, &ctx)
+                    .map(|artifacts| (Ok(outcome), artifacts))
+                    .map_err(PlanError::from),
+                Err(PlanError::NoPlan(finding)) => Ok((
+                    Err(CliError::NoPlan(no_plan_reason(&finding))),
+                    job.render_no_plan(NoPlanReason::NoPlan(&finding), self.args.report, &ctx)?,
+                )),
+                Err(PlanError::BadParams(errors)) if !self.faults_of_part(&job, &errors).is_empty() => {
+                    let faults = self.faults_of_part(&job, &errors);
+                    let report = job.render_no_plan(NoPlanReason::PartRefused(&faults), self.args.report, &ctx)?;
+                    Ok((Err(blamed(&job, self.args.up, mesh, PlanError::BadParams(errors))), report))
+                }
                 Err(error) => Err(error),
             }
         };
@@ -212,15 +254,28 @@ impl<'a> PartPlanner<'a> {
             .args
             .limits
             .within(self.cancel, || self.pool.install(planned).map_err(|error| blamed(&job, self.args.up, mesh, error)));
-        let seconds = progress.finish();
+        let mut watch = progress.finish();
         let (planned, mut artifacts) = result?;
-        let outcome = planned.map_err(|finding| without_plan(&finding, &artifacts, folder))?;
+        watch.switch(Some(CommandStage::Writing.as_str()));
+        let outcome = planned.map_err(|error| without_plan(error, &artifacts, folder))?;
         let sha256 = plan_sha256(bytes_of(&artifacts, PLAN_FILE));
-        let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &seconds, now());
-        artifacts.push(Artifact { name: "timings.json".into(), bytes: json_file_bytes(&seconds) });
+        let log = OvpDocument::new(&outcome, &part.mesh, &self.scanner, &job.part_name, &sha256, &watch.times(), now());
         artifacts.push(Artifact { name: "ovp.json".into(), bytes: json_file_bytes(&log) });
-        folder.replace(&artifacts, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
+        let timings = || Artifact { name: TIMINGS_FILE.into(), bytes: json_file_bytes(&watch.times()) };
+        folder.replace_timed(&artifacts, &timings, &FileOrigin { plan_sha256: Some(sha256), made_from: None })?;
         Ok(PlannedPart { outcome, artifacts })
+    }
+
+    fn watch(&self) -> std::sync::MutexGuard<'_, Option<Stopwatch>> {
+        // There, or taken: whole after every operation.
+        self.watch.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What is wrong with a part that does not suit plate or scanner; empty where parameters are to blame.
+    fn faults_of_part(&self, job: &PlanJob<'_>, errors: &[FieldError]) -> Vec<String> {
+        let is_pose_given = is_pose_given(job, self.args.up);
+        let faults: Option<Vec<String>> = errors.iter().map(|error| job.error_of_part(error, is_pose_given)).collect();
+        faults.unwrap_or_default()
     }
 
     /// Warns of what a plan loses under pose errors and of regions below their targets; with `--strict` these are an error.
@@ -230,21 +285,33 @@ impl<'a> PartPlanner<'a> {
     }
 }
 
-/// Replaces the results of an earlier plan by the report on why no plan is possible; the error to end with.
-fn without_plan(finding: &NoPlan, report: &[Artifact], folder: &OutputFolder) -> CliError {
-    let reason = no_plan_reason(finding);
+/// Replaces the results of an earlier plan by the report on why there is none; the error to end with.
+fn without_plan(error: CliError, report: &[Artifact], folder: &OutputFolder) -> CliError {
     match folder.replace(report, &FileOrigin::default()) {
         Ok(()) => {
-            output::note(format_args!("Report: {}", folder.path().join("report.html").display()));
-            CliError::NoPlan(reason)
+            if let Some(report) = shown_report(report) {
+                output::note(format_args!("Report: {}", folder.path().join(report).display()));
+            }
         }
-        Err(kept) => CliError::NoPlan(format!("{reason}\nresults of an earlier plan could not be replaced: {kept}")),
+        Err(kept) => output::note(format_args!("results of an earlier plan could not be replaced: {kept}")),
     }
+    error
+}
+
+/// Returns true if the pose of the part is a parameter that its user set.
+fn is_pose_given(job: &PlanJob<'_>, up: Option<UpAxis>) -> bool {
+    up.is_none() && job.params.part.table_from_part.is_some()
+}
+
+/// The report among the files that a user looks at first, if there is one.
+fn shown_report(artifacts: &[Artifact]) -> Option<&'static str> {
+    [REPORT_FILE, TEXT_REPORT_FILE].into_iter().find(|name| artifacts.iter().any(|artifact| artifact.name == *name))
 }
 
 /// Refuses `--up` beside parameters that say how the part lies.
 pub(super) fn check_up(up: Option<UpAxis>, params: &PlanParams) -> Result<(), CliError> {
-    let refuse = |what: &str| Err(CliError::BadInput(format!("--up: {what} says how the part lies; give one of the two")));
+    let refuse =
+        |what: &str| Err(CliError::BadInput(format!("--up: {what} already says how the part lies; give only one of the two")));
     match up {
         None => Ok(()),
         Some(_) if params.part.table_from_part.is_some() => refuse("part.table_from_part"),
@@ -285,7 +352,17 @@ fn judge_regions(strict: bool, params: &PlanParams, regions: &[RegionCoverage]) 
 
 /// Loads a mesh and prints its warnings: a wrong unit is better noticed before an hour of planning than after.
 pub(super) fn load_mesh(path: &Path, unit: Option<LengthUnit>, cancel: &AtomicBool) -> Result<(ReadMesh, String), CliError> {
-    let (read, sha256) = files::mesh(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)))?;
+    load_mesh_in_steps(path, unit, cancel, || ())
+}
+
+/// Loads a mesh as [`load_mesh`] does; calls `is_read` when its bytes are read and it is to be welded and assessed.
+fn load_mesh_in_steps(
+    path: &Path,
+    unit: Option<LengthUnit>,
+    cancel: &AtomicBool,
+    is_read: impl FnOnce(),
+) -> Result<(ReadMesh, String), CliError> {
+    let (read, sha256) = files::mesh_in_steps(path, unit, &Poll::new(&|| cancel.load(Ordering::Relaxed)), is_read)?;
     for warning in read.health.warnings() {
         output::warning(&path.display().to_string(), "", &warning.to_string(), warning.remedy());
     }
@@ -326,9 +403,9 @@ pub(super) fn load_params(file: Option<&Path>, sets: &[String]) -> Result<PlanPa
 /// Applies every `--set` to `value`.
 pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
     for set in sets {
-        let (key, text) = set
-            .split_once('=')
-            .ok_or_else(|| CliError::BadInput(format!("--set {set}: is not KEY=VALUE, as in selection.target=0.99")))?;
+        let (key, text) = set.split_once('=').ok_or_else(|| {
+            CliError::BadInput(format!("--set {set}: not of the form KEY=VALUE, such as selection.target=0.99"))
+        })?;
         if let Some(fault) = parameters::unknown(key) {
             return Err(CliError::BadInput(format!("--set {set}: {fault} (`vantage params` lists all)")));
         }
@@ -372,7 +449,7 @@ fn labels(pairs: &[String]) -> Result<std::collections::BTreeMap<String, String>
         .iter()
         .map(|pair| {
             let (key, value) =
-                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: is not KEY=VALUE")))?;
+                pair.split_once('=').ok_or_else(|| CliError::BadInput(format!("--label {pair}: not of the form KEY=VALUE")))?;
             Ok((key.to_owned(), value.to_owned()))
         })
         .collect()
@@ -394,7 +471,7 @@ fn no_plan_reason(finding: &NoPlan) -> String {
 /// Error of the command for an error of a plan: at what its user gave, the file and its unit where no parameter is to blame.
 fn blamed(job: &PlanJob<'_>, up: Option<UpAxis>, mesh: &Path, error: PlanError) -> CliError {
     let PlanError::BadParams(errors) = error else { return to_cli_error(error) };
-    let is_pose_given = up.is_none() && job.params.part.table_from_part.is_some();
+    let is_pose_given = is_pose_given(job, up);
     let finding = |error: &FieldError| match job.error_of_part(error, is_pose_given) {
         Some(detail) => FileFinding { file: format!("{} (--unit {})", mesh.display(), job.unit), pointer: String::new(), detail },
         None => FileFinding { file: "parameters".to_owned(), pointer: error.pointer.clone(), detail: error.detail.clone() },
@@ -409,5 +486,6 @@ pub(super) fn print_summary(args: &PlanArgs, out: &Path, artifacts: &[Artifact])
         return output::bytes(bytes);
     }
     let lines = summary::lines(artifacts)?.join("\n");
-    output::text(format!("{lines}\nReport: {}\n", out.join("report.html").display()))
+    let report = shown_report(artifacts).map_or_else(String::new, |name| format!("Report: {}\n", out.join(name).display()));
+    output::text(format!("{lines}\n{report}"))
 }

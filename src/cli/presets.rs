@@ -2,21 +2,23 @@
 //! one as a file to start from.
 
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::{CliError, output};
 use crate::cell::{
     KinematicsSpec, Named, NotFound, Presets, RobotSpec, RotationSpec, SpecKind, SpecLibrary, did_you_mean, preset_text,
 };
+use crate::planning::params::{PlanParams, Preset};
 
 /// List the scanners, robots, turntables, cells and sets of parameters that ship with Vantage.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage presets
   vantage presets robot
-  vantage presets e05-transcan > my-cell.toml      start your own cell from this one")]
+  vantage presets e05-transcan > my-cell.toml    start your own cell from it
+  vantage presets thesis                         parameters that it sets")]
 pub(super) struct PresetsArgs {
-    /// Kind to list: scanner, robot, turntable, cell or parameters; or name of a preset to print as TOML.
+    /// Kind to list: scanner, robot, turntable, cell or parameters; or name of a preset to print as a TOML file.
     preset: Option<String>,
 }
 
@@ -41,7 +43,7 @@ pub(super) const PARAMETERS: &str = "parameters";
 /// Sets of parameters, as `--set preset=NAME` takes them.
 pub(super) const PARAMETER_SETS: [(&str, &str); 2] = [
     ("vantage", "the defaults: as few views as meet the target, then the best of that many"),
-    ("thesis", "greedy with a = b = 0.5 over the 54 candidates of the thesis; --set preset=thesis"),
+    ("thesis", "greedy with a = b = 0.5 over the 54 candidates of the thesis"),
 ];
 
 /// Prints the list, or a preset.
@@ -61,8 +63,9 @@ pub(super) fn run(args: &PresetsArgs) -> Result<(), CliError> {
         let value: Value = toml::from_str(text).map_err(|error| CliError::Failed(error.to_string()))?;
         return output::result(&value, text);
     }
-    if let Some(set) = all.iter().find(|preset| preset.name == *wanted) {
-        return print(vec![set.clone()]);
+    if let Some((name, summary)) = PARAMETER_SETS.into_iter().find(|(name, _)| name == wanted) {
+        let set = parameter_set(name).map_err(|error| CliError::Failed(format!("{name}: {error}")))?;
+        return output::result(&set, toml_of(name, summary, &set)?);
     }
     let names = all.iter().map(|preset| preset.name.as_str()).chain(KINDS.map(SpecKind::as_str)).chain([PARAMETERS]);
     let question = did_you_mean(wanted, names);
@@ -87,6 +90,41 @@ fn list() -> Result<Vec<PresetLine>, CliError> {
     let set = |(name, summary): (&str, &str)| PresetLine { kind: PARAMETERS, name: name.to_owned(), summary: summary.to_owned() };
     all.extend(PARAMETER_SETS.map(set));
     Ok(all)
+}
+
+/// Parameters that a set sets, as a file of parameters has them: all of them for the defaults, those that differ for another.
+fn parameter_set(name: &str) -> Result<Value, serde_json::Error> {
+    let (preset, default) = (serde_json::from_value::<Preset>(name.into())?, PlanParams::default());
+    let set = serde_json::to_value(preset.apply(&default))?;
+    let same = if preset == Preset::default() { Value::Null } else { serde_json::to_value(default)? };
+    Ok(difference(set, &same).unwrap_or_else(|| Value::Object(Map::new())))
+}
+
+/// The fields of a value that differ from `other`, without those that are not given; `None` if there are none.
+fn difference(value: Value, other: &Value) -> Option<Value> {
+    match value {
+        Value::Object(fields) => {
+            let differing = fields.into_iter().filter_map(|(name, field)| {
+                let differing = difference(field, other.get(&name).unwrap_or(&Value::Null))?;
+                Some((name, differing))
+            });
+            let differing: Map<String, Value> = differing.collect();
+            (!differing.is_empty()).then_some(Value::Object(differing))
+        }
+        value @ (Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) | Value::Array(_)) => {
+            (value != *other && !value.is_null()).then_some(value)
+        }
+    }
+}
+
+/// A set of parameters as a TOML file, with its source.
+fn toml_of(name: &str, summary: &str, set: &Value) -> Result<String, CliError> {
+    let failed = |error: toml::ser::Error| CliError::Failed(format!("{name}: {error}"));
+    // As a table of TOML, in which values come before tables.
+    let text = toml::Value::try_from(set).and_then(|table| toml::to_string_pretty(&table)).map_err(failed)?;
+    Ok(format!(
+        "# Parameters of the preset `{name}`: {summary}.\n# Use it as it is, or change it: vantage plan … --params FILE\n\n{text}"
+    ))
 }
 
 /// Main figures of a preset.
@@ -139,7 +177,6 @@ fn named<T>(part: &Named<T>) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::params::Preset;
 
     #[test]
     fn every_preset_is_listed_with_its_figures() {
@@ -161,6 +198,22 @@ mod tests {
         }
         let known = crate::wire::parameters::list().into_iter().find(|parameter| parameter.key == "preset").expect("a parameter");
         assert_eq!(known.values, PARAMETER_SETS.map(|(name, _)| name));
+    }
+
+    #[test]
+    fn a_set_of_parameters_is_printed_as_a_file_that_gives_the_same_plan() {
+        for (name, summary) in PARAMETER_SETS {
+            let set = parameter_set(name).expect("a set");
+            let text = toml_of(name, summary, &set).expect("TOML");
+            let read: PlanParams = toml::from_str(&text).expect("a file of parameters");
+            let preset: Preset = serde_json::from_value(name.into()).expect("a preset");
+            assert_eq!(read, preset.apply(&PlanParams::default()), "{text}");
+        }
+        let thesis = toml_of("thesis", "", &parameter_set("thesis").expect("a set")).expect("TOML");
+        for line in ["a = 0.5", "solver = \"greedy\"", "step_small_deg = 30.0", "[candidates]"] {
+            assert!(thesis.lines().any(|told| told == line), "{line} is not in\n{thesis}");
+        }
+        assert!(thesis.lines().count() < 25, "only what it sets:\n{thesis}");
     }
 
     #[test]

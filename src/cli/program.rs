@@ -20,13 +20,16 @@ use crate::wire::program::ProgramDocument;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage program plan --cell e05-transcan --mesh part.stl --unit mm --out robot
-  vantage program plan --cell cell.toml --mesh part.stl --unit mm --dialect robodk --out robot
-  vantage program plan/program.json --cell cell.toml --out scan.script --set dialects.scan_output=3
+  vantage program plan --cell cell.toml --mesh part.stl --unit mm \\
+      --dialect robodk --out robot
+  vantage program plan/program.json --cell cell.toml --out scan.script \\
+      --set dialects.scan_output=3
 
-The program is checked first, as by `vantage check`; a program with findings, or of another plan than the plan.json beside it, is
-not written. Without --mesh it is not checked for collisions with the part, and its header says so. Signals and names come from
-`params.dialects` of the plan; --set overrides them. KUKA programs are two files, and each setup has its own program: give a
-folder for those. Programs that were made from the same place and an earlier plan are removed from the folder.")]
+The program is checked first, as by `vantage check`; a program with findings, or of another plan than the plan.json \
+beside it, is not written. Without --mesh it is not checked for collisions with the part, and its header says so. \
+Signals and names come from `params.dialects` of the plan; --set overrides them. KUKA programs are two files, and each \
+setup has its own program: give a folder for those. Programs that were made from the same place and an earlier plan \
+are removed from the folder.")]
 pub struct ProgramArgs {
     /// Folder that `vantage plan` wrote, or a program.json.
     from: PathBuf,

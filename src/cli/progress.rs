@@ -1,27 +1,23 @@
 //! Progress of planning on the command line: on a terminal one bar over all stages with a clock that ticks, else one line per
 //! stage; and the seconds of each stage, since the planner itself reads no clock.
 
-use std::collections::BTreeMap;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-mod course;
-mod overall;
+mod stopwatch;
 #[cfg(test)]
 mod tests;
 
-pub use course::Course;
-use overall::Overall;
+pub use stopwatch::{CommandStage, Stopwatch};
 
 use super::output;
 use crate::planning::context::{Observer, Stage};
-
-/// Seconds of each stage that ran, by its name.
-pub type StageTimes = BTreeMap<&'static str, f64>;
+pub use crate::service::progress::Course;
+use crate::service::progress::{Overall, secs_left};
 
 /// Positions of the bar.
 const POSITIONS: f64 = 1000.0;
@@ -37,9 +33,7 @@ pub struct Progress {
 
 /// Stages so far.
 struct Running {
-    began: Instant,
-    times: StageTimes,
-    stage: Option<(Stage, Instant)>,
+    watch: Stopwatch,
     overall: Overall,
 }
 
@@ -53,6 +47,12 @@ impl Progress {
     /// Starts the clock of a command that is expected to go through `course`.
     #[must_use]
     pub fn start(course: &Course) -> Self {
+        Self::go_on(course, Stopwatch::start(None))
+    }
+
+    /// Goes on with the clock of a command that is expected to go through `course` from here.
+    #[must_use]
+    pub fn go_on(course: &Course, watch: Stopwatch) -> Self {
         // Log lines and JSON would be torn by a bar.
         let has_bar = !output::is_quiet() && !output::is_json() && output::verbosity() == 0;
         let target = if has_bar { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
@@ -60,25 +60,22 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template("{prefix:>11} [{bar:30}] {percent:>3} %  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        let running = Running { began: Instant::now(), times: StageTimes::new(), stage: None, overall: Overall::new(course) };
-        let running = Arc::new(Mutex::new(running));
+        let running = Arc::new(Mutex::new(Running { watch, overall: Overall::new(course) }));
         // Without a thread for it the bar moves only with the stages.
         let ticker = if bar.is_hidden() { None } else { Ticker::start(bar.clone(), running.clone()).ok() };
         Self { bar, running, ticker }
     }
 
-    /// Ends the last stage and returns the seconds of each.
+    /// Ends the bar; the clock goes on.
     #[must_use]
-    pub fn finish(self) -> StageTimes {
+    pub fn finish(self) -> Stopwatch {
         if let Some(Ticker { stop, thread }) = self.ticker {
             drop(stop);
             // A thread that panicked draws no more either.
             let _ = thread.join();
         }
         self.bar.finish_and_clear();
-        let mut running = lock(&self.running);
-        running.switch(None);
-        std::mem::take(&mut running.times)
+        std::mem::replace(&mut lock(&self.running).watch, Stopwatch::start(None))
     }
 }
 
@@ -99,25 +96,11 @@ impl Ticker {
 }
 
 impl Running {
-    fn secs(&self) -> f64 {
-        self.began.elapsed().as_secs_f64()
-    }
-
     /// Share of the work that is done, and the clock beside it.
     fn now(&mut self) -> (f64, String) {
-        let secs = self.secs();
+        let secs = self.watch.secs();
         let fraction = self.overall.fraction(secs);
         (fraction, clock(secs, fraction))
-    }
-
-    fn switch(&mut self, next: Option<Stage>) {
-        let now = Instant::now();
-        if let Some((stage, since)) = self.stage {
-            let secs = (now - since).as_secs_f64();
-            *self.times.entry(stage.as_str()).or_default() += secs;
-            tracing::info!(stage = stage.as_str(), secs, "ended");
-        }
-        self.stage = next.map(|stage| (stage, now));
     }
 }
 
@@ -128,7 +111,7 @@ fn lock(running: &Mutex<Running>) -> MutexGuard<'_, Running> {
 /// Time that has passed, and the time left once it can be told.
 fn clock(secs: f64, fraction: f64) -> String {
     let text = |secs: f64| format!("{}:{:02}", secs as u64 / 60, secs as u64 % 60);
-    match overall::secs_left(secs, fraction) {
+    match secs_left(secs, fraction) {
         Some(left) => format!("{}, about {} left", text(secs), text(left)),
         None => text(secs),
     }
@@ -137,8 +120,8 @@ fn clock(secs: f64, fraction: f64) -> String {
 impl Observer for Progress {
     fn begin(&self, stage: Stage) {
         let mut running = lock(&self.running);
-        running.switch(Some(stage));
-        let secs = running.secs();
+        running.watch.switch(Some(stage.as_str()));
+        let secs = running.watch.secs();
         running.overall.begin(stage, secs);
         drop(running);
         if self.bar.is_hidden() {
@@ -149,5 +132,9 @@ impl Observer for Progress {
 
     fn progress(&self, done: usize, total: usize) {
         lock(&self.running).overall.progress(done, total);
+    }
+
+    fn within(&self, stage: Option<Stage>) {
+        lock(&self.running).watch.within(stage.map(Stage::as_str));
     }
 }

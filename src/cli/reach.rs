@@ -24,7 +24,8 @@ const MAX_DISTANCE_MM: f64 = 5000.0;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   vantage study reach --cell e05-transcan
-  vantage study reach --cell e05-transcan --foot 350,400,450 --table=-250,-200,-150 --mountings
+  vantage study reach --cell e05-transcan --foot 350,400,450 \\
+      --table=-250,-200,-150 --mountings
 
 Files written to --out: reach.csv and reach.svg.")]
 pub struct ReachArgs {

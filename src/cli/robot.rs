@@ -14,12 +14,13 @@ use crate::geometry::{LengthUnit, Mesh};
 #[command(after_help = "Examples:
   vantage robot elfin5.urdf --payload 5 --dialect hans --out elfin5.toml
   vantage robot elfin5.urdf --payload 5 --out elfin5.toml --surfaces elfin5
-  vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src --payload 10 --out arm.toml
+  vantage robot cell.urdf --base base_link --tip tool0 --packages ros/src \\
+      --payload 10 --out arm.toml
 
-A URDF states neither payload nor accelerations: give --payload, and --ramp unless joints reach full speed in half a second.
-Name the file as the robot in a cell's TOML, or upload it: PUT /api/v1/robots/{name}. With --surfaces near-collisions are
-re-checked on the exact meshes: tighter moves, slower checks. For a server, upload each surface as a mesh and replace the
-file name by its id.")]
+A URDF states neither payload nor accelerations: give --payload, and --ramp unless joints reach full speed in half a \
+second. Name the file as the robot in a cell's TOML, or upload it: PUT /api/v1/robots/{name}. With --surfaces \
+near-collisions are re-checked on the exact meshes: tighter moves, slower checks. For a server, upload each surface as \
+a mesh and replace the file name by its id.")]
 pub struct RobotArgs {
     /// URDF file; expand xacro first.
     pub urdf: PathBuf,

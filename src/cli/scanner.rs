@@ -12,13 +12,15 @@ use crate::report::sketch::scanner_svg;
 /// Write a scanner's specification from its data sheet: field, working distance and depth, baseline.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
-  vantage scanner --field 300x200 --at 500 --depth 440..560 --baseline 200 --out my-scanner.toml
-  vantage scanner --field 300x200 --at 500 --depth 440..560 --baseline 200 --name lab --resolution 4096x3000 \\
-      --camera-incidence 75 --projector-incidence 70 --mass 2.4 --out lab.toml --sketch lab.svg
+  vantage scanner --field 300x200 --at 500 --depth 440..560 --baseline 200 \\
+      --out my-scanner.toml
+  vantage scanner --field 300x200 --at 500 --depth 440..560 --baseline 200 \\
+      --name lab --resolution 4096x3000 --camera-incidence 75 \\
+      --projector-incidence 70 --mass 2.4 --out lab.toml --sketch lab.svg
   vantage plan part.stl --unit mm --cell none --scanner lab.toml --out plan
 
-Model: pinholes without distortion; both cameras look at the middle of the field, and all three devices see all of it. Replace
-the poses and lenses by your calibration once you have one. Lengths are millimetres, angles degrees.")]
+Model: pinholes without distortion; both cameras look at the middle of the field, and all three devices see all of it. \
+Replace the poses and lenses by your calibration once you have one. Lengths are millimetres, angles degrees.")]
 pub struct ScannerArgs {
     /// Field of view at the working distance, WIDTHxHEIGHT in mm, 1 to 10000 each; the width is along the baseline.
     #[arg(long, value_name = "WxH")]

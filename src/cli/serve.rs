@@ -15,16 +15,17 @@ use crate::settings::{Flags, Settings};
 
 /// Run the server.
 #[derive(Debug, Default, clap::Args)]
-#[command(after_help = "Settings are read from the built-in defaults, then from --config FILE, then from the environment
-(VANTAGE_SERVER__LISTEN for server.listen), then from these flags; later ones override earlier ones. An address that other
-machines can reach needs a key (server.api_key) or --insecure.
+#[command(after_help = "Settings are read from the built-in defaults, then from --config FILE, then from the environment \
+(VANTAGE_SERVER__LISTEN for server.listen), then from these flags; later ones override earlier ones. An address that \
+other machines can reach needs a key (server.api_key) or --insecure.
 
 SIGTERM or ctrl-c stops the server within server.drain_timeout_secs, with exit code 0; a second one at once, with 130.
 
 Examples:
   vantage serve
   vantage serve --data /var/lib/vantage --config /etc/vantage.toml
-  VANTAGE_SERVER__API_KEY=$(openssl rand -hex 16) vantage serve --listen 0.0.0.0:8080")]
+  VANTAGE_SERVER__API_KEY=$(openssl rand -hex 16) vantage serve \\
+      --listen 0.0.0.0:8080")]
 pub struct ServeArgs {
     /// Address and port to listen on [default: 127.0.0.1:8080].
     #[arg(long, value_name = "ADDRESS:PORT")]

@@ -26,7 +26,8 @@ use crate::service::plan_job::Artifact;
 
 Examples:
   vantage study weights part.stl --unit mm
-  vantage study limits part.stl --unit mm --scanner transcan-c-nominal --out limits
+  vantage study limits part.stl --unit mm --scanner transcan-c-nominal \\
+      --out limits
   vantage study candidates part.stl --unit mm --set selection.objective=coverage
   vantage study reach --cell e05-transcan --mountings
 
@@ -52,11 +53,14 @@ enum StudyCommand {
 
 /// Inputs of a study of views.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Files written to --out, named after the study: STUDY.csv, STUDY-coverage.svg, STUDY-grades.svg, and
-STUDY.html with all of them.
+#[command(
+    after_help = "Files written to --out, named after the study: STUDY.csv, STUDY-coverage.svg, STUDY-grades.svg, and STUDY.html with \
+all of them.
 
 Example:
-  vantage study weights part.stl --unit mm --set selection.objective=coverage --at 10 --out study")]
+  vantage study weights part.stl --unit mm --set selection.objective=coverage \\
+      --at 10 --out study"
+)]
 struct SeriesArgs {
     /// Part: an STL, OBJ or PLY file.
     mesh: PathBuf,

@@ -12,10 +12,18 @@ use crate::wire::words::{area_mm2, at_risk_sentence, counted, stability_sentence
 /// # Errors
 /// [`CliError`] if a file cannot be read.
 pub(super) fn lines(artifacts: &[Artifact]) -> Result<Vec<String>, CliError> {
-    let (summary, plan) = (read::<Summary>(artifacts, SUMMARY_FILE)?, read::<PlanDocument>(artifacts, "plan.json")?);
+    let (summary, plan) = (of(artifacts)?, read::<PlanDocument>(artifacts, "plan.json")?);
     let mut lines = summary.lines();
     lines.extend(details(&plan));
     Ok(lines)
+}
+
+/// Summary of a plan, from its file.
+///
+/// # Errors
+/// [`CliError`] if the file cannot be read.
+pub(super) fn of(artifacts: &[Artifact]) -> Result<Summary, CliError> {
+    read(artifacts, SUMMARY_FILE)
 }
 
 fn read<T: serde::de::DeserializeOwned>(artifacts: &[Artifact], name: &str) -> Result<T, CliError> {
@@ -31,7 +39,7 @@ fn details(plan: &PlanDocument) -> Vec<String> {
     lines.extend(setup_lines(plan));
     lines.extend(
         plan.setup_links.iter().map(|link| {
-            format!("setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability))
+            format!("Setups {} and {} {}", link.setups[0] + 1, link.setups[1] + 1, stability_sentence(&link.stability))
         }),
     );
     lines.extend(coverage.regions.iter().map(region_summary));
@@ -42,9 +50,9 @@ fn details(plan: &PlanDocument) -> Vec<String> {
 fn setup_lines(plan: &PlanDocument) -> Vec<String> {
     let executed: Vec<u32> = plan.viewpoints.iter().filter(|view| view.rejected.is_none()).map(|view| view.id).collect();
     let line = |(number, setup): (usize, &SetupDocument)| {
-        let turn = setup.turn.as_ref().map_or_else(|| "as it is laid first".to_owned(), |turn| turn.text.clone());
+        let turn = setup.turn.as_ref().map_or_else(|| "as placed first".to_owned(), |turn| turn.text.clone());
         let views = setup.viewpoints.iter().filter(|view| executed.contains(view)).count();
-        format!("setup {}: {turn}; {}", number + 1, counted(views, "view"))
+        format!("Setup {}: {turn}; {}", number + 1, counted(views, "view"))
     };
     plan.setups.iter().enumerate().map(line).collect()
 }
@@ -59,7 +67,7 @@ pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
     };
     let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n  missed: {why}"));
     format!(
-        "region {:?} ({}{tolerance}; {} mm², {} samples): {:.2} %, {target}{why}",
+        "Region {:?} ({}{tolerance}; {} mm², {} samples): {:.2} %, {target}{why}",
         region.name,
         region.kind,
         area_mm2(region.asked_area_mm2),
@@ -68,17 +76,17 @@ pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
     )
 }
 
-/// Lowest shares of the asked area under pose errors, on one line.
+/// Worst shares of the asked area under pose errors, on one line.
 fn under_pose_errors(robust: &RobustDocument) -> String {
-    let worst = |name: &str, drawn: &DrawnDocument| format!("{:.2} % {name}", 100.0 * drawn.worst);
+    let worst = |name: &str, drawn: &DrawnDocument| format!("{:.2} % with {name} off", 100.0 * drawn.worst);
     let mut cases = vec![worst("each view", &robust.of_asked), worst("the part", &robust.part.of_asked)];
     cases.extend(robust.hand_eye.as_ref().map(|hand_eye| worst("the hand-eye calibration", &hand_eye.of_asked)));
     let error = robust.pose_error;
     format!(
-        "lowest of asked in {} draws each, off by {}° and {} mm: {}",
-        robust.draws,
+        "Worst coverage of the asked area if poses are off by {}° and {} mm ({} trials each): {}",
         error.angle_deg,
         error.translation_mm,
+        robust.draws,
         cases.join(", ")
     )
 }

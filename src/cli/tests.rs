@@ -180,7 +180,7 @@ fn a_region_is_told_with_what_is_asked_reached_and_missed() {
     let told = summary::region_summary(&unmet);
     assert_eq!(
         told,
-        "region \"bore\" (feature, tolerance 0.05 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n  missed: \
+        "Region \"bore\" (feature, tolerance 0.05 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n  missed: \
          below_grade 900.0 mm²"
     );
     let met = RegionCoverageDocument { of_asked: 0.97, met: Some(true), why_unmet: None, ..unmet.clone() };
@@ -195,4 +195,19 @@ fn threads_are_a_number_up_to_1024() {
         let refused = plan_cancelled(&["--out", "out", "--threads", wrong]).expect_err("out of range");
         assert!(refused.exit_code() == 2 && refused.to_string().contains("--threads"), "{refused}");
     }
+}
+
+/// Text that is broken by hand is broken again where the terminal is narrower.
+#[test]
+fn the_ends_of_help_texts_are_wrapped_by_the_terminal_alone() {
+    fn held(command: &clap::Command) {
+        let end = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+        for line in end.lines().filter(|line| !line.is_empty()) {
+            let is_example = line.starts_with("  ");
+            assert!(!is_example || line.chars().count() <= 80, "{}: too wide for 80 columns: {line}", command.get_name());
+            assert!(is_example || line.ends_with(['.', ':']), "{}: broken by hand: {line}", command.get_name());
+        }
+        command.get_subcommands().for_each(held);
+    }
+    held(&<Cli as clap::CommandFactory>::command());
 }

@@ -5,7 +5,7 @@
 //! experiments*, IEEE Transactions on Robotics and Automation 15(5)); facets from which it tips over are left out here,
 //! not counted for the facet it ends on. Part frame, millimetres. Cost: O(n log n) for n vertices, the hull's.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 use nalgebra::{Point3, Vector3};
 use parry3d::math::Vector as ParryVector;
@@ -71,13 +71,14 @@ impl Hull {
     fn of(mesh: &Mesh) -> Option<Self> {
         let middle = mesh.aabb().centre();
         let size_mm = mesh.aabb().extent_mm().norm();
-        // Corners that several facets bring along, each once: the hull's builder is confused by near copies.
-        let mut corners = BTreeMap::new();
-        for p in &mesh.vertices_mm {
-            let offset = (p - middle) / size_mm;
-            corners.entry([offset.x, offset.y, offset.z].map(|c| (c / SAME_CORNER).round() as i64)).or_insert(offset);
-        }
-        let points: Vec<_> = corners.values().map(|p| ParryVector::new(p.x as f32, p.y as f32, p.z as f32)).collect();
+        // Corners that several facets bring along, each once, the first of them: the hull's builder is confused by near copies.
+        let offset = |corner: u32| (mesh.vertices_mm[corner as usize] - middle) / size_mm;
+        let key = |corner: u32| <[f64; 3]>::from(offset(corner)).map(|c| (c / SAME_CORNER).round() as i32);
+        let mut corners: Vec<([i32; 3], u32)> = (0..mesh.vertices_mm.len() as u32).map(|corner| (key(corner), corner)).collect();
+        corners.sort_unstable();
+        corners.dedup_by_key(|(key, _)| *key);
+        let points = corners.iter().map(|(_, corner)| offset(*corner));
+        let points: Vec<_> = points.map(|p| ParryVector::new(p.x as f32, p.y as f32, p.z as f32)).collect();
         let (points, triangles) = try_convex_hull(&points).ok()?;
         let back = |p: &ParryVector| middle + Vector3::new(p.x, p.y, p.z).map(f64::from) * size_mm;
         Some(Self {

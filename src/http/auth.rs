@@ -1,4 +1,4 @@
-//! Authentication: with a key configured, everything under `/api` needs it as a bearer token. Health, metrics, version, the
+//! Authentication: with a key configured, everything under `/api` needs one as a bearer token. Health, metrics, version, the
 //! dashboard, the documentation and the list of problems are open: they reveal nothing about any part.
 //!
 //! A browser cannot put a header on a link or an event stream, and a page that stores the key exposes it to every script.
@@ -16,9 +16,9 @@ use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 
 use super::extract::header_text;
+use super::keys::{KeyDigest, KeyName, digest_of, same};
 use super::problem::{ApiError, Code};
 use super::router::ApiState;
 
@@ -27,7 +27,7 @@ pub(super) const COOKIE_NAME: &str = "vantage_session";
 /// Header that a request with a session cookie needs to change anything.
 const SESSION_HEADER: HeaderName = HeaderName::from_static("x-vantage-session");
 
-/// The server's key. Its debug form does not show it.
+/// A key of the server. Its debug form does not show it.
 #[derive(Clone, PartialEq, Eq, Deserialize)]
 #[serde(transparent)]
 pub struct ApiKey(String);
@@ -42,8 +42,12 @@ impl ApiKey {
     /// Compares in constant time: all bytes of the two digests.
     #[must_use]
     pub fn matches(&self, presented: &str) -> bool {
-        let (own, presented) = (Sha256::digest(&self.0), Sha256::digest(presented));
-        own.iter().zip(presented.iter()).fold(0, |differing, (a, b)| differing | (a ^ b)) == 0
+        same(&self.digest(), &digest_of(presented))
+    }
+
+    /// Its SHA-256.
+    pub(super) fn digest(&self) -> KeyDigest {
+        digest_of(&self.0)
     }
 }
 
@@ -53,10 +57,15 @@ impl fmt::Debug for ApiKey {
     }
 }
 
-/// Admits a request that has the key, or a session that was begun with it.
-pub(super) async fn require_key(State(state): State<ApiState>, request: Request, next: Next) -> Response {
+/// Admits a request that has a key, or a session that was begun with one; handlers find the key's name with the request.
+pub(super) async fn require_key(State(state): State<ApiState>, mut request: Request, next: Next) -> Response {
     match check(&state, request.method(), request.headers()) {
-        Ok(()) => next.run(request).await,
+        Ok(name) => {
+            if let Some(name) = name {
+                request.extensions_mut().insert(name);
+            }
+            next.run(request).await
+        }
         Err(error) => {
             let mut response = error.into_response();
             response.headers_mut().insert("www-authenticate", HeaderValue::from_static("Bearer"));
@@ -65,23 +74,29 @@ pub(super) async fn require_key(State(state): State<ApiState>, request: Request,
     }
 }
 
-fn check(state: &ApiState, method: &Method, headers: &HeaderMap) -> Result<(), ApiError> {
-    let Some(key) = &state.options.api_key else { return Ok(()) };
+/// Name of the request's key; `None` where none is needed.
+fn check(state: &ApiState, method: &Method, headers: &HeaderMap) -> Result<Option<KeyName>, ApiError> {
+    if !state.keys.are_required() {
+        return Ok(None);
+    }
+    let now = Instant::now();
     if let Some(presented) = bearer_token(headers) {
-        let wrong = || ApiError::new(Code::KeyWrong, "this is not the key that the server was configured with");
-        return if key.matches(presented) { Ok(()) } else { Err(wrong()) };
+        let wrong = || ApiError::new(Code::KeyWrong, "this is not a key that the server was configured with");
+        return state.keys.find(presented, now).map(Some).ok_or_else(wrong);
     }
     let missing = |detail: &str| Err(ApiError::new(Code::KeyMissing, detail));
     let Some(session) = session_id(headers) else {
         return missing("send the server's key as Authorization: Bearer …");
     };
-    if !state.sessions.is_open(session, Instant::now()) {
+    // A session ends with its key.
+    let name = state.sessions.key_of(session, now).and_then(|digest| state.keys.name_of(&digest, now));
+    if name.is_none() {
         return Err(ApiError::new(Code::SessionEnded, "the cookie's session has ended; begin a new one with the key"));
     }
     if is_change(method) && !headers.contains_key(SESSION_HEADER) {
         return missing("with a session, a request that changes something also needs the header X-Vantage-Session");
     }
-    Ok(())
+    Ok(name)
 }
 
 /// The bearer token in `Authorization`.

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use axum::body::Body;
-use axum::extract::{FromRequest, FromRequestParts, OptionalFromRequestParts, Query, Request};
+use axum::extract::{FromRequest, FromRequestParts, Query, Request};
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, IF_MATCH, IF_NONE_MATCH};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderName};
@@ -13,15 +13,16 @@ use futures_util::StreamExt;
 use serde::de::DeserializeOwned;
 use utoipa::ToSchema;
 
+use super::keys::KeyName;
 use super::problem::{ApiError, Code};
 use super::router::ApiState;
-use crate::service::Precondition;
+use crate::service::{Precondition, Submission};
 use crate::wire;
 
 /// Extractor of a JSON body.
 pub(super) struct Json<T>(pub T);
 
-impl<T: DeserializeOwned + ToSchema> FromRequest<ApiState> for Json<T> {
+impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for Json<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &ApiState) -> Result<Self, ApiError> {
@@ -228,24 +229,27 @@ pub(super) fn etag_matches(headers: &HeaderMap, etag: &str) -> bool {
         .any(|tags| tags.trim() == "*" || split_tags(tags).iter().any(|tag| tag.trim_start_matches("W/") == etag))
 }
 
-/// The header `Idempotency-Key`: 1 to 255 visible ASCII characters.
-pub(super) struct IdempotencyKeyHeader(pub String);
-
-impl OptionalFromRequestParts<ApiState> for IdempotencyKeyHeader {
+impl FromRequestParts<ApiState> for Submission {
     type Rejection = ApiError;
 
-    async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Option<Self>, ApiError> {
-        const NAME: &str = "idempotency-key";
-        let mut values = parts.headers.get_all(NAME).iter();
-        let Some(value) = values.next() else { return Ok(None) };
-        let refuse = |detail: &str| ApiError::at(Code::BadIdempotencyKey, "Idempotency-Key", detail);
-        if values.next().is_some() {
-            return Err(refuse("is given more than once"));
-        }
-        let key = value.to_str().map_err(|_| refuse("must be visible ASCII characters"))?;
-        if !(1..=255).contains(&key.len()) || !key.bytes().all(|c| c.is_ascii_graphic()) {
-            return Err(refuse("must be 1 to 255 visible ASCII characters"));
-        }
-        Ok(Some(Self(key.to_owned())))
+    async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, ApiError> {
+        let submitted_by = parts.extensions.get::<KeyName>().map(|KeyName(name)| name.to_string());
+        Ok(Self { idempotency_key: idempotency_key(&parts.headers)?, limit: Some(state.options.request_timeout), submitted_by })
     }
+}
+
+/// The header `Idempotency-Key`: 1 to 255 visible ASCII characters.
+fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, ApiError> {
+    const NAME: &str = "idempotency-key";
+    let mut values = headers.get_all(NAME).iter();
+    let Some(value) = values.next() else { return Ok(None) };
+    let refuse = |detail: &str| ApiError::at(Code::BadIdempotencyKey, "Idempotency-Key", detail);
+    if values.next().is_some() {
+        return Err(refuse("is given more than once"));
+    }
+    let key = value.to_str().map_err(|_| refuse("must be visible ASCII characters"))?;
+    if !(1..=255).contains(&key.len()) || !key.bytes().all(|c| c.is_ascii_graphic()) {
+        return Err(refuse("must be 1 to 255 visible ASCII characters"));
+    }
+    Ok(Some(key.to_owned()))
 }

@@ -33,7 +33,7 @@ fn check_host(request: &Request, options: &ServerOptions) -> Result<(), ApiError
     if is_address(host) || host == "localhost" || options.hosts.iter().any(|own| own == host) {
         return Ok(());
     }
-    if options.hosts.is_empty() && options.api_key.is_some() {
+    if options.hosts.is_empty() && options.requires_key() {
         return Ok(());
     }
     let detail = format!(

@@ -12,6 +12,7 @@ mod events;
 mod extract;
 mod fields;
 mod hosts;
+mod keys;
 mod layers;
 mod metrics;
 mod negotiate;
@@ -31,6 +32,7 @@ mod static_response;
 
 pub use auth::ApiKey;
 pub use connection_limiter::RESERVED_CONNECTIONS;
+pub use keys::check_keys_file;
 pub use metrics::install as install_metrics;
 pub use options::{Quota, ServerOptions};
 pub use prefix::is_public_path;

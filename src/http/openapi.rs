@@ -46,7 +46,7 @@ pub(super) struct ApiDoc;
 
 /// Token of a page: the last id of the previous page, a digest of the listing, and the key that it is sorted by.
 #[derive(ToSchema)]
-#[schema(value_type = String, pattern = "^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\\.[0-9a-f]{16}(\\.([0-9a-f]{2})+)?$")]
+#[schema(value_type = String, pattern = "^([0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}|x([0-9a-f]{2})*)\\.[0-9a-f]{16}(\\.([0-9a-f]{2})+)?$")]
 #[expect(dead_code, reason = "only its schema is used; tokens are read by the store")]
 pub(super) struct PageToken(String);
 

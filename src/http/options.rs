@@ -1,6 +1,7 @@
 //! Options of the HTTP server.
 
 use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use super::auth::ApiKey;
@@ -10,8 +11,10 @@ use super::auth::ApiKey;
 pub struct ServerOptions {
     /// Address and port to listen on.
     pub listen: SocketAddr,
-    /// Key that `/api` requires as a bearer token; `None` disables authentication.
+    /// Key that `/api` requires as a bearer token; without it and a file of keys there is no authentication.
     pub api_key: Option<ApiKey>,
+    /// File of further keys, each with a name.
+    pub api_keys_file: Option<PathBuf>,
     /// Names of the server besides its addresses and `localhost`, in lower case. Empty with a key: any name.
     pub hosts: Vec<String>,
     /// Proxies whose `X-Forwarded-For`, `X-Forwarded-Proto` and `X-Forwarded-Prefix` are trusted.
@@ -55,6 +58,14 @@ pub struct Quota {
     pub per_address: usize,
 }
 
+impl ServerOptions {
+    /// True if everything under `/api` requires a key.
+    #[must_use]
+    pub fn requires_key(&self) -> bool {
+        self.api_key.is_some() || self.api_keys_file.is_some()
+    }
+}
+
 #[cfg(test)]
 impl ServerOptions {
     /// Options for unit tests.
@@ -64,6 +75,7 @@ impl ServerOptions {
         Self {
             listen: ([127, 0, 0, 1], 0).into(),
             api_key: None,
+            api_keys_file: None,
             hosts: Vec::new(),
             trusted_proxies: Vec::new(),
             public_path: String::new(),

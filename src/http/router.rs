@@ -12,6 +12,7 @@ use utoipa::openapi::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use super::keys::Keys;
 use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
@@ -29,7 +30,9 @@ pub(super) struct ApiState {
     pub options: Arc<ServerOptions>,
     /// Quotas of the resources that clients hold for long.
     pub quotas: Arc<Quotas>,
-    /// Sessions of browsers that presented the key.
+    /// Keys that clients present.
+    pub keys: Arc<Keys>,
+    /// Sessions of browsers that presented a key.
     pub sessions: Arc<Sessions>,
     /// Pace of downloads.
     pub downloads: Arc<Pacer>,
@@ -147,7 +150,8 @@ fn documented(state: Option<&ApiState>) -> OpenApiRouter<ApiState> {
 /// The router that serves `app`.
 pub fn router(app: App, options: ServerOptions) -> Router {
     let downloads = Arc::new(Pacer::new(options.download_bytes_per_sec));
-    let state = ApiState { app, options: Arc::new(options), quotas: Arc::default(), sessions: Arc::default(), downloads };
+    let keys = Arc::new(Keys::open(&options));
+    let state = ApiState { app, options: Arc::new(options), quotas: Arc::default(), keys, sessions: Arc::default(), downloads };
     let (router, _) = documented(Some(&state)).split_for_parts();
     let mut router = router
         .merge(pages())

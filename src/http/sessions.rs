@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use sha2::{Digest, Sha256};
 
+use super::keys::KeyDigest;
 use crate::service::hex;
 
 /// Time without use after which a session ends.
@@ -17,43 +18,52 @@ const ID_BYTES: usize = 32;
 
 type Hash = [u8; 32];
 
-/// Open sessions: time of last use by hash of the id.
+/// An open session.
+#[derive(Clone, Copy)]
+struct Session {
+    /// Time of its last use.
+    used: Instant,
+    /// Digest of the key that it was begun with.
+    key: KeyDigest,
+}
+
+/// Open sessions, by hash of the id.
 #[derive(Default)]
-pub(super) struct Sessions(Mutex<HashMap<Hash, Instant>>);
+pub(super) struct Sessions(Mutex<HashMap<Hash, Session>>);
 
 impl Sessions {
-    /// Begins a session and returns its id, 256 random bits in hexadecimal.
+    /// Begins a session with a key and returns its id, 256 random bits in hexadecimal.
     ///
     /// # Errors
     /// The system provides no random numbers.
-    pub(super) fn begin(&self, now: Instant) -> Result<String, getrandom::Error> {
+    pub(super) fn begin(&self, key: KeyDigest, now: Instant) -> Result<String, getrandom::Error> {
         let mut id = [0; ID_BYTES];
         getrandom::fill(&mut id)?;
         let id = hex(&id);
         let mut open = self.lock();
-        open.retain(|_, used| now.saturating_duration_since(*used) < IDLE_TIMEOUT);
+        open.retain(|_, session| now.saturating_duration_since(session.used) < IDLE_TIMEOUT);
         while open.len() >= MAX_SESSIONS {
-            let Some(oldest) = open.iter().min_by_key(|(_, used)| **used).map(|(hash, _)| *hash) else { break };
+            let Some(oldest) = open.iter().min_by_key(|(_, session)| session.used).map(|(hash, _)| *hash) else { break };
             open.remove(&oldest);
         }
-        open.insert(hash(&id), now);
+        open.insert(hash(&id), Session { used: now, key });
         Ok(id)
     }
 
-    /// True if the session is open; asking counts as use.
-    pub(super) fn is_open(&self, id: &str, now: Instant) -> bool {
+    /// Digest of the key that an open session was begun with; asking counts as use.
+    pub(super) fn key_of(&self, id: &str, now: Instant) -> Option<KeyDigest> {
         let mut open = self.lock();
         let hash = hash(id);
         match open.get_mut(&hash) {
-            Some(used) if now.saturating_duration_since(*used) < IDLE_TIMEOUT => {
-                *used = now;
-                true
+            Some(session) if now.saturating_duration_since(session.used) < IDLE_TIMEOUT => {
+                session.used = now;
+                Some(session.key)
             }
             Some(_) => {
                 open.remove(&hash);
-                false
+                None
             }
-            None => false,
+            None => None,
         }
     }
 
@@ -62,7 +72,7 @@ impl Sessions {
         self.lock().remove(&hash(id));
     }
 
-    fn lock(&self) -> MutexGuard<'_, HashMap<Hash, Instant>> {
+    fn lock(&self) -> MutexGuard<'_, HashMap<Hash, Session>> {
         // No operation leaves the map half changed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -169,6 +169,25 @@ fn the_page_listens_to_every_kind_of_event() {
     }
 }
 
+/// The page asked once for each job that it listed, and once for each that waited whenever anything happened.
+#[test]
+fn the_page_lists_jobs_by_one_request() {
+    let script = include_str!("../../static/page.js");
+    let function = |name: &str| {
+        let rest = script.split(&format!("async function {name}(")).nth(1).unwrap_or_else(|| panic!("{name} is not there"));
+        rest.split("\n}\n").next().unwrap_or_default()
+    };
+    assert!(function("list").contains("show(job)") && !function("list").contains("/jobs/$"));
+    assert!(!function("show").contains("/jobs/"), "what is listed is shown as it is");
+    assert!(function("show").contains("hasRegions(job)"), "save for the regions of those that have any");
+    assert!(!script.contains("refresh(other.id)") && function("movedUp").contains("state=queued"));
+    // One job that changed, and the regions of one.
+    assert_eq!(script.matches("ask(`/jobs/${id}").count(), 2);
+    for field in ["warnings", "summary", "submitted_by", "queue_position"] {
+        assert!(script.contains(&format!("job.{field}")), "{field}");
+    }
+}
+
 #[test]
 fn the_page_shows_every_figure_of_a_region_by_the_name_that_answers_have() {
     let (script, page) = (include_str!("../../static/page.js"), include_str!("../../static/index.html"));

@@ -68,8 +68,8 @@ params! {
         /// Means by which measurements of different setups are registered to each other. With `surface` every setup has to share
         /// surface with another that fixes all six freedoms; views are added where it takes them.
         registration: Registration = Registration::Surface;
-        /// Seed of every pseudo-random choice.
-        seed: u64 = 0;
+        /// Seed of every pseudo-random choice. The largest is that which a JSON number of any reader holds exactly, 2⁵³ − 1.
+        seed: u64 = 0, [0.0, 9007199254740991.0] "";
     }
 }
 
@@ -317,6 +317,9 @@ params! {
         /// `local` and `certified`: share of the asked area by which the views may give less grade A, and less of A and B together,
         /// than greedy's; `null` lets them give any. Fewer views look at more surface obliquely.
         max_grade_loss: Option<f64> = Some(0.01), [0.0, 1.0] "";
+        /// Samples that views are chosen on: about so many, more where the part has small features of its own. The chosen views are
+        /// then evaluated on every sample. Default: 8 000 and one for each 25 mm², at most 40 000.
+        samples: Option<u32> = None, [100.0, 40_000_000.0] "samples";
         /// Count only area that is measured at this grade or better ([`crate::planning::method::quality`]). Default: all of it.
         min_grade: Option<Grade> = None;
         /// Formulation that is solved.

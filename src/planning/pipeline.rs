@@ -1,7 +1,9 @@
 //! The pipeline: mesh, scanner and cell in, an [`Outcome`] out. Pure: no clock, no I/O; the same input gives the same outcome
 //! on any number of threads. Call it inside the thread pool that it shall use.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use super::adjust;
 use super::advice::{self, AdviceScope, Basis};
@@ -13,7 +15,7 @@ use super::missed::CanExecute;
 use super::missed::obstructions::{self, BlockedCandidate};
 use super::outcome::{self, Surroundings};
 use super::params::{PlanParams, SelectionGoal};
-use super::plan::{Certificate, Obstruction, Outcome, SetupPlan};
+use super::plan::{Certificate, Obstruction, Outcome, SetupPlan, StopReason};
 use super::problem::{ChosenViews, EvaluatedSetups, SampledPart, ViewPlanningProblem};
 use super::scene::{PlanInput, PlanningScene};
 use super::sequence::Ordered;
@@ -25,6 +27,9 @@ use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
 
 /// Times that views without a path are exchanged for others at most; views without one after that carry it as a rejection.
 const MAX_RESELECTIONS: usize = 4;
+
+/// Times that samples are added at most, where views meet their goals on those that they are chosen on and not on all.
+const MAX_REFINEMENTS: u32 = 3;
 
 /// Views with their order, and what was given up on the way to them.
 struct OrderedViews {
@@ -43,9 +48,9 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let sampled = SampledPart::new(input, params, ctx)?;
     let setups = sampled.setups(input, ctx)?;
     let mut problem = problem(input, &sampled, &setups, ctx)?;
-    let views = select_and_order(&mut problem, &setups, ctx)?;
-    let views = shorten(&mut problem, &setups, views, ctx)?;
-    let part = RayScene::interruptible([input.mesh], || ctx.check())?;
+    let views = select_and_order(&mut problem, &sampled, &setups, ctx)?;
+    let (views, problem) = shorten(problem, &sampled, &setups, views, ctx)?;
+    let part = Arc::new(RayScene::interruptible([input.mesh], || ctx.check())?);
     let mut outcome = explain(problem, &sampled, &setups, views, &part, ctx)?;
     certify(&mut outcome, input, &sampled.params, &setups, &part, ctx)?;
     let scene_of = |plan: &SetupPlan| Some(setup_of(&setups, plan)?.scene.as_ref()?.collision_scene().clone());
@@ -75,7 +80,8 @@ pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -
     let setups = sampled.setups(input, ctx)?;
     let mut evaluated = sampled.evaluate(input, &setups, ctx)?.evaluated;
     evaluated.drop_unusable();
-    let SampledPart { surface, asked_area_mm2, .. } = sampled;
+    let (surface, asked_area_mm2) = sampled.chosen_on();
+    let (surface, asked_area_mm2) = (surface.clone(), asked_area_mm2.to_vec());
     Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates, rows: evaluated.matrix.rows })
 }
 
@@ -87,24 +93,59 @@ fn problem<'a>(
     ctx: &Context<'_>,
 ) -> Result<ViewPlanningProblem<'a>, PlanError> {
     let EvaluatedSetups { evaluated, robust_rows } = sampled.evaluate(input, setups, ctx)?;
+    let (surface, asked_area_mm2) = sampled.chosen_on();
     Ok(ViewPlanningProblem {
         input,
         params: &sampled.params,
-        surface: sampled.surface.clone(),
+        surface: Cow::Borrowed(surface),
         setups: setups.iter().map(|setup| setup.table_from_part).collect(),
         candidates: evaluated.candidates,
         matrix: evaluated.matrix,
         robust_rows,
         reach: evaluated.reach,
         hidden_by_cell: evaluated.hidden_by_cell,
-        asked_area_mm2: sampled.asked_area_mm2.clone(),
+        asked_area_mm2: asked_area_mm2.to_vec(),
+        strata: sampled.strata().cloned(),
+        coverable_of_setup_mm2: None,
+        chosen_on: sampled.counts(),
     })
+}
+
+/// Chooses views that meet their goals on every sample: chosen on some, and anew while these disagree with the rest.
+fn choose<'a>(
+    problem: &mut ViewPlanningProblem<'a>,
+    sampled: &'a SampledPart,
+    setups: &[Setup<'_>],
+    excluded: &BTreeSet<CandidateIndex>,
+    ctx: &Context<'_>,
+) -> Result<ChosenViews, PlanError> {
+    loop {
+        let chosen = problem.select(excluded, ctx)?;
+        if chosen.candidates.is_empty() {
+            return Ok(chosen);
+        }
+        let chosen = adjust::join_setups(problem, chosen, excluded, ctx)?;
+        let chosen = adjust::slide_views(problem, setups, chosen, excluded, ctx)?;
+        let is_settled = chosen.selection.stopped_because != StopReason::Target || problem.tolerates_errors();
+        if is_settled || problem.strata.is_none() {
+            return Ok(chosen);
+        }
+        let every = problem.on_every_sample(sampled, setups, &problem.at_any_station(&chosen), ctx)?;
+        if every.meets_goals(&chosen.candidates, excluded) {
+            return Ok(chosen);
+        }
+        let goes_on = problem.chosen_on.refinements < MAX_REFINEMENTS;
+        if !goes_on || !problem.refine(&every, setups, &chosen, ctx)? {
+            return problem.topped_up(&every, chosen, excluded, ctx);
+        }
+    }
 }
 
 /// Stages selection, with the chosen views slid, and sequence, setup by setup: a chosen view to which no path is found is
 /// excluded and selection runs again, a bounded number of times.
-fn select_and_order(
-    problem: &mut ViewPlanningProblem<'_>,
+fn select_and_order<'a>(
+    problem: &mut ViewPlanningProblem<'a>,
+    sampled: &'a SampledPart,
     setups: &[Setup<'_>],
     ctx: &Context<'_>,
 ) -> Result<OrderedViews, PlanError> {
@@ -112,13 +153,11 @@ fn select_and_order(
     let mut reselections = 0;
     loop {
         ctx.begin(Stage::Selection)?;
-        let chosen = problem.select(&excluded, ctx)?;
+        let chosen = choose(problem, sampled, setups, &excluded, ctx)?;
         if chosen.candidates.is_empty() && excluded.is_empty() {
             let in_the_way = obstructions(problem, setups, &BTreeSet::new(), ctx)?;
             return Err(PlanError::NoPlan(outcome::nothing_measured(problem, &setups[0].occluders, in_the_way, ctx)?));
         }
-        let chosen = adjust::join_setups(problem, chosen, &excluded, ctx)?;
-        let chosen = adjust::slide_views(problem, setups, chosen, &excluded, ctx)?;
         let scenes: Vec<_> = scenes(setups).collect();
         if scenes.is_empty() {
             return Ok(OrderedViews { chosen, ordered: Vec::new(), excluded });
@@ -142,20 +181,33 @@ fn select_and_order(
     }
 }
 
-/// Bounds each setup's sequence, then rolls its views where that makes the moves shorter.
-fn shorten(
-    problem: &mut ViewPlanningProblem<'_>,
+/// Bounds each setup's sequence, then rolls its views where that makes the moves shorter; returns the problem on every sample.
+/// Rolls with which the views meet their goals on the samples that they were chosen on, but not on all, are taken back.
+fn shorten<'a>(
+    mut problem: ViewPlanningProblem<'a>,
+    sampled: &'a SampledPart,
     setups: &[Setup<'_>],
     views: OrderedViews,
     ctx: &Context<'_>,
-) -> Result<OrderedViews, PlanError> {
+) -> Result<(OrderedViews, ViewPlanningProblem<'a>), PlanError> {
     let OrderedViews { chosen, ordered, excluded } = views;
     let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded(ordered, ctx));
-    let ordered = bounded.collect::<Result<_, _>>()?;
-    let ordered = adjust::roll_views(problem, setups, &chosen, ordered, ctx)?;
-    let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded_as_moved(ordered, ctx));
-    let ordered = bounded.collect::<Result<_, _>>()?;
-    Ok(OrderedViews { chosen, ordered, excluded })
+    let ordered = bounded.collect::<Result<Vec<_>, _>>()?;
+    let as_moved = |ordered: Vec<Ordered>| {
+        let bounded = scenes(setups).zip(ordered).map(|(scene, ordered)| scene.bounded_as_moved(ordered, ctx));
+        bounded.collect::<Result<Vec<_>, _>>()
+    };
+    let unrolled = problem.strata.is_some().then(|| (problem.poses_of(&chosen), ordered.clone()));
+    let mut ordered = as_moved(adjust::roll_views(&mut problem, setups, &chosen, ordered, ctx)?)?;
+    let Some((poses, in_order)) = unrolled else { return Ok((OrderedViews { chosen, ordered, excluded }, problem)) };
+    let mut every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), ctx)?;
+    let is_met = chosen.selection.stopped_because != StopReason::Target || every.meets_goals(&chosen.candidates, &excluded);
+    if !is_met && problem.poses_of(&chosen) != poses {
+        problem.put_back(&chosen, &poses);
+        ordered = as_moved(in_order)?;
+        every = problem.on_every_sample(sampled, setups, &problem.as_ordered(&chosen, &ordered), ctx)?;
+    }
+    Ok((OrderedViews { chosen, ordered, excluded }, every))
 }
 
 /// Stage missed: verdicts, coverage, and the causes and remedies of what is missed.
@@ -164,7 +216,7 @@ fn explain(
     sampled: &SampledPart,
     setups: &[Setup<'_>],
     views: OrderedViews,
-    part: &RayScene,
+    part: &Arc<RayScene>,
     ctx: &Context<'_>,
 ) -> Result<Outcome, PlanError> {
     ctx.begin(Stage::Missed)?;
@@ -179,7 +231,7 @@ fn explain(
     let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
     if let Some(basis) = basis {
-        outcome.plan.advice = advice::of(&basis, &outcome, &AdviceScope { input, sampled, setups }, ctx)?;
+        outcome.plan.advice = advice::of(&basis, &outcome, &AdviceScope { input, sampled, setups, part }, ctx)?;
     }
     if sampled.params.visibility.pixel_set {
         count_by_pixels(&mut outcome, input, occluders, ctx)?;

@@ -3,7 +3,9 @@
 //! ([`crate::planning::method::causes`]).
 //!
 //! Directions are spread evenly over the half-space in front of the point, few at first, and [`DIRECTIONS`] where those are
-//! hidden: about 4° apart, so that an opening narrower than that may be overlooked. Cost: at most that many rays a point.
+//! hidden: about 4° apart, so that an opening narrower than that may be overlooked. Ahead of them stand those in which neighbours
+//! were found open; of the others only those are looked into that could still change the answer. Cost: a few rays where the sky is
+//! open beside an open neighbour, at most [`DIRECTIONS`] and [`REMEMBERED`] a point.
 
 #[cfg(test)]
 mod tests;
@@ -11,8 +13,10 @@ mod tests;
 use std::f64::consts::PI;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
 use super::candidates::{spiral, stands_above};
+use super::context::{Cancelled, Context};
 use super::ids::SampleId;
 use super::surface::Surface;
 use crate::geometry::{Mesh, Part, Pose, RayScene, SimdLevel, Table};
@@ -21,8 +25,19 @@ use crate::geometry::{Mesh, Part, Pose, RayScene, SimdLevel, Table};
 const DIRECTIONS: usize = 1024;
 /// Stride of the directions that are looked into first.
 const STRIDE: usize = 16;
+/// Directions that are looked into together: few, in which most points are found open, then many.
+const BATCHES: [usize; 3] = [DIRECTIONS / STRIDE, DIRECTIONS / 4, DIRECTIONS];
+/// Directions in which neighbours were found open that are kept: a packet of rays.
+const REMEMBERED: usize = 16;
+/// Smallest cosine between a normal and a direction that is taken over from a neighbour: that of the lowest of a point's own.
+const MIN_RISE: f64 = 0.5 / DIRECTIONS as f64;
+/// Points that a thread looks from, neighbours one after the other.
+const NEIGHBOURS: usize = 256;
 /// Height above the surface at which lines begin, mm: clear of the point's own facet.
 const ABOVE_MM: f64 = 0.02;
+
+/// Rounding error of a sine.
+const ROUNDING: f64 = 1e-9;
 
 /// Largest distance from the plate of a sample that the part rests on, mm.
 const RESTING_WITHIN_MM: f64 = 0.1;
@@ -46,6 +61,83 @@ pub(super) enum Sky {
     BelowPlate,
     /// No line leaves the part.
     Closed,
+}
+
+/// Value of the best open direction that was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Way {
+    /// There is none.
+    None,
+    /// No device could look along it.
+    Grazing,
+    /// One could, from below the plate.
+    BelowPlate,
+    /// The best that there can be.
+    Open,
+}
+
+impl From<Way> for Sky {
+    fn from(way: Way) -> Self {
+        match way {
+            Way::None => Self::Closed,
+            Way::BelowPlate => Self::BelowPlate,
+            Way::Grazing | Way::Open => Self::Open,
+        }
+    }
+}
+
+/// Directions in which neighbours were found open, the latest last.
+#[derive(Default)]
+struct FoundOpen {
+    directions: Vec<Vector3<f64>>,
+}
+
+impl FoundOpen {
+    fn add(&mut self, direction: Vector3<f64>) {
+        if self.directions.len() == REMEMBERED {
+            self.directions.remove(0);
+        }
+        self.directions.push(direction);
+    }
+}
+
+/// Directions of one point on their way through the part.
+#[derive(Default)]
+struct Rays {
+    looked: Vec<(Vector3<f64>, Way)>,
+    ends_mm: Vec<Point3<f64>>,
+    hidden: Vec<bool>,
+}
+
+/// One point that is looked from.
+struct Look<'p, 'a> {
+    probe: &'p SkyProbe<'a>,
+    point_mm: &'p Point3<f64>,
+    normal: &'p Vector3<f64>,
+    /// The best way found.
+    way: Way,
+    rays: Rays,
+}
+
+impl Look<'_, '_> {
+    /// Looks into those of some directions that are worth more than the way found, and returns an open one of the most worth.
+    fn cast(&mut self, directions: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+        let Self { probe, point_mm, normal, way, rays } = self;
+        let from_mm = *point_mm + *normal * ABOVE_MM;
+        let worth = directions.iter().map(|direction| (*direction, probe.way(point_mm, normal, direction)));
+        rays.looked.clear();
+        rays.looked.extend(worth.filter(|(_, worth)| *worth > *way));
+        rays.ends_mm.clear();
+        rays.ends_mm.extend(rays.looked.iter().map(|(direction, _)| from_mm + direction * probe.beyond_mm));
+        probe.part.blocked_from(probe.level, &from_mm, &rays.ends_mm, 1.0, &mut rays.hidden);
+        let mut found = None;
+        for ((direction, worth), _) in rays.looked.iter().zip(&rays.hidden).filter(|(_, hidden)| !**hidden) {
+            if *worth > *way {
+                (*way, found) = (*worth, Some(*direction));
+            }
+        }
+        found
+    }
 }
 
 /// A part whose points are asked for their sky.
@@ -83,28 +175,75 @@ impl<'a> SkyProbe<'a> {
         Self { part, level, beyond_mm, directions, setups, min_elevation_deg, best_mm, min_cos: incidence_max_rad.cos() }
     }
 
+    /// The sky of each of some samples; those near each other in the list share directions found open. Does not depend on the
+    /// number of threads.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn skies(&self, surface: &Surface, samples: &[SampleId], ctx: &Context<'_>) -> Result<Vec<Sky>, Cancelled> {
+        let of_neighbours = |samples: &[SampleId]| {
+            let mut found_open = FoundOpen::default();
+            let sky = |sample: &SampleId| {
+                ctx.check()?;
+                Ok(self.sky_beside(&surface.sample_mm[sample.index()], &surface.patch_of(*sample).normal, &mut found_open))
+            };
+            samples.iter().map(sky).collect::<Result<Vec<_>, Cancelled>>()
+        };
+        let skies = samples.par_chunks(NEIGHBOURS).map(of_neighbours).collect::<Result<Vec<_>, Cancelled>>()?;
+        Ok(skies.concat())
+    }
+
     /// The sky of a surface point with this unit normal; part frame, mm.
-    pub(super) fn sky(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>) -> Sky {
+    #[cfg(test)]
+    fn sky(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>) -> Sky {
+        self.sky_beside(point_mm, normal, &mut FoundOpen::default())
+    }
+
+    /// The sky of a point near others that have open directions, to which its own is added.
+    fn sky_beside(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>, found_open: &mut FoundOpen) -> Sky {
         let half_turn = || UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
-        let part_from_point = UnitQuaternion::rotation_between(&Vector3::z(), normal).unwrap_or_else(half_turn);
-        let from_mm = point_mm + normal * ABOVE_MM;
-        let mut sky = Sky::Closed;
-        let mut hidden = Vec::new();
-        for batch in self.directions.chunks(DIRECTIONS / STRIDE) {
-            let directions: Vec<_> = batch.iter().map(|direction| part_from_point * direction).collect();
-            let ends: Vec<_> = directions.iter().map(|direction| from_mm + direction * self.beyond_mm).collect();
-            self.part.blocked_from(self.level, &from_mm, &ends, 1.0, &mut hidden);
-            for (direction, _) in directions.iter().zip(&hidden).filter(|(_, hidden)| !**hidden) {
-                let usable = normal.dot(direction) >= self.min_cos;
-                if self.setups.is_empty() || usable && self.is_above(point_mm, direction) {
-                    return Sky::Open;
+        let best = self.best_way(point_mm, normal);
+        let mut look = Look { probe: self, point_mm, normal, way: Way::None, rays: Rays::default() };
+        let remembered: Vec<_> =
+            found_open.directions.iter().filter(|towards| normal.dot(towards) >= MIN_RISE).copied().collect();
+        look.cast(&remembered);
+        if look.way < best {
+            let part_from_point = UnitQuaternion::rotation_between(&Vector3::z(), normal).unwrap_or_else(half_turn);
+            let mut first = 0;
+            for end in BATCHES {
+                let batch: Vec<_> = self.directions[first..end].iter().map(|direction| part_from_point * direction).collect();
+                if let Some(open) = look.cast(&batch) {
+                    found_open.add(open);
                 }
-                if usable || sky == Sky::Closed {
-                    sky = if usable { Sky::BelowPlate } else { Sky::Open };
+                if look.way >= best {
+                    break;
                 }
+                first = end;
             }
         }
-        sky
+        look.way.into()
+    }
+
+    /// Value of an open direction.
+    fn way(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>, direction: &Vector3<f64>) -> Way {
+        match normal.dot(direction) >= self.min_cos {
+            _ if self.setups.is_empty() => Way::Open,
+            false => Way::Grazing,
+            true if self.is_above(point_mm, direction) => Way::Open,
+            true => Way::BelowPlate,
+        }
+    }
+
+    /// Bound of the value of any direction of a point: where the highest viewpoint that could be used stands below every plate,
+    /// there is none above.
+    fn best_way(&self, point_mm: &Point3<f64>, normal: &Vector3<f64>) -> Way {
+        let max_sin = (1.0 - self.min_cos * self.min_cos).max(0.0).sqrt();
+        let may_be_above = |table_from_part: &Pose<Table, Part>| {
+            let up = table_from_part.direction(normal).z;
+            let rise = if up >= self.min_cos { 1.0 } else { up * self.min_cos + (1.0 - up * up).max(0.0).sqrt() * max_sin };
+            table_from_part.point(point_mm).z + self.best_mm * (rise + ROUNDING) > 0.0
+        };
+        if self.setups.is_empty() || self.setups.iter().any(may_be_above) { Way::Open } else { Way::BelowPlate }
     }
 
     /// Returns true if the viewpoint in this direction stands above the plate in some setup.

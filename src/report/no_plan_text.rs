@@ -4,8 +4,8 @@ use std::fmt::{self, Write};
 
 use crate::planning::context::NoPlan;
 use crate::planning::plan::share;
-use crate::report::html::NoPlanInput;
-use crate::wire::words::{advice_sentence, area_mm2, changed_params, fixed, no_plan_sentence};
+use crate::report::html::{NoPlanInput, NoPlanReason};
+use crate::wire::words::{advice_sentence, area_mm2, changed_params, fixed};
 
 /// Pairs of blocking bodies that are listed.
 const SHOWN: usize = 10;
@@ -22,7 +22,10 @@ pub fn no_plan_text(input: &NoPlanInput<'_>) -> String {
 fn write_no_plan(out: &mut String, input: &NoPlanInput<'_>) -> fmt::Result {
     let (subject, aabb) = (&input.subject, input.subject.mesh.aabb());
     let size = aabb.extent_mm();
-    writeln!(out, "no plan is possible: {}", no_plan_sentence(input.finding))?;
+    writeln!(out, "{}", input.sentence())?;
+    if let Some(step) = input.first_step() {
+        writeln!(out, "try first: {step}")?;
+    }
     writeln!(out, "\npart {}", subject.part_sha256)?;
     writeln!(out, "  {} triangles, {} mm²", subject.mesh.faces.len(), area_mm2(subject.mesh.area_mm2()))?;
     writeln!(out, "  size {} mm", [size.x, size.y, size.z].map(|edge| fixed(edge, 1)).join(" × "))?;
@@ -34,7 +37,10 @@ fn write_no_plan(out: &mut String, input: &NoPlanInput<'_>) -> fmt::Result {
         writeln!(out, "  none")?;
     }
     changed.iter().try_for_each(|(key, value)| writeln!(out, "  {key} = {value}"))?;
-    write_reasons(out, input.finding)
+    match input.reason {
+        NoPlanReason::NoPlan(finding) => write_reasons(out, finding),
+        NoPlanReason::PartRefused(_) => Ok(()),
+    }
 }
 
 fn write_reasons(out: &mut String, finding: &NoPlan) -> fmt::Result {
@@ -47,7 +53,7 @@ fn write_reasons(out: &mut String, finding: &NoPlan) -> fmt::Result {
         writeln!(out, "  {:<20} {:>10} mm² {of_asked:>6} % of asked", cause.as_str(), area_mm2(*mm2))?;
     }
     if !obstructions.is_empty() {
-        writeln!(out, "\nin the way of candidates")?;
+        writeln!(out, "\nin the way of viewpoints")?;
     }
     for obstruction in obstructions.iter().take(SHOWN) {
         let (bodies, advice) = (&obstruction.bodies, advice_sentence(&obstruction.advice));

@@ -22,12 +22,18 @@ use crate::wire::words::{
     lie_phrase, noise_remark, remedy_sentence, risk_meaning, treated_spots,
 };
 
-/// The text. Same plan, same text; every line ends with a newline.
+/// The text of a plan without a program. Same plan, same text; every line ends with a newline.
 #[must_use]
 pub fn text(plan: &Plan) -> String {
+    summarised_text(plan, &Summary::of(plan))
+}
+
+/// The text of a plan, with its summary.
+#[must_use]
+pub fn summarised_text(plan: &Plan, summary: &Summary) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
-    let _ = write_plan(&mut out, plan);
+    let _ = write_plan(&mut out, plan, summary);
     out
 }
 
@@ -35,14 +41,14 @@ pub fn text(plan: &Plan) -> String {
 #[must_use]
 pub fn warned(warnings: &[FieldWarning]) -> String {
     let text = |warning: &FieldWarning| {
-        format!("warning, {}: the part {}\n  {}\n", warning.code.as_str(), warning.detail, warning.remedy)
+        format!("Check the unit of the part ({}): it {}\n  {}\n", warning.code.as_str(), warning.detail, warning.remedy)
     };
     let all: String = warnings.iter().map(text).collect();
     if all.is_empty() { all } else { all + "\n" }
 }
 
-fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
-    write_summary(out, plan)?;
+fn write_plan(out: &mut String, plan: &Plan, summary: &Summary) -> fmt::Result {
+    write_summary(out, summary)?;
     write_part(out, plan)?;
     write_params(out, &plan.params)?;
     write_candidates(out, plan)?;
@@ -62,8 +68,8 @@ fn write_plan(out: &mut String, plan: &Plan) -> fmt::Result {
 }
 
 /// Writes the summary in the sentences that every output has.
-fn write_summary(out: &mut String, plan: &Plan) -> fmt::Result {
-    Summary::of(plan).lines().iter().try_for_each(|line| writeln!(out, "{line}"))?;
+fn write_summary(out: &mut String, summary: &Summary) -> fmt::Result {
+    summary.lines().iter().try_for_each(|line| writeln!(out, "{line}"))?;
     writeln!(out)
 }
 
@@ -197,7 +203,7 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     let independent = &coverage.independent;
     writeln!(
         out,
-        "\non {} samples that no view was chosen on, but for the coverable area: the figures to trust",
+        "\nindependent check, on {} samples that no view was chosen on (the coverable area excepted): quote these figures",
         independent.samples
     )?;
     for figure in headline(&CoverageDocument::from(coverage)) {
@@ -205,9 +211,9 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
     }
     let Some(robust) = &coverage.robust else { return Ok(()) };
     let (angle_deg, shift_mm) = (robust.pose_error.angle_deg, robust.pose_error.translation_mm);
-    writeln!(out, "\nmeasured of asked there, poses off by {angle_deg}° and {shift_mm} mm")?;
+    writeln!(out, "\nmeasured of asked on these samples if poses are off by {angle_deg}° and {shift_mm} mm")?;
     for (name, drawn) in [("every view", &robust.views), ("the part", &robust.part), ("hand-eye", &robust.hand_eye)] {
-        write!(out, "  {name:<12} {:>4} draws: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
+        write!(out, "  {name:<12} {:>4} trials: nominal {} %", drawn.draws(), percent(drawn.nominal))?;
         let [worst, p5, mean] = [drawn.worst(), drawn.p5(), drawn.mean()].map(percent);
         writeln!(out, ", worst {worst} %, 5th percentile {p5} %, mean {mean} %")?;
     }
@@ -228,7 +234,7 @@ fn write_warnings(out: &mut String, plan: &Plan) -> fmt::Result {
 /// Lists the advice on the plan as a whole.
 fn write_advice(out: &mut String, plan: &Plan) -> fmt::Result {
     if !plan.advice.is_empty() {
-        writeln!(out, "\nadvice, tried on the model")?;
+        writeln!(out, "\nadvice, simulated")?;
     }
     AdviceDocument::all_of(plan).iter().try_for_each(|advice| writeln!(out, "  {}", advice.text))
 }
@@ -265,15 +271,15 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
         writeln!(out, "  to view {:<3} {}", view.0, leg_text(leg))?;
     }
     writeln!(out, "  to home     {}", leg_text(&sequence.return_home))?;
-    writeln!(out, "  the table turns {} s of these", fixed(sequence.turning_secs(), 1))?;
+    writeln!(out, "  the table turns for {} s of this", fixed(sequence.turning_secs(), 1))?;
     let secs = [sequence.motion_secs(), sequence.ordered_secs, sequence.lower_bound_secs].map(|secs| fixed(secs, 1));
     let [moving, ordered, lower_bound] = secs;
     let straight = fixed(sequence.moving_lower_secs, 1);
-    writeln!(out, "  moving {moving} s in all, stations moved along the table's angle and rolled")?;
-    writeln!(out, "  at least {straight} s through these stations in any order, if every move were straight")?;
+    writeln!(out, "  {moving} s of motion in total, after stations were shifted in table angle and roll")?;
+    writeln!(out, "  lower bound {straight} s for these stations in any order, with straight moves")?;
     match sequence.is_shortest() {
-        true => writeln!(out, "  ordered with {ordered} s, the least over the stations and moves considered"),
-        false => writeln!(out, "  ordered with {ordered} s, at least {lower_bound} s over the stations and moves considered"),
+        true => writeln!(out, "  ordered in {ordered} s, proven optimal over the stations and moves considered"),
+        false => writeln!(out, "  ordered in {ordered} s; lower bound {lower_bound} s over the stations and moves considered"),
     }
 }
 
@@ -281,7 +287,7 @@ fn write_sequence(out: &mut String, sequence: &Sequence) -> fmt::Result {
 fn write_obstructions(out: &mut String, obstructions: &[Obstruction]) -> fmt::Result {
     const SHOWN: usize = 5;
     if !obstructions.is_empty() {
-        writeln!(out, "\nin the way of candidates")?;
+        writeln!(out, "\nin the way of viewpoints")?;
     }
     for Obstruction { bodies, without_station, without_path, separation, advice, .. } in obstructions.iter().take(SHOWN) {
         write!(out, "  {bodies}: {without_station} without a station, {without_path} without a path")?;
@@ -322,7 +328,7 @@ fn write_missed(out: &mut String, missed: &[MissedCause], asked_area_mm2: f64) -
 fn write_spots(out: &mut String, missed: &[MissedCause]) -> fmt::Result {
     let treated = treated_spots(missed);
     if !treated.is_empty() {
-        writeln!(out, "\nlargest missed spots, and what was tried and helps")?;
+        writeln!(out, "\nlargest missed spots, with the fixes that were tried")?;
     }
     for (cause, spot, remedy) in treated {
         write!(out, "  {:<20} {:>10} mm²", cause.as_str(), area_mm2(spot.area_mm2))?;

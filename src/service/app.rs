@@ -8,13 +8,14 @@ use tokio::sync::{Mutex, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use super::cells::KeptCells;
 use super::error::{Error, InternalError};
-use super::execute::{Planner, execute};
+use super::execute::{JobInput, Planner, execute};
 use super::jobs::{self, Runner};
 use super::maintenance::maintain;
 use super::options::Options;
+use super::size::{Sizer, size_of};
 use super::store::{OpenError, Store};
-use crate::planning::sequence::Roadmaps;
 use crate::wire::{JobState, ReadinessCheck};
 
 /// Max requests whose cells and meshes are resolved at the same time; others wait.
@@ -30,16 +31,20 @@ pub(super) struct Inner {
     pub(super) store: Store,
     pub(super) options: Options,
     pub(super) runner: Runner,
+    /// Cells built lately.
+    pub(super) cells: Arc<KeptCells>,
     /// Limits the meshes parsed at the same time.
     pub(super) parsing: Arc<Semaphore>,
     /// Limits the requests resolved at the same time.
     pub(super) resolving: Arc<Semaphore>,
     /// Limits the concurrent uploads.
     pub(super) uploads: Arc<Semaphore>,
+    /// Held while a report is drawn.
+    pub(super) drawing: Mutex<()>,
     /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
-    tasks: TaskTracker,
+    pub(super) tasks: TaskTracker,
 }
 
 impl App {
@@ -49,27 +54,44 @@ impl App {
     /// [`OpenError`].
     pub async fn open(options: Options) -> Result<Self, OpenError> {
         // Kept for the next job in the same cell.
-        let roadmaps = Roadmaps::default();
-        Self::open_with(options, Arc::new(move |input, ctx| execute(input, &roadmaps, ctx))).await
+        let cells = Arc::new(KeptCells::default());
+        let of_planner = Arc::clone(&cells);
+        Self::open_keeping(cells, options, Arc::new(move |input, ctx| execute(input, &of_planner, ctx)), None).await
     }
 
-    /// Opens the service with another planner, for tests.
+    /// Opens the service with another planner, for tests. `sizer` tells the sizes of jobs; those of real plans if there is none.
     ///
     /// # Errors
     /// [`OpenError`].
-    pub async fn open_with(options: Options, planner: Planner) -> Result<Self, OpenError> {
+    pub async fn open_with(options: Options, planner: Planner, sizer: Option<Sizer>) -> Result<Self, OpenError> {
+        Self::open_keeping(Arc::default(), options, planner, sizer).await
+    }
+
+    async fn open_keeping(
+        cells: Arc<KeptCells>,
+        options: Options,
+        planner: Planner,
+        sizer: Option<Sizer>,
+    ) -> Result<Self, OpenError> {
         let store = Store::open(&options.data_dir).await?;
-        let runner = Runner::new(&options, planner)?;
+        let threads = match options.planning_threads {
+            0 => std::thread::available_parallelism().map_or(1, Into::into),
+            threads => threads,
+        };
+        let of_sizer = Arc::clone(&cells);
+        let sizer = sizer.unwrap_or_else(|| {
+            Arc::new(move |input: &JobInput, stop: &dyn Fn() -> bool| size_of(input, &of_sizer, threads, stop))
+        });
+        let runner = Runner::new(&options, planner, sizer)?;
         let parsing = Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into)));
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (uploads, resolving) =
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
-        let inner = Inner { store, options, runner, parsing, resolving, uploads, probed: Mutex::default(), stopping, tasks };
+        let (drawing, probed) = (Mutex::default(), Mutex::default());
+        let inner = Inner { store, options, runner, cells, parsing, resolving, uploads, drawing, probed, stopping, tasks };
         let app = Self(Arc::new(inner));
         app.recover().await?;
-        for _ in 0..app.0.options.concurrent_jobs.max(1) {
-            app.0.tasks.spawn(jobs::run_worker(app.clone()));
-        }
+        app.0.tasks.spawn(jobs::dispatch(app.clone()));
         app.0.tasks.spawn(maintain(app.clone()));
         Ok(app)
     }

@@ -8,17 +8,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::cells::{BuiltCell, KeptCells};
 use super::error::is_transient_io;
 use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
-use super::plan_job::PlanJob;
-use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use super::plan_job::{PlanJob, Reports};
+use crate::cell::{Cell, CellSpec, FieldError, NotFound, RobotSpec, Scanner, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::PlanError;
-use crate::planning::context::Context;
+use crate::planning::context::{Context, Stage};
 use crate::planning::params::PlanParams;
-use crate::planning::sequence::Roadmaps;
+use crate::report::html::NoPlanReason;
 use crate::wire::echo::Echo;
 use crate::wire::words::no_plan_sentence;
 
@@ -154,38 +155,73 @@ impl MeshSource {
     }
 }
 
-/// Executes a job: reads its meshes, builds the cell, plans and renders the files. `roadmaps` are those of earlier jobs.
+/// Meshes of a job.
+pub(super) struct JobMeshes {
+    pub(super) mesh: Mesh,
+    pub(super) fixture: Option<Mesh>,
+}
+
+/// Hardware of a job.
+pub(super) enum JobHardware {
+    Cell(Arc<BuiltCell>),
+    Scanner(Box<Scanner>),
+}
+
+impl JobHardware {
+    pub(super) fn cell(&self) -> Option<&Cell> {
+        if let Self::Cell(built) = self { Some(&built.cell) } else { None }
+    }
+
+    pub(super) fn scanner(&self) -> &Scanner {
+        match self {
+            Self::Cell(built) => &built.cell.scanner,
+            Self::Scanner(scanner) => scanner,
+        }
+    }
+}
+
+/// Reads the meshes of a job and builds its cell, or takes it from `cells`, until `stop` returns true.
+pub(super) fn opened(input: &JobInput, cells: &KeptCells, stop: &dyn Fn() -> bool) -> Result<(JobMeshes, JobHardware), JobError> {
+    let read = |source: &MeshSource, pointer: &str| source.read_with_retry(pointer, input.max_triangles, stop);
+    let mesh = read(&input.mesh, "/mesh_id")?;
+    let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
+    let library = JobLibrary { input, stop };
+    let hardware = match &input.cell {
+        Some(cell) => {
+            let built = cells.built(cell, &input.body_meshes, &library);
+            // After a cancellation, an unread mesh of a body is not an error of the cell.
+            if stop() {
+                return Err(JobError::Cancelled);
+            }
+            JobHardware::Cell(built.map_err(|errors| below("/cell", errors))?)
+        }
+        None => JobHardware::Scanner(Box::new(input.scanner.build().map_err(|errors| below("/scanner", errors))?)),
+    };
+    Ok((JobMeshes { mesh, fixture }, hardware))
+}
+
+/// Executes a job: reads its meshes, builds the cell, plans and renders the files. `cells` are those of earlier jobs.
 ///
 /// # Errors
 /// [`JobError`].
-pub fn execute(input: &JobInput, roadmaps: &Roadmaps, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
-    let stop = || ctx.check().is_err();
-    let read = |source: &MeshSource, pointer: &str| source.read_with_retry(pointer, input.max_triangles, &stop);
-    let mesh = read(&input.mesh, "/mesh_id")?;
-    let fixture = input.fixture.as_ref().map(|fixture| read(fixture, "/params/part/fixture_mesh")).transpose()?;
-    let cell = input.cell.as_ref().map(|cell| cell.build(&JobLibrary { input, stop: &stop })).transpose();
-    // After a cancellation, an unread mesh of a body is not an error of the cell.
-    ctx.check().map_err(PlanError::from)?;
-    let cell = cell.map_err(|errors| below("/cell", errors))?;
-    let scanner = match &cell {
-        Some(cell) => cell.scanner.clone(),
-        None => input.scanner.build().map_err(|errors| below("/scanner", errors))?,
-    };
+pub fn execute(input: &JobInput, cells: &KeptCells, ctx: &Context<'_>) -> Result<Vec<Artifact>, JobError> {
+    ctx.begin(Stage::Reading).map_err(PlanError::from)?;
+    let (meshes, hardware) = opened(input, cells, &|| ctx.check().is_err())?;
     let job = PlanJob {
-        mesh: &mesh,
-        fixture: fixture.as_ref(),
+        mesh: &meshes.mesh,
+        fixture: meshes.fixture.as_ref(),
         part_name: input.part_name.clone(),
         part_sha256: &input.mesh.sha256,
         unit: input.mesh.unit,
-        scanner: &scanner,
-        cell: cell.as_ref(),
-        roadmaps: Some(roadmaps),
+        scanner: hardware.scanner(),
+        cell: hardware.cell(),
+        roadmaps: Some(&cells.roadmaps),
         params: &input.params,
         echo: input.echo.clone(),
         date: input.accepted_at.clone(),
     };
-    job.execute(ctx).map_err(|error| match error {
-        PlanError::NoPlan(finding) => match job.render_no_plan(&finding, ctx) {
+    job.execute_with_draft(ctx).map_err(|error| match error {
+        PlanError::NoPlan(finding) => match job.render_no_plan(NoPlanReason::NoPlan(&finding), Reports::Html, ctx) {
             Ok(report) => JobError::NoPlan { reasons: no_plan_sentence(&finding), report },
             Err(cancelled) => PlanError::from(cancelled).into(),
         },

@@ -7,18 +7,21 @@
 //! `artifact.written`, `result.before_commit`, `result.committed`, `cancel.before_commit`, `cancel.committed`.
 
 /// Names of all failpoints, for tests that go through them.
-pub const NAMES: [&str; 21] = [
+pub const NAMES: [&str; 24] = [
     "upload.before_rename",
     "upload.after_rename",
     "upload.committed",
     "job.before_insert",
     "job.inserted",
     "job.claimed",
+    "stage.reading",
     "stage.surface",
+    "stage.collision_scene",
     "stage.candidates",
     "stage.stations",
     "stage.visibility",
     "stage.selection",
+    "stage.roadmap",
     "stage.sequence",
     "stage.missed",
     "stage.certificate",

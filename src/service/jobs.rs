@@ -1,5 +1,6 @@
-//! Workers: they take jobs from the queue and plan them, one attempt after the other, on the planning pool. Each attempt has
-//! its own cancel flag, and a panic ends only its attempt. Stage times are measured here, since planning reads no clock.
+//! The dispatcher takes jobs from the queue as `schedule.rs` lets it, and each is planned in a task of its own: on the planning pool, or
+//! on threads that it has to itself. Each attempt has its own cancel flag, and a panic ends only its attempt. Stage times are measured
+//! here, since planning reads no clock.
 
 use std::any::Any;
 use std::collections::{BTreeMap, HashMap};
@@ -8,17 +9,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use sha2::{Digest, Sha256};
 use tokio::sync::{Notify, mpsc, oneshot};
 
 use super::app::App;
 use super::error::Error;
 use super::execute::{Artifact, JobError, JobInput, Planner};
 use super::failpoint;
+use super::kept::Kept;
 use super::options::Options;
-use super::store::{Attempt, AttemptOutcome};
+use super::progress::{Course, Overall};
+use super::schedule::{Ahead, Schedule, Share};
+use super::size::{JobSize, Sizer};
+use super::store::{Attempt, AttemptOutcome, blocking, hex};
 use super::submit::job_input;
 use crate::planning::Allowance;
-use crate::planning::context::{Context, Observer, Stage};
+use crate::planning::context::{Context, Observer, Silent, Stage};
 use crate::wire::summary::{SUMMARY_FILE, Summary};
 use crate::wire::{JobId, JobProblem, JobState, ProblemField, problem_type};
 
@@ -28,6 +34,10 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(500);
 const STORE_RETRY: Duration = Duration::from_secs(1);
 /// Max pause after the store failed.
 const MAX_STORE_RETRY: Duration = Duration::from_secs(10);
+/// Jobs of the queue that are looked at for one that may start.
+const LOOKED_AT: u32 = 64;
+/// Sizes of jobs that are kept: by the job, and by what it is planned with, for others like it.
+const SIZES_KEPT: usize = 512;
 
 /// Problem codes of failed jobs, with their titles.
 pub const FAILURE_CODES: [(&str, &str); 8] = [
@@ -45,29 +55,32 @@ pub const FAILURE_CODES: [(&str, &str); 8] = [
 pub(super) struct Runner {
     pool: rayon::ThreadPool,
     planner: Planner,
+    sizer: Sizer,
+    sizes: Kept<JobSize>,
+    schedule: Mutex<Schedule>,
     running: Mutex<HashMap<JobId, Arc<AtomicBool>>>,
-    job_queued: Notify,
-    /// Max memory of a job.
+    /// Something may start: a job was queued or has ended.
+    woken: Notify,
+    /// Max memory of a job, and of all that run together.
     memory_bytes: u64,
     /// Max planning time of a job.
     limit: Option<Duration>,
 }
 
 impl Runner {
-    pub(super) fn new(options: &Options, planner: Planner) -> Result<Self, rayon::ThreadPoolBuildError> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(options.planning_threads)
-            .thread_name(|index| format!("planning-{index}"))
-            .start_handler(|_| lower_priority())
-            .build()?;
+    pub(super) fn new(options: &Options, planner: Planner, sizer: Sizer) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let pool = planning_threads(options.planning_threads)?;
         let (memory_bytes, limit) = (options.job_memory_bytes, options.job_limit);
-        let (running, job_queued) = (Mutex::default(), Notify::new());
-        Ok(Self { pool, planner, running, job_queued, memory_bytes, limit })
+        let job_secs = limit.map_or(f64::INFINITY, |limit| limit.as_secs_f64());
+        let threads = pool.current_num_threads();
+        let schedule = Mutex::new(Schedule::new(threads, options.concurrent_jobs, memory_bytes as f64, job_secs));
+        let (sizes, running, woken) = (Kept::new(SIZES_KEPT), Mutex::default(), Notify::new());
+        Ok(Self { pool, planner, sizer, sizes, schedule, running, woken, memory_bytes, limit })
     }
 
-    /// Wakes a worker: there is a job in the queue.
+    /// Wakes the dispatcher: there is a job in the queue, or room for one.
     pub(super) fn wake(&self) {
-        self.job_queued.notify_one();
+        self.woken.notify_one();
     }
 
     /// Raises the cancel flag of a running job.
@@ -92,9 +105,33 @@ impl Runner {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn schedule(&self) -> std::sync::MutexGuard<'_, Schedule> {
+        // Consistent after every operation, so a poisoned lock is usable.
+        self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Runs `work` on the planning pool, and waits for it.
     pub(super) fn install<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         self.pool.install(work)
+    }
+
+    /// Runs `work` on a thread of the planning pool; an error if it panics.
+    pub(super) async fn compute<T: Send + 'static>(
+        &self,
+        cancel: Arc<AtomicBool>,
+        work: impl FnOnce(&Context<'_>) -> T + Send + 'static,
+    ) -> Result<T, String> {
+        let (sender, receiver) = oneshot::channel();
+        self.pool.spawn(move || {
+            // Unwind safe: nothing that the closure uses is used again after a panic.
+            let result = catch_unwind(AssertUnwindSafe(|| work(&Context::new(&cancel, &Silent))));
+            // The receiver is gone when the process stops.
+            let _ = sender.send(result);
+        });
+        match receiver.await {
+            Ok(result) => result.map_err(|panic| panic_text(&*panic)),
+            Err(_) => Err("the planning thread ended".to_owned()),
+        }
     }
 
     /// Memory and core time allowed for a job, all threads of the pool together.
@@ -103,14 +140,15 @@ impl Runner {
         Allowance { bytes: self.memory_bytes as f64, core_secs }
     }
 
-    /// Plans on the pool, within the time limit.
+    /// Plans on its share of the threads, within the time limit.
     async fn plan(
         &self,
         input: JobInput,
+        share: Share,
         cancel: Arc<AtomicBool>,
         observer: Arc<Tracker>,
     ) -> Result<Vec<Artifact>, AttemptError> {
-        let planning = self.begin(input, Arc::clone(&cancel), observer);
+        let planning = self.begin(input, share, Arc::clone(&cancel), observer);
         tokio::pin!(planning);
         let Some(limit) = self.limit else { return planning.await };
         if let Ok(result) = tokio::time::timeout(limit, &mut planning).await {
@@ -126,12 +164,19 @@ impl Runner {
     async fn begin(
         &self,
         input: JobInput,
+        share: Share,
         cancel: Arc<AtomicBool>,
         observer: Arc<Tracker>,
     ) -> Result<Vec<Artifact>, AttemptError> {
+        let own = match share {
+            Share::Pool => None,
+            Share::Own(threads) => Some(planning_threads(threads).map_err(|error| {
+                AttemptError::Job(JobError::Unavailable(format!("no thread can be started for the job: {error}")))
+            })?),
+        };
         let (sender, receiver) = oneshot::channel();
         let (planner, allowance) = (self.planner.clone(), self.allowance());
-        self.pool.spawn(move || {
+        own.as_ref().unwrap_or(&self.pool).spawn(move || {
             let context = Context::new(&cancel, &*observer).with_allowance(allowance);
             // Unwind safe: nothing that the closure uses is used again after a panic.
             let result = catch_unwind(AssertUnwindSafe(|| planner(&input, &context)));
@@ -145,6 +190,15 @@ impl Runner {
             Err(_) => Err(AttemptError::Panicked("the planning thread ended".to_owned())),
         }
     }
+}
+
+/// A pool of threads that plan; 0 for one per core.
+fn planning_threads(threads: usize) -> Result<rayon::ThreadPool, rayon::ThreadPoolBuildError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|index| format!("planning-{index}"))
+        .start_handler(|_| lower_priority())
+        .build()
 }
 
 /// Lowers the priority of this thread (Linux has one per thread), so that the threads that answer requests go first.
@@ -176,16 +230,16 @@ fn panic_text(panic: &(dyn Any + Send)) -> String {
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a message".to_owned())
 }
 
-/// Runs a worker: takes jobs from the queue until the service stops.
-pub(super) async fn run_worker(app: App) {
+/// Starts jobs of the queue until the service stops.
+pub(super) async fn dispatch(app: App) {
     let stopping = app.stopping();
     let mut pause = STORE_RETRY;
     while !stopping.is_cancelled() {
-        match app.0.store.claim().await {
-            Ok(Some(attempt)) => app.attempt(attempt).await,
-            Ok(None) => tokio::select! {
+        match app.start_next().await {
+            Ok(true) => {}
+            Ok(false) => tokio::select! {
                 () = stopping.cancelled() => {}
-                () = app.0.runner.job_queued.notified() => {}
+                () = app.0.runner.woken.notified() => {}
             },
             Err(error) => {
                 tracing::error!(error = &error as &dyn std::error::Error, "the queue cannot be read");
@@ -195,6 +249,21 @@ pub(super) async fn run_worker(app: App) {
             }
         }
         pause = STORE_RETRY;
+    }
+}
+
+/// A job's threads; given back when dropped, however its task ends.
+struct SeatGuard {
+    app: App,
+    id: JobId,
+}
+
+impl Drop for SeatGuard {
+    fn drop(&mut self) {
+        let runner = &self.app.0.runner;
+        runner.lock().remove(&self.id);
+        runner.schedule().leave(self.id);
+        runner.wake();
     }
 }
 
@@ -211,8 +280,98 @@ impl App {
         Ok(())
     }
 
+    /// Starts the first job of the queue that may, or finds out the size of one; false if nothing is left to do.
+    async fn start_next(&self) -> Result<bool, Error> {
+        let runner = &self.0.runner;
+        if runner.schedule().is_full() {
+            return Ok(false);
+        }
+        let queue = self.0.store.queue(LOOKED_AT).await?;
+        let is_shared = runner.schedule().is_shared();
+        let unknown = runner.schedule().of_unknown_size().filter(|_| is_shared && !queue.is_empty());
+        if let Some(id) = unknown {
+            let size = self.measure(id).await?;
+            runner.schedule().note_size(id, size);
+            return Ok(true);
+        }
+        let (is_alone, mut ahead) = (queue.len() == 1, Ahead::default());
+        for text in &queue {
+            let Ok(id) = text.parse::<JobId>() else { return self.start(text, None, None).await };
+            // Its attempt was postponed, and is not quite over.
+            if runner.schedule().has(id) {
+                continue;
+            }
+            let is_first = runner.schedule().share_for(None, is_alone, &ahead).is_some();
+            let size = runner.sizes.get(text);
+            if size.is_none() && is_shared && !(is_alone && is_first) {
+                self.measure(id).await?;
+                // Something may have ended meanwhile: from the beginning.
+                return Ok(true);
+            }
+            let share = runner.schedule().share_for(size.as_ref(), is_alone, &ahead);
+            match share {
+                Some(share) => return self.start(text, Some((id, share)), size).await,
+                None => runner.schedule().pass(&size.unwrap_or(JobSize::UNKNOWN), &mut ahead),
+            }
+        }
+        Ok(false)
+    }
+
+    /// Claims a job and plans it in a task of its own. One without a share fails, since its id cannot be read.
+    async fn start(&self, text: &str, share: Option<(JobId, Share)>, size: Option<JobSize>) -> Result<bool, Error> {
+        let Some(attempt) = self.0.store.claim(text).await? else { return Ok(true) };
+        if let Some((id, share)) = share {
+            self.0.runner.schedule().seat(id, share, size);
+            let seat = SeatGuard { app: self.clone(), id };
+            let app = self.clone();
+            self.0.tasks.spawn(async move {
+                app.attempt(attempt, share).await;
+                drop(seat);
+            });
+        }
+        Ok(true)
+    }
+
+    /// Size of a job, which is kept: of another with the same input, or estimated on a thread that may block. A job that cannot be
+    /// read fails with the reason when it is started.
+    async fn measure(&self, id: JobId) -> Result<JobSize, Error> {
+        let runner = &self.0.runner;
+        let size = match self.0.store.body(id).await? {
+            None => JobSize::NOTHING,
+            Some(attempt) => {
+                let content = format!("{} {}", attempt.input, serde_json::to_string(&attempt.request.params)?);
+                let content = hex(&Sha256::digest(content));
+                match runner.sizes.get(&content) {
+                    Some(size) => size,
+                    None => {
+                        let size = self.estimate(attempt).await?;
+                        if size != JobSize::UNKNOWN {
+                            runner.sizes.put(content, size);
+                        }
+                        size
+                    }
+                }
+            }
+        };
+        runner.sizes.put(id.to_string(), size);
+        Ok(size)
+    }
+
+    async fn estimate(&self, attempt: Attempt) -> Result<JobSize, Error> {
+        let Ok(input) = job_input(&attempt, self.0.store.files(), self.0.options.max_triangles) else {
+            return Ok(JobSize::NOTHING);
+        };
+        let (sizer, stopping) = (self.0.runner.sizer.clone(), self.stopping());
+        blocking(move || {
+            let stop = || stopping.is_cancelled();
+            // Unwind safe: nothing that the closure uses is used again after a panic, and the job itself panics again.
+            Ok(catch_unwind(AssertUnwindSafe(|| sizer(&input, &stop))).unwrap_or(JobSize::NOTHING))
+        })
+        .await
+    }
+
     #[tracing::instrument(skip_all, fields(job = %attempt.id, attempt = attempt.number))]
-    async fn attempt(&self, attempt: Attempt) {
+    async fn attempt(&self, attempt: Attempt, share: Share) {
         failpoint::hit("job", "claimed");
         let cancel = Arc::new(AtomicBool::new(false));
         self.0.runner.lock().insert(attempt.id, cancel.clone());
@@ -221,14 +380,13 @@ impl App {
         cancel.fetch_or(cancelled || self.0.stopping.is_cancelled(), Ordering::Relaxed);
         let began = Instant::now();
         let flag = Arc::clone(&cancel);
-        let (attempted, timings) = self.plan(&attempt, cancel).await;
+        let (attempted, timings) = self.plan(&attempt, share, cancel).await;
         // Interrupted although the service goes on: the machine is temporarily short of a resource.
         let is_postponed = matches!(attempted, Attempted::Ended(AttemptOutcome::Interrupted));
         let state = match attempted {
             Attempted::Files(artifacts, problem) => self.store_artifacts(attempt.id, (artifacts, problem), &timings, &flag).await,
             Attempted::Ended(outcome) => self.record_outcome(attempt.id, outcome, &timings).await,
         };
-        self.0.runner.lock().remove(&attempt.id);
         if is_postponed {
             self.pause(STORE_RETRY).await;
         }
@@ -239,7 +397,7 @@ impl App {
     }
 
     /// Plans a job and persists its progress. Returns also the stage times.
-    async fn plan(&self, attempt: &Attempt, cancel: Arc<AtomicBool>) -> (Attempted, BTreeMap<String, f64>) {
+    async fn plan(&self, attempt: &Attempt, share: Share, cancel: Arc<AtomicBool>) -> (Attempted, BTreeMap<String, f64>) {
         let input = match job_input(attempt, self.0.store.files(), self.0.options.max_triangles) {
             Ok(input) => input,
             Err(error) => {
@@ -250,9 +408,10 @@ impl App {
         };
         let (sender, updates) = mpsc::unbounded_channel();
         let persisting = tokio::spawn(persist_progress(self.clone(), attempt.id, updates));
-        let tracker = Arc::new(Tracker::new(sender));
+        let course = Course::of_plan(&input.params, input.cell.is_some());
+        let tracker = Arc::new(Tracker::new(sender, &course));
         let times = tracker.times.clone();
-        let result = self.0.runner.plan(input, cancel, tracker).await;
+        let result = self.0.runner.plan(input, share, cancel, tracker).await;
         // The task ends when the tracker is dropped; its errors are in the log.
         let _ = persisting.await;
         let timings = times.lock().unwrap_or_else(PoisonError::into_inner).closed();
@@ -410,12 +569,14 @@ async fn persist_progress(app: App, id: JobId, mut updates: mpsc::UnboundedRecei
     }
 }
 
-/// Seconds spent in each finished stage, and the start of the current one.
-#[derive(Default)]
+/// Seconds spent in each finished stage, the start of the current one, and how far the whole is.
 struct StageTimes {
+    began: Instant,
     seconds: BTreeMap<String, f64>,
     now: Option<(Stage, Instant)>,
-    fraction: f64,
+    overall: Overall,
+    /// Stage that goes on when the one within it has ended.
+    outer: Option<Stage>,
     sent: Option<Instant>,
 }
 
@@ -439,26 +600,17 @@ struct Tracker {
     times: Arc<Mutex<StageTimes>>,
 }
 
-/// Share of the work done before each stage, and after the last; a rule of thumb.
-const DONE_BEFORE: [f64; Stage::ALL.len() + 1] = [0.0, 0.05, 0.1, 0.2, 0.65, 0.7, 0.85, 0.88, 0.92, 1.0];
-
 impl Tracker {
-    fn new(updates: mpsc::UnboundedSender<Update>) -> Self {
-        Self { updates, times: Arc::default() }
+    fn new(updates: mpsc::UnboundedSender<Update>, course: &Course) -> Self {
+        let (began, overall) = (Instant::now(), Overall::new(course));
+        let times = StageTimes { began, seconds: BTreeMap::new(), now: None, overall, outer: None, sent: None };
+        Self { updates, times: Arc::new(Mutex::new(times)) }
     }
 
-    /// Overall progress after `done` of `total` steps of `stage`, 0 to 1.
-    fn fraction(stage: Stage, done: usize, total: usize) -> f64 {
-        let index = Stage::ALL.iter().position(|other| *other == stage).unwrap_or_default();
-        let within = if total == 0 { 0.0 } else { (done as f64 / total as f64).min(1.0) };
-        DONE_BEFORE[index] + within * (DONE_BEFORE[index + 1] - DONE_BEFORE[index])
-    }
-
-    fn send(&self, times: &mut StageTimes, stage: Stage, fraction: f64) {
-        // Stages may repeat; the reported progress never decreases.
-        times.fraction = times.fraction.max(fraction);
+    fn send(&self, times: &mut StageTimes, stage: Stage) {
         times.sent = Some(Instant::now());
-        let update = Update { stage, fraction: times.fraction, timings: times.seconds.clone() };
+        let fraction = times.overall.fraction(times.began.elapsed().as_secs_f64());
+        let update = Update { stage, fraction, timings: times.seconds.clone() };
         // The receiver is gone when the process stops.
         let _ = self.updates.send(update);
     }
@@ -474,14 +626,29 @@ impl Observer for Tracker {
         let mut times = self.lock();
         times.close();
         times.now = Some((stage, Instant::now()));
-        self.send(&mut times, stage, Self::fraction(stage, 0, 1));
+        times.outer = None;
+        let secs = times.began.elapsed().as_secs_f64();
+        times.overall.begin(stage, secs);
+        self.send(&mut times, stage);
+    }
+
+    fn within(&self, stage: Option<Stage>) {
+        if let Some(stage) = stage {
+            failpoint::hit("stage", stage.as_str());
+        }
+        let mut times = self.lock();
+        let running = times.now.map(|(stage, _)| stage);
+        times.close();
+        times.now = stage.or(times.outer).map(|stage| (stage, Instant::now()));
+        times.outer = stage.and(running);
     }
 
     fn progress(&self, done: usize, total: usize) {
         let mut times = self.lock();
         let Some((stage, _)) = times.now else { return };
+        times.overall.progress(done, total);
         if times.sent.is_none_or(|sent| sent.elapsed() >= PROGRESS_INTERVAL) {
-            self.send(&mut times, stage, Self::fraction(stage, done, total));
+            self.send(&mut times, stage);
         }
     }
 }

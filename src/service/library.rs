@@ -9,11 +9,13 @@ use serde::de::DeserializeOwned;
 use tokio::runtime::Handle;
 
 use super::app::App;
+use super::cells::{BuiltCell, mesh_names};
 use super::error::Error;
 use super::execute::MeshSource;
 use super::meshes::unit_of;
+use super::presets::PRESETS;
 use super::store::{StoredSpec, read_leniently};
-use crate::cell::{CellSpec, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
+use crate::cell::{CellSpec, FieldError, NotFound, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::Mesh;
 use crate::wire::part_size::PartSize;
 use crate::wire::{MeshId, SpecCollection};
@@ -63,6 +65,12 @@ impl Library {
         });
         let read = read_leniently(0, &body.ok_or(NotFound::Unknown)?).map_err(NotFound::Unusable)?;
         Ok(read.0)
+    }
+
+    /// The cell of a specification with its devices inlined.
+    pub(super) fn built(&self, spec: &CellSpec) -> Result<Arc<BuiltCell>, Vec<FieldError>> {
+        let source = |name: &String| Some((name.clone(), self.source(name.parse().ok()?)?));
+        self.app.0.cells.built(spec, &mesh_names(spec).filter_map(source).collect(), self)
     }
 
     /// File of a mesh.
@@ -122,19 +130,19 @@ impl Library {
 // A stored specification cannot have a preset's name, so the order does not matter.
 impl SpecLibrary for Library {
     fn scanner(&self, name: &str) -> Result<ScannerSpec, NotFound> {
-        Presets.scanner(name).or_else(|_| self.get(SpecCollection::Scanner, name))
+        PRESETS.scanner(name).or_else(|_| self.get(SpecCollection::Scanner, name))
     }
 
     fn robot(&self, name: &str) -> Result<RobotSpec, NotFound> {
-        Presets.robot(name).or_else(|_| self.get(SpecCollection::Robot, name))
+        PRESETS.robot(name).or_else(|_| self.get(SpecCollection::Robot, name))
     }
 
     fn turntable(&self, name: &str) -> Result<TurntableSpec, NotFound> {
-        Presets.turntable(name).or_else(|_| self.get(SpecCollection::Turntable, name))
+        PRESETS.turntable(name).or_else(|_| self.get(SpecCollection::Turntable, name))
     }
 
     fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
-        Presets.cell(name).or_else(|_| self.get(SpecCollection::Cell, name))
+        PRESETS.cell(name).or_else(|_| self.get(SpecCollection::Cell, name))
     }
 
     fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
@@ -144,7 +152,7 @@ impl SpecLibrary for Library {
     fn names(&self, kind: SpecKind) -> Vec<String> {
         let collection = SpecCollection::ALL.into_iter().find(|collection| collection.kind() == kind);
         let stored = collection.and_then(|collection| self.query(self.app.0.store.spec_names(collection, MAX_NAMES)));
-        let mut names: Vec<String> = stored.unwrap_or_default().into_iter().chain(Presets.names(kind)).collect();
+        let mut names: Vec<String> = stored.unwrap_or_default().into_iter().chain(PRESETS.names(kind)).collect();
         names.sort();
         names
     }

@@ -4,25 +4,33 @@
 //! own, parsing and hashing on threads that may block; the threads that answer requests do neither.
 
 mod app;
+mod cells;
 mod checks;
+mod drawing;
 mod error;
 mod events;
 pub mod execute;
 mod failpoint;
 mod hashing_reader;
 mod jobs;
+mod kept;
 mod library;
 mod maintenance;
 mod meshes;
 mod options;
 pub mod plan_job;
+mod presets;
+pub mod progress;
 mod queries;
+mod schedule;
+mod size;
 mod space;
 mod specs;
 mod store;
 mod submit;
 
 pub use app::App;
+pub use cells::{BuiltCell, KeptCells};
 pub use error::{Error, InternalError};
 pub use events::EventStream;
 pub use execute::Planner;
@@ -32,10 +40,11 @@ pub use jobs::FAILURE_CODES;
 pub use meshes::{FinishedUpload, MeshUpload, Upload};
 pub use options::{Options, RetentionOptions};
 pub use queries::ResultBody;
+pub use size::{JobSize, Sizer};
 pub use specs::SpecEntry;
 pub(crate) use store::hex;
-pub use store::{BackupError, BackupReport, OpenError, PartNames, Precondition, backup, restore};
-pub use submit::JobQuery;
+pub use store::{BackupError, BackupReport, JobQuery, OpenError, PartNames, Precondition, backup, restore};
+pub use submit::Submission;
 
 #[cfg(test)]
 mod tests;

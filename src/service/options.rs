@@ -10,7 +10,8 @@ pub struct Options {
     pub data_dir: PathBuf,
     /// Number of planning threads; 0 for one per core.
     pub planning_threads: usize,
-    /// Jobs planned at the same time, on those threads.
+    /// Jobs planned at the same time, on those threads: small ones side by side, a large one on all of them; 0 for as many as there
+    /// are threads.
     pub concurrent_jobs: usize,
     /// Max attempts at a job: when the process has died in that many, the job fails.
     pub max_attempts: u32,
@@ -24,7 +25,7 @@ pub struct Options {
     pub max_triangles: usize,
     /// Max time for parsing and checking an uploaded mesh.
     pub parse_limit: Duration,
-    /// Max memory of a job.
+    /// Max estimated memory of a job, and of all that run at the same time.
     pub job_memory_bytes: u64,
     /// Max planning time of a job.
     pub job_limit: Option<Duration>,

@@ -6,25 +6,25 @@ use std::collections::BTreeMap;
 use sha2::{Digest, Sha256};
 
 use super::store::hex;
-use crate::cell::{Cell, FieldError, PoseSpec, Scanner};
-use crate::geometry::{self, LengthUnit, Mesh, Poll};
-use crate::planning::context::{Cancelled, Context, NoPlan, Stage};
+use crate::cell::{Cell, FieldError, PoseSpec, Scanner, closed_list};
+use crate::geometry::{self, LengthUnit, Mesh, Poll, Preview};
+use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::{DialectParams, PlanParams, TableMotion};
 use crate::planning::plan::{Outcome, Plan};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, PlanInput, plan};
 use crate::program::dialects::{CheckedProgram, CheckedWith, Dialect, DialectError, DialectOutput};
 use crate::program::{Expected, Program, compile};
-use crate::report::html::{self, NoPlanInput, ReportInput, ReportSubject};
+use crate::report::html::{self, NoPlanInput, NoPlanReason, ReportInput, ReportSubject};
 use crate::report::no_plan_text;
-use crate::report::text::{text, warned};
+use crate::report::text::{summarised_text, warned};
 use crate::wire::candidates::{self, CANDIDATES_FILE, ListingError};
 use crate::wire::echo::Echo;
 use crate::wire::part_size::{PartSize, SizeLimits, size_text};
 use crate::wire::plan::{CellDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
-use crate::wire::summary::{SUMMARY_FILE, Summary};
+use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, Summary};
 use crate::wire::warnings::FieldWarning;
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
@@ -40,6 +40,54 @@ pub fn program_stem(setup: usize) -> String {
 /// File of the plan itself.
 pub const PLAN_FILE: &str = "plan.json";
 
+/// The report with pictures.
+pub const REPORT_FILE: &str = "report.html";
+
+/// The report as plain text.
+pub const TEXT_REPORT_FILE: &str = "report.txt";
+
+/// Draft of [`REPORT_FILE`], which takes its place until somebody asks for it; not shown to clients.
+pub const REPORT_DRAFT_FILE: &str = "report.draft";
+
+closed_list! {
+    /// Reports that `vantage plan` writes.
+    pub enum Reports {
+        /// None.
+        None = "none",
+        /// The one in plain text.
+        Text = "text",
+        /// That, and the one with pictures.
+        Html = "html",
+    }
+}
+
+impl std::str::FromStr for Reports {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let known = || Self::ALL.map(Self::as_str).join(", ");
+        Self::ALL
+            .into_iter()
+            .find(|reports| reports.as_str() == name)
+            .ok_or_else(|| format!("is {name:?}; allowed is one of {}", known()))
+    }
+}
+
+impl std::fmt::Display for Reports {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Reports to render, and how far.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rendered {
+    /// These, with their pictures.
+    Whole(Reports),
+    /// Both, with a draft of the pictures.
+    Draft,
+}
+
 /// File with the reasons why some files are missing: programs in some dialects, or a listing that is too large.
 pub const REFUSED_FILE: &str = "refused.json";
 
@@ -48,9 +96,16 @@ pub const REFUSED_FILE: &str = "refused.json";
 #[must_use]
 pub fn foreign_name(name: &str) -> Option<String> {
     let (stem, extension) = name.rsplit_once('.')?;
-    let mut makers = Dialect::ALL.into_iter().filter(|dialect| !dialect.is_neutral()).flat_map(Dialect::outputs);
+    dialect_of(name).map(|_| format!("{stem}.foreign.{extension}"))
+}
+
+/// Language of the program that a file name is of, if that is a maker's.
+#[must_use]
+pub fn dialect_of(name: &str) -> Option<Dialect> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let mut makers = Dialect::ALL.into_iter().filter(|dialect| !dialect.is_neutral());
     let is_program = stem.starts_with("program") && !stem.contains('.');
-    (is_program && makers.any(|output| output.extension == extension)).then(|| format!("{stem}.foreign.{extension}"))
+    makers.find(|dialect| is_program && dialect.outputs().iter().any(|output| output.extension == extension))
 }
 
 /// Programs in the languages of other makers than the robot's.
@@ -65,6 +120,8 @@ enum ForeignPrograms {
 /// Files with their names, and reasons why some are missing.
 type Files = Vec<(Cow<'static, str>, Vec<u8>)>;
 type Refused = BTreeMap<String, String>;
+/// A program that the linter found nothing in, or its findings in a sentence.
+type CheckedOrFindings<'a> = Result<CheckedProgram<'a>, String>;
 
 /// A program in some dialect.
 struct DialectProgram {
@@ -129,11 +186,6 @@ pub struct PlanJob<'a> {
     pub date: Option<String>,
 }
 
-/// The summary of a plan whose file is `document`.
-fn summary_bytes(plan: &Plan, document: &[u8]) -> Vec<u8> {
-    json_file_bytes(&Summary::of(plan).of_file(hex(&Sha256::digest(document))))
-}
-
 impl PlanJob<'_> {
     /// Plans and renders every file, and the programs that are refused unless they are forced. Runs in the caller's thread
     /// pool.
@@ -141,7 +193,16 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn execute(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, ctx)?)
+        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Whole(Reports::Html), ctx)?)
+    }
+
+    /// Plans and renders every file as [`PlanJob::execute`] does, but [`REPORT_DRAFT_FILE`] in place of [`REPORT_FILE`]: few reports
+    /// are ever looked at, and [`drawn_report`] draws one when it is.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn execute_with_draft(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
+        Ok(self.files(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Draft, ctx)?)
     }
 
     /// Plans.
@@ -189,15 +250,21 @@ impl PlanJob<'_> {
         }
     }
 
-    /// Renders every file; programs in the robot's own language and in the neutral ones alone.
+    /// Renders every file, of the reports these; programs in the robot's own language and in the neutral ones alone.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub fn render(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
-        self.files(outcome, ForeignPrograms::LeftOut, ctx)
+    pub fn render(&self, outcome: &Outcome, reports: Reports, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+        self.files(outcome, ForeignPrograms::LeftOut, Rendered::Whole(reports), ctx)
     }
 
-    fn files(&self, outcome: &Outcome, foreign: ForeignPrograms, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    fn files(
+        &self,
+        outcome: &Outcome,
+        foreign: ForeignPrograms,
+        reports: Rendered,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let plan = &outcome.plan;
         let size_warnings = self.size_warnings("/part/bbox_mm");
@@ -206,16 +273,13 @@ impl PlanJob<'_> {
         let document = document.to_bytes();
         let plan_sha256 = plan_sha256(&document);
         let programs = self.programs(plan, &plan_sha256);
+        let checked: Vec<_> = programs.iter().map(|program| self.checked(outcome, program)).collect();
+        let summary = Summary::of(plan).with_program(self.program_cycle(&checked, &programs)).of_file(plan_sha256.clone());
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
-        let report = ReportInput {
-            subject: self.subject(&size_warnings),
-            outcome,
-            plan_sha256: &plan_sha256,
-            cycle_secs: (!programs.is_empty()).then(|| programs.iter().map(|program| program.cycle_secs).sum()),
-        };
+        let report = ReportInput { subject: self.subject(&size_warnings), outcome, plan_sha256: &plan_sha256, summary: &summary };
         let mut files: Files = vec![
-            (SUMMARY_FILE.into(), summary_bytes(plan, &document)),
+            (SUMMARY_FILE.into(), json_file_bytes(&summary)),
             (PLAN_FILE.into(), document),
             ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
             ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
@@ -223,15 +287,14 @@ impl PlanJob<'_> {
             ("coverage.csv".into(), coverage::csv(outcome, self.mesh).into_bytes()),
             ("coverage.bin".into(), coverage::bin(outcome, &preview)),
             ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
-            ("report.txt".into(), format!("{}{}plan {plan_sha256}\n", warned(&size_warnings), text(plan)).into_bytes()),
-            ("report.html".into(), html::render(&report, ctx)?.into_bytes()),
         ];
+        files.extend(report_files(&report, self.text(plan, &summary, &size_warnings), reports, &preview, ctx)?);
         files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         let mut refused = Refused::new();
-        for program in &programs {
+        for (program, checked) in programs.iter().zip(&checked) {
             let bytes = ProgramDocument::new(program, self.echo.clone()).to_bytes();
             files.push((format!("{}.json", program_stem(program.setup)).into(), bytes));
-            for program in self.dialects(outcome, program, foreign) {
+            for program in self.dialects(program, checked, foreign, &plan.params.dialects) {
                 program.sort_into(&mut files, &mut refused);
             }
         }
@@ -247,17 +310,27 @@ impl PlanJob<'_> {
         Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
-    /// Renders the report of a job for which no plan is possible.
+    /// Renders the report of a job that has no plan.
     ///
     /// # Errors
     /// [`Cancelled`].
-    pub fn render_no_plan(&self, finding: &NoPlan, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
+    pub fn render_no_plan(
+        &self,
+        reason: NoPlanReason<'_>,
+        reports: Reports,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Artifact>, Cancelled> {
         ctx.begin(Stage::Report)?;
         let size_warnings = self.size_warnings("/part/bbox_mm");
-        let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, finding };
-        let page = html::render_no_plan(&input, ctx)?;
-        let files = [("report.txt", warned(&size_warnings) + &no_plan_text(&input)), ("report.html", page)];
-        Ok(files.map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).into())
+        let input = NoPlanInput { subject: self.subject(&size_warnings), params: self.params, reason };
+        let mut files = Vec::new();
+        if reports != Reports::None {
+            files.push((TEXT_REPORT_FILE, warned(&size_warnings) + &no_plan_text(&input)));
+        }
+        if reports == Reports::Html {
+            files.push((REPORT_FILE, html::render_no_plan(&input, ctx)?));
+        }
+        Ok(files.into_iter().map(|(name, text)| Artifact { name: name.into(), bytes: text.into_bytes() }).collect())
     }
 
     fn subject<'a>(&'a self, size_warnings: &'a [FieldWarning]) -> ReportSubject<'a> {
@@ -281,12 +354,11 @@ impl PlanJob<'_> {
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// The program in the dialects that the robot takes, or in every one. The linter checks the program first, in the scene that it
-    /// was planned in.
-    fn dialects(&self, outcome: &Outcome, program: &Program, foreign: ForeignPrograms) -> Vec<DialectProgram> {
+    /// The program of a setup as the linter finds it, in the scene that it was planned in, or its findings.
+    fn checked<'p>(&'p self, outcome: &Outcome, program: &'p Program) -> CheckedOrFindings<'p> {
         let plan = &outcome.plan;
-        let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Vec::new() };
-        let Some(scene) = outcome.scenes.get(program.setup) else { return Vec::new() };
+        let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Err(String::new()) };
+        let Some(scene) = outcome.scenes.get(program.setup) else { return Err(String::new()) };
         let visited = plan.views.iter().filter(|view| view.setup.index() == program.setup && view.station.is_some());
         let expected = Expected {
             plan_sha256: program.plan_sha256.clone(),
@@ -295,13 +367,35 @@ impl PlanJob<'_> {
             views: visited.map(|view| (view.id, view.part_from_scanner)).collect(),
         };
         let checked = CheckedProgram::new(program, cell, scene, Some(&expected), CheckedWith::Part);
-        let checked = checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "));
+        checked.map_err(|findings| findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
+    }
+
+    /// Cycle of the programs in the robot's own dialect; `None` if it names none, or one of them cannot be said in it.
+    fn program_cycle(&self, checked: &[CheckedOrFindings<'_>], programs: &[Program]) -> Option<ProgramCycle> {
+        let dialect = self.cell?.robot.dialect?;
+        let planned_secs = programs.iter().map(|program| program.cycle_secs).sum();
+        let secs = |checked: &CheckedOrFindings<'_>| checked.as_ref().ok()?.cycle_secs(dialect).ok();
+        let cycle_secs = checked.iter().map(secs).sum::<Option<f64>>()?;
+        (!checked.is_empty()).then(|| ProgramCycle::new(dialect, cycle_secs, planned_secs))
+    }
+
+    /// The program in the dialects that the robot takes, or in every one.
+    fn dialects(
+        &self,
+        program: &Program,
+        checked: &CheckedOrFindings<'_>,
+        foreign: ForeignPrograms,
+        params: &DialectParams,
+    ) -> Vec<DialectProgram> {
+        let Some(cell) = self.cell else { return Vec::new() };
         let wanted = |dialect: &Dialect| foreign == ForeignPrograms::Kept || cell.robot.takes(*dialect);
-        let files = Dialect::ALL
-            .into_iter()
-            .filter(wanted)
-            .flat_map(|dialect| in_dialect(checked.as_ref(), dialect, &program_stem(program.setup), &plan.params.dialects));
-        files.collect()
+        let rendered = |dialect| in_dialect(checked.as_ref(), dialect, &program_stem(program.setup), params);
+        Dialect::ALL.into_iter().filter(wanted).flat_map(rendered).collect()
+    }
+
+    fn text(&self, plan: &Plan, summary: &Summary, size_warnings: &[FieldWarning]) -> String {
+        let sha256 = summary.plan_sha256.as_deref().unwrap_or_default();
+        format!("{}{}plan {sha256}\n", warned(size_warnings), summarised_text(plan, summary))
     }
 
     fn cell_document(&self, outcome: &Outcome) -> Option<CellDocument> {
@@ -315,6 +409,33 @@ impl PlanJob<'_> {
             turntable: cell.turntable.name.clone(),
         })
     }
+}
+
+/// The reports of a plan.
+fn report_files(
+    report: &ReportInput<'_>,
+    words: String,
+    reports: Rendered,
+    preview: &Preview,
+    ctx: &Context<'_>,
+) -> Result<Files, Cancelled> {
+    let in_text = || (TEXT_REPORT_FILE.into(), words.into_bytes());
+    let draft = || html::draft(report, Some(preview), ctx);
+    Ok(match reports {
+        Rendered::Whole(Reports::None) => Vec::new(),
+        Rendered::Whole(Reports::Text) => vec![in_text()],
+        Rendered::Whole(Reports::Html) => vec![in_text(), (REPORT_FILE.into(), draft()?.draw(ctx)?.into_bytes())],
+        Rendered::Draft => vec![in_text(), (REPORT_DRAFT_FILE.into(), draft()?.to_bytes())],
+    })
+}
+
+/// Draws the report of a draft, of the bytes of [`REPORT_DRAFT_FILE`]; `None` if this version cannot read it.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn drawn_report(draft: &[u8], ctx: &Context<'_>) -> Result<Option<Artifact>, Cancelled> {
+    let Ok(draft) = html::Draft::from_bytes(draft) else { return Ok(None) };
+    Ok(Some(Artifact { name: REPORT_FILE.into(), bytes: draft.draw(ctx)?.into_bytes() }))
 }
 
 /// Every file of a program in a dialect. If the robot does not take the dialect, that is told beside a text that warns of it.

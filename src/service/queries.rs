@@ -9,8 +9,11 @@ use tokio::time::{Instant, timeout_at};
 
 use super::app::App;
 use super::error::Error;
-use super::store::{FileEncoding, JobFilter, PartNames, ResultFile};
-use super::submit::JobQuery;
+use super::plan_job::dialect_of;
+use super::presets::PRESETS;
+use super::store::{FileEncoding, JobQuery, PartNames, ResultFile};
+use crate::cell::{Dialect, SpecLibrary};
+use crate::program::dialects::DialectError;
 use crate::wire::plan::RegionCoverageDocument;
 use crate::wire::{DeletedJobs, Job, JobId, JobSelection, JobSort, JobState, JobUpdate, LabelsRequest, warnings};
 
@@ -70,6 +73,8 @@ impl App {
         self.run_to_completion(async move {
             let job = app.0.store.cancel(id).await?;
             app.0.runner.cancel(id);
+            // It may be the one that others waited behind.
+            app.0.runner.wake();
             Ok(job)
         })
         .await
@@ -90,12 +95,12 @@ impl App {
     /// [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn delete_jobs(&self, selection: JobSelection, dry_run: bool) -> Result<DeletedJobs, Error> {
         selection.check().map_err(Error::Invalid)?;
-        let filter = JobFilter::from(&JobQuery { selection, sort: JobSort::default() });
+        let query = JobQuery { selection, sort: JobSort::default() };
         let app = self.clone();
         self.run_to_completion(async move {
             let hold = &app.0.options.retention.hold_label;
             let mut counts = DeletedJobs { dry_run, ..DeletedJobs::default() };
-            for job in app.0.store.matching(&filter, hold).await? {
+            for job in app.0.store.matching(&query, hold).await? {
                 let deleted = match (job.has_ended, job.is_held) {
                     (false, _) => Err(Error::JobNotEnded { job: job.id, state: JobState::Queued }),
                     (true, true) => Err(Error::JobHeld { job: job.id, label: hold.clone() }),
@@ -123,7 +128,12 @@ impl App {
     pub async fn update_job(&self, id: JobId, update: JobUpdate) -> Result<Job, Error> {
         update.check().map_err(Error::Invalid)?;
         let app = self.clone();
-        self.run_to_completion(async move { app.0.store.put_priority(id, update.priority).await }).await
+        self.run_to_completion(async move {
+            let job = app.0.store.put_priority(id, update.priority).await?;
+            app.0.runner.wake();
+            Ok(job)
+        })
+        .await
     }
 
     /// Names by which people know a job's part.
@@ -169,12 +179,29 @@ impl App {
         Ok(result.coverage.regions)
     }
 
-    /// One of a job's results; its file is not read yet.
+    /// Reason why a result is refused unless it is forced: a program in the language of another maker than the robot's, stored by a
+    /// release that did not tell them apart. Its robot's language is that of its specification or, where that has none, of the preset
+    /// of the same name.
+    ///
+    /// # Errors
+    /// [`Error::Internal`].
+    pub async fn foreign_reason(&self, id: JobId, name: &str) -> Result<Option<String>, Error> {
+        let Some(dialect) = dialect_of(name) else { return Ok(None) };
+        let Some((robot, own)) = self.0.store.robot(id).await? else { return Ok(None) };
+        let own = match own {
+            Some(own) => Dialect::ALL.into_iter().find(|dialect| dialect.as_str() == own),
+            None => PRESETS.robot(&robot).ok().and_then(|preset| preset.dialect),
+        };
+        let foreign = own.filter(|own| *own != dialect);
+        Ok(foreign.map(|own| DialectError::Foreign { dialect: dialect.as_str(), robot, own: own.as_str() }.to_string()))
+    }
+
+    /// One of a job's results; its file is not read yet. A report that nobody has asked for before is drawn first.
     ///
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
     pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
-        Ok(ResultBody { app: self.clone(), file: self.0.store.result(id, name).await? })
+        Ok(ResultBody { app: self.clone(), file: self.stored_result(id, name).await? })
     }
 }
 

@@ -6,8 +6,9 @@ use sha2::{Digest, Sha256};
 use super::app::App;
 use super::error::Error;
 use super::library::Library;
+use super::presets::PRESETS;
 use super::store::{Precondition, PutResult, StoredSpec, hex};
-use crate::cell::{CellSpec, FieldError, Presets, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, preset_text};
+use crate::cell::{CellSpec, FieldError, RobotSpec, ScannerSpec, SpecLibrary, TurntableSpec, preset_text};
 use crate::wire::{SpecCollection, SpecList, SpecListItem, is_spec_name};
 
 /// A specification as clients receive it.
@@ -80,7 +81,7 @@ impl App {
         let stored = self.0.store.specs(collection).await?;
         let mut items: Vec<_> =
             stored.into_iter().map(|StoredSpec { name, etag, .. }| SpecListItem { name, preset: false, etag }).collect();
-        for name in Presets.names(collection.kind()) {
+        for name in PRESETS.names(collection.kind()) {
             let etag = preset(collection, &name)?.map(|entry| entry.etag).unwrap_or_default();
             items.push(SpecListItem { name, preset: true, etag });
         }
@@ -140,10 +141,10 @@ fn check<T: Spec>(spec: &T, library: &Library) -> Result<String, Error> {
 /// A preset, if there is one of this name.
 fn preset(collection: SpecCollection, name: &str) -> Result<Option<SpecEntry>, Error> {
     let body = match collection {
-        SpecCollection::Scanner => Presets.scanner(name).ok().map(|spec| serde_json::to_string(&spec)),
-        SpecCollection::Robot => Presets.robot(name).ok().map(|spec| serde_json::to_string(&spec)),
-        SpecCollection::Turntable => Presets.turntable(name).ok().map(|spec| serde_json::to_string(&spec)),
-        SpecCollection::Cell => Presets.cell(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Scanner => PRESETS.scanner(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Robot => PRESETS.robot(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Turntable => PRESETS.turntable(name).ok().map(|spec| serde_json::to_string(&spec)),
+        SpecCollection::Cell => PRESETS.cell(name).ok().map(|spec| serde_json::to_string(&spec)),
     };
     let Some(body) = body.transpose()? else { return Ok(None) };
     let etag = format!("\"preset-{}\"", &hex(&Sha256::digest(&body))[..16]);

@@ -6,29 +6,60 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
+use super::cells::{BuiltCell, mesh_names, mesh_of};
 use super::error::{Error, InternalError};
 use super::execute::{JobInput, MeshSource};
 use super::library::Library;
-use super::store::{Attempt, Files, IdempotencyKey, JobFilter, MeshFile, NewJob, Page, blocking, read_leniently};
-use crate::cell::{Cell, CellSpec, FieldError, Named, ScannerSpec, ShapeSpec, SpecKind, SpecLibrary, did_you_mean};
+use super::store::{Attempt, Files, IdempotencyKey, JobQuery, MeshFile, NewJob, Page, blocking, read_leniently};
+use crate::cell::{CellSpec, FieldError, Named, ScannerSpec, SpecKind, SpecLibrary, did_you_mean};
 use crate::wire::part_size::SizeLimits;
 use crate::wire::warnings::FieldWarning;
-use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, JobSelection, JobSort, MeshId, warnings};
+use crate::wire::{Job, JobBatch, JobBatchRequest, JobPage, JobRequest, MeshId, warnings};
 
-/// Filters and order of a job listing.
+/// Circumstances in which a request for jobs was sent.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct JobQuery {
-    /// Jobs that are listed.
-    pub selection: JobSelection,
-    /// Their order.
-    pub sort: JobSort,
+pub struct Submission {
+    /// Key under which the same request gives the same answer.
+    pub idempotency_key: Option<String>,
+    /// Time within which everything that the request names must be resolved.
+    pub limit: Option<Duration>,
+    /// Name of the key that its sender presented.
+    pub submitted_by: Option<String>,
 }
 
-/// Planning input of a request, every name resolved, as JSON; and the meshes that it reads.
-type Resolved = (JobRequest, String, Vec<MeshId>);
+impl Submission {
+    /// The key with the fingerprint of the request, in canonical form with method and path.
+    fn idempotency(&self, canonical: &str) -> Option<IdempotencyKey> {
+        self.idempotency_key.as_ref().map(|key| IdempotencyKey::new(key, canonical))
+    }
+}
+
+/// A request with everything that it names.
+struct Resolved {
+    request: JobRequest,
+    /// Planning input, every name resolved, as JSON.
+    input: String,
+    /// Meshes that it reads.
+    meshes: Vec<MeshId>,
+    warnings: Vec<FieldWarning>,
+}
+
+impl Resolved {
+    fn new(request: JobRequest, input: &StoredInput, meshes: Vec<MeshId>) -> Result<Self, Error> {
+        let mut warnings = warnings::of_params(&request.params, "/params");
+        warnings.extend(input.warnings.iter().cloned());
+        Ok(Self { request, input: serde_json::to_string(input)?, meshes, warnings })
+    }
+
+    fn into_job(self, submitted_by: Option<String>) -> NewJob {
+        let Self { request, input, meshes, warnings } = self;
+        NewJob { request, input, meshes, warnings, submitted_by }
+    }
+}
 
 /// Input of a job as stored with it, every name resolved.
 #[derive(Debug, Serialize, Deserialize)]
@@ -54,36 +85,25 @@ impl Drop for AbandonGuard {
 }
 
 impl App {
-    /// Accepts a job. If the idempotency key was used for the same request before, returns the earlier answer. Everything that
-    /// the request names must be resolved within `limit`; after that, or if the caller goes away, no job is created.
+    /// Accepts a job. If the idempotency key was used for the same request before, returns the earlier answer. If not everything
+    /// that the request names is resolved in time, or if the caller goes away before, no job is created.
     ///
     /// # Errors
     /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`],
     /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
-    pub async fn submit(
-        &self,
-        request: JobRequest,
-        idempotency_key: Option<&str>,
-        limit: Option<Duration>,
-    ) -> Result<Job, Error> {
-        let canonical = format!("POST /api/v1/jobs {}", serde_json::to_string(&request)?);
-        let idempotency = idempotency_key.map(|key| IdempotencyKey::new(key, &canonical));
-        if let Some(key) = &idempotency
-            && let Some(answer) = self.0.store.replay(key).await?
-        {
+    pub async fn submit(&self, request: JobRequest, submission: Submission) -> Result<Job, Error> {
+        let idempotency = submission.idempotency(&format!("POST /api/v1/jobs {}", serde_json::to_string(&request)?));
+        if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
             return Ok(answer);
         }
-        self.check_open()?;
-        self.check_space(0)?;
         let resolve = move |library: &Library| {
             let (input, meshes) = resolve(&request, library).map_err(Error::Invalid)?;
-            Ok::<Resolved, Error>((request, serde_json::to_string(&input)?, meshes))
+            Resolved::new(request, &input, meshes)
         };
-        let (request, input, meshes) = self.with_library(limit, resolve).await?;
+        let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
         let app = self.clone();
         self.run_to_completion(async move {
-            let queue_limit = app.0.options.max_queued_jobs;
-            let job = app.0.store.submit(NewJob { request, input, meshes, idempotency, queue_limit }).await?;
+            let job = app.0.store.submit(&job, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
             app.0.runner.wake();
             Ok(job)
         })
@@ -94,33 +114,34 @@ impl App {
     ///
     /// # Errors
     /// Those of [`App::submit`].
-    pub async fn submit_batch(
-        &self,
-        batch: JobBatchRequest,
-        idempotency_key: Option<&str>,
-        limit: Option<Duration>,
-    ) -> Result<JobBatch, Error> {
+    pub async fn submit_batch(&self, batch: JobBatchRequest, submission: Submission) -> Result<JobBatch, Error> {
         batch.check().map_err(Error::Invalid)?;
-        let canonical = format!("POST /api/v1/jobs/batch {}", serde_json::to_string(&batch)?);
-        let idempotency = idempotency_key.map(|key| IdempotencyKey::new(key, &canonical));
-        if let Some(key) = &idempotency
-            && let Some(answer) = self.0.store.replay(key).await?
-        {
+        let idempotency = submission.idempotency(&format!("POST /api/v1/jobs/batch {}", serde_json::to_string(&batch)?));
+        if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
             return Ok(answer);
         }
-        self.check_open()?;
-        self.check_space(0)?;
-        let resolved = self.with_library(limit, move |library| resolve_all(batch.jobs, library)).await?;
+        let resolved = self.with_library(submission.limit, move |library| resolve_all(batch.jobs, library)).await?;
+        let jobs: Vec<NewJob> = resolved.into_iter().map(|job| job.into_job(submission.submitted_by.clone())).collect();
         let app = self.clone();
         self.run_to_completion(async move {
-            let queue_limit = app.0.options.max_queued_jobs;
-            let new = |(request, input, meshes)| NewJob { request, input, meshes, idempotency: None, queue_limit };
-            let jobs: Vec<NewJob> = resolved.into_iter().map(new).collect();
-            let answer = app.0.store.submit_batch(&jobs, idempotency.as_ref(), queue_limit).await?;
-            jobs.iter().for_each(|_| app.0.runner.wake());
+            let answer = app.0.store.submit_batch(&jobs, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
+            app.0.runner.wake();
             Ok(answer)
         })
         .await
+    }
+
+    /// Earlier answer to a request with this key, if any; otherwise checks that the service takes another.
+    async fn answered_before<T: DeserializeOwned>(&self, idempotency: Option<&IdempotencyKey>) -> Result<Option<T>, Error> {
+        let answer = match idempotency {
+            Some(key) => self.0.store.replay(key).await?,
+            None => None,
+        };
+        if answer.is_none() {
+            self.check_open()?;
+            self.check_space(0)?;
+        }
+        Ok(answer)
     }
 
     /// Runs `resolve` with the library on a thread that may block, for a few requests at a time. Once the caller no longer
@@ -154,29 +175,7 @@ impl App {
     /// [`Error::BadPageToken`], [`Error::Internal`].
     pub async fn jobs(&self, query: &JobQuery, page_size: u32, page_token: Option<&str>) -> Result<JobPage, Error> {
         let page = Page::new(page_size, page_token, &format!("jobs {query:?}"))?;
-        self.0.store.jobs(&JobFilter::from(query), &page).await
-    }
-}
-
-impl From<&JobQuery> for JobFilter {
-    fn from(query: &JobQuery) -> Self {
-        let JobQuery { selection, sort } = query.clone();
-        let label = selection.label.as_deref().map(|label| match label.split_once('=') {
-            Some((key, value)) => (key.to_owned(), Some(value.to_owned())),
-            None => (label.to_owned(), None),
-        });
-        Self {
-            ids: selection.ids,
-            state: selection.state,
-            label,
-            part_number: selection.part_number,
-            serial: selection.serial,
-            mesh_id: selection.mesh_id,
-            cell: selection.cell,
-            created_after: selection.created_after,
-            created_before: selection.created_before,
-            sort,
-        }
+        self.0.store.jobs(query, &page).await
     }
 }
 
@@ -185,7 +184,7 @@ fn resolve_all(jobs: Vec<JobRequest>, library: &Library) -> Result<Vec<Resolved>
     let (mut resolved, mut errors) = (Vec::with_capacity(jobs.len()), Vec::new());
     for (index, request) in jobs.into_iter().enumerate() {
         match resolve(&request, library) {
-            Ok((input, meshes)) => resolved.push((request, serde_json::to_string(&input)?, meshes)),
+            Ok((input, meshes)) => resolved.push(Resolved::new(request, &input, meshes)?),
             Err(found) => errors.extend(found.into_iter().map(|error| error.below(&format!("/jobs/{index}")))),
         }
     }
@@ -206,16 +205,17 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
         Some(cell) => lookup.find("/cell/scanner", &cell.scanner, SpecKind::Scanner, |name| library.scanner(name).ok()),
         None => lookup.scanner(&request.scanner),
     };
-    let shapes = scanner.iter().flat_map(|s| &s.body).map(|body| &body.shape).chain(cell.iter().flat_map(shapes_of));
-    let body_meshes: BTreeMap<_, _> =
-        shapes.filter_map(mesh_of).filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
+    // Without a cell, the scanner's body is kept with the job all the same.
+    let of_scanner = scanner.iter().filter(|_| cell.is_none()).flat_map(|scanner| &scanner.body).map(|body| &body.shape);
+    let names = of_scanner.filter_map(mesh_of).chain(cell.iter().flat_map(mesh_names));
+    let body_meshes: BTreeMap<_, _> = names.filter_map(|id| lookup.mesh("/cell", id).map(|file| (id.clone(), file))).collect();
     let (used, built_cell) = (std::mem::take(&mut lookup.used), lookup.built_cell.take());
     let beyond = scanner.as_ref().map(|scanner| limits_beyond(request, scanner, &errors));
     errors.extend(beyond.into_iter().flatten());
     match (mesh, fixture, scanner) {
         (Some(mesh), fixture, Some(scanner)) if errors.is_empty() => {
             let part_name = library.part_name(request.mesh_id);
-            let warnings = warnings_on(request, built_cell.as_ref(), &scanner, library);
+            let warnings = warnings_on(request, built_cell.as_deref(), &scanner, library);
             Ok((StoredInput { mesh, part_name, fixture, cell, scanner, body_meshes, warnings }, used.into_iter().collect()))
         }
         _ => Err(errors),
@@ -223,13 +223,14 @@ fn resolve(request: &JobRequest, library: &Library) -> Result<(StoredInput, Vec<
 }
 
 /// Warnings on the size of a job's part, and on its cell.
-fn warnings_on(request: &JobRequest, cell: Option<&Cell>, scanner: &ScannerSpec, library: &Library) -> Vec<FieldWarning> {
+fn warnings_on(request: &JobRequest, built: Option<&BuiltCell>, scanner: &ScannerSpec, library: &Library) -> Vec<FieldWarning> {
+    let cell = built.map(|built| &built.cell);
     let alone = if cell.is_none() { scanner.build().ok() } else { None };
     let scanner = cell.map(|cell| &cell.scanner).or(alone.as_ref());
     let size = scanner.zip(library.part_size(request.mesh_id)).map(|(scanner, size)| {
         size.warnings(request.params.part.table_from_part.as_ref(), &SizeLimits::new(scanner, cell), "/mesh_id")
     });
-    size.into_iter().flatten().chain(cell.into_iter().flat_map(|cell| warnings::of_cell(cell, "/cell"))).collect()
+    size.into_iter().flatten().chain(built.into_iter().flat_map(|built| built.warnings.iter().cloned())).collect()
 }
 
 /// Limits of incidence beyond the scanner's own, except for values that are known to be out of range.
@@ -247,7 +248,7 @@ pub(super) struct Lookup<'a> {
     errors: &'a mut Vec<FieldError>,
     used: BTreeSet<MeshId>,
     /// The cell that was found, built.
-    built_cell: Option<Cell>,
+    built_cell: Option<Arc<BuiltCell>>,
 }
 
 impl<'a> Lookup<'a> {
@@ -307,10 +308,10 @@ impl<'a> Lookup<'a> {
         }
         let library = self.library;
         let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name).ok())?;
-        self.built_cell = Some(self.built("/cell", cell.build(library))?);
         inline(&mut cell.scanner, |name| library.scanner(name).ok());
         inline(&mut cell.robot, |name| library.robot(name).ok());
         inline(&mut cell.turntable, |name| library.turntable(name).ok());
+        self.built_cell = Some(self.built("/cell", library.built(&cell))?);
         Some(cell)
     }
 
@@ -333,25 +334,7 @@ fn inline<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
     }
 }
 
-/// Shapes of a cell with inlined devices, except its scanner's.
-fn shapes_of(cell: &CellSpec) -> impl Iterator<Item = &ShapeSpec> {
-    let turntable = match &cell.turntable {
-        Named::Inline(turntable) => &turntable.body[..],
-        Named::Name(_) => &[],
-    };
-    let surfaces = match &cell.robot {
-        Named::Inline(robot) => &robot.surfaces[..],
-        Named::Name(_) => &[],
-    };
-    let bodies = cell.mount.iter().chain(&cell.obstacles).chain(turntable).map(|body| &body.shape);
-    bodies.chain(surfaces.iter().chain(&cell.cable).map(|body| &body.shape))
-}
-
-fn mesh_of(shape: &ShapeSpec) -> Option<&String> {
-    if let ShapeSpec::Mesh { mesh } = shape { Some(mesh) } else { None }
-}
-
-/// Input of a started job.
+/// Input of a job that is started, or looked at before.
 pub(super) fn job_input(attempt: &Attempt, files: &Files, max_triangles: usize) -> Result<JobInput, Error> {
     let (input, unknown): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(InternalError::Row)?;
     if !unknown.is_empty() {

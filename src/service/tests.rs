@@ -17,6 +17,7 @@ fn every_failpoint_is_documented_and_in_the_code() {
         include_str!("store/artifacts.rs"),
         include_str!("store/meshes.rs"),
         include_str!("store/jobs.rs"),
+        include_str!("store/attempts.rs"),
         include_str!("jobs.rs"),
     ]
     .concat();

@@ -6,7 +6,7 @@ use config::{Config, ConfigError, Environment, File, FileFormat, Value, ValueKin
 use serde::de::DeserializeOwned;
 
 use super::{Flags, SettingsError};
-use crate::cell::with_suggestion;
+use crate::cell::{expected_value, found_value, with_suggestion};
 
 const PREFIX: &str = "VANTAGE_";
 
@@ -48,7 +48,9 @@ impl<'a> Layers<'a> {
             #[expect(clippy::wildcard_enum_match_arm, reason = "config may add kinds of errors, each of which has its own words")]
             let what = match error.inner() {
                 ConfigError::At { error, .. } => error.to_string(),
-                ConfigError::Type { unexpected, expected, .. } => format!("is {unexpected}, but must be {expected}"),
+                ConfigError::Type { unexpected, expected, .. } => {
+                    format!("is {}, but must be {}", found_value(&unexpected.to_string()), expected_value(expected))
+                }
                 other => other.to_string(),
             };
             SettingsError(vec![format!("{key} ({}): {}", self.origin(&key), with_suggestion(&what))])

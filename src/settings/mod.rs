@@ -53,7 +53,7 @@ pub struct LimitSettings {
     pub queued_jobs: u64,
     /// Longest time for reading an uploaded mesh.
     pub parse_secs: f64,
-    /// Largest estimated memory of a job; 0 for a share of the machine's memory.
+    /// Largest estimated memory of a job, and of all that run at the same time; 0 for a share of the machine's memory.
     pub job_memory_bytes: u64,
     /// Longest planning time of a job; 0 for no limit.
     pub job_secs: f64,
@@ -101,7 +101,7 @@ pub struct RetentionSettings {
 pub struct PlanningSettings {
     /// Number of planning threads; 0 for one per core.
     pub threads: u32,
-    /// Number of jobs planned concurrently.
+    /// Number of jobs planned concurrently; 0 for as many as there are planning threads.
     pub concurrent_jobs: u32,
     /// Number of attempts after which a job that keeps crashing the server fails.
     pub max_attempts: u32,
@@ -185,7 +185,7 @@ impl Settings {
         whole("/retention/jobs_per_part", self.retention.jobs_per_part.into(), 0.0, 1e6);
         whole("/retention/unused_mesh_days", self.retention.unused_mesh_days.into(), 0.0, 36_500.0);
         whole("/planning/threads", self.planning.threads.into(), 0.0, 1024.0);
-        whole("/planning/concurrent_jobs", self.planning.concurrent_jobs.into(), 1.0, 64.0);
+        whole("/planning/concurrent_jobs", self.planning.concurrent_jobs.into(), 0.0, 64.0);
         whole("/planning/max_attempts", self.planning.max_attempts.into(), 1.0, 100.0);
         findings.range("/store/min_free_share", self.store.min_free_share, 0.0, 0.9, "");
         findings.range("/retention/max_disk_share", self.retention.max_disk_share, 0.0, 1.0, "");
@@ -226,7 +226,7 @@ impl Settings {
             max_triangles: usize::try_from(self.limits.mesh_triangles).unwrap_or(usize::MAX),
             parse_limit: Duration::from_secs_f64(self.limits.parse_secs),
             job_memory_bytes: match self.limits.job_memory_bytes {
-                0 => job_memory_bytes(self.planning.concurrent_jobs),
+                0 => job_memory_bytes(),
                 bytes => bytes,
             },
             job_limit: (self.limits.job_secs > 0.0).then(|| Duration::from_secs_f64(self.limits.job_secs)),
@@ -256,11 +256,10 @@ const MIN_JOB_MEMORY_BYTES: f64 = 268_435_456.0;
 /// Largest time limit of a job: a week, seconds.
 const MAX_JOB_SECS: f64 = 604_800.0;
 
-/// Default memory limit of each of `concurrent_jobs` jobs, bytes.
+/// Default memory limit of a job, and of all that run at the same time, bytes.
 #[must_use]
-pub fn job_memory_bytes(concurrent_jobs: u32) -> u64 {
-    let jobs = u64::from(concurrent_jobs.max(1));
-    machine::memory_bytes().map_or(FALLBACK_JOB_MEMORY_BYTES, |bytes| bytes / 100 * PLANNING_PERCENT / jobs)
+pub fn job_memory_bytes() -> u64 {
+    machine::memory_bytes().map_or(FALLBACK_JOB_MEMORY_BYTES, |bytes| bytes / 100 * PLANNING_PERCENT)
 }
 
 #[cfg(test)]

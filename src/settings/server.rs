@@ -1,6 +1,7 @@
 //! Settings of the HTTP server and their allowed values.
 
 use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use serde::{Deserialize, Deserializer};
@@ -19,6 +20,8 @@ pub struct ServerSettings {
     pub insecure: bool,
     /// Key that everything under `/api` requires.
     pub api_key: Option<http::ApiKey>,
+    /// File of further keys, each with a name; read again when it changes.
+    pub api_keys_file: Option<PathBuf>,
     /// Names of the server besides its addresses and `localhost`.
     #[serde(deserialize_with = "list")]
     pub hosts: Vec<String>,
@@ -63,6 +66,7 @@ impl ServerSettings {
         http::ServerOptions {
             listen: self.listen,
             api_key: self.api_key.clone(),
+            api_keys_file: self.api_keys_file.clone(),
             hosts: self.hosts.iter().map(|host| host.to_ascii_lowercase()).collect(),
             trusted_proxies: self.trusted_proxies.iter().map(IpAddr::to_canonical).collect(),
             public_path: self.public_path.clone(),
@@ -106,6 +110,9 @@ impl ServerSettings {
                 "must be 16 to 256 visible ASCII characters, without ; and ,".to_owned()
             });
         }
+        if let Some(reason) = self.api_keys_file.as_ref().and_then(|file| http::check_keys_file(file).err()) {
+            findings.push("/server/api_keys_file", format!("cannot be used: {reason}"));
+        }
         if let Some(host) = self.hosts.iter().find(|host| !is_host_name(host)) {
             findings.push(
                 "/server/hosts",
@@ -127,10 +134,11 @@ impl ServerSettings {
                 ),
             );
         }
-        let guarded = self.listen.ip().is_loopback() || self.insecure || self.api_key.is_some();
+        let has_keys = self.api_key.is_some() || self.api_keys_file.is_some();
+        let guarded = self.listen.ip().is_loopback() || self.insecure || has_keys;
         findings.require(guarded, "/server/listen", || {
             format!(
-                "is {}, which other machines can reach; set server.api_key, or pass --insecure to admit everybody",
+                "is {}, which other machines can reach; set server.api_key or server.api_keys_file, or pass --insecure to admit everybody",
                 self.listen
             )
         });

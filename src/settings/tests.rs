@@ -33,7 +33,7 @@ fn each_layer_overrides_the_one_before() {
     let flags = vec![("server.listen", "127.0.0.1:3".to_owned())];
     let settings = load(Some(file), &environment, &flags).expect("settings");
     assert_eq!(settings.server.listen.port(), 3);
-    assert_eq!((settings.planning.threads, settings.planning.max_attempts, settings.planning.concurrent_jobs), (2, 4, 1));
+    assert_eq!((settings.planning.threads, settings.planning.max_attempts, settings.planning.concurrent_jobs), (2, 4, 0));
 }
 
 #[test]
@@ -60,8 +60,9 @@ fn limits_of_jobs_are_shares_of_the_machine_unless_they_are_given() {
     let service = |file: &str| load(Some(file), &[], &Vec::new()).expect("settings").service();
     let defaults = service("");
     assert_eq!((defaults.parse_limit, defaults.job_limit), (Duration::from_secs(60), Some(Duration::from_secs(3600))));
-    let halves = service("[planning]\nconcurrent_jobs = 2\n");
-    assert!(defaults.job_memory_bytes.abs_diff(2 * halves.job_memory_bytes) <= 2, "{defaults:?}, {halves:?}");
+    // The limit is of all jobs together, so their number does not divide it.
+    let beside = service("[planning]\nconcurrent_jobs = 2\n");
+    assert_eq!((defaults.job_memory_bytes, defaults.concurrent_jobs), (beside.job_memory_bytes, 0));
     if let Some(bytes) = machine::memory_bytes() {
         assert!((bytes / 2..bytes).contains(&defaults.job_memory_bytes));
     }
@@ -75,7 +76,7 @@ fn limits_of_jobs_are_shares_of_the_machine_unless_they_are_given() {
 
 #[test]
 fn all_faults_are_reported_at_once() {
-    let file = "[limits]\nupload_bytes = 1\nqueued_jobs = 0\n[planning]\nconcurrent_jobs = 0\n";
+    let file = "[limits]\nupload_bytes = 1\nqueued_jobs = 0\n[planning]\nconcurrent_jobs = 65\n";
     assert_eq!(refusal(Some(file), &[], &Vec::new()).lines().count(), 3);
 }
 
@@ -91,6 +92,23 @@ fn listening_to_other_machines_needs_a_key_or_insecure() {
     assert!(!format!("{settings:?}").contains("0012345"));
     let text = refusal(None, &[open, ("VANTAGE_SERVER__API_KEY", "too-short")], &Vec::new());
     assert!(text.contains("server.api_key") && !text.contains("too-short"), "{text}");
+}
+
+#[test]
+fn a_file_of_keys_guards_the_server_and_is_read_at_the_start() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("keys.toml");
+    std::fs::write(&path, "mes = \"0012345678901234\"\n").expect("written");
+    let file = path.to_str().expect("a path");
+    let environment = [("VANTAGE_SERVER__LISTEN", "0.0.0.0:8080"), ("VANTAGE_SERVER__API_KEYS_FILE", file)];
+    let settings = load(None, &environment, &Vec::new()).expect("guarded");
+    assert!(settings.http().requires_key() && settings.http().api_key.is_none());
+    std::fs::write(&path, "mes = \"short\"\n").expect("written");
+    let text = refusal(None, &environment, &Vec::new());
+    assert!(text.contains("server.api_keys_file") && text.contains("\"mes\"") && !text.contains("short"), "{text}");
+    std::fs::remove_file(&path).expect("removed");
+    let text = refusal(None, &environment, &Vec::new());
+    assert!(text.contains("server.api_keys_file") && text.contains(file), "{text}");
 }
 
 #[test]

@@ -99,7 +99,7 @@ impl JobSelection {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         findings.require(*self != Self::default(), "", || {
-            "selects by nothing; give at least one of ids, state, label, part_number, serial, mesh_id, cell, created_after and \
+            "no filter given; give at least one of ids, state, label, part_number, serial, mesh_id, cell, created_after and \
              created_before"
                 .to_owned()
         });

@@ -226,6 +226,9 @@ pub struct Job {
     pub plan_sha256: Option<String>,
     /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
     pub summary: Option<Summary>,
+    /// Name of the key with which the job was submitted: of a key in `server.api_keys_file`, or `api_key` for the one in the
+    /// settings; `null` without a key.
+    pub submitted_by: Option<String>,
     /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`. A job that failed with the code `no_plan` has its report
     /// on the reasons.
     pub results: Vec<JobFile>,
@@ -236,10 +239,10 @@ pub struct Job {
 pub struct JobFile {
     /// Name of the file.
     pub name: String,
-    /// SHA-256 of the file, lower-case hexadecimal.
-    pub sha256: String,
-    /// Size of the file.
-    pub size_bytes: u64,
+    /// SHA-256 of the file, lower-case hexadecimal; `null` for a report that nobody has asked for yet: it is drawn then.
+    pub sha256: Option<String>,
+    /// Size of the file; `null` where its hash is.
+    pub size_bytes: Option<u64>,
 }
 
 /// A job in a list: its state, without the full request.
@@ -283,12 +286,18 @@ pub struct JobListItem {
     pub ended_at: Option<String>,
     /// Seconds spent in each stage so far.
     pub timings: BTreeMap<String, f64>,
+    /// Warnings on what was accepted, as when the job was submitted.
+    #[serde(default)]
+    pub warnings: Vec<FieldWarning>,
     /// Reason for the failure of the job.
     pub problem: Option<JobProblem>,
     /// SHA-256 of `plan.json`, once the job has succeeded.
     pub plan_sha256: Option<String>,
     /// Summary of the plan, once the job has succeeded; `null` for jobs from before it was introduced.
     pub summary: Option<Summary>,
+    /// Name of the key with which the job was submitted: of a key in `server.api_keys_file`, or `api_key` for the one in the
+    /// settings; `null` without a key.
+    pub submitted_by: Option<String>,
     /// Result files, sorted by name; each is at `/jobs/{id}/files/{name}`.
     pub results: Vec<JobFile>,
 }

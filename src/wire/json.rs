@@ -29,7 +29,7 @@ pub enum ParseError {
 ///
 /// # Errors
 /// [`ParseError`]; for a document of another shape every field that is missing or unknown.
-pub fn parse_document<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, Vec<ParseError>> {
+pub fn parse_document<T: DeserializeOwned + ToSchema + 'static>(bytes: &[u8]) -> Result<T, Vec<ParseError>> {
     let parsed = parse(bytes).and_then(|document| {
         // Where there is no list, none stands for an object.
         let value = bytes.contains(&b'[').then(|| serde_json::from_slice(bytes).ok()).flatten();

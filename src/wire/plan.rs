@@ -30,7 +30,7 @@ use super::echo::Echo;
 use super::warnings::{self, FieldWarning};
 use crate::cell::{OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
-use crate::planning::plan::{Bound, Cause, Outcome, Plan, PlannedView, SetupId, SetupPlan};
+use crate::planning::plan::{Bound, Cause, ChosenOn, Outcome, Plan, PlannedView, SetupId, SetupPlan};
 
 /// Schema name in the document.
 pub const PLAN_SCHEMA: &str = "vantage.plan/1";
@@ -88,6 +88,9 @@ pub struct PlanDocument {
     /// Warnings on what the plan does not reach or tolerate.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<FieldWarning>,
+    /// Samples that views were chosen on; absent in plans of earlier releases.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen_on: Option<ChosenOnDocument>,
     /// Bounds on the best selection from the same candidates.
     pub bound: BoundDocument,
     /// Rule that ended the selection.
@@ -278,6 +281,26 @@ pub struct StationDocument {
     pub clearance_mm: Option<f64>,
 }
 
+/// Samples that views are chosen on, and bounds hold for. Coverage is that of every sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct ChosenOnDocument {
+    /// Number of samples that views were chosen on.
+    pub samples: usize,
+    /// Number of all samples.
+    pub of_samples: usize,
+    /// Number of times that samples were added and views chosen anew, since the views met the target on these samples and not on
+    /// all.
+    pub refinements: u32,
+}
+
+impl From<ChosenOn> for ChosenOnDocument {
+    fn from(chosen_on: ChosenOn) -> Self {
+        let ChosenOn { samples, of_samples, refinements } = chosen_on;
+        Self { samples, of_samples, refinements }
+    }
+}
+
 /// Bounds on the best selection from the same candidates. They ignore the requirements on overlap, time and quality, and
 /// remain valid with them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -334,6 +357,7 @@ impl PlanDocument {
             missed: plan.missed.iter().map(MissedDocument::from).collect(),
             advice: AdviceDocument::all_of(plan),
             warnings: warnings::of_coverage(&plan.params, &CoverageDocument::from(&plan.coverage), "/params"),
+            chosen_on: Some(plan.chosen_on.into()),
             bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),
         }

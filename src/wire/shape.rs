@@ -1,7 +1,9 @@
 //! Shape of a document against the schema of its type: everything that it lacks and everything that it has too much, at once.
 //! serde stops at the first fault; the schema, which the API document is made of, tells the others, with their units and ranges.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::any::TypeId;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -20,7 +22,7 @@ const MAX_VALUES: usize = 10_000;
 ///
 /// # Errors
 /// What serde refuses, and every field that is missing or unknown.
-pub fn from_value<T: DeserializeOwned + ToSchema>(value: &Value) -> Result<T, Vec<FieldError>> {
+pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Result<T, Vec<FieldError>> {
     serde_path_to_error::deserialize(value).map_err(|error| {
         let first = FieldError { pointer: pointer_of(error.path()), detail: with_suggestion(&error.inner().to_string()) };
         refused::<T>(value, first)
@@ -28,7 +30,7 @@ pub fn from_value<T: DeserializeOwned + ToSchema>(value: &Value) -> Result<T, Ve
 }
 
 /// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.
-pub(crate) fn refused<T: ToSchema>(value: &Value, first: FieldError) -> Vec<FieldError> {
+pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -> Vec<FieldError> {
     let mut findings = fields::<T>(value);
     let names_field = first.detail.starts_with("missing field") || first.detail.starts_with("unknown field");
     let is_named = |finding: &FieldError| {
@@ -43,22 +45,42 @@ pub(crate) fn refused<T: ToSchema>(value: &Value, first: FieldError) -> Vec<Fiel
 }
 
 /// Lists in `value` where the schema of `T` has an object: serde takes the fields of a structure from a list too.
-pub(crate) fn lists_for_objects<T: ToSchema>(value: &Value) -> Vec<FieldError> {
+pub(crate) fn lists_for_objects<T: ToSchema + 'static>(value: &Value) -> Vec<FieldError> {
     walked::<T>(value, true)
 }
 
 /// Fields of `value` that are missing or unknown by the schema of `T`.
-fn fields<T: ToSchema>(value: &Value) -> Vec<FieldError> {
+fn fields<T: ToSchema + 'static>(value: &Value) -> Vec<FieldError> {
     walked::<T>(value, false)
 }
 
-fn walked<T: ToSchema>(value: &Value, lists_only: bool) -> Vec<FieldError> {
-    let mut components = Vec::new();
-    T::schemas(&mut components);
-    let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
-    let mut walk = Walk { components, findings: Vec::new(), values: 0, lists_only };
-    walk.value(value, &to_json(&T::schema()), "");
+fn walked<T: ToSchema + 'static>(value: &Value, lists_only: bool) -> Vec<FieldError> {
+    let schema = schema_of::<T>();
+    let mut walk = Walk { components: &schema.components, findings: Vec::new(), values: 0, lists_only };
+    walk.value(value, &schema.root, "");
     walk.findings
+}
+
+/// Schema of a type as JSON.
+struct TypeSchema {
+    root: Value,
+    /// Named schemas that it refers to.
+    components: BTreeMap<String, Value>,
+}
+
+/// Schema of `T`, made once: that of a job has thousands of values.
+fn schema_of<T: ToSchema + 'static>() -> Arc<TypeSchema> {
+    static SCHEMAS: LazyLock<Mutex<HashMap<TypeId, Arc<TypeSchema>>>> = LazyLock::new(Mutex::default);
+    // Whole after every operation, also where a thread died in between.
+    let schemas = || SCHEMAS.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = schemas().get(&TypeId::of::<T>()).cloned();
+    known.unwrap_or_else(|| {
+        let mut components = Vec::new();
+        T::schemas(&mut components);
+        let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
+        let schema = Arc::new(TypeSchema { root: to_json(&T::schema()), components });
+        Arc::clone(schemas().entry(TypeId::of::<T>()).or_insert(schema))
+    })
 }
 
 fn to_json(schema: &impl serde::Serialize) -> Value {
@@ -66,9 +88,9 @@ fn to_json(schema: &impl serde::Serialize) -> Value {
 }
 
 /// Walk through a value along its schema.
-struct Walk {
+struct Walk<'s> {
     /// Named schemas.
-    components: BTreeMap<String, Value>,
+    components: &'s BTreeMap<String, Value>,
     findings: Vec<FieldError>,
     /// Values seen.
     values: usize,
@@ -107,7 +129,7 @@ impl ObjectShape {
     }
 }
 
-impl Walk {
+impl Walk<'_> {
     fn resolve(&self, schema: &Value) -> Value {
         let name = schema["$ref"].as_str().and_then(|reference| reference.rsplit('/').next());
         name.map_or_else(|| schema.clone(), |name| self.components.get(name).cloned().unwrap_or_default())
@@ -279,6 +301,13 @@ mod tests {
     }
 
     #[test]
+    fn the_schema_of_a_type_is_made_once() {
+        let [first, again] = [(); 2].map(|()| super::schema_of::<PlanParams>());
+        assert!(std::sync::Arc::ptr_eq(&first, &again));
+        assert!(!std::sync::Arc::ptr_eq(&first, &super::schema_of::<ScannerSpec>()));
+    }
+
+    #[test]
     fn a_long_list_of_wrong_objects_is_not_walked_to_its_end() {
         let errors = from_value::<Vec<BodySpec>>(&Value::Array(vec![json!({}); 300_000])).expect_err("empty objects");
         assert!(errors.len() <= super::MAX_FINDINGS + 10, "{}", errors.len());
@@ -326,7 +355,7 @@ mod tests {
         spec["mass_kg"] = json!("heavy");
         let errors = from_value::<ScannerSpec>(&spec).expect_err("wrong");
         assert_eq!(pointers(&errors), ["/mass_kg"]);
-        assert!(errors[0].detail.contains("invalid type"), "{errors:?}");
+        assert!(errors[0].detail.contains("is \"heavy\"; expected a number"), "{errors:?}");
         let whole = from_value::<ScannerSpec>(&json!(3)).expect_err("wrong");
         assert_eq!(pointers(&whole), [""]);
     }

@@ -3,6 +3,7 @@
 //! schema `vantage.summary/1`.
 
 mod action;
+mod cycle;
 mod missed;
 mod verdict;
 
@@ -13,14 +14,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 pub use action::SummaryAction;
+pub use cycle::{CycleParts, ProgramCycle};
 pub use missed::MissedGroup;
-pub use verdict::PlanVerdict;
+pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, GradesDocument, MotionDocument};
 use super::words::{counted, fixed, headline};
 use crate::planning::params::{Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage};
-use crate::planning::sequence::Sequence;
 
 /// Schema name in the document.
 pub const SUMMARY_SCHEMA: &str = "vantage.summary/1";
@@ -36,6 +37,10 @@ pub const SUMMARY_FILE: &str = "summary.json";
 pub struct Summary {
     /// Schema name, `vantage.summary/1`.
     pub schema: String,
+    /// Level of the verdict: may the part be scanned as planned?
+    pub level: PlanLevel,
+    /// Level in a sentence, with the measured shares of the visible and of the asked area: the first line to read.
+    pub title: String,
     /// Verdict on the plan.
     pub verdict: PlanVerdict,
     /// Verdict in a sentence, with its figures.
@@ -54,12 +59,17 @@ pub struct Summary {
     pub coverage_text: String,
     /// Shares of the asked area by grade.
     pub grades: GradesDocument,
-    /// Predicted cycle time, s; turning the part over between setups is not counted. `null` without a cell.
+    /// Predicted cycle time of the motion as planned, s; turning the part over between setups is not counted. `null` without a
+    /// cell.
     pub cycle_secs: Option<f64>,
     /// Parts of the cycle time; `null` without a cell.
     pub cycle_parts: Option<CycleParts>,
     /// Cycle time and its parts in a sentence; `null` without a cell.
     pub cycle_text: Option<String>,
+    /// Cycle of the program in the robot's own dialect, which may move table and arm in turn; `null` without a cell, if the robot's
+    /// specification names no dialect, or if there is no program in it.
+    #[serde(default)]
+    pub program_cycle: Option<ProgramCycle>,
     /// Number of regions of interest and features that have a target.
     pub regions_with_target: usize,
     /// Number of those that do not reach it.
@@ -98,20 +108,6 @@ pub struct SummaryShares {
     pub of_total: f64,
 }
 
-/// Parts of a cycle time, summed over all setups. Moving, settling and scanning add up to it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(expecting = "an object")]
-pub struct CycleParts {
-    /// Time of all moves, s.
-    pub moving_secs: f64,
-    /// Part of that time in which the table turns, s.
-    pub turning_secs: f64,
-    /// Time spent waiting for everything to stand still, s.
-    pub settling_secs: f64,
-    /// Time of all captures, s.
-    pub scanning_secs: f64,
-}
-
 impl Summary {
     /// Summarises a plan.
     #[must_use]
@@ -122,8 +118,11 @@ impl Summary {
         let missed_spots = plan.missed.iter().map(|missed| missed.spots.len()).sum();
         let missed_of_asked = 1.0 - plan.coverage.of_asked();
         let (verdict, regions) = (PlanVerdict::of(plan), &plan.coverage.regions);
+        let level = PlanLevel::of(plan, verdict);
         Self {
             schema: SUMMARY_SCHEMA.to_owned(),
+            level,
+            title: verdict::title(level, verdict, plan, &coverage),
             verdict,
             verdict_text: verdict::text(verdict, plan),
             views: plan.executed_views(),
@@ -135,7 +134,8 @@ impl Summary {
             grades: document.grades,
             cycle_secs: motion.map(|motion| motion.cycle_secs),
             cycle_parts: motion.as_ref().map(CycleParts::from),
-            cycle_text: motion.map(|motion| cycle_text(plan, &motion)),
+            cycle_text: motion.map(|motion| cycle::text(plan, &motion)),
+            program_cycle: None,
             regions_with_target: regions.iter().filter(|region| region.target.is_some()).count(),
             regions_unmet: regions.iter().filter(|region| region.is_unmet()).count(),
             missed_of_asked,
@@ -153,13 +153,27 @@ impl Summary {
         Self { plan_sha256: Some(plan_sha256), ..self }
     }
 
-    /// The summary in sentences, one on a line, as people read it: the verdict first, then views, coverage, cycle, the best
+    /// The summary with the cycle of the program in the robot's own dialect, told beside that of the plan where the two differ.
+    #[must_use]
+    pub fn with_program(self, program_cycle: Option<ProgramCycle>) -> Self {
+        let told = program_cycle.as_ref().and_then(ProgramCycle::text).unwrap_or_default();
+        let cycle_text = self.cycle_text.map(|text| text + &told);
+        Self { cycle_text, program_cycle, ..self }
+    }
+
+    /// The line of the best action, if one is known.
+    #[must_use]
+    pub fn next_text(&self) -> Option<String> {
+        self.action.as_ref().map(|action| format!("Next: {}", action.text))
+    }
+
+    /// The summary in sentences, one on a line, as people read it: title and verdict first, then views, coverage, cycle, the best
     /// action, and what is missed; the largest groups of missed spots are indented.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
-        let mut lines = vec![self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
+        let mut lines = vec![self.title.clone(), self.verdict_text.clone(), self.views_text.clone(), self.coverage_text.clone()];
         lines.extend(self.cycle_text.clone());
-        lines.extend(self.action.as_ref().map(|action| format!("Next: {}", action.text)));
+        lines.extend(self.next_text());
         lines.push(self.missed_text.clone());
         let (shown, rest) = self.missed.split_at(self.missed.len().min(GROUPS_SHOWN));
         lines.extend(shown.iter().map(|group| format!("  {}", group.text)));
@@ -203,13 +217,6 @@ impl SummaryShares {
     }
 }
 
-impl From<&MotionDocument> for CycleParts {
-    fn from(motion: &MotionDocument) -> Self {
-        let MotionDocument { moving_secs, turning_secs, settling_secs, scanning_secs, .. } = *motion;
-        Self { moving_secs, turning_secs, settling_secs, scanning_secs }
-    }
-}
-
 /// Views, setups, their registration and the bound: "10 views in 1 setup; lower bound 9".
 fn views_text(plan: &Plan) -> String {
     let (views, setups) = (counted(plan.executed_views(), "view"), counted(plan.setups.len(), "setup"));
@@ -237,22 +244,6 @@ fn no_path(plan: &Plan) -> Option<String> {
     let chosen = plan.views.len();
     let without_path = chosen - plan.executed_views();
     (without_path > 0).then(|| format!("no collision-free path leads to {without_path} of {}", counted(chosen, "chosen view")))
-}
-
-/// Cycle time with its parts: "Cycle 31.2 s = 23.4 s moving + 6 × 1.3 s scanning".
-fn cycle_text(plan: &Plan, motion: &MotionDocument) -> String {
-    let scan = &plan.params.scan;
-    let [cycle, moving, turning] = [motion.cycle_secs, motion.moving_secs, motion.turning_secs].map(|secs| fixed(secs, 1));
-    let visits = plan.visits().count();
-    let [each, settling] = [scan.settle_secs + scan.capture_secs, scan.settle_secs].map(|secs| (secs * 100.0).round() / 100.0);
-    let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of it settling)") } else { String::new() };
-    let order =
-        if plan.sequences().all(Sequence::is_shortest) { "; order proven optimal among the stations considered" } else { "" };
-    let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
-    format!(
-        "Cycle {cycle} s = {moving} s moving (the table turns in {turning} s of it) + {visits} × {each} s scanning{settling}\
-         {order}{turning_over}"
-    )
 }
 
 fn missed_text(missed_of_asked: f64, spots: usize) -> String {

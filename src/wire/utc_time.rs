@@ -45,7 +45,8 @@ impl FromStr for UtcTime {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        parse(text).ok_or_else(|| format!("{text:?} is no time; write it as 2026-01-31T12:00:00Z or 2026-01-31T13:00:00+01:00"))
+        parse(text)
+            .ok_or_else(|| format!("{text:?} is not a time; write it as 2026-01-31T12:00:00Z or 2026-01-31T13:00:00+01:00"))
     }
 }
 

@@ -7,6 +7,8 @@ use utoipa::ToSchema;
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{area_mm2, fixed, rounded_up_mm};
 use crate::cell::{Cell, CollisionScene, closed_list};
+use crate::geometry::{Mesh, stable_poses};
+use crate::planning::UpAxis;
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams};
 use crate::planning::plan::Robust;
 
@@ -26,6 +28,8 @@ closed_list! {
         PartSmall = "part_small",
         /// The part, as it lies, is wider than the plate: its unit may be wrong.
         PartLargerThanPlate = "part_larger_than_plate",
+        /// The part would tip over as it is to lie: nothing holds it, and its centre of mass is not above what it stands on.
+        PartUnstable = "part_unstable",
         /// The home of a cell looks like radians; it is in degrees.
         HomeInRadians = "home_in_radians",
         /// At the home of a cell two bodies are closer than plans keep them apart by default: no path may lead from there.
@@ -72,6 +76,23 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
     });
     let close = home_too_close(cell, MotionParams::default().clearance_mm, at);
     home.into_iter().chain(close).chain(plate).collect()
+}
+
+/// Warning of a part without a fixture that would not stand with an axis up; `None` where that cannot be told.
+#[must_use]
+pub fn of_standing(mesh: &Mesh, up: UpAxis, at: &str) -> Option<FieldWarning> {
+    let stable = stable_poses(mesh);
+    if stable.is_empty() || up.is_among(&stable) {
+        return None;
+    }
+    let stands: Vec<String> = UpAxis::all().filter(|axis| axis.is_among(&stable)).map(|axis| axis.to_string()).collect();
+    let other = if stands.is_empty() { String::new() } else { format!("; it stands with {} up", stands.join(", ")) };
+    Some(FieldWarning {
+        code: WarningCode::PartUnstable,
+        pointer: at.to_owned(),
+        detail: format!("is {up}, and the part would tip over that way{other}"),
+        remedy: "choose another axis, or plan with the fixture that holds the part (part.fixture_mesh)".to_owned(),
+    })
 }
 
 /// Warning of a home that is free, but not with the clearance of a plan.

@@ -114,9 +114,10 @@ pub fn at_risk_sentence(at_risk: &AtRiskDocument) -> String {
     let percent = |share: f64| format!("{} %", fixed(100.0 * share, 2));
     let counts = if at_risk.counted { "counted as measured" } else { "not counted as measured" };
     let there = at_risk.reasons.iter().filter(|reason| reason.area_mm2 > 0.0);
-    let reasons: Vec<_> = there.map(|reason| format!("{} {}", reason.reason, percent(reason.of_visible))).collect();
+    let reasons: Vec<_> =
+        there.map(|reason| format!("{} {}", reason.reason.replace('_', " "), percent(reason.of_visible))).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join(", ")) };
-    format!("at risk in a real scan: {} of visible, {counts}{reasons}", percent(at_risk.of_visible))
+    format!("At risk in a real scan: {} of visible, {counts}{reasons}", percent(at_risk.of_visible))
 }
 
 /// Meaning of a reason for which area is at risk, in a sentence without a full stop.
@@ -188,10 +189,10 @@ pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy
 pub fn no_plan_sentence(finding: &NoPlan) -> String {
     let (candidates, asked_mm2, missed_mm2) = match finding {
         NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, .. } => (candidates, asked_mm2, missed_mm2),
-        NoPlan::NothingInStudy => return "no candidate measures anything; look at the part's unit and size".to_owned(),
+        NoPlan::NothingInStudy => return "no candidate measures anything; check the part's unit and size".to_owned(),
         NoPlan::NotRegistered { stability } => {
             return format!(
-                "the setups share {} mm² of surface, which leaves {} free, so that they cannot be registered to each other; set \
+                "the setups share {} mm² of surface, which leaves {} free, so they cannot be registered to each other; set \
                  registration = markers or fixture if something else does it, or none if it need not be done; or allow more views \
                  (selection.max_views) or more setups, or set setups = 1",
                 area_mm2(stability.shared_area_mm2),
@@ -277,20 +278,20 @@ pub fn advice_sentence(advice: &Advice) -> String {
             return format!("free there with motion.clearance_mm = {:.1}", (max_mm * 10.0).floor() / 10.0);
         }
         Advice::MoveObstacle(name) => return format!("move {name}, or the table away from it"),
-        Advice::MoveFixture => "hold the part elsewhere, or plan it in several ways of lying (setups)",
+        Advice::MoveFixture => "clamp the part elsewhere, or plan it in several setups",
         Advice::MoveTable => {
-            "the part meets the robot's foot as the table turns: set the table farther off, or the part nearer to its axis"
+            "the part hits the robot's foot as the table turns: move the table away from the robot, or the part closer to the table's axis"
         }
         Advice::TurnPart => {
-            "lay the part in another way (setups, part.table_from_part), or look at it from farther off (candidates.standoffs_mm)"
+            "lay the part another way (setups, part.table_from_part), or scan it from farther away (candidates.standoffs_mm)"
         }
         Advice::RaisePart => {
-            "raise the part above the plate, or the robot's foot; `vantage study reach` tells which foot and table reach most"
+            "raise the part above the plate, or the robot's foot; `vantage study reach` finds the layout that reaches most"
         }
         Advice::MoveFoot => {
-            "the arm folds onto itself there: set its foot nearer to the table or farther off; `vantage study reach` compares"
+            "the arm folds onto itself there: move its foot closer to the table or farther away; `vantage study reach` compares layouts"
         }
-        Advice::MountScanner => "mount the scanner otherwise (flange_from_scanner); `vantage study reach` compares mounts",
+        Advice::MountScanner => "mount the scanner differently (flange_from_scanner); `vantage study reach` compares mounts",
     };
     text.to_owned()
 }

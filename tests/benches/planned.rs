@@ -108,11 +108,11 @@ fn plan(mesh: &Mesh, sets: &[&str]) -> Result<Planned, String> {
     }
     let json = |name: &str| -> Value { serde_json::from_slice(&fs::read(out.join(name)).expect("written")).expect("JSON") };
     let seconds = json("timings.json");
-    let stages = seconds.as_object().expect("stages").values().filter_map(Value::as_f64);
+    let stages = seconds.as_object().expect("stages").iter().filter(|(stage, _)| *stage != "total");
     Ok(Planned {
         candidates: json("plan.json")["candidates"]["kept"].as_u64().expect("a count"),
         visibility_s: seconds["visibility"].as_f64().expect("seconds"),
-        all_s: stages.sum(),
+        all_s: stages.filter_map(|(_, secs)| secs.as_f64()).sum(),
         peak_bytes,
     })
 }

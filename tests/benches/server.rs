@@ -1,6 +1,9 @@
 //! How soon the server answers while all cores plan: `cargo bench --bench server`. A store of 20 000 meshes, 10 000 jobs and
 //! 100 000 files is made first; then 16 clients download its largest result while others read, submit and upload, and
 //! 5 000 clients send half a request each. Everything runs on this machine, the clients too.
+//!
+//! `cargo bench --bench server -- jobs` measures jobs a second instead: 100 jobs on parts of 20 000 triangles, queued over HTTP, small
+//! ones side by side and, for comparison, one at a time on all threads; then one large job each way.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
@@ -26,7 +29,12 @@ struct Server {
 
 impl Server {
     fn start(data: &Path) -> Self {
+        Self::start_with(data, &[])
+    }
+
+    fn start_with(data: &Path, environment: &[(&str, &str)]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_vantage"));
+        command.envs(environment.iter().copied());
         command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data).env("VANTAGE_TELEMETRY__LOG", "error");
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the server");
         let mut line = String::new();
@@ -183,7 +191,105 @@ fn reads(server: &Server, until: Instant) -> Vec<Duration> {
     times
 }
 
+/// Jobs that are queued at once, and triangles of their parts.
+const QUEUED: usize = 100;
+const TRIANGLES: usize = 20_000;
+
+/// Binary STL of a dented ball of about so many triangles, 80 mm across.
+fn ball(triangles: usize, dents: f64) -> Vec<u8> {
+    let rows = ((triangles / 2) as f64).sqrt() as usize;
+    let point = |row: usize, column: usize| {
+        let polar = std::f64::consts::PI * row as f64 / rows as f64;
+        let azimuth = std::f64::consts::TAU * (column % rows) as f64 / rows as f64;
+        let radius = 40.0 + 2.0 * (dents * azimuth).sin() * (4.0 * polar).sin();
+        [polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos()].map(|at| (radius * at) as f32)
+    };
+    let quads = (0..rows).flat_map(|row| (0..rows).map(move |column| (row, column)));
+    let facets: Vec<[[f32; 3]; 3]> = quads
+        .flat_map(|(row, column)| {
+            let [a, b, c, d] =
+                [(row, column), (row + 1, column), (row + 1, column + 1), (row, column + 1)].map(|(r, c)| point(r, c));
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    let mut bytes = vec![0; 80];
+    bytes.extend(u32::try_from(facets.len()).expect("few").to_le_bytes());
+    for facet in &facets {
+        bytes.extend([0; 12]);
+        bytes.extend(facet.iter().flatten().flat_map(|at| at.to_le_bytes()));
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+/// CPU seconds of a process so far.
+fn cpu_secs(process: u32) -> f64 {
+    let text = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    let fields: Vec<&str> = text.rsplit(") ").next().unwrap_or_default().split(' ').collect();
+    let ticks = |at: usize| fields.get(at).and_then(|ticks| ticks.parse::<f64>().ok()).unwrap_or_default();
+    // User and system time, in hundredths of a second on Linux.
+    (ticks(11) + ticks(12)) / 100.0
+}
+
+/// Queues jobs, waits for the end of all, and prints jobs a second and the CPU time of a job.
+fn throughput(what: &str, environment: &[(&str, &str)], meshes: &[Vec<u8>], jobs: usize, params: &str) {
+    let data = tempfile::tempdir().expect("a folder");
+    let server = Server::start_with(data.path(), environment);
+    let upload = |mesh: &Vec<u8>| {
+        let (status, answer) = server.ask("POST", "/api/v1/meshes?unit=mm", "", mesh);
+        assert_eq!(status, 201, "{}", String::from_utf8_lossy(&answer));
+        serde_json::from_slice::<serde_json::Value>(&answer).expect("JSON")["id"].as_str().expect("an id").to_owned()
+    };
+    let meshes: Vec<String> = meshes.iter().map(upload).collect();
+    let (began, cpu_before) = (Instant::now(), cpu_secs(server.child.id()));
+    let submit = |number: usize| {
+        let body =
+            format!(r#"{{"mesh_id": "{}", "params": {params}, "labels": {{"n": "{number}"}}}}"#, meshes[number % meshes.len()]);
+        let (status, job) = server.json("POST", "/api/v1/jobs", &body);
+        assert_eq!(status, 202, "{job}");
+        job["id"].as_str().expect("an id").to_owned()
+    };
+    let ids: Vec<String> = (0..jobs).map(submit).collect();
+    let queued_secs = began.elapsed().as_secs_f64();
+    for id in &ids {
+        let state = || server.json("GET", &format!("/api/v1/jobs/{id}?wait=60s&fields=state"), "").1["state"].clone();
+        let mut ended = state();
+        while ended == "queued" || ended == "running" {
+            ended = state();
+        }
+        assert_eq!(ended, "succeeded", "{id}");
+    }
+    let (secs, cpu) = (began.elapsed().as_secs_f64(), cpu_secs(server.child.id()) - cpu_before);
+    println!(
+        "{what:<44} {jobs:>6} {:>9.2} {:>9.2} {:>9.1} {:>9.2}",
+        jobs as f64 / secs,
+        cpu / jobs as f64,
+        1e3 * queued_secs / jobs as f64,
+        secs
+    );
+    server.stop();
+}
+
+/// Jobs a second, small and large, each way.
+fn jobs_a_second() {
+    let small: Vec<Vec<u8>> = (3..7).map(|dents| ball(TRIANGLES, f64::from(dents))).collect();
+    let large = [ball(400_000, 5.0)];
+    println!("{:<44} {:>6} {:>9} {:>9} {:>9} {:>9}", "", "jobs", "jobs/s", "CPU s/job", "submit ms", "s in all");
+    let each_way = [("side by side", "0"), ("one at a time", "1")];
+    for (way, concurrent) in each_way {
+        let environment = [("VANTAGE_PLANNING__CONCURRENT_JOBS", concurrent)];
+        throughput(&format!("parts of 20 000 triangles, {way}"), &environment, &small, QUEUED, "{}");
+    }
+    for (way, concurrent) in each_way {
+        let environment = [("VANTAGE_PLANNING__CONCURRENT_JOBS", concurrent)];
+        throughput(&format!("parts of 400 000 triangles, {way}"), &environment, &large, 3, r#"{"part": {"samples_per_mm2": 8}}"#);
+    }
+}
+
 fn main() {
+    if std::env::args().any(|argument| argument == "jobs") {
+        return jobs_a_second();
+    }
     let data = tempfile::tempdir().expect("a folder");
     let server = Server::start(data.path());
     let (status, mesh) = server.json("POST", "/api/v1/meshes?unit=mm", &stl(20_000, 0.0));

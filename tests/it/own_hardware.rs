@@ -77,7 +77,7 @@ fn an_inch_part_taken_for_millimetres_is_told_in_every_output() {
     let warning = warning.unwrap_or_else(|| panic!("{}", document["warnings"]));
     assert_eq!(warning["pointer"], "/part/bbox_mm");
     assert!(
-        read("report.txt").starts_with("warning, part_small: the part is 4.00 × 3.00 × 2.00 mm")
+        read("report.txt").starts_with("Check the unit of the part (part_small): it is 4.00 × 3.00 × 2.00 mm")
             && read("report.html").contains(fits)
     );
     let (code, _, said) = told(&["check", &path("out/plan.json")]);
@@ -101,12 +101,28 @@ fn a_part_in_metres_is_blamed_on_the_file_and_its_unit() {
         assert_eq!(code, Some(2), "{said}");
         assert!(said.contains("metres.obj (--unit m): ") && !said.contains("parameters: /part"), "{said}");
         assert!(words.iter().all(|word| said.contains(word)), "{words:?} are not in {said}");
+        // The reason stands in a report, with the picture and what to do.
+        let read = |name: &str| std::fs::read_to_string(folder.path().join("out").join(name)).expect("a report");
+        let (page, report) = (read("report.html"), read("report.txt"));
+        assert!(report.contains("the part cannot be planned: it ") && report.contains("\ntry first: "), "{report}");
+        for shown in [
+            "The part cannot be planned as it is",
+            "Try first: ",
+            "The part in the cell",
+            "How the part lies on the plate",
+            "<img ",
+        ] {
+            assert!(page.contains(shown), "the page lacks {shown:?}");
+        }
+        assert!(!folder.path().join("out/plan.json").exists() && said.contains("report.html"), "{said}");
     }
+    std::fs::remove_dir_all(&out).expect("reports");
     // A pose that was given is to blame itself.
     block(Path::new(&part), [60.0, 40.0, 30.0]);
     let pose = r#"part.table_from_part={"translation_mm": [0, 0, -15], "rpy_deg": [0, 0, 0]}"#;
     let (code, _, said) = told(&["plan", &part, "--unit", "mm", "--out", &out, "--set", pose]);
     assert!(code == Some(2) && said.contains("parameters: /part/table_from_part: sinks the part 15.000 mm"), "{said}");
+    assert!(!Path::new(&out).exists(), "no report, and no empty folder, where a parameter is wrong");
 }
 
 #[test]

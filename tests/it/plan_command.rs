@@ -39,7 +39,7 @@ fn a_doubtful_mesh_is_told_before_planning_and_sigterm_cancels_with_4() {
     let told = said.join("\n");
     assert!(told.contains("part.obj: ") && told.contains("→ "), "{told}");
     assert!(told.contains("nothing was written"), "{told}");
-    assert_eq!(std::fs::read_dir(out).expect("made before").count(), 0);
+    assert!(!out.exists(), "no empty folder is left");
 }
 
 #[test]
@@ -95,8 +95,8 @@ fn a_feature_that_gets_nothing_is_warned_of_and_with_strict_exits_with_3() {
     assert_eq!(code, Some(0), "{warned}");
     for said in [
         "Regions unmet: 1 of 2 regions and features with a target: \"top\" 0.00 %, target 95.00 %",
-        "region \"side\" (interest;",
-        "region \"top\" (feature, tolerance 0.05 mm; 2400.0 mm²",
+        "Region \"side\" (interest;",
+        "Region \"top\" (feature, tolerance 0.05 mm; 2400.0 mm²",
     ] {
         assert!(summary.contains(said), "{said:?} is not in\n{summary}");
     }
@@ -142,7 +142,10 @@ fn regions_that_are_met_are_no_error_with_strict() {
     let folder = tempfile::tempdir().expect("a folder");
     let (code, summary, warned) = plan_block(folder.path(), &[SIDE], &["--strict"]);
     assert_eq!(code, Some(0), "{warned}");
-    assert!(summary.starts_with("Target met: ") && summary.contains("target 90.00 %: met"), "{summary}");
+    assert!(
+        summary.lines().nth(1).is_some_and(|line| line.starts_with("Target met: ")) && summary.contains("target 90.00 %: met"),
+        "{summary}"
+    );
     assert!(!warned.contains("/regions/"), "{warned}");
 }
 
@@ -264,7 +267,7 @@ fn several_parts_get_a_folder_each_and_one_that_fails_does_not_stop_the_others()
     let (code, told, errors) = planned(&[&first, &broken, &last], &out, &none);
     assert_eq!(code, Some(2), "{told}{errors}");
     assert!(at("plans/first/plan.json").is_file() && at("plans/last/report.html").is_file(), "{told}{errors}");
-    assert!(!at("plans/broken/plan.json").exists() && errors.contains("1 of 3 parts failed"), "{errors}");
+    assert!(!at("plans/broken").exists() && errors.contains("1 of 3 parts failed"), "no empty folder is left: {errors}");
     let table: Vec<&str> = told.lines().rev().take(4).collect();
     assert!(table[3].starts_with("part ") && table[2].starts_with(&first) && table[2].ends_with("planned"), "{told}");
     assert!(table[1].starts_with(&broken) && table[1].ends_with("bad input") && table[0].ends_with("planned"), "{told}");
@@ -276,6 +279,8 @@ fn several_parts_get_a_folder_each_and_one_that_fails_does_not_stop_the_others()
     assert_eq!(lines[0]["plan"], json(&at("plans/first/plan.json")));
     assert!(lines[1]["plan"].is_null() && lines[1]["error"].as_str().is_some_and(|why| why.contains("broken.stl")), "{lines:?}");
 
+    let (code, _, errors) = planned(&[&broken, &broken.replace("broken", "absent")], &at("none").display().to_string(), &none);
+    assert!(code == Some(2) && !at("none").exists(), "nor one around it: {errors}");
     let (code, _, errors) = planned(&[&first, &first], &out, &none);
     assert!(code == Some(2) && errors.contains("would both be planned into"), "{errors}");
 }
@@ -300,7 +305,70 @@ fn the_part_stands_as_up_says_and_values_come_from_files() {
 
     let lies = "part.table_from_part={\"translation_mm\": [0, 0, 0], \"quaternion_xyzw\": [0, 0, 0, 1]}";
     let (code, _, told) = planned(&[&part], &out, &["--cell", "none", "--up", "x", "--set", lies]);
-    assert!(code == Some(2) && told.contains("--up: part.table_from_part says how the part lies"), "{told}");
+    assert!(code == Some(2) && told.contains("--up: part.table_from_part already says how the part lies"), "{told}");
     let (code, _, told) = planned(&[&part], &out, &["--up", "w"]);
     assert!(code == Some(2) && told.contains("allowed is one of x, -x, y, -y, z, -z"), "{told}");
+}
+
+#[test]
+fn reports_are_written_as_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("out");
+    for (asked, files) in [("html", &["report.html", "report.txt"][..]), ("none", &[]), ("text", &["report.txt"])] {
+        let (code, summary, told) = plan_block(folder.path(), &[], &["--report", asked]);
+        assert_eq!(code, Some(0), "{told}");
+        for name in ["report.html", "report.txt"] {
+            assert_eq!(out.join(name).is_file(), files.contains(&name), "{asked}: {name}");
+        }
+        let named = summary.lines().find_map(|line| line.strip_prefix("Report: "));
+        assert_eq!(named.is_some_and(|path| path.ends_with(files.first().unwrap_or(&"none"))), !files.is_empty(), "{summary}");
+        assert!(out.join("plan.json").is_file() && out.join("coverage.csv").is_file());
+    }
+    let (code, _, told) = plan_block(folder.path(), &[], &["--report", "pdf"]);
+    assert!(code == Some(2) && told.contains("allowed is one of none, text, html"), "{told}");
+    // A report that was left out does not stand in the way of the user's own file of its name.
+    std::fs::write(out.join("report.html"), "mine").expect("a file");
+    let (code, _, told) = plan_block(folder.path(), &[], &["--report", "text"]);
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(std::fs::read_to_string(out.join("report.html")).expect("kept"), "mine");
+    let impossible = ["limits.camera_deg=1", "limits.projector_deg=1"];
+    let (code, _, told) = plan_block(folder.path(), &impossible, &["--report", "text"]);
+    assert!(code == Some(3) && told.contains("report.txt") && !told.contains("report.html"), "{told}");
+}
+
+#[test]
+fn the_stages_of_a_command_add_up_to_its_time() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (part, out) = (block(&at("block.obj")), at("plan").display().to_string());
+    let began = std::time::Instant::now();
+    let (code, _, told) = planned(&[&part], &out, &[]);
+    let wall_secs = began.elapsed().as_secs_f64();
+    assert_eq!(code, Some(0), "{told}");
+    let times: std::collections::BTreeMap<String, f64> =
+        serde_json::from_value(json(&at("plan/timings.json"))).expect("seconds by stage");
+    for stage in ["loading", "reading", "health", "surface", "collision_scene", "visibility", "report", "writing"] {
+        assert!(times.get(stage).is_some_and(|secs| *secs >= 0.0), "{stage} of {times:?}");
+    }
+    let total_secs = times["total"];
+    let sum_secs: f64 = times.iter().filter(|(stage, _)| *stage != "total").map(|(_, secs)| secs).sum();
+    assert!((sum_secs - total_secs).abs() <= 0.05 * total_secs, "{sum_secs} s of {total_secs} s: {times:?}");
+    // Beyond it are the start of the process, the renaming of the files, and the summary.
+    assert!((0.5..=1.0).contains(&(total_secs / wall_secs)), "{total_secs} s of {wall_secs} s");
+}
+
+#[test]
+fn a_part_that_would_tip_over_as_up_lays_it_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    // A pyramid: it stands on its base, and on no other side that an axis of the file points away from.
+    let corners = "v -30 -30 0\nv 30 -30 0\nv 30 30 0\nv -30 30 0\nv 0 0 70\n";
+    let sides = "f 1 4 3\nf 1 3 2\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";
+    std::fs::write(at("pyramid.obj"), format!("{corners}{sides}")).expect("a file");
+    let warns = |up: &str| {
+        let (code, _, told) = planned(&[&at("pyramid.obj")], &at("plan"), &["--cell", "none", "--up", up]);
+        assert_eq!(code, Some(0), "{told}");
+        told.contains(&format!("pyramid.obj: --up: is {up}, and the part would tip over that way; it stands with z up"))
+    };
+    assert_eq!((warns("z"), warns("-z"), warns("x")), (false, true, true));
 }

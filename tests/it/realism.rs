@@ -138,7 +138,7 @@ fn plan_and_texts_tell_it_apart_from_the_headline() {
     let coverage = &outcome.plan.coverage;
     assert!((of_visible - coverage.at_risk.area_mm2 / coverage.visible_area_mm2).abs() < 1e-12);
     let told = at_risk_sentence(document.coverage.at_risk.as_ref().expect("of a new plan"));
-    let begins = format!("at risk in a real scan: {:.2} % of visible, counted as measured: concave_zone ", 100.0 * of_visible);
+    let begins = format!("At risk in a real scan: {:.2} % of visible, counted as measured: concave zone ", 100.0 * of_visible);
     assert!(told.starts_with(&begins), "{told}");
     let text = text(&outcome.plan);
     assert!(text.contains(&format!("\n{told}\n")), "{text}");

@@ -16,9 +16,9 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
 use vantage::planning::params::{PartParams, PlanParams, Region, RegionParams};
 use vantage::planning::plan::{
-    Advice, AtRisk, Bound, CandidateCounts, CandidateId, Cause, Coverage, Grade, Independent, MeasuredArea, MissedCause,
-    MissedSpot, Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId, SetupPlan, Stance,
-    StopReason, Verdict, ViewId,
+    Advice, AtRisk, Bound, CandidateCounts, CandidateId, Cause, ChosenOn, Coverage, Grade, Independent, MeasuredArea,
+    MissedCause, MissedSpot, Obstruction, Outcome, PartFacts, Plan, PlannedView, Remedy, RemedyKind, RemedyView, SetupId,
+    SetupPlan, Stance, StopReason, Verdict, ViewId,
 };
 use vantage::planning::sequence::{Leg, Sequence};
 use vantage::planning::stations::Station;
@@ -27,6 +27,7 @@ use vantage::planning::visibility::Row;
 use vantage::report::html::{ReportInput, ReportSubject, render};
 use vantage::report::text::text;
 use vantage::wire::echo::Echo;
+use vantage::wire::summary::Summary;
 use vantage::wire::{coverage, missed, viewpoints};
 
 use markup::{data_uris, well_formed};
@@ -243,6 +244,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         advice: Vec::new(),
         stopped_because: StopReason::Target,
         bound: Bound { views_lower: sides.len() as u32, ..Bound::default() },
+        chosen_on: ChosenOn::default(),
         coverage,
     };
     Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None, scenes: Vec::new() }
@@ -266,7 +268,8 @@ fn dated_page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo, date
         date,
         size_warnings: &[],
     };
-    let input = ReportInput { subject, outcome, plan_sha256: PLAN_SHA256, cycle_secs: Some(143.2) };
+    let summary = Summary { cycle_secs: Some(143.2), ..Summary::of(&outcome.plan) };
+    let input = ReportInput { subject, outcome, plan_sha256: PLAN_SHA256, summary: &summary };
     render(&input, &Context::new(&flag, &Silent)).expect("not cancelled")
 }
 
@@ -326,6 +329,7 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
     }
     for said in [
         "Ready to scan",
+        "<p class=\"action\">Next: ",
         "4</b><span>views",
         "2\u{a0}min 23\u{a0}s</b><span>cycle time",
         "4 × 1.3 s scanning",
@@ -397,12 +401,12 @@ fn the_page_is_a_work_instruction_in_the_order_of_the_work() {
     ascend(
         &page,
         &[
-            "<h2>Ready to scan</h2>",
+            "<h2>Ready to scan, but ",
             "<h2>How the part lies on the plate</h2>",
             "<h2>Stops in the robot’s order</h2>",
-            "<h2>What is missed, and what helps</h2>",
-            "<h3>What helps the spots</h3>",
-            "<h2>Why to trust it</h2>",
+            "<h2>What is missed, and how to fix it</h2>",
+            "<h3>Fixes for the spots</h3>",
+            "<h2>Why these figures can be trusted</h2>",
             "<h2>Appendix</h2>",
         ],
     );
@@ -458,9 +462,7 @@ fn a_drawing_a_setup_has_the_offsets_from_the_axis_and_the_side_up() {
     let figures: Vec<&str> =
         page.split("<figure class=\"lay\"").skip(1).map(|rest| rest.split("</figure>").next().expect("its end")).collect();
     assert_eq!(figures.len(), 2);
-    assert!(
-        figures[0].contains("Setup 1: as it is laid first") && figures[1].contains("Setup 2, from setup 1: turn it upside down")
-    );
+    assert!(figures[0].contains("Setup 1: as placed first") && figures[1].contains("Setup 2, from setup 1: turn it upside down"));
     let lengths = |figure: &str| -> Vec<String> {
         let texts = figure.split("<text class=\"dimension").skip(1);
         texts.map(|rest| rest.split('>').nth(1).and_then(|text| text.split('<').next()).expect("a text").to_owned()).collect()
@@ -493,8 +495,8 @@ fn a_drawing_a_setup_has_the_offsets_from_the_axis_and_the_side_up() {
 fn numbers_of_spots_are_the_same_in_the_list_and_in_the_pictures() {
     let mesh = sphere();
     let page = page(&mesh, &sphere_outcome(&mesh), "sphere", &Echo::default());
-    let section = page.split("<h2>What is missed, and what helps</h2>").nth(1).expect("the section");
-    let (pictures, list) = section.split_once("<h3>What helps the spots</h3>").expect("fixes");
+    let section = page.split("<h2>What is missed, and how to fix it</h2>").nth(1).expect("the section");
+    let (pictures, list) = section.split_once("<h3>Fixes for the spots</h3>").expect("fixes");
     for number in 1..=2 {
         assert!(pictures.contains(&format!("<g class=\"spot\" data-spot=\"{number}\">")), "spot {number} is seen from a side");
         assert!(list.contains(&format!("<b>{number}</b>")), "spot {number} is listed");

@@ -66,7 +66,7 @@ fn wrong_scanners() -> Vec<Wrong> {
             &["is 35 px", "2000 px show", "divide it by the pixel pitch in mm"],
         ),
         scanner(|s| s["mass_kg"] = json!(-2.7), "/mass_kg", &["is -2.7 kg", "allowed is 0.01 to 100 kg"]),
-        scanner(|s| s["mass_kg"] = json!("2.7 kg"), "/mass_kg", &["invalid type: string", "expected f64"]),
+        scanner(|s| s["mass_kg"] = json!("2.7 kg"), "/mass_kg", &["is \"2.7 kg\"", "expected a number"]),
         scanner(|s| s["depth_mm"]["near"] = json!(600.0), "/depth_mm", &["near 600", "must be near < best < far"]),
         scanner(
             |s| s["depth_mm"] = json!({"near": 0.41, "best": 0.48, "far": 0.565}),
@@ -132,10 +132,10 @@ fn wrong_robots_and_turntables() -> Vec<Wrong> {
             "/joints/2/max_speed_deg_per_s",
             &["is 0.05 °/s", "allowed is 0.1 to 3600 °/s"],
         ),
-        robot(|r| drop(r["joints"].as_array_mut().expect("a list").pop()), "/joints", &["invalid length 5", "length 6"]),
+        robot(|r| drop(r["joints"].as_array_mut().expect("a list").pop()), "/joints", &["has 5 elements", "a list of 6"]),
         robot(|r| r["links"] = json!([]), "/links", &["is empty", "at least one capsule"]),
         robot(|r| r["links"][0]["link"] = json!(9), "/links/0/link", &["is 9", "allowed is 0 to 6"]),
-        robot(|r| r["kinematics"]["kind"] = json!("scara"), "/kinematics", &["unknown variant `scara`", "`opw`, `ur`, `chain`"]),
+        robot(|r| r["kinematics"]["kind"] = json!("scara"), "/kinematics", &["unknown value `scara`", "`opw`, `ur`, `chain`"]),
         robot(|r| remove(&mut r["joints"][3], "max_deg"), "/joints/3/max_deg", &["is missing", "Highest angle, degrees"]),
         turntable(|t| t["plate_diameter_mm"] = json!(0.5), "/plate_diameter_mm", &["is 0.5 mm", "allowed is 1 to 10000 mm"]),
         turntable(
@@ -161,7 +161,7 @@ fn wrong_cells() -> Vec<Wrong> {
             &["mm from the robot's shoulder, out of reach", "reach", "move the table nearer"],
         ),
         cell(|c| c["home_deg"][2] = json!(170.0), "/home_deg/2", &["is 170.000°", "the axis allows"]),
-        cell(|c| drop(c["home_deg"].as_array_mut().expect("a list").pop()), "/home_deg", &["invalid length 6", "length 7"]),
+        cell(|c| drop(c["home_deg"].as_array_mut().expect("a list").pop()), "/home_deg", &["has 6 elements", "a list of 7"]),
         cell(|c| c["floor_mm"] = json!(-38_000), "/floor_mm", &["is -38000 mm", "allowed is -10000 to 10000 mm"]),
         cell(|c| c["mount_mass_kg"] = json!(4.0), "/scanner", &["weighs 2.7 kg and its mount 4 kg", "payload of 5 kg"]),
         cell(

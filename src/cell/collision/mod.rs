@@ -24,7 +24,7 @@ use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::Pose as ParryPose;
 
-use self::scene_body::{ParentLink, SceneBody, assemble};
+use self::scene_body::{ParentLink, SceneBody, assemble, attach};
 pub use self::separation::{Farthest, Separation};
 use self::solid::{near, parry_pose};
 use super::axis::{Axes, Axis, Configuration};
@@ -117,19 +117,27 @@ impl CollisionScene {
     /// triangles.
     #[must_use]
     pub fn new(cell: &Cell, part: &Mesh, fixture: Option<&Mesh>, table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
+        Self::without_part(cell, clearance_mm).with_part(part, fixture, table_from_part)
+    }
+
+    /// The scene of a cell with nothing on its plate, with `part` and `fixture` put on it: equal to [`CollisionScene::new`] of that
+    /// cell, without the work on what the cell itself is made of.
+    #[must_use]
+    pub fn with_part(&self, part: &Mesh, fixture: Option<&Mesh>, table_from_part: &Pose<Table, Part>) -> Self {
+        let mut scene = self.clone();
+        let first = scene.bodies.len();
         let attached = std::iter::once(("part", part)).chain(fixture.map(|mesh| ("fixture", mesh)));
-        Self::assemble(cell, &attached.collect::<Vec<_>>(), table_from_part, clearance_mm)
+        scene.bodies.extend(attach(attached, table_from_part));
+        let added = pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
+        scene.pairs.extend(added);
+        scene
     }
 
     /// The cell with nothing on its plate.
     #[must_use]
     pub fn without_part(cell: &Cell, clearance_mm: f64) -> Self {
-        Self::assemble(cell, &[], &Pose::identity(), clearance_mm)
-    }
-
-    fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {
-        let bodies = assemble(cell, attached, table_from_part);
-        let pairs = pairs(&bodies, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
+        let bodies = assemble(cell);
+        let pairs = pairs(&bodies, 0, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
         let mut scene = Self {
             kinematics: cell.robot.kinematics.clone(),
             base_from_table: cell.base_from_table,
@@ -398,7 +406,7 @@ impl CollisionScene {
         }
         let with = |stands: fn(&SceneBody) -> bool| {
             let meet = move |a: &SceneBody, b: &SceneBody| (a.is_attached() && stands(b)) || (b.is_attached() && stands(a));
-            let pairs = pairs(&lifted.bodies, &lifted.kinematics, 0.5 * LYING_MM, meet);
+            let pairs = pairs(&lifted.bodies, 0, &lifted.kinematics, 0.5 * LYING_MM, meet);
             Self { pairs, ..lifted.clone() }
         };
         let Axis { min_rad, max_rad, .. } = self.table_axis;
@@ -422,9 +430,10 @@ fn spread_configuration(axes: &Axes, sample: u32) -> Configuration {
     }))
 }
 
-/// Every two bodies that `may_meet`.
+/// Every two bodies that `may_meet`, one of which is the body `first` or a later one.
 fn pairs(
     bodies: &[SceneBody],
+    first: usize,
     kinematics: &Kinematics,
     clearance_mm: f64,
     may_meet: impl Fn(&SceneBody, &SceneBody) -> bool,
@@ -433,7 +442,7 @@ fn pairs(
     let between: [f64; 6] =
         std::array::from_fn(|link| (frames[link + 1].translation.vector - frames[link].translation.vector).norm());
     let mut pairs = Vec::new();
-    for b in 0..bodies.len() {
+    for b in first..bodies.len() {
         for a in 0..b {
             if may_meet(&bodies[a], &bodies[b]) {
                 pairs.push(Pair {

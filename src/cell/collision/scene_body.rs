@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use parry3d::math::Pose as ParryPose;
-use rayon::prelude::*;
 
 use super::solid::{Solid, Trees, parry_pose};
 use crate::cell::body::{Body, LinkBody, Shape};
@@ -132,22 +131,8 @@ impl SceneBody {
     }
 }
 
-/// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles, part, fixture. Box trees of the
-/// cell's meshes grow beside those of part and fixture.
-pub(super) fn assemble(cell: &Cell, attached: &[(&str, &Mesh)], table_from_part: &Pose<Table, Part>) -> Vec<SceneBody> {
-    // In plate coordinates before rounding to single precision: files may lie far from their own origin.
-    let plate_from_part = plate_from_placed(table_from_part);
-    let attach = |(name, mesh): &(&str, &Mesh)| {
-        SceneBody::new(name, ParentLink::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
-    };
-    let with_faces = attached.par_iter().filter(|(_, mesh)| !mesh.faces.is_empty());
-    let (mut bodies, attached) = rayon::join(|| bodies_of(cell), || with_faces.map(attach).collect::<Vec<_>>());
-    bodies.extend(attached);
-    bodies
-}
-
-/// Everything but part and fixture.
-fn bodies_of(cell: &Cell) -> Vec<SceneBody> {
+/// Everything in the cell, in a fixed order: arm, cable, mount, scanner, table, floor, obstacles.
+pub(super) fn assemble(cell: &Cell) -> Vec<SceneBody> {
     let (mut trees, identity) = (Trees::default(), Isometry3::identity());
     let own = |surface: &LinkBody| Solid::shared(&surface.body.shape, &mut trees);
     let solids: Vec<_> = cell.link_surfaces.iter().map(own).collect();
@@ -162,6 +147,18 @@ fn bodies_of(cell: &Cell) -> Vec<SceneBody> {
     bodies.extend(cell.floor_mm.map(floor));
     bodies.extend(cell.obstacles.iter().map(|body| SceneBody::from_body(body, ParentLink::Still, &identity, &mut trees)));
     bodies
+}
+
+/// Bodies attached to the plate: part and fixture, unless they are empty.
+pub(super) fn attach<'a>(
+    meshes: impl Iterator<Item = (&'a str, &'a Mesh)>,
+    table_from_part: &Pose<Table, Part>,
+) -> impl Iterator<Item = SceneBody> {
+    // In plate coordinates before rounding to single precision: files may lie far from their own origin.
+    let plate_from_part = plate_from_placed(table_from_part);
+    meshes.filter(|(_, mesh)| !mesh.faces.is_empty()).map(move |(name, mesh)| {
+        SceneBody::new(name, ParentLink::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
+    })
 }
 
 fn link_body(link: &LinkCapsule, surfaces: &[(&LinkBody, Solid)]) -> SceneBody {

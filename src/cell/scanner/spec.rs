@@ -328,7 +328,7 @@ impl BoardPoseSpec {
             format!("{pointer}/rotation_rows"),
             || {
                 format!(
-                    "is no rotation: R·Rᵀ is off identity by {residual}, determinant {}; allowed is {ROTATION_TOLERANCE}",
+                    "is not a rotation: R·Rᵀ is off identity by {residual}, determinant {}; allowed is {ROTATION_TOLERANCE}",
                     matrix.determinant()
                 )
             },

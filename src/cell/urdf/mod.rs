@@ -65,7 +65,7 @@ pub struct LinkSurface {
 #[derive(Debug, thiserror::Error)]
 pub enum UrdfError {
     /// The file is not a URDF.
-    #[error("is no URDF: {0}")]
+    #[error("is not a URDF file: {0}")]
     Unreadable(String),
     /// No link of this name.
     #[error("has no link {0:?}")]

@@ -38,7 +38,7 @@ fn a_urdf_gives_joints_limits_and_capsules_in_millimetres() {
 fn what_is_no_arm_is_refused_by_name() {
     let refused = |text: &str, options: &UrdfOptions| import(text, options, &mut no_mesh).expect_err("refused").to_string();
     let told = refused("<robot", &options());
-    assert!(told.contains("is no URDF"), "{told}");
+    assert!(told.contains("is not a URDF file"), "{told}");
     let told = refused(&arm_urdf("fixed"), &options());
     assert!(told.contains("six turning joints from \"base_link\"") && told.contains("tool0"), "{told}");
     let told = refused(&arm_urdf("prismatic"), &UrdfOptions { tip_link: Some("tool0".into()), ..options() });

@@ -1,14 +1,8 @@
-use std::sync::atomic::AtomicBool;
-
 use serde_json::{Value, json};
 
 use crate::check::check_plan as check;
-use crate::geometry::LengthUnit;
-use crate::planning::context::{Context, Silent};
 use crate::planning::params::{CandidateParams, InterestParams, PlanParams, PoseErrorParams, Region};
-use crate::service::plan_job::PlanJob;
-use crate::testing::{box_mesh, nominal_scanner};
-use crate::wire::echo::Echo;
+use crate::testing::plan_of_block;
 
 /// Two views cannot measure all of a block, as this region asks.
 fn all_of_it() -> InterestParams {
@@ -25,29 +19,13 @@ fn all_of_it() -> InterestParams {
 
 /// The plan of a block without a cell, as a file holds it.
 fn plan() -> Value {
-    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     params.selection.max_views = Some(2);
     params.limits.camera_deg = Some(35.0);
     params.regions.interest = vec![all_of_it()];
     params.robust.pose_error = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
     (params.robust.draws, params.robust.part_draws) = (2, 2);
-    let job = PlanJob {
-        mesh: &mesh,
-        fixture: None,
-        part_name: "block".into(),
-        part_sha256: &"0a".repeat(32),
-        unit: LengthUnit::Millimetre,
-        scanner: &scanner,
-        cell: None,
-        roadmaps: None,
-        params: &params,
-        echo: Echo::default(),
-        date: None,
-    };
-    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
-    let plan = files.iter().find(|file| file.name == "plan.json").expect("the plan");
-    serde_json::from_slice(&plan.bytes).expect("JSON")
+    serde_json::from_slice(&plan_of_block(&params)).expect("JSON")
 }
 
 /// Everything found, a line each.

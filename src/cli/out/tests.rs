@@ -203,3 +203,17 @@ fn a_program_does_not_go_beside_the_results_of_another_plan() {
     write(folder.path(), OutputWriter::Program, &[("program.csv", "again")], &plan_of("aa")).expect("its own");
     assert_eq!(found(folder.path()), is(&[("plan.json", "1"), ("program.csv", "again")]));
 }
+
+#[test]
+fn a_run_that_writes_nothing_leaves_no_folder_that_it_made() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (outer, inner) = (folder.path().join("plans"), folder.path().join("plans/lid"));
+    drop(OutputFolder::prepare(&inner, OutputWriter::Plan, &[]).expect("made"));
+    assert!(!inner.exists() && !outer.exists() && folder.path().exists());
+    fs::create_dir_all(&inner).expect("the user's");
+    drop(OutputFolder::prepare(&inner, OutputWriter::Plan, &[]).expect("there"));
+    assert!(inner.exists(), "the user made it");
+    fs::remove_dir(&inner).expect("empty");
+    write(&inner, OutputWriter::Plan, &[("plan.json", "1")], &plan_of("aa")).expect("written");
+    assert!(inner.join("plan.json").is_file(), "what is written stays");
+}

@@ -38,10 +38,15 @@ fn the_exit_code_is_the_worst() {
 
 #[test]
 fn the_table_has_a_line_a_part() {
-    let planned = PartRow { views: Some(12), of_visible: Some(0.9876), cycle_secs: Some(70.44), ..row("housing.stl", None) };
+    let planned = PartRow {
+        views: Some(12),
+        of_visible: Some(0.9876),
+        cycle: Some("49.6 s (hans: 69.9 s)".to_owned()),
+        ..row("housing.stl", None)
+    };
     let told = table(&[planned, row("lid.stl", Some(CliError::NoPlan("why".into())))]);
-    let wanted = "part         views  of visible   cycle  result\n\
-                  housing.stl     12     98.76 %  70.4 s  planned\n\
-                  lid.stl          –           –       –  no plan\n";
+    let wanted = "part         views  of visible                  cycle  result\n\
+                  housing.stl     12     98.76 %  49.6 s (hans: 69.9 s)  planned\n\
+                  lid.stl          –           –                      –  no plan\n";
     assert_eq!(told, wanted);
 }

@@ -1,17 +1,13 @@
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use clap::Parser;
 use serde_json::{Value, json};
 
 use super::{ProgramArgs, run};
 use crate::cell::{Named, Presets, SpecLibrary};
-use crate::geometry::LengthUnit;
-use crate::planning::context::{Context, Silent};
 use crate::planning::params::{CandidateParams, PlanParams};
-use crate::service::plan_job::{PlanJob, bytes_of, plan_sha256};
-use crate::testing::{box_mesh, nominal_scanner};
-use crate::wire::echo::Echo;
+use crate::service::plan_job::plan_sha256;
+use crate::testing::plan_of_block;
 use crate::wire::output_record::RECORD_FILE;
 
 #[derive(Parser)]
@@ -36,26 +32,11 @@ fn planned_from(folder: &Path, plan_sha256: &str, cycle_secs: f64) {
 
 /// Bytes of a plan without a cell.
 fn plan_without_cell() -> Vec<u8> {
-    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner());
     let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
     (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.1), Some(20.0));
     (params.selection.max_views, params.missed.remedies, params.missed.advice) = (Some(2), 0, false);
     params.robust.pose_error = None;
-    let job = PlanJob {
-        mesh: &mesh,
-        fixture: None,
-        part_name: "block".into(),
-        part_sha256: &"0a".repeat(32),
-        unit: LengthUnit::Millimetre,
-        scanner: &scanner,
-        cell: None,
-        roadmaps: None,
-        params: &params,
-        echo: Echo::default(),
-        date: None,
-    };
-    let files = job.execute(&Context::new(&AtomicBool::new(false), &Silent)).expect("a plan");
-    bytes_of(&files, "plan.json").to_vec()
+    plan_of_block(&params)
 }
 
 /// Names of the files written, beside the record.

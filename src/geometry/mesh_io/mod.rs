@@ -141,13 +141,27 @@ pub fn read_from(
     limits: &Limits,
     poll: &Poll<'_>,
 ) -> Result<ReadMesh, ReadError> {
+    Ok(parse_from(source, length_bytes, unit, limits, poll)?.finished()?)
+}
+
+/// Reads a mesh file as [`read_from`] does, up to the welding and the assessment of its mesh.
+///
+/// # Errors
+/// [`ReadError`]; [`MeshError::Interrupted`] when `poll` says to stop.
+pub fn parse_from<'a>(
+    source: &mut dyn Read,
+    length_bytes: u64,
+    unit: Option<LengthUnit>,
+    limits: &'a Limits,
+    poll: &'a Poll<'a>,
+) -> Result<ParsedMesh<'a>, ReadError> {
     let mut bytes = Vec::new();
     Read::take(&mut *source, stl_binary::HEAD_BYTES as u64).read_to_end(&mut bytes)?;
     let parsed = match bytes.first_chunk().filter(|head| stl_binary::length_fits(*head, length_bytes)) {
         Some(head) => {
             let mut soup = Soup::new(Settings::new(unit.ok_or(MeshError::UnitMissing)?, limits), poll);
             stl_binary::read_records(head, source, &mut soup)?;
-            Parsed { format: MeshFormat::StlBinary, soup, groups: Vec::new() }
+            ParsedMesh { format: MeshFormat::StlBinary, soup, groups: Vec::new() }
         }
         None => {
             while Read::take(&mut *source, CHUNK_BYTES).read_to_end(&mut bytes)? > 0 {
@@ -156,19 +170,18 @@ pub fn read_from(
             parsed(&bytes, unit.map(|unit| Settings::new(unit, limits)), poll)?
         }
     };
-    drop(bytes);
-    Ok(parsed.finished()?)
+    Ok(parsed)
 }
 
 /// A parsed file, before its mesh is welded and assessed.
-struct Parsed<'a> {
+pub struct ParsedMesh<'a> {
     format: MeshFormat,
     soup: Soup<'a>,
     groups: Vec<FaceGroup>,
 }
 
 /// Parses a whole file; without settings for want of a unit only its format is found.
-fn parsed<'a>(bytes: &[u8], settings: Option<Settings<'a>>, poll: &'a Poll<'a>) -> Result<Parsed<'a>, MeshError> {
+fn parsed<'a>(bytes: &[u8], settings: Option<Settings<'a>>, poll: &'a Poll<'a>) -> Result<ParsedMesh<'a>, MeshError> {
     let text = content(bytes, poll)?;
     let format = detect::detect_format(&text, poll)?;
     let mut soup = Soup::new(settings.ok_or(MeshError::UnitMissing)?, poll);
@@ -180,11 +193,15 @@ fn parsed<'a>(bytes: &[u8], settings: Option<Settings<'a>>, poll: &'a Poll<'a>) 
     };
     // Once stopped, a reader sees the file end and reports that it is truncated.
     poll.check()?;
-    Ok(Parsed { format, soup, groups: groups? })
+    Ok(ParsedMesh { format, soup, groups: groups? })
 }
 
-impl Parsed<'_> {
-    fn finished(self) -> Result<ReadMesh, MeshError> {
+impl ParsedMesh<'_> {
+    /// Welds and assesses the mesh.
+    ///
+    /// # Errors
+    /// [`MeshError::NoTriangles`]; [`MeshError::Interrupted`] when the poll that it was read with says to stop.
+    pub fn finished(self) -> Result<ReadMesh, MeshError> {
         let Self { format, mut soup, groups } = self;
         match format {
             MeshFormat::StlBinary | MeshFormat::StlAscii => soup.weld_float_noise()?,

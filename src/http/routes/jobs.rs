@@ -2,27 +2,51 @@
 
 use std::time::Duration;
 
-use axum::extract::{Path, State};
+use axum::extract::{FromRequest, FromRequestParts, Path, Request, State};
 use axum::http::header::{LOCATION, RETRY_AFTER};
 use axum::http::{HeaderName, StatusCode};
 use axum::response::Response;
+use serde::de::DeserializeOwned;
+use utoipa::ToSchema;
 
 use super::job_id;
-use crate::http::extract::{IdempotencyKeyHeader, Json, Params};
+use crate::http::extract::{Json, Params};
 use crate::http::fields::Fields;
 use crate::http::prefix::Prefix;
-use crate::http::problem::ApiError;
+use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
-use crate::service::{Error, JobQuery};
+use crate::service::{Error, JobQuery, Submission};
 use crate::wire::{
-    DeletedJobs, Job, JobBatch, JobBatchRequest, JobListItem, JobPage, JobProblem, JobRequest, JobSelection, JobSort, JobState,
-    JobUpdate, LabelsRequest, problem_type,
+    DeletedJobs, Job, JobBatch, JobBatchRequest, JobId, JobListItem, JobPage, JobProblem, JobRequest, JobSelection, JobSort,
+    JobState, JobUpdate, LabelsRequest, problem_type,
 };
 
 /// Polling interval that responses suggest, seconds.
 const POLL_AFTER_SECS: &str = "2";
 /// Longest wait for a job's end.
 const MAX_WAIT: Duration = Duration::from_secs(60);
+
+/// A change of a job: its id in the path, and what is to become of it in the body.
+pub(in crate::http) struct ChangeOf<T> {
+    id: JobId,
+    prefix: Prefix,
+    body: T,
+}
+
+impl<T: DeserializeOwned + ToSchema + 'static> FromRequest<ApiState> for ChangeOf<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &ApiState) -> Result<Self, ApiError> {
+        let (mut parts, body) = request.into_parts();
+        let Ok(prefix) = Prefix::from_request_parts(&mut parts, state).await;
+        let unreadable = |_| ApiError::new(Code::BadRequest, "the path is not UTF-8 text");
+        let Path(id) = Path::<String>::from_request_parts(&mut parts, state).await.map_err(unreadable)?;
+        let params = Params::from_request_parts(&mut parts, state).await?;
+        let Json(body) = Json::from_request(Request::from_parts(parts, body), state).await?;
+        params.deny_unknown()?;
+        Ok(Self { id: job_id(&id)?, prefix, body })
+    }
+}
 
 type Accepted = (StatusCode, [(HeaderName, String); 2], axum::Json<Job>);
 
@@ -47,15 +71,13 @@ type Accepted = (StatusCode, [(HeaderName, String); 2], axum::Json<Job>);
 )]
 pub(in crate::http) async fn create(
     State(state): State<ApiState>,
+    submission: Submission,
     prefix: Prefix,
-    key: Option<IdempotencyKeyHeader>,
     params: Params,
     Json(request): Json<JobRequest>,
 ) -> Result<Accepted, ApiError> {
     params.deny_unknown()?;
-    let limit = Some(state.options.request_timeout);
-    let job = state.app.submit(request, key.as_ref().map(|IdempotencyKeyHeader(key)| key.as_str()), limit).await?;
-    Ok(accepted(job, &prefix))
+    Ok(accepted(state.app.submit(request, submission).await?, &prefix))
 }
 
 fn accepted(job: Job, prefix: &Prefix) -> Accepted {
@@ -96,14 +118,13 @@ fn refer(problem: &mut Option<JobProblem>, prefix: &Prefix) {
 )]
 pub(in crate::http) async fn create_batch(
     State(state): State<ApiState>,
+    submission: Submission,
     prefix: Prefix,
-    key: Option<IdempotencyKeyHeader>,
     params: Params,
     Json(batch): Json<JobBatchRequest>,
 ) -> Result<(StatusCode, [(HeaderName, &'static str); 1], axum::Json<JobBatch>), ApiError> {
     params.deny_unknown()?;
-    let limit = Some(state.options.request_timeout);
-    let batch = state.app.submit_batch(batch, key.as_ref().map(|IdempotencyKeyHeader(key)| key.as_str()), limit).await?;
+    let batch = state.app.submit_batch(batch, submission).await?;
     let jobs = batch.jobs.into_iter().map(|job| shown(job, &prefix)).collect();
     Ok((StatusCode::ACCEPTED, [(RETRY_AFTER, POLL_AFTER_SECS)], axum::Json(JobBatch { jobs })))
 }
@@ -245,13 +266,9 @@ fn duration(text: &str) -> Result<Duration, ApiError> {
 )]
 pub(in crate::http) async fn update(
     State(state): State<ApiState>,
-    prefix: Prefix,
-    Path(id): Path<String>,
-    params: Params,
-    Json(update): Json<JobUpdate>,
+    change: ChangeOf<JobUpdate>,
 ) -> Result<axum::Json<Job>, ApiError> {
-    params.deny_unknown()?;
-    Ok(axum::Json(shown(state.app.update_job(job_id(&id)?, update).await?, &prefix)))
+    Ok(axum::Json(shown(state.app.update_job(change.id, change.body).await?, &change.prefix)))
 }
 
 /// Cancel a job
@@ -294,13 +311,9 @@ pub(in crate::http) async fn cancel(
 )]
 pub(in crate::http) async fn put_labels(
     State(state): State<ApiState>,
-    prefix: Prefix,
-    Path(id): Path<String>,
-    params: Params,
-    Json(labels): Json<LabelsRequest>,
+    change: ChangeOf<LabelsRequest>,
 ) -> Result<axum::Json<Job>, ApiError> {
-    params.deny_unknown()?;
-    Ok(axum::Json(shown(state.app.put_labels(job_id(&id)?, labels).await?, &prefix)))
+    Ok(axum::Json(shown(state.app.put_labels(change.id, change.body).await?, &change.prefix)))
 }
 
 /// Delete an ended job and its results

@@ -70,19 +70,30 @@ const TIMINGS: [Representation; 1] = [representation("json", JSON, "timings.json
 const REPORT: [Representation; 2] = [representation("html", HTML, "report.html"), representation("text", TEXT, "report.txt")];
 const COVERAGE_BIN: [Representation; 1] = [representation("bin", BYTES, "coverage.bin")];
 
-/// Responds with a result in the representation asked for, by `Accept` or by the query parameter `parameter`.
-async fn negotiated(
+/// Way in which the form of a result is chosen.
+#[derive(Clone, Copy)]
+enum FormChoice {
+    /// Asked for by `Accept`, or by the query parameter of this name.
+    Asked(&'static str),
+    /// Fixed: the form of this name alone.
+    Only(&'static str),
+}
+
+/// Responds with a result in the form chosen.
+async fn answer(
     state: &ApiState,
     id: &str,
     headers: &HeaderMap,
     mut params: Params,
-    parameter: &'static str,
+    choice: FormChoice,
     offered: &[Representation],
 ) -> Result<Response, ApiError> {
-    let asked = params.text(parameter);
-    let force = parameter == DIALECT && is_forced(&mut params)?;
+    let (name, force) = match choice {
+        FormChoice::Asked(parameter) => (params.text(parameter), parameter == DIALECT && is_forced(&mut params)?),
+        FormChoice::Only(form) => (Some(form.to_owned()), false),
+    };
     params.deny_unknown()?;
-    asked_form(state, id, headers, AskedForm { name: asked.as_deref(), force }, offered).await
+    asked_form(state, id, headers, AskedForm { name: name.as_deref(), force }, offered).await
 }
 
 /// Reads the query parameter that asks for the program of another maker's robots.
@@ -111,10 +122,7 @@ async fn asked_form(
     // The job is looked up before the representation is chosen: an unknown job is 404, whatever the representation.
     state.app.job_state(id).await?;
     let chosen = choose(headers, asked.name, offered)?;
-    let file = match state.app.result(id, &chosen.file).await {
-        Err(Error::NoSuchResult { .. }) => foreign_program(state, id, &chosen.file, asked.force).await?,
-        found => found?,
-    };
+    let file = found(state, id, &chosen.file, asked.force).await?;
     let shown = [JSON, HTML, TEXT].contains(&chosen.media_type);
     let disposition = if shown { Disposition::Inline } else { Disposition::Attachment };
     let disposition = content_disposition(disposition, &name_of(state, id, &chosen.file).await?);
@@ -170,6 +178,22 @@ async fn whole(state: &ApiState, file: &ResultBody, headers: &HeaderMap) -> Resu
     Ok(response)
 }
 
+/// A result. A program in the language of another maker than the robot's only with `force`, whichever release stored it.
+async fn found(state: &ApiState, id: JobId, name: &str, force: bool) -> Result<ResultBody, ApiError> {
+    let file = match state.app.result(id, name).await {
+        Err(Error::NoSuchResult { .. }) => return foreign_program(state, id, name, force).await,
+        found => found?,
+    };
+    match state.app.foreign_reason(id, name).await? {
+        Some(reason) if !force => {
+            let detail =
+                format!("{reason}; force=true sends it, without a warning in its header, since an earlier release wrote it");
+            Err(ApiError::new(Code::ForeignDialect, detail))
+        }
+        _ => Ok(file),
+    }
+}
+
 /// A program in the language of another maker than the robot's, which `force` asks for all the same. Everything else that there
 /// is no result of is an error, with the reason if planning recorded one.
 async fn foreign_program(state: &ApiState, id: JobId, name: &str, force: bool) -> Result<ResultBody, ApiError> {
@@ -198,12 +222,11 @@ async fn reason(state: &ApiState, id: JobId, name: &str) -> Option<String> {
     serde_json::from_slice::<BTreeMap<String, String>>(&bytes).ok()?.remove(name)
 }
 
-/// Defines the route of a result: its media type in the API document, and every form that it has besides, by `Accept` or by the
-/// query parameter `$parameter`.
+/// Defines the route of a result: its media type in the API document, and how its form is chosen of all that are offered.
 macro_rules! result {
     (
         $(#[doc = $doc:literal])+
-        $name:ident, $id:literal, $path:literal, $offered:expr, $parameter:literal,
+        $name:ident, $id:literal, $path:literal, $offered:expr, $choice:expr,
         ($media:literal, $body:ty)
     ) => {
         $(#[doc = $doc])+
@@ -225,38 +248,7 @@ macro_rules! result {
             headers: HeaderMap,
             params: Params,
         ) -> Result<Response, ApiError> {
-            negotiated(&state, &id, &headers, params, $parameter, &$offered).await
-        }
-    };
-}
-
-/// Defines the route of a result in one form alone, that of the name `$form` in `$offered`.
-macro_rules! form {
-    (
-        $(#[doc = $doc:literal])+
-        $name:ident, $id:literal, $path:literal, $offered:expr, $form:literal, $media:literal
-    ) => {
-        $(#[doc = $doc])+
-        #[utoipa::path(
-            get,
-            path = $path,
-            tag = "results",
-            operation_id = $id,
-            params(("id" = uuid::Uuid, Path, description = "Id of the job.")),
-            responses(
-                (status = 200, description = "The result; it never changes.", content((String = $media)),
-                    headers(("ETag" = String, description = "Strong tag: SHA-256 of the bytes."))),
-                (status = 304, description = "The client has the current version."),
-            )
-        )]
-        pub(in crate::http) async fn $name(
-            State(state): State<ApiState>,
-            Path(id): Path<String>,
-            headers: HeaderMap,
-            params: Params,
-        ) -> Result<Response, ApiError> {
-            params.deny_unknown()?;
-            asked_form(&state, &id, &headers, AskedForm { name: Some($form), force: false }, &$offered).await
+            answer(&state, &id, &headers, params, $choice, &$offered).await
         }
     };
 }
@@ -320,26 +312,29 @@ async fn program_as_text(
 
 result! {
     /// Get the plan
-    plan, "get_plan", "/jobs/{id}/plan", PLAN, "format", ("application/json", PlanDocument)
+    plan, "get_plan", "/jobs/{id}/plan", PLAN, FormChoice::Asked("format"), ("application/json", PlanDocument)
 }
 result! {
     /// Get the robot program
     ///
     /// As neutral JSON. `/jobs/{id}/program/{dialect}` has it as a table and in the languages of robot controllers, as does the
     /// query parameter `dialect` of this route.
-    program, "get_program", "/jobs/{id}/program", programs(0), "dialect", ("application/json", ProgramDocument)
+    program, "get_program", "/jobs/{id}/program", programs(0), FormChoice::Asked("dialect"), ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the second setup
-    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), "dialect", ("application/json", ProgramDocument)
+    program_2, "get_program_2", "/jobs/{id}/program-2", programs(1), FormChoice::Asked("dialect"),
+    ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the third setup
-    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), "dialect", ("application/json", ProgramDocument)
+    program_3, "get_program_3", "/jobs/{id}/program-3", programs(2), FormChoice::Asked("dialect"),
+    ("application/json", ProgramDocument)
 }
 result! {
     /// Get the robot program of the fourth setup
-    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), "dialect", ("application/json", ProgramDocument)
+    program_4, "get_program_4", "/jobs/{id}/program-4", programs(3), FormChoice::Asked("dialect"),
+    ("application/json", ProgramDocument)
 }
 program_text! {
     /// Get the robot program as text
@@ -365,50 +360,53 @@ program_text! {
 }
 result! {
     /// Get the chosen viewpoints
-    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, "format", ("application/json", ViewpointsDocument)
+    viewpoints, "get_viewpoints", "/jobs/{id}/viewpoints", VIEWPOINTS, FormChoice::Asked("format"),
+    ("application/json", ViewpointsDocument)
 }
-form! {
+result! {
     /// Get the chosen viewpoints as a table
-    viewpoints_csv, "get_viewpoints_csv", "/jobs/{id}/viewpoints.csv", VIEWPOINTS, "csv", "text/csv"
+    viewpoints_csv, "get_viewpoints_csv", "/jobs/{id}/viewpoints.csv", VIEWPOINTS, FormChoice::Only("csv"), ("text/csv", String)
 }
 result! {
     /// Get the coverage and its quality
-    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, "format", ("application/json", CoverageListing)
+    coverage, "get_coverage", "/jobs/{id}/coverage", COVERAGE, FormChoice::Asked("format"), ("application/json", CoverageListing)
 }
-form! {
+result! {
     /// Get the coverage of each face as a table
-    coverage_csv, "get_coverage_csv", "/jobs/{id}/coverage.csv", COVERAGE, "csv", "text/csv"
+    coverage_csv, "get_coverage_csv", "/jobs/{id}/coverage.csv", COVERAGE, FormChoice::Only("csv"), ("text/csv", String)
 }
 result! {
     /// Get the missed area and its causes
-    missed, "get_missed", "/jobs/{id}/missed", MISSED, "format", ("application/json", MissedListing)
+    missed, "get_missed", "/jobs/{id}/missed", MISSED, FormChoice::Asked("format"), ("application/json", MissedListing)
 }
 result! {
     /// Get all candidates, with the matrices of visibility and of quality
     ///
     /// Present if the job has `params.output.candidates`. If the file would be too large, the response is `result_not_found`
     /// with the reason.
-    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, "format", ("application/json", CandidateListing)
+    candidates, "get_candidates", "/jobs/{id}/candidates", CANDIDATES, FormChoice::Asked("format"),
+    ("application/json", CandidateListing)
 }
 result! {
     /// Get the seconds spent in each stage
-    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, "format", ("application/json", super::super::openapi::StageSeconds)
+    timings, "get_timings", "/jobs/{id}/timings", TIMINGS, FormChoice::Asked("format"),
+    ("application/json", super::super::openapi::StageSeconds)
 }
 result! {
     /// Get the report
     ///
     /// A job that failed with `no_plan` has one too: the reasons, with pictures of what is in the way.
-    report, "get_report", "/jobs/{id}/report", REPORT, "format", ("text/html", String)
+    report, "get_report", "/jobs/{id}/report", REPORT, FormChoice::Asked("format"), ("text/html", String)
 }
-form! {
+result! {
     /// Get the report as plain text
-    report_text, "get_report_text", "/jobs/{id}/report.txt", REPORT, "text", "text/plain"
+    report_text, "get_report_text", "/jobs/{id}/report.txt", REPORT, FormChoice::Only("text"), ("text/plain", String)
 }
 result! {
     /// Get the coverage of each face of the preview
     ///
     /// One byte per face: its best grade, by area majority, or the cause for which it is missed.
-    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, "format",
+    coverage_bin, "get_coverage_bin", "/jobs/{id}/coverage.bin", COVERAGE_BIN, FormChoice::Asked("format"),
     ("application/octet-stream", super::super::openapi::Bytes)
 }
 
@@ -440,10 +438,7 @@ pub(in crate::http) async fn file(
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
     let id = job_id(&id)?;
-    let file = match state.app.result(id, &name).await {
-        Err(Error::NoSuchResult { .. }) => foreign_program(&state, id, &name, false).await?,
-        found => found?,
-    };
+    let file = found(&state, id, &name, false).await?;
     let attachment = content_disposition(Disposition::Attachment, &name_of(&state, id, &name).await?);
     respond(&state, &file, &headers, BYTES, attachment).await
 }

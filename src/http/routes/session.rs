@@ -10,6 +10,7 @@ use axum::response::{IntoResponse, Response};
 use crate::http::auth::{COOKIE_NAME, bearer_token, session_id};
 use crate::http::client::Client;
 use crate::http::extract::Params;
+use crate::http::keys::digest_of;
 use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
@@ -35,14 +36,14 @@ pub(in crate::http) async fn begin(
     headers: HeaderMap,
 ) -> Result<Response, ApiError> {
     params.deny_unknown()?;
-    if state.options.api_key.is_none() {
+    if !state.keys.are_required() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     // The middleware has checked the key; a session alone must not begin another one.
-    if bearer_token(&headers).is_none() {
+    let Some(key) = bearer_token(&headers) else {
         return Err(ApiError::new(Code::KeyMissing, "beginning a session requires the key: send it as Authorization: Bearer …"));
-    }
-    let id = state.sessions.begin(Instant::now()).map_err(|error| {
+    };
+    let id = state.sessions.begin(digest_of(key), Instant::now()).map_err(|error| {
         tracing::error!(%error, "the system provides no random numbers");
         ApiError::new(Code::Internal, "the server could not create a session id")
     })?;

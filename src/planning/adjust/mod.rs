@@ -18,5 +18,5 @@ pub(super) use slides::slide_views;
 /// to be judged anew too.
 fn keeps_views(problem: &ViewPlanningProblem<'_>) -> bool {
     let overlap = &problem.params.selection.overlap;
-    overlap.min_area_mm2.is_some() || overlap.min_share.is_some() || problem.robust_rows.is_some()
+    overlap.min_area_mm2.is_some() || overlap.min_share.is_some() || problem.tolerates_errors()
 }

@@ -6,18 +6,23 @@
 //! advised parameters has these candidates and more, and ends at its target, so what it measures is not below the target's share of
 //! what those measure.
 //!
-//! Cost: a fraction of the plan's candidates once more, with their stations, and the order of the views of one setup; nothing where
-//! less is open than advice is given for.
+//! Another setup is tried on some of the samples, and what is told of the views that were chosen for it is what they measure of all
+//! of them.
+//!
+//! Cost: a fraction of the plan's candidates on some samples, with their stations, the order of the views of one setup, and rays
+//! for what is open; nothing where less is open than advice is given for.
 
 mod more_views;
+mod trial;
 mod turn_over;
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
-use super::ids::CandidateIndex;
+use super::ids::{CandidateIndex, SampleId};
 use super::params::{Objective, PlanParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
-use super::plan::{Outcome, PlanAdvice};
+use super::plan::{Cause, Outcome, PlanAdvice, Verdict};
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::registration::union_of;
 use super::scene::PlanInput;
@@ -25,12 +30,13 @@ use super::selection::{self, CoverProblem};
 use super::sequence::{Ordered, Sequence};
 use super::setups::Setup;
 use super::visibility::{Row, SampleSet};
+use crate::geometry::RayScene;
 use more_views::MoreViews;
 
 /// Share of the asked area that advice recovers at least, unless it makes a region meet its target: our choice.
 const MIN_RECOVERED: f64 = 0.01;
 
-/// A chosen plan as far as advice needs it, before the outcome takes its candidates over.
+/// A chosen plan as far as advice needs it: before the outcome takes its candidates over, or as the outcome tells it.
 pub(super) struct Basis {
     /// Samples that the chosen views measure.
     measured: SampleSet,
@@ -48,6 +54,8 @@ pub(super) struct AdviceScope<'a> {
     pub(super) input: &'a PlanInput<'a>,
     pub(super) sampled: &'a SampledPart,
     pub(super) setups: &'a [Setup<'a>],
+    /// The part alone.
+    pub(super) part: &'a Arc<RayScene>,
 }
 
 impl Basis {
@@ -65,7 +73,7 @@ impl Basis {
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
         let params = problem.params;
-        if !params.missed.advice || !params.realism.count_at_risk || problem.robust_rows.is_some() {
+        if !params.missed.advice || !params.realism.count_at_risk || problem.tolerates_errors() {
             return Ok(None);
         }
         let samples = problem.asked_area_mm2.len();
@@ -81,6 +89,37 @@ impl Basis {
         let given_up = no_path.union(excluded).copied().collect();
         basis.more_views = more_views::choose(&basis, problem, ordered, &given_up, ctx)?;
         Ok(Some(basis))
+    }
+
+    /// The plan on the samples of its outcome, without more views.
+    fn of_outcome(outcome: &Outcome) -> Self {
+        let samples_where = |keep: fn(&Verdict) -> bool| {
+            let mut samples = SampleSet::none_of(outcome.verdicts.len());
+            let kept = SampleId::number(&outcome.verdicts).filter(|(_, verdict)| keep(verdict));
+            kept.for_each(|(sample, _)| samples.insert(sample));
+            samples
+        };
+        let is_coverable = |verdict: &Verdict| {
+            matches!(verdict, Verdict::Measured(_) | Verdict::Missed(Cause::NotChosen | Cause::NoPath | Cause::AtRisk))
+        };
+        Self {
+            measured: samples_where(|verdict| matches!(verdict, Verdict::Measured(_))),
+            coverable: samples_where(is_coverable),
+            asked_area_mm2: outcome.surface.asked_area_mm2(),
+            total_mm2: outcome.surface.area_where(|_| true),
+            more_views: None,
+        }
+    }
+
+    /// The plan on some of the samples, each with the area that it stands for.
+    fn on(&self, some: &[(SampleId, f64)]) -> Self {
+        Self {
+            measured: within(&self.measured, some),
+            coverable: within(&self.coverable, some),
+            asked_area_mm2: some.iter().map(|(_, area_mm2)| *area_mm2).collect(),
+            total_mm2: self.total_mm2,
+            more_views: None,
+        }
     }
 
     fn area_mm2(&self, samples: &SampleSet) -> f64 {
@@ -116,6 +155,14 @@ impl Basis {
     }
 }
 
+/// The samples of a set among some of the surface's, by their places there.
+fn within(samples: &SampleSet, some: &[(SampleId, f64)]) -> SampleSet {
+    let mut within = SampleSet::none_of(some.len());
+    let held = SampleId::number(some).filter(|(_, (sample, _))| samples.holds(*sample));
+    held.for_each(|(place, _)| within.insert(place));
+    within
+}
+
 /// Advice on a plan, what measures most first.
 ///
 /// # Errors
@@ -127,7 +174,7 @@ pub(super) fn of(
     ctx: &Context<'_>,
 ) -> Result<Vec<PlanAdvice>, PlanError> {
     let more_views = basis.more_views.as_ref().and_then(|more| more.advice(basis, outcome));
-    let turn_over = turn_over::advice(basis, outcome, scope, ctx)?;
+    let turn_over = turn_over::advice(&Basis::of_outcome(outcome), outcome, scope, ctx)?;
     let mut advice: Vec<PlanAdvice> = turn_over.into_iter().chain(more_views).collect();
     // Stable: of equal ones the order above stays.
     advice.sort_by(|a, b| b.measured_area_mm2.total_cmp(&a.measured_area_mm2));

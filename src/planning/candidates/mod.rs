@@ -194,6 +194,35 @@ fn max_candidates(samples: usize) -> usize {
 /// # Errors
 /// [`PlanError::Cancelled`]; [`PlanError::BadParams`] when there would be too many, or a strategy needs a cell.
 pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<CandidateSet, PlanError> {
+    let aims = aims(scope, params, ctx)?;
+    let mut placed = aim::place(scope, &aims, params, ctx)?;
+    refuse_too_many(placed.len() + params.poses.len(), scope)?;
+    placed.extend(params.poses.iter().map(|given| given_pose(scope, &given.pose())));
+    let mut judged = filter::judge(scope, params, placed, ctx)?;
+    let first_given = judged.generated - params.poses.len();
+    judged.remaining.iter_mut().for_each(|candidate| candidate.is_given = candidate.id.index() >= first_given);
+    Ok(judged)
+}
+
+/// Generates at most `max` of the candidates that [`generate`] does, or those of one aim where that gives more: those of aims
+/// evenly spaced, poses that the job gives left out. Their numbers are their own.
+///
+/// # Errors
+/// The errors of [`generate`].
+pub(in crate::planning) fn generate_some(
+    scope: &Scope<'_>,
+    params: &CandidateParams,
+    max: usize,
+    ctx: &Context<'_>,
+) -> Result<CandidateSet, PlanError> {
+    let all = aims(scope, params, ctx)?;
+    let count = all.len().min((max / views_of_an_aim(params)).max(1));
+    let some: Vec<Aim> = (0..count).map(|number| all[number * all.len() / count].clone()).collect();
+    Ok(judged(scope, params, &some, ctx)?)
+}
+
+/// Aims of every strategy in `params` that knows the part alone.
+fn aims(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) -> Result<Vec<Aim>, PlanError> {
     let mut aims = Vec::new();
     for strategy in &params.strategies {
         let already = aims.len();
@@ -209,13 +238,7 @@ pub fn generate(scope: &Scope<'_>, params: &CandidateParams, ctx: &Context<'_>) 
         });
     }
     refuse_too_many((aims.len() + iterative::count(params)).saturating_mul(views_of_an_aim(params)), scope)?;
-    let mut placed = aim::place(scope, &aims, params, ctx)?;
-    refuse_too_many(placed.len() + params.poses.len(), scope)?;
-    placed.extend(params.poses.iter().map(|given| given_pose(scope, &given.pose())));
-    let mut judged = filter::judge(scope, params, placed, ctx)?;
-    let first_given = judged.generated - params.poses.len();
-    judged.remaining.iter_mut().for_each(|candidate| candidate.is_given = candidate.id.index() >= first_given);
-    Ok(judged)
+    Ok(aims)
 }
 
 /// Random viewpoints around `best`, the best so far, nearer with every round; around the part while there are none.

@@ -4,23 +4,21 @@
 //! evaluated again on a second set, as dense, from another seed. A pose that is off is turned by the whole angle of
 //! `robust.pose_error` about a random axis and moved by its whole distance in a random direction: each view by an error
 //! of its own about the viewpoint, the part as a whole about the centre of its box, or every view by the same error in the
-//! scanner frame. Every draw has a stream of its own, so that neither threads nor the number of draws change it. Cost: a view of
-//! the table for each chosen view and draw.
+//! scanner frame. Every draw has a stream of its own, so that neither threads nor the number of draws change it
+//! (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some ten thousand samples for each draw.
 
+mod draws;
 pub mod recheck;
 #[cfg(test)]
 mod tests;
 
 use std::f64::consts::FRAC_PI_2;
 
-use nalgebra::{Point3, UnitQuaternion};
-use rayon::prelude::*;
-
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::{SampleId, SetupId};
-use super::params::{Objective, PlanParams, PoseErrorParams};
-use super::plan::{Certificate, Drawn, Independent, PlannedView, Robust, share};
-use super::random::{Stream, split_mix};
+use super::params::{Objective, PlanParams};
+use super::plan::{Certificate, Independent, PlannedView};
+use super::random::split_mix;
 use super::realism::{self, RiskInput, RiskView};
 use super::scene::PlanInput;
 use super::sight::Sight;
@@ -30,11 +28,8 @@ use super::tally::measured_area;
 use super::visibility::{self, Occluders, Row, SampleSet};
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame, Table};
 
-/// Names of the streams of random numbers.
+/// Name of the second samples among what is hashed with the seed.
 const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
-const EACH_VIEW: u64 = 0x76_6965_7773;
-const WHOLE_PART: u64 = 0x7061_7274;
-const HAND_EYE: u64 = 0x68_616e_6465_7965;
 
 /// Views that are taken while the part lies in one way.
 pub(super) struct SetupViews<'a> {
@@ -62,14 +57,27 @@ impl<'a> SetupViews<'a> {
         mut rows: Vec<Row>,
         ctx: &Context<'_>,
     ) -> Result<Vec<Row>, Cancelled> {
-        let Some(sight) = self.sight.filter(|sight| !sight.has_no_obstacles()) else { return Ok(rows) };
-        for ((row, pose), table_rad) in rows.iter_mut().zip(poses).zip(&self.table_rad) {
-            let Some(table_rad) = *table_rad else { continue };
-            if let Some(hidden) = sight.hidden(surface, pose, row.measured(), table_rad, ctx)? {
-                *row = row.without(&hidden);
-            }
+        for (view, (row, pose)) in rows.iter_mut().zip(poses).enumerate() {
+            self.keep_in_sight(view, surface, pose, row, ctx)?;
         }
         Ok(rows)
+    }
+
+    /// Takes out of the row of one of the views, which stands at `pose`, what obstacles of the cell hide.
+    fn keep_in_sight(
+        &self,
+        view: usize,
+        surface: &Surface,
+        pose: &Pose<Part, ScannerFrame>,
+        row: &mut Row,
+        ctx: &Context<'_>,
+    ) -> Result<(), Cancelled> {
+        let sight = self.sight.filter(|sight| !sight.has_no_obstacles());
+        let Some((sight, table_rad)) = sight.zip(self.table_rad[view]) else { return Ok(()) };
+        if let Some(hidden) = sight.hidden(surface, pose, row.measured(), table_rad, ctx)? {
+            *row = row.without(&hidden);
+        }
+        Ok(())
     }
 }
 
@@ -88,7 +96,8 @@ pub(super) fn certify(
 ) -> Result<Certificate, PlanError> {
     let second = SecondSampling::new(input, params, setups, ctx)?;
     let independent = second.independent(part, standing, ctx)?;
-    let robust = params.robust.pose_error.map(|error| second.robust(error, independent.of_asked(), ctx)).transpose()?;
+    let nominal = independent.of_asked();
+    let robust = params.robust.pose_error.map(|error| draws::robust(&second, error, nominal, ctx)).transpose()?;
     Ok(Certificate { independent, robust })
 }
 
@@ -128,7 +137,7 @@ impl<'a> SecondSampling<'a> {
         }
         let mut is_measured = SampleSet::none_of(self.asked_area_mm2.len());
         rows.iter().for_each(|row| is_measured.insert_all(row.measured()));
-        let rows = self.counted(rows, &poses, &ctx.silent())?;
+        let rows = self.counted(&self.surface, rows, &poses, &ctx.silent())?;
         let views = poses.iter().map(Pose::origin_mm).zip(&rows);
         let measured = measured_area(&self.surface, &self.asked_area_mm2, views);
         Ok(Independent {
@@ -152,20 +161,16 @@ impl<'a> SecondSampling<'a> {
         // Whether the sky is open does not depend on where the plate is, nor on limits.
         let sky = SkyProbe::new(mesh, part, (&[], 0.0), best_mm, FRAC_PI_2, level);
         let rests = |sample| !standing.is_empty() && standing.iter().all(|pose| stands_on(&self.surface, sample, pose));
-        let is_enclosed = |sample: SampleId| {
-            let (point_mm, patch) = (&self.surface.sample_mm[sample.index()], self.surface.patch_of(sample));
-            sky.sky(point_mm, &patch.normal) == Sky::Closed
+        let is_open = |sample: &SampleId| {
+            let area_mm2 = self.asked_area_mm2[sample.index()];
+            area_mm2 > 0.0 && !is_measured.holds(*sample) && !rests(*sample)
         };
-        let visible_mm2 = |place: usize| {
-            let (sample, area_mm2) = (SampleId::at(place), self.asked_area_mm2[place]);
-            if area_mm2 == 0.0 || is_measured.holds(sample) {
-                return Ok(area_mm2);
-            }
-            ctx.check()?;
-            Ok(if rests(sample) || is_enclosed(sample) { 0.0 } else { area_mm2 })
-        };
-        let of_samples = (0..self.asked_area_mm2.len()).into_par_iter().map(visible_mm2);
-        Ok(of_samples.collect::<Result<Vec<f64>, Cancelled>>()?.iter().sum())
+        let open: Vec<SampleId> = self.surface.samples().filter(is_open).collect();
+        let skies = sky.skies(&self.surface, &open, ctx)?;
+        let mut is_visible = is_measured.clone();
+        let seen = open.iter().zip(skies).filter(|(_, sky)| *sky != Sky::Closed);
+        seen.for_each(|(sample, _)| is_visible.insert(*sample));
+        Ok(is_visible.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum())
     }
 
     /// Views of all setups, each with the place of its setup.
@@ -185,12 +190,18 @@ impl<'a> SecondSampling<'a> {
         Ok(rows)
     }
 
-    /// The rows of views at `poses` less what does not count, since it is at risk.
-    fn counted(&self, rows: Vec<Row>, poses: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Vec<Row>, Cancelled> {
+    /// The rows of views at `poses`, over samples of `surface`, less what does not count, since it is at risk.
+    fn counted(
+        &self,
+        surface: &Surface,
+        rows: Vec<Row>,
+        poses: &[Pose<Part, ScannerFrame>],
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Row>, Cancelled> {
         if self.params.realism.count_at_risk {
             return Ok(rows);
         }
-        let Self { input, surface, params, .. } = self;
+        let Self { input, params, .. } = self;
         let input = RiskInput { mesh: input.mesh, surface, scanner: input.scanner, params };
         let view = |((setup, _), (row, pose)): ((usize, _), (_, &Pose<Part, ScannerFrame>))| RiskView {
             part_from_scanner: *pose,
@@ -201,63 +212,4 @@ impl<'a> SecondSampling<'a> {
         let left_out = realism::risks(&input, &views, ctx)?.samples();
         Ok(realism::without(rows, &left_out))
     }
-
-    /// Asked area that the views measure from where `moved` puts those of a setup.
-    fn measured_mm2(
-        &self,
-        mut moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
-        ctx: &Context<'_>,
-    ) -> Result<f64, Cancelled> {
-        let poses: Vec<_> = self.views().map(|(setup, view)| moved(setup, view)).collect();
-        let mut measured = SampleSet::none_of(self.asked_area_mm2.len());
-        let rows = self.counted(self.rows(&poses, ctx)?, &poses, ctx)?;
-        rows.iter().for_each(|row| measured.insert_all(row.measured()));
-        Ok(measured.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum())
-    }
-
-    fn robust(&self, error: PoseErrorParams, nominal: f64, ctx: &Context<'_>) -> Result<Robust, Cancelled> {
-        let robust = &self.params.robust;
-        let draws = robust.draws as usize;
-        let (part_draws, hand_eye_draws) = (robust.part_draws as usize, robust.hand_eye_draws as usize);
-        let all = draws + part_draws + hand_eye_draws;
-        let stream = |kind: u64, draw: usize| Stream::new(self.params.seed, &[kind, draw as u64]);
-        let mut views = Vec::with_capacity(draws);
-        for draw in 0..draws {
-            let mut stream = stream(EACH_VIEW, draw);
-            views.push(self.of_asked(|_, view| *view * random_error(&error, &Point3::origin(), &mut stream), ctx)?);
-            ctx.progress(draw + 1, all);
-        }
-        let mut part = Vec::with_capacity(part_draws);
-        for draw in 0..part_draws {
-            let mut stream = stream(WHOLE_PART, draw);
-            let centre_mm = &self.surface.centre_mm;
-            let errors: Vec<Pose<Part, Part>> =
-                self.setups.iter().map(|_| random_error(&error, centre_mm, &mut stream)).collect();
-            part.push(self.of_asked(|setup, view| errors[setup] * *view, ctx)?);
-            ctx.progress(draws + draw + 1, all);
-        }
-        let mut hand_eye = Vec::with_capacity(hand_eye_draws);
-        for draw in 0..hand_eye_draws {
-            let error = random_error(&error, &Point3::origin(), &mut stream(HAND_EYE, draw));
-            hand_eye.push(self.of_asked(|_, view| *view * error, ctx)?);
-            ctx.progress(draws + part_draws + draw + 1, all);
-        }
-        let [views, part, hand_eye] = [views, part, hand_eye].map(|of_asked| Drawn::new(nominal, of_asked));
-        Ok(Robust { pose_error: error, views, part, hand_eye })
-    }
-
-    fn of_asked(
-        &self,
-        moved: impl FnMut(usize, &Pose<Part, ScannerFrame>) -> Pose<Part, ScannerFrame>,
-        ctx: &Context<'_>,
-    ) -> Result<f64, Cancelled> {
-        Ok(share(self.measured_mm2(moved, &ctx.silent())?, self.asked_mm2))
-    }
-}
-
-/// Draws the pose of a frame that should be at the identity: turned about `centre_mm`, then moved.
-fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
-    let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
-    let shift_mm = stream.direction().into_inner() * error.translation_mm;
-    Pose::from_parts(centre_mm.coords + shift_mm - turn * centre_mm.coords, turn)
 }

@@ -1,10 +1,14 @@
 use std::sync::atomic::AtomicBool;
 
+use nalgebra::Point3;
+
+use super::draws::random_error;
 use super::*;
 use crate::planning::context::Silent;
-use crate::planning::params::{CandidateParams, Engine};
+use crate::planning::params::{CandidateParams, Engine, PoseErrorParams};
 use crate::planning::plan;
-use crate::planning::plan::Outcome;
+use crate::planning::plan::{Drawn, Outcome};
+use crate::planning::random::Stream;
 use crate::testing::{nominal_scanner, trough};
 
 const ERROR: PoseErrorParams = PoseErrorParams { angle_deg: 1.0, translation_mm: 2.0 };

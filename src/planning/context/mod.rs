@@ -11,10 +11,14 @@ use crate::cell::closed_list;
 use crate::geometry::{Interrupted, SimdLevel};
 
 closed_list! {
-    /// The stages of a plan, in order.
+    /// The stages of a job, in order.
     pub enum Stage {
+        /// Files of meshes to meshes.
+        Reading = "reading",
         /// Mesh to patches and samples, with the structures that rays need.
         Surface = "surface",
+        /// Cell, part and fixture to what collisions are tested with.
+        CollisionScene = "collision_scene",
         /// Patches to viewpoints.
         Candidates = "candidates",
         /// Viewpoints to stations of the cell.
@@ -23,6 +27,8 @@ closed_list! {
         Visibility = "visibility",
         /// The table to chosen views.
         Selection = "selection",
+        /// The cell to places that its arm can go to, and the edges between them.
+        Roadmap = "roadmap",
         /// Stations to an order and joint paths.
         Sequence = "sequence",
         /// Causes of the area that is missed, and remedies.
@@ -40,6 +46,8 @@ pub trait Observer: Sync {
     fn begin(&self, stage: Stage);
     /// `done` of `total` units of the running stage are finished. Calls may come out of order.
     fn progress(&self, done: usize, total: usize);
+    /// A stage begins within the running one, or has ended if it is `None`.
+    fn within(&self, _: Option<Stage>) {}
 }
 
 /// An observer that listens to nothing.
@@ -130,6 +138,14 @@ impl<'a> Context<'a> {
         self.check()?;
         self.observer.begin(stage);
         Ok(())
+    }
+
+    /// Does the work of a stage that belongs within the running one, which goes on afterwards.
+    pub fn within<T>(&self, stage: Stage, work: impl FnOnce() -> T) -> T {
+        self.observer.within(Some(stage));
+        let done = work();
+        self.observer.within(None);
+        done
     }
 
     /// Tells the observer how far the stage is.

@@ -51,9 +51,11 @@ const VERTEX_OF_CLUSTERS: f64 = 12.0;
 const CLUSTERS_A_VERTEX: f64 = 1.5;
 
 pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, threads: f64) -> Shares {
-    let Counts { patches, samples, candidates, views, measured, .. } = *counts;
+    let Counts { patches, samples, chosen_on, candidates, views, measured, .. } = *counts;
     let with_quality = keeps_quality(params) || params.output.candidates;
-    let row = samples * if with_quality { 0.125 + 2.0 * measured } else { 0.125 };
+    let row = chosen_on * if with_quality { 0.125 + 2.0 * measured } else { 0.125 };
+    // On every sample, twice while rolls are held against it.
+    let row_of_all = samples * 0.25;
     // What candidates measure under an error is held beside what they measure.
     let rows = if params.robust.select { 3.0 } else { 1.0 };
     let nodes = match params.selection.solver {
@@ -62,18 +64,25 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
     };
     // Twins, where fewer views must not give worse grades (`selection/grade_floor.rs`).
     let floor = keeps_quality(params) && exchanges(params) && params.selection.max_grade_loss.is_some();
-    let twins = if floor { row + 0.25 * samples + 4.0 * samples.min(TWINNED) * measured } else { 0.0 };
+    let twins = if floor { row + 0.25 * chosen_on + 4.0 * chosen_on.min(TWINNED) * measured } else { 0.0 };
     let of_floor = if floor { SAMPLE_OF_FLOOR } else { 0.0 };
     let exchange = if exchanges(params) { EXCHANGE * candidates } else { 0.0 };
     // The surface that is planned on, the one that the outcome gets, and the one of the second samples.
     let surfaces = 3.0 * (PATCH * patches + SAMPLE * samples);
+    // Of the surfaces that are chosen on, one is with the part and one with the problem.
+    let thin = 2.0 * (PATCH + SAMPLE) * chosen_on;
     let of_threads = threads * samples * (SAMPLE_OF_THREAD + MAP_OF_SAMPLE * measured);
     Shares {
         // One more setup is tried for advice.
         triangles: PROGRAM + triangles(input, counts.setups + f64::from(u8::from(tries_setup(input, params)))),
-        samples: surfaces + PATCH_OF_SPOT * patches + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS + of_floor) * samples + of_threads,
-        candidates: candidates * (CANDIDATE + rows * row + twins) + nodes + listing(counts, params),
-        views: views * (row + exchange) + views.min(MAX_PICTURES) * PICTURE,
+        samples: surfaces
+            + thin
+            + PATCH_OF_SPOT * patches
+            + (SAMPLE_OF_ENGINE + SAMPLE_OF_SUMS) * samples
+            + of_floor * chosen_on
+            + of_threads,
+        candidates: candidates * (CANDIDATE + rows * row + row_of_all + twins) + nodes + listing(counts, params),
+        views: views * (row + 2.0 * measured * samples + exchange) + views.min(MAX_PICTURES) * PICTURE,
     }
 }
 
@@ -84,7 +93,7 @@ fn tries_setup(input: &PlanInput<'_>, params: &PlanParams) -> bool {
 
 /// Bytes of the listing of all candidates, and of it compressed.
 fn listing(counts: &Counts, params: &PlanParams) -> f64 {
-    let bytes = PAIR_OF_LISTING * counts.measured * counts.pairs() + PATCH_OF_LISTING * counts.patches;
+    let bytes = PAIR_OF_LISTING * counts.measured * counts.candidates * counts.samples + PATCH_OF_LISTING * counts.patches;
     if params.output.candidates { 1.5 * bytes.min(MAX_LISTING_BYTES as f64) } else { 0.0 }
 }
 

@@ -16,7 +16,7 @@ use super::candidates::{self, MAX_CANDIDATES, MAX_PAIRS};
 use super::context::{Allowance, PlanError};
 use super::params::{Objective, PlanParams, SelectionGoal, Solver};
 use super::scene::{PlanInput, resting};
-use super::surface;
+use super::surface::{self, thinned};
 use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
 
 /// Share of the scanner's practical field that a chosen view adds to the others in a large part, at least about.
@@ -52,6 +52,8 @@ pub struct Counts {
     pub patches: f64,
     /// Samples.
     pub samples: f64,
+    /// Samples that views are chosen on.
+    pub chosen_on: f64,
     /// Candidates that are examined, over all setups.
     pub candidates: f64,
     /// Views that are chosen.
@@ -112,9 +114,10 @@ impl Counts {
         let (along, area_mm2) = (candidates::block_counts(&extent, input.scanner), input.mesh.area_mm2());
         let triangles = input.mesh.faces.len() as f64;
         let longest = along.max();
+        let chosen_on = thinned::expected(area_mm2, params.selection.samples).min(samples);
         let blocks = occupied(area_mm2, &extent.component_div(&along).into(), &along.into()).max(longest).min(samples);
         let setups = f64::from(params.setups.max(1));
-        let candidates = examined(params, blocks, samples, setups);
+        let candidates = examined(params, blocks, chosen_on, setups);
         let [width_mm, height_mm, _] = input.scanner.practical_volume_mm;
         let field_mm2 = width_mm * height_mm;
         let most_views = params.selection.max_views.map_or(candidates, |views| f64::from(views).min(candidates));
@@ -128,6 +131,7 @@ impl Counts {
             triangles,
             patches,
             samples,
+            chosen_on,
             candidates,
             views: (VIEWS_OF_A_BLOCK + area_mm2 / (ADDED_OF_FIELD * field_mm2)).min(most_views),
             measured: (2.0 * field_mm2 / area_mm2).min(MAX_MEASURED),
@@ -136,10 +140,10 @@ impl Counts {
         }
     }
 
-    /// Pairs of candidate and sample.
+    /// Pairs of candidate and sample that views are chosen on.
     #[must_use]
     pub fn pairs(&self) -> f64 {
-        self.candidates * self.samples
+        self.candidates * self.chosen_on
     }
 }
 

@@ -16,13 +16,15 @@ const SAMPLE: f64 = 2e-6;
 /// A picture of the report, and how many there are at most.
 const PICTURE: f64 = 0.15;
 const MAX_PICTURES: f64 = 54.0;
+/// Share of the samples that views miss.
+const OPEN: f64 = 0.1;
 /// A way between two views.
 const WAY: f64 = 2e-3;
 /// A million pairs that exchanges look at.
 const MILLION_PAIRS: f64 = 1e-3;
 
 pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams) -> Shares {
-    let Counts { triangles, patches, samples, candidates, views, measured, setups, .. } = *counts;
+    let Counts { triangles, patches, samples, chosen_on, candidates, views, measured, setups, .. } = *counts;
     let pair = match params.visibility.engine {
         Engine::Raster => PAIR,
         Engine::Rays => PAIR_BY_RAYS,
@@ -37,7 +39,7 @@ pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams)
     Shares {
         triangles: TRIANGLE * triangles * (2.0 + setups),
         samples: SAMPLE * (patches + samples),
-        candidates: candidates * (SLIDE + stations + castings * pair * samples) + exchanged,
+        candidates: candidates * (SLIDE + stations + castings * pair * chosen_on + OPEN * pair * samples) + exchanged,
         views: views * pair * samples * f64::from(1 + draws) + views.min(MAX_PICTURES) * PICTURE + ways,
     }
 }

@@ -82,7 +82,7 @@ pub(super) fn assemble(
     let fates = problem.params.output.candidates.then(|| solution.fates());
     let measured_by_view = solution.measuring;
     let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings, ctx)).transpose()?;
-    let surface = problem.surface;
+    let surface = problem.surface.into_owned();
     Ok(Outcome { plan, surface, verdicts, measured_by_view, pixel_views: None, candidates, scenes: Vec::new() })
 }
 
@@ -127,6 +127,7 @@ impl<'a> Solution<'a> {
                 &problem.params.selection,
             ),
             bound: chosen.selection.bound,
+            chosen_on: problem.chosen_on,
             setups: self.setups(ordered, weakest_links),
             setup_links: self.setup_links(),
             obstructions: Vec::new(),
@@ -144,11 +145,16 @@ impl<'a> Solution<'a> {
             let is_here = |candidate: CandidateIndex| problem.candidates[candidate].setup == *setup;
             let views: Vec<ViewId> = chosen.views().filter(|(_, candidate)| is_here(*candidate)).map(|(view, _)| view).collect();
             let usable: Vec<_> = problem.usable().into_iter().filter(|candidate| is_here(*candidate)).collect();
+            let measured_area_mm2 = asked_mm2(&views.iter().map(|view| &measuring[view.index()]).collect::<Vec<_>>());
             SetupPlan {
                 weakest_link: weakest_links.get(setup).copied(),
                 table_from_part: problem.setups[setup.index()],
-                coverable_area_mm2: asked_mm2(&problem.rows(&usable)),
-                measured_area_mm2: asked_mm2(&views.iter().map(|view| &measuring[view.index()]).collect::<Vec<_>>()),
+                coverable_area_mm2: match &problem.coverable_of_setup_mm2 {
+                    // Found on the samples that views were chosen on, which may be a little less than what they measure.
+                    Some(coverable_mm2) => coverable_mm2[setup.index()].max(measured_area_mm2),
+                    None => asked_mm2(&problem.rows(&usable)),
+                },
+                measured_area_mm2,
                 views,
                 sequence: sequences.get_mut(setup.index()).and_then(Option::take),
             }

@@ -30,8 +30,14 @@ pub(super) fn of(
     let usable: Vec<bool> = problem.candidates.indices().map(|candidate| problem.blocked(candidate).is_none()).collect();
     let (candidates, rows) = (mem::take(&mut problem.candidates), mem::take(&mut problem.matrix.rows));
     let remaining = candidates.remaining.into_iter().zip(fates).zip(rows.into_iter().zip(usable));
-    let remaining = remaining.map(|((candidate, fate), (row, usable))| (TableEntry { candidate, fate, row: Some(row) }, !usable));
-    let rejected = candidates.rejected.into_iter().map(|(candidate, reason)| (dropped(candidate, reason), was_evaluated(reason)));
+    // On every sample, candidates that were not chosen have rows of what the views miss alone.
+    let some_alone = problem.chosen_on.is_part();
+    let remaining = remaining.map(|((candidate, fate), (row, usable))| {
+        let is_partial = !usable || some_alone && fate.view.is_none();
+        (TableEntry { candidate, fate, row: Some(row) }, is_partial)
+    });
+    let rejected =
+        candidates.rejected.into_iter().map(|(candidate, reason)| (dropped(candidate, reason), reason.is_of_evaluated()));
     let (mut entries, is_partial): (Vec<TableEntry>, Vec<bool>) = remaining.chain(rejected).unzip();
     let partial: Vec<usize> = is_partial.iter().enumerate().filter(|(_, partial)| **partial).map(|(at, _)| at).collect();
     for (at, mut row) in partial.iter().zip(rows_of(problem, &partial, &entries, surroundings.occluders, ctx)?) {
@@ -41,11 +47,6 @@ pub(super) fn of(
     grade(problem, &mut entries, ctx)?;
     entries.sort_unstable_by_key(|entry| entry.candidate.id);
     Ok(CandidateTable { setups: problem.setups.clone(), entries })
-}
-
-/// Returns true if candidates are dropped for this reason only once it is known what they measure.
-fn was_evaluated(reason: Rejection) -> bool {
-    matches!(reason, Rejection::MeasuresNothing | Rejection::NotNeeded)
 }
 
 fn dropped(candidate: Candidate, reason: Rejection) -> TableEntry {
@@ -76,7 +77,8 @@ fn take_out_hidden(
 ) -> Result<(), Cancelled> {
     let Candidate { part_from_scanner: pose, setup, .. } = &entry.candidate;
     let scene = setups[setup.index()].scene.as_ref().filter(|scene| !scene.sight().has_no_obstacles());
-    let Some(scene) = scene.filter(|_| entry.fate.rejection.is_some_and(was_evaluated)) else { return Ok(()) };
+    let can_be_taken = entry.fate.rejection.is_none_or(Rejection::is_of_evaluated);
+    let Some(scene) = scene.filter(|_| can_be_taken) else { return Ok(()) };
     if let Some(Ok(mut stations)) = scene.reach(&[*pose], &ctx.silent())?.pop() {
         scene.keep_in_sight(&problem.surface, pose, &mut stations, row, ctx)?;
     }

@@ -11,10 +11,9 @@ use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::Hemisphere;
 use crate::planning::plan::{Cause, Grade, Verdict};
 use crate::planning::problem::ViewPlanningProblem;
-use crate::planning::registration::union_of;
 use crate::planning::sky::{Sky, SkyProbe, stands_on};
 use crate::planning::stations::StationFailure;
-use crate::planning::visibility::{self, Occluders, Row, SampleSet};
+use crate::planning::visibility::{Occluders, Optics, Row, SampleSet, UnitedViews};
 
 /// Measured samples that count.
 pub(super) struct Counted<'a> {
@@ -44,50 +43,68 @@ pub(super) fn of(
             *best = best.max(quality);
         }
     }
+    let is_missed = |sample: &SampleId| problem.surface.asked[sample.index()] && best_quality[sample.index()].is_infinite();
+    let missed: Vec<SampleId> = problem.surface.samples().filter(is_missed).collect();
+    let causes = causes(problem, counted.left_out, &missed, (all_excluded, occluders, part), ctx)?;
+    let mut verdicts = vec![Verdict::NotAsked; samples];
+    for (verdict, (quality, asked)) in verdicts.iter_mut().zip(best_quality.iter().zip(&problem.surface.asked)) {
+        if *asked && quality.is_finite() {
+            *verdict = Verdict::Measured(Grade::of(f64::from(*quality)));
+        }
+    }
+    missed.iter().zip(causes).for_each(|(sample, cause)| verdicts[sample.index()] = Verdict::Missed(cause));
+    Ok(verdicts)
+}
+
+/// Cause of each missed sample: what is cheap to tell first, since views and lines of sight are cast for the others alone.
+fn causes(
+    problem: &ViewPlanningProblem<'_>,
+    left_out: &SampleSet,
+    missed: &[SampleId],
+    (all_excluded, occluders, part): (&BTreeSet<CandidateIndex>, &Occluders, &RayScene),
+    ctx: &Context<'_>,
+) -> Result<Vec<Cause>, Cancelled> {
     let motion_cause = motion_causes(problem, all_excluded);
     let rests_on =
         |sample: SampleId| problem.reach.is_some() && problem.setups.iter().all(|pose| stands_on(&problem.surface, sample, pose));
-    let sky = sky_probe(problem, part, ctx);
-    let only_bodies_hinder = measured_by_dropped(problem, occluders, ctx)?;
-    let cause = |sample: SampleId| match motion_cause[sample.index()] {
-        _ if counted.left_out.holds(sample) => Cause::AtRisk,
-        _ if rests_on(sample) => Cause::ExcludedResting,
-        Some(cause) => cause,
-        None if only_bodies_hinder.holds(sample) => Cause::Collision,
-        None => {
-            let (surface, place) = (&problem.surface, sample.index());
-            match sky.sky(&surface.sample_mm[place], &surface.patch_of(sample).normal) {
-                Sky::Closed => Cause::Enclosed,
-                Sky::BelowPlate => Cause::FacesTable,
-                Sky::Open => problem.matrix.furthest_cause[place],
-            }
-        }
+    let known = |sample: &SampleId| match motion_cause[sample.index()] {
+        _ if left_out.holds(*sample) => Some(Cause::AtRisk),
+        _ if rests_on(*sample) => Some(Cause::ExcludedResting),
+        cause => cause,
     };
-    let verdict = |place: usize| {
-        let sample = SampleId::at(place);
-        Ok(match best_quality[place] {
-            _ if !problem.surface.asked[place] => Verdict::NotAsked,
-            quality if quality > f32::NEG_INFINITY => Verdict::Measured(Grade::of(f64::from(quality))),
-            _ => {
-                ctx.check()?;
-                Verdict::Missed(cause(sample))
-            }
-        })
-    };
-    (0..samples).into_par_iter().map(verdict).collect()
+    let mut causes: Vec<Option<Cause>> = missed.par_iter().map(known).collect();
+    let open = |causes: &[Option<Cause>]| -> Vec<usize> { (0..missed.len()).filter(|place| causes[*place].is_none()).collect() };
+    let unexplained = open(&causes);
+    let samples_of = |places: &[usize]| -> Vec<SampleId> { places.iter().map(|place| missed[*place]).collect() };
+    let by_dropped = measured_by_dropped(problem, occluders, &samples_of(&unexplained), ctx)?;
+    let hindered = SampleId::number(unexplained).filter(|(number, _)| by_dropped.holds(*number));
+    hindered.for_each(|(_, place)| causes[place] = Some(Cause::Collision));
+    let unexplained = open(&causes);
+    let skies = sky_probe(problem, part, ctx).skies(&problem.surface, &samples_of(&unexplained), ctx)?;
+    for (place, sky) in unexplained.into_iter().zip(skies) {
+        causes[place] = Some(match sky {
+            Sky::Closed => Cause::Enclosed,
+            Sky::BelowPlate => Cause::FacesTable,
+            Sky::Open => problem.matrix.furthest_cause[missed[place].index()],
+        });
+    }
+    Ok(causes.into_iter().map(|cause| cause.unwrap_or(Cause::Facing)).collect())
 }
 
-/// Samples that views would measure that were dropped since the scanner's body meets something: collision alone is what keeps
-/// them from that.
+/// Samples, as numbers in `open`, that views would measure that were dropped since the scanner's body meets something: collision
+/// alone is what keeps them from that.
 fn measured_by_dropped(
     problem: &ViewPlanningProblem<'_>,
     occluders: &Occluders,
+    open: &[SampleId],
     ctx: &Context<'_>,
 ) -> Result<SampleSet, Cancelled> {
-    let poses: Vec<_> = problem.dropped_for_body().map(|candidate| candidate.part_from_scanner).collect();
-    let (usable, input) = (vec![true; poses.len()], problem.input);
-    let cast = visibility::cast(&problem.surface, &poses, &usable, input.scanner, occluders, problem.params, &ctx.silent())?;
-    Ok(union_of(&cast.rows, problem.surface.sample_mm.len()))
+    let ViewPlanningProblem { surface, params, input, .. } = problem;
+    let area_mm2 = |sample: &SampleId| (*sample, surface.sample_area_mm2(*sample));
+    let surface = surface.of_samples(&open.iter().map(area_mm2).collect::<Vec<_>>());
+    let optics = Optics::new(input.scanner, params, &surface.requirements);
+    let poses = problem.dropped_for_body().filter(|_| !open.is_empty()).map(|candidate| &candidate.part_from_scanner);
+    UnitedViews::new(&surface, &optics, occluders, params, &ctx.silent()).measured(poses)
 }
 
 /// The sky over the part: with viewpoints above the plate alone, in the setups that are planned in.

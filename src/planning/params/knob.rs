@@ -56,6 +56,12 @@ impl Ranged for u32 {
     }
 }
 
+impl Ranged for u64 {
+    fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
+        (*self as f64).check_range(at, range, unit, findings);
+    }
+}
+
 impl<T: Ranged> Ranged for Option<T> {
     fn check_range(&self, at: &str, range: [f64; 2], unit: &str, findings: &mut Findings) {
         self.iter().for_each(|value| value.check_range(at, range, unit, findings));

@@ -62,8 +62,29 @@ pub struct Plan {
     pub advice: Vec<PlanAdvice>,
     /// The rule that ended the selection.
     pub stopped_because: StopReason,
-    /// Bound of the views, or of the area, of the best choice from the same candidates.
+    /// Bound of the views, or of the area, of the best choice from the same candidates, on the samples that they are chosen on.
     pub bound: Bound,
+    /// Samples that views were chosen on.
+    pub chosen_on: ChosenOn,
+}
+
+/// Samples that views are chosen on. Coverage is that of every sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ChosenOn {
+    /// Number of them.
+    pub samples: usize,
+    /// Number of all samples.
+    pub of_samples: usize,
+    /// Times that samples were added, since the views met their goals on these alone, and that views were chosen anew.
+    pub refinements: u32,
+}
+
+impl ChosenOn {
+    /// Returns true if views are chosen on some of the samples.
+    #[must_use]
+    pub fn is_part(&self) -> bool {
+        self.samples < self.of_samples
+    }
 }
 
 /// Views and sequence of one setup.
@@ -206,6 +227,12 @@ impl Coverage {
     #[must_use]
     pub fn reaches_target(&self, params: &SelectionParams) -> bool {
         self.of_target(params.target_of) >= params.target - SHARE_SLACK
+    }
+
+    /// Returns true if so large a share of the asked area is measured, whatever of it can be.
+    #[must_use]
+    pub fn measures_of_asked(&self, min_share: f64) -> bool {
+        self.of_asked() >= min_share - SHARE_SLACK
     }
 }
 

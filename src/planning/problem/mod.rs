@@ -4,6 +4,7 @@
 //! Candidates have their places in [`ViewPlanningProblem::candidates`], the setups' one after another.
 
 mod evaluated;
+mod every_sample;
 mod robust_rows;
 mod rounds;
 mod sampled_part;
@@ -11,16 +12,19 @@ mod sampled_part;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-pub(super) use sampled_part::{EvaluatedSetups, SampledPart};
+pub(super) use evaluated::EvaluatedCandidates;
+pub(super) use sampled_part::{EvaluatedSetups, SampledPart, TriedSetup};
 
 use super::candidates::{Candidate, CandidateSet};
 use super::context::{Context, PlanError};
 use super::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
 use super::params::{PlanParams, TargetOf};
+use super::plan::ChosenOn;
 use super::scene::{PlanInput, PlanningScene, Reach};
 use super::selection::{self, CoverProblem, Goal, Selection, coverable};
 use super::sequence::straight_secs;
 use super::stations::{Station, StationFailure};
+use super::surface::thinned::Strata;
 use super::surface::{Surface, requirements};
 use super::visibility::{Row, SampleSet, VisibilityMatrix};
 use crate::cell::Configuration;
@@ -30,7 +34,8 @@ use crate::geometry::{Part, Pose, Table};
 pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) input: &'a PlanInput<'a>,
     pub(in crate::planning) params: &'a PlanParams,
-    pub(in crate::planning) surface: Surface,
+    /// Samples that views are chosen on; after that every sample.
+    pub(in crate::planning) surface: Cow<'a, Surface>,
     /// Pose of the part in each setup that is planned in.
     pub(in crate::planning) setups: Vec<Pose<Table, Part>>,
     pub(in crate::planning) candidates: CandidateSet,
@@ -44,6 +49,12 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) hidden_by_cell: SampleSet,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
+    /// Strata of the samples, while views are chosen on some of them.
+    pub(in crate::planning) strata: Option<Strata>,
+    /// Asked area that the candidates of each setup measure, where rows of some of them are not whole.
+    pub(in crate::planning) coverable_of_setup_mm2: Option<Vec<f64>>,
+    /// Samples that views are chosen on.
+    pub(in crate::planning) chosen_on: ChosenOn,
 }
 
 /// A selection among the candidates.
@@ -131,6 +142,11 @@ impl ViewPlanningProblem<'_> {
             Some(Goal { needed_mm2, area_mm2: Cow::Owned(area_mm2) })
         };
         requirements::regions(self.params).into_iter().enumerate().filter_map(goal).filter(|goal| goal.needed_mm2 > 0.0).collect()
+    }
+
+    /// Returns true if views are chosen by what they measure under errors of pose too.
+    pub(in crate::planning) fn tolerates_errors(&self) -> bool {
+        self.params.robust.select && self.params.robust.pose_error.is_some()
     }
 
     /// Rows by which views are chosen: as planned, or also with poses that are off.

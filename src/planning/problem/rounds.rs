@@ -8,8 +8,9 @@ use crate::planning::candidates::{self, CandidateSet, OpenSamples, Rejection, Sc
 use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::ids::{CandidateIndex, SampleId};
 use crate::planning::params::{Objective, PlanParams, SelectionParams, Solver, Strategy, TargetOf};
-use crate::planning::scene::PlanningScene;
+use crate::planning::scene::{PlanningScene, Reach};
 use crate::planning::selection::{self, CoverProblem};
+use crate::planning::surface::Surface;
 use crate::planning::visibility::{self, Occluders, Row, SampleSet};
 
 /// A targeted view is worth keeping for this share of the open area.
@@ -54,15 +55,22 @@ impl Rounds<'_> {
     /// # Errors
     /// The errors of [`candidates::generate`].
     pub(super) fn run_some(&self, max: usize, ctx: &Context<'_>) -> Result<EvaluatedCandidates, PlanError> {
-        let mut candidates = candidates::generate(&self.scope, &self.params.candidates, ctx)?;
-        let all = candidates.remaining.len();
-        let count = all.min(max);
-        candidates.remaining = (0..count).map(|i| candidates.remaining[i * all / count].clone()).collect();
-        Ok(self.evaluate(candidates, ctx)?)
+        let some = candidates::generate_some(&self.scope, &self.params.candidates, max, ctx)?;
+        Ok(self.evaluate(some, ctx)?)
     }
 
     /// Evaluates candidates: their stations, and the samples that each measures.
     fn evaluate(&self, candidates: CandidateSet, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
+        self.evaluate_on(self.scope.surface, candidates, ctx)
+    }
+
+    /// Evaluates candidates on another surface of the part.
+    fn evaluate_on(
+        &self,
+        surface: &Surface,
+        candidates: CandidateSet,
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedCandidates, Cancelled> {
         let candidates = match self.scene {
             Some(scene) => scene.drop_where_body_meets(scene.drop_inside_obstacles(candidates), ctx)?,
             None => candidates,
@@ -71,9 +79,20 @@ impl Rounds<'_> {
         ctx.begin(Stage::Stations)?;
         let reach = self.scene.map(|scene| scene.reach(&poses, ctx)).transpose()?;
         ctx.begin(Stage::Visibility)?;
+        self.seen(surface, candidates, reach, ctx)
+    }
+
+    /// Evaluates candidates whose stations are known.
+    fn seen(
+        &self,
+        surface: &Surface,
+        candidates: CandidateSet,
+        reach: Option<Reach>,
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedCandidates, Cancelled> {
+        let poses: Vec<_> = candidates.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
         let usable: Vec<bool> = candidates.indices().map(|candidate| is_usable(reach.as_ref(), candidate)).collect();
-        let (surface, scanner) = (self.scope.surface, self.scope.scanner);
-        let matrix = visibility::cast(surface, &poses, &usable, scanner, self.occluders, self.params, ctx)?;
+        let matrix = visibility::cast(surface, &poses, &usable, self.scope.scanner, self.occluders, self.params, ctx)?;
         let hidden_by_cell = SampleSet::none_of(surface.sample_mm.len());
         let mut evaluated = EvaluatedCandidates { candidates, matrix, reach, hidden_by_cell };
         if let Some(scene) = self.scene {
@@ -94,7 +113,7 @@ impl Rounds<'_> {
         Ok(best.into_iter().map(|candidate| evaluated.candidates[candidate].part_from_scanner).collect())
     }
 
-    /// Views of what is open, as few as it takes. Those that the cell cannot take are added for what is then still open:
+    /// Views of what is open, as few as it takes; views that are proposed are looked at on open samples alone. Those that the cell cannot take are added for what is then still open:
     /// they tell that reach, and not the part's shape, is what is missing.
     fn targeted(&self, so_far: &EvaluatedCandidates, ctx: &Context<'_>) -> Result<EvaluatedCandidates, Cancelled> {
         ctx.begin(Stage::Candidates)?;
@@ -106,7 +125,10 @@ impl Rounds<'_> {
         let incidence_max_rad = self.scope.scanner.devices.map(|device| self.params.limits.incidence_max_rad(&device));
         let open = OpenSamples { samples: &samples, occluders: self.occluders.rays(), incidence_max_rad };
         let (already, params) = (so_far.candidates.generated, &self.params.candidates);
-        let mut proposed = self.evaluate(candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?, ctx)?;
+        let proposed = candidates::aimed_at_open(&self.scope, params, &open, already, ctx)?;
+        let open: Vec<(SampleId, f64)> = samples.iter().map(|sample| (*sample, area_mm2[sample.index()])).collect();
+        let mut area_mm2: Vec<f64> = open.iter().map(|(_, mm2)| *mm2).collect();
+        let mut proposed = self.evaluate_on(&self.scope.surface.of_samples(&open), proposed, ctx)?;
         let mut needed = vec![false; proposed.candidates.remaining.len()];
         let mut left = params.targeted_max;
         for usable in [true, false] {
@@ -118,7 +140,23 @@ impl Rounds<'_> {
             }
         }
         proposed.drop_where(|_, candidate| (!needed[candidate.index()]).then_some(Rejection::NotNeeded));
-        Ok(proposed)
+        self.on_all_samples(proposed, &samples, ctx)
+    }
+
+    /// Candidates that were evaluated on `open` samples alone, evaluated on all.
+    fn on_all_samples(
+        &self,
+        of_open: EvaluatedCandidates,
+        open: &[SampleId],
+        ctx: &Context<'_>,
+    ) -> Result<EvaluatedCandidates, Cancelled> {
+        let mut of_all = self.seen(self.scope.surface, of_open.candidates, of_open.reach, ctx)?;
+        for (sample, cause) in open.iter().zip(of_open.matrix.furthest_cause) {
+            let furthest = &mut of_all.matrix.furthest_cause[sample.index()];
+            *furthest = (*furthest).max(cause);
+        }
+        of_open.hidden_by_cell.iter().for_each(|place| of_all.hidden_by_cell.insert(open[place.index()]));
+        Ok(of_all)
     }
 
     /// Candidates that greedy chooses for `area_mm2` among those that are usable or among those that are not.

@@ -9,8 +9,10 @@ use crate::planning::context::{Context, PlanError, Stage};
 use crate::planning::estimate::Estimate;
 use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
+use crate::planning::plan::ChosenOn;
 use crate::planning::scene::{self, PlanInput, PlanningScene};
 use crate::planning::setups::{self, Setup};
+use crate::planning::surface::thinned::{self, Strata};
 use crate::planning::surface::{Surface, check_asked, requirements};
 use crate::planning::visibility::{Occluders, Optics, Row};
 
@@ -21,8 +23,27 @@ pub(in crate::planning) struct SampledPart {
     pub(in crate::planning) surface: Surface,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
+    /// Samples that views are chosen on; `None` where that is all of them.
+    thinned: Option<Thinned>,
     /// The part without a plate; with several setups, since none of their plates stands in all.
     alone: Option<Occluders>,
+}
+
+/// Some of the samples of a part.
+struct Thinned {
+    surface: Surface,
+    strata: Strata,
+    asked_area_mm2: Vec<f64>,
+}
+
+/// One way in which the part lies, with the samples that candidates are evaluated on.
+#[derive(Clone, Copy)]
+pub(in crate::planning) struct TriedSetup<'a> {
+    pub(in crate::planning) table_from_part: Pose<Table, Part>,
+    pub(in crate::planning) surface: &'a Surface,
+    pub(in crate::planning) occluders: &'a Occluders,
+    /// Present with a cell.
+    pub(in crate::planning) scene: Option<&'a PlanningScene<'a>>,
 }
 
 /// The candidates of all setups.
@@ -48,9 +69,34 @@ impl SampledPart {
         let asked_area_mm2 = surface.asked_area_mm2();
         check_asked(&asked_area_mm2)?;
         let table_from_part = params.part.table_from_part.unwrap_or_default().pose();
-        params.candidates = candidates::resolve(&surface, &table_from_part, input.scanner, &params.candidates);
+        let count = params.selection.samples.map_or_else(|| thinned::default_count(surface.area_where(|_| true)), f64::from);
+        let thinned = thinned::thinned(&surface, count).map(|(surface, strata)| {
+            let asked_area_mm2 = surface.asked_area_mm2();
+            Thinned { surface, strata, asked_area_mm2 }
+        });
+        let chosen_on = thinned.as_ref().map_or(&surface, |thinned| &thinned.surface);
+        params.candidates = candidates::resolve(chosen_on, &table_from_part, input.scanner, &params.candidates);
         let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
-        Ok(Self { params, surface, asked_area_mm2, alone })
+        Ok(Self { params, surface, asked_area_mm2, thinned, alone })
+    }
+
+    /// The surface that views are chosen on, and the area of each of its samples, 0 where it is not asked for.
+    pub(in crate::planning) fn chosen_on(&self) -> (&Surface, &[f64]) {
+        match &self.thinned {
+            Some(thinned) => (&thinned.surface, &thinned.asked_area_mm2),
+            None => (&self.surface, &self.asked_area_mm2),
+        }
+    }
+
+    /// Number of samples that views are chosen on, and of all.
+    pub(in crate::planning) fn counts(&self) -> ChosenOn {
+        let (surface, _) = self.chosen_on();
+        ChosenOn { samples: surface.sample_mm.len(), of_samples: self.surface.sample_mm.len(), refinements: 0 }
+    }
+
+    /// Strata of the samples, where views are chosen on some of them.
+    pub(in crate::planning) fn strata(&self) -> Option<&Strata> {
+        self.thinned.as_ref().map(|thinned| &thinned.strata)
     }
 
     /// The setups to plan in, with everything that hides a sample or hinders the robot in each.
@@ -78,9 +124,22 @@ impl SampledPart {
         let plate = input.cell.map(|cell| scene::plate(cell, &table_from_part));
         let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
         let occluders = Occluders::interruptible(occluders, ctx)?;
-        input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
-        let scene = input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part, ctx)).transpose()?;
+        let scene = self.scene(input, table_from_part, ctx)?;
         Ok(Setup { table_from_part, occluders, scene })
+    }
+
+    /// The cell with the part lying in one way; `None` without a cell.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub(in crate::planning) fn scene<'a>(
+        &'a self,
+        input: &PlanInput<'a>,
+        table_from_part: Pose<Table, Part>,
+        ctx: &Context<'_>,
+    ) -> Result<Option<PlanningScene<'a>>, PlanError> {
+        input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
+        input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part, ctx)).transpose()
     }
 
     /// Evaluates at most `max` candidates of a setup, evenly spaced among those of the strategies that know the part alone, and keeps
@@ -91,30 +150,37 @@ impl SampledPart {
     pub(in crate::planning) fn evaluate_some(
         &self,
         input: &PlanInput<'_>,
-        setup: &Setup<'_>,
+        setup: &TriedSetup<'_>,
         max: usize,
         ctx: &Context<'_>,
     ) -> Result<EvaluatedCandidates, PlanError> {
-        let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
-        let mut some = self.rounds(input, setup, &optics).run_some(max, ctx)?;
+        let optics = Optics::new(input.scanner, &self.params, &setup.surface.requirements);
+        let asked_area_mm2 = setup.surface.asked_area_mm2();
+        let mut some = self.rounds(input, setup, &optics, &asked_area_mm2).run_some(max, ctx)?;
         some.drop_unusable();
         Ok(some)
     }
 
-    fn rounds<'a>(&'a self, input: &'a PlanInput<'_>, setup: &'a Setup<'_>, optics: &'a Optics) -> Rounds<'a> {
+    fn rounds<'a>(
+        &'a self,
+        input: &'a PlanInput<'_>,
+        setup: &TriedSetup<'a>,
+        optics: &'a Optics,
+        asked_area_mm2: &'a [f64],
+    ) -> Rounds<'a> {
+        let TriedSetup { table_from_part, surface, occluders, scene } = *setup;
         let scope = Scope {
             part: input.mesh,
-            surface: &self.surface,
+            surface,
             scanner: input.scanner,
             cell: input.cell,
-            table_from_part: setup.table_from_part,
-            occluders: &setup.occluders,
+            table_from_part,
+            occluders,
             optics,
             score: &self.params.score,
             seed: self.params.seed,
         };
-        let (occluders, scene) = (&setup.occluders, setup.scene.as_ref());
-        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2: &self.asked_area_mm2 }
+        Rounds { scope, params: &self.params, occluders, scene, asked_area_mm2 }
     }
 
     /// Every candidate with its stations and what it measures, the setups' candidates one after another.
@@ -127,13 +193,20 @@ impl SampledPart {
         setups: &[Setup<'_>],
         ctx: &Context<'_>,
     ) -> Result<EvaluatedSetups, PlanError> {
+        let (surface, asked_area_mm2) = self.chosen_on();
         let mut all =
-            EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(&self.surface, input.cell.is_some()), robust_rows: None };
+            EvaluatedSetups { evaluated: EvaluatedCandidates::none_of(surface, input.cell.is_some()), robust_rows: None };
         let optics = Optics::new(input.scanner, &self.params, &self.surface.requirements);
         for (index, setup) in SetupIndex::number(setups) {
-            let evaluated = self.rounds(input, setup, &optics).run(ctx)?.in_setup(index);
+            let tried = TriedSetup {
+                table_from_part: setup.table_from_part,
+                surface,
+                occluders: &setup.occluders,
+                scene: setup.scene.as_ref(),
+            };
+            let evaluated = self.rounds(input, &tried, &optics, asked_area_mm2).run(ctx)?.in_setup(index);
             let (params, occluders) = (&self.params, &setup.occluders);
-            let visibility = VisibilityInput { surface: &self.surface, scanner: input.scanner, occluders, params };
+            let visibility = VisibilityInput { surface, scanner: input.scanner, occluders, params };
             if let Some(rows) = robust_rows::rows(&visibility, &evaluated, ctx)? {
                 all.robust_rows.get_or_insert_default().extend(rows);
             }

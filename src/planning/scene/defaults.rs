@@ -4,9 +4,12 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 
 use super::PlanInput;
 use crate::cell::PoseSpec;
-use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
+use crate::geometry::{Aabb, Mesh, Part, Pose, StablePose, Table};
 use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::surface;
+
+/// Lean within which a part that stands has an axis up, radians (3°): files are seldom aligned better.
+const STANDS_WITHIN_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
 
 /// Part axes parallel to the table's, bottom of the bounding box on the plate, its centre on the axis
 /// ([`crate::planning::method::frames`]).
@@ -31,6 +34,26 @@ impl UpAxis {
         ("z", [0.0, 0.0, 1.0]),
         ("-z", [0.0, 0.0, -1.0]),
     ];
+}
+
+impl UpAxis {
+    /// Every axis.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::NAMES.into_iter().map(|(_, direction)| Self(direction.into()))
+    }
+
+    /// Returns true if a part that stands in one of these ways has this axis up.
+    #[must_use]
+    pub fn is_among(&self, stable: &[StablePose]) -> bool {
+        stable.iter().any(|pose| pose.down.angle(&-self.0) <= STANDS_WITHIN_RAD)
+    }
+}
+
+impl std::fmt::Display for UpAxis {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = Self::NAMES.into_iter().find(|(_, direction)| Self((*direction).into()) == *self).map(|(name, _)| name);
+        f.write_str(name.unwrap_or_default())
+    }
 }
 
 impl std::str::FromStr for UpAxis {

@@ -13,7 +13,7 @@ pub(super) use placement::{check as check_placement, plate};
 use rayon::prelude::*;
 
 use super::candidates::{Candidate, CandidateSet, Rejection};
-use super::context::{Cancelled, Context, PlanError};
+use super::context::{Cancelled, Context, PlanError, Stage};
 use super::ids::ViewId;
 use super::params::PlanParams;
 use super::sequence::{self, InSight, OrderOptions, Ordered, Roadmaps, StopPermits};
@@ -52,7 +52,10 @@ impl<'a> PlanningScene<'a> {
         ctx: &Context<'_>,
     ) -> Result<Self, PlanError> {
         let clearance_mm = params.motion.clearance_mm;
-        let scene = CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm);
+        let scene = ctx.within(Stage::CollisionScene, || match input.roadmaps {
+            Some(kept) => kept.bare_scene(cell, clearance_mm).with_part(input.mesh, input.fixture, &table_from_part),
+            None => CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm),
+        });
         match scene.placement_contact() {
             Some(contact) => {
                 let detail = format!("lets {contact} meet; move the part, or what it meets");

@@ -3,17 +3,20 @@
 //!
 //! Goals that count: every goal, the plan's own target first; where the plan does not reach a goal (the
 //! target cannot be met, growth ended it, the views were limited), the area of it that the plan measures. Overlap, time and
-//! quality are left out, which makes it a bound with them as well. Cost: about half a second at most.
+//! quality are left out, which makes it a bound with them as well. Exchanges ask for it before they look for fewer views
+//! (`local.rs`), and it is not computed twice. Cost: 15 to 40 steps of at most [`QUICK`], once to price rows and up to four times
+//! with those that can count; a twentieth of a second as a rule.
 
-use super::multipliers::{BoundTarget, Multipliers, RelaxationSize};
+use super::multipliers::{BoundTarget, Multipliers, Prices, RelaxationSize};
 use super::units::Units;
-use super::{Cover, CoverProblem, is_for_coverage, max_views};
+use super::{CoverProblem, is_for_coverage, max_views};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::RowIndex;
 use crate::planning::params::SelectionParams;
 use crate::planning::visibility::Row;
 
 /// Size of the relaxation that every solver gets.
-const QUICK: RelaxationSize = RelaxationSize { step: 3e7, rows: 400 };
+const QUICK: RelaxationSize = RelaxationSize { step: 4e6, rows: 400, prices: Some(Prices { step: 2e6, rows: 128 }) };
 
 /// Bound on the number of views, or on the area, of any choice from the same candidates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,23 +43,48 @@ pub(super) fn goals_of(problem: &CoverProblem<'_>, rows: &[&Row], for_coverage: 
     goals
 }
 
-/// The bound from the relaxation alone.
+/// A proof that goals ask for so many views.
+pub(super) struct FewestProof {
+    /// Units needed of each goal.
+    needed: Vec<i64>,
+    views_lower: usize,
+}
+
+impl FewestProof {
+    /// The bound from the relaxation alone, for goals that `views` views meet.
+    pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], views: usize, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        let multipliers = Multipliers::relaxed(problem, goals, BoundTarget::FewestViews, (&QUICK, views), ctx)?;
+        Ok(Self { needed: needed(goals), views_lower: multipliers.views_lower() })
+    }
+
+    /// The fewest views that `goals` ask for, where it was proved of them.
+    pub(super) fn views_of(&self, goals: &[Units]) -> Option<usize> {
+        (self.needed == needed(goals)).then_some(self.views_lower)
+    }
+}
+
+fn needed(goals: &[Units]) -> Vec<i64> {
+    goals.iter().map(|goal| goal.needed).collect()
+}
+
+/// The bound of chosen rows from the relaxation alone, or from what is `proved` of the same goals.
 pub(super) fn quick(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
-    chosen: &Cover,
+    rows: &[RowIndex],
+    proved: Option<&FewestProof>,
     ctx: &Context<'_>,
 ) -> Result<Bound, Cancelled> {
-    let rows: Vec<&Row> = chosen.choices.iter().map(|choice| problem.row(choice.row)).collect();
-    let goals = goals_of(problem, &rows, is_for_coverage(params));
-    let multipliers = Multipliers::relaxed(problem, &goals, BoundTarget::FewestViews, &QUICK, ctx)?;
-    let bound = Bound::of_views(multipliers.views_lower(problem), rows.len());
+    let goals = goals_of(problem, &problem.measured(rows), is_for_coverage(params));
+    let known = proved.and_then(|proved| proved.views_of(&goals));
+    let proved = || FewestProof::new(problem, &goals, rows.len(), ctx).map(|proof| proof.views_lower);
+    let bound = Bound::of_views(known.map_or_else(proved, Ok)?, rows.len());
     if !is_for_coverage(params) {
         return Ok(bound);
     }
     let views = max_views(params);
-    let upper = Multipliers::relaxed(problem, &goals, BoundTarget::MostArea(views), &QUICK, ctx)?.max_units(problem, views);
-    Ok(bound.with_max_units(problem, &goals[0], upper))
+    let most = Multipliers::relaxed(problem, &goals, BoundTarget::MostArea(views), (&QUICK, usize::MAX), ctx)?;
+    Ok(bound.with_max_units(problem, &goals[0], most.max_units(views)))
 }
 
 impl Bound {

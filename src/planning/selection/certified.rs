@@ -6,7 +6,7 @@
 //! With `selection.overlap` the proof is of the problem without it, and views that it finds are taken only if they are
 //! connected.
 
-use super::bound::{Bound, goals_of};
+use super::bound::{Bound, FewestProof, goals_of};
 use super::branch::{CoverResult, SearchNode, search};
 use super::classes::Classes;
 use super::local::{Budget, Exchange};
@@ -20,7 +20,7 @@ use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
 
 /// Size of the relaxation at the root.
-const THOROUGH: RelaxationSize = RelaxationSize { step: 2e8, rows: 600 };
+const THOROUGH: RelaxationSize = RelaxationSize { step: 2e8, rows: 600, prices: None };
 /// Pairs of row and class with which branch and bound begins at most: its memory.
 const MAX_PAIRS: usize = 30_000_000;
 
@@ -31,14 +31,14 @@ pub(super) fn select(
     start: Option<&Cover>,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    let scorer = Scorer::new(problem, params, weights);
+    let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
     let mut found = local::search(&scorer, params, start, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
         proof.max_area(&mut found.rows, max_views(params))?
     } else {
-        proof.fewest_views(&mut found.rows)?
+        proof.fewest_views(&mut found.rows, found.proved.as_ref())?
     };
     let rows = problem.measured(&found.rows);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
@@ -60,10 +60,14 @@ struct Proof<'a> {
 
 impl Proof<'_> {
     /// Raises the bound to the number of views, or finds fewer.
-    fn fewest_views(&mut self, rows: &mut Vec<RowIndex>) -> Result<Bound, Cancelled> {
+    fn fewest_views(&mut self, rows: &mut Vec<RowIndex>, proved: Option<&FewestProof>) -> Result<Bound, Cancelled> {
         let goals = goals_of(self.problem, &self.problem.measured(rows), false);
-        let multipliers = Multipliers::relaxed(self.problem, &goals, BoundTarget::FewestViews, &THOROUGH, self.ctx)?;
-        let mut lower = multipliers.views_lower(self.problem);
+        if proved.and_then(|proved| proved.views_of(&goals)).is_some_and(|lower| lower >= rows.len()) {
+            return Ok(Bound::of_views(rows.len(), rows.len()));
+        }
+        let multipliers =
+            Multipliers::relaxed(self.problem, &goals, BoundTarget::FewestViews, (&THOROUGH, rows.len()), self.ctx)?;
+        let mut lower = multipliers.views_lower();
         let Some(instance) = self.instance(&goals, &multipliers, lower < rows.len()) else {
             return Ok(Bound::of_views(lower, rows.len()));
         };
@@ -91,8 +95,8 @@ impl Proof<'_> {
     fn max_area(&mut self, rows: &mut Vec<RowIndex>, views: usize) -> Result<Bound, Cancelled> {
         let problem = self.problem;
         let mut goal = goals_of(problem, &problem.measured(rows), true);
-        let multipliers = Multipliers::relaxed(problem, &goal, BoundTarget::MostArea(views), &THOROUGH, self.ctx)?;
-        let mut upper = multipliers.max_units(problem, views).min(goal[0].measured);
+        let multipliers = Multipliers::relaxed(problem, &goal, BoundTarget::MostArea(views), (&THOROUGH, usize::MAX), self.ctx)?;
+        let mut upper = multipliers.max_units(views).min(goal[0].measured);
         let instance = self.instance(&goal, &multipliers, upper > goal[0].needed);
         while let Some(instance) = instance.as_ref().filter(|_| upper > goal[0].needed) {
             let asked = goal[0].needed + 1;
@@ -112,8 +116,8 @@ impl Proof<'_> {
                 }
             }
         }
-        let fewest = Multipliers::relaxed(problem, &goal, BoundTarget::FewestViews, &THOROUGH, self.ctx)?;
-        Ok(Bound::of_views(fewest.views_lower(problem), rows.len()).with_max_units(problem, &goal[0], upper))
+        let fewest = Multipliers::relaxed(problem, &goal, BoundTarget::FewestViews, (&THOROUGH, rows.len()), self.ctx)?;
+        Ok(Bound::of_views(fewest.views_lower(), rows.len()).with_max_units(problem, &goal[0], upper))
     }
 
     /// Makes the instance for branch and bound; `None` where it is not wanted or would be too large.

@@ -1,13 +1,14 @@
 //! Reduction of the matrix: samples that the same rows measure become one class with the sum of their units, and rows are
-//! dropped whose samples another row measures too. Neither changes what any number of views can cover. Cost: a bit a pair of
-//! sample and row, and a pass over the pairs that are set; a comparison of two rows ends at the first difference.
-
-use std::collections::HashMap;
+//! dropped whose samples another row measures too. Neither changes what any number of views can cover. Samples are told apart
+//! by their columns (`columns.rs`), found by hash and compared bit by bit: nothing is sorted, and nothing that differs is merged.
+//!
+//! Real views leave little to merge: of a bunny's 64 000 samples under 274 of them 48 000 differ. Cost: a bit a pair of
+//! sample and row; a comparison of two rows ends at the first difference.
 
 use super::CoverProblem;
+use super::columns::{ColumnNumbers, Columns};
 use super::units::Units;
 use crate::planning::ids::{RowIndex, SampleId};
-use crate::planning::visibility::ones;
 
 /// The reduced matrix.
 pub(super) struct Classes {
@@ -27,30 +28,26 @@ impl Classes {
 
     /// Merges the `samples` that some goal counts, over the `rows` given.
     pub(super) fn new(problem: &CoverProblem<'_>, goals: &[Units], samples: &[SampleId], rows: &[RowIndex]) -> Self {
-        let index = index_of(problem, goals, samples);
-        let counted: Vec<SampleId> = samples.iter().copied().filter(|sample| index[sample.index()] != Self::NONE).collect();
-        let signatures = Signatures::new(problem, rows, &index, counted.len());
-        let mut class_of: HashMap<&[u64], u32> = HashMap::new();
-        let mut representatives = Vec::new();
+        let counts = |sample: &SampleId| goals.iter().any(|goal| goal.of_sample[sample.index()] > 0);
+        let counted: Vec<SampleId> = samples.iter().copied().filter(counts).collect();
+        let words: Vec<&[u64]> = rows.iter().map(|row| problem.row(*row).words()).collect();
+        let columns = Columns::new(&words, &counted);
+        let mut numbers = ColumnNumbers::new(&columns, counted.len());
         let mut units = vec![Vec::new(); goals.len()];
-        let mut of_sample = vec![Self::NONE; index.len()];
+        let mut of_sample = vec![Self::NONE; problem.asked_area_mm2.len()];
         for (at, sample) in counted.iter().map(|sample| sample.index()).enumerate() {
-            let signature = signatures.of(at);
-            if signature.iter().all(|word| *word == 0) {
-                continue;
-            }
-            let class = *class_of.entry(signature).or_insert_with(|| {
-                representatives.push(at);
-                units.iter_mut().for_each(|units| units.push(0));
-                representatives.len() as u32 - 1
-            });
+            let Some(class) = numbers.number(at) else { continue };
             of_sample[sample] = class;
-            units.iter_mut().zip(goals).for_each(|(units, goal)| units[class as usize] += goal.of_sample[sample]);
+            for (units, goal) in units.iter_mut().zip(goals) {
+                units.resize(numbers.first.len(), 0);
+                units[class as usize] += goal.of_sample[sample];
+            }
         }
         let mut of_row = vec![Vec::new(); rows.len()];
-        for (class, at) in (0..).zip(&representatives) {
-            signatures.places(*at).for_each(|place| of_row[place].push(class));
+        for (class, at) in (0..).zip(&numbers.first) {
+            columns.rows(*at).for_each(|place| of_row[place].push(class));
         }
+        let representatives = numbers.first;
         let places = undominated(&of_row, representatives.len());
         let of_row = places.iter().map(|place| std::mem::take(&mut of_row[*place])).collect();
         Self { rows: places.iter().map(|place| rows[*place]).collect(), of_row, units, of_sample }
@@ -66,41 +63,6 @@ impl Classes {
     /// Number of classes.
     pub(super) fn len(&self) -> usize {
         self.units.first().map_or(0, Vec::len)
-    }
-}
-
-/// Position of each sample among the `samples` that count.
-fn index_of(problem: &CoverProblem<'_>, goals: &[Units], samples: &[SampleId]) -> Vec<u32> {
-    let mut index = vec![Classes::NONE; problem.asked_area_mm2.len()];
-    let counts = |sample: &&SampleId| goals.iter().any(|goal| goal.of_sample[sample.index()] > 0);
-    (0..).zip(samples.iter().filter(counts)).for_each(|(place, sample)| index[sample.index()] = place);
-    index
-}
-
-/// Rows that measure each sample, a bit a row: its place among the rows given.
-struct Signatures {
-    words: Vec<u64>,
-    width: usize,
-}
-
-impl Signatures {
-    fn new(problem: &CoverProblem<'_>, rows: &[RowIndex], index: &[u32], samples: usize) -> Self {
-        let width = rows.len().div_ceil(64).max(1);
-        let mut words = vec![0; samples * width];
-        for (place, row) in rows.iter().enumerate() {
-            let placed = problem.row(*row).samples().map(|sample| index[sample.index()]).filter(|at| *at != Classes::NONE);
-            placed.for_each(|at| words[at as usize * width + place / 64] |= 1 << (place % 64));
-        }
-        Self { words, width }
-    }
-
-    fn of(&self, sample: usize) -> &[u64] {
-        &self.words[sample * self.width..][..self.width]
-    }
-
-    fn places(&self, sample: usize) -> impl Iterator<Item = usize> {
-        let words = (0..).step_by(64).zip(self.of(sample));
-        words.flat_map(|(first, word)| ones(*word).map(move |bit| first + bit as usize))
     }
 }
 

@@ -3,17 +3,19 @@
 //!
 //! The floors are goals like any other. Each sample has a twin for each floor: a row holds the twin of what it measures at that
 //! grade or better, and a goal asks for enough area of twins. Twins count in no score. Of more than [`MAX_TWINNED`] samples only
-//! every nth has twins. Cost: a copy of the table, and 2 bits a sample and 2 bytes a twin for each row.
+//! every nth has twins, which stand close together behind the samples. Cost: a copy of the table, and 2 bits and 4 bytes a twin for
+//! each row.
 
 use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-use super::{CoverProblem, Goal, greedy};
+use super::{CoverProblem, Goal, coverable_mm2, greedy};
 use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
 use crate::planning::verdict::Grade;
-use crate::planning::visibility::{Row, SampleSet};
+use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
 /// Grades under which there is a floor, each with what is better.
 const FLOORS: [Grade; 2] = [Grade::A, Grade::B];
@@ -43,30 +45,21 @@ impl GradeFloor {
             return Ok(None);
         }
         let start = greedy::select(problem, params, weights, ctx)?;
-        let length = problem.asked_area_mm2.len().next_multiple_of(64);
-        // The samples, then their twins for each floor.
-        let placed = |area_mm2: &[f64], place: usize| {
-            let mut placed = vec![0.0; length * (1 + FLOORS.len())];
-            placed[length * place..][..area_mm2.len()].copy_from_slice(area_mm2);
-            placed
-        };
-        let goal =
-            |area_mm2: &[f64], place: usize, needed_mm2: f64| Goal { area_mm2: Cow::Owned(placed(area_mm2, place)), needed_mm2 };
-        let mut goals: Vec<Goal<'static>> = problem.goals.iter().map(|own| goal(&own.area_mm2, 0, own.needed_mm2)).collect();
-        let stride = problem.asked_area_mm2.len().div_ceil(MAX_TWINNED).max(1);
-        let twinned = |(sample, area_mm2): (usize, &f64)| if sample.is_multiple_of(stride) { *area_mm2 } else { 0.0 };
-        let twinned_mm2: Vec<f64> = problem.asked_area_mm2.iter().enumerate().map(twinned).collect();
-        for (place, grade) in (1..).zip(FLOORS) {
-            let mut by_greedy = SampleSet::none_of(problem.asked_area_mm2.len());
-            start.choices.iter().for_each(|choice| by_greedy.insert_all(&at_least(problem.row(choice.row), grade, stride)));
-            let greedy_mm2: f64 = by_greedy.iter().map(|sample| twinned_mm2[sample.index()]).sum();
-            let needed_mm2 = greedy_mm2 - max_loss * twinned_mm2.iter().sum::<f64>();
-            goals.push(goal(&twinned_mm2, place, needed_mm2.max(0.0)));
+        let places = TwinPlaces::new(problem.asked_area_mm2.len());
+        let rows: Vec<Row> = problem.rows.par_iter().map(|row| places.with_twins(row)).collect();
+        let own = |goal: &Goal<'_>| Goal { area_mm2: Cow::Owned(places.of_samples(&goal.area_mm2)), needed_mm2: goal.needed_mm2 };
+        let mut goals: Vec<Goal<'static>> = problem.goals.iter().map(own).collect();
+        for floor in 0..FLOORS.len() {
+            let area_mm2 = places.of_twins(problem.asked_area_mm2, floor);
+            let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
+            let greedy_mm2 = coverable_mm2(&chosen, &area_mm2);
+            let needed_mm2 = greedy_mm2 - max_loss * area_mm2.iter().sum::<f64>();
+            goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2: needed_mm2.max(0.0) });
         }
         Ok(Some(Self {
-            rows: problem.rows.par_iter().map(|row| with_twins(row, stride)).collect(),
-            asked_area_mm2: placed(problem.asked_area_mm2, 0),
-            weighted_area_mm2: placed(&problem.weighted_area_mm2, 0),
+            rows,
+            asked_area_mm2: places.of_samples(problem.asked_area_mm2),
+            weighted_area_mm2: places.of_samples(&problem.weighted_area_mm2),
             goals,
             start,
         }))
@@ -90,27 +83,77 @@ fn borrowed<'a>(goal: &'a Goal<'_>) -> Goal<'a> {
     Goal { area_mm2: Cow::Borrowed(&goal.area_mm2), needed_mm2: goal.needed_mm2 }
 }
 
-/// Every `stride`th sample, where a row measures it at this grade or better.
-fn at_least(row: &Row, grade: Grade, stride: usize) -> SampleSet {
-    let mut samples = SampleSet::from_words(vec![0; row.words().len()]);
-    let twinned = row.graded().filter(|(sample, _)| sample.index().is_multiple_of(stride));
-    let graded = twinned.filter(|(_, quality)| f64::from(*quality) > grade.above());
-    graded.for_each(|(sample, _)| samples.insert(sample));
-    samples
+/// Places of samples and twins: the samples, then the twins of each floor, each part in whole words.
+struct TwinPlaces {
+    /// Every so many samples one has twins.
+    stride: usize,
+    /// Samples that have twins, as words of bits.
+    twinned: Vec<u64>,
+    /// Places of the samples, and of the twins of a floor.
+    samples: usize,
+    twins: usize,
 }
 
-/// A row with the twins of its samples; the quality of a twin does not count.
-fn with_twins(row: &Row, stride: usize) -> Row {
-    let twins = FLOORS.map(|grade| at_least(row, grade, stride));
-    let words = std::iter::once(row.words()).chain(twins.iter().map(SampleSet::words));
-    let with_twins = Row::new(words.collect::<Vec<_>>().concat());
-    match row.quality() {
-        Some((scale, steps)) => {
-            let count = with_twins.count();
-            let mut steps = steps.to_vec();
-            steps.resize(count, 0);
-            with_twins.with_quality(steps, scale)
-        }
-        None => with_twins,
+impl TwinPlaces {
+    fn new(samples: usize) -> Self {
+        let stride = samples.div_ceil(MAX_TWINNED).max(1);
+        let mut twinned = SampleSet::none_of(samples);
+        (0..samples).step_by(stride).for_each(|sample| twinned.insert(SampleId::at(sample)));
+        let twins = samples.div_ceil(stride).next_multiple_of(64);
+        Self { stride, twinned: twinned.into_words(), samples: samples.next_multiple_of(64), twins }
     }
+
+    fn len(&self) -> usize {
+        self.samples + FLOORS.len() * self.twins
+    }
+
+    /// Areas of the samples; those of twins are 0.
+    fn of_samples(&self, area_mm2: &[f64]) -> Vec<f64> {
+        let mut placed = area_mm2.to_vec();
+        placed.resize(self.len(), 0.0);
+        placed
+    }
+
+    /// Areas of the twins of a floor, each that of its sample; all others are 0.
+    fn of_twins(&self, area_mm2: &[f64], floor: usize) -> Vec<f64> {
+        let mut placed = vec![0.0; self.len()];
+        let twins = &mut placed[self.samples + floor * self.twins..];
+        twins.iter_mut().zip(area_mm2.iter().step_by(self.stride)).for_each(|(twin, area_mm2)| *twin = *area_mm2);
+        placed
+    }
+
+    /// A row with the twins of its samples; the quality of a twin does not count.
+    fn with_twins(&self, row: &Row) -> Row {
+        let mut words = row.words().to_vec();
+        words.resize(self.len() / 64, 0);
+        let Some((scale, steps)) = row.quality() else { return Row::new(words) };
+        let floors = FLOORS.map(|grade| first_step(scale, grade));
+        let mut before = 0;
+        for (block, (word, twinned)) in row.words().iter().zip(&self.twinned).enumerate() {
+            for bit in ones(word & twinned) {
+                let step = i32::from(steps[before + (word & ((1 << bit) - 1)).count_ones() as usize]);
+                let twin = (64 * block + bit as usize) / self.stride;
+                for (floor, _) in floors.iter().enumerate().filter(|(_, first)| step >= **first) {
+                    let place = self.samples + floor * self.twins + twin;
+                    words[place / 64] |= 1 << (place % 64);
+                }
+            }
+            before += word.count_ones() as usize;
+        }
+        let with_twins = Row::new(words);
+        let mut steps = steps.to_vec();
+        steps.resize(with_twins.count(), 0);
+        with_twins.with_quality(steps, scale)
+    }
+}
+
+/// The first step of quality that has a grade or a better one.
+fn first_step(scale: QualityScale, grade: Grade) -> i32 {
+    let has_grade = |step: i32| f64::from(scale.quality(step as i16)) > grade.above();
+    let (mut below, mut first) = (-i32::from(i16::MAX) - 1, i32::from(i16::MAX) + 1);
+    while first - below > 1 {
+        let middle = i32::midpoint(below, first);
+        if has_grade(middle) { first = middle } else { below = middle }
+    }
+    first
 }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::overlap::Overlap;
 use super::score::{Scorer, Uncovered};
 use super::{Choice, Cover, CoverProblem, Goal, StopReason, is_for_coverage, max_views};
+use crate::geometry::SimdLevel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
@@ -25,7 +26,7 @@ pub(super) fn select(
     weights: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Cover, Cancelled> {
-    let scorer = Scorer::new(problem, params, weights);
+    let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
     run(BatchQueue::new(problem.rows.len()), &scorer, params, ctx)
 }
 
@@ -59,7 +60,7 @@ pub(super) fn run(
 ) -> Result<Cover, Cancelled> {
     let problem = scorer.problem;
     let overlap = Overlap::new(problem, &params.overlap);
-    let mut goals: Vec<GoalProgress<'_>> = problem.goals.iter().map(GoalProgress::new).collect();
+    let mut goals: Vec<GoalProgress<'_>> = problem.goals.iter().map(|goal| GoalProgress::new(goal, scorer.level)).collect();
     let mut round = Round::first(scorer);
     let min_gain_mm2 = params.min_growth * problem.asked_mm2();
     let stopped_because = loop {
@@ -99,8 +100,9 @@ struct GoalProgress<'a> {
 }
 
 impl<'a> GoalProgress<'a> {
-    fn new(goal: &'a Goal<'a>) -> Self {
-        Self { goal, open: Uncovered::all(&goal.area_mm2), covered_mm2: 0.0, target_mm2: goal.needed_mm2 * (1.0 - SUM_SLACK) }
+    fn new(goal: &'a Goal<'a>, level: SimdLevel) -> Self {
+        let open = Uncovered::all(&goal.area_mm2, level);
+        Self { goal, open, covered_mm2: 0.0, target_mm2: goal.needed_mm2 * (1.0 - SUM_SLACK) }
     }
 
     fn is_met(&self) -> bool {
@@ -130,7 +132,8 @@ pub(super) struct Round<'a> {
 
 impl<'a> Round<'a> {
     fn first(scorer: &'a Scorer<'a>) -> Self {
-        let (open, asked) = (Uncovered::all(&scorer.problem.weighted_area_mm2), Uncovered::all(scorer.problem.asked_area_mm2));
+        let all = |area_mm2: &[f64]| Uncovered::all(area_mm2, scorer.level);
+        let (open, asked) = (all(&scorer.problem.weighted_area_mm2), all(scorer.problem.asked_area_mm2));
         Self { scorer, open, asked, chosen: Vec::new(), choices: Vec::new() }
     }
 

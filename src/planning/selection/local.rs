@@ -1,22 +1,27 @@
 //! Local search for fewer views: greedy by area, redundant views removed, then with one view less exchanges of one view for
-//! another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number of views:
+//! another until the goals are met again, or work ends; as long as the bound (`bound.rs`) leaves room for one view less (tabu search: Glover 1989; for covering with a fixed number of views:
 //! Resende 1998, Galinier and Hertz 2007). The best views are exchanged for a higher score at last (`improve_score.rs`).
 //!
 //! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: a step
-//! passes over the open and the singly covered samples of every row.
+//! passes over the open and the singly covered samples of every row, 64 at a time.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::blocks::{BLOCK, Segment, masked_sum, segment_sums};
+use super::bound::FewestProof;
 use super::greedy::{self, BatchQueue};
 use super::improve_score;
 use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
 use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
+use crate::geometry::SimdLevel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::RowIndex;
-use crate::planning::params::{ScoreParams, SelectionParams};
-use crate::planning::visibility::{Row, ones};
+use crate::planning::params::SelectionParams;
+use crate::planning::visibility::Row;
 
 /// Work of an attempt with one view less: pairs of sample and row evaluated.
 const ATTEMPT_WORK: u64 = 400_000_000;
@@ -24,25 +29,19 @@ const ATTEMPT_WORK: u64 = 400_000_000;
 const MIN_STEPS: u64 = 8;
 const MAX_STEPS: u64 = 100;
 const STEPS_A_ROW: u64 = 8;
+/// Pairs of sample and row that a segment of a row counts for: most rows measure nothing of it, others all of its 64.
+const PAIRS_A_SEGMENT: u64 = 8;
+/// Blocks whose segments a thread finds at once.
+const BLOCKS_A_TASK: usize = 256;
 /// Rows of a table that one thread takes at once.
 const ROWS_A_TASK: usize = 16;
-
-pub(super) fn select(
-    problem: &CoverProblem<'_>,
-    params: &SelectionParams,
-    weights: &ScoreParams,
-    start: Option<&Cover>,
-    ctx: &Context<'_>,
-) -> Result<Cover, Cancelled> {
-    let scorer = Scorer::new(problem, params, weights);
-    let found = search(&scorer, params, start, ctx)?;
-    Ok(Cover { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because })
-}
 
 /// Views without their order.
 pub(super) struct LocalOptimum {
     pub(super) rows: Vec<RowIndex>,
     pub(super) stopped_because: StopReason,
+    /// The bound that ended the search for fewer, where it was asked for.
+    pub(super) proved: Option<FewestProof>,
 }
 
 /// The best views that exchanges find, begun at `start`, or where greedy by area ends.
@@ -56,7 +55,8 @@ pub(super) fn search(
     let by_area = || greedy::run(BatchQueue::new(problem.rows.len()), &scorer.by_area(), params, ctx);
     let start = start.map_or_else(by_area, |start| Ok(start.clone()))?;
     let overlap = Overlap::new(problem, &params.overlap);
-    let mut rows: Vec<RowIndex> = start.choices.iter().map(|choice| choice.row).collect();
+    let mut rows = start.rows();
+    let mut proved = None;
     let mut stopped_because = start.stopped_because;
     let mut goals = Units::of_goals(problem);
     let mut budget = Budget { left: u64::from(params.work_limit) * 1_000_000 };
@@ -74,10 +74,10 @@ pub(super) fn search(
         if limited && problem.goals.len() == goals.len() && are_met(problem, &measured) {
             stopped_because = StopReason::Target;
         }
-        rows = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, &mut budget, ctx)?;
+        (rows, proved) = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, &mut budget, ctx)?;
     }
     let rows = improve_score::run(scorer, &Exchange { problem, goals: &goals, overlap: &overlap }, rows, &mut budget, ctx)?;
-    Ok(LocalOptimum { rows, stopped_because })
+    Ok(LocalOptimum { rows, stopped_because, proved })
 }
 
 fn are_met(problem: &CoverProblem<'_>, measured: &[&Row]) -> bool {
@@ -103,18 +103,31 @@ pub(super) struct Exchange<'a> {
 }
 
 impl Exchange<'_> {
-    /// Meets the same goals with as few views as are found.
-    pub(super) fn fewer(&self, rows: Vec<RowIndex>, budget: &mut Budget, ctx: &Context<'_>) -> Result<Vec<RowIndex>, Cancelled> {
+    /// Meets the same goals with as few views as are found. Fewer are looked for only where the bound leaves room for them; it
+    /// is returned.
+    pub(super) fn fewer(
+        &self,
+        rows: Vec<RowIndex>,
+        budget: &mut Budget,
+        ctx: &Context<'_>,
+    ) -> Result<(Vec<RowIndex>, Option<FewestProof>), Cancelled> {
         let mut best = self.remove_redundant(rows, ctx)?;
+        let mut proved = None;
         while best.len() > 1 && budget.left > 0 {
             let Some(start) = self.remove_one(&best) else { break };
+            let proof = proved.map_or_else(|| FewestProof::new(self.problem, self.goals, best.len(), ctx), Ok)?;
+            let has_room = proof.views_of(self.goals).is_none_or(|lower| lower < best.len());
+            proved = Some(proof);
+            if !has_room {
+                break;
+            }
             let found = self.run(start, budget, ctx)?;
             if self.deficit(&found) > 0 || !self.overlap.connects(&found) {
                 break;
             }
             best = self.remove_redundant(found, ctx)?;
         }
-        Ok(best)
+        Ok((best, proved))
     }
 
     /// Removes redundant views, the last first, as long as the goals stay met.
@@ -171,7 +184,7 @@ impl Exchange<'_> {
     }
 
     /// Units by which `rows` miss the goals.
-    pub(super) fn deficit(&self, rows: &[RowIndex]) -> i64 {
+    fn deficit(&self, rows: &[RowIndex]) -> i64 {
         CoverState::new(self, rows).deficit()
     }
 
@@ -204,10 +217,9 @@ fn mixed(step: u64) -> u64 {
 /// Samples that some views cover, and those that one of them covers alone.
 struct CoverState<'a> {
     goals: &'a [Units],
-    /// Samples that no view covers, or one alone, as words of bits.
-    moving: Vec<u64>,
-    /// The view that covers such a sample alone; the number of views where none does. Means nothing for other samples.
-    sole: Vec<u16>,
+    /// Samples that none or one of the views covers and some goal counts, block by block: goal g's of view v alone have the number
+    /// g × (views + 1) + v, and those of no view are the last of each goal.
+    segments: Vec<Segment>,
     /// Units of each goal (outer) that each view covers alone.
     lost: Vec<Vec<i64>>,
     /// Units covered of each goal.
@@ -216,29 +228,22 @@ struct CoverState<'a> {
 
 impl<'a> CoverState<'a> {
     fn new(exchange: &Exchange<'a>, rows: &[RowIndex]) -> Self {
-        let words = exchange.problem.asked_area_mm2.len().div_ceil(64);
-        let (mut once, mut twice) = (vec![0_u64; words], vec![0_u64; words]);
-        let measured = exchange.problem.measured(rows);
-        for row in &measured {
-            for ((once, twice), word) in once.iter_mut().zip(&mut twice).zip(row.words()) {
-                *twice |= *once & word;
-                *once |= word;
-            }
-        }
-        let goals = exchange.goals;
-        let mut sole = vec![rows.len() as u16; 64 * words];
+        let (goals, measured) = (exchange.goals, exchange.problem.measured(rows));
+        let blocks = exchange.problem.asked_area_mm2.len().div_ceil(BLOCK);
+        let tasks: Vec<usize> = (0..blocks).step_by(BLOCKS_A_TASK).collect();
+        let of_task = |first: &usize| segments_of(goals, &measured, *first..blocks.min(first + BLOCKS_A_TASK));
+        let parts: Vec<(Vec<Segment>, Vec<i64>)> = tasks.par_iter().map(of_task).collect();
+        let mut covered = vec![0; goals.len()];
+        parts.iter().for_each(|(_, part)| covered.iter_mut().zip(part).for_each(|(covered, part)| *covered += part));
+        let segments: Vec<Segment> = parts.into_iter().flat_map(|(segments, _)| segments).collect();
         let mut lost = vec![vec![0; rows.len()]; goals.len()];
-        for (view, row) in measured.iter().enumerate() {
-            for (first, alone) in (0..).step_by(64).zip(row.words().iter().zip(&twice).map(|(word, twice)| word & !twice)) {
-                for sample in ones(alone).map(|bit| first + bit as usize) {
-                    sole[sample] = view as u16;
-                    lost.iter_mut().zip(goals).for_each(|(lost, goal)| lost[view] += goal.of_sample[sample]);
-                }
+        for Segment { block, sum, mask } in &segments {
+            let (goal, view) = (*sum as usize / (rows.len() + 1), *sum as usize % (rows.len() + 1));
+            if let Some(lost) = lost[goal].get_mut(view) {
+                *lost += masked_sum(goals[goal].of_block(*block as usize), *mask);
             }
         }
-        let covered = goals.iter().map(|goal| units_in(&once, goal)).collect();
-        twice.iter_mut().for_each(|word| *word = !*word);
-        Self { goals, moving: twice, sole, lost, covered }
+        Self { goals, segments, lost, covered }
     }
 
     fn deficit(&self) -> i64 {
@@ -252,54 +257,92 @@ impl<'a> CoverState<'a> {
     }
 }
 
-/// Sums, for each view, the units of the samples that it alone covers and `row` covers too; at last of those that none covers.
-fn regained(row: &Row, moving: &[u64], sole: &[u16], goal: &Units, views: usize) -> Vec<i64> {
-    let mut sums = vec![0; views + 1];
-    let blocks = row.words().iter().zip(moving).zip(sole.chunks_exact(64)).zip(goal.of_sample.chunks(64));
-    for (((word, moving), sole), units) in blocks.filter(|(((word, moving), _), _)| *word & *moving != 0) {
-        for bit in ones(word & moving) {
-            sums[usize::from(sole[bit as usize])] += units[bit as usize];
+/// Segments of some blocks, see [`CoverState::segments`], and the units of each goal that the views cover there.
+fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> (Vec<Segment>, Vec<i64>) {
+    let (mut segments, mut covered) = (Vec::new(), vec![0; goals.len()]);
+    let mut words = vec![0; measured.len()];
+    for block in blocks {
+        let (mut once, mut twice) = (0, 0);
+        for (word, row) in words.iter_mut().zip(measured) {
+            *word = row.words().get(block).copied().unwrap_or(0);
+            twice |= once & *word;
+            once |= *word;
+        }
+        for ((goal, covered), first) in goals.iter().zip(&mut covered).zip((0..).step_by(words.len() + 1)) {
+            let counted = goal.counted(block);
+            *covered += masked_sum(goal.of_block(block), once & counted);
+            let alone = words.iter().map(|word| word & !twice).chain([!once]);
+            let masks = (first..).zip(alone.map(|mask| mask & counted)).filter(|(_, mask)| *mask != 0);
+            segments.extend(masks.map(|(sum, mask)| Segment { block: block as u32, sum, mask }));
         }
     }
-    sums
+    (segments, covered)
 }
 
-/// Sums the units of a set of samples, given as words of bits.
-fn units_in(samples: &[u64], goal: &Units) -> i64 {
-    let words = samples.iter().zip(goal.of_sample.chunks(64));
-    words.map(|(word, units)| ones(*word).map(|bit| units[bit as usize]).sum::<i64>()).sum()
+/// Prices exchanges of chosen views: the deficit that each leaves.
+pub(super) struct SwapPricer<'a> {
+    state: CoverState<'a>,
+    views: usize,
+    /// Units in which each sum of the segments is added up.
+    units: Vec<&'a [i64]>,
+}
+
+impl<'a> SwapPricer<'a> {
+    pub(super) fn new(exchange: &Exchange<'a>, rows: &[RowIndex]) -> Self {
+        let (views, goals) = (rows.len(), exchange.goals);
+        let units = (0..goals.len() * (views + 1)).map(|sum| goals[sum / (views + 1)].of_sample.as_slice()).collect();
+        Self { state: CoverState::new(exchange, rows), views, units }
+    }
+
+    /// Deficit of the views as they are.
+    pub(super) fn deficit(&self) -> i64 {
+        self.state.deficit()
+    }
+
+    /// Deficit after the exchange of each view for a row.
+    pub(super) fn deficits(&self, row: &Row, level: SimdLevel) -> Vec<i64> {
+        let CoverState { goals, segments, lost, covered } = &self.state;
+        let regained = segment_sums(row.words(), segments, &self.units, level);
+        let deficit = |view: usize| {
+            let of_goals = goals.iter().zip(covered).zip(lost).zip(regained.chunks_exact(self.views + 1));
+            of_goals
+                .map(|(((goal, covered), lost), regained)| {
+                    (goal.needed - (covered - lost[view] + regained[view] + regained[self.views])).max(0)
+                })
+                .sum()
+        };
+        (0..self.views).map(deficit).collect()
+    }
+
+    /// Work of [`SwapPricer::deficits`] of so many rows, in pairs of sample and row.
+    pub(super) fn work(&self, rows: usize) -> u64 {
+        (self.state.segments.len() * rows) as u64 * PAIRS_A_SEGMENT
+    }
 }
 
 /// Deficits that every exchange would leave.
 pub(super) struct Swaps {
-    /// Deficit after the exchange of each view (inner) for each row (outer).
-    deficits: Vec<Vec<i64>>,
-    pub(super) work: u64,
+    /// Deficit after the exchange of each view (inner) for each row (outer); of rows that are views none.
+    pub(super) deficits: Vec<Vec<i64>>,
+    work: u64,
 }
 
 impl Swaps {
     pub(super) fn new(exchange: &Exchange<'_>, rows: &[RowIndex], ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        let (views, goals) = (rows.len(), exchange.goals);
-        let CoverState { moving, sole, lost, covered, .. } = CoverState::new(exchange, rows);
-        let of_row = |row: &&Row| {
-            ctx.check()?;
-            let regained: Vec<Vec<i64>> = goals.iter().map(|goal| regained(row, &moving, &sole, goal, views)).collect();
-            let seen: usize = row.words().iter().zip(&moving).map(|(word, moving)| (word & moving).count_ones() as usize).sum();
-            let work = (moving.len() / 4 + seen * goals.len()) as u64;
-            let deficit = |view: usize| {
-                let of_goals = goals.iter().zip(&covered).zip(&lost).zip(&regained);
-                of_goals
-                    .map(|(((goal, covered), lost), regained)| {
-                        (goal.needed - (covered - lost[view] + regained[view] + regained[views])).max(0)
-                    })
-                    .sum()
-            };
-            Ok(((0..views).map(deficit).collect::<Vec<i64>>(), work))
-        };
-        let of_rows =
-            exchange.problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect::<Result<Vec<_>, Cancelled>>()?;
-        let work = of_rows.iter().map(|(_, work)| work).sum();
-        let mut deficits: Vec<Vec<i64>> = of_rows.into_iter().map(|(deficits, _)| deficits).collect();
+        Self::of(&SwapPricer::new(exchange, rows), exchange.problem, rows, ctx)
+    }
+
+    /// The deficits of every row of the problem.
+    pub(super) fn of(
+        pricer: &SwapPricer<'_>,
+        problem: &CoverProblem<'_>,
+        rows: &[RowIndex],
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let of_row = |row: &&Row| ctx.check().map(|()| pricer.deficits(row, ctx.simd_level()));
+        let of_rows = problem.rows.par_iter().with_min_len(ROWS_A_TASK).map(of_row);
+        let mut deficits = of_rows.collect::<Result<Vec<Vec<i64>>, Cancelled>>()?;
+        let work = pricer.work(deficits.len());
         rows.iter().for_each(|row| deficits[row.index()].clear());
         Ok(Self { deficits, work })
     }

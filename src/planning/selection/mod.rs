@@ -2,12 +2,16 @@
 //! reasons, solvers that need fewer views, and the bound that tells how many fewer there could be.
 //!
 //! `greedy` and `lazy` make the same choices; `local` exchanges views; `certified` adds branch and bound. Every one of
-//! them comes with a [`Bound`]. All are limited by work, never by a clock, and give the same on any number of threads.
+//! them comes with a [`Bound`]. All are limited by work, never by a clock, and give the same on any number of threads and with any
+//! vector instructions: areas of covering are whole numbers, added in blocks of 64 samples (`blocks.rs`).
 
+mod blocks;
 mod bound;
 mod branch;
 mod certified;
+mod cholesky;
 mod classes;
+mod columns;
 mod grade_floor;
 mod greedy;
 mod improve_score;
@@ -123,7 +127,7 @@ pub fn select(
         Solver::Lazy => lazy::select(problem, params, score, ctx)?,
         Solver::Local | Solver::Certified => return fewest(problem, params, score, ctx),
     };
-    let bound = bound::quick(problem, params, &chosen, ctx)?;
+    let bound = bound::quick(problem, params, &chosen.rows(), None, ctx)?;
     Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
 }
 
@@ -140,9 +144,10 @@ fn fewest(
     if params.solver == Solver::Certified {
         return certified::select(problem, params, score, start, ctx);
     }
-    let chosen = local::select(problem, params, score, start, ctx)?;
-    let bound = bound::quick(problem, params, &chosen, ctx)?;
-    Ok(Selection { choices: chosen.choices, stopped_because: chosen.stopped_because, bound })
+    let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
+    let found = local::search(&scorer, params, start, ctx)?;
+    let bound = bound::quick(problem, params, &found.rows, found.proved.as_ref(), ctx)?;
+    Ok(Selection { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because, bound })
 }
 
 /// Chooses greedily, without a bound.
@@ -158,8 +163,35 @@ pub(in crate::planning) fn greedily(
     Ok(greedy::select(problem, params, score, ctx)?.choices)
 }
 
-/// Lists every exchange of one of the views, whose rows are `rows`, for another row after which the goals are met as far as
-/// `rows` meet them and overlap is as asked for: the view, and the other row.
+/// Exchanges of views that keep the goals met, for one problem and views that change.
+pub(in crate::planning) struct Exchanges<'a> {
+    problem: &'a CoverProblem<'a>,
+    goals: Vec<units::Units>,
+    overlap: overlap::Overlap<'a>,
+}
+
+impl<'a> Exchanges<'a> {
+    /// Exchanges of views of a problem.
+    pub(in crate::planning) fn new(problem: &'a CoverProblem<'a>, params: &'a SelectionParams) -> Self {
+        Self { problem, goals: units::Units::of_goals(problem), overlap: overlap::Overlap::new(problem, &params.overlap) }
+    }
+
+    /// Lists every exchange of one of the views, whose rows are `rows`, for another row after which the goals are met as far as
+    /// `rows` meet them and overlap is as asked for: the view, and the other row.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(in crate::planning) fn of(&self, rows: &[RowIndex], ctx: &Context<'_>) -> Result<Vec<(ViewId, RowIndex)>, Cancelled> {
+        let (measured, mut goals) = (self.problem.measured(rows), self.goals.clone());
+        goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
+        let exchange = local::Exchange { problem: self.problem, goals: &goals, overlap: &self.overlap };
+        let swaps = local::Swaps::new(&exchange, rows, ctx)?;
+        let allowed = swaps.all().filter(|(at, row, deficit)| *deficit == 0 && exchange.connects(rows, *at, *row));
+        Ok(allowed.map(|(at, row, _)| (ViewId::at(at), row)).collect())
+    }
+}
+
+/// Lists the exchanges of `rows`, see [`Exchanges::of`].
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -169,12 +201,7 @@ pub(in crate::planning) fn exchanges(
     rows: &[RowIndex],
     ctx: &Context<'_>,
 ) -> Result<Vec<(ViewId, RowIndex)>, Cancelled> {
-    let measured: Vec<&Row> = problem.measured(rows);
-    let (goals, overlap) = (bound::goals_of(problem, &measured, false), overlap::Overlap::new(problem, &params.overlap));
-    let exchange = local::Exchange { problem, goals: &goals, overlap: &overlap };
-    let swaps = local::Swaps::new(&exchange, rows, ctx)?;
-    let allowed = swaps.all().filter(|(at, row, deficit)| *deficit == 0 && exchange.connects(rows, *at, *row));
-    Ok(allowed.map(|(at, row, _)| (ViewId::at(at), row)).collect())
+    Exchanges::new(problem, params).of(rows, ctx)
 }
 
 /// Makes the selection of `rows` in greedy's order, with the bound of `like`, whose views may be fewer.
@@ -189,9 +216,15 @@ pub(in crate::planning) fn of_rows(
     like: &Selection,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    let choices = greedy::order(&score::Scorer::new(problem, params, score), rows, ctx)?;
+    let choices = greedy::order(&score::Scorer::new(problem, params, score, ctx.simd_level()), rows, ctx)?;
     let gap = (choices.len() as u32).saturating_sub(like.bound.views_lower);
     Ok(Selection { choices, stopped_because: like.stopped_because, bound: Bound { gap, ..like.bound } })
+}
+
+impl Cover {
+    fn rows(&self) -> Vec<RowIndex> {
+        self.choices.iter().map(|choice| choice.row).collect()
+    }
 }
 
 impl<'a> CoverProblem<'a> {

@@ -6,13 +6,22 @@
 //! numbers throughout.
 //!
 //! Several goals enter as one: their units are added with whole weights, the relaxation's multipliers of the goals.
+//!
+//! A quick bound prices the rows first: on a small share of the samples the relaxation tells which rows the optimum can take, and
+//! only those with the largest sums enter the relaxation that counts; rows that would violate it are added, and it is solved again.
+//! Where the bound of the prices already is the number of views at hand, nothing better is left to find.
+
+use rayon::prelude::*;
 
 use super::CoverProblem;
+use super::blocks::count_in;
 use super::classes::Classes;
-use super::relaxation::{Form, Solution, solve};
+use super::relaxation::{Form, Precision, Solution, solve};
 use super::units::{Units, row_sums};
+use crate::geometry::SimdLevel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
+use crate::planning::visibility::ones;
 
 /// Sum of the weights of the goals, about.
 const GOAL_WEIGHTS: f64 = 256.0;
@@ -21,6 +30,14 @@ const MAX_ROUNDS: usize = 4;
 /// Relative gap to which the relaxation is solved, and that on a share of the samples, which is to hold for the others.
 const GAP: f64 = 1e-7;
 const GAP_OF_SHARE: f64 = 4e-3;
+/// Share of the relaxation's value that its exact bound is at least: with one goal whose samples all enter, and else, where
+/// weights of goals are rounded and a share stands for the rest.
+const RELIED_ON: f64 = 1.0 - 1e-6;
+const RELIED_ON_OF_MANY: f64 = 0.98;
+/// Share of a row up to which it covers nothing worth counting.
+const MIN_TAKEN: f64 = 1e-4;
+/// Samples that a thread weighs at once.
+const SAMPLES_A_TASK: usize = 4096;
 
 /// Samples up to which a matrix is reduced as a whole, to see if it is small enough.
 const MAX_MERGED: usize = 60_000;
@@ -30,6 +47,16 @@ pub(super) struct RelaxationSize {
     /// Classes × (rows a class)² / 2 at most, about: work of a step.
     pub(super) step: f64,
     /// Rows at most.
+    pub(super) rows: usize,
+    /// Prices with which rows are chosen first, where there are more than these; `None` takes them all.
+    pub(super) prices: Option<Prices>,
+}
+
+/// The relaxation that prices rows.
+pub(super) struct Prices {
+    /// Work of a step, as of [`RelaxationSize::step`].
+    pub(super) step: f64,
+    /// Rows that are kept: those with the largest sums of multipliers.
     pub(super) rows: usize,
 }
 
@@ -41,6 +68,8 @@ pub(super) struct Multipliers {
     pub(super) values: Vec<i64>,
     /// Units that may stay open.
     pub(super) slack: i64,
+    /// U_r: sum of the multipliers of each row.
+    sums: Vec<i64>,
 }
 
 /// The quantity to bound.
@@ -53,35 +82,69 @@ pub(super) enum BoundTarget {
 }
 
 impl Multipliers {
-    /// Derives multipliers from the linear relaxation, as large as `size` allows.
+    /// Derives multipliers from the linear relaxation, as large as `size` allows. Once they prove that fewer than `views` views
+    /// do not suffice, they are good enough.
     pub(super) fn relaxed(
         problem: &CoverProblem<'_>,
         goals: &[Units],
         aim: BoundTarget,
-        size: &RelaxationSize,
+        (size, views): (&RelaxationSize, usize),
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
-        let mut rows = largest_rows(problem, &goals[0], size.rows);
-        let (samples, is_share) = sampled(problem, goals, &rows, size);
+        let mut rows = largest_rows(problem, &goals[0], size.rows, ctx.simd_level());
+        let is_enough = |found: &Self| matches!(aim, BoundTarget::FewestViews) && found.views_lower() >= views;
+        let mut best: Option<Self> = None;
+        if let Some(prices) = size.prices.as_ref().filter(|prices| prices.rows < rows.len()) {
+            let reduced = Reduced::share(problem, goals, rows, (prices.step, ctx.simd_level()));
+            let priced = reduced.solved(problem, goals, aim, size, ctx)?;
+            if is_enough(&priced) {
+                return Ok(priced);
+            }
+            rows = priced.largest(problem.all_rows(), prices.rows);
+            best = Some(priced);
+        }
+        let mut reduced = Reduced::new(problem, goals, rows, (size, ctx.simd_level()));
         let mut round = 1;
         loop {
-            let classes = Classes::new(problem, goals, &samples, &rows);
-            let form = form(&classes, goals, aim);
-            let solution = solve(&classes.of_row, classes.len(), &form, if is_share { GAP_OF_SHARE } else { GAP }, ctx)?;
-            let multipliers = Self::new(problem, goals, &classes, &form, &solution, is_share);
-            let sums = row_sums(&problem.rows, &multipliers.values);
-            let largest = classes.rows.iter().map(|row| sums[row.index()]).max().unwrap_or(0);
-            let mut larger: Vec<RowIndex> =
-                problem.all_rows().filter(|row| sums[row.index()] > largest && !rows.contains(row)).collect();
-            if larger.is_empty() || round == MAX_ROUNDS || is_share {
-                return Ok(multipliers);
+            let found = reduced.solved(problem, goals, aim, size, ctx)?;
+            let larger = found.larger(&reduced.classes, &reduced.rows, size.rows / 4);
+            let takes_all = size.prices.is_none() && reduced.is_share;
+            let is_last = larger.is_empty() || round == MAX_ROUNDS || takes_all || is_enough(&found);
+            let better = match best {
+                Some(best) if best.is_better(&found, aim) => best,
+                _ => found,
+            };
+            if is_last {
+                return Ok(better);
             }
-            larger.sort_by_key(|row| std::cmp::Reverse(sums[row.index()]));
-            larger.truncate(size.rows / 4);
-            rows.extend(larger);
-            rows.sort_unstable();
+            best = Some(better);
+            reduced = reduced.with_rows(problem, goals, larger);
             round += 1;
         }
+    }
+
+    /// Returns true if the bound of these multipliers is the better one.
+    fn is_better(&self, other: &Self, aim: BoundTarget) -> bool {
+        match aim {
+            BoundTarget::FewestViews => self.views_lower() > other.views_lower(),
+            BoundTarget::MostArea(views) => self.max_units(views) < other.max_units(views),
+        }
+    }
+
+    /// The `count` of some rows that have the largest sums, ascending by number.
+    fn largest(&self, rows: impl Iterator<Item = RowIndex>, count: usize) -> Vec<RowIndex> {
+        let mut rows: Vec<RowIndex> = rows.collect();
+        rows.sort_by_key(|row| std::cmp::Reverse(self.sums[row.index()]));
+        rows.truncate(count);
+        rows.sort_unstable();
+        rows
+    }
+
+    /// Rows, `count` at most, that are not among `rows` and whose sums are larger than those of the relaxation.
+    fn larger(&self, classes: &Classes, rows: &[RowIndex], count: usize) -> Vec<RowIndex> {
+        let largest = classes.rows.iter().map(|row| self.sums[row.index()]).max().unwrap_or(0);
+        let larger = RowIndex::number(&self.sums).filter(|(row, sum)| **sum > largest && rows.binary_search(row).is_err());
+        self.largest(larger.map(|(row, _)| row), count)
     }
 
     fn new(
@@ -90,13 +153,14 @@ impl Multipliers {
         classes: &Classes,
         form: &Form,
         solution: &Solution,
-        is_share: bool,
+        (is_share, level): (bool, SimdLevel),
     ) -> Self {
         let weights = goal_weights(goals, &solution.limit);
-        let weighted =
-            |of: &dyn Fn(&Units) -> i64| -> i64 { goals.iter().zip(&weights).map(|(goal, weight)| weight * of(goal)).sum() };
-        let units: Vec<i64> = (0..problem.asked_area_mm2.len()).map(|sample| weighted(&|goal| goal.of_sample[sample])).collect();
-        let slack = weighted(&|goal| goal.total - goal.needed);
+        let weighted = || goals.iter().zip(&weights);
+        let units_of = |sample: usize| weighted().map(|(goal, weight)| weight * goal.of_sample[sample]).sum::<i64>();
+        let samples = (0..problem.asked_area_mm2.len()).into_par_iter().with_min_len(SAMPLES_A_TASK);
+        let units: Vec<i64> = samples.map(units_of).collect();
+        let slack = weighted().map(|(goal, weight)| weight * (goal.total - goal.needed)).sum();
         let caps = caps(form, solution, classes.len());
         let ratio: Vec<f64> = caps.iter().zip(&solution.class).map(|(cap, u)| (u / cap).clamp(0.0, 1.0)).collect();
         let taken = if is_share { taken_of_samples(problem, classes, solution) } else { Vec::new() };
@@ -106,17 +170,18 @@ impl Multipliers {
             Classes::NONE => 1.0,
             class => ratio[class as usize],
         };
-        let values = units
-            .iter()
-            .enumerate()
-            .map(|(sample, units)| ((ratio_of(sample) * *units as f64) as i64).clamp(0, *units))
-            .collect();
-        Self { units, values, slack }
+        let value = |(sample, units): (usize, &i64)| match *units {
+            0 => 0,
+            units => ((ratio_of(sample) * units as f64) as i64).clamp(0, units),
+        };
+        let values: Vec<i64> = units.par_iter().enumerate().with_min_len(SAMPLES_A_TASK).map(value).collect();
+        let sums = row_sums(&problem.rows, &values, level);
+        Self { units, values, slack, sums }
     }
 
     /// Lower bound of the number of views by these multipliers.
-    pub(super) fn views_lower(&self, problem: &CoverProblem<'_>) -> usize {
-        let mut sums = row_sums(&problem.rows, &self.values);
+    pub(super) fn views_lower(&self) -> usize {
+        let mut sums = self.sums.clone();
         sums.sort_unstable_by(|a, b| b.cmp(a));
         let needed = self.values.iter().sum::<i64>() - self.slack;
         let mut held = 0;
@@ -129,35 +194,92 @@ impl Multipliers {
     }
 
     /// Upper bound of the units that `views` views cover.
-    pub(super) fn max_units(&self, problem: &CoverProblem<'_>, views: usize) -> i64 {
-        let mut sums = row_sums(&problem.rows, &self.values);
+    pub(super) fn max_units(&self, views: usize) -> i64 {
+        let mut sums = self.sums.clone();
         sums.sort_unstable_by(|a, b| b.cmp(a));
         let open: i64 = self.units.iter().zip(&self.values).map(|(units, value)| units - value).sum();
         open + sums.iter().take(views).sum::<i64>()
     }
 }
 
-/// Samples for the relaxation, and if they are a share of all, spread evenly over those that count.
-fn sampled(problem: &CoverProblem<'_>, goals: &[Units], rows: &[RowIndex], size: &RelaxationSize) -> (Vec<SampleId>, bool) {
+/// A problem reduced for the relaxation.
+struct Reduced {
+    /// Rows that may enter, ascending.
+    rows: Vec<RowIndex>,
+    samples: Vec<SampleId>,
+    /// Set where the samples are a share of all, spread evenly over those that count.
+    is_share: bool,
+    classes: Classes,
+}
+
+impl Reduced {
+    /// Every sample that counts, where `size` allows it; else a share.
+    fn new(
+        problem: &CoverProblem<'_>,
+        goals: &[Units],
+        rows: Vec<RowIndex>,
+        (size, level): (&RelaxationSize, SimdLevel),
+    ) -> Self {
+        let samples = counted(problem, goals);
+        if samples.len() <= MAX_MERGED {
+            let classes = Classes::new(problem, goals, &samples, &rows);
+            if classes.step_work() <= size.step {
+                return Self { rows, samples, is_share: false, classes };
+            }
+        }
+        Self::share(problem, goals, rows, (size.step, level))
+    }
+
+    /// A share of the samples of which a step has so much work; all of them, where that is no more.
+    fn share(problem: &CoverProblem<'_>, goals: &[Units], rows: Vec<RowIndex>, (step, level): (f64, SimdLevel)) -> Self {
+        let all = counted(problem, goals);
+        let pairs_of = |row: &RowIndex| count_in(problem.row(*row).words(), problem.row(*row).words(), level);
+        let pairs = rows.par_iter().map(pairs_of).sum::<usize>() as f64;
+        let rows_a_sample = (pairs / all.len().max(1) as f64).max(1.0);
+        let max = (2.0 * step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
+        let is_share = all.len() > max;
+        let samples = if is_share { (0..max).map(|place| all[place * all.len() / max]).collect() } else { all };
+        let classes = Classes::new(problem, goals, &samples, &rows);
+        Self { rows, samples, is_share, classes }
+    }
+
+    /// Adds rows.
+    fn with_rows(mut self, problem: &CoverProblem<'_>, goals: &[Units], more: Vec<RowIndex>) -> Self {
+        self.rows.extend(more);
+        self.rows.sort_unstable();
+        self.classes = Classes::new(problem, goals, &self.samples, &self.rows);
+        self
+    }
+
+    /// Multipliers of the relaxation's solution.
+    fn solved(
+        &self,
+        problem: &CoverProblem<'_>,
+        goals: &[Units],
+        aim: BoundTarget,
+        size: &RelaxationSize,
+        ctx: &Context<'_>,
+    ) -> Result<Multipliers, Cancelled> {
+        let relied_on = if self.is_share || goals.len() > 1 { RELIED_ON_OF_MANY } else { RELIED_ON };
+        let gap = if self.is_share { GAP_OF_SHARE } else { GAP };
+        let precision = Precision { gap, whole: size.prices.is_some().then_some(relied_on) };
+        let form = form(&self.classes, goals, aim);
+        let solution = solve(&self.classes.of_row, self.classes.len(), &form, precision, ctx)?;
+        Ok(Multipliers::new(problem, goals, &self.classes, &form, &solution, (self.is_share, ctx.simd_level())))
+    }
+}
+
+/// Samples that some goal counts, ascending.
+fn counted(problem: &CoverProblem<'_>, goals: &[Units]) -> Vec<SampleId> {
     let counts = |sample: &SampleId| goals.iter().any(|goal| goal.of_sample[sample.index()] > 0);
-    let all: Vec<SampleId> = SampleId::first(problem.asked_area_mm2.len()).filter(counts).collect();
-    if all.len() <= MAX_MERGED && Classes::new(problem, goals, &all, rows).step_work() <= size.step {
-        return (all, false);
-    }
-    let pairs: f64 = rows.iter().map(|row| problem.row(*row).count() as f64).sum();
-    let rows_a_sample = (pairs / all.len().max(1) as f64).max(1.0);
-    let max = (2.0 * size.step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
-    if all.len() <= max {
-        return (all, false);
-    }
-    ((0..max).map(|place| all[place * all.len() / max]).collect(), true)
+    SampleId::first(problem.asked_area_mm2.len()).filter(counts).collect()
 }
 
 /// The rows that cover most, ascending by number.
-fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, max: usize) -> Vec<RowIndex> {
+fn largest_rows(problem: &CoverProblem<'_>, goal: &Units, max: usize, level: SimdLevel) -> Vec<RowIndex> {
     let mut rows: Vec<RowIndex> = problem.all_rows().collect();
     if rows.len() > max {
-        let sums = row_sums(&problem.rows, &goal.of_sample);
+        let sums = row_sums(&problem.rows, &goal.of_sample, level);
         rows.sort_by_key(|row| std::cmp::Reverse(sums[row.index()]));
         rows.truncate(max);
         rows.sort_unstable();
@@ -211,10 +333,22 @@ fn goal_weights(goals: &[Units], multipliers: &[f64]) -> Vec<i64> {
 
 /// A x at every sample.
 fn taken_of_samples(problem: &CoverProblem<'_>, classes: &Classes, solution: &Solution) -> Vec<f64> {
+    let shares: Vec<(&[u64], f64)> = classes
+        .rows
+        .iter()
+        .zip(&solution.taken)
+        .filter(|(_, share)| **share > MIN_TAKEN)
+        .map(|(row, share)| (problem.row(*row).words(), *share))
+        .collect();
     let mut taken = vec![0.0; problem.asked_area_mm2.len()];
-    for (row, share) in classes.rows.iter().zip(&solution.taken).filter(|(_, share)| **share > 1e-6) {
-        problem.row(*row).samples().for_each(|sample| taken[sample.index()] += share);
-    }
+    taken.par_chunks_mut(SAMPLES_A_TASK).enumerate().for_each(|(task, taken)| {
+        for (words, share) in &shares {
+            let own = words.iter().skip(task * SAMPLES_A_TASK / 64);
+            for (taken, word) in taken.chunks_mut(64).zip(own) {
+                ones(*word).for_each(|bit| taken[bit as usize] += share);
+            }
+        }
+    });
     taken
 }
 

@@ -11,12 +11,19 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
+use super::cholesky::factored;
+use crate::geometry::SimdLevel;
 use crate::planning::context::{Cancelled, Context};
 
 /// Steps after which the best point so far is taken.
 const MAX_STEPS: usize = 60;
 /// Share of the way to the boundary that a step may go.
 const TO_BOUNDARY: f64 = 0.995;
+/// Classes and rows whose sums a thread takes at once.
+const CLASSES_A_TASK: usize = 512;
+const ROWS_A_TASK: usize = 8;
+/// Columns of Aᵀ D A that a thread sums at once: of a few hundred rows they fit the first cache.
+const COLUMNS_A_TASK: usize = 16;
 
 /// Form of the relaxation.
 pub(super) enum Form {
@@ -24,6 +31,16 @@ pub(super) enum Form {
     FewestViews(Vec<(Vec<f64>, f64)>),
     /// Most area: weights of the classes, which add up to 1, and the number of views.
     MostArea(Vec<f64>, f64),
+}
+
+/// Rule that ends the steps.
+#[derive(Clone, Copy)]
+pub(super) struct Precision {
+    /// Relative gap of primal and dual value.
+    pub(super) gap: f64,
+    /// For the fewest views: share of the dual value that is relied on. The steps end where the next whole number above it is
+    /// that above the primal value: no bound is higher.
+    pub(super) whole: Option<f64>,
 }
 
 /// A point near the optimum.
@@ -38,7 +55,7 @@ pub(super) struct Solution {
     pub(super) tau: f64,
 }
 
-/// Solves to the relative gap given.
+/// Solves as precisely as asked for.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -46,15 +63,15 @@ pub(super) fn solve(
     of_row: &[Vec<u32>],
     classes: usize,
     form: &Form,
-    gap: f64,
+    precision: Precision,
     ctx: &Context<'_>,
 ) -> Result<Solution, Cancelled> {
     let incidence = Incidence::new(of_row, classes);
-    let model = Model::new(&incidence, form);
+    let model = Model::new(&incidence, form, ctx.simd_level());
     let mut point = Point::start(&model);
     for _ in 0..MAX_STEPS {
         ctx.check()?;
-        if point.complementarity() <= gap * point.scale(&model) || !point.advance(&model) {
+        if point.is_precise(&model, precision) || !point.advance(&model) {
             break;
         }
     }
@@ -72,8 +89,6 @@ struct Incidence<'a> {
     /// Rows of class c are `rows[starts[c]..starts[c + 1]]`, ascending.
     starts: Vec<u32>,
     rows: Vec<u32>,
-    /// Position in `rows` of each entry of `of_row`.
-    places: Vec<Vec<u32>>,
 }
 
 impl<'a> Incidence<'a> {
@@ -81,44 +96,45 @@ impl<'a> Incidence<'a> {
         let mut starts = vec![0_u32; classes + 1];
         of_row.iter().flatten().for_each(|class| starts[*class as usize + 1] += 1);
         (0..classes).for_each(|class| starts[class + 1] += starts[class]);
-        let (mut next, mut rows) = (starts.clone(), vec![0; starts[classes] as usize]);
-        let mut place = |row: usize, class: u32| {
-            let at = &mut next[class as usize];
-            rows[*at as usize] = row as u32;
-            *at += 1;
-            *at - 1
-        };
-        let places =
-            of_row.iter().enumerate().map(|(row, classes)| classes.iter().map(|class| place(row, *class)).collect()).collect();
-        Self { of_row, starts, rows, places }
+        let (mut next, mut rows) = (starts.clone(), vec![0_u32; starts[classes] as usize]);
+        for (row, classes) in (0..).zip(of_row) {
+            for class in classes {
+                rows[next[*class as usize] as usize] = row;
+                next[*class as usize] += 1;
+            }
+        }
+        Self { of_row, starts, rows }
     }
 
     /// A v.
     fn times(&self, v: &[f64]) -> Vec<f64> {
         let of_class = |ends: &[u32]| self.rows[ends[0] as usize..ends[1] as usize].iter().map(|row| v[*row as usize]).sum();
-        self.starts.windows(2).map(of_class).collect()
+        self.starts.par_windows(2).with_min_len(CLASSES_A_TASK).map(of_class).collect()
     }
 
     /// Aᵀ v.
     fn transposed_times(&self, v: &[f64]) -> Vec<f64> {
-        self.of_row.iter().map(|classes| classes.iter().map(|class| v[*class as usize]).sum()).collect()
+        let of_row = |classes: &Vec<u32>| classes.iter().map(|class| v[*class as usize]).sum();
+        self.of_row.par_iter().with_min_len(ROWS_A_TASK).map(of_row).collect()
     }
 
-    /// Aᵀ diag(d) A, its lower triangle.
+    /// Aᵀ diag(d) A, its lower triangle, a few of its columns at a time: these stay in the cache while the classes pass by. Classes
+    /// are added in their order.
     fn weighted_square(&self, d: &[f64]) -> DMatrix<f64> {
         let n = self.of_row.len();
-        let columns: Vec<Vec<f64>> = (0..n)
-            .into_par_iter()
-            .map(|row| {
-                let mut column = vec![0.0; n];
-                for (class, place) in self.of_row[row].iter().zip(&self.places[row]) {
-                    let later = &self.rows[*place as usize..self.starts[*class as usize + 1] as usize];
-                    later.iter().for_each(|other| column[*other as usize] += d[*class as usize]);
+        let mut square = DMatrix::zeros(n, n);
+        let blocks = square.as_mut_slice().par_chunks_mut(COLUMNS_A_TASK * n.max(1));
+        blocks.enumerate().for_each(|(block, columns)| {
+            let first = block * COLUMNS_A_TASK;
+            for (ends, d) in self.starts.windows(2).zip(d) {
+                let rows = &self.rows[ends[0] as usize..ends[1] as usize];
+                for (at, row) in rows.iter().enumerate().skip(rows.partition_point(|row| (*row as usize) < first)) {
+                    let Some(column) = columns.chunks_exact_mut(n).nth(*row as usize - first) else { break };
+                    rows[at..].iter().for_each(|other| column[*other as usize] += d);
                 }
-                column
-            })
-            .collect();
-        DMatrix::from_vec(n, n, columns.concat())
+            }
+        });
+        square
     }
 }
 
@@ -128,6 +144,7 @@ struct Model<'a> {
     cost_of_row: f64,
     cost_of_class: Vec<f64>,
     limits: Vec<Limit>,
+    level: SimdLevel,
 }
 
 struct Limit {
@@ -137,7 +154,7 @@ struct Limit {
 }
 
 impl<'a> Model<'a> {
-    fn new(incidence: &'a Incidence<'a>, form: &Form) -> Self {
+    fn new(incidence: &'a Incidence<'a>, form: &Form, level: SimdLevel) -> Self {
         /// A limit of nothing at all has no interior.
         const MIN_OPEN: f64 = 1e-7;
         let classes = incidence.starts.len() - 1;
@@ -151,7 +168,7 @@ impl<'a> Model<'a> {
                 (0.0, weights.clone(), vec![Limit { beta: 1.0, weights: vec![0.0; classes], max: *views }])
             }
         };
-        Self { incidence, cost_of_row, cost_of_class, limits }
+        Self { incidence, cost_of_row, cost_of_class, limits, level }
     }
 }
 
@@ -201,6 +218,13 @@ impl Point {
     /// The primal value, to which the gap is relative.
     fn scale(&self, model: &Model<'_>) -> f64 {
         model.cost_of_row * self.x.iter().sum::<f64>() + dot(&model.cost_of_class, &self.s)
+    }
+
+    /// Returns true if the steps may end: the dual value is the primal one less the complementarity.
+    fn is_precise(&self, model: &Model<'_>, precision: Precision) -> bool {
+        let (primal, gap) = (self.scale(model), self.complementarity());
+        let is_whole = |relied_on: f64| model.cost_of_row > 0.0 && ((primal - gap) * relied_on).ceil() >= primal.ceil();
+        gap <= precision.gap * primal || precision.whole.is_some_and(is_whole)
     }
 
     /// Takes one step; returns false when the system can no longer be solved.
@@ -282,6 +306,9 @@ impl Targets {
 
 /// The reduced system at a point: M dx + B dμ = f, Bᵀ dx − E dμ = g.
 struct System {
+    /// Residuals of classes and rows: rounding alone, since every point is feasible; they are driven back to 0.
+    open: Vec<f64>,
+    of_rows: Vec<f64>,
     /// D = 1 / (s/z_s + t/u).
     d: Vec<f64>,
     theta_s: Vec<f64>,
@@ -300,7 +327,7 @@ impl System {
         let d: Vec<f64> = theta_s.iter().zip(&theta_t).map(|(s, t)| 1.0 / (s + t)).collect();
         let mut m = model.incidence.weighted_square(&d);
         (0..point.x.len()).for_each(|j| m[(j, j)] += point.zx[j] / point.x[j]);
-        let m = Cholesky::new(m)?;
+        let m = factored(m, model.level)?;
         let b: Vec<DVector<f64>> = model
             .limits
             .iter()
@@ -315,7 +342,11 @@ impl System {
             let shared: f64 = (0..d.len()).map(|c| of_g[c] * of_h[c] * theta_s[c] * theta_t[c] * d[c]).sum();
             b[g].dot(&solved_b[h]) + shared + if g == h { point.r[g] / point.mu[g] } else { 0.0 }
         });
-        Some(Self { d, theta_s, m, b, solved_b, schur: Cholesky::new(schur)? })
+        let (ax, atu) = (model.incidence.times(&point.x), model.incidence.transposed_times(&point.u));
+        let beta_mu: f64 = model.limits.iter().zip(&point.mu).map(|(limit, mu)| limit.beta * mu).sum();
+        let open: Vec<f64> = (0..d.len()).map(|c| 1.0 - (ax[c] + point.s[c] - point.t[c])).collect();
+        let of_rows = (0..point.x.len()).map(|j| model.cost_of_row - atu[j] + beta_mu - point.zx[j]).collect();
+        Some(Self { open, of_rows, d, theta_s, m, b, solved_b, schur: Cholesky::new(schur)? })
     }
 
     /// The step that changes the products as asked, on the equations as they stand.
@@ -323,18 +354,13 @@ impl System {
         let (m, n) = (self.d.len(), point.x.len());
         let weighted =
             |mu: &[f64], class: usize| model.limits.iter().zip(mu).map(|(limit, mu)| limit.weights[class] * mu).sum::<f64>();
-        let beta_mu: f64 = model.limits.iter().zip(&point.mu).map(|(limit, mu)| limit.beta * mu).sum();
-        // Residuals: rounding alone, since every point is feasible; they are driven back to 0.
-        let (ax, atu) = (model.incidence.times(&point.x), model.incidence.transposed_times(&point.u));
-        let open: Vec<f64> = (0..m).map(|c| 1.0 - (ax[c] + point.s[c] - point.t[c])).collect();
-        let of_rows: Vec<f64> = (0..n).map(|j| model.cost_of_row - atu[j] + beta_mu - point.zx[j]).collect();
         let of_classes: Vec<f64> = (0..m)
             .map(|c| model.cost_of_class[c] - point.u[c] + weighted(&point.mu, c) - point.zs[c] - targets.s[c] / point.s[c])
             .collect();
         let h: Vec<f64> =
-            (0..m).map(|c| self.d[c] * (open[c] + self.theta_s[c] * of_classes[c] + targets.t[c] / point.u[c])).collect();
+            (0..m).map(|c| self.d[c] * (self.open[c] + self.theta_s[c] * of_classes[c] + targets.t[c] / point.u[c])).collect();
         let ath = model.incidence.transposed_times(&h);
-        let f = DVector::from_fn(n, |j, _| ath[j] - of_rows[j] + targets.x[j] / point.x[j]);
+        let f = DVector::from_fn(n, |j, _| ath[j] - self.of_rows[j] + targets.x[j] / point.x[j]);
         let sum_x: f64 = point.x.iter().sum();
         let g = model.limits.iter().enumerate().map(|(g, limit)| {
             let left = limit.max - limit.beta * sum_x - dot(&limit.weights, &point.s) - point.r[g];

@@ -3,14 +3,13 @@
 //! numbers alone decide, so that they do not depend on threads. Cost: a pass over the row's words and the open samples in them.
 
 use super::CoverProblem;
+use crate::geometry::{Kernel, SimdLevel};
 use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{Objective, ScoreParams, SelectionParams};
 use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
 /// Partial sums: sample s belongs to sum s mod 8.
 const LANES: usize = 8;
-/// Steps of a word where quality does not count.
-const NO_STEPS: [i16; 64] = [0; 64];
 
 /// Scores candidates.
 pub(super) struct Scorer<'a> {
@@ -18,16 +17,22 @@ pub(super) struct Scorer<'a> {
     objective: Objective,
     weights: &'a ScoreParams,
     cost_mm2_per_s: f64,
+    pub(super) level: SimdLevel,
 }
 
 impl<'a> Scorer<'a> {
-    pub(super) fn new(problem: &'a CoverProblem<'a>, params: &SelectionParams, weights: &'a ScoreParams) -> Self {
-        Self { problem, objective: params.objective, weights, cost_mm2_per_s: params.view_cost_mm2_per_s }
+    pub(super) fn new(
+        problem: &'a CoverProblem<'a>,
+        params: &SelectionParams,
+        weights: &'a ScoreParams,
+        level: SimdLevel,
+    ) -> Self {
+        Self { problem, objective: params.objective, weights, cost_mm2_per_s: params.view_cost_mm2_per_s, level }
     }
 
     /// Returns a scorer by plain area, without the cost of time.
     pub(super) fn by_area(&self) -> Self {
-        Self { problem: self.problem, objective: Objective::Coverage, weights: self.weights, cost_mm2_per_s: 0.0 }
+        Self { objective: Objective::Coverage, cost_mm2_per_s: 0.0, ..*self }
     }
 
     /// Scale and steps of a row's quality, where the score counts it.
@@ -53,7 +58,7 @@ impl<'a> Scorer<'a> {
             // Weights in whole steps: what is of the worst quality is then worth exactly 0 when a = b (c + d).
             (_, Some((scale, steps))) => {
                 let whole = f64::from(i16::MAX);
-                open.sum(measured, Some(steps), self.weights.a * whole, self.weights.b * f64::from(scale.max())) / whole
+                open.sum(measured, steps, self.weights.a * whole, self.weights.b * f64::from(scale.max())) / whole
             }
             (Objective::Score, None) => self.weights.a * open.area_mm2(measured),
             (Objective::Coverage, None) => open.area_mm2(measured),
@@ -81,18 +86,26 @@ impl<'a> Scorer<'a> {
         self.cost_mm2_per_s * secs
     }
 
-    /// Value of each measured sample of a row, ascending by sample.
-    pub(super) fn values(&self, row: RowIndex) -> impl Iterator<Item = (SampleId, f64)> + '_ {
+    /// Value of each measured sample of a row that is in a set, given as words of bits, ascending by sample.
+    pub(super) fn values(&self, row: RowIndex, within: &[u64]) -> impl Iterator<Item = (SampleId, f64)> {
         let (value, value_a_step, steps) = match (self.objective, self.quality(row)) {
             (_, Some((scale, steps))) => (self.weights.a, self.weights.b * f64::from(scale.max()) / f64::from(i16::MAX), steps),
             (Objective::Score, None) => (self.weights.a, 0.0, &[][..]),
             (Objective::Coverage, None) => (1.0, 0.0, &[][..]),
         };
-        let steps = steps.iter().copied().chain(std::iter::repeat(0));
-        let of = move |sample: SampleId, step: i16| {
-            self.problem.weighted_area_mm2[sample.index()] * (value + value_a_step * f64::from(step))
-        };
-        self.problem.row(row).samples().zip(steps).map(move |(sample, step)| (sample, of(sample, step)))
+        let blocks = (0..).step_by(64).zip(self.problem.row(row).words().iter().zip(within)).scan(0, |before, (first, words)| {
+            let (measured, place) = (*words.0, *before);
+            *before += measured.count_ones() as usize;
+            Some((first, measured, measured & words.1, place))
+        });
+        blocks.flat_map(move |(first, measured, wanted, place)| {
+            ones(wanted).map(move |bit| {
+                let place = place + (measured & ((1 << bit) - 1)).count_ones() as usize;
+                let step = steps.get(place).copied().unwrap_or(0);
+                let sample = SampleId(first + bit);
+                (sample, self.problem.weighted_area_mm2[sample.index()] * (value + value_a_step * f64::from(step)))
+            })
+        })
     }
 }
 
@@ -103,15 +116,16 @@ pub(super) struct Uncovered {
     samples: SampleSet,
     /// Area that each sample stands for, 0 for those that are not open.
     area_mm2: Vec<f64>,
+    level: SimdLevel,
 }
 
 impl Uncovered {
     /// Opens every sample that has area.
-    pub(super) fn all(area_mm2: &[f64]) -> Self {
+    pub(super) fn all(area_mm2: &[f64], level: SimdLevel) -> Self {
         let mut samples = SampleSet::none_of(area_mm2.len());
         let asked = SampleId::number(area_mm2).filter(|(_, area_mm2)| **area_mm2 > 0.0);
         asked.for_each(|(sample, _)| samples.insert(sample));
-        Self { samples, area_mm2: area_mm2.to_vec() }
+        Self { samples, area_mm2: area_mm2.to_vec(), level }
     }
 
     pub(super) fn close(&mut self, row: &Row) {
@@ -127,20 +141,18 @@ impl Uncovered {
         self.samples.remove_all(&others);
     }
 
+    /// Open area that a row measures, added in the same lanes as a score: a sample that it does not measure adds 0.
     pub(super) fn area_mm2(&self, row: &Row) -> f64 {
-        self.sum(row, None, 1.0, 0.0)
+        self.level.run(AreaSum { measured: row.words(), open: self.samples.words(), area_mm2: &self.area_mm2 })
     }
 
     /// Sum of area × (`value` + `value_a_step` × step) over the open samples of a row, in [`LANES`] sums side by side, so
     /// that samples measured in unbroken runs are added as vectors. A closed sample adds 0, whether passed over or not.
-    fn sum(&self, row: &Row, mut steps: Option<&[i16]>, value: f64, value_a_step: f64) -> f64 {
+    fn sum(&self, row: &Row, mut steps: &[i16], value: f64, value_a_step: f64) -> f64 {
         let mut sums = [0.0; LANES];
         for ((measured, open), area_mm2) in row.words().iter().zip(self.samples.words()).zip(self.area_mm2.chunks(64)) {
             let count = measured.count_ones() as usize;
-            let own = match &mut steps {
-                Some(steps) => steps.split_off(..count).unwrap_or_default(),
-                None => &NO_STEPS[..count],
-            };
+            let own = steps.split_off(..count).unwrap_or_default();
             let add = |sum: &mut f64, area_mm2: f64, step: i16| *sum += area_mm2 * (value + value_a_step * f64::from(step));
             if measured & open == 0 {
                 continue;
@@ -153,6 +165,39 @@ impl Uncovered {
                 for (bit, step) in ones(*measured).zip(own) {
                     add(&mut sums[bit as usize % LANES], area_mm2[bit as usize], *step);
                 }
+            }
+        }
+        sums.iter().sum()
+    }
+}
+
+/// Sum of the open area that a row measures.
+struct AreaSum<'a> {
+    measured: &'a [u64],
+    open: &'a [u64],
+    area_mm2: &'a [f64],
+}
+
+impl Kernel for AreaSum<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run(self) -> f64 {
+        let mut sums = [0.0; LANES];
+        for ((measured, open), area_mm2) in self.measured.iter().zip(self.open).zip(self.area_mm2.chunks(64)) {
+            let wanted = measured & open;
+            if wanted == 0 {
+                continue;
+            }
+            if let Ok(block) = <&[f64; 64]>::try_from(area_mm2) {
+                for first in (0..64).step_by(LANES) {
+                    let bits = wanted >> first;
+                    for lane in 0..LANES {
+                        sums[lane] += if bits >> lane & 1 == 1 { block[first + lane] } else { 0.0 };
+                    }
+                }
+            } else {
+                ones(wanted).for_each(|bit| sums[bit as usize % LANES] += area_mm2[bit as usize]);
             }
         }
         sums.iter().sum()

@@ -1,4 +1,5 @@
 mod optima;
+mod reduction;
 
 use std::sync::atomic::AtomicBool;
 

@@ -5,17 +5,25 @@
 use rayon::prelude::*;
 
 use super::CoverProblem;
-use crate::planning::visibility::{Row, ones};
+use super::blocks::{BLOCK, masked_sum, set_sum};
+use crate::geometry::SimdLevel;
+use crate::planning::visibility::Row;
 
 /// Units of a goal's whole area.
 const WHOLE: f64 = (1_u64 << 52) as f64;
 /// Share by which needed areas are rounded down: greedy's own rounding of a target and that of sums over 10⁷ samples.
 const SLACK: f64 = 2e-9;
 
+/// Words of a set that a thread makes at once.
+const WORDS_A_TASK: usize = 1024;
+
 /// A goal in units.
+#[derive(Clone)]
 pub(super) struct Units {
     /// Units of each sample.
     pub(super) of_sample: Vec<i64>,
+    /// Samples of which it has any, as words of bits.
+    counted: Vec<u64>,
     /// Units of all samples.
     pub(super) total: i64,
     /// Units of the samples that some row measures.
@@ -26,19 +34,22 @@ pub(super) struct Units {
 }
 
 impl Units {
-    fn new(area_mm2: &[f64], needed_mm2: f64, rows: &[&Row]) -> Self {
+    fn new(area_mm2: &[f64], needed_mm2: f64, measured: &[u64]) -> Self {
         let total_mm2: f64 = area_mm2.iter().sum();
         let scale = if total_mm2 > 0.0 { WHOLE / total_mm2 } else { 0.0 };
         let of_sample: Vec<i64> = area_mm2.iter().map(|area_mm2| (area_mm2 * scale).ceil() as i64).collect();
         let total = of_sample.iter().sum();
         let needed = (needed_mm2 * scale * (1.0 - SLACK)).floor() as i64;
-        let units = Self { total, measured: 0, needed, scale, of_sample };
-        Self { measured: units.covered_by(rows), ..units }
+        let bits = |units: &[i64]| units.iter().rev().fold(0, |bits, units| bits << 1 | u64::from(*units > 0));
+        let counted = of_sample.chunks(BLOCK).map(bits).collect();
+        let units = Self { total, measured: 0, needed, scale, of_sample, counted };
+        Self { measured: units.of_set(measured), ..units }
     }
 
     /// The goals of a problem in units.
     pub(super) fn of_goals(problem: &CoverProblem<'_>) -> Vec<Self> {
-        problem.goals.iter().map(|goal| Self::new(&goal.area_mm2, goal.needed_mm2, &problem.rows)).collect()
+        let measured = union_of(&problem.rows, problem.asked_area_mm2.len());
+        problem.goals.iter().map(|goal| Self::new(&goal.area_mm2, goal.needed_mm2, &measured)).collect()
     }
 
     /// Lowers the need to the units that `rows` cover, where they do not reach the goal.
@@ -48,13 +59,23 @@ impl Units {
 
     /// Units that `rows` cover together.
     pub(super) fn covered_by(&self, rows: &[&Row]) -> i64 {
-        let words = 0..self.of_sample.len().div_ceil(64);
-        words
-            .map(|at| {
-                let covered = rows.iter().fold(0, |covered, row| covered | row.words().get(at).copied().unwrap_or(0));
-                ones(covered).map(|bit| self.of_sample[64 * at + bit as usize]).sum::<i64>()
-            })
-            .sum()
+        self.of_set(&union_of(rows, self.of_sample.len()))
+    }
+
+    /// Units of a set of samples, given as words of bits.
+    pub(super) fn of_set(&self, words: &[u64]) -> i64 {
+        words.iter().zip(self.of_sample.chunks(BLOCK)).map(|(word, units)| masked_sum(units, *word)).sum()
+    }
+
+    /// Samples of a block that it counts, a bit each.
+    pub(super) fn counted(&self, block: usize) -> u64 {
+        self.counted[block]
+    }
+
+    /// Units of the samples of a block.
+    pub(super) fn of_block(&self, block: usize) -> &[i64] {
+        let end = self.of_sample.len().min((block + 1) * BLOCK);
+        &self.of_sample[block * BLOCK..end]
     }
 
     /// Units as mm², rounded up.
@@ -63,19 +84,19 @@ impl Units {
     }
 }
 
-/// Sum of `of_sample` over the samples of each row.
-pub(super) fn row_sums(rows: &[&Row], of_sample: &[i64]) -> Vec<i64> {
-    rows.par_iter().map(|row| row_sum(row, of_sample)).collect()
+/// Samples, of so many, that at least one of `rows` measures, as words of bits.
+fn union_of(rows: &[&Row], samples: usize) -> Vec<u64> {
+    let mut union = vec![0; samples.div_ceil(BLOCK)];
+    union.par_chunks_mut(WORDS_A_TASK).enumerate().for_each(|(task, union)| {
+        for row in rows {
+            let words = row.words().iter().skip(task * WORDS_A_TASK);
+            union.iter_mut().zip(words).for_each(|(union, word)| *union |= word);
+        }
+    });
+    union
 }
 
-/// Sums whole numbers: any order gives the same sum.
-fn row_sum(row: &Row, of_sample: &[i64]) -> i64 {
-    let words = row.words().iter().zip(of_sample.chunks(64));
-    words
-        .map(|(word, units)| match *word {
-            0 => 0,
-            u64::MAX if units.len() == 64 => units.iter().sum(),
-            word => ones(word).map(|bit| units[bit as usize]).sum::<i64>(),
-        })
-        .sum()
+/// Sum of `of_sample` over the samples of each row.
+pub(super) fn row_sums(rows: &[&Row], of_sample: &[i64], level: SimdLevel) -> Vec<i64> {
+    rows.par_iter().map(|row| set_sum(row.words(), of_sample, level)).collect()
 }

@@ -15,8 +15,8 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
-use crate::cell::{Axes, Cell, CollisionScene, Configuration};
-use crate::geometry::{Base, Pose, ScannerFrame, Table};
+use crate::cell::{Axes, Body, Cell, CollisionScene, Configuration, Shape};
+use crate::geometry::{Base, Mesh, Pose, ScannerFrame, Table};
 use crate::planning::candidates::{looking_along, spiral};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
@@ -36,8 +36,10 @@ const RANDOM_VERTICES: usize = 96;
 const STREAM: u64 = 0x726f_6164;
 /// Edges from a vertex to the nearest others, before those that collide are left out.
 const NEIGHBOURS: usize = 6;
-/// Roadmaps that are kept at most.
+/// Roadmaps, and scenes, that are kept at most.
 const MAX_KEPT: usize = 8;
+/// Triangles of a cell's bodies beyond which its scene is not kept, since it takes as much memory as a large part.
+const MAX_KEPT_TRIANGLES: usize = 500_000;
 
 /// Vertices of one cell and edges between them.
 #[derive(Debug, PartialEq)]
@@ -51,8 +53,7 @@ pub(super) struct Roadmap {
 }
 
 impl Roadmap {
-    fn of(cell: &Cell, ctx: &Context<'_>) -> Result<Self, Cancelled> {
-        let scene = CollisionScene::without_part(cell, MIN_CLEARANCE_MM);
+    fn of(cell: &Cell, scene: &CollisionScene, ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let axes = cell.axes();
         let mut vertices: Vec<_> = viewing(cell, &axes).into_iter().chain(random(&axes)).collect();
         vertices.iter_mut().for_each(|vertex| vertex.table_rad = cell.home_rad.table_rad);
@@ -116,9 +117,17 @@ fn nearest(vertex: usize, vertices: &[Configuration], axes: &Axes) -> Vec<[usize
     others.into_iter().take(NEIGHBOURS).map(|(_, other)| [vertex.min(other), vertex.max(other)]).collect()
 }
 
-/// Roadmaps of the cells planned for lately, by what the cells are made of: the next part in a cell need not wait for its own.
+/// Values with their keys, the latest first.
+type Latest<T> = VecDeque<(String, Arc<T>)>;
+
+/// Roadmaps and collision scenes of the cells planned for lately, by what the cells are made of: the next part in a cell need not wait
+/// for its own.
 #[derive(Debug, Default)]
-pub struct Roadmaps(Mutex<VecDeque<(String, Arc<Roadmap>)>>);
+pub struct Roadmaps {
+    roadmaps: Mutex<Latest<Roadmap>>,
+    /// Scenes with nothing on the plate; the clearance is in the key.
+    scenes: Mutex<Latest<CollisionScene>>,
+}
 
 impl Roadmaps {
     /// Returns the cell's roadmap, and makes it where it is not kept.
@@ -128,17 +137,34 @@ impl Roadmaps {
             return Ok(Arc::clone(roadmap));
         }
         // Not under the lock: other cells need not wait, and two who make the same one make it equal.
-        let roadmap = Arc::new(Roadmap::of(cell, ctx)?);
-        let mut kept = self.lock();
-        kept.push_front((key, Arc::clone(&roadmap)));
-        kept.truncate(MAX_KEPT);
+        let roadmap = Arc::new(Roadmap::of(cell, &self.bare_scene(cell, MIN_CLEARANCE_MM), ctx)?);
+        keep(&mut self.lock(), key, &roadmap);
         Ok(roadmap)
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, VecDeque<(String, Arc<Roadmap>)>> {
-        // Whole after every operation, also where a thread died in between.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Returns the cell's scene with nothing on its plate, and makes it where it is not kept.
+    pub(in crate::planning) fn bare_scene(&self, cell: &Cell, clearance_mm: f64) -> Arc<CollisionScene> {
+        let key = format!("{} {:x}", fingerprint(cell), clearance_mm.to_bits());
+        let scenes = || self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, scene)) = scenes().iter().find(|(other, _)| *other == key) {
+            return Arc::clone(scene);
+        }
+        let scene = Arc::new(CollisionScene::without_part(cell, clearance_mm));
+        if cell.surfaces().iter().map(|mesh| mesh.faces.len()).sum::<usize>() <= MAX_KEPT_TRIANGLES {
+            keep(&mut scenes(), key, &scene);
+        }
+        scene
     }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Latest<Roadmap>> {
+        // Whole after every operation, also where a thread died in between.
+        self.roadmaps.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn keep<T>(latest: &mut Latest<T>, key: String, value: &Arc<T>) {
+    latest.push_front((key, Arc::clone(value)));
+    latest.truncate(MAX_KEPT);
 }
 
 /// SHA-256 of all fields of a cell.
@@ -151,10 +177,32 @@ fn fingerprint(cell: &Cell) -> String {
         }
     }
     let mut hashed = Hashed(Sha256::new());
-    // Every field, numbers to their last bit.
-    let written = write!(hashed, "{cell:?}");
+    // Every field, numbers to their last bit; meshes by their bytes, for their digits take ten times as long.
+    let (bare, meshes) = without_meshes(cell);
+    let written = write!(hashed, "{bare:?}");
     debug_assert!(written.is_ok(), "nothing that is hashed fails to be written");
+    for mesh in meshes {
+        mesh.vertices_mm.iter().flat_map(|vertex| vertex.iter()).for_each(|at| hashed.0.update(at.to_bits().to_le_bytes()));
+        mesh.faces.as_flattened().iter().for_each(|corner| hashed.0.update(corner.to_le_bytes()));
+        hashed.0.update(mesh.faces.len().to_le_bytes());
+    }
     hashed.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The cell with its bodies' meshes taken out, each body numbered in its place, and the meshes, in that order.
+fn without_meshes(cell: &Cell) -> (Cell, Vec<Arc<Mesh>>) {
+    let (mut bare, mut meshes) = (cell.clone(), Vec::new());
+    let take = |body: &mut Body| {
+        if let Shape::Mesh(mesh) = &body.shape {
+            meshes.push(Arc::clone(mesh));
+            // No other body has such a shape.
+            body.shape = Shape::Box { size_mm: [f64::NAN; 3] };
+        }
+    };
+    let carried = bare.link_surfaces.iter_mut().chain(&mut bare.cable).map(|carried| &mut carried.body);
+    let rigid = bare.scanner_bodies.iter_mut().chain(&mut bare.mount).chain(&mut bare.table_bodies).chain(&mut bare.obstacles);
+    carried.chain(rigid).for_each(take);
+    (bare, meshes)
 }
 
 #[cfg(test)]

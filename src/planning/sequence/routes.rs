@@ -12,7 +12,7 @@ use super::network::{Connection, Network};
 use super::roadmap::Roadmaps;
 use crate::cell::{Cell, CollisionScene, Configuration};
 use crate::geometry::{Base, Pose, ScannerFrame};
-use crate::planning::context::{Cancelled, Context};
+use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::MotionParams;
 
 /// Retreats of the scanner: along its own −z, and up, mm.
@@ -99,7 +99,7 @@ impl<'a> Routes<'a> {
     pub(super) fn build_roadmap(&self, ctx: &Context<'_>) -> Result<(), Cancelled> {
         if self.network.get().is_none() {
             let own = Roadmaps::default();
-            let roadmap = self.roadmaps.unwrap_or(&own).of(self.cell, ctx)?;
+            let roadmap = ctx.within(Stage::Roadmap, || self.roadmaps.unwrap_or(&own).of(self.cell, ctx))?;
             self.network.get_or_init(|| Network::new(roadmap, self.moves.scene));
         }
         Ok(())

@@ -6,7 +6,8 @@
 //! enters afterwards, with the candidates of each chosen pose. The poses are those given, else how the part lies in the first
 //! place and the stable poses of [`stable_poses`].
 //!
-//! Cost: one table of 412 views and 8 000 samples; of 108 views where the part has so many facets that it takes more samples.
+//! Cost: one table of 412 views and 8 000 samples, some of the facets' where there are more facets than that; of 108 views where
+//! there are many.
 
 #[cfg(test)]
 mod tests;
@@ -27,8 +28,8 @@ use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table, stable_poses};
 const MAX_POSES: usize = 12;
 /// Samples on which they are.
 const SAMPLES: f64 = 8_000.0;
-/// Samples beyond which fewer viewpoints are compared: facets have at least one each.
-const MANY_SAMPLES: usize = 20_000;
+/// Triangles beyond which fewer viewpoints are compared: a ray among them takes longer.
+const MANY_TRIANGLES: usize = 20_000;
 /// Share of the asked area for which the part is turned over once more.
 const FLIP_WORTH: f64 = 0.002;
 /// Poses whose axes differ by less are one, radians (3°).
@@ -56,7 +57,7 @@ pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_
         return Err(PlanError::param("/setups", detail));
     }
     let pool = pool(input.mesh, params, &first);
-    let reachable = measured_from(&pool, input, params, ctx)?;
+    let reachable = measured_from(&pool, input, params, &Occluders::interruptible([input.mesh], ctx)?, ctx)?;
     let asked_mm2 = reachable.area_mm2.iter().sum::<f64>();
     let max_setups = (params.setups as usize).min(pool.len());
     let links = (params.registration == Registration::Surface).then(|| reachable.links());
@@ -84,7 +85,8 @@ pub(super) struct FurtherPose {
 }
 
 /// The pose that adds most to `standing`, the poses that are planned in, all that can be measured from above the plate counted;
-/// of those first that share enough surface with one of them. `None` where no pose adds what a setup is worth.
+/// of those first that share enough surface with one of them. `None` where no pose adds what a setup is worth. `part` are the
+/// occluders of the part alone.
 ///
 /// # Errors
 /// [`PlanError`].
@@ -92,6 +94,7 @@ pub(super) fn further(
     input: &PlanInput<'_>,
     params: &PlanParams,
     standing: &[Pose<Table, Part>],
+    part: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<Option<FurtherPose>, PlanError> {
     let first = params.part.table_from_part.unwrap_or_default().pose();
@@ -102,7 +105,7 @@ pub(super) fn further(
     if own.len() == pool.len() {
         return Ok(None);
     }
-    let reachable = measured_from(&pool, input, params, ctx)?;
+    let reachable = measured_from(&pool, input, params, part, ctx)?;
     let links = (params.registration == Registration::Surface).then(|| reachable.links());
     let is_joined = |pose: usize| links.as_ref().is_none_or(|links| own.iter().any(|own| links.between(*own, pose).is_fixed()));
     let worth_mm2 = FLIP_WORTH * reachable.area_mm2.iter().sum::<f64>();
@@ -145,13 +148,19 @@ fn measured_from(
     pool: &[Pose<Table, Part>],
     input: &PlanInput<'_>,
     params: &PlanParams,
+    occluders: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<Reachable, PlanError> {
     let mut coarse = params.clone();
     coarse.part.samples_per_mm2 = Some(SAMPLES / input.mesh.area_mm2());
     coarse.part.patch_edge_mm = Some(f64::INFINITY);
-    let surface = surface::sample_for(input.mesh, &coarse.part, &coarse.regions, coarse.seed, ctx)?;
-    let [step_small_deg, step_large_deg] = if surface.sample_mm.len() > MANY_SAMPLES { [30.0, 45.0] } else { [15.0, 30.0] };
+    let surface = if input.mesh.faces.len() as f64 > SAMPLES {
+        surface::sample_some(input.mesh, &coarse.regions, (SAMPLES as usize, coarse.seed), ctx)?
+    } else {
+        surface::sample_for(input.mesh, &coarse.part, &coarse.regions, coarse.seed, ctx)?
+    };
+    let has_many = input.mesh.faces.len() > MANY_TRIANGLES;
+    let [step_small_deg, step_large_deg] = if has_many { [30.0, 45.0] } else { [15.0, 30.0] };
     let grid = CandidateParams {
         step_small_deg,
         step_large_deg,
@@ -159,14 +168,13 @@ fn measured_from(
         hemisphere: Some(Hemisphere::Full),
         ..CandidateParams::ellipsoid()
     };
-    let occluders = Occluders::interruptible([input.mesh], ctx)?;
     let scope = Scope {
         part: input.mesh,
         surface: &surface,
         scanner: input.scanner,
         cell: None,
         table_from_part: pool[0],
-        occluders: &occluders,
+        occluders,
         optics: &Optics::new(input.scanner, &coarse, &surface.requirements),
         score: &coarse.score,
         seed: 0,
@@ -174,7 +182,7 @@ fn measured_from(
     let generated = candidates::generate(&scope, &grid, &ctx.silent())?;
     let views: Vec<_> = generated.remaining.iter().map(|candidate| candidate.part_from_scanner).collect();
     let usable = vec![true; views.len()];
-    let table = visibility::cast(&surface, &views, &usable, input.scanner, &occluders, &coarse, &ctx.silent())?;
+    let table = visibility::cast(&surface, &views, &usable, input.scanner, occluders, &coarse, &ctx.silent())?;
     let seen_in = |table_from_part: &Pose<Table, Part>| {
         let mut measured = SampleSet::none_of(surface.sample_mm.len());
         let min_elevation_deg = coarse.candidates.min_elevation_deg;

@@ -93,7 +93,8 @@ fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<FurtherPo
     params.part.table_from_part = Some(PoseSpec::from(&super::super::resting(mesh)));
     change(&mut params);
     let standing = params.part.table_from_part.unwrap_or_default().pose();
-    further(&input, &params, &[standing], &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+    let part = Occluders::new([mesh]);
+    further(&input, &params, &[standing], &part, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
 }
 
 #[test]

@@ -93,3 +93,54 @@ fn a_sky_that_is_lower_than_viewpoints_may_stand_is_below_the_plate() {
         assert_eq!(sky(min_elevation_deg, [0.0, 0.0, 20.0], Vector3::z()), Sky::Open, "the top, {min_elevation_deg}°");
     }
 }
+
+/// Every direction looked into, one by one, as the definition has it.
+fn sky_by_definition(probe: &SkyProbe<'_>, point_mm: &Point3<f64>, normal: &Vector3<f64>) -> Sky {
+    let half_turn = || UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    let part_from_point = UnitQuaternion::rotation_between(&Vector3::z(), normal).unwrap_or_else(half_turn);
+    let from_mm = point_mm + normal * ABOVE_MM;
+    let mut hidden = Vec::new();
+    let mut is_open = |direction: &Vector3<f64>| {
+        probe.part.blocked_from(probe.level, &from_mm, &[from_mm + direction * probe.beyond_mm], 1.0, &mut hidden);
+        !hidden[0]
+    };
+    let open: Vec<_> = probe.directions.iter().map(|direction| part_from_point * direction).filter(|d| is_open(d)).collect();
+    let usable = |direction: &&Vector3<f64>| normal.dot(direction) >= probe.min_cos;
+    match open.iter().find(usable) {
+        _ if open.is_empty() => Sky::Closed,
+        _ if probe.setups.is_empty() => Sky::Open,
+        None => Sky::Open,
+        Some(_) if open.iter().filter(usable).any(|direction| probe.is_above(point_mm, direction)) => Sky::Open,
+        Some(_) => Sky::BelowPlate,
+    }
+}
+
+#[test]
+fn what_is_left_out_and_what_neighbours_share_change_no_sky_of_a_trough() {
+    let mesh = crate::testing::trough();
+    let part = RayScene::new([&mesh]);
+    let samples = crate::planning::params::PartParams {
+        samples_per_mm2: Some(1_500.0 / mesh.area_mm2()),
+        patch_edge_mm: Some(20.0),
+        ..crate::planning::params::PartParams::default()
+    };
+    let surface = crate::planning::surface::sample(&mesh, &samples, &crate::planning::params::RegionParams::default(), 5);
+    let surface = surface.unwrap_or_else(|errors| panic!("{errors:?}"));
+    let all: Vec<SampleId> = surface.samples().collect();
+    let (cancel, silent) = (std::sync::atomic::AtomicBool::new(false), crate::planning::context::Silent);
+    let ctx = Context::new(&cancel, &silent);
+    let lifted = Pose::from_parts(Vector3::new(0.0, 0.0, 90.0), UnitQuaternion::identity());
+    for (setups, incidence_max_deg) in
+        [(vec![], 90.0), (vec![Pose::identity()], 77.5), (vec![Pose::identity()], 40.0_f64), (vec![lifted], 77.5)]
+    {
+        let plates = (&setups[..], 0.0);
+        let probe = SkyProbe::new(&mesh, &part, plates, 480.0, incidence_max_deg.to_radians(), SimdLevel::widest());
+        let skies = probe.skies(&surface, &all, &ctx).expect("not cancelled");
+        let expected =
+            |sample: &SampleId| sky_by_definition(&probe, &surface.sample_mm[sample.index()], &surface.patch_of(*sample).normal);
+        let expected: Vec<Sky> = all.iter().map(expected).collect();
+        assert!(expected.contains(&Sky::Open) && (setups.is_empty() || expected.contains(&Sky::BelowPlate)));
+        let differ = skies.iter().zip(&expected).filter(|(sky, expected)| sky != expected).count();
+        assert_eq!(differ, 0, "{} setups, {incidence_max_deg}°", setups.len());
+    }
+}

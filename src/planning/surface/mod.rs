@@ -15,11 +15,14 @@ use crate::geometry::Mesh;
 
 mod region_finder;
 pub mod requirements;
+mod subset;
 #[cfg(test)]
 mod tests;
+pub(super) mod thinned;
 
 use region_finder::RegionFinder;
 use requirements::Requirements;
+pub(super) use subset::{sample_some, systematic};
 
 /// Default patch edge as a share of the bounding box's diagonal.
 const PATCH_EDGE_OF_DIAGONAL: f64 = 1.0 / 60.0;
@@ -31,7 +34,7 @@ const MAX_SAMPLES: f64 = 40e6;
 /// Patches, or samples, between two looks at whether to go on.
 const PATCHES_PER_LOOK: usize = 4096;
 
-/// A facet after refinement.
+/// A facet after refinement; of a surface that views are chosen on, one of which a sample stands for its stratum.
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
     /// Corners, part frame, mm.
@@ -40,7 +43,7 @@ pub struct Patch {
     pub face: u32,
     /// Unit outward normal, each component a whole f32.
     pub normal: Vector3<f64>,
-    /// Area.
+    /// Area that its samples stand for: its own, but on a surface that views are chosen on ([`Surface::of_samples`]).
     pub area_mm2: f64,
     /// Its samples are `first_sample .. first_sample + samples`.
     pub first_sample: SampleId,
@@ -59,7 +62,7 @@ impl Patch {
 /// Patches and samples of a part. Samples are ordered by patch.
 #[derive(Clone, Debug, Default)]
 pub struct Surface {
-    /// Patches, ordered by face.
+    /// Patches: of a part, ordered by face.
     pub patches: Vec<Patch>,
     /// Centre of the part's bounding box.
     pub centre_mm: Point3<f64>,
@@ -238,7 +241,7 @@ fn halves(corners: &[Point3<f64>; 3], edge_mm: f64) -> Option<[[Point3<f64>; 3];
 
 fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, normal: Vector3<f64>, density: f64, seed: u64) {
     let patch = surface.patches.len() as u32;
-    let area_mm2 = 0.5 * (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).norm();
+    let area_mm2 = triangle_mm2(&corners);
     let samples = (area_mm2 * density).round().max(1.0) as u32;
     let first_sample = SampleId::at(surface.sample_mm.len());
     surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
@@ -247,6 +250,10 @@ fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, norma
         surface.sample_mm.push(surface.centre_mm + offset_mm.map(rounded));
         surface.sample_patch.push(PatchId(patch));
     }
+}
+
+fn triangle_mm2(corners: &[Point3<f64>; 3]) -> f64 {
+    0.5 * (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).norm()
 }
 
 /// The nearest f32.

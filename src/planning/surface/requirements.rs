@@ -154,10 +154,23 @@ impl Requirements {
         Ok(requirements)
     }
 
+    /// Adds a sample with the requirement that one of `whole` has, which has the same kinds.
+    pub(super) fn push_of(&mut self, whole: &Self, sample: SampleId) {
+        if !whole.of_sample.is_empty() {
+            self.of_sample.push(whole.kind(sample));
+        }
+    }
+
     /// Number of a sample's kind.
     #[must_use]
     pub fn kind(&self, sample: SampleId) -> u8 {
         self.of_sample.get(sample.index()).copied().unwrap_or(0)
+    }
+
+    /// The requirements of some of the samples, numbered anew in the order given.
+    pub(super) fn of_samples(&self, some: impl Iterator<Item = SampleId>) -> Self {
+        let of_sample = if self.of_sample.is_empty() { Vec::new() } else { some.map(|sample| self.kind(sample)).collect() };
+        Self { kinds: self.kinds.clone(), of_sample }
     }
 
     /// The requirement of a sample.

@@ -53,6 +53,12 @@ impl Rejection {
     pub fn is_collision_of_body(self) -> bool {
         matches!(self, Self::BodyMeetsPlate | Self::BodyMeetsPart)
     }
+
+    /// Returns true if candidates are dropped for this reason only once it is known what they measure.
+    #[must_use]
+    pub fn is_of_evaluated(self) -> bool {
+        matches!(self, Self::MeasuresNothing | Self::NotNeeded)
+    }
 }
 
 /// Numbers of candidates.

@@ -10,9 +10,11 @@ mod row;
 mod sample_set;
 #[cfg(test)]
 mod tests;
+mod united_views;
 pub(super) mod view;
 
 use std::convert::Infallible;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -28,6 +30,7 @@ pub(super) use rays::Probe;
 pub use row::{QualityScale, Row};
 pub use sample_set::SampleSet;
 pub(super) use sample_set::ones;
+pub(super) use united_views::UnitedViews;
 pub use view::Optics;
 
 /// The visibility matrix: what every view measures, and how far the others get. Rows are in the order of the views.
@@ -41,7 +44,7 @@ pub struct VisibilityMatrix {
 
 /// Everything that may lie between a sample and a device, ready for every engine.
 pub struct Occluders {
-    rays: RayScene,
+    rays: Arc<RayScene>,
     clusters: raster::Clusters,
 }
 
@@ -68,7 +71,15 @@ impl Occluders {
         let meshes: Vec<_> = meshes.into_iter().collect();
         let rays = || RayScene::interruptible(meshes.iter().copied(), &check);
         let (rays, clusters) = rayon::join(rays, || raster::Clusters::new(&meshes, &check));
-        Ok(Self { rays: rays?, clusters: clusters? })
+        Ok(Self { rays: Arc::new(rays?), clusters: clusters? })
+    }
+
+    /// Occluders of the part alone, of which `rays` is the scene.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn of_part(part: &Mesh, rays: Arc<RayScene>, ctx: &Context<'_>) -> Result<Self, Cancelled> {
+        Ok(Self { rays, clusters: raster::Clusters::new(&[part], &|| ctx.check())? })
     }
 
     /// The scene for single rays.

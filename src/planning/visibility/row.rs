@@ -124,6 +124,21 @@ impl Row {
         self.within(&kept)
     }
 
+    /// The row over a surface of `samples` samples, the first `own` of which are its own and the rest those of `added`. It has no
+    /// quality where either has none.
+    #[must_use]
+    pub fn followed_by(&self, added: &Self, own: usize, samples: usize) -> Self {
+        let mut words = self.words().to_vec();
+        words.resize(samples.div_ceil(64), 0);
+        let mut measured = SampleSet::from_words(words);
+        added.samples().for_each(|sample| measured.insert(SampleId::at(own + sample.index())));
+        let quality = self.quality.as_ref().zip(added.quality.as_ref()).map(|(own, added)| {
+            let steps = own.steps.iter().chain(&added.steps).copied().collect();
+            Quality { scale: own.scale, steps }
+        });
+        Self { measured, quality }
+    }
+
     /// The samples that it measures.
     #[must_use]
     pub fn measured(&self) -> &SampleSet {

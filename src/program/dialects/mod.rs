@@ -158,6 +158,21 @@ impl<'a> CheckedProgram<'a> {
         Ok(Self { program, interlocked, cell, checked_with })
     }
 
+    /// Predicted cycle time of the program in a dialect: what the header of its files says.
+    ///
+    /// # Errors
+    /// [`DialectError`], if the dialect cannot say what the program does.
+    pub fn cycle_secs(&self, dialect: Dialect) -> Result<f64, DialectError> {
+        self.form_for(dialect).map(|program| program.cycle_secs)
+    }
+
+    /// The form of the program that a dialect says: interlocked where its controllers do not move the table with the arm.
+    fn form_for(&self, dialect: Dialect) -> Result<&Program, DialectError> {
+        let has_table_axis = dialect.facts().has_table_axis;
+        let program = if has_table_axis { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
+        if program.passes_points() { Err(DialectError::Passing) } else { Ok(program) }
+    }
+
     /// The program in a dialect that the robot takes: one file for each of its extensions. `params` are taken as checked.
     ///
     /// # Errors
@@ -177,11 +192,7 @@ impl<'a> CheckedProgram<'a> {
     /// # Errors
     /// [`DialectError`], but not [`DialectError::Foreign`].
     pub fn render_forced(&self, dialect: Dialect, params: &DialectParams) -> Result<Vec<DialectFile>, DialectError> {
-        let program =
-            if dialect.facts().has_table_axis { self.program } else { self.interlocked.as_ref().map_err(Clone::clone)? };
-        if program.passes_points() {
-            return Err(DialectError::Passing);
-        }
+        let program = self.form_for(dialect)?;
         let job = Job {
             program,
             actions: walk::actions(program),

@@ -275,3 +275,27 @@ fn the_table_has_a_row_a_point_and_action() {
     let scanner = cell.base_from_scanner(&cell.home_rad.joints_rad);
     assert!((0..3).all(|axis| (number(1, 13 + axis) - scanner.origin_mm()[axis]).abs() < 1e-6));
 }
+
+/// What a summary says of the cycle is what the operator reads at the head of the program.
+#[test]
+fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
+    let cell = cell();
+    let (scene, program) = (CollisionScene::without_part(&cell, 5.0), program(&cell));
+    let checked = CheckedProgram::new(&program, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    let secs = |dialect: Dialect| checked.cycle_secs(dialect).expect("renders");
+    for dialect in Dialect::ALL.into_iter().filter(|dialect| *dialect != Dialect::Csv) {
+        let files = checked.render(dialect, &DialectParams::default()).expect("renders");
+        let told = format!("predicted cycle {:.1} s", secs(dialect));
+        assert!(files.iter().any(|file| file.text.contains(&told)), "{dialect:?} does not say {told}:\n{}", files[0].text);
+    }
+    assert!((secs(Dialect::Rapid) - program.cycle_secs).abs() < 1e-12, "the table turns with the arm");
+    assert!(secs(Dialect::Hans) > program.cycle_secs + 0.1 && secs(Dialect::Hans) <= secs(Dialect::Urscript), "in turn");
+    let mut passing = program.clone();
+    if let Step::Move(step) = &mut passing.steps[0] {
+        step.passed_within_rad = Some(0.01);
+        step.duration_secs = step.derived_secs(&passing.home_rad, &cell.axes());
+    }
+    passing.cycle_secs = passing.steps.iter().map(Step::secs).sum();
+    let checked = CheckedProgram::new(&passing, &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
+    assert_eq!(checked.cycle_secs(Dialect::Rapid), Err(DialectError::Passing));
+}

@@ -7,6 +7,7 @@ use super::ReportSubject;
 use super::palette::{BodyRole, Ink};
 use crate::cell::{Body, Cell, Configuration, LinkCapsule, Shape};
 use crate::geometry::{Base, Mesh, Part, Pose, Table, plate_from_placed};
+use crate::planning::context::{Cancelled, Context};
 
 /// Names that collisions give to what is not named by a specification.
 const PLATE: &str = "turntable plate";
@@ -32,15 +33,26 @@ pub(super) struct Assembly {
     pub(super) focus_mm: Vec<Point3<f64>>,
 }
 
+/// Place of everything that moves, and what is pointed out.
+pub(super) struct Placing<'a> {
+    pub(super) table_from_part: &'a Pose<Table, Part>,
+    pub(super) configuration: &'a Configuration,
+    /// Names of the two bodies in the way.
+    pub(super) in_the_way: Option<[&'a str; 2]>,
+}
+
 impl Assembly {
-    /// The cell with the part in a pose, at a configuration; the two bodies in the way by their names.
+    /// The cell with the part in it.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
     pub(super) fn at(
         subject: &ReportSubject<'_>,
         cell: &Cell,
-        table_from_part: &Pose<Table, Part>,
-        configuration: &Configuration,
-        in_the_way: Option<[&str; 2]>,
-    ) -> Self {
+        placing: &Placing<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let Placing { table_from_part, configuration, in_the_way } = *placing;
         let role = |name: &str| match in_the_way.and_then(|names| names.iter().position(|known| *known == name)) {
             Some(0) => BodyRole::First,
             Some(_) => BodyRole::Second,
@@ -50,11 +62,12 @@ impl Assembly {
         let mesh = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
         let mut assembly = Self { mesh, inks: Vec::new(), focus_mm: Vec::new() };
         for body in bodies(subject, cell, table_from_part, configuration) {
+            ctx.check()?;
             let role = role(&body.name);
             let is_focus = body.name == PLATE || (role != BodyRole::Other && body.name != FLOOR);
             assembly.join(body.surface, role, is_focus);
         }
-        assembly
+        Ok(assembly)
     }
 
     fn join(&mut self, surface: Mesh, role: BodyRole, is_focus: bool) {
@@ -136,8 +149,11 @@ fn floor(cell: &Cell, height_mm: f64) -> Body {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
     use crate::cell::{CollisionScene, Presets, SpecLibrary};
+    use crate::planning::context::Silent;
     use crate::planning::resting;
     use crate::testing::box_mesh;
     use crate::wire::echo::Echo;
@@ -170,7 +186,12 @@ mod tests {
         let names: Vec<String> = bodies(&subject, &cell, &pose, &into_it).into_iter().map(|body| body.name).collect();
         assert!(names.contains(&met.a.to_string()) && names.contains(&met.b.to_string()), "{met} in {names:?}");
 
-        let assembly = Assembly::at(&subject, &cell, &pose, &into_it, Some([&met.a, &met.b]));
+        let (cancel, in_the_way) = (AtomicBool::new(false), Some([&*met.a, &*met.b]));
+        let placing = Placing { table_from_part: &pose, configuration: &into_it, in_the_way };
+        let ctx = Context::new(&cancel, &Silent);
+        let assembly = Assembly::at(&subject, &cell, &placing, &ctx).expect("not cancelled");
+        cancel.store(true, Ordering::Relaxed);
+        assert!(Assembly::at(&subject, &cell, &placing, &ctx).is_err(), "cancelled");
         assert_eq!(assembly.mesh.faces.len(), assembly.inks.len());
         for role in [BodyRole::First, BodyRole::Second] {
             assert!(assembly.inks.contains(&Ink::Body(role)), "{role:?} of {met}");

@@ -19,7 +19,7 @@ const OVERVIEW_RADII: f64 = 5.0;
 const AFAR_RADII: f64 = 400.0;
 
 /// A pinhole camera and its picture.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Camera {
     /// Pose of the camera.
     pub(super) camera_from_part: Pose<Device, Part>,

@@ -8,11 +8,11 @@ use std::fmt::Write;
 use nalgebra::Vector3;
 
 use super::ReportSubject;
+use super::album::{Album, Picture};
 use super::camera::Camera;
 use super::markup::number;
 use super::outline::hull;
 use super::palette::Ink;
-use super::renderer::Scene;
 use crate::geometry::{Aabb, Mesh, Part, Pose, Table};
 
 /// Width and height of the drawing from above, units of the drawing.
@@ -68,7 +68,7 @@ impl PlacedPart {
     }
 
     /// The rendered part as an image of the drawing, seen from `towards_camera` with `up` up the page; its box's centre at `at`.
-    fn image(&self, scene: &Scene<'_>, [towards_camera, up]: [Vector3<f64>; 2], scale: f64, at: [f64; 2]) -> String {
+    fn image(&self, album: &mut Album, [towards_camera, up]: [Vector3<f64>; 2], scale: f64, at: [f64; 2]) -> String {
         let part_from_table = self.table_from_part.inverse();
         let extent_mm = self.aabb.extent_mm();
         let across_mm = extent_mm.dot(&up.cross(&towards_camera).abs());
@@ -77,13 +77,13 @@ impl PlacedPart {
         let directions = [towards_camera, up].map(|direction| part_from_table.direction(&direction));
         let (centre_mm, radius_mm) = (part_from_table.point(&self.aabb.centre()), 0.5 * extent_mm.norm());
         let camera = Camera::from_afar(&centre_mm, directions, radius_mm, scale * PX_PER_UNIT, size_px);
-        let image = scene.render(&camera, &scene.plain(Ink::ByOthers)).image;
+        let inks = album.plain(Ink::ByOthers);
         let [width, height] = size_px.map(|px| px as f64 / PX_PER_UNIT);
         format!(
             "<image x=\"{:.2}\" y=\"{:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" href=\"{}\"/>",
             at[0] - 0.5 * width,
             at[1] - 0.5 * height,
-            image.data_uri()
+            album.add(Picture { camera, inks, through: false })
         )
     }
 
@@ -107,7 +107,7 @@ impl PlacedPart {
 }
 
 /// The plate from above.
-pub(super) fn from_above(placed: &PlacedPart, scene: &Scene<'_>) -> String {
+pub(super) fn from_above(placed: &PlacedPart, album: &mut Album) -> String {
     let middle = 0.5 * ABOVE;
     let corners = [placed.aabb.min, placed.aabb.max].map(|p| p.x.abs().max(p.y.abs()));
     let part_mm = placed.outline.iter().map(|[x, y]| x.hypot(*y)).fold(corners[0].max(corners[1]), f64::max);
@@ -122,7 +122,7 @@ pub(super) fn from_above(placed: &PlacedPart, scene: &Scene<'_>) -> String {
     if let Some(radius_mm) = placed.plate_radius_mm {
         let _ = writeln!(svg, "<circle class=\"plate\" cx=\"{middle}\" cy=\"{middle}\" r=\"{:.1}\"/>", scale * radius_mm);
     }
-    svg += &placed.image(scene, [Vector3::z(), Vector3::y()], scale, at(centre_mm.x, centre_mm.y));
+    svg += &placed.image(album, [Vector3::z(), Vector3::y()], scale, at(centre_mm.x, centre_mm.y));
     for (class, points) in [("outline", &placed.outline), ("fixture", &placed.fixture)] {
         let points: Vec<String> = points.iter().map(|[x, y]| at(*x, *y)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         if !points.is_empty() {
@@ -201,7 +201,7 @@ fn offsets(placed: &PlacedPart, at: &impl Fn(f64, f64) -> [f64; 2]) -> String {
 }
 
 /// The part from the front, and the side of it that is up.
-pub(super) fn from_front(placed: &PlacedPart, up: &str, scene: &Scene<'_>) -> String {
+pub(super) fn from_front(placed: &PlacedPart, up: &str, album: &mut Album) -> String {
     let [width, height] = FRONT;
     let (min, max) = (placed.aabb.min, placed.aabb.max);
     let wide_mm = (max.x - min.x).max(f64::MIN_POSITIVE);
@@ -217,7 +217,7 @@ pub(super) fn from_front(placed: &PlacedPart, up: &str, scene: &Scene<'_>) -> St
         .plate_radius_mm
         .map_or([70.0, 400.0], |radius_mm| [at(-radius_mm, 0.0)[0].clamp(70.0, 400.0), at(radius_mm, 0.0)[0].clamp(70.0, 400.0)]);
     let _ = writeln!(svg, "<path class=\"ground\" d=\"M{left:.1} {FRONT_PLATE_Y}H{right:.1}v10H{left:.1}z\"/>");
-    svg += &placed.image(scene, [-Vector3::y(), Vector3::z()], scale, at(0.5 * (min.x + max.x), 0.5 * (min.z + max.z)));
+    svg += &placed.image(album, [-Vector3::y(), Vector3::z()], scale, at(0.5 * (min.x + max.x), 0.5 * (min.z + max.z)));
     let [axis_x, top] = at(0.0, high_mm);
     if (70.0..=400.0).contains(&axis_x) {
         let _ = writeln!(svg, "<path class=\"axis\" d=\"M{axis_x:.1} {:.1}V{:.1}\"/>", top - 26.0, FRONT_PLATE_Y + 26.0);

@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 
 use super::ReportSubject;
+use super::album::Album;
 use super::drawing::{self, PlacedPart};
 use super::markup::{number, triple};
-use super::renderer::Scene;
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::plan::Turn;
@@ -24,11 +24,11 @@ pub(super) struct Lay {
 }
 
 /// The section; empty where there is neither a table nor more than one pose.
-pub(super) fn section(subject: &ReportSubject<'_>, lays: &[Lay], scene: &Scene<'_>) -> String {
+pub(super) fn section(subject: &ReportSubject<'_>, lays: &[Lay], album: &mut Album) -> String {
     if subject.cell.is_none() && lays.len() < 2 {
         return String::new();
     }
-    let figures: String = lays.iter().zip(1..).map(|(lay, number)| figure(subject, lay, number, lays.len(), scene)).collect();
+    let figures: String = lays.iter().zip(1..).map(|(lay, number)| figure(subject, lay, number, lays.len(), album)).collect();
     format!(
         "<section class=\"lays\">\n<h2>How the part lies on the plate</h2>\n<p>Drawn to scale with the table at 0°, in millimetres. \
          Offsets are those of the box around the part from the table’s axis; angles of the table count counter-clockwise seen from \
@@ -36,12 +36,12 @@ pub(super) fn section(subject: &ReportSubject<'_>, lays: &[Lay], scene: &Scene<'
     )
 }
 
-fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, scene: &Scene<'_>) -> String {
+fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, album: &mut Album) -> String {
     let placed = PlacedPart::new(subject, &lay.table_from_part);
     let up = up(&lay.table_from_part);
     let title = match (setups, &lay.turn) {
         (1, _) => "The part on the plate".to_owned(),
-        (_, None) => format!("Setup {setup}: as it is laid first"),
+        (_, None) => format!("Setup {setup}: as placed first"),
         (_, Some(turn)) => format!("Setup {setup}, from setup 1: {}", turn_phrase(turn)),
     };
     let facts: String =
@@ -49,8 +49,8 @@ fn figure(subject: &ReportSubject<'_>, lay: &Lay, setup: usize, setups: usize, s
     format!(
         "<figure class=\"lay\" data-setup=\"{setup}\">\n<figcaption><h3>{title}</h3></figcaption>\n<div class=\"panels\">{}{}</div>\n\
          <figcaption><dl class=\"details\">{facts}</dl></figcaption>\n</figure>\n",
-        drawing::from_above(&placed, scene),
-        drawing::from_front(&placed, &up.short, scene)
+        drawing::from_above(&placed, album),
+        drawing::from_front(&placed, &up.short, album)
     )
 }
 

@@ -1,15 +1,14 @@
 //! The section on what is missed: numbered spots in pictures, and what would help, one row for spots that the same fix mends.
 
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-
 use super::ReportInput;
+use super::album::Album;
 use super::markup::{area, escape, number, percent, triple};
 use super::palette::{Ink, MissGroup};
-use super::pictures::{self, SIDES, SidePicture};
-use super::renderer::Scene;
+use super::pictures::{self, SIDES};
 use super::spots::{self, NumberedSpot};
 use super::views::{figures, legend, swatch, unmeasured};
 use super::words;
+use crate::geometry::SimdLevel;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{Cause, Remedy, RemedyKind, share};
 use crate::wire::plan::AdviceDocument;
@@ -28,7 +27,7 @@ struct FixGroup {
 }
 
 /// The section.
-pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, level: SimdLevel) -> String {
     let plan = &input.outcome.plan;
     if plan.missed.is_empty() {
         return "<section>\n<h2>What is missed</h2>\n<p>Nothing: all of the asked area is measured.</p>\n</section>\n".into();
@@ -37,27 +36,25 @@ pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
     let missed_mm2: f64 = plan.missed.iter().map(|missed| missed.area_mm2).sum();
     let count: usize = plan.missed.iter().map(|missed| missed.spots.len()).sum();
     format!(
-        "<section>\n<h2>What is missed, and what helps</h2>\n<p>{} of the asked area is missed: {} in {} {}. The part is shown in \
+        "<section>\n<h2>What is missed, and how to fix it</h2>\n<p>{} of the asked area is missed: {} in {} {}. The part is shown in \
          grey; every missed spot has the colour of its cause, paler where something hides it from this side. Numbers are those \
          of the list below; a dashed ring marks a spot that none of the three sides shows.</p>\n{}{}{}{}{}</section>\n",
         percent(share(missed_mm2, plan.coverage.asked_area_mm2)),
         area(missed_mm2),
         number(count as f64, 0),
         if count == 1 { "spot" } else { "spots" },
-        numbered_pictures(input, scene, &spots),
-        legend(scene, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers])),
+        numbered_pictures(input, album, &spots, level),
+        legend(album, unmeasured(input, Ink::of_cause).into_iter().chain([Ink::ByOthers])),
         advice(input),
         fixes(input, &spots),
         list(input, &spots)
     )
 }
 
-fn numbered_pictures(input: &ReportInput<'_>, scene: &Scene<'_>, spots: &[NumberedSpot<'_>]) -> String {
-    let drawn: Vec<SidePicture> = SIDES.par_iter().map(|side| pictures::misses(input, scene, side)).collect();
-    let drawings = spots::drawings(input.outcome, spots, &drawn);
-    let numbered = drawn.iter().zip(&SIDES).zip(&drawings);
-    let finished: Vec<String> = numbered.map(|((picture, side), drawing)| picture.with(&input.subject, side, drawing)).collect();
-    figures(&finished)
+fn numbered_pictures(input: &ReportInput<'_>, album: &mut Album, spots: &[NumberedSpot<'_>], level: SimdLevel) -> String {
+    let drawings = spots::drawings(input.outcome, spots, &pictures::seen_sides(input, album, level));
+    let numbered = drawings.iter().zip(&SIDES).map(|(drawing, side)| pictures::misses(input, album, side, drawing));
+    figures(&numbered.collect::<Vec<String>>())
 }
 
 /// Advice for the plan as a whole; empty if there is none.
@@ -69,8 +66,8 @@ fn advice(input: &ReportInput<'_>) -> String {
         return String::new();
     }
     format!(
-        "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model: views were chosen for it that the \
-         cell can take. “At least” holds for a plan with these parameters that meets its target.</p>\n<ul class=\"card list\">\n\
+        "<h3>What would measure more</h3>\n<p>Changes of the whole plan, each tried on the model with views that the cell can take. \
+         The figures are estimates: a plan with these parameters chooses its views anew.</p>\n<ul class=\"card list\">\n\
          {items}</ul>\n"
     )
 }
@@ -103,7 +100,7 @@ fn fixes(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>]) -> String {
     };
     let rows: String = groups.iter().map(row).collect();
     format!(
-        "<h3>What helps the spots</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Fix</th><th>Spots</th>\
+        "<h3>Fixes for the spots</h3>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Fix</th><th>Spots</th>\
          <th class=\"n\">Number</th><th class=\"n\">Of asked</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n{}",
         unnumbered(input, spots)
     )
@@ -134,7 +131,7 @@ fn fix(spot: &NumberedSpot<'_>, params: &PlanParams) -> (String, String, bool) {
         Some(remedy) => match remedy.kind {
             RemedyKind::Setup => {
                 let turn = remedy.turn.as_ref().map_or_else(|| "turn it onto another side".to_owned(), turn_phrase);
-                (format!("{} and scan again", capitalised(&turn)), turn_over(), true)
+                (format!("{} and scan again", words::capitalised(&turn)), turn_over(), true)
             }
             RemedyKind::View => told("Choose more views: raise selection.target or selection.max_views", ""),
             RemedyKind::Roll => told("Add views with the scanner rolled: put their poses into candidates.poses", ""),
@@ -214,19 +211,13 @@ fn ranges(numbers: &[usize]) -> String {
     runs.iter().map(told).collect::<Vec<_>>().join(", ")
 }
 
-fn capitalised(text: &str) -> String {
-    let mut characters = text.chars();
-    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{capitalised, ranges};
+    use super::ranges;
 
     #[test]
     fn runs_of_numbers_are_joined() {
         assert_eq!(ranges(&[1, 2, 3, 4, 7, 9, 10]), "1–4, 7, 9–10");
         assert_eq!((ranges(&[5]), ranges(&[])), ("5".to_owned(), String::new()));
-        assert_eq!(capitalised("turn it upside down"), "Turn it upside down");
     }
 }

@@ -2,19 +2,24 @@
 //! and what helps, why to trust it, and everything else as an appendix. It is one file that loads nothing: styles, drawings and
 //! pictures are embedded, and there is no script. It is also well-formed XML. Equal inputs give equal bytes; the date is an input.
 //!
-//! Cost: a rendering of the part for each stop (at most 120), two for each setup and six more, in the rayon
-//! pool of the caller.
+//! The page is written with the plan at hand; its pictures may be drawn later, from a [`Draft`] alone.
+//!
+//! Cost: a rendering of the part for each stop (at most 120), two for each setup and three more, in the rayon
+//! pool of the caller: about 20 ms of one core each at 100 000 triangles, and what more there are is left out (`model.rs`).
 
+mod album;
 mod appendix;
 mod bodies;
 mod camera;
 mod chart;
 mod depth_buffer;
+mod draft_bytes;
 mod drawing;
 mod image;
 mod lay;
 pub(super) mod markup;
 mod missed;
+mod model;
 mod no_plan;
 mod outline;
 pub(super) mod page;
@@ -36,13 +41,16 @@ mod words;
 #[cfg(test)]
 mod tests;
 
-pub use no_plan::{NoPlanInput, render_no_plan};
+pub use album::Draft;
+pub use draft_bytes::NoDraft;
+pub use no_plan::{NoPlanInput, NoPlanReason, render_no_plan};
 
 use crate::cell::{Cell, Scanner};
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, Preview};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::plan::{Outcome, SetupId};
 use crate::wire::echo::Echo;
+use crate::wire::summary::Summary;
 use crate::wire::warnings::FieldWarning;
 
 /// Subject of a report, whether or not a plan is possible: the part and what it was planned for.
@@ -77,8 +85,8 @@ pub struct ReportInput<'a> {
     pub outcome: &'a Outcome,
     /// SHA-256 of `plan.json`, lower-case hexadecimal; empty if it is not known.
     pub plan_sha256: &'a str,
-    /// Predicted cycle time; `None` without a program.
-    pub cycle_secs: Option<f64>,
+    /// Summary of the plan.
+    pub summary: &'a Summary,
 }
 
 /// Renders the page.
@@ -86,8 +94,16 @@ pub struct ReportInput<'a> {
 /// # Errors
 /// [`Cancelled`].
 pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
+    draft(input, None, ctx)?.draw(ctx)
+}
+
+/// Writes the page without its pictures. `preview` is that of the mesh to 300 000 triangles, if the caller has it.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn draft(input: &ReportInput<'_>, preview: Option<&Preview>, ctx: &Context<'_>) -> Result<Draft, Cancelled> {
     let (subject, plan) = (&input.subject, &input.outcome.plan);
-    let scene = renderer::Scene::new(subject.mesh, &input.outcome.surface, ctx)?;
+    let mut album = album::Album::new(model::SampledModel::new(subject.mesh, &input.outcome.surface, preview, ctx)?);
     let lays: Vec<lay::Lay> = SetupId::number(&plan.setups)
         .map(|(id, setup)| lay::Lay { table_from_part: setup.table_from_part, turn: plan.turn_into(id) })
         .collect();
@@ -95,15 +111,15 @@ pub fn render(input: &ReportInput<'_>, ctx: &Context<'_>) -> Result<String, Canc
         sections::header(subject, "Scan plan"),
         "<main>\n".to_owned(),
         size::notices(subject.size_warnings),
-        verdict::section(input, &views::overviews(input, &scene)),
+        verdict::section(input, &views::overviews(input, &mut album)),
         regions::section(input),
-        lay::section(subject, &lays, &scene),
-        stops::section(input, &scene, ctx)?,
-        missed::section(input, &scene),
+        lay::section(subject, &lays, &mut album),
+        stops::section(input, &mut album, ctx)?,
+        missed::section(input, &mut album, ctx.simd_level()),
         trust::section(input),
         appendix::sections(input),
         "</main>\n".to_owned(),
         sections::footer("<code>plan.json</code>, which holds every number at full precision"),
     ];
-    Ok(sections::document(subject, "Scan plan", &body.concat()))
+    Ok(album.into_draft(sections::document(subject, "Scan plan", &body.concat())))
 }

@@ -1,24 +1,29 @@
-//! The report of a job for which no plan is possible: the reasons with their counts, how the part would lie, and pictures of what
+//! The report of a job that has no plan: the reasons with their counts, how the part would lie, and pictures of what
 //! is in the way.
 
-use nalgebra::{Vector2, Vector3};
+use std::borrow::Cow;
+
+use nalgebra::{Point3, Vector2, Vector3};
 
 use super::ReportSubject;
+use super::album::Album;
 use super::appendix;
-use super::bodies::Assembly;
+use super::bodies::{Assembly, Placing};
 use super::camera::Camera;
 use super::lay::{self, Lay};
 use super::markup::{area, escape, number, percent};
+use super::model::{DrawnModel, SampledModel};
 use super::palette::{BodyRole, Ink, MissGroup};
 use super::pictures::{self, SIZE_PX};
-use super::renderer::Scene;
-use super::sections;
+use super::renderer::Seen;
+use super::shading::Shading;
 use super::verdict::{Figure, Standing, VerdictText};
 use super::views::{swatch, three_sides};
 use super::words;
+use super::{sections, size};
 use crate::cell::{Cell, Configuration};
-use crate::geometry::{Mesh, Part, Pose, Table};
-use crate::planning::context::{Cancelled, Context, NoPlan};
+use crate::geometry::{Mesh, Part, Poll, Pose, Table, preview};
+use crate::planning::context::{Cancelled, Context, NoPlan, PlanError};
 use crate::planning::params::{PartParams, PlanParams, RegionParams};
 use crate::planning::plan::{CandidateCounts, Cause, Obstruction, Turn, share};
 use crate::planning::resting;
@@ -27,26 +32,37 @@ use crate::wire::words::{advice_sentence, no_plan_sentence};
 
 /// Pairs of bodies that have pictures.
 const PICTURED: usize = 4;
+/// Triangles of a part that pictures show at most; a larger mesh is simplified.
+const DRAWN_TRIANGLES: usize = 300_000;
 /// Radius of the ring around the place where two bodies meet, pixels.
 const RING_PX: f64 = 26.0;
 
-/// Input of the report of a job for which no plan is possible.
+/// Reason why a job has no plan.
+#[derive(Clone, Copy)]
+pub enum NoPlanReason<'a> {
+    /// No plan is possible.
+    NoPlan(&'a NoPlan),
+    /// The part does not suit plate or scanner: what is wrong with it, a sentence each.
+    PartRefused(&'a [String]),
+}
+
+/// Input of the report of a job that has no plan.
 #[derive(Clone, Copy)]
 pub struct NoPlanInput<'a> {
     /// The part and what it was planned for.
     pub subject: ReportSubject<'a>,
     /// Parameters as given.
     pub params: &'a PlanParams,
-    /// The reasons.
-    pub finding: &'a NoPlan,
+    /// The reason.
+    pub reason: NoPlanReason<'a>,
 }
 
 impl NoPlanInput<'_> {
     /// Poses in which the part was to lie.
     fn poses(&self) -> Vec<Pose<Table, Part>> {
-        match self.finding {
-            NoPlan::NothingMeasured { setups, .. } if !setups.is_empty() => setups.clone(),
-            NoPlan::NothingMeasured { .. } | NoPlan::NotRegistered { .. } | NoPlan::NothingInStudy => {
+        match self.reason {
+            NoPlanReason::NoPlan(NoPlan::NothingMeasured { setups, .. }) if !setups.is_empty() => setups.clone(),
+            NoPlanReason::NoPlan(_) | NoPlanReason::PartRefused(_) => {
                 let given = self.params.part.table_from_part.map(|pose| pose.pose());
                 vec![given.unwrap_or_else(|| resting(self.subject.mesh))]
             }
@@ -54,30 +70,66 @@ impl NoPlanInput<'_> {
     }
 
     fn obstructions(&self) -> &[Obstruction] {
-        match self.finding {
-            NoPlan::NothingMeasured { obstructions, .. } => obstructions,
-            NoPlan::NotRegistered { .. } | NoPlan::NothingInStudy => &[],
+        match self.reason {
+            NoPlanReason::NoPlan(NoPlan::NothingMeasured { obstructions, .. }) => obstructions,
+            NoPlanReason::NoPlan(_) | NoPlanReason::PartRefused(_) => &[],
         }
+    }
+
+    /// The reason in a sentence without a full stop.
+    pub(in crate::report) fn sentence(&self) -> String {
+        match self.reason {
+            NoPlanReason::NoPlan(finding) => format!("no plan is possible: {}", no_plan_sentence(finding)),
+            NoPlanReason::PartRefused(faults) => format!("the part cannot be planned: it {}", faults.join("; it ")),
+        }
+    }
+
+    /// The first thing to try, in a clause; `None` where the reason says it.
+    pub(in crate::report) fn first_step(&self) -> Option<String> {
+        let (obstructions, missed_mm2) = match self.reason {
+            NoPlanReason::NoPlan(NoPlan::NothingMeasured { obstructions, missed_mm2, .. }) => (obstructions, missed_mm2),
+            NoPlanReason::NoPlan(_) => return None,
+            NoPlanReason::PartRefused(_) => {
+                let remedy = self.subject.size_warnings.first().map(|warning| warning.remedy.clone());
+                let other =
+                    "check the unit of the file; lay the part another way (--up, part.table_from_part), or plan it in pieces";
+                return Some(remedy.unwrap_or_else(|| other.to_owned()));
+            }
+        };
+        Some(match (obstructions.first(), missed_mm2.first()) {
+            (Some(obstruction), _) => format!("{}: {}", obstruction.bodies, advice_sentence(&obstruction.advice)),
+            (None, Some((Cause::Unreachable, _))) => {
+                "set the table nearer to the robot, or the part nearer to it; `vantage study reach` compares places".to_owned()
+            }
+            (None, Some((Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector, _))) => {
+                "look at the size of the part: was it read in the right unit?".to_owned()
+            }
+            (None, _) => "look at the causes, and at the size of the part: was it read in the right unit?".to_owned(),
+        })
     }
 }
 
-/// Renders the page.
+/// Renders the page. Pictures show a simplified mesh of a large part, so that memory is bounded.
 ///
 /// # Errors
 /// [`Cancelled`].
 pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
     let (subject, poses) = (&input.subject, input.poses());
-    let surface = facets(subject.mesh);
-    let scene = Scene::new(subject.mesh, &surface, ctx)?;
+    let (part, fixture) = (drawn(subject.mesh, ctx)?, subject.fixture.map(|fixture| drawn(fixture, ctx)).transpose()?);
+    let pictured = ReportSubject { mesh: &part, fixture: fixture.as_deref(), ..*subject };
+    let surface = facets(&part, ctx)?;
+    let mut album = Album::new(SampledModel::new(&part, &surface, None, ctx)?);
     let turn = |place: usize| (place > 0).then(|| Turn::between(&poses[0], &poses[place]));
     let lays: Vec<Lay> =
         poses.iter().enumerate().map(|(place, pose)| Lay { table_from_part: *pose, turn: turn(place) }).collect();
     let body = [
         sections::header(subject, "No scan plan"),
         "<main>\n".to_owned(),
+        size::notices(subject.size_warnings),
         verdict(input),
-        in_the_way(input, &poses[0], &scene, ctx)?,
-        lay::section(subject, &lays, &scene),
+        in_the_way(input, &pictured, &poses[0], &mut album, ctx)?,
+        // With every corner: its figures are exact.
+        lay::section(subject, &lays, &mut album),
         reasons(input),
         format!(
             "<section class=\"appendix\">\n<h2>Appendix</h2>\n{}<h3>How it was planned</h3>\n{}<p>SHA-256 of the part’s file: {}.</p>\n\
@@ -89,19 +141,40 @@ pub fn render_no_plan(input: &NoPlanInput<'_>, ctx: &Context<'_>) -> Result<Stri
         "</main>\n".to_owned(),
         sections::footer("what was found while planning"),
     ];
-    Ok(sections::document(subject, "No scan plan", &body.concat()))
+    album.into_draft(sections::document(subject, "No scan plan", &body.concat())).draw(ctx)
+}
+
+/// The mesh that pictures show: the mesh itself, or a simplified one where it is large.
+fn drawn<'a>(mesh: &'a Mesh, ctx: &Context<'_>) -> Result<Cow<'a, Mesh>, Cancelled> {
+    if mesh.faces.len() <= DRAWN_TRIANGLES {
+        return Ok(Cow::Borrowed(mesh));
+    }
+    let stop = || ctx.check().is_err();
+    let preview = preview(mesh, DRAWN_TRIANGLES, &Poll::new(&stop))?;
+    let vertices_mm = preview.positions_mm.iter().map(|position| Point3::from(position.map(f64::from))).collect();
+    let mut drawn = Mesh { vertices_mm, faces: preview.faces, source_face: Vec::new(), groups: Vec::new() };
+    let kept: Vec<[u32; 3]> =
+        (0..drawn.faces.len()).filter(|face| drawn.face_area_mm2(*face) > 0.0).map(|face| drawn.faces[face]).collect();
+    drawn.source_face = (0..).take(kept.len()).collect();
+    drawn.faces = kept;
+    Ok(Cow::Owned(drawn))
 }
 
 /// A surface of one sample a facet, for pictures alone.
-fn facets(mesh: &Mesh) -> Surface {
+fn facets(mesh: &Mesh, ctx: &Context<'_>) -> Result<Surface, Cancelled> {
     let whole = PartParams { patch_edge_mm: Some(f64::INFINITY), samples_per_mm2: Some(0.0), ..PartParams::default() };
-    // Nothing is asked of it that could fail; without it, pictures are empty.
-    surface::sample(mesh, &whole, &RegionParams::default(), 0).unwrap_or_default()
+    match surface::sample_for(mesh, &whole, &RegionParams::default(), 0, ctx) {
+        Ok(surface) => Ok(surface),
+        Err(PlanError::Cancelled) => Err(Cancelled),
+        // Nothing is asked of it that could fail; without it, pictures are empty.
+        Err(PlanError::BadParams(_) | PlanError::NoPlan(_)) => Ok(Surface::default()),
+    }
 }
 
 fn verdict(input: &NoPlanInput<'_>) -> String {
-    let (sentence, figures) = match input.finding {
-        NoPlan::NothingMeasured { candidates, .. } => (
+    let (title, sentence, figures) = match input.reason {
+        NoPlanReason::NoPlan(NoPlan::NothingMeasured { candidates, .. }) => (
+            "No plan is possible",
             "None of the viewpoints that were considered measures anything worth a view: see below what became of them."
                 .to_owned(),
             vec![
@@ -109,36 +182,23 @@ fn verdict(input: &NoPlanInput<'_>) -> String {
                 Figure::new(number(candidates.kept as f64, 0), "of them usable"),
             ],
         ),
-        NoPlan::NotRegistered { .. } | NoPlan::NothingInStudy => {
-            (escape(&format!("No plan is possible: {}.", no_plan_sentence(input.finding))), Vec::new())
-        }
+        NoPlanReason::NoPlan(_) => ("No plan is possible", told(input), Vec::new()),
+        NoPlanReason::PartRefused(_) => ("The part cannot be planned as it is", told(input), Vec::new()),
     };
-    let finding =
-        VerdictText { standing: Standing::NoPlan, title: "No plan is possible".to_owned(), lines: vec![sentence], figures };
-    format!("<section>\n{}{}</section>\n", finding.block(), first_step(input))
+    let next = input.first_step().map_or_else(String::new, |step| escape(&format!("Try first: {step}.")));
+    let finding = VerdictText { standing: Standing::NoPlan, title: title.to_owned(), lines: vec![sentence], next, figures };
+    format!("<section>\n{}</section>\n", finding.block())
 }
 
-/// The first thing to try.
-fn first_step(input: &NoPlanInput<'_>) -> String {
-    let step = match input.finding {
-        NoPlan::NothingMeasured { obstructions, missed_mm2, .. } => match (obstructions.first(), missed_mm2.first()) {
-            (Some(obstruction), _) => format!("{}: {}", obstruction.bodies, advice_sentence(&obstruction.advice)),
-            (None, Some((Cause::Unreachable, _))) => {
-                "set the table nearer to the robot, or the part nearer to it; `vantage study reach` compares places".to_owned()
-            }
-            (None, Some((Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector, _))) => {
-                "look at the size above: was the part read in the right unit?".to_owned()
-            }
-            (None, _) => "look at the causes below, and at the size above: was the part read in the right unit?".to_owned(),
-        },
-        NoPlan::NotRegistered { .. } | NoPlan::NothingInStudy => return String::new(),
-    };
-    format!("<p class=\"action\"><b>Try first:</b> {}.</p>\n", escape(&step))
+fn told(input: &NoPlanInput<'_>) -> String {
+    escape(&format!("{}.", words::capitalised(&input.sentence())))
 }
 
 /// Tables of what became of the viewpoints, and for what the surface is missed.
 fn reasons(input: &NoPlanInput<'_>) -> String {
-    let NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, .. } = input.finding else { return String::new() };
+    let NoPlanReason::NoPlan(NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, .. }) = input.reason else {
+        return String::new();
+    };
     format!(
         "<section>\n<h2>Why</h2>\n{}<h3>What the surface lacks</h3>\n<p>By what stopped the viewpoint that came closest to measuring \
          it.</p>\n<div class=\"card scroll\"><table>\n<thead><tr><th>Cause</th><th class=\"n\">Area</th><th class=\"n\">Of asked</th>\
@@ -177,21 +237,25 @@ fn dropped(candidates: &CandidateCounts) -> String {
 /// Pictures of what is in the way; of the cell at home where that is nothing, and of the part alone without a cell.
 fn in_the_way(
     input: &NoPlanInput<'_>,
+    subject: &ReportSubject<'_>,
     pose: &Pose<Table, Part>,
-    scene: &Scene<'_>,
+    album: &mut Album,
     ctx: &Context<'_>,
 ) -> Result<String, Cancelled> {
-    let subject = &input.subject;
     let Some(cell) = subject.cell else {
-        let sides = three_sides(|side| pictures::plain(subject, scene, *pose, side));
+        let sides = three_sides(|side| pictures::plain(subject, album, *pose, side));
         return Ok(format!("<section>\n<h2>The part</h2>\n{sides}</section>\n"));
     };
     let shown: Vec<&Obstruction> = input.obstructions().iter().take(PICTURED).collect();
     if shown.is_empty() {
         let picture = pair(subject, cell, pose, &cell.home_rad, None, ctx)?;
+        let told = match input.reason {
+            NoPlanReason::NoPlan(_) => " No collision keeps the robot from the viewpoints.",
+            NoPlanReason::PartRefused(_) => " No viewpoint was tried.",
+        };
         return Ok(format!(
-            "<section>\n<h2>The part in the cell</h2>\n<p>The robot stands at home, the table at its home angle. No collision keeps \
-             the robot from the viewpoints.</p>\n{picture}</section>\n"
+            "<section>\n<h2>The part in the cell</h2>\n<p>The robot stands at home, the table at its home angle.{told}</p>\n\
+             {picture}</section>\n"
         ));
     }
     let figure = |obstruction: &&Obstruction| -> Result<String, Cancelled> {
@@ -223,8 +287,8 @@ fn in_the_way(
 /// Distance or depth of the two at the viewpoint that is shown.
 fn distance(obstruction: &Obstruction) -> String {
     obstruction.separation.as_ref().map_or_else(String::new, |found| match found.distance_mm {
-        depth if depth < 0.0 => format!("{} mm deep in each other here. What helps: ", number(-depth, 1)),
-        apart => format!("{} mm apart here, closer than the clearance. What helps: ", number(apart, 1)),
+        depth if depth < 0.0 => format!("{} mm deep in each other here. What to do: ", number(-depth, 1)),
+        apart => format!("{} mm apart here, closer than the clearance. What to do: ", number(apart, 1)),
     })
 }
 
@@ -238,9 +302,10 @@ fn pair(
     ctx: &Context<'_>,
 ) -> Result<String, Cancelled> {
     let names = obstruction.map(|obstruction| [&*obstruction.bodies.a, &*obstruction.bodies.b]);
-    let assembly = Assembly::at(subject, cell, pose, configuration, names);
-    let surface = facets(&assembly.mesh);
-    let scene = Scene::new(&assembly.mesh, &surface, ctx)?;
+    let assembly = Assembly::at(subject, cell, &Placing { table_from_part: pose, configuration, in_the_way: names }, ctx)?;
+    let model = DrawnModel::of_mesh(&assembly.mesh, ctx)?;
+    let shading = Shading::new(&model);
+    let inks: Vec<u8> = assembly.inks.iter().map(|ink| ink.code()).collect();
     let foot = cell.base_from_table.origin_mm().xy().coords;
     let away = foot.try_normalize(1e-6).unwrap_or(Vector2::x());
     let alt = match names {
@@ -255,9 +320,35 @@ fn pair(
         let ring = place
             .and_then(|place_mm| camera.pixel(&camera.camera_from_part.point(&place_mm)))
             .map_or_else(String::new, |[x, y]| format!("<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{RING_PX}\"/>"));
-        let image = scene.render_through(&camera, &assembly.inks).image;
-        Ok(format!("<figure>{}</figure>\n", pictures::overlaid(&image, &alt, &ring)))
+        let image = Seen::new(&model, &camera, ctx.simd_level()).picture(&shading, &inks, true);
+        Ok(format!("<figure>{}</figure>\n", pictures::overlaid(SIZE_PX, &image.data_uri(), &alt, &ring)))
     };
     let figures = [-1.0, 1.0].map(figure).into_iter().collect::<Result<String, Cancelled>>()?;
     Ok(format!("<div class=\"grid2\">\n{figures}</div>\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::planning::context::Silent;
+    use crate::testing::cylinder_mesh;
+
+    #[test]
+    fn a_large_part_is_pictured_by_a_simplified_mesh_and_a_cancel_is_heard() {
+        let cancel = AtomicBool::new(false);
+        let ctx = Context::new(&cancel, &Silent);
+        let small = cylinder_mesh(30.0, 60.0, 24);
+        assert!(matches!(drawn(&small, &ctx), Ok(Cow::Borrowed(_))));
+        // Four triangles a side.
+        let large = cylinder_mesh(300.0, 600.0, 100_000);
+        let simplified = drawn(&large, &ctx).expect("not cancelled");
+        let count = simplified.faces.len();
+        assert!(count > 100 && count <= DRAWN_TRIANGLES && simplified.source_face.len() == count, "{count} triangles");
+        assert!((simplified.aabb().extent_mm() - large.aabb().extent_mm()).norm() < 6.0, "{:?}", simplified.aabb());
+        assert_eq!(facets(&simplified, &ctx).expect("not cancelled").patches.len(), count);
+        cancel.store(true, std::sync::atomic::Ordering::Relaxed);
+        assert!(drawn(&large, &ctx).is_err() && facets(&small, &ctx).is_err());
+    }
 }

@@ -3,7 +3,7 @@
 //!
 //! The colours of each kind of picture maximise the smallest difference between any two as they are drawn, shaded and shining
 //! through measured surface: CIE76 ΔE of at least 20 in CIELAB for normal vision, protanopia and deuteranopia (G. M. Machado,
-//! M. M. Oliveira and L. A. F. Fernandes, "A Physiologically-based Model for Simulation of Color Vision Deficiency", IEEE
+//! M. M. Oliveira and L. A. F. Fernandes, "A Physiologically-based DrawnModel for Simulation of Color Vision Deficiency", IEEE
 //! TVCG 15(6), 2009, severity 1). In grey, the five colours of a picture of grades are at least 14 apart in lightness. The tests
 //! hold all of that.
 
@@ -79,6 +79,56 @@ pub(in crate::report) enum Ink {
 }
 
 impl Ink {
+    /// Every ink; its place is its code.
+    pub(super) const ALL: [Self; 20] = [
+        Self::Measured(Grade::A),
+        Self::Measured(Grade::B),
+        Self::Measured(Grade::C),
+        Self::Measured(Grade::D),
+        Self::ByOthers,
+        Self::Unmeasured,
+        Self::NotAsked,
+        Self::Back,
+        Self::Missed(MissGroup::Shadow),
+        Self::Missed(MissGroup::Incidence),
+        Self::Missed(MissGroup::Facing),
+        Self::Missed(MissGroup::Frame),
+        Self::Missed(MissGroup::Depth),
+        Self::Missed(MissGroup::Reach),
+        Self::Missed(MissGroup::Resting),
+        Self::Missed(MissGroup::NotChosen),
+        Self::Body(BodyRole::First),
+        Self::Body(BodyRole::Second),
+        Self::Body(BodyRole::Part),
+        Self::Body(BodyRole::Other),
+    ];
+
+    /// Number of the ink in drafts of reports, which are kept: it never changes.
+    pub(super) fn code(self) -> u8 {
+        match self {
+            Self::Measured(Grade::A) => 0,
+            Self::Measured(Grade::B) => 1,
+            Self::Measured(Grade::C) => 2,
+            Self::Measured(Grade::D) => 3,
+            Self::ByOthers => 4,
+            Self::Unmeasured => 5,
+            Self::NotAsked => 6,
+            Self::Back => 7,
+            Self::Missed(MissGroup::Shadow) => 8,
+            Self::Missed(MissGroup::Incidence) => 9,
+            Self::Missed(MissGroup::Facing) => 10,
+            Self::Missed(MissGroup::Frame) => 11,
+            Self::Missed(MissGroup::Depth) => 12,
+            Self::Missed(MissGroup::Reach) => 13,
+            Self::Missed(MissGroup::Resting) => 14,
+            Self::Missed(MissGroup::NotChosen) => 15,
+            Self::Body(BodyRole::First) => 16,
+            Self::Body(BodyRole::Second) => 17,
+            Self::Body(BodyRole::Part) => 18,
+            Self::Body(BodyRole::Other) => 19,
+        }
+    }
+
     /// The ink of a sample in a picture of grades.
     pub(super) fn of_grade(verdict: Verdict) -> Self {
         match verdict {

@@ -1,18 +1,20 @@
-//! Pictures of a report: the part from three sides, and the part from each chosen view. An overlay shows the part's axes, a
-//! scale bar, for views the field that all three devices share at best focus, and for misses the numbers of spots.
+//! Pictures of a report: the part from three sides, and the part from each chosen view. They are added to an album, which draws them
+//! later. An overlay shows the part's axes, a scale bar, for views the field that all three devices share at best focus, and for
+//! misses the numbers of spots.
 
 use std::fmt::Write;
 
 use nalgebra::{Point3, Vector3};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
+use super::album::{Album, Picture};
 use super::camera::Camera;
-use super::image::Image;
 use super::markup::{escape, number};
 use super::palette::Ink;
-use super::renderer::{Rendered, Scene};
+use super::renderer::Seen;
 use super::{ReportInput, ReportSubject};
 use crate::cell::Scanner;
-use crate::geometry::{Device, Part, Pose, ScannerFrame, Table};
+use crate::geometry::{Device, Part, Pose, ScannerFrame, SimdLevel, Table};
 use crate::planning::plan::{Grade, Outcome, PlannedView, Verdict};
 use crate::planning::visibility::Row;
 
@@ -43,56 +45,41 @@ pub(super) const SIDES: [OverviewSide; 3] = [
     OverviewSide { name: "From below", towards_camera: [0.38, -0.62, -1.0] },
 ];
 
-/// A picture of the part from a side, before its overlay.
-pub(super) struct SidePicture {
-    camera: Camera,
-    /// The drawn picture.
-    pub(super) rendered: Rendered,
-}
-
-/// Draws the part from a side, as all views together measure it.
-pub(super) fn overview(input: &ReportInput<'_>, scene: &Scene<'_>, side: &OverviewSide) -> String {
-    let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of_grade).collect();
+/// Adds the part from a side, as all views together measure it.
+pub(super) fn overview(input: &ReportInput<'_>, album: &mut Album, side: &OverviewSide) -> String {
+    let codes: Vec<u8> = input.outcome.verdicts.iter().map(|verdict| Ink::of_grade(*verdict).code()).collect();
+    let inks = album.inks(&codes);
     let camera = overview_camera(&input.subject, first_pose(input.outcome), side);
     let alt = format!("{}: the part, coloured by grade", side.name);
-    markup(&input.subject, &camera, &scene.render(&camera, &inks).image, &alt, "")
+    markup(&input.subject, album, Picture { camera, inks, through: false }, &alt, "")
 }
 
-/// Draws the part alone from a side.
+/// Adds the part alone from a side.
 pub(super) fn plain(
     subject: &ReportSubject<'_>,
-    scene: &Scene<'_>,
+    album: &mut Album,
     table_from_part: Pose<Table, Part>,
     side: &OverviewSide,
 ) -> String {
     let camera = overview_camera(subject, table_from_part, side);
-    markup(subject, &camera, &scene.render(&camera, &scene.plain(Ink::ByOthers)).image, &format!("{}: the part", side.name), "")
+    let inks = album.plain(Ink::ByOthers);
+    markup(subject, album, Picture { camera, inks, through: false }, &format!("{}: the part", side.name), "")
 }
 
-/// Draws the part from a side in grey, with all missed surface showing through it.
-pub(super) fn misses(input: &ReportInput<'_>, scene: &Scene<'_>, side: &OverviewSide) -> SidePicture {
-    let inks: Vec<Ink> = input.outcome.verdicts.iter().copied().map(Ink::of_cause).collect();
+/// Parts of the surface that are seen from each side.
+pub(super) fn seen_sides<'m>(input: &ReportInput<'_>, album: &'m Album, level: SimdLevel) -> Vec<Seen<'m>> {
+    let seen =
+        |side: &OverviewSide| Seen::new(album.model(), &overview_camera(&input.subject, first_pose(input.outcome), side), level);
+    SIDES.par_iter().map(seen).collect()
+}
+
+/// Adds the part from a side in grey, with all missed surface showing through it and a drawing over it.
+pub(super) fn misses(input: &ReportInput<'_>, album: &mut Album, side: &OverviewSide, drawing: &str) -> String {
+    let codes: Vec<u8> = input.outcome.verdicts.iter().map(|verdict| Ink::of_cause(*verdict).code()).collect();
+    let inks = album.inks(&codes);
     let camera = overview_camera(&input.subject, first_pose(input.outcome), side);
-    SidePicture { rendered: scene.render_through(&camera, &inks), camera }
-}
-
-impl SidePicture {
-    /// Pixel of a point of the part.
-    pub(super) fn pixel(&self, p_mm: &Point3<f64>) -> Option<[f64; 2]> {
-        self.camera.pixel(&self.camera.camera_from_part.point(p_mm))
-    }
-
-    /// Cosine of the angle at which a surface with this normal, part frame, faces the camera at a point.
-    pub(super) fn facing(&self, p_mm: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
-        let towards = self.camera.camera_from_part.inverse().origin_mm() - p_mm;
-        normal.dot(&towards) / towards.norm()
-    }
-
-    /// The picture of misses with a drawing over it.
-    pub(super) fn with(&self, subject: &ReportSubject<'_>, side: &OverviewSide, drawing: &str) -> String {
-        let alt = format!("{}: the part in grey, with missed surface showing through in the colours of its causes", side.name);
-        markup(subject, &self.camera, &self.rendered.image, &alt, drawing)
-    }
+    let alt = format!("{}: the part in grey, with missed surface showing through in the colours of its causes", side.name);
+    markup(&input.subject, album, Picture { camera, inks, through: true }, &alt, drawing)
 }
 
 /// Pose of the part in the first setup.
@@ -106,53 +93,52 @@ fn overview_camera(subject: &ReportSubject<'_>, table_from_part: Pose<Table, Par
     Camera::looking_at(&subject.mesh.vertices_mm, towards_camera, part_from_table.direction(&Vector3::z()), SIZE_PX)
 }
 
-/// Draws the part as the scanner sees it from a view.
-pub(super) fn from_view(
-    input: &ReportInput<'_>,
-    scene: &Scene<'_>,
-    (view, row): (&PlannedView, &Row),
-    size_px: [usize; 2],
-) -> String {
+/// Picture of the part as the scanner sees it from a view.
+pub(super) fn of_view(input: &ReportInput<'_>, album: &Album, (view, row): (&PlannedView, &Row), size_px: [usize; 2]) -> Picture {
     // The scanner's frame has the axes of a device: +z forward, +x right, hence +y down.
     let camera_from_part: Pose<Device, Part> = Pose::claim(*view.part_from_scanner.inverse().isometry());
     let camera = Camera::fitted(camera_from_part, size_px, &input.subject.mesh.vertices_mm);
-    let alt = format!("The part as seen from view {} ({}), coloured by what this view measures", view.id.0, view.label.as_str());
-    let field = shared_field(input.subject.scanner);
-    let outline: Vec<String> = field.iter().filter_map(|p| camera.pixel(p)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
-    let outline = format!("<polygon class=\"field\" points=\"{}\"/>", outline.join(" "));
-    markup(&input.subject, &camera, &scene.render(&camera, &inks_of_view(input.outcome, row)).image, &alt, &outline)
+    Picture { camera, inks: album.inks(&inks_of_view(input.outcome, row)), through: false }
 }
 
-/// Inks for one view: its own grades, grey where only other views measure, one colour for what the plan misses.
-fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<Ink> {
+/// Adds the picture of a view.
+pub(super) fn from_view(input: &ReportInput<'_>, album: &mut Album, view: &PlannedView, picture: Picture) -> String {
+    let alt = format!("The part as seen from view {} ({}), coloured by what this view measures", view.id.0, view.label.as_str());
+    let (field, camera) = (shared_field(input.subject.scanner), &picture.camera);
+    let outline: Vec<String> = field.iter().filter_map(|p| camera.pixel(p)).map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+    let outline = format!("<polygon class=\"field\" points=\"{}\"/>", outline.join(" "));
+    markup(&input.subject, album, picture, &alt, &outline)
+}
+
+/// Codes of the inks for one view: its own grades, grey where only other views measure, one colour for what the plan misses.
+fn inks_of_view(outcome: &Outcome, row: &Row) -> Vec<u8> {
     let others = |verdict: &Verdict| match verdict {
         Verdict::Measured(_) => Ink::ByOthers,
         Verdict::Missed(_) | Verdict::NotAsked => Ink::of_grade(*verdict),
     };
-    let mut inks: Vec<Ink> = outcome.verdicts.iter().map(others).collect();
+    let mut codes: Vec<u8> = outcome.verdicts.iter().map(|verdict| others(verdict).code()).collect();
     for (sample, quality) in row.graded() {
-        let ink = &mut inks[sample.index()];
-        if *ink != Ink::NotAsked {
-            *ink = Ink::Measured(Grade::of(f64::from(quality)));
+        let code = &mut codes[sample.index()];
+        if *code != Ink::NotAsked.code() {
+            *code = Ink::Measured(Grade::of(f64::from(quality))).code();
         }
     }
-    inks
+    codes
 }
 
-fn markup(subject: &ReportSubject<'_>, camera: &Camera, image: &Image, alt: &str, drawing: &str) -> String {
-    let axes = axes(camera);
-    let scale = scale(camera, &camera.camera_from_part.point(&subject.mesh.aabb().centre()));
-    overlaid(image, alt, &format!("{drawing}{axes}{scale}"))
+fn markup(subject: &ReportSubject<'_>, album: &mut Album, picture: Picture, alt: &str, drawing: &str) -> String {
+    let axes = axes(&picture.camera);
+    let scale = scale(&picture.camera, &picture.camera.camera_from_part.point(&subject.mesh.aabb().centre()));
+    let size_px = picture.camera.size_px;
+    overlaid(size_px, &album.add(picture), alt, &format!("{drawing}{axes}{scale}"))
 }
 
-/// A picture with a drawing over it, in its pixels.
-pub(super) fn overlaid(image: &Image, alt: &str, drawing: &str) -> String {
-    let [width, height] = image.size_px;
+/// A picture at an address, with a drawing over it in its pixels.
+pub(super) fn overlaid([width, height]: [usize; 2], address: &str, alt: &str, drawing: &str) -> String {
     format!(
-        "<div class=\"picture\"><img width=\"{width}\" height=\"{height}\" alt=\"{}\" src=\"{}\"/>\
+        "<div class=\"picture\"><img width=\"{width}\" height=\"{height}\" alt=\"{}\" src=\"{address}\"/>\
          <svg viewBox=\"0 0 {width} {height}\" aria-hidden=\"true\">{drawing}</svg></div>",
         escape(alt),
-        image.data_uri(),
     )
 }
 

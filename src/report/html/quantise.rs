@@ -56,10 +56,8 @@ pub(super) fn quantise(rgba: &[[u8; 4]]) -> Indexed {
     for (entry, cut) in cuts.iter().enumerate() {
         bins[cut.bins.clone()].iter().for_each(|bin| entry_of_key[bin.key as usize] = entry as u8);
     }
-    Indexed {
-        palette: cuts.iter().map(|cut| mean(&bins[cut.bins.clone()])).collect(),
-        indices: rgba.iter().map(|pixel| entry_of_key[key(*pixel) as usize]).collect(),
-    }
+    let palette = cuts.iter().map(|cut| mean(&bins[cut.bins.clone()])).collect();
+    Indexed { palette, indices: rgba.iter().map(|pixel| entry_of_key[key(*pixel) as usize]).collect() }
 }
 
 impl Cut {
@@ -91,16 +89,18 @@ fn key([r, g, b, a]: [u8; 4]) -> u32 {
 fn count(rgba: &[[u8; 4]]) -> Vec<Bin> {
     let mut bins: Vec<Bin> = Vec::new();
     let mut bin_of_key = vec![u32::MAX; KEYS];
-    for pixel in rgba {
-        let key = key(*pixel);
+    // Most pixels are like the one before them, above all those beside the part.
+    for run in rgba.chunk_by(|a, b| a == b) {
+        let (pixel, pixels) = (run[0], run.len() as u64);
+        let key = key(pixel);
         let at = &mut bin_of_key[key as usize];
         if *at == u32::MAX {
             *at = bins.len() as u32;
             bins.push(Bin { key, pixels: 0, sums: [0; 4] });
         }
         let bin = &mut bins[*at as usize];
-        bin.pixels += 1;
-        (0..4).for_each(|channel| bin.sums[channel] += u64::from(pixel[channel]));
+        bin.pixels += pixels;
+        (0..4).for_each(|channel| bin.sums[channel] += pixels * u64::from(pixel[channel]));
     }
     bins
 }

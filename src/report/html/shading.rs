@@ -1,96 +1,115 @@
 //! Light and lines: normals smoothed over gentle edges, a lamp and a sky, outlines where the surface jumps or folds.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
-use crate::geometry::{Device, FaceLists, Mesh, Part, Pose};
+use super::model::DrawnModel;
+use crate::geometry::{Device, FaceLists, Part, Pose};
 
 /// Cosine of 40°: facets that meet at a smaller angle are shaded as one smooth surface and get no line.
-const CREASE_COS: f64 = 0.766;
+const CREASE_COS: f32 = 0.766;
 /// Min jump in depth that is drawn as a line, as a share of the part's diagonal.
 const JUMP_OF_DIAGONAL: f64 = 0.008;
 /// Max facets at a vertex for smoothing; vertices with more are tips and hubs, and their facets keep their own normals.
 const MAX_FAN: usize = 64;
-/// Darkening of a crease.
-const CREASE: f64 = 0.62;
 
 /// Unit vector towards the lamp, to four digits, camera frame: above and to the left of the viewer.
 const TOWARDS_LAMP: Vector3<f64> = Vector3::new(-0.3499, -0.5998, -0.7197);
 
 /// A lamp beside a camera and a sky above it, part frame.
 pub(super) struct Lamp {
-    towards_lamp: Vector3<f64>,
-    up: Vector3<f64>,
+    towards_lamp: Vector3<f32>,
+    up: Vector3<f32>,
 }
 
 impl Lamp {
-    /// The lamp of a camera.
-    pub(super) fn beside(part_from_camera: &Pose<Part, Device>) -> Self {
-        Self { towards_lamp: part_from_camera.direction(&TOWARDS_LAMP), up: part_from_camera.direction(&-Vector3::y()) }
-    }
-
     /// Darkest shade of a surface: so dark only that colours of one picture remain apart (`palette.rs`).
     pub(super) const MIN_LIGHT: f64 = 0.76;
 
+    /// The lamp of a camera.
+    pub(super) fn beside(part_from_camera: &Pose<Part, Device>) -> Self {
+        let direction = |in_camera: &Vector3<f64>| part_from_camera.direction(in_camera).map(|c| c as f32);
+        Self { towards_lamp: direction(&TOWARDS_LAMP), up: direction(&-Vector3::y()) }
+    }
+
     /// Brightness of a surface with this unit normal, [`Lamp::MIN_LIGHT`] to 1.
-    pub(super) fn light(&self, normal: &Vector3<f64>) -> f64 {
+    pub(super) fn light(&self, normal: &Vector3<f32>) -> f32 {
         let sky = 0.5 + 0.5 * normal.dot(&self.up);
-        (Self::MIN_LIGHT + 0.20 * normal.dot(&self.towards_lamp).max(0.0) + 0.04 * sky).min(1.0)
+        (Self::MIN_LIGHT as f32 + 0.20 * normal.dot(&self.towards_lamp).max(0.0) + 0.04 * sky).min(1.0)
     }
 }
 
-/// Lighting of a part.
-pub(super) struct Shading<'a> {
-    mesh: &'a Mesh,
-    /// Smoothed normals at the corners of each triangle of the mesh.
+/// Normals of a part. 48 bytes a triangle.
+pub(super) struct Shading {
+    /// Unit normal of each triangle.
+    normals: Vec<Vector3<f32>>,
+    /// Smoothed normals at its corners.
     corner_normals: Vec<[Vector3<f32>; 3]>,
-    jump_mm: f64,
+    /// True for triangles that fold at none of their corners.
+    is_smooth: Vec<bool>,
+    /// Min jump that is drawn as a line, mm.
+    pub(super) jump_mm: f64,
 }
 
-impl<'a> Shading<'a> {
-    /// Darkening of an outline.
-    pub(super) const OUTLINE: f64 = 0.38;
+impl Shading {
+    /// Brightness of an outline.
+    pub(super) const OUTLINE: f32 = 0.38;
+    /// Brightness of a crease.
+    pub(super) const CREASE: f32 = 0.62;
 
-    /// Prepares the shading of a mesh.
-    pub(super) fn new(mesh: &'a Mesh) -> Self {
-        let jump_mm = mesh.aabb().extent_mm().norm() * JUMP_OF_DIAGONAL;
-        Self { mesh, corner_normals: corner_normals(mesh), jump_mm }
+    /// Prepares the shading of a model.
+    pub(super) fn new(model: &DrawnModel) -> Self {
+        let around = FaceLists::around(&model.faces, model.vertices_mm.len());
+        let scaled: Vec<Vector3<f32>> = (0..model.faces.len()).into_par_iter().map(|face| scaled_normal(model, face)).collect();
+        let unit = |n: &Vector3<f32>| n.try_normalize(0.0).unwrap_or_else(Vector3::z);
+        let normals: Vec<Vector3<f32>> = scaled.iter().map(unit).collect();
+        let smoothed = |face: usize, vertex: u32| {
+            let fan = around.of(vertex as usize);
+            let own = normals[face];
+            if fan.len() > MAX_FAN {
+                return (own, false);
+            }
+            let (mut sum, mut is_smooth) = (Vector3::zeros(), true);
+            for other in fan {
+                let is_gentle = normals[*other as usize].dot(&own) > CREASE_COS;
+                is_smooth &= is_gentle;
+                sum += if is_gentle { scaled[*other as usize] } else { Vector3::zeros() };
+            }
+            (sum.try_normalize(0.0).unwrap_or(own), is_smooth)
+        };
+        let at_corners = |face: usize| {
+            let [a, b, c] = model.faces[face].map(|vertex| smoothed(face, vertex));
+            ([a.0, b.0, c.0], a.1 && b.1 && c.1)
+        };
+        let (corner_normals, is_smooth) = (0..model.faces.len()).into_par_iter().map(at_corners).unzip();
+        let jump_mm = model.aabb().extent_mm().norm() * JUMP_OF_DIAGONAL;
+        Self { normals, corner_normals, is_smooth, jump_mm }
     }
 
-    /// Smoothed unit normal at a point of triangle `face`, part frame.
-    pub(super) fn normal(&self, face: u32, p: &Point3<f64>) -> Vector3<f64> {
-        let [a, b, c] = self.mesh.corners(face as usize);
-        let scaled = (b - a).cross(&(c - a));
-        let over = |u: Vector3<f64>, v: Vector3<f64>| (u.cross(&v).dot(&scaled) / scaled.norm_squared()).clamp(0.0, 1.0);
-        let weights = [over(b - p, c - p), over(c - p, a - p), over(a - p, b - p)];
-        let normals = &self.corner_normals[face as usize];
-        let blended: Vector3<f64> = normals.iter().zip(weights).map(|(n, weight)| n.cast::<f64>() * weight).sum();
-        blended.try_normalize(1e-6).unwrap_or_else(|| scaled.normalize())
+    /// Unit normal of a triangle.
+    pub(super) fn normal(&self, face: usize) -> &Vector3<f32> {
+        &self.normals[face]
     }
 
-    /// Darkening between two neighbouring samples, from the normals of their facets and the vector from one to the other.
-    pub(super) fn edge(&self, normal: &Vector3<f64>, other: &Vector3<f64>, way_mm: &Vector3<f64>) -> f64 {
-        if way_mm.dot(normal).abs() > self.jump_mm && way_mm.dot(other).abs() > self.jump_mm {
-            Self::OUTLINE
-        } else if normal.dot(other) < CREASE_COS {
-            CREASE
-        } else {
-            1.0
-        }
+    /// Smoothed unit normals at the corners of a triangle.
+    pub(super) fn corner_normals(&self, face: usize) -> &[Vector3<f32>; 3] {
+        &self.corner_normals[face]
+    }
+
+    /// True for a triangle that folds at none of its corners.
+    pub(super) fn is_smooth(&self, face: usize) -> bool {
+        self.is_smooth[face]
+    }
+
+    /// True if two triangles side by side in a picture fold towards each other.
+    pub(super) fn is_crease(&self, face: usize, other: usize) -> bool {
+        self.normals[face].dot(&self.normals[other]) < CREASE_COS
     }
 }
 
-fn corner_normals(mesh: &Mesh) -> Vec<[Vector3<f32>; 3]> {
-    let around = FaceLists::around(&mesh.faces, mesh.vertices_mm.len());
-    let scaled: Vec<Vector3<f64>> = (0..mesh.faces.len()).map(|face| mesh.scaled_normal(face)).collect();
-    let unit: Vec<Vector3<f64>> = scaled.iter().map(|n| n.normalize()).collect();
-    let smoothed = |face: usize, vertex: u32| {
-        let fan = around.of(vertex as usize);
-        if fan.len() > MAX_FAN {
-            return unit[face].cast();
-        }
-        let gentle = fan.iter().filter(|other| unit[**other as usize].dot(&unit[face]) > CREASE_COS);
-        let sum: Vector3<f64> = gentle.map(|other| scaled[*other as usize]).sum();
-        sum.try_normalize(0.0).unwrap_or(unit[face]).cast()
-    };
-    (0..mesh.faces.len()).map(|face| mesh.faces[face].map(|vertex| smoothed(face, vertex))).collect()
+fn scaled_normal(model: &DrawnModel, face: usize) -> Vector3<f32> {
+    let [a, b, c] = model.corners(face);
+    // Of triangles so small that their squares vanish in f32 only the direction matters.
+    let scaled = (b - a).cross(&(c - a));
+    scaled.map(|component| component as f32)
 }

@@ -7,8 +7,8 @@ use crate::wire::warnings::FieldWarning;
 pub(super) fn notices(warnings: &[FieldWarning]) -> String {
     let notice = |warning: &FieldWarning| {
         format!(
-            "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Check the unit of the part</b> <code>{}</code>: it {}. \
-             What helps: {}.</p></div>\n",
+            "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Check the unit of the part</b> (<code>{}</code>): it {}. \
+             What to do: {}.</p></div>\n",
             warning.code.as_str(),
             escape(&warning.detail),
             escape(&warning.remedy)

@@ -6,7 +6,8 @@ use std::fmt::Write;
 use nalgebra::Point3;
 
 use super::ReportInput;
-use super::pictures::{SIDES, SidePicture};
+use super::pictures::SIDES;
+use super::renderer::Seen;
 use crate::planning::ids::SampleId;
 use crate::planning::plan::{Cause, MissedSpot, Outcome, Verdict};
 
@@ -76,7 +77,7 @@ fn spot_of(input: &ReportInput<'_>, spots: &[NumberedSpot<'_>], sample: SampleId
 }
 
 /// Drawing over each picture of [`SIDES`]: the numbers of the spots.
-pub(super) fn drawings(outcome: &Outcome, spots: &[NumberedSpot<'_>], pictures: &[SidePicture]) -> Vec<String> {
+pub(super) fn drawings(outcome: &Outcome, spots: &[NumberedSpot<'_>], pictures: &[Seen<'_>]) -> Vec<String> {
     let mut marks: Vec<Vec<Mark>> = vec![Vec::new(); SIDES.len()];
     for spot in spots {
         let seen: Vec<Option<[f64; 2]>> = pictures.iter().map(|picture| seen_at(outcome, spot, picture)).collect();
@@ -88,26 +89,26 @@ pub(super) fn drawings(outcome: &Outcome, spots: &[NumberedSpot<'_>], pictures: 
             marks.extend(at_px.map(|at_px| Mark { number: spot.number, at_px, is_hidden: false }));
         }
     }
-    let size_px = |picture: &SidePicture| picture.rendered.image.size_px.map(|n| n as f64);
+    let size_px = |picture: &Seen<'_>| picture.size_px().map(|n| n as f64);
     marks.iter().zip(pictures).map(|(marks, picture)| drawing(marks, size_px(picture))).collect()
 }
 
 /// Pixel of the seen sample of a spot that is nearest to its centre; `None` where the picture shows none of it.
-fn seen_at(outcome: &Outcome, spot: &NumberedSpot<'_>, picture: &SidePicture) -> Option<[f64; 2]> {
+fn seen_at(outcome: &Outcome, spot: &NumberedSpot<'_>, picture: &Seen<'_>) -> Option<[f64; 2]> {
     let surface = &outcome.surface;
     let p_mm = |sample: &SampleId| &surface.sample_mm[sample.index()];
-    let shown = spot.samples.iter().filter(|sample| picture.rendered.shows(p_mm(sample), &surface.patch_of(**sample).normal));
+    let shown = spot.samples.iter().filter(|sample| picture.shows(p_mm(sample), &surface.patch_of(**sample).normal));
     picture.pixel(p_mm(nearest(shown, p_mm, &spot.spot.centre_mm)?))
 }
 
 /// Side that a hidden spot faces most, and its pixel there.
-fn hidden_at(outcome: &Outcome, spot: &NumberedSpot<'_>, pictures: &[SidePicture]) -> (usize, Option<[f64; 2]>) {
+fn hidden_at(outcome: &Outcome, spot: &NumberedSpot<'_>, pictures: &[Seen<'_>]) -> (usize, Option<[f64; 2]>) {
     let surface = &outcome.surface;
     let p_mm = |sample: &SampleId| &surface.sample_mm[sample.index()];
     let Some(sample) = nearest(spot.samples.iter(), p_mm, &spot.spot.centre_mm) else {
         return (0, pictures.first().and_then(|picture| picture.pixel(&spot.spot.centre_mm)));
     };
-    let facing = |picture: &SidePicture| picture.facing(p_mm(sample), &surface.patch_of(*sample).normal);
+    let facing = |picture: &Seen<'_>| picture.facing(p_mm(sample), &surface.patch_of(*sample).normal);
     let side =
         (1..pictures.len()).fold(0, |best, side| if facing(&pictures[side]) > facing(&pictures[best]) { side } else { best });
     (side, pictures[side].pixel(p_mm(sample)))

@@ -1,15 +1,13 @@
 //! The stops in the robot's order, setup by setup: a thumbnail each, which opens to the picture and all figures of the view.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use nalgebra::Vector3;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::ReportInput;
+use super::album::{Album, Picture};
 use super::markup::{duration, number, percent, triple};
 use super::palette::Ink;
 use super::pictures;
-use super::renderer::Scene;
 use super::views::{GRADES, legend, unmeasured};
 use super::words;
 use crate::cell::PoseSpec;
@@ -42,21 +40,21 @@ struct Group<'a> {
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>, ctx: &Context<'_>) -> Result<String, Cancelled> {
+pub(super) fn section(input: &ReportInput<'_>, album: &mut Album, ctx: &Context<'_>) -> Result<String, Cancelled> {
     let plan = &input.outcome.plan;
     let groups = groups(plan);
     let stops: Vec<&Stop<'_>> = groups.iter().flat_map(|group| &group.stops).collect();
     let count = stops.len();
     let size_px = if count <= LARGE_PICTURES { pictures::SIZE_PX } else { pictures::SIZE_PX.map(|n| n / 2) };
-    let done = AtomicUsize::new(0);
-    let numbered: Vec<(usize, &Stop<'_>)> = stops.into_iter().enumerate().collect();
-    let card = |(place, stop): &(usize, &Stop<'_>)| {
+    let picture = |stop: &&Stop<'_>| {
         ctx.check()?;
-        let card = card(input, scene, stop, (*place < MAX_PICTURES).then_some(size_px));
-        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, count);
-        Ok(card)
+        let row = input.outcome.measured_by_view.get(stop.view.id.index());
+        Ok(row.map(|row| pictures::of_view(input, album, (stop.view, row), size_px)))
     };
-    let cards: Vec<String> = numbered.par_iter().map(card).collect::<Result<_, Cancelled>>()?;
+    let with_picture = &stops[..count.min(MAX_PICTURES)];
+    let pictures: Vec<Option<Picture>> = with_picture.par_iter().map(picture).collect::<Result<_, Cancelled>>()?;
+    let pictures = pictures.into_iter().chain(std::iter::repeat_with(|| None));
+    let cards: Vec<String> = stops.iter().zip(pictures).map(|(stop, picture)| card(input, album, stop, picture)).collect();
     let mut cards = cards.into_iter();
     let mut body = String::new();
     for group in &groups {
@@ -72,7 +70,7 @@ pub(super) fn section(input: &ReportInput<'_>, scene: &Scene<'_>, ctx: &Context<
         if ordered { "Stops in the robot’s order" } else { "The chosen views" },
         if ordered { "Times count from the start of the setup’s program. " } else { "" },
         if count > MAX_PICTURES { format!(" The first {MAX_PICTURES} have pictures.") } else { String::new() },
-        legend(scene, inks)
+        legend(album, inks)
     ))
 }
 
@@ -112,11 +110,10 @@ fn group<'a>(plan: &'a Plan, id: SetupId, setup: &'a SetupPlan) -> Group<'a> {
     Group { title, stops }
 }
 
-/// A stop: its thumbnail, and behind it all its figures. `size_px` is that of its picture, if it has one.
-fn card(input: &ReportInput<'_>, scene: &Scene<'_>, stop: &Stop<'_>, size_px: Option<[usize; 2]>) -> String {
+/// A stop: its thumbnail, if it has one, and behind it all its figures.
+fn card(input: &ReportInput<'_>, album: &mut Album, stop: &Stop<'_>, picture: Option<Picture>) -> String {
     let view = stop.view;
-    let row = input.outcome.measured_by_view.get(view.id.index());
-    let picture = size_px.zip(row).map(|(size_px, row)| pictures::from_view(input, scene, (view, row), size_px));
+    let picture = picture.map(|picture| pictures::from_view(input, album, view, picture));
     let mut line = vec![format!("View {} · {}", view.id.0, view.label.as_str())];
     line.extend(stop.arrival.map(|(leg, secs)| {
         let table_deg = leg.target.table_angle_rad.to_degrees();

@@ -2,16 +2,20 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
+use super::Draft;
+use super::album::{Album, Picture};
 use super::camera::Camera;
+use super::draft_bytes::NoDraft;
 use super::image::Image;
 use super::markup::{area, duration, escape, number};
+use super::model::SampledModel;
 use super::page::printed;
 use super::palette::{BodyRole, Ink, MissGroup};
 use super::quantise::quantise;
-use super::renderer::{GLOW, Scene, mixed, scaled};
+use super::renderer::{GLOW, Seen, mixed, scaled};
 use super::sections::date_text;
-use super::shading::Lamp;
-use crate::geometry::{Mesh, Pose};
+use super::shading::{Lamp, Shading};
+use crate::geometry::{Mesh, Pose, SimdLevel};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::{PartParams, RegionParams};
 use crate::planning::plan::Grade;
@@ -34,9 +38,37 @@ fn surface_of(mesh: &Mesh, patch_edge_mm: f64) -> Surface {
     surface::sample(mesh, &params, &RegionParams::default(), 0).expect("a surface")
 }
 
-fn scene_of<'a>(mesh: &'a Mesh, surface: &'a Surface) -> Scene<'a> {
+/// A part to be drawn.
+struct Scene {
+    sampled: SampledModel,
+    shading: Shading,
+}
+
+impl Scene {
+    fn picture(&self, camera: &Camera, inks: &[Ink], through: bool, level: SimdLevel) -> Image {
+        let codes: Vec<u8> = inks.iter().map(|ink| ink.code()).collect();
+        Seen::new(&self.sampled.model, camera, level).picture(&self.shading, &self.sampled.inks(&codes), through)
+    }
+
+    /// The part, each surface sample in its ink.
+    fn render(&self, camera: &Camera, inks: &[Ink]) -> Image {
+        self.picture(camera, inks, false, SimdLevel::widest())
+    }
+
+    fn render_through(&self, camera: &Camera, inks: &[Ink]) -> Image {
+        self.picture(camera, inks, true, SimdLevel::widest())
+    }
+}
+
+fn sampled(mesh: &Mesh, surface: &Surface) -> SampledModel {
     let cancel = AtomicBool::new(false);
-    Scene::new(mesh, surface, &Context::new(&cancel, &Silent)).expect("not cancelled")
+    SampledModel::new(mesh, surface, None, &Context::new(&cancel, &Silent)).expect("not cancelled")
+}
+
+fn scene_of(mesh: &Mesh, surface: &Surface) -> Scene {
+    let sampled = sampled(mesh, surface);
+    let shading = Shading::new(&sampled.model);
+    Scene { sampled, shading }
 }
 
 /// Looks along +z of the part from its origin, 100 pixels focal length, 80 × 80 pixels.
@@ -65,7 +97,7 @@ fn a_square_covers_exactly_its_pixels() {
     let (vertices, faces) = square(20.0, 100.0);
     let mesh = mesh_of(&vertices, &faces);
     let surface = surface_of(&mesh, 1000.0);
-    let image = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 2]).image;
+    let image = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 2]);
     for (x, y) in (0..80).flat_map(|x| (0..80).map(move |y| (x, y))) {
         let inside = (20..60).contains(&x) && (20..60).contains(&y);
         let border = x == 19 || y == 19 || x == 60 || y == 60;
@@ -84,7 +116,7 @@ fn the_nearer_surface_is_seen_in_either_order() {
         let surface = surface_of(&mesh, 1000.0);
         let near_first = order[0][0][2] < 120.0;
         let inks = if near_first { [INK_A, INK_A, INK_SHADOW, INK_SHADOW] } else { [INK_SHADOW, INK_SHADOW, INK_A, INK_A] };
-        let image = scene_of(&mesh, &surface).render(&camera(), &inks).image;
+        let image = scene_of(&mesh, &surface).render(&camera(), &inks);
         assert_eq!(ink_of(pixel(&image, 40, 40), &[INK_A, INK_SHADOW]), INK_A);
         assert_eq!(ink_of(pixel(&image, 25, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
     }
@@ -96,11 +128,11 @@ fn inner_sides_are_told_apart_and_coincident_sheets_show_the_facing_one() {
     let away = faces.map(|[a, b, c]| [a, c, b]);
     let open = mesh_of(&vertices, &away);
     let surface = surface_of(&open, 1000.0);
-    let image = scene_of(&open, &surface).render(&camera(), &[INK_A; 2]).image;
+    let image = scene_of(&open, &surface).render(&camera(), &[INK_A; 2]);
     assert_eq!(pixel(&image, 40, 40)[..3], Ink::Back.rgb());
     let sheet = mesh_of(&vertices, &[away[0], away[1], faces[0], faces[1]]);
     let surface = surface_of(&sheet, 1000.0);
-    let image = scene_of(&sheet, &surface).render(&camera(), &[INK_A; 4]).image;
+    let image = scene_of(&sheet, &surface).render(&camera(), &[INK_A; 4]);
     assert!((22..58).all(|x| ink_of(pixel(&image, x, 33), &[INK_A, Ink::Back]) == INK_A));
 }
 
@@ -112,7 +144,7 @@ fn what_reaches_behind_the_camera_is_cut_and_not_folded_over() {
         &[[0, 1, 2], [0, 2, 3]],
     );
     let surface = surface_of(&floor, 5000.0);
-    let image = scene_of(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]).image;
+    let image = scene_of(&floor, &surface).render(&camera(), &vec![INK_A; surface.sample_mm.len()]);
     assert!((0..38).all(|y| pixel(&image, 40, y)[3] == 0), "nothing above the horizon");
     assert!((44..80).all(|y| pixel(&image, 40, y)[3] == 255), "the floor below it");
 }
@@ -123,15 +155,15 @@ fn misses_show_through_what_hides_them_and_nothing_else_does() {
     let mesh = mesh_of(&[front, hidden].concat(), &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
     let surface = surface_of(&mesh, 1000.0);
     let scene = scene_of(&mesh, &surface);
-    let plain = scene.render(&camera(), &[Ink::ByOthers; 4]).image;
-    let through = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, INK_SHADOW, INK_SHADOW]).image;
+    let plain = scene.render(&camera(), &[Ink::ByOthers; 4]);
+    let through = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, INK_SHADOW, INK_SHADOW]);
     assert_eq!(pixel(&through, 20, 40), pixel(&plain, 20, 40), "beside the hidden square");
     let (seen, covered) = (pixel(&through, 40, 40), pixel(&plain, 40, 40));
     assert!(seen[2] > seen[0] + 60, "the hidden miss turns {covered:?} blue: {seen:?}");
     let resting = Ink::Missed(MissGroup::Resting);
-    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]).image;
+    let stands = scene.render_through(&camera(), &[Ink::ByOthers, Ink::ByOthers, resting, resting]);
     assert_eq!(pixel(&stands, 40, 40), covered, "what the part stands on does not darken it");
-    let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]).image;
+    let measured = scene.render_through(&camera(), &[INK_SHADOW, INK_SHADOW, INK_A, INK_A]);
     assert_eq!(ink_of(pixel(&measured, 40, 40), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }
 
@@ -151,7 +183,7 @@ fn corners_on_edges_leave_no_pinholes() {
     for turn in 0..12 {
         let rotation = UnitQuaternion::from_euler_angles(0.31, -0.22, 0.47 * f64::from(turn));
         let camera_from_part = Pose::claim(Isometry3::from_parts(nalgebra::Translation3::new(0.7, -0.4, 12.3), rotation));
-        let image = scene.render(&Camera::fitted(camera_from_part, [640, 480], &mesh.vertices_mm), &inks).image;
+        let image = scene.render(&Camera::fitted(camera_from_part, [640, 480], &mesh.vertices_mm), &inks);
         // Within a row, opaque pixels must be one run.
         for row in image.rgba.chunks(640) {
             let first = row.iter().position(|pixel| pixel[3] == 255);
@@ -170,7 +202,7 @@ fn each_sample_colours_its_own_part_of_a_patch() {
     let params = PartParams { patch_edge_mm: Some(1000.0), samples_per_mm2: Some(0.5), ..PartParams::default() };
     let surface = surface::sample(&mesh, &params, &RegionParams::default(), 0).expect("a surface");
     let inks: Vec<Ink> = surface.sample_mm.iter().map(|p| if p.x < 0.0 { INK_A } else { INK_SHADOW }).collect();
-    let image = scene_of(&mesh, &surface).render(&camera(), &inks).image;
+    let image = scene_of(&mesh, &surface).render(&camera(), &inks);
     assert_eq!(ink_of(pixel(&image, 30, 35), &[INK_A, INK_SHADOW]), INK_A);
     assert_eq!(ink_of(pixel(&image, 50, 35), &[INK_A, INK_SHADOW]), INK_SHADOW);
 }
@@ -219,7 +251,8 @@ fn a_picture_tells_what_it_shows() {
     let ((hidden, faces), (front, _)) = (square(10.0, 150.0), square(30.0, 100.0));
     let mesh = mesh_of(&[front, hidden].concat(), &[faces[0], faces[1], faces[0].map(|v| v + 4), faces[1].map(|v| v + 4)]);
     let surface = surface_of(&mesh, 1000.0);
-    let rendered = scene_of(&mesh, &surface).render(&camera(), &[INK_A; 4]);
+    let scene = scene_of(&mesh, &surface);
+    let rendered = Seen::new(&scene.sampled.model, &camera(), SimdLevel::widest());
     let towards = -Vector3::z();
     assert!(rendered.shows(&Point3::new(3.0, 4.0, 100.0), &towards));
     assert!(!rendered.shows(&Point3::new(3.0, 4.0, 150.0), &towards), "behind the front");
@@ -288,8 +321,9 @@ fn lab(rgb: [u8; 3], vision: Vision) -> Vector3<f64> {
 
 /// Colours in which an ink is drawn: shaded from the darkest to the brightest, and shining through measured surface.
 fn drawn(ink: Ink, measured: Ink) -> Vec<[u8; 3]> {
-    let shades = [0.0, 0.33, 0.67, 1.0].map(|share| Lamp::MIN_LIGHT + share * (1.0 - Lamp::MIN_LIGHT));
-    let through = [Lamp::MIN_LIGHT, 1.0].map(|light| mixed(scaled(measured.rgb(), light), ink.rgb(), GLOW));
+    let dark = Lamp::MIN_LIGHT as f32;
+    let shades = [0.0, 0.33, 0.67, 1.0].map(|share| dark + share * (1.0 - dark));
+    let through = [dark, 1.0].map(|light| mixed(scaled(measured.rgb(), light), ink.rgb(), GLOW));
     let through = through.into_iter().filter(|_| ink.glows());
     shades.map(|light| scaled(ink.rgb(), light)).into_iter().chain(through).collect()
 }
@@ -334,8 +368,8 @@ fn shading_stays_within_its_range() {
     for (polar, azimuth) in (0..=18).flat_map(|polar| (0..36).map(move |azimuth| (polar, azimuth))) {
         let (polar, azimuth) = (f64::from(polar) * 10f64.to_radians(), f64::from(azimuth) * 10f64.to_radians());
         let normal = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
-        let light = lamp.light(&normal);
-        assert!((Lamp::MIN_LIGHT - 1e-12..=1.0).contains(&light), "{light} for {normal:?}");
+        let light = f64::from(lamp.light(&normal.map(|c| c as f32)));
+        assert!((Lamp::MIN_LIGHT - 1e-6..=1.0).contains(&light), "{light} for {normal:?}");
     }
 }
 
@@ -355,4 +389,132 @@ fn the_foot_of_a_printed_page_is_text_and_nothing_else() {
     assert!(foot.starts_with("\"\\22 \\3b \\20 ") && foot.ends_with("PN\\20 7\\fffd \""), "{foot}");
     assert_eq!(page.matches("</style>").count(), 1);
     assert!(page.contains("counter(page)") && !page.contains("<script"));
+}
+
+/// A ball of so many rings, with ink in stripes; pictures of it in three sizes of triangles are small, large, and both.
+fn ball(rings: u32) -> Mesh {
+    let at = |ring: u32, place: u32| {
+        let (polar, azimuth) = (f64::from(ring) / f64::from(rings), f64::from(place) / f64::from(2 * rings));
+        let (polar, azimuth) = (std::f64::consts::PI * polar, std::f64::consts::TAU * azimuth);
+        [20.0 * polar.sin() * azimuth.cos(), 20.0 * polar.sin() * azimuth.sin(), 100.0 + 20.0 * polar.cos()]
+    };
+    let number = |ring: u32, place: u32| match ring {
+        0 => 0,
+        ring if ring == rings => 1,
+        ring => 2 + (ring - 1) * 2 * rings + place % (2 * rings),
+    };
+    let inner = (1..rings).flat_map(|ring| (0..2 * rings).map(move |place| (ring, place)));
+    let vertices: Vec<[f64; 3]> =
+        [at(0, 0), at(rings, 0)].into_iter().chain(inner.map(|(ring, place)| at(ring, place))).collect();
+    let quads = (0..rings).flat_map(|ring| (0..2 * rings).map(move |place| (ring, place)));
+    let halves = quads.flat_map(|(ring, place)| {
+        let [a, b] = [number(ring, place), number(ring, place + 1)];
+        let [c, d] = [number(ring + 1, place), number(ring + 1, place + 1)];
+        [[a, c, d], [a, d, b]]
+    });
+    let faces: Vec<[u32; 3]> = halves.filter(|[a, b, c]| a != b && b != c && c != a).collect();
+    mesh_of(&vertices, &faces)
+}
+
+fn stripes(surface: &Surface) -> Vec<Ink> {
+    let inks = [INK_A, INK_SHADOW, Ink::ByOthers, Ink::Missed(MissGroup::Reach)];
+    surface.sample_mm.iter().map(|p| inks[(p.x.abs() * 0.4) as usize % 4]).collect()
+}
+
+#[test]
+fn every_level_of_vector_instructions_draws_the_same() {
+    for rings in [4, 40, 200] {
+        let mesh = ball(rings);
+        let surface = surface_of(&mesh, 1000.0);
+        let (scene, inks) = (scene_of(&mesh, &surface), stripes(&surface));
+        let camera = Camera::fitted(Pose::identity(), [320, 240], &mesh.vertices_mm);
+        for through in [false, true] {
+            let pictures: Vec<Image> =
+                SimdLevel::available().into_iter().map(|level| scene.picture(&camera, &inks, through, level)).collect();
+            assert!(pictures.iter().all(|picture| *picture == pictures[0]), "{rings} rings");
+            assert!(pictures[0].rgba.iter().filter(|pixel| pixel[3] == 255).count() > 30_000);
+        }
+    }
+}
+
+#[test]
+fn a_ball_of_small_triangles_looks_like_one_of_large_ones() {
+    // 64 and 400 rings: of several pixels each, and of less than one.
+    let image = |rings: u32| {
+        let mesh = ball(rings);
+        let surface = surface_of(&mesh, 1000.0);
+        let inks = vec![Ink::ByOthers; surface.sample_mm.len()];
+        let camera = Camera::fitted(Pose::identity(), [320, 240], &ball(64).vertices_mm);
+        scene_of(&mesh, &surface).render(&camera, &inks)
+    };
+    let (coarse, fine) = (image(64), image(400));
+    let inside = |pixel: &[u8; 4]| pixel[3] == 255 && pixel[0] > 150;
+    let both = coarse.rgba.iter().zip(&fine.rgba).filter(|(a, b)| inside(a) && inside(b));
+    // On the rim a pixel may show another facet.
+    let off: Vec<u8> = both.flat_map(|(a, b)| (0..3).map(|channel| a[channel].abs_diff(b[channel]))).collect();
+    let mean = off.iter().map(|off| f64::from(*off)).sum::<f64>() / off.len() as f64;
+    let far_off = off.iter().filter(|off| **off >= 16).count();
+    assert!(off.len() > 90_000 && mean < 0.5 && far_off * 1000 < off.len(), "{mean}, {far_off} of {} far off", off.len());
+}
+
+/// A page with pictures of a ball from two cameras, two of them from one.
+fn draft() -> Draft {
+    let mesh = ball(12);
+    let surface = surface_of(&mesh, 1000.0);
+    let codes: Vec<u8> = stripes(&surface).iter().map(|ink| ink.code()).collect();
+    let mut album = Album::new(sampled(&mesh, &surface));
+    let near = Camera::fitted(Pose::identity(), [64, 48], &mesh.vertices_mm);
+    let upright = UnitQuaternion::from_euler_angles(0.2, 0.1, -0.3);
+    let turned = Pose::claim(Isometry3::from_parts(nalgebra::Translation3::new(0.1, 0.2, 30.0), upright));
+    let far = Camera::fitted(turned, [80, 60], &mesh.vertices_mm);
+    let (striped, plain) = (album.inks(&codes), album.plain(Ink::ByOthers));
+    let marks = [
+        album.add(Picture { camera: near.clone(), inks: striped.clone(), through: false }),
+        album.add(Picture { camera: far, inks: striped.clone(), through: false }),
+        album.add(Picture { camera: near.clone(), inks: plain, through: true }),
+        album.add(Picture { camera: near, inks: striped, through: false }),
+    ];
+    assert_eq!((&marks[0], marks[1] == marks[0], marks[2] == marks[0]), (&marks[3], false, false), "equal ones are one");
+    album.into_draft(format!("<p>{}</p>", marks.map(|mark| format!("<img src=\"{mark}\"/>")).join("and 1 ")))
+}
+
+fn drawn_by(draft: &Draft, threads: usize) -> String {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    pool.install(|| draft.draw(&Context::new(&AtomicBool::new(false), &Silent)).expect("not cancelled"))
+}
+
+#[test]
+fn a_draft_gives_the_same_page_on_any_threads_and_after_it_was_kept() {
+    let draft = draft();
+    let page = drawn_by(&draft, 1);
+    assert_eq!(page.matches("data:image/png;base64,").count(), 4);
+    assert!(page.contains("and 1 ") && !page.contains('\u{1}'), "numbers in the text stay");
+    assert_eq!(drawn_by(&draft, 3), page);
+    let kept = Draft::from_bytes(&draft.to_bytes()).expect("a draft");
+    assert_eq!(kept, draft);
+    assert_eq!(drawn_by(&kept, 2), page);
+    let cancelled = draft.draw(&Context::new(&AtomicBool::new(true), &Silent));
+    assert!(cancelled.is_err());
+}
+
+#[test]
+fn bytes_that_are_no_draft_are_refused() {
+    let bytes = draft().to_bytes();
+    for length in (0..bytes.len()).step_by(37) {
+        assert_eq!(Draft::from_bytes(&bytes[..length]), Err(NoDraft), "{length} of {} bytes", bytes.len());
+    }
+    assert_eq!(Draft::from_bytes(&[bytes.clone(), vec![0]].concat()), Err(NoDraft));
+    // Whatever a byte is changed to, it is read or refused.
+    for at in (0..bytes.len()).step_by(11) {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0xff;
+        let _ = Draft::from_bytes(&damaged);
+    }
+}
+
+#[test]
+fn the_code_of_an_ink_is_its_place() {
+    for (place, ink) in Ink::ALL.into_iter().enumerate() {
+        assert_eq!(usize::from(ink.code()), place);
+    }
 }

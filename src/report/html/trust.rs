@@ -17,12 +17,12 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let robust = plan.coverage.robust.as_ref();
     let robust = robust.map_or_else(String::new, |robust| fragile(&plan.params, robust) + &under_pose_errors(robust));
     format!(
-        "<section>\n<h2>Why to trust it</h2>\n<h3>Independent check</h3>\n{}{robust}<h3>Bounds</h3>\n{}{}<h3>At risk</h3>\n\
+        "<section>\n<h2>Why these figures can be trusted</h2>\n<h3>Independent check</h3>\n{}{robust}<h3>Bounds</h3>\n{}{}<h3>At risk</h3>\n\
          <p>{}; see the appendix.</p>\n<h3>Limits of the devices</h3>\n{}<h3>Files</h3>\n{}</section>\n",
         independent(input),
         bounds(input),
         order(input),
-        capitalised_at_risk(&AtRiskDocument::from(&plan.coverage)),
+        escape(&at_risk_sentence(&AtRiskDocument::from(&plan.coverage))),
         devices(input),
         files(input)
     )
@@ -35,7 +35,7 @@ fn independent(input: &ReportInput<'_>) -> String {
     format!(
         "<p>Because views are optimised on one set of samples, the share measured of that set is slightly optimistic: {}. On {} \
          independent samples the same views measure <b>{} of the asked area</b>, {} of the whole surface. The figures at the top \
-         are of these samples.</p>\n",
+         are those of the independent samples.</p>\n",
         percent(coverage.of_asked()),
         number(independent.samples as f64, 0),
         percent(independent.of_asked()),
@@ -71,18 +71,12 @@ fn order(input: &ReportInput<'_>) -> String {
         "The order is not proven optimal."
     };
     format!(
-        "<p>{proved} It takes {} of motion, and at least {} over the stations and moves considered; stations were then moved along \
-         the table’s angle and rolled, which leaves {}. Every move was checked for collisions along its whole length.</p>\n",
+        "<p>{proved} It takes {} of motion; the lower bound over the stations and moves considered is {}. Stations were then shifted \
+         in table angle and roll, which leaves {}. Every move was checked for collisions along its whole length.</p>\n",
         sum(|sequence| sequence.ordered_secs),
         sum(|sequence| sequence.lower_bound_secs),
         sum(Sequence::motion_secs)
     )
-}
-
-fn capitalised_at_risk(at_risk: &AtRiskDocument) -> String {
-    let sentence = escape(&at_risk_sentence(at_risk));
-    let mut characters = sentence.chars();
-    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
 }
 
 fn devices(input: &ReportInput<'_>) -> String {
@@ -143,7 +137,7 @@ fn fragile(params: &PlanParams, robust: &Robust) -> String {
     of_robust(params, &RobustDocument::from(robust), "").map_or_else(String::new, |warning| {
         format!(
             "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Fragile under pose errors</b> <code>{}</code>: \
-             <code>{}</code> {}. What helps: {}.</p></div>\n",
+             <code>{}</code> {}. What to do: {}.</p></div>\n",
             warning.code.as_str(),
             escape(&warning.pointer.trim_start_matches('/').replace('/', ".")),
             escape(&warning.detail),

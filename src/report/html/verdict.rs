@@ -8,7 +8,7 @@ use super::markup::{duration, escape, number, percent};
 use super::palette::Ink;
 use super::views::swatch;
 use crate::planning::plan::{Grade, Plan, share};
-use crate::wire::summary::{PlanVerdict, Summary};
+use crate::wire::summary::{PlanLevel, ProgramCycle, Summary};
 
 /// Standing of a job, which gives the verdict its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +19,16 @@ pub(super) enum Standing {
     Short,
     /// No plan.
     NoPlan,
+}
+
+impl From<PlanLevel> for Standing {
+    fn from(level: PlanLevel) -> Self {
+        match level {
+            PlanLevel::Ready => Self::Met,
+            PlanLevel::Limited => Self::Short,
+            PlanLevel::NotExecutable => Self::NoPlan,
+        }
+    }
 }
 
 /// A figure of the verdict.
@@ -42,29 +52,24 @@ pub(super) struct VerdictText {
     pub(super) title: String,
     /// Sentences, the verdict's first.
     pub(super) lines: Vec<String>,
+    /// The one thing to do next; empty if none is known.
+    pub(super) next: String,
     pub(super) figures: Vec<Figure>,
 }
 
 impl VerdictText {
     /// The verdict on a plan, in the sentences of its summary.
     pub(super) fn of(input: &ReportInput<'_>) -> Self {
-        let plan = &input.outcome.plan;
-        let summary = Summary::of(plan);
-        let (standing, title) = match summary.verdict {
-            PlanVerdict::ViewsWithoutPath if summary.views == 0 => {
-                (Standing::NoPlan, "Cannot be scanned: no view is within reach")
-            }
-            PlanVerdict::TargetMet | PlanVerdict::BestCoverage => (Standing::Met, "Ready to scan"),
-            PlanVerdict::Fragile => (Standing::Short, "Can be scanned, but small pose errors cost coverage"),
-            PlanVerdict::TargetMissed | PlanVerdict::RegionsUnmet | PlanVerdict::ViewsWithoutPath => {
-                (Standing::Short, "Can be scanned, with gaps")
-            }
-        };
+        let (plan, summary) = (&input.outcome.plan, input.summary);
+        let (next, command) = (summary.next_text(), summary.action.as_ref().and_then(|action| action.command.clone()));
+        let has_place = |line: &String| *line == summary.title || next.as_ref() == Some(line);
+        let lines = summary.lines().into_iter().filter(|line| !has_place(line)).map(|line| escape(line.trim_start()));
         Self {
-            standing,
-            title: title.to_owned(),
-            lines: summary.lines().iter().map(|line| escape(line.trim_start())).collect(),
-            figures: figures(input, plan, &summary),
+            standing: Standing::from(summary.level),
+            title: escape(&summary.title),
+            lines: lines.collect(),
+            next: next.map_or_else(String::new, |next| escape(&next) + &command.map(code).unwrap_or_default()),
+            figures: figures(plan, summary),
         }
     }
 
@@ -88,7 +93,11 @@ impl VerdictText {
         let (first, rest) = self.lines.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
         let rest: String = rest.iter().map(line).collect();
         let rest = if rest.is_empty() { rest } else { format!("<ul class=\"card summary\">\n{rest}</ul>\n") };
-        format!("<div class=\"verdict {class}\">\n<h2>{}</h2>\n<p>{first}</p>\n</div>\n{figures}{rest}", self.title)
+        let next = match self.next.as_str() {
+            "" => String::new(),
+            next => format!("<p class=\"action\">{next}</p>\n"),
+        };
+        format!("<div class=\"verdict {class}\">\n<h2>{}</h2>\n<p>{first}</p>\n</div>\n{next}{figures}{rest}", self.title)
     }
 }
 
@@ -105,7 +114,7 @@ pub(super) fn section(input: &ReportInput<'_>, pictures: &str) -> String {
     )
 }
 
-fn figures(input: &ReportInput<'_>, plan: &Plan, summary: &Summary) -> Vec<Figure> {
+fn figures(plan: &Plan, summary: &Summary) -> Vec<Figure> {
     let mut figures = vec![
         Figure {
             value: percent(summary.coverage.of_visible),
@@ -122,8 +131,30 @@ fn figures(input: &ReportInput<'_>, plan: &Plan, summary: &Summary) -> Vec<Figur
         let detail = "the part is turned over between them".to_owned();
         figures.push(Figure { value: number(summary.setups as f64, 0), name: "setups", detail });
     }
-    figures.extend(input.cycle_secs.map(|secs| Figure::new(duration(secs), "cycle time")));
+    figures.extend(summary.cycle_secs.map(|secs| Figure {
+        value: duration(secs),
+        name: "cycle time",
+        detail: summary.program_cycle.as_ref().filter(|program| program.differs()).map_or_else(String::new, as_program),
+    }));
     figures
+}
+
+/// Options of the command line on a line of their own, to be copied.
+fn code(options: String) -> String {
+    format!("<br/><code>{}</code>", escape(&options))
+}
+
+/// Cycle of the robot's own program, where it is another.
+fn as_program(program: &ProgramCycle) -> String {
+    format!("{} as a program for the robot ({})", duration(program.cycle_secs), program.dialect.as_str())
+}
+
+/// Part of the bar, with its name where there is room: colours are not told apart on a grey print.
+fn segment(share: f64, ink: Ink, name: &str) -> String {
+    const PER_LETTER: f64 = 0.025;
+    let has_room = share > PER_LETTER * (1.0 + name.len() as f64);
+    let name = if has_room { format!("<b>{name}</b>") } else { String::new() };
+    format!("<i style=\"width:{:.3}%;background:{}\">{name}</i>", share * 100.0, ink.hex())
 }
 
 /// Bar of the asked area by grade, and the rest.
@@ -135,12 +166,12 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
         let (ink, share) =
             (Ink::Measured(grade), share(coverage.measured.grade_area_mm2[grade as usize], coverage.asked_area_mm2));
         // Writing to a String cannot fail.
-        let _ = write!(bar, "<i style=\"width:{:.3}%;background:{}\"></i>", share * 100.0, ink.hex());
+        bar += &segment(share, ink, name);
         let _ = write!(legend, "<li>{}Grade {name} {}</li>", swatch(ink), percent(share));
         let _ = write!(spoken, "grade {name} {}, ", percent(share));
     }
     let (missed, ink) = (1.0 - coverage.of_asked(), Ink::Unmeasured);
-    let _ = write!(bar, "<i style=\"width:{:.3}%;background:{}\"></i>", missed * 100.0, ink.hex());
+    bar += &segment(missed, ink, "missed");
     format!(
         "<div class=\"bar\" role=\"img\" aria-label=\"Asked area: {spoken}missed {missed}\">{bar}</div>\n\
          <ul class=\"legend\">{legend}<li>{}Missed {missed}</li></ul>\n\
@@ -149,4 +180,35 @@ fn grades_bar(input: &ReportInput<'_>) -> String {
         swatch(ink),
         missed = percent(missed)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_of_the_bar_has_its_name_where_there_is_room() {
+        assert!(
+            segment(0.3, Ink::Unmeasured, "missed").contains("width:30.000%")
+                && segment(0.3, Ink::Unmeasured, "missed").contains("<b>missed</b>")
+        );
+        assert!(
+            !segment(0.1, Ink::Unmeasured, "missed").contains("<b>")
+                && segment(0.1, Ink::Measured(Grade::A), "A").contains("<b>A</b>")
+        );
+    }
+
+    #[test]
+    fn the_next_action_has_a_box_of_its_own_and_the_level_its_colour() {
+        let text = |standing: Standing, next: &str| {
+            let lines = vec!["Target met".to_owned(), "4 views".to_owned()];
+            VerdictText { standing, title: "Ready".to_owned(), lines, next: next.to_owned(), figures: Vec::new() }.block()
+        };
+        let block = text(Standing::from(PlanLevel::Limited), "Next: turn it over");
+        assert!(block.starts_with("<div class=\"verdict short\">\n<h2>Ready</h2>\n<p>Target met</p>\n</div>\n"), "{block}");
+        assert!(block.contains("<p class=\"action\">Next: turn it over</p>") && block.contains("<li>4 views</li>"), "{block}");
+        let ready = text(Standing::from(PlanLevel::Ready), "");
+        assert!(ready.contains("verdict met") && !ready.contains("class=\"action\""), "{ready}");
+        assert!(text(Standing::from(PlanLevel::NotExecutable), "").contains("verdict none"));
+    }
 }

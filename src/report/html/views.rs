@@ -2,12 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
-
 use super::ReportInput;
+use super::album::Album;
 use super::palette::Ink;
 use super::pictures;
-use super::renderer::Scene;
 use crate::planning::plan::{Grade, Verdict};
 
 /// The grades, from the best on.
@@ -15,18 +13,18 @@ pub(super) const GRADES: [Ink; 4] =
     [Ink::Measured(Grade::A), Ink::Measured(Grade::B), Ink::Measured(Grade::C), Ink::Measured(Grade::D)];
 
 /// The part from three sides, as all views together measure it.
-pub(super) fn overviews(input: &ReportInput<'_>, scene: &Scene<'_>) -> String {
+pub(super) fn overviews(input: &ReportInput<'_>, album: &mut Album) -> String {
     format!(
         "{}{}<p class=\"soft\">All views together. x, y, z are the axes of the uploaded file. The scale bar holds at the part’s \
          centre.</p>\n",
-        three_sides(|side| pictures::overview(input, scene, side)),
-        legend(scene, GRADES.into_iter().chain(unmeasured(input, Ink::of_grade)))
+        three_sides(|side| pictures::overview(input, album, side)),
+        legend(album, GRADES.into_iter().chain(unmeasured(input, Ink::of_grade)))
     )
 }
 
 /// A figure a side, side by side.
-pub(super) fn three_sides(picture: impl Fn(&pictures::OverviewSide) -> String + Sync + Send) -> String {
-    let pictures: Vec<String> = pictures::SIDES.par_iter().map(picture).collect();
+pub(super) fn three_sides(picture: impl FnMut(&pictures::OverviewSide) -> String) -> String {
+    let pictures: Vec<String> = pictures::SIDES.iter().map(picture).collect();
     figures(&pictures)
 }
 
@@ -46,9 +44,9 @@ pub(super) fn unmeasured(input: &ReportInput<'_>, ink: impl Fn(Verdict) -> Ink) 
 }
 
 /// Legend of the inks of a picture.
-pub(super) fn legend(scene: &Scene<'_>, inks: impl IntoIterator<Item = Ink>) -> String {
+pub(super) fn legend(album: &Album, inks: impl IntoIterator<Item = Ink>) -> String {
     let mut inks: BTreeSet<Ink> = inks.into_iter().collect();
-    if scene.open {
+    if album.is_open() {
         inks.insert(Ink::Back);
     }
     let items: String = inks.iter().map(|ink| format!("<li>{}{}</li>", swatch(*ink), ink.label())).collect();

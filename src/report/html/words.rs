@@ -5,33 +5,17 @@ use crate::cell::{OpticalDevice, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Cause, Remedy, RemedyKind};
 use crate::planning::verdict::Rejection;
-use crate::wire::words::{partial_percent, remedy_sentence};
+use crate::wire::words::{cause_phrase, partial_percent, remedy_sentence};
 
-/// Names a cause in a few words.
-pub(super) fn cause_name(cause: Cause) -> &'static str {
-    match cause {
-        Cause::ExcludedResting => "The part stands on it",
-        Cause::Enclosed => "Enclosed by the part",
-        Cause::FacesTable => "Faces the table",
-        Cause::Facing => "Faces away",
-        Cause::Depth => "Outside the working depth",
-        Cause::FrameLeft => "Outside the left image",
-        Cause::FrameRight => "Outside the right image",
-        Cause::FrameProjector => "Outside the projected field",
-        Cause::IncidenceLeft => "Too oblique for the left camera",
-        Cause::IncidenceRight => "Too oblique for the right camera",
-        Cause::IncidenceProjector => "Too oblique for the projector",
-        Cause::ShadowLeft => "Hidden from the left camera",
-        Cause::ShadowRight => "Hidden from the right camera",
-        Cause::ShadowProjector => "In the projector’s shadow",
-        Cause::BelowGrade => "Not measured well enough",
-        Cause::Unreachable => "Out of the robot’s reach",
-        Cause::Collision => "Collision",
-        Cause::HiddenByCell => "Hidden by an obstacle of the cell",
-        Cause::NoPath => "No safe path found",
-        Cause::NotChosen => "Measurable, but no view chosen",
-        Cause::AtRisk => "Measured, but at risk",
-    }
+/// Names a cause in a few words, with a capital.
+pub(super) fn cause_name(cause: Cause) -> String {
+    capitalised(cause_phrase(cause)).replace('\'', "’")
+}
+
+/// The text with its first letter as a capital.
+pub(super) fn capitalised(text: &str) -> String {
+    let mut characters = text.chars();
+    characters.next().map_or_else(String::new, |first| first.to_uppercase().chain(characters).collect())
 }
 
 /// Names a reason for which a viewpoint was dropped, in a few words.
@@ -111,6 +95,7 @@ fn limit(limits: &LimitParams, device: &OpticalDevice) -> String {
 /// it measures where it does not work.
 pub(super) fn remedy(remedy: &Remedy) -> String {
     let kind = match remedy.kind {
+        RemedyKind::View if remedy.views.len() > 1 => return told(&format!("{} more views", remedy.views.len()), remedy),
         RemedyKind::View => "One more view",
         RemedyKind::Roll => "Another roll",
         RemedyKind::Tilt => "Another tilt",
@@ -119,9 +104,50 @@ pub(super) fn remedy(remedy: &Remedy) -> String {
         RemedyKind::Limit => "A larger limit",
         RemedyKind::None => "None found",
     };
+    told(kind, remedy)
+}
+
+fn told(kind: &str, remedy: &Remedy) -> String {
     let kind = match partial_percent(remedy.of_spot).filter(|_| remedy.kind != RemedyKind::None) {
         Some(percent) => format!("{percent} of it: {}", kind.to_lowercase()),
         None => kind.to_owned(),
     };
     format!("<b>{kind}</b><br/><span class=\"soft\">{}</span>", escape(&remedy_sentence(remedy)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::planning::plan::{CandidateId, RemedyView};
+
+    #[test]
+    fn a_fix_of_several_views_says_so_in_its_heading() {
+        let view = RemedyView {
+            candidate: CandidateId(4),
+            roll_rad: 0.0,
+            tilt_rad: 0.0,
+            standoff_mm: 480.0,
+            part_from_scanner: Pose::identity(),
+            area_mm2: 10.0,
+        };
+        let fix = |views: usize| {
+            let views = vec![view.clone(); views];
+            let (table_from_part, turn, camera_deg, projector_deg) = (None, None, None, None);
+            let (kind, area_mm2, of_spot, tried) = (RemedyKind::View, 9.5, 0.95, 30);
+            remedy(&Remedy { kind, views, table_from_part, turn, camera_deg, projector_deg, area_mm2, of_spot, tried })
+        };
+        assert!(fix(1).starts_with("<b>One more view</b>"), "{}", fix(1));
+        assert!(fix(3).starts_with("<b>3 more views</b>") && fix(3).contains("with 2 more views"), "{}", fix(3));
+    }
+
+    #[test]
+    fn a_cause_has_one_name_with_and_without_a_capital() {
+        for cause in Cause::ALL {
+            let (phrase, name) = (cause_phrase(cause).replace('\'', "’"), cause_name(cause));
+            assert!(name.to_lowercase() == phrase.to_lowercase() && name.starts_with(char::is_uppercase), "{name} of {phrase}");
+        }
+        assert_eq!(cause_name(Cause::ShadowProjector), "In the projector’s shadow");
+        assert_eq!((capitalised("turn it upside down"), capitalised("")), ("Turn it upside down".to_owned(), String::new()));
+    }
 }

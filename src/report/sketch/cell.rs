@@ -9,10 +9,10 @@ use crate::report::html::markup::number;
 use crate::report::study::svg::Svg;
 
 /// Size of the drawing, and of each of its two windows.
-const SIZE: [f64; 2] = [1040.0, 600.0];
+const SIZE: [f64; 2] = [1040.0, 630.0];
 const WINDOW: [f64; 2] = [470.0, 440.0];
-const TOP: [f64; 2] = [30.0, 90.0];
-const SIDE: [f64; 2] = [540.0, 90.0];
+const TOP: [f64; 2] = [30.0, 130.0];
+const SIDE: [f64; 2] = [540.0, 130.0];
 /// Colours: the arm and its reach, the table, the scanner, other bodies.
 const ARM: usize = 0;
 const TABLE: usize = 1;
@@ -38,31 +38,35 @@ pub fn cell_svg(cell: &Cell) -> String {
     let apart_mm = table.x.hypot(table.y);
     let (_, reach_mm) = cell.robot.max_reach_mm();
     let millimetres = |length_mm: f64| number(length_mm, 0);
-    let spoken = format!(
-        "{}: {} with {} and {}; the plate's centre stands {} mm from the foot and {} mm above it; stretched, the arm reaches {} mm",
-        cell.name,
-        cell.robot.name,
-        cell.scanner.name,
-        cell.turntable.name,
+    let devices = format!("robot {}, scanner {}, turntable {}", cell.robot.name, cell.scanner.name, cell.turntable.name);
+    let distances = format!(
+        "the plate's centre is {} mm from the robot's foot and {} mm {} it; stretched, the arm reaches {} mm",
         millimetres(apart_mm),
-        millimetres(table.z),
+        millimetres(table.z.abs()),
+        if table.z < 0.0 { "below" } else { "above" },
         millimetres(reach_mm)
     );
-    let mut svg = Svg::new(SIZE[0], SIZE[1], &cell.name, &spoken);
-    svg.text(16.0, 48.0, "", &spoken);
+    let mut svg = Svg::new(SIZE[0], SIZE[1], &cell.name, &format!("{}: {devices}; {distances}", cell.name));
+    svg.text(16.0, 50.0, "", &devices);
+    svg.text(16.0, 70.0, "", &distances);
     let towards = if apart_mm > 0.0 { Vector3::new(table.x, table.y, 0.0) / apart_mm } else { Vector3::x() };
     let above = Plane { right: Vector3::x(), up: Vector3::y() };
     let beside = Plane { right: towards, up: Vector3::z() };
-    svg.text(TOP[0], TOP[1] - 12.0, "strong", "from above");
-    svg.text(SIDE[0], SIDE[1] - 12.0, "strong", "from the side");
+    // Figures stand beside the drawings: in them they would cover what they are of.
+    let floor = cell.floor_mm.map_or_else(String::new, |floor_mm| format!(", floor at z = {}", millimetres(floor_mm)));
+    let [x, y, z] = [table.x, table.y, table.z].map(millimetres);
+    svg.text(TOP[0], TOP[1] - 22.0, "strong", &format!("from above: plate at x = {x}, y = {y}"));
+    svg.text(SIDE[0], SIDE[1] - 22.0, "strong", &format!("from the side: plate at z = {z}{floor}"));
     view(&mut svg, cell, &above, TOP);
     view(&mut svg, cell, &beside, SIDE);
-    for (number, words) in [(ARM, "arm, its reach"), (TABLE, "plate"), (SCANNER, "scanner at home"), (OTHER, "other bodies")] {
-        let x = 30.0 + 150.0 * number as f64;
+    for (number, words) in
+        [(ARM, "arm at home, its reach"), (TABLE, "plate, mark at 0°"), (SCANNER, "scanner, best focus"), (OTHER, "other bodies")]
+    {
+        let x = 30.0 + 190.0 * number as f64;
         svg.point(number, [x, SIZE[1] - 20.0], words);
         svg.text(x + 12.0, SIZE[1] - 16.0, "", words);
     }
-    svg.text(SIDE[0] + 120.0, SIZE[1] - 16.0, "", "base frame, mm; to scale");
+    svg.text(30.0 + 190.0 * 4.0, SIZE[1] - 16.0, "", "base frame, mm; to scale");
     svg.finish()
 }
 
@@ -89,9 +93,8 @@ fn view(svg: &mut Svg, cell: &Cell, plane: &Plane, at: [f64; 2]) {
     if let Some(height) = floor.filter(|_| plane.up.z > 0.5) {
         let [_, y] = scale.at([0.0, height]);
         svg.line("grid", [at[0], y], [at[0] + WINDOW[0], y]);
-        svg.text(at[0] + WINDOW[0], y - 4.0, "end", &format!("floor, {} mm", number(height, 0)));
     }
-    dimensions(svg, cell, plane, &scale);
+    svg.line("mark", scale.at([0.0, 0.0]), scale.at(table));
 }
 
 /// The plate: a circle from above, a line from the side; with the mark of its zero.
@@ -121,17 +124,6 @@ fn arm(svg: &mut Svg, cell: &Cell, plane: &Plane, scale: &Scale) {
     let ends = [Point3::origin(), cell.scanner.best_focus_mm()].map(|point| scale.at(plane.of(&base_from_scanner.point(&point))));
     svg.series(SCANNER, &ends);
     svg.point(SCANNER, ends[1], "best focus at home");
-}
-
-/// Distances in words: foot to table, and the plate's height.
-fn dimensions(svg: &mut Svg, cell: &Cell, plane: &Plane, scale: &Scale) {
-    let table = cell.base_from_table.origin_mm();
-    let (foot, place) = (scale.at([0.0, 0.0]), scale.at(plane.of(&table)));
-    svg.line("mark", foot, place);
-    let middle = [0.5 * (foot[0] + place[0]), 0.5 * (foot[1] + place[1])];
-    let [x, y, z] = [table.x, table.y, table.z].map(|length_mm| number(length_mm, 0));
-    let words = if plane.up.z > 0.5 { format!("plate at z = {z}") } else { format!("table at x = {x}, y = {y}") };
-    svg.text(middle[0], middle[1] - 6.0, "middle strong", &words);
 }
 
 /// Lowest and highest place of a body's corners in the drawing's plane.

@@ -16,6 +16,7 @@ use super::{Store, blocking};
 use crate::service::error::{Error, InternalError};
 use crate::service::execute::Artifact;
 use crate::service::failpoint;
+use crate::service::plan_job::{REPORT_DRAFT_FILE, REPORT_FILE};
 use crate::wire::{JobFile, JobId, JobState};
 
 /// Min size of a result to be compressed.
@@ -41,11 +42,22 @@ impl FileEncoding {
     }
 }
 
+/// Name, hash and size of a result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct StoredResult {
+    /// Name of the result.
+    pub name: String,
+    /// SHA-256 of its bytes, lower-case hexadecimal.
+    pub sha256: String,
+    /// Number of its bytes.
+    pub size_bytes: u64,
+}
+
 /// A result and the file that holds it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ResultFile {
-    /// Name, hash and size of the result.
-    pub result: JobFile,
+    /// The result.
+    pub result: StoredResult,
     /// Hash of the stored file.
     pub file_sha256: String,
     /// Size of the stored file.
@@ -75,7 +87,7 @@ pub(crate) struct StoredArtifacts {
 
 /// A result, encoded for its file.
 struct Packed {
-    result: JobFile,
+    result: StoredResult,
     bytes: Vec<u8>,
     sha256: String,
     encoding: FileEncoding,
@@ -121,7 +133,7 @@ impl Store {
             other => return Err(InternalError::Row(format!("artifact.encoding {other:?}")).into()),
         };
         Ok(ResultFile {
-            result: JobFile {
+            result: StoredResult {
                 name: row.try_get("name")?,
                 sha256: row.try_get("sha256")?,
                 size_bytes: row.try_get::<i64, _>("size_bytes")?.unsigned_abs(),
@@ -130,6 +142,22 @@ impl Store {
             file_bytes: row.try_get::<i64, _>("file_bytes")?.unsigned_abs(),
             encoding,
         })
+    }
+
+    /// Replaces the draft of a job's report by the drawn report.
+    pub(crate) async fn replace_draft(&self, id: JobId, drawn: &StoredArtifacts) -> Result<(), Error> {
+        let mut tx = self.writer.begin().await?;
+        let draft: Option<String> =
+            sqlx::query_scalar("DELETE FROM artifact WHERE job_id = ?1 AND name = ?2 RETURNING file_sha256")
+                .bind(id.to_string())
+                .bind(REPORT_DRAFT_FILE)
+                .fetch_optional(&mut *tx)
+                .await?;
+        // Without it the job was deleted meanwhile.
+        let draft = draft.ok_or(Error::JobNotFound(id))?;
+        insert(&mut tx, id, &drawn.files).await?;
+        tx.commit().await?;
+        self.remove_unreferenced(vec![draft]).await
     }
 
     /// Names of a job's part.
@@ -142,6 +170,21 @@ impl Store {
         .await?;
         let row = row.ok_or(Error::JobNotFound(id))?;
         Ok(PartNames { part_number: row.try_get("part_number")?, serial: row.try_get("serial")?, mesh: row.try_get("name")? })
+    }
+
+    /// Name of the robot that a job was planned for, and its dialect as its specification had it then; `None` without a cell.
+    pub(crate) async fn robot(&self, id: JobId) -> Result<Option<(String, Option<String>)>, Error> {
+        let row = sqlx::query(
+            "SELECT CASE WHEN json_valid(input) THEN CAST(input ->> '$.cell.robot.name' AS TEXT) END AS name,
+                CASE WHEN json_valid(input) THEN CAST(input ->> '$.cell.robot.dialect' AS TEXT) END AS dialect
+             FROM job_body WHERE job_id = ?1",
+        )
+        .bind(id.to_string())
+        .fetch_optional(&self.reader)
+        .await?;
+        let Some(row) = row else { return Ok(None) };
+        let (name, dialect): (Option<String>, Option<String>) = (row.try_get("name")?, row.try_get("dialect")?);
+        Ok(name.map(|name| (name, dialect)))
     }
 
     /// Opens the file of a result and checks its hash; decompresses it if `decompressed`.
@@ -170,6 +213,15 @@ impl Store {
     }
 }
 
+/// Result files as clients are told of them: the draft of a report as the report that it will be.
+pub(super) fn listed(mut results: Vec<JobFile>) -> Vec<JobFile> {
+    for file in results.iter_mut().filter(|file| file.name == REPORT_DRAFT_FILE) {
+        *file = JobFile { name: REPORT_FILE.to_owned(), sha256: None, size_bytes: None };
+    }
+    results.sort_by(|a, b| a.name.cmp(&b.name));
+    results
+}
+
 /// Inserts the rows of a job's results.
 pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[ResultFile]) -> Result<(), Error> {
     for file in files {
@@ -194,7 +246,7 @@ pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[Result
 fn pack(artifact: &Artifact) -> Result<Packed, Error> {
     let bytes = &artifact.bytes;
     let sha256 = hex(&Sha256::digest(bytes));
-    let result = JobFile { name: artifact.name.to_string(), sha256: sha256.clone(), size_bytes: bytes.len() as u64 };
+    let result = StoredResult { name: artifact.name.to_string(), sha256: sha256.clone(), size_bytes: bytes.len() as u64 };
     if bytes.len() >= MIN_COMPRESSED_BYTES {
         let compressed = compress(bytes)?;
         if compressed.len() < bytes.len() / 10 * 9 {

@@ -5,33 +5,37 @@
 use std::collections::HashMap;
 
 use futures_util::TryStreamExt;
+use serde::{Serialize, Serializer};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite};
 
-use super::jobs::{read_problem, read_state};
+use super::job_rows::{read_problem, read_state};
 use super::pages::{Page, Place};
 use super::stored::{VERSION, read_leniently};
-use super::{Store, summaries};
+use super::{Store, artifacts, summaries};
 use crate::service::error::Error;
-use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSort, JobSortKey, JobState, MeshId, UtcTime};
+use crate::wire::{JobFile, JobId, JobListItem, JobPage, JobSelection, JobSort, JobSortKey, JobState, UtcTime};
 
 /// Filters and order of a job listing.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct JobFilter {
-    pub ids: Option<Vec<JobId>>,
-    pub state: Option<JobState>,
-    /// Key, and value if one is given.
-    pub label: Option<(String, Option<String>)>,
-    pub part_number: Option<String>,
-    pub serial: Option<String>,
-    pub mesh_id: Option<MeshId>,
-    /// Name of the cell.
-    pub cell: Option<String>,
-    /// Earliest time of creation.
-    pub created_after: Option<UtcTime>,
-    /// Time of creation that is too late.
-    pub created_before: Option<UtcTime>,
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct JobQuery {
+    /// Jobs that are listed.
+    pub selection: JobSelection,
+    /// Their order.
     pub sort: JobSort,
+}
+
+/// A row of a listing.
+struct ListRow {
+    place: Place,
+    /// The job; `None` if it cannot be read.
+    job: Option<JobListItem>,
+}
+
+impl Serialize for ListRow {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.job.serialize(serializer)
+    }
 }
 
 /// A job that filters match.
@@ -47,12 +51,13 @@ pub(crate) struct MatchingJob {
 const NOT_ENDED: &str = "~";
 
 impl Store {
-    /// A page of jobs.
-    pub(crate) async fn jobs(&self, filter: &JobFilter, page: &Page) -> Result<JobPage, Error> {
-        let rows = query(filter, page).build().fetch_all(&self.reader).await?;
-        let mut items: Vec<JobListItem> = rows.iter().filter_map(read).collect();
-        // Unreadable rows are skipped; the next page begins after the last readable one.
-        let next_page_token = page.cut(&mut items, |job| place(job, filter.sort.key))?;
+    /// A page of jobs. Rows that cannot be read are left out, and the next page begins behind the last row, readable or not.
+    pub(crate) async fn jobs(&self, asked: &JobQuery, page: &Page) -> Result<JobPage, Error> {
+        let rows = query(asked, page).build().fetch_all(&self.reader).await?;
+        let row = |row: &SqliteRow| ListRow { place: place(row, asked.sort.key), job: read(row) };
+        let mut rows: Vec<ListRow> = rows.iter().map(row).collect();
+        let next_page_token = page.cut(&mut rows, |row| row.place.clone())?;
+        let mut items: Vec<JobListItem> = rows.into_iter().filter_map(|row| row.job).collect();
         if items.iter().any(|job| job.state == JobState::Queued) {
             let positions = self.queue_positions(&items).await?;
             for job in &mut items {
@@ -63,12 +68,12 @@ impl Store {
     }
 
     /// Jobs that the filters match, oldest first.
-    pub(crate) async fn matching(&self, filter: &JobFilter, hold: &str) -> Result<Vec<MatchingJob>, Error> {
+    pub(crate) async fn matching(&self, asked: &JobQuery, hold: &str) -> Result<Vec<MatchingJob>, Error> {
         let mut query = QueryBuilder::new(
             "SELECT job.id, state, EXISTS (SELECT 1 FROM job_label AS hold WHERE hold.job_id = job.id AND hold.key = ",
         );
         query.push_bind(hold.to_owned()).push(") AS is_held FROM ");
-        push_filters(&mut query, filter);
+        push_filters(&mut query, &asked.selection);
         let rows = query.push(" ORDER BY job.id").build().fetch_all(&self.reader).await?;
         let read = |row: &SqliteRow| -> Result<Option<MatchingJob>, Error> {
             // A job whose id cannot be read cannot be addressed by it.
@@ -102,15 +107,16 @@ impl Store {
     }
 }
 
-/// Place of a job in a listing.
-fn place(job: &JobListItem, key: JobSortKey) -> Place {
+/// Place of a row in a listing.
+fn place(row: &SqliteRow, key: JobSortKey) -> Place {
+    let text = |column: &str| row.try_get::<Option<String>, _>(column).ok().flatten();
     let key = match key {
         JobSortKey::CreatedAt => None,
-        JobSortKey::EndedAt => Some(job.ended_at.as_deref().unwrap_or(NOT_ENDED)),
-        JobSortKey::PartNumber => job.part_number.as_deref(),
-        JobSortKey::Serial => job.serial.as_deref(),
+        JobSortKey::EndedAt => text("ended_at").or_else(|| Some(NOT_ENDED.to_owned())),
+        JobSortKey::PartNumber => text("part_number"),
+        JobSortKey::Serial => text("serial"),
     };
-    Place { key: key.unwrap_or_default().to_owned(), id: job.id.to_string() }
+    Place { key: key.unwrap_or_default(), id: text("id").unwrap_or_default() }
 }
 
 /// Expression of an order's key, as its index has it; none for the order of the ids, which is that of creation.
@@ -124,30 +130,31 @@ fn key_expression(key: JobSortKey) -> Option<&'static str> {
 }
 
 /// Query of a page.
-fn query(filter: &JobFilter, page: &Page) -> QueryBuilder<Sqlite> {
+fn query(asked: &JobQuery, page: &Page) -> QueryBuilder<Sqlite> {
     let mut query = QueryBuilder::new(
         "SELECT job.id, state, mesh_id, part_number, serial, cell, scanner, labels, priority, stage, fraction, attempts, timings,
-            problem, created_at, started_at, ended_at,
+            problem, created_at, started_at, ended_at, submitted_by, warnings,
             (SELECT json_group_array(json_object('name', name, 'sha256', sha256, 'size_bytes', size_bytes))
                 FROM (SELECT * FROM artifact WHERE job_id = job.id ORDER BY name)) AS results,
             (SELECT summary FROM job_summary WHERE job_id = job.id) AS summary
          FROM ",
     );
-    push_filters(&mut query, filter);
-    push_order(&mut query, filter, page);
+    push_filters(&mut query, &asked.selection);
+    push_order(&mut query, asked, page);
     query
 }
 
 /// Adds the tables and conditions of the filters. A label is looked up first, in its own index; the other filters have their own.
-fn push_filters(query: &mut QueryBuilder<Sqlite>, filter: &JobFilter) {
+fn push_filters(query: &mut QueryBuilder<Sqlite>, filter: &JobSelection) {
     match &filter.label {
         None => {
             query.push("job WHERE 1");
         }
-        Some((key, value)) => {
-            query.push("job_label AS label CROSS JOIN job ON job.id = label.job_id WHERE label.key = ").push_bind(key.clone());
+        Some(label) => {
+            let (key, value) = label.split_once('=').map_or((&label[..], None), |(key, value)| (key, Some(value)));
+            query.push("job_label AS label CROSS JOIN job ON job.id = label.job_id WHERE label.key = ").push_bind(key.to_owned());
             if let Some(value) = value {
-                query.push(" AND label.value = ").push_bind(value.clone());
+                query.push(" AND label.value = ").push_bind(value.to_owned());
             }
         }
     }
@@ -177,10 +184,10 @@ fn push_filters(query: &mut QueryBuilder<Sqlite>, filter: &JobFilter) {
 }
 
 /// Adds the order, and the condition that a row comes after the previous page.
-fn push_order(query: &mut QueryBuilder<Sqlite>, filter: &JobFilter, page: &Page) {
-    let id = if filter.label.is_some() { "label.job_id" } else { "job.id" };
-    let (beyond, direction) = if filter.sort.descending { ("<", " DESC") } else { (">", "") };
-    match (key_expression(filter.sort.key), &page.after) {
+fn push_order(query: &mut QueryBuilder<Sqlite>, asked: &JobQuery, page: &Page) {
+    let id = if asked.selection.label.is_some() { "label.job_id" } else { "job.id" };
+    let (beyond, direction) = if asked.sort.descending { ("<", " DESC") } else { (">", "") };
+    match (key_expression(asked.sort.key), &page.after) {
         (_, None) => {}
         (None, Some(place)) => {
             query.push(format!(" AND {id} {beyond} ")).push_bind(place.id.clone());
@@ -189,12 +196,12 @@ fn push_order(query: &mut QueryBuilder<Sqlite>, filter: &JobFilter, page: &Page)
             // The first comparison leads into the index; without OR, for which SQLite would look into two.
             query.push(format!(" AND {key} {beyond}= ")).push_bind(place.key.clone());
             query.push(format!(" AND NOT ({key} = ")).push_bind(place.key.clone());
-            query.push(format!(" AND job.id {} ", if filter.sort.descending { ">=" } else { "<=" }));
+            query.push(format!(" AND job.id {} ", if asked.sort.descending { ">=" } else { "<=" }));
             query.push_bind(place.id.clone()).push(")");
         }
     }
     query.push(" ORDER BY ");
-    match key_expression(filter.sort.key) {
+    match key_expression(asked.sort.key) {
         None => query.push(id).push(direction),
         Some(key) => query.push(format!("{key}{direction}, job.id{direction}")),
     };
@@ -212,6 +219,7 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
     let state = read_state(&text("state").unwrap_or_default());
     let results: Vec<JobFile> =
         text("results").and_then(|json| read_leniently(VERSION, &json).ok()).map_or_else(Vec::new, |read| read.0);
+    let results = artifacts::listed(results);
     Some(JobListItem {
         id,
         state: state.as_ref().copied().unwrap_or(JobState::Failed),
@@ -230,8 +238,10 @@ fn read(row: &SqliteRow) -> Option<JobListItem> {
         started_at: text("started_at"),
         ended_at: text("ended_at"),
         timings: text("timings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
+        warnings: text("warnings").and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
         problem: state.err().or_else(|| read_problem(text("problem"))),
-        plan_sha256: results.iter().find(|file| file.name == "plan.json").map(|file| file.sha256.clone()),
+        submitted_by: text("submitted_by"),
+        plan_sha256: results.iter().find(|file| file.name == "plan.json").and_then(|file| file.sha256.clone()),
         summary: summaries::read(text("summary")),
         results,
     })

@@ -5,12 +5,14 @@
 //! orphans: files that no row refers to. They are moved to `swept/` once they are old enough, and removed from there later.
 
 mod artifacts;
+mod attempts;
 mod backup;
 mod events;
 mod files;
 mod idempotency;
 mod identity;
 mod job_list;
+mod job_rows;
 mod jobs;
 mod meshes;
 mod pages;
@@ -34,11 +36,12 @@ use tokio::sync::broadcast;
 
 pub use artifacts::PartNames;
 pub(crate) use artifacts::{FileEncoding, ResultFile};
+pub(crate) use attempts::{Attempt, AttemptOutcome};
 pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use files::{Files, Received, hex};
 pub(crate) use idempotency::IdempotencyKey;
-pub(crate) use job_list::JobFilter;
-pub(crate) use jobs::{Attempt, AttemptOutcome, NewJob};
+pub use job_list::JobQuery;
+pub(crate) use jobs::NewJob;
 pub(crate) use meshes::{MeshFile, NewMesh};
 pub(crate) use pages::Page;
 pub(crate) use retention::{Due, Policy};
@@ -233,6 +236,7 @@ fn migrator() -> Migrator {
         migration(2, "growth", include_str!("migrations/0002_growth.sql")),
         migration(3, "lists", include_str!("migrations/0003_lists.sql")),
         migration(4, "summary", include_str!("migrations/0004_summary.sql")),
+        migration(5, "sender", include_str!("migrations/0005_sender.sql")),
     ])
 }
 

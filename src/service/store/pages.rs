@@ -34,11 +34,16 @@ impl Place {
 
     /// Reads a token without its digest.
     fn read(id: &str, key: Option<&str>) -> Option<Self> {
-        id.parse::<uuid::fmt::Hyphenated>().ok()?;
-        Some(Self { key: key.map_or_else(|| Some(String::new()), text_of_hex)?, id: id.to_owned() })
+        let id = match id.strip_prefix(UNREADABLE) {
+            Some(hex) => text_of_hex(hex)?,
+            None => id.parse::<uuid::fmt::Hyphenated>().map(|_| id.to_owned()).ok()?,
+        };
+        Some(Self { key: key.map_or_else(|| Some(String::new()), text_of_hex)?, id })
     }
 }
 
+/// Beginning of a token whose row has an id that is none; the page behind it is read all the same.
+const UNREADABLE: char = 'x';
 /// Text above every id.
 const ABOVE_ALL_IDS: &str = "~";
 const DIGEST_LENGTH: usize = 16;
@@ -89,7 +94,9 @@ impl Page {
 
     fn token(&self, place: &Place) -> String {
         let key = if place.key.is_empty() { String::new() } else { format!(".{}", hex(place.key.as_bytes())) };
-        format!("{}.{}{key}", place.id, self.filters)
+        let is_id = place.id.parse::<uuid::fmt::Hyphenated>().is_ok();
+        let id = if is_id { place.id.clone() } else { format!("{UNREADABLE}{}", hex(place.id.as_bytes())) };
+        format!("{id}.{}{key}", self.filters)
     }
 }
 

@@ -9,7 +9,7 @@ mod upgrade;
 use super::*;
 use crate::service::execute::Artifact;
 use crate::service::store::specs::Precondition;
-use crate::wire::{EventKind, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection};
+use crate::wire::{EventKind, Job, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection};
 
 struct Opened {
     store: Store,
@@ -49,11 +49,31 @@ async fn add_mesh(store: &Store, bytes: &'static [u8]) -> crate::wire::UploadedM
 
 fn new_job(mesh: MeshId, priority: i32) -> NewJob {
     let request = JobRequest { priority, ..JobRequest::new(mesh) };
-    NewJob { request, input: "{}".into(), meshes: vec![mesh], idempotency: None, queue_limit: 100 }
+    NewJob { request, input: "{}".into(), meshes: vec![mesh], warnings: Vec::new(), submitted_by: None }
+}
+
+/// Room in the queue of these tests.
+const ROOM: u64 = 1000;
+
+impl Store {
+    /// Starts the next job of the queue; those that cannot be read fail before it.
+    async fn claim_next(&self) -> Result<Option<Attempt>, Error> {
+        while let Some(id) = self.queue(1).await?.pop() {
+            if let Some(attempt) = self.claim(&id).await? {
+                return Ok(Some(attempt));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Inserts a job of its own.
+    async fn submit_one(&self, new: &NewJob) -> Result<Job, Error> {
+        self.submit(new, None, ROOM).await
+    }
 }
 
 async fn submit(store: &Store, mesh: MeshId) -> JobId {
-    store.submit(new_job(mesh, 0)).await.expect("a job").id
+    store.submit_one(&new_job(mesh, 0)).await.expect("a job").id
 }
 
 async fn succeed(store: &Store, id: JobId, files: Vec<(&'static str, Vec<u8>)>) -> JobState {
@@ -95,11 +115,11 @@ async fn highest_priority_goes_first_and_then_the_oldest() {
     let mesh = add_mesh(store, b"one").await.id;
     let mut ids = Vec::new();
     for priority in [0, 5, 0, 5] {
-        ids.push(store.submit(new_job(mesh, priority)).await.expect("a job").id);
+        ids.push(store.submit_one(&new_job(mesh, priority)).await.expect("a job").id);
     }
     assert_eq!(store.job(ids[2]).await.expect("it").queue_position, Some(4));
     let mut claimed = Vec::new();
-    while let Some(attempt) = store.claim().await.expect("the queue") {
+    while let Some(attempt) = store.claim_next().await.expect("the queue") {
         claimed.push(attempt.id);
     }
     assert_eq!(claimed, [ids[1], ids[3], ids[0], ids[2]]);
@@ -112,7 +132,7 @@ async fn a_process_that_died_leaves_jobs_that_start_again_until_it_is_their_faul
     let mesh = add_mesh(&opened.store, b"one").await.id;
     let id = submit(&opened.store, mesh).await;
     for attempt in 1..=3 {
-        assert_eq!(opened.store.claim().await.expect("the queue").expect("a job").number, attempt);
+        assert_eq!(opened.store.claim_next().await.expect("the queue").expect("a job").number, attempt);
         opened = opened.reopen().await;
         assert_eq!(opened.store.recover(3, &exhausted()).await.expect("order"), 1);
         let job = opened.store.job(id).await.expect("it");
@@ -131,7 +151,7 @@ async fn a_cancellation_outlives_the_process() {
     let opened = open().await;
     let mesh = add_mesh(&opened.store, b"one").await.id;
     let id = submit(&opened.store, mesh).await;
-    opened.store.claim().await.expect("the queue").expect("a job");
+    opened.store.claim_next().await.expect("the queue").expect("a job");
     assert_eq!(opened.store.cancel(id).await.expect("it").state, JobState::Cancelling);
     let opened = opened.reopen().await;
     opened.store.recover(3, &exhausted()).await.expect("order");
@@ -144,7 +164,7 @@ async fn an_interrupted_attempt_does_not_count() {
     let store = &opened.store;
     let id = submit(store, add_mesh(store, b"one").await.id).await;
     for _ in 0..5 {
-        assert_eq!(store.claim().await.expect("the queue").expect("a job").number, 1);
+        assert_eq!(store.claim_next().await.expect("the queue").expect("a job").number, 1);
         assert_eq!(store.end_attempt(id, &AttemptOutcome::Interrupted, "{}").await.expect("an end"), JobState::Queued);
     }
     assert_eq!(store.job(id).await.expect("it").attempts, 0);
@@ -155,7 +175,7 @@ async fn a_cancelled_job_never_succeeds() {
     let opened = open().await;
     let store = &opened.store;
     let id = submit(store, add_mesh(store, b"one").await.id).await;
-    store.claim().await.expect("the queue").expect("a job");
+    store.claim_next().await.expect("the queue").expect("a job");
     store.cancel(id).await.expect("cancelling");
     assert_eq!(succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await, JobState::Cancelled);
     let job = store.job(id).await.expect("it");
@@ -172,7 +192,7 @@ async fn files_live_as_long_as_something_names_them() {
     assert!(matches!(store.delete_mesh(mesh).await, Err(Error::MeshInUse(_))));
     for id in [a, b] {
         assert!(matches!(store.delete_job(id, "hold", None).await, Err(Error::JobNotEnded { .. })));
-        store.claim().await.expect("the queue").expect("a job");
+        store.claim_next().await.expect("the queue").expect("a job");
         succeed(store, id, vec![("plan.json", b"shared".to_vec()), ("report.txt", id.to_string().into_bytes())]).await;
     }
     assert_eq!(stored_files(&opened), 4);
@@ -206,15 +226,15 @@ async fn an_idempotency_key_lasts_a_day() {
     let opened = open().await;
     let store = &opened.store;
     let mesh = add_mesh(store, b"one").await.id;
-    let with = |request: &str| NewJob { idempotency: Some(IdempotencyKey::new("key", request)), ..new_job(mesh, 0) };
-    let first = store.submit(with("a")).await.expect("a job");
-    store.claim().await.expect("the queue").expect("it runs");
+    let with = async |request: &str| store.submit(&new_job(mesh, 0), Some(&IdempotencyKey::new("key", request)), ROOM).await;
+    let first = with("a").await.expect("a job");
+    store.claim_next().await.expect("the queue").expect("it runs");
     // The earlier answer, although the job has changed since.
-    assert_eq!(store.submit(with("a")).await.expect("the same"), first);
-    assert!(matches!(store.submit(with("b")).await, Err(Error::IdempotencyMismatch)));
+    assert_eq!(with("a").await.expect("the same"), first);
+    assert!(matches!(with("b").await, Err(Error::IdempotencyMismatch)));
     let back = "UPDATE idempotency SET created_at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-25 hours')";
     sqlx::query(back).execute(&store.reader).await.expect("a day passes");
-    assert_ne!(store.submit(with("b")).await.expect("another job").id, first.id);
+    assert_ne!(with("b").await.expect("another job").id, first.id);
 }
 
 #[tokio::test]
@@ -223,14 +243,14 @@ async fn a_queued_job_gets_another_place_and_no_other_job_does() {
     let store = &opened.store;
     let mesh = add_mesh(store, b"one").await.id;
     let (running, first, second) = (submit(store, mesh).await, submit(store, mesh).await, submit(store, mesh).await);
-    assert_eq!(store.claim().await.expect("the queue").expect("a job").id, running);
+    assert_eq!(store.claim_next().await.expect("the queue").expect("a job").id, running);
     let job = store.put_priority(second, 7).await.expect("moved");
     assert_eq!((job.priority, job.queue_position), (7, Some(1)));
     assert_eq!(store.job(first).await.expect("it").queue_position, Some(2));
     assert_eq!(kinds(store, second).await, [EventKind::Queued, EventKind::Queued]);
     assert!(matches!(store.put_priority(running, 7).await, Err(Error::JobNotQueued { state: JobState::Running, .. })));
     assert_eq!(store.job(running).await.expect("it").priority, 0);
-    assert_eq!(store.claim().await.expect("the queue").expect("a job").id, second);
+    assert_eq!(store.claim_next().await.expect("the queue").expect("a job").id, second);
 }
 
 #[tokio::test]
@@ -238,11 +258,11 @@ async fn the_queue_has_its_limit() {
     let opened = open().await;
     let store = &opened.store;
     let mesh = add_mesh(store, b"one").await.id;
-    let limited = || NewJob { queue_limit: 1, ..new_job(mesh, 0) };
-    store.submit(limited()).await.expect("room");
-    assert!(matches!(store.submit(limited()).await, Err(Error::QueueFull { queued: 1 })));
-    store.claim().await.expect("the queue").expect("a job");
-    store.submit(limited()).await.expect("room again");
+    let limited = async || store.submit(&new_job(mesh, 0), None, 1).await;
+    limited().await.expect("room");
+    assert!(matches!(limited().await, Err(Error::QueueFull { queued: 1 })));
+    store.claim_next().await.expect("the queue").expect("a job");
+    limited().await.expect("room again");
 }
 
 #[tokio::test]
@@ -251,7 +271,7 @@ async fn old_events_go_but_not_those_of_open_jobs() {
     let store = &opened.store;
     let mesh = add_mesh(store, b"one").await.id;
     let ended = submit(store, mesh).await;
-    store.claim().await.expect("the queue").expect("a job");
+    store.claim_next().await.expect("the queue").expect("a job");
     succeed(store, ended, vec![]).await;
     let waiting = submit(store, mesh).await;
     let back = "UPDATE event SET at = strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-3 hours')";

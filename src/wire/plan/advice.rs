@@ -18,7 +18,7 @@ pub struct TurnDocument {
     /// Kind of turn.
     #[schema(value_type = TurnKind)]
     pub kind: String,
-    /// PartSide that comes down, or is the nearest to what does, as the part lies before: right is +x of the table, back +y, left −x,
+    /// Side of the part that comes down, or is the nearest to what does, as the part lies before: right is +x of the table, back +y, left −x,
     /// front −y. `null` for the kinds `none` and `upside_down`.
     #[schema(value_type = Option<crate::planning::plan::PartSide>)]
     pub side: Option<String>,
@@ -58,17 +58,18 @@ pub struct AdviceDocument {
     /// Turn into that pose from the first setup.
     #[serde(default)]
     pub turn: Option<TurnDocument>,
-    /// Views that were added in the trial.
+    /// Number of views that were added in the trial: an estimate of what a plan with the parameters adds.
     pub added_views: usize,
-    /// Views of the plan with them; a plan with the parameters may need fewer.
+    /// Number of views of the plan with them: an estimate, too.
     pub views: usize,
-    /// Asked area that a plan with the parameters measures at least if it meets its target, on the samples that views are chosen on.
+    /// Asked area that is measured in the trial, as far as the target asks for it, on the samples that views are chosen on: an
+    /// estimate, since a plan with the parameters chooses its views anew.
     pub measured_area_mm2: f64,
     /// That area as a share of the asked area; `coverage.of_asked` is the share of this plan.
     pub of_asked: f64,
     /// That area as a share of the area that is visible then: what the part stands on in one setup can be seen in the other.
     pub of_visible: f64,
-    /// Predicted cycle time with the views that were added, s; turning the part over is not counted, and the moves to more views of
+    /// Estimated cycle time with the views that were added, s; turning the part over is not counted, and the moves to more views of
     /// one setup are taken as straight. `null` without a cell.
     pub cycle_secs: Option<f64>,
     /// Names of the regions and features that miss their target now and would meet it.
@@ -116,7 +117,7 @@ impl AdviceDocument {
             _ => format!("; meets the target of {}", self.regions_met.join(", ")),
         };
         format!(
-            "{action} ({}): at least {} % of asked, now {} %, and {} % of what is visible then, with {} views{cycle}{regions}",
+            "{action} ({}): estimated {} % of asked, now {} %, and {} % of what is visible then, with {} views{cycle}{regions}",
             self.settings(),
             percent(self.of_asked),
             percent(now_of_asked),
@@ -199,7 +200,7 @@ mod tests {
         let told = document(&PlanAdvice { turn: Some(turn), ..advice(AdviceKind::TurnOver, changes) });
         assert_eq!(
             told.text,
-            "turn it upside down and scan again, 3 more views (setups = 2, registration = markers): at least 97.1 % of asked, now \
+            "turn it upside down and scan again, 3 more views (setups = 2, registration = markers): estimated 97.1 % of asked, now \
              80.0 %, and 99.1 % of what is visible then, with 10 views, cycle 93.3 s"
         );
         assert_eq!(told.options(), "--set setups=2 --set registration=markers");
@@ -214,7 +215,7 @@ mod tests {
         let told = document(&more);
         assert_eq!(
             told.text,
-            "choose 1 more view (selection.target = 0.992, selection.max_views = 10): at least 97.1 % of asked, now 80.0 %, and \
+            "choose 1 more view (selection.target = 0.992, selection.max_views = 10): estimated 97.1 % of asked, now 80.0 %, and \
              99.1 % of what is visible then, with 10 views; meets the target of bore, rim"
         );
         assert_eq!(told.options(), "--set selection.target=0.992 --set selection.max_views=10");

@@ -24,11 +24,11 @@ pub struct SummaryAction {
     pub command: Option<String>,
     /// Measured share of the asked area now, on the samples that views are chosen on.
     pub from_of_asked: f64,
-    /// Share that is measured with it at least, on the same samples.
+    /// Share that it is estimated to give, on the same samples: a plan with the parameters chooses its views anew.
     pub to_of_asked: f64,
-    /// Number of views that it adds: of advice on the whole plan about so many, of a fix of missed spots at most.
+    /// Number of views that it adds: of advice on the whole plan an estimate, of a fix of missed spots an upper bound.
     pub added_views: usize,
-    /// Change of the predicted cycle time, s; turning the part over is not counted. `null` without a cell, or if it is not known.
+    /// Estimated change of the cycle time, s; turning the part over is not counted. `null` without a cell, or if it is not known.
     pub added_cycle_secs: Option<f64>,
 }
 
@@ -61,7 +61,7 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added_views: advice.added_views,
         added_cycle_secs: advice.cycle_secs.zip(cycle_secs).map(|(then_secs, now_secs)| then_secs - now_secs),
     };
-    action.text = action.sentence(&what, "about") + &regions;
+    action.text = action.sentence(&what, "") + &regions;
     action
 }
 
@@ -76,18 +76,19 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
         added_views: group.added_views,
         added_cycle_secs: None,
     };
-    action.text = action.sentence(&group.fix_text, "at most");
+    action.text = action.sentence(&group.fix_text, "at most ");
     action
 }
 
 impl SummaryAction {
-    /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2, 70.1 → 97.9 % of asked,
-    /// about +2 views, +9.0 s`. A plan with the parameters may take another number of views: `how_sure` says how it compares.
-    fn sentence(&self, what: &str, how_sure: &str) -> String {
+    /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2; estimated effect: 70.1 →
+    /// 97.9 % of asked, +2 views, +9.0 s`. `bound` says how many views a plan with the parameters takes, where that is known.
+    fn sentence(&self, what: &str, bound: &str) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
         let [from, to] = [self.from_of_asked, self.to_of_asked].map(|share| fixed(100.0 * share, 1));
         let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {} s", signed(secs)));
-        format!("{what}{command}, {from} → {to} % of asked, {how_sure} +{}{cycle}", counted(self.added_views, "view"))
+        let views = counted(self.added_views, "view");
+        format!("{what}{command}; estimated effect: {from} → {to} % of asked, {bound}+{views}{cycle}")
     }
 }
 

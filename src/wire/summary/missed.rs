@@ -44,7 +44,7 @@ pub struct MissedGroup {
     pub fix_text: String,
     /// Part of the missed area that the fix measures.
     pub recovers_mm2: f64,
-    /// Number of views that the fix adds.
+    /// Number of views that the fix adds at most: one or more for each spot, where one often does for several.
     pub added_views: usize,
     /// Parameters that ask for the fix, by their dotted names; empty if no parameter of this plan does.
     pub set: BTreeMap<String, Value>,
@@ -160,8 +160,8 @@ impl MissedGroup {
 
 /// The fix in words.
 fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
-    // Views are counted spot by spot; a plan with the target may need fewer.
-    let more = if views > 1 { format!("up to {}", counted(views, "more view")) } else { counted(views, "more view") };
+    // Views are counted spot by spot; one view of a plan with the target often does for several.
+    let more = if views > 1 { format!("1 to {views} more views") } else { counted(views, "more view") };
     match fix.kind {
         RemedyKind::View => more,
         RemedyKind::Roll => format!("{more}, rolled"),

@@ -1,15 +1,16 @@
 use nalgebra::{Point3, Vector3};
 use serde_json::json;
 
-use super::{MissedGroup, PlanVerdict, Summary};
+use super::{MissedGroup, PlanLevel, PlanVerdict, ProgramCycle, Summary};
+use crate::cell::Dialect;
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
 use crate::planning::params::{PlanParams, Registration, SelectionGoal};
 use crate::planning::plan::{
-    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot, ParamChange,
-    PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView, SetupPlan,
-    StopReason, Turn, TurnKind,
+    AdviceKind, AtRisk, Bound, CandidateCounts, Cause, ChosenOn, Coverage, Independent, MeasuredArea, MissedCause, MissedSpot,
+    ParamChange, PartFacts, PartSide, Plan, PlanAdvice, PlannedView, RegionCoverage, RegionKind, Remedy, RemedyKind, RemedyView,
+    SetupPlan, StopReason, Turn, TurnKind,
 };
 use crate::planning::sequence::{Leg, Sequence};
 use crate::planning::stations::Station;
@@ -80,6 +81,7 @@ fn plan(views: u32, without_path: u32, measured_mm2: f64) -> Plan {
         advice: Vec::new(),
         stopped_because: StopReason::Target,
         bound: Bound { views_lower: 2, ..Bound::default() },
+        chosen_on: ChosenOn::default(),
     }
 }
 
@@ -150,7 +152,7 @@ fn the_verdict_is_the_first_that_holds() {
     let verdict = |plan: &Plan| (PlanVerdict::of(plan), Summary::of(plan).verdict_text);
     assert_eq!(
         verdict(&plan(3, 0, 792.0)),
-        (PlanVerdict::TargetMet, "Target met: 99.00 % of coverable, target 98.50 %".to_owned())
+        (PlanVerdict::PartlyMeasured, "Target met: 99.00 % of coverable, target 98.50 %".to_owned())
     );
     let without_path = plan(4, 1, 792.0);
     assert_eq!(
@@ -187,6 +189,49 @@ fn the_verdict_is_the_first_that_holds() {
     );
 }
 
+/// A plan of a part of which all that is asked is visible and can be measured, and so much of 1000 mm² is.
+fn plan_of_all(measured_mm2: f64) -> Plan {
+    let mut plan = plan(3, 0, measured_mm2);
+    plan.coverage.visible_area_mm2 = 1000.0;
+    plan.coverage.coverable_area_mm2 = 1000.0;
+    plan.coverage.independent.visible_area_mm2 = 1000.0;
+    plan
+}
+
+#[test]
+fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was_asked_is_missing() {
+    let first = |plan: &Plan| {
+        let summary = Summary::of(plan);
+        assert_eq!(summary.lines()[..2], [summary.title.clone(), summary.verdict_text.clone()]);
+        (summary.level, summary.verdict, summary.title)
+    };
+    let measured = "99.00 % of the visible and 99.00 % of the asked area measured";
+    assert_eq!(first(&plan_of_all(990.0)), (PlanLevel::Ready, PlanVerdict::TargetMet, format!("Ready to scan: {measured}")));
+    // The target of what can be measured is met; a tenth of the part stands on the plate, and a tenth is hidden.
+    let mut standing = plan(3, 0, 792.0);
+    standing.missed = vec![missed(Cause::ShadowLeft, vec![None; 9]), missed(Cause::ExcludedResting, vec![None; 10])];
+    standing.missed.push(missed(Cause::Enclosed, vec![None]));
+    let shares = "88.00 % of the visible and 79.20 % of the asked area measured";
+    let but = format!("Ready to scan, but 20.80 % of what was asked is not measured in this setup: {shares}");
+    assert_eq!(first(&standing), (PlanLevel::Limited, PlanVerdict::PartlyMeasured, but));
+    assert_eq!(
+        Summary::of(&standing).verdict_text,
+        "Target met: 99.00 % of coverable, target 98.50 %; not measured: the part stands on it (10.00 %), hidden from the left camera \
+         (9.00 %), other causes (1.00 %)"
+    );
+    standing.setups.push(standing.setups[0].clone());
+    assert!(first(&standing).2.contains("not measured in these 2 setups: "), "{}", first(&standing).2);
+    // No target is no leave to miss anything.
+    standing.params.selection.goal = SelectionGoal::BestCoverage;
+    let (level, verdict, title) = first(&standing);
+    assert_eq!((level, verdict), (PlanLevel::Limited, PlanVerdict::BestCoverage));
+    assert!(title.starts_with("Ready to scan, but 20.80 % of what was asked"), "{title}");
+    let gaps = Plan { stopped_because: StopReason::MaxViews, ..plan(3, 0, 400.0) };
+    assert!(first(&gaps).2.starts_with("Can be scanned, with gaps: 44.44 % of the visible"), "{}", first(&gaps).2);
+    let (level, _, title) = first(&plan(3, 3, 0.0));
+    assert_eq!((level, title.as_str()), (PlanLevel::NotExecutable, "Cannot be scanned: no view is within reach"));
+}
+
 #[test]
 fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
     let text = |stopped_because, without_path| {
@@ -205,7 +250,7 @@ fn a_target_that_is_missed_comes_with_the_rule_that_ended_the_choice() {
     assert_eq!(text(StopReason::NoPath, 0), "no collision-free path was found to some candidates");
     // A limit of views that is reached together with the target is no fault.
     let enough = Plan { stopped_because: StopReason::MaxViews, ..plan(4, 0, 788.0) };
-    assert_eq!(PlanVerdict::of(&enough), PlanVerdict::TargetMet);
+    assert_eq!(PlanVerdict::of(&enough), PlanVerdict::PartlyMeasured);
 }
 
 #[test]
@@ -262,12 +307,19 @@ fn a_cycle_is_the_sum_of_its_parts() {
     assert_eq!(
         summary.cycle_text.as_deref(),
         Some(
-            "Cycle 31.2 s = 23.4 s moving (the table turns in 3.5 s of it) + 6 × 1.3 s scanning (0.3 s of it settling); order \
+            "Cycle 31.2 s = 23.4 s moving (table turning for 3.5 s of it) + 6 × 1.3 s scanning (0.3 s of it settling); order \
              proven optimal among the stations considered"
         )
     );
     let (cycle_secs, parts) = (summary.cycle_secs.expect("a cell"), summary.cycle_parts.expect("a cell"));
     assert!((cycle_secs - parts.moving_secs - parts.settling_secs - parts.scanning_secs).abs() < 1e-9, "{summary:?}");
+    // The program of a controller that cannot turn the table with the arm takes longer, and both are told.
+    let program = |secs: f64| summary.clone().with_program(Some(ProgramCycle::new(Dialect::Hans, secs, cycle_secs)));
+    let (longer, same) = (program(51.46), program(31.2));
+    let told = "; 51.5 s as the robot's own program (hans), which moves table and arm in turn; to plan for that: --set motion.table=alone";
+    assert_eq!(longer.cycle_text, summary.cycle_text.clone().map(|text| text + told));
+    assert_eq!((longer.cycle_secs, longer.program_cycle.map(|program| program.cycle_secs)), (summary.cycle_secs, Some(51.46)));
+    assert_eq!((&same.cycle_text, same.program_cycle.map(|program| program.differs())), (&summary.cycle_text, Some(false)));
     with_cell.setups[0].sequence.iter_mut().for_each(|sequence| sequence.lower_bound_secs = 20.0);
     assert!(!Summary::of(&with_cell).cycle_text.expect("a cell").contains("optimal"));
 }
@@ -289,7 +341,7 @@ fn spots_of_one_cause_and_one_fix_are_one_group() {
         [
             "3 spots, 3.00 % of asked, hidden from the left camera (shadow_left): no fix found (no 8 of the 830 views tried see half \
              of it)",
-            "3 spots, 3.00 % of asked, measurable, but no view chosen (not_chosen): up to 2 more views: --set selection.target=1.0; \
+            "3 spots, 3.00 % of asked, measurable, but no view chosen (not_chosen): 1 to 2 more views: --set selection.target=1.0; \
              recovers 30.0 mm² (100 %)",
             "1 spot, 1.00 % of asked, hidden from the left camera (shadow_left): no fix searched for",
         ]
@@ -318,7 +370,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
     assert_eq!(
         fixed(1.0, RemedyKind::View, &[4, 5], &limited),
-        "up to 2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
+        "1 to 2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
     );
     assert_eq!(
         fixed(0.75, RemedyKind::Setup, &[4], &as_it_is),
@@ -338,7 +390,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
         "1 more view, tilted (poses in missed.json); recovers 10.0 mm² (100 %)"
     );
-    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "up to 3 more views, rolled; recovers 10.0 mm² (100 %)");
+    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "1 to 3 more views, rolled; recovers 10.0 mm² (100 %)");
 }
 
 #[test]
@@ -372,8 +424,8 @@ fn the_best_action_is_the_advice_on_the_plan_as_a_whole() {
     let action = summary.action.as_ref().expect("advice");
     assert_eq!(
         action.text,
-        "turn it upside down and scan again: --set setups=2 --set registration=markers, 70.1 → 97.9 % of asked, about +2 views; meets the \
-         target of bore"
+        "turn it upside down and scan again: --set setups=2 --set registration=markers; estimated effect: 70.1 → 97.9 % of asked, +2 \
+         views; meets the target of bore"
     );
     assert_eq!(action.command.as_deref(), Some("--set setups=2 --set registration=markers"));
     assert_eq!(serde_json::to_value(&action.set).expect("JSON"), json!({"setups": 2, "registration": "markers"}));
@@ -394,7 +446,10 @@ fn without_advice_the_best_action_is_the_fix_of_the_largest_area_that_works() {
     ];
     let action = Summary::of(&plan).action.expect("a fix");
     // 790 of 800 mm² are 98.75 %, which three decimals give as 98.7.
-    assert_eq!(action.text, "1 more view: --set selection.target=0.987, 78.0 → 79.0 % of asked, at most +1 view");
+    assert_eq!(
+        action.text,
+        "1 more view: --set selection.target=0.987; estimated effect: 78.0 → 79.0 % of asked, at most +1 view"
+    );
     assert_eq!((action.added_views, action.added_cycle_secs), (1, None));
     plan.missed.remove(1);
     let partial = Summary::of(&plan).action.expect("a fix of a part");
@@ -412,7 +467,7 @@ fn a_summary_is_read_back_as_it_was_written_and_names_its_plan() {
     let text = serde_json::to_string(&summary).expect("JSON");
     assert_eq!(serde_json::from_str::<Summary>(&text).expect("its own document"), summary);
     let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-    assert_eq!((&json["verdict"], &json["missed"][0]["reason"]), (&json!("target_met"), &json!("shadow_left")));
+    assert_eq!((&json["verdict"], &json["missed"][0]["reason"]), (&json!("partly_measured"), &json!("shadow_left")));
     assert_eq!((&json["plan_sha256"], &json["cycle_secs"]), (&json!("ab".repeat(32)), &json!(null)));
     // A row of a table, not a plan: the lines and the numbers together are a few kilobytes.
     assert!(text.len() < 5_000, "{} bytes", text.len());

@@ -1,10 +1,10 @@
 //! Verdict on a plan as a whole.
 
-use super::{no_path, percent, unmet_regions};
+use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
 use crate::planning::params::{SelectionGoal, TargetOf};
-use crate::planning::plan::{Plan, RegionCoverage, StopReason};
-use crate::wire::words::{counted, fixed};
+use crate::planning::plan::{MissedCause, Plan, RegionCoverage, StopReason, share};
+use crate::wire::words::{cause_phrase, counted, fixed};
 
 closed_list! {
     /// Verdict on a plan: the first of these that holds.
@@ -18,10 +18,41 @@ closed_list! {
         ViewsWithoutPath = "views_without_path",
         /// Nothing of the above; wrong poses cost more than one point of the asked area in the worst draw (`coverage.robust`).
         Fragile = "fragile",
+        /// Nothing of the above; more of the asked area is not measured than the target would allow of it, such as what the part
+        /// stands on.
+        PartlyMeasured = "partly_measured",
         /// The best coverage that was found with the views allowed: the plan has no target (`selection.goal` = `best_coverage`).
         BestCoverage = "best_coverage",
         /// Every target is reached.
         TargetMet = "target_met",
+    }
+}
+
+closed_list! {
+    /// Level of a verdict, which gives it its colour.
+    pub enum PlanLevel {
+        /// Every target is reached, and no more of the asked area is missing than the target allows.
+        Ready = "ready",
+        /// The part can be scanned as planned; something that was asked is missing, or is not certain.
+        Limited = "limited",
+        /// No view is executed.
+        NotExecutable = "not_executable",
+    }
+}
+
+impl PlanLevel {
+    pub(super) fn of(plan: &Plan, verdict: PlanVerdict) -> Self {
+        match verdict {
+            PlanVerdict::ViewsWithoutPath if plan.executed_views() == 0 => Self::NotExecutable,
+            PlanVerdict::TargetMet => Self::Ready,
+            PlanVerdict::BestCoverage if is_asked_measured(plan) => Self::Ready,
+            PlanVerdict::TargetMissed
+            | PlanVerdict::RegionsUnmet
+            | PlanVerdict::ViewsWithoutPath
+            | PlanVerdict::Fragile
+            | PlanVerdict::PartlyMeasured
+            | PlanVerdict::BestCoverage => Self::Limited,
+        }
     }
 }
 
@@ -37,6 +68,7 @@ impl PlanVerdict {
             (plan.coverage.regions.iter().any(RegionCoverage::is_unmet), Self::RegionsUnmet),
             (plan.executed_views() < plan.views.len(), Self::ViewsWithoutPath),
             (is_fragile, Self::Fragile),
+            (has_target(plan) && !is_asked_measured(plan), Self::PartlyMeasured),
             (!has_target(plan), Self::BestCoverage),
         ];
         verdicts.into_iter().find_map(|(holds, verdict)| holds.then_some(verdict)).unwrap_or(Self::TargetMet)
@@ -54,6 +86,30 @@ fn is_target_met(plan: &Plan) -> bool {
         StopReason::Growth | StopReason::MaxViews | StopReason::NoGain | StopReason::RegionsUnmet => {
             plan.coverage.reaches_target(&plan.params.selection)
         }
+    }
+}
+
+/// Returns true if the asked area is measured but for the share that the target leaves open, whatever the target is a share of.
+fn is_asked_measured(plan: &Plan) -> bool {
+    plan.coverage.measures_of_asked(plan.params.selection.target)
+}
+
+/// The level in a sentence, with the measured shares of the visible and of the asked area.
+pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares: &SummaryShares) -> String {
+    let [visible, asked, open] = [shares.of_visible, shares.of_asked, 1.0 - shares.of_asked].map(percent);
+    let measured = format!("{visible} of the visible and {asked} of the asked area measured");
+    let not_measured = match plan.setups.len() {
+        0 | 1 => format!("{open} of what was asked is not measured in this setup"),
+        setups => format!("{open} of what was asked is not measured in these {setups} setups"),
+    };
+    match (level, verdict) {
+        (PlanLevel::Ready, _) => format!("Ready to scan: {measured}"),
+        (PlanLevel::NotExecutable, _) => "Cannot be scanned: no view is within reach".to_owned(),
+        (PlanLevel::Limited, PlanVerdict::PartlyMeasured | PlanVerdict::BestCoverage) => {
+            format!("Ready to scan, but {not_measured}: {measured}")
+        }
+        (PlanLevel::Limited, PlanVerdict::Fragile) => format!("Can be scanned, but small pose errors cost coverage: {measured}"),
+        (PlanLevel::Limited, _) => format!("Can be scanned, with gaps: {measured}"),
     }
 }
 
@@ -81,6 +137,11 @@ pub(super) fn text(verdict: PlanVerdict, plan: &Plan) -> String {
         PlanVerdict::Fragile => {
             let found = if has_target(plan) { "Target met" } else { "Best coverage found" };
             format!("{found}, but fragile: {reached}; {}", fragile(plan))
+        }
+        PlanVerdict::PartlyMeasured => {
+            let causes = largest_causes(plan);
+            let causes = if causes.is_empty() { causes } else { format!("; not measured: {causes}") };
+            format!("Target met: {reached}{causes}")
         }
         PlanVerdict::BestCoverage => match plan.bound.of_asked_upper {
             Some(upper) => format!("Best coverage found: {reached}; upper bound {}", percent(upper)),
@@ -124,6 +185,21 @@ fn reason(plan: &Plan) -> String {
             "no further view adds anything worth its cost".to_owned()
         }
     }
+}
+
+/// Causes for which most of the asked area is missed, with their shares of it.
+fn largest_causes(plan: &Plan) -> String {
+    const NAMED: usize = 2;
+    let mut missed: Vec<&MissedCause> = plan.missed.iter().collect();
+    missed.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    let (named, rest) = missed.split_at(missed.len().min(NAMED));
+    let of_asked = |area_mm2: f64| percent(share(area_mm2, plan.coverage.asked_area_mm2));
+    let mut told: Vec<String> =
+        named.iter().map(|missed| format!("{} ({})", cause_phrase(missed.cause), of_asked(missed.area_mm2))).collect();
+    if !rest.is_empty() {
+        told.push(format!("other causes ({})", of_asked(rest.iter().map(|missed| missed.area_mm2).sum())));
+    }
+    told.join(", ")
 }
 
 /// A number with as many decimals as it takes, at most six.

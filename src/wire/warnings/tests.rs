@@ -155,3 +155,21 @@ fn a_home_that_is_free_only_without_the_clearance_is_warned_of() {
     assert_eq!((warning.code.as_str(), warning.pointer.as_str()), ("home_too_close", "/cell/home_deg"));
     assert!(warning.detail.contains(" and ") && warning.detail.contains("closer than 400 mm"), "{}", warning.detail);
 }
+
+#[test]
+fn a_part_that_does_not_stand_is_told_how_it_does() {
+    let mut cone = crate::testing::cylinder_mesh(30.0, 60.0, 24);
+    for vertex in cone.vertices_mm.iter_mut().filter(|vertex| vertex.z > 1.0) {
+        (vertex.x, vertex.y) = (vertex.x / 30.0, vertex.y / 30.0);
+    }
+    let told = |up: &str| of_standing(&cone, up.parse().expect("an axis"), "--up");
+    assert_eq!(told("z"), None);
+    let warning = told("-z").expect("it stands on its tip");
+    assert_eq!((warning.code, warning.pointer.as_str()), (WarningCode::PartUnstable, "--up"));
+    assert_eq!(warning.detail, "is -z, and the part would tip over that way; it stands with z up");
+    assert!(told("y").is_some(), "its side is not upright");
+    let block = crate::testing::box_mesh([0.0; 3], [60.0, 40.0, 30.0]);
+    assert!(UpAxis::all().all(|up| of_standing(&block, up, "").is_none()), "a block stands on every side");
+    let sheet = Mesh { faces: vec![block.faces[0]], source_face: vec![0], ..block };
+    assert_eq!(of_standing(&sheet, "x".parse().expect("an axis"), ""), None, "no volume, no telling");
+}

@@ -36,7 +36,7 @@ fn no_plan_names_what_became_of_candidates_and_the_largest_causes() {
         no_plan_sentence(&nothing_measured(candidates, 9.0, vec![(Cause::Facing, 9.0)])),
         "of 2 candidates 2 were usable (dropped: none), and none measures anything worth a view; causes: facing 100 % of the area"
     );
-    assert_eq!(no_plan_sentence(&NoPlan::NothingInStudy), "no candidate measures anything; look at the part's unit and size");
+    assert_eq!(no_plan_sentence(&NoPlan::NothingInStudy), "no candidate measures anything; check the part's unit and size");
 }
 
 #[test]

@@ -31,7 +31,7 @@ impl Service {
             parse_limit,
             ..service_options()
         };
-        let app = App::open_with(options, Arc::new(|_, _| Ok(Vec::new()))).await.expect("a service");
+        let app = App::open_with(options, Arc::new(|_, _| Ok(Vec::new())), None).await.expect("a service");
         let soup = folder.path().join("soup.stl");
         write_soup(&soup, LONG);
         let soup = std::fs::read(soup).expect("written");

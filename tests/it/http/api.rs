@@ -11,7 +11,7 @@ use tower::ServiceExt as _;
 use vantage::http::{self, Quota};
 use vantage::planning::context::{Context, Stage};
 use vantage::service::execute::{Artifact, JobError, JobInput};
-use vantage::service::{self, App, Planner};
+use vantage::service::{self, App, Planner, Sizer};
 
 pub(super) struct Api {
     pub(super) app: App,
@@ -64,9 +64,11 @@ fn planner() -> Planner {
             Some("wait") => wait_for_cancel(ctx)?,
             Some("regions") => return Ok(vec![coverage_of_regions()]),
             Some("foreign") => return Ok(programs_for_an_arm_of_hans()),
+            Some("earlier") => return Ok(programs_of_an_earlier_release()),
             Some("long") => {
                 return Ok(vec![Artifact { name: "report.txt".into(), bytes: "0123456789".repeat(1000).into_bytes() }]);
             }
+            Some("draft") => return Ok(super::drafts::drafted().files.clone()),
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
                 return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);
@@ -98,6 +100,13 @@ fn programs_for_an_arm_of_hans() -> Vec<Artifact> {
     .into()
 }
 
+/// Programs as releases wrote them that knew of no robot's language: every language under its plain name.
+fn programs_of_an_earlier_release() -> Vec<Artifact> {
+    [("program.json", "{}"), ("program.cps", "# own"), ("program.mod", "! of another maker"), ("program.csv", "a table")]
+        .map(|(name, text)| Artifact { name: name.into(), bytes: text.into() })
+        .into()
+}
+
 /// `coverage.json` of a plan that misses one of its two regions.
 fn coverage_of_regions() -> Artifact {
     let region = |name: &str, of_asked: f64| {
@@ -122,6 +131,7 @@ pub(super) fn http_options() -> http::ServerOptions {
     http::ServerOptions {
         listen: ([127, 0, 0, 1], 0).into(),
         api_key: None,
+        api_keys_file: None,
         hosts: Vec::new(),
         trusted_proxies: vec![[0, 0, 0, 0].into()],
         public_path: String::new(),
@@ -175,10 +185,20 @@ impl Api {
         Self::start_with(service_options(), http_options()).await
     }
 
-    pub(super) async fn start_with(mut service: service::Options, http: http::ServerOptions) -> Self {
+    pub(super) async fn start_with(service: service::Options, http: http::ServerOptions) -> Self {
+        Self::start_planning(service, http, planner(), None).await
+    }
+
+    /// Starts with another planner, and sizes of jobs.
+    pub(super) async fn start_planning(
+        mut service: service::Options,
+        http: http::ServerOptions,
+        planner: Planner,
+        sizer: Option<Sizer>,
+    ) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         service.data_dir = folder.path().to_owned();
-        let app = App::open_with(service, planner()).await.expect("a service");
+        let app = App::open_with(service, planner, sizer).await.expect("a service");
         Self { router: http::router(app.clone(), http), app, folder }
     }
 

@@ -146,3 +146,51 @@ async fn pages_need_no_key() {
         assert!(!answer.text().contains(KEY));
     }
 }
+
+#[tokio::test]
+async fn keys_of_a_file_are_named_and_exchanged_without_a_restart() {
+    const MES: &str = "0123456789abcdef-mes";
+    const LINE: &str = "0123456789abcdef-line-3";
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    std::fs::write(file.path(), format!("mes = \"{MES}\"\nline-3 = \"{LINE}\"\n")).expect("written");
+    let own: vantage::http::ApiKey = serde_json::from_value(serde_json::json!(KEY)).expect("a key");
+    let http = vantage::http::ServerOptions { api_key: Some(own), api_keys_file: Some(file.path().to_owned()), ..http_options() };
+    let api = Api::start_with(service_options(), http).await;
+    api.get("/api/v1/jobs").await.problem("key_missing");
+    let bearer = |key: &str| format!("Bearer {key}");
+    let uploaded = api.send("POST", "/api/v1/meshes?unit=mm", &[("authorization", &bearer(MES))], super::api::cube(10.0)).await;
+    let mesh = uploaded.ok(201)["id"].clone();
+    let body = serde_json::json!({"mesh_id": mesh, "cell": "none"}).to_string();
+    let json = ("content-type", "application/json");
+    let mut senders = Vec::new();
+    for key in [MES, LINE, KEY] {
+        let job = api.send("POST", "/api/v1/jobs", &[json, ("authorization", &bearer(key))], body.clone()).await.ok(202);
+        senders.push(job["submitted_by"].clone());
+    }
+    assert_eq!(senders, ["mes", "line-3", "api_key"]);
+    // By a session of the page too, and in a batch.
+    let begun = api.send("POST", "/api/v1/session", &[("authorization", &bearer(LINE))], "").await;
+    let cookie = sent_back(begun.header("set-cookie"));
+    let session = [("cookie", cookie.as_str()), ("x-vantage-session", "1"), json];
+    let batch = format!("{{\"jobs\": [{body}]}}");
+    let jobs = api.send("POST", "/api/v1/jobs/batch", &session, batch).await.ok(202);
+    assert_eq!(jobs["jobs"][0]["submitted_by"], "line-3");
+    let list = api.send("GET", "/api/v1/jobs?fields=submitted_by", &session[..1], "").await.ok(200);
+    let listed: Vec<_> = list["items"].as_array().expect("a list").iter().map(|job| job["submitted_by"].clone()).collect();
+    assert_eq!(listed, ["line-3", "api_key", "line-3", "mes"]);
+
+    // One key is exchanged, the other is withdrawn: its session ends with it.
+    std::fs::write(file.path(), "mes = \"fedcba9876543210-mes\"\n").expect("written");
+    tokio::time::sleep(std::time::Duration::from_millis(1100)).await;
+    for (key, status) in [("fedcba9876543210-mes", 200), (KEY, 200), (MES, 401), (LINE, 401)] {
+        assert_eq!(api.send("GET", "/api/v1/jobs", &[("authorization", &bearer(key))], "").await.status, status, "{key}");
+    }
+    api.send("GET", "/api/v1/jobs", &session[..1], "").await.problem("session_ended");
+}
+
+#[tokio::test]
+async fn a_job_without_a_key_has_no_sender() {
+    let api = Api::start().await;
+    let job = api.job("").await;
+    assert_eq!(api.get(&format!("/api/v1/jobs/{job}")).await.ok(200)["submitted_by"], serde_json::Value::Null);
+}

@@ -143,6 +143,43 @@ async fn a_program_in_another_makers_language_has_to_be_forced() {
     api.get(&path("plan?force=true")).await.problem_at("bad_query", &["force"]);
 }
 
+/// Jobs of earlier releases sent RAPID for a Han's arm without a word, since it is stored under its plain name.
+#[tokio::test]
+async fn a_program_of_an_earlier_release_in_another_makers_language_has_to_be_forced_too() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    let request = |cell: &str| json!({"mesh_id": mesh, "cell": cell, "labels": {"do": "earlier"}});
+    let job = api.post_json("/api/v1/jobs", &request("e05-transcan")).await.ok(202)["id"].as_str().expect("an id").to_owned();
+    api.ended(&job).await;
+    let database = format!("sqlite://{}", api.app.data_dir().join("vantage.db").display());
+    let options: sqlx::sqlite::SqliteConnectOptions = database.parse().expect("a path");
+    // With the robot's language in the stored specification, and as it was stored before robots had one.
+    for statement in ["SELECT 1", "UPDATE job_body SET input = json_remove(input, '$.cell.robot.dialect')"] {
+        let mut connection = sqlx::ConnectOptions::connect(&options).await.expect("the database");
+        sqlx::query(statement).execute(&mut connection).await.expect("done");
+        sqlx::Connection::close(connection).await.expect("closed");
+        for path in ["program?dialect=rapid", "program/rapid", "files/program.mod"] {
+            let problem = api.get(&format!("/api/v1/jobs/{job}/{path}")).await.problem("foreign_dialect");
+            let detail = problem["detail"].as_str().expect("text");
+            assert!(detail.contains("hans-e05") && detail.contains("force=true"), "{statement}: {detail}");
+        }
+        for (path, text) in [
+            ("program?dialect=rapid&force=true", "! of another maker"),
+            ("program/rapid?force=true", "! of another maker"),
+            ("program?dialect=hans", "# own"),
+            ("program?dialect=csv", "a table"),
+            ("files/program.cps", "# own"),
+        ] {
+            let answer = api.get(&format!("/api/v1/jobs/{job}/{path}")).await;
+            assert_eq!((answer.status.as_u16(), answer.text()), (200, text.to_owned()), "{statement}: {path}");
+        }
+    }
+    // Without a robot, nobody's language is another's.
+    let job = api.post_json("/api/v1/jobs", &request("none")).await.ok(202)["id"].as_str().expect("an id").to_owned();
+    api.ended(&job).await;
+    assert_eq!(api.get(&format!("/api/v1/jobs/{job}/program/rapid")).await.text(), "! of another maker");
+}
+
 #[tokio::test]
 async fn there_are_no_results_before_the_end_nor_after_a_bad_one() {
     let api = Api::start().await;

@@ -8,7 +8,7 @@ use vantage::geometry::{Mesh, Pose};
 use vantage::planning::context::{Context, NoPlan, PlanError, Silent};
 use vantage::planning::params::{CandidateParams, PlanParams};
 use vantage::planning::{PlanInput, plan};
-use vantage::report::html::{NoPlanInput, ReportSubject, render_no_plan};
+use vantage::report::html::{NoPlanInput, NoPlanReason, ReportSubject, render_no_plan};
 use vantage::report::no_plan_text;
 use vantage::wire::echo::Echo;
 
@@ -71,7 +71,7 @@ fn report(mesh: &Mesh, cell: Option<&Cell>, params: &PlanParams, finding: &NoPla
         date: Some("2026-01-31T08:15:00Z"),
         size_warnings: &[],
     };
-    let input = NoPlanInput { subject, params, finding };
+    let input = NoPlanInput { subject, params, reason: NoPlanReason::NoPlan(finding) };
     let page = render_no_plan(&input, &Context::new(&flag, &Silent)).expect("not cancelled");
     (page, no_plan_text(&input))
 }
@@ -109,7 +109,7 @@ fn what_is_in_the_way_is_counted_and_pictured() {
         assert!(has([0xb3, 0x31, 0x07]) && has([0x00, 0x18, 0xb1]), "both bodies are seen");
     }
     assert!(
-        text.starts_with("no plan is possible: of ") && text.contains("in the way of candidates") && text.contains("wall <"),
+        text.starts_with("no plan is possible: of ") && text.contains("in the way of viewpoints") && text.contains("wall <"),
         "{text}"
     );
 }
@@ -135,8 +135,8 @@ fn without_a_cell_the_part_is_shown_alone() {
     let (page, text) = report(&mesh, None, &params, &NoPlan::NothingInStudy);
     well_formed(&page).expect("well-formed");
     assert_eq!(data_uris(&page).len(), 3);
-    assert!(page.contains("look at the part&#39;s unit and size") && !page.contains("class=\"lay\""));
-    assert!(text.contains("look at the part's unit and size"), "{text}");
+    assert!(page.contains("check the part&#39;s unit and size") && !page.contains("class=\"lay\""));
+    assert!(text.contains("check the part's unit and size"), "{text}");
 }
 
 #[test]

@@ -117,3 +117,43 @@ fn a_damaged_mesh_file_is_refused_with_the_reason_until_it_is_uploaded_again() {
     assert_eq!(server.upload().expect("the mesh")["id"], mesh.as_str());
     assert_eq!(server.ask("GET", &format!("/api/v1/meshes/{mesh}/file"), b"").0, 200);
 }
+
+/// Whatever else is stored, a job costs the same: rows that it does not name are not read, so they may hold what nobody can read.
+#[test]
+fn a_job_reads_what_it_names_and_nothing_else() {
+    let data = tempfile::tempdir().expect("a folder");
+    let (mesh, _) = used_store(data.path());
+    let server = Server::start(data.path(), &[]);
+    let mut scanner = server.get("/api/v1/scanners/transcan-c").expect("a preset");
+    for name in ["mine", "other"] {
+        scanner["name"] = name.into();
+        let (status, _, answer) = server.ask("PUT", &format!("/api/v1/scanners/{name}"), scanner.to_string().as_bytes());
+        assert_eq!(status, 201, "{answer}");
+    }
+    server.stop();
+    let id = |number: usize| format!("0192d3a0-0000-7000-8001-{number:012x}");
+    let mut statements: Vec<String> = (0..50)
+        .map(|number| {
+            format!(
+                "INSERT INTO mesh (id, sha256, unit, name, size_bytes, health)
+                 SELECT '{}', sha256, unit, 'm{number}', size_bytes, health FROM mesh WHERE id = '{mesh}'",
+                id(number)
+            )
+        })
+        .collect();
+    // Bytes that are no text: a row that is read is an error.
+    statements.push(format!("UPDATE mesh SET sha256 = CAST(x'ff' AS TEXT), unit = CAST(x'ff' AS TEXT) WHERE id <> '{mesh}'"));
+    statements.push("UPDATE spec SET body = CAST(x'ff' AS TEXT) WHERE name <> 'mine'".to_owned());
+    database::execute(data.path(), statements);
+    let server = Server::start(data.path(), &[]);
+    let submit = |scanner: &str| {
+        let body = format!(r#"{{"mesh_id": "{mesh}", "cell": "none", "scanner": "{scanner}", "params": {QUICK}}}"#);
+        server.ask("POST", "/api/v1/jobs", body.as_bytes())
+    };
+    let (status, _, job) = submit("mine");
+    assert_eq!(status, 202, "{job}");
+    assert_eq!(server.ended(job["id"].as_str().expect("an id"))["state"], "succeeded");
+    // The rows are as bad as they are meant to be.
+    assert_eq!(submit("other").0, 500);
+    assert_eq!(server.ask("GET", "/api/v1/meshes", b"").0, 500);
+}

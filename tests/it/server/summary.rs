@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use vantage::cell::{BodySpec, PoseSpec, Presets, ShapeSpec, SpecLibrary};
-use vantage::wire::summary::{PlanVerdict, Summary};
+use vantage::wire::summary::{PlanLevel, PlanVerdict, Summary};
 
 use super::process::{Server, vantage};
 use crate::http::api::cube;
@@ -88,13 +88,16 @@ fn every_output_has_the_same_summary() {
     });
     let Planned { summary, plan, said } = planned(&json!("none"), &params);
     assert_eq!((summary.verdict, summary.views, summary.views_chosen), (PlanVerdict::TargetMissed, 1, 1), "{said}");
-    assert!(said.starts_with("Target missed: 16.67 % of coverable, target 98.50 %: the limit of 1 view is reached\n"), "{said}");
+    assert_eq!(summary.level, PlanLevel::Limited);
+    let head = "Can be scanned, with gaps: 16.67 % of the visible and 16.67 % of the asked area measured\n\
+                Target missed: 16.67 % of coverable, target 98.50 %: the limit of 1 view is reached\n";
+    assert!(said.starts_with(head), "{said}");
     assert_eq!((summary.cycle_secs, &plan["motion"]), (None, &Value::Null));
     // The action takes the options that were tried, and says what they gave.
     let (action, advice) = (summary.action.expect("advice"), &plan["advice"][0]);
     assert_eq!((&json!(action.set), &json!(action.to_of_asked)), (&advice["set"], &advice["of_asked"]));
-    let next = "\nNext: choose 5 more views: --set selection.target=1.0 --set selection.max_views=6, 16.7 → 100.0 % of asked, \
-                about +5 views\n";
+    let next = "\nNext: choose 5 more views: --set selection.target=1.0 --set selection.max_views=6; estimated effect: \
+                16.7 → 100.0 % of asked, +5 views\n";
     assert!(said.contains(next), "{said}");
     // All spots are in some group, each once.
     let spots: u64 = plan["missed"].as_array().expect("a list").iter().filter_map(|missed| missed["spots"].as_u64()).sum();
@@ -148,7 +151,7 @@ fn the_page_shows_the_sentences_that_answers_have() {
     let (script, page) = (include_str!("../../../static/page.js"), include_str!("../../../static/index.html"));
     assert!(page.contains("class=\"summary\""), "the place of the sentences");
     let api: Value = serde_json::from_str(include_str!("../../../api/openapi.json")).expect("the API document");
-    for field in ["verdict_text", "views_text", "coverage_text", "cycle_text", "action"] {
+    for field in ["title", "verdict_text", "views_text", "coverage_text", "cycle_text", "action"] {
         assert!(script.contains(&format!("summary.{field}")), "{field}");
         assert!(!api["components"]["schemas"]["Summary"]["properties"][field].is_null(), "{field} is in no answer");
     }

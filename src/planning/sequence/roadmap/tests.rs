@@ -17,7 +17,8 @@ where
 }
 
 fn roadmap(cell: &Cell, threads: usize) -> Roadmap {
-    with_ctx(threads, |ctx| Roadmap::of(cell, ctx)).expect("not cancelled")
+    let scene = CollisionScene::without_part(cell, MIN_CLEARANCE_MM);
+    with_ctx(threads, |ctx| Roadmap::of(cell, &scene, ctx)).expect("not cancelled")
 }
 
 /// Posts on all sides of the table.
@@ -56,6 +57,38 @@ fn a_fingerprint_tells_cells_apart_by_what_they_are_made_of() {
     assert_eq!(fingerprint(&cell), fingerprint(&other));
     other.obstacles[1].owner_from_body.translation.x += 1e-9;
     assert_ne!(fingerprint(&cell), fingerprint(&other));
+    // By the vertices of meshes too, and by which body has which.
+    let with_meshes = |first_mm: f64, second_mm: f64| {
+        let mut cell = cell.clone();
+        for (body, edge_mm) in cell.obstacles.iter_mut().zip([first_mm, second_mm]) {
+            body.shape = Shape::Mesh(Arc::new(crate::testing::box_mesh([0.0; 3], [edge_mm; 3])));
+        }
+        fingerprint(&cell)
+    };
+    assert_eq!(with_meshes(5.0, 7.0), with_meshes(5.0, 7.0));
+    let all = [fingerprint(&cell), with_meshes(5.0, 7.0), with_meshes(7.0, 5.0), with_meshes(5.0, 7.0 + 1e-12)];
+    assert!((0..all.len()).all(|number| !all[..number].contains(&all[number])), "{all:?}");
+}
+
+#[test]
+fn the_scene_of_a_cell_is_kept_and_finds_what_a_new_one_finds() {
+    let room = fenced(3, 12);
+    let kept = Roadmaps::default();
+    let bare = kept.bare_scene(&room.cell, 5.0);
+    assert!(Arc::ptr_eq(&bare, &kept.bare_scene(&room.cell.clone(), 5.0)), "made once");
+    assert!(!Arc::ptr_eq(&bare, &kept.bare_scene(&room.cell, 2.0)), "another clearance is another scene");
+    let part = crate::testing::box_mesh([-40.0, -40.0, 0.0], [40.0, 40.0, 60.0]);
+    let placed = crate::planning::resting(&part);
+    let whole = CollisionScene::new(&room.cell, &part, None, &placed, 5.0);
+    let put_on = bare.with_part(&part, None, &placed);
+    let vertices = roadmap(&room.cell, 2).vertices;
+    for vertex in &vertices {
+        let mut low = *vertex;
+        low.joints_rad[1] += 0.4;
+        for at in [vertex, &low] {
+            assert_eq!(put_on.check(at), whole.check(at));
+        }
+    }
 }
 
 #[test]

@@ -15,6 +15,7 @@
 
 mod clusters;
 mod kernels;
+mod one_view;
 mod pinhole;
 mod pixel_set;
 mod samples;
@@ -38,6 +39,7 @@ use crate::planning::surface::Surface;
 use crate::planning::verdict::Cause;
 pub(crate) use clusters::Clusters;
 use kernels::{Compare, DepthLookup, EvaluateOptics, ScreenBounds, mark};
+pub(super) use one_view::OneByOne;
 use pinhole::Pinhole;
 pub(super) use pixel_set::pixel_set;
 use samples::{NO_SAMPLE, SAMPLES, SampleCluster, Samples};

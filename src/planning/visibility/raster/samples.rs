@@ -44,12 +44,15 @@ pub(super) struct SampleCluster {
 impl Samples {
     /// Samples of `surface`, those of the first face in `order` first; numbers in it beyond the part's faces are passed over.
     pub(super) fn new(surface: &Surface, order: impl Iterator<Item = u32>) -> Self {
-        let faces = surface.patches.last().map_or(0, |patch| patch.face as usize + 1);
+        let faces = surface.patches.iter().map(|patch| patch.face as usize + 1).max().unwrap_or(0);
         let mut first_patch = vec![0; faces + 1];
         surface.patches.iter().for_each(|patch| first_patch[patch.face as usize + 1] += 1);
         (0..faces).for_each(|face| first_patch[face + 1] += first_patch[face]);
-        let of_face = |face: usize| &surface.patches[first_patch[face]..first_patch[face + 1]];
+        let mut by_face: Vec<u32> = (0..surface.patches.len() as u32).collect();
+        by_face.sort_by_key(|patch| surface.patches[*patch as usize].face);
+        let of_face = |face: usize| by_face[first_patch[face]..first_patch[face + 1]].iter();
         let patches = order.map(|face| face as usize).filter(|face| *face < faces).flat_map(of_face);
+        let patches = patches.map(|patch| &surface.patches[*patch as usize]);
         let numbers: Vec<u32> = patches.flat_map(|patch| patch.first_sample.0..patch.first_sample.0 + patch.samples).collect();
         Self { clusters: numbers.par_chunks(SAMPLES).map(|numbers| SampleCluster::new(surface, numbers)).collect() }
     }
@@ -78,7 +81,7 @@ impl SampleCluster {
             normal: [[0.0; SAMPLES]; 3],
             number: [NO_SAMPLE; SAMPLES],
             kind: [0; SAMPLES],
-            facet_mm: patches.map(|patch| patch.area_mm2.sqrt() as f32).fold(0.0, f32::max),
+            facet_mm: patches.map(|patch| facet_mm(&patch.corners_mm) as f32).fold(0.0, f32::max),
             centre_mm,
             radius_mm: numbers.iter().map(|number| (offset(number) - centre_mm).norm()).fold(0.0, f64::max) + 1e-6,
             cone: Cone::around(normals.iter()),
@@ -110,6 +113,11 @@ impl SampleCluster {
     pub(super) fn batch_of_normals(&self, batch: usize) -> [&[f32; LANES]; 3] {
         lanes_of(&self.normal, batch)
     }
+}
+
+/// Edge of a square as large as a facet.
+fn facet_mm([a, b, c]: &[Point3<f64>; 3]) -> f64 {
+    (0.5 * (b - a).cross(&(c - a)).norm()).sqrt()
 }
 
 #[inline(always)]

@@ -172,7 +172,7 @@ async fn content(data: &Path) -> (Vec<crate::wire::UploadedMesh>, Vec<JobId>) {
     for mesh in &meshes {
         store.files().read(&mesh.sha256).expect("its file");
     }
-    let jobs = store.jobs(&JobFilter::default(), &page).await.expect("jobs").items;
+    let jobs = store.jobs(&JobQuery::default(), &page).await.expect("jobs").items;
     store.close().await.expect("closed");
     (meshes, jobs.iter().map(|job| job.id).collect())
 }
@@ -183,7 +183,7 @@ async fn a_backup_of_a_store_at_work_is_a_store() {
     let store = &opened.store;
     let (mesh, other) = (add_mesh(store, b"one").await, add_mesh(store, b"two").await);
     let job = submit(store, mesh.id).await;
-    store.claim().await.expect("the queue").expect("a job");
+    store.claim_next().await.expect("the queue").expect("a job");
     succeed(store, job, vec![("plan.json", b"{}".to_vec())]).await;
     let to = tempfile::tempdir().expect("a folder");
     let (backup_dir, restored) = (to.path().join("backup"), to.path().join("restored"));

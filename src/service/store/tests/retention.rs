@@ -10,8 +10,8 @@ fn policy() -> Policy {
 /// A succeeded job of a part, with a result of this many bytes.
 async fn ended(store: &Store, mesh: MeshId, part: Option<&str>, bytes: usize) -> JobId {
     let request = JobRequest { part_number: part.map(str::to_owned), ..JobRequest::new(mesh) };
-    let id = store.submit(NewJob { request, ..new_job(mesh, 0) }).await.expect("a job").id;
-    store.claim().await.expect("the queue").expect("it");
+    let id = store.submit_one(&NewJob { request, ..new_job(mesh, 0) }).await.expect("a job").id;
+    store.claim_next().await.expect("the queue").expect("it");
     let text: Vec<u8> = id.to_string().bytes().cycle().take(bytes).collect();
     succeed(store, id, vec![("coverage.bin", text)]).await;
     id

@@ -17,7 +17,7 @@ fn summary() -> Summary {
     let mut coverage = json!({"of_total": 0.7});
     shares.iter().for_each(|share| coverage[share] = json!(0.9));
     serde_json::from_value(json!({
-        "schema": "vantage.summary/1", "verdict": "target_met", "verdict_text": "Target met", "views": 9, "views_chosen": 10,
+        "schema": "vantage.summary/1", "level": "ready", "title": "Ready to scan", "verdict": "target_met", "verdict_text": "Target met", "views": 9, "views_chosen": 10,
         "setups": 1, "views_text": "9 views", "coverage": coverage, "coverage_text": "90 %",
         "grades": {"A": 0.4, "B": 0.3, "C": 0.0, "D": 0.0}, "cycle_secs": null, "cycle_parts": null, "cycle_text": null,
         "regions_with_target": 0, "regions_unmet": 0, "missed_of_asked": 0.3, "missed_spots": 0, "missed_text": "nothing",
@@ -30,14 +30,14 @@ fn summary() -> Summary {
 async fn summarised(store: &Store) -> JobId {
     let mesh = add_mesh(store, b"one").await.id;
     let id = submit(store, mesh).await;
-    store.claim().await.expect("the queue").expect("the job");
+    store.claim_next().await.expect("the queue").expect("the job");
     let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: Some(Box::new(summary())) };
     assert_eq!(store.end_attempt(id, &outcome, "{}").await.expect("an end"), JobState::Succeeded);
     id
 }
 
 async fn listed(store: &Store) -> Option<Summary> {
-    let page = store.jobs(&JobFilter::default(), &Page::new(10, None, "").expect("a page")).await.expect("a list");
+    let page = store.jobs(&JobQuery::default(), &Page::new(10, None, "").expect("a page")).await.expect("a list");
     page.items.into_iter().next().expect("a job").summary
 }
 
@@ -83,7 +83,7 @@ async fn a_summary_goes_with_its_job_and_a_job_that_was_cancelled_has_none() {
     assert_eq!(count().await, 0);
     let mesh = add_mesh(store, b"two").await.id;
     let cancelled = submit(store, mesh).await;
-    store.claim().await.expect("the queue").expect("the job");
+    store.claim_next().await.expect("the queue").expect("the job");
     store.cancel(cancelled).await.expect("asked");
     let outcome = AttemptOutcome::Succeeded { files: Vec::new(), summary: Some(Box::new(summary())) };
     assert_eq!(store.end_attempt(cancelled, &outcome, "{}").await.expect("an end"), JobState::Cancelled);

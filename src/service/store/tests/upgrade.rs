@@ -1,6 +1,7 @@
 //! Upgrade: a store of the previous version, with jobs in every state, opened by this one.
 
 use super::*;
+use crate::wire::JobSelection;
 
 const MESH: &str = "0192d3a0-0000-7000-8000-000000000001";
 
@@ -56,7 +57,7 @@ async fn a_store_of_the_version_before_loses_nothing() {
 
     let store = Store::open(folder.path()).await.expect("opened by this version");
     assert_eq!(store.recover(3, &exhausted()).await.expect("order"), 1);
-    let page = store.jobs(&JobFilter::default(), &Page::new(10, None, "").expect("a page")).await.expect("a list");
+    let page = store.jobs(&JobQuery::default(), &Page::new(10, None, "").expect("a page")).await.expect("a list");
     let seen: Vec<_> = page.items.iter().rev().map(|job| (job.state, job.cell.as_str(), job.serial.as_deref())).collect();
     use JobState::{Failed, Queued, Succeeded};
     let none = ("none", Some("S-1"));
@@ -70,19 +71,20 @@ async fn a_store_of_the_version_before_loses_nothing() {
             (Failed, "my-cell", None)
         ]
     );
-    let label = JobFilter { label: Some(("line".into(), Some("3".into()))), ..JobFilter::default() };
+    let label =
+        JobQuery { selection: JobSelection { label: Some("line=3".into()), ..JobSelection::default() }, ..JobQuery::default() };
     assert_eq!(store.jobs(&label, &Page::new(10, None, "").expect("a page")).await.expect("a list").items.len(), 5);
     // Running and queued jobs continue with their requests; an unreadable one fails with the reason.
     for number in [1, 2] {
-        let attempt = store.claim().await.expect("the queue").expect("a job");
+        let attempt = store.claim_next().await.expect("the queue").expect("a job");
         assert_eq!((attempt.id, attempt.request.serial.as_deref()), (job_id(number), Some("S-1")));
         assert_eq!(succeed(&store, attempt.id, vec![]).await, Succeeded);
     }
-    assert!(store.claim().await.expect("the queue").is_none());
+    assert!(store.claim_next().await.expect("the queue").is_none());
     assert_eq!(store.job(job_id(4)).await.expect("it").problem.expect("why").code, "job_unreadable");
     // A job that ended before summaries were stored has none.
     assert_eq!(store.job(job_id(3)).await.expect("it").summary, None);
-    assert!(page.items.iter().all(|job| job.summary.is_none()));
+    assert!(page.items.iter().all(|job| job.summary.is_none() && job.submitted_by.is_none() && job.warnings.is_empty()));
     let file = store.result(job_id(3), "plan.json").await.expect("the old result");
     assert_eq!((file.result.sha256.as_str(), file.file_sha256.as_str(), file.file_bytes), ("bb", "bb", 7));
     assert!(matches!(store.open_result(&file, true).await.err(), Some(Error::FileDamaged { missing: true, .. })));

@@ -16,6 +16,8 @@ pub struct Course {
 /// Typical share of a plan's time, rounded from both demo parts with and without a cell; larger parts spend more of it on visibility.
 fn cost(stage: Stage) -> f64 {
     match stage {
+        // In no course: the first comes before it, the others are within other stages.
+        Stage::Reading | Stage::CollisionScene | Stage::Roadmap => 0.0,
         Stage::Surface => 0.01,
         Stage::Candidates => 0.02,
         Stage::Stations => 0.03,

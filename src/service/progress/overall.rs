@@ -26,7 +26,7 @@ struct Leg {
 
 /// Share of the whole that is done.
 #[derive(Clone, Debug)]
-pub(super) struct Overall {
+pub struct Overall {
     legs: Vec<Leg>,
     /// Number of legs that began.
     next: usize,
@@ -52,7 +52,9 @@ struct Pass {
 }
 
 impl Overall {
-    pub(super) fn new(course: &Course) -> Self {
+    /// Nothing of `course` is done yet.
+    #[must_use]
+    pub fn new(course: &Course) -> Self {
         let whole: f64 = course.legs.iter().map(|(_, cost)| cost).sum();
         let mut end = 0.0;
         let leg = |(stage, cost): &(Stage, f64)| {
@@ -65,7 +67,7 @@ impl Overall {
     }
 
     /// A stage begins `secs` after the start.
-    pub(super) fn begin(&mut self, stage: Stage, secs: f64) {
+    pub fn begin(&mut self, stage: Stage, secs: f64) {
         let reached = self.fraction(secs);
         let ahead = self.legs.iter().skip(self.next).position(|leg| leg.stage == stage);
         (self.from, self.to) = match ahead {
@@ -83,12 +85,12 @@ impl Overall {
     }
 
     /// Counts units of the running stage. Calls may come out of order.
-    pub(super) fn progress(&mut self, done: usize, total: usize) {
+    pub fn progress(&mut self, done: usize, total: usize) {
         self.pass.count(done, total);
     }
 
     /// Share that is done `secs` after the start.
-    pub(super) fn fraction(&mut self, secs: f64) -> f64 {
+    pub fn fraction(&mut self, secs: f64) -> f64 {
         let of_stage = if self.pass.total > 0 { self.pass.done } else { self.assumed(secs) };
         self.reached = self.reached.max(self.from + of_stage * (self.to - self.from)).min(1.0);
         self.reached
@@ -115,6 +117,7 @@ impl Pass {
 }
 
 /// Time left, s, if the rest goes on at the pace so far; `None` while that is too early to tell.
-pub(super) fn secs_left(secs: f64, fraction: f64) -> Option<f64> {
+#[must_use]
+pub fn secs_left(secs: f64, fraction: f64) -> Option<f64> {
     (secs >= MIN_SECS && fraction >= MIN_FRACTION).then(|| secs * (1.0 - fraction) / fraction)
 }

@@ -1,0 +1,227 @@
+//! Coverage with poses that are off, draw by draw.
+//!
+//! The share that is told of a draw is the nominal share of all samples and the difference between the draw and the planned poses, both on
+//! the same thinned samples: few samples change sides, so that the difference is known far better than either share
+//! ([`crate::planning::method::robustness`] has its standard error). Draws run side by side; in each a sample that one view
+//! measures is not looked at for the others.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use nalgebra::{Point3, UnitQuaternion};
+use rayon::prelude::*;
+
+use super::SecondSampling;
+use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::planning::context::{Cancelled, Context};
+use crate::planning::ids::SampleId;
+use crate::planning::params::PoseErrorParams;
+use crate::planning::plan::{Drawn, Robust, share};
+use crate::planning::random::Stream;
+use crate::planning::registration::union_of;
+use crate::planning::surface::{Surface, systematic};
+use crate::planning::visibility::{Optics, SampleSet, UnitedViews};
+
+/// Samples on which draws are evaluated at most.
+const MAX_SAMPLES: usize = 30_000;
+/// Names of the streams of random numbers.
+const EACH_VIEW: u64 = 0x76_6965_7773;
+const WHOLE_PART: u64 = 0x7061_7274;
+const HAND_EYE: u64 = 0x68_616e_6465_7965;
+
+/// Poses of all views, in the order of [`SecondSampling::views`].
+type Poses = Vec<Pose<Part, ScannerFrame>>;
+
+/// Evaluates the views with poses that are off. `nominal` is the share of the asked area that they measure as planned, of all
+/// samples.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn robust(
+    second: &SecondSampling<'_>,
+    error: PoseErrorParams,
+    nominal: f64,
+    ctx: &Context<'_>,
+) -> Result<Robust, Cancelled> {
+    robust_on(second, error, (nominal, MAX_SAMPLES), ctx)
+}
+
+fn robust_on(
+    second: &SecondSampling<'_>,
+    error: PoseErrorParams,
+    (nominal, max_samples): (f64, usize),
+    ctx: &Context<'_>,
+) -> Result<Robust, Cancelled> {
+    let thinned = ThinnedSamples::of(second, max_samples);
+    let optics = Optics::new(second.input.scanner, &second.params, &thinned.surface.requirements);
+    let silent = ctx.silent();
+    let occluders = second.setups.iter().map(|setup| setup.occluders);
+    let by_setup: Vec<UnitedViews<'_>> =
+        occluders.map(|occluders| UnitedViews::new(&thinned.surface, &optics, occluders, &second.params, &silent)).collect();
+    let of_kinds = [drawn_views(second, &error), drawn_parts(second, &error), drawn_hand_eyes(second, &error)];
+    let planned: Poses = second.views().map(|(_, view)| *view).collect();
+    let all: Vec<&Poses> = std::iter::once(&planned).chain(of_kinds.iter().flatten()).collect();
+    let done = AtomicUsize::new(0);
+    let measured_mm2 = |poses: &&Poses| {
+        let measured_mm2 = thinned.measured_mm2(second, &by_setup, poses, &silent)?;
+        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
+        Ok(measured_mm2)
+    };
+    let measured_mm2 = all.par_iter().map(measured_mm2).collect::<Result<Vec<f64>, Cancelled>>()?;
+    let (planned_mm2, mut drawn_mm2) = (measured_mm2[0], measured_mm2[1..].iter());
+    let of_asked = |mm2: &f64| (nominal + share(mm2 - planned_mm2, second.asked_mm2)).clamp(0.0, 1.0);
+    let [views, part, hand_eye] =
+        of_kinds.map(|draws| Drawn::new(nominal, drawn_mm2.by_ref().take(draws.len()).map(of_asked).collect()));
+    Ok(Robust { pose_error: error, views, part, hand_eye })
+}
+
+/// Samples that stand for all of the second set.
+struct ThinnedSamples {
+    surface: Surface,
+    /// Asked area that each stands for.
+    area_mm2: Vec<f64>,
+}
+
+impl ThinnedSamples {
+    fn of(second: &SecondSampling<'_>, max_samples: usize) -> Self {
+        let some = systematic(&second.asked_area_mm2, max_samples);
+        Self { surface: second.surface.of_samples(&some), area_mm2: some.iter().map(|(_, area_mm2)| *area_mm2).collect() }
+    }
+
+    /// Asked area that the views measure from these poses.
+    fn measured_mm2(
+        &self,
+        second: &SecondSampling<'_>,
+        by_setup: &[UnitedViews<'_>],
+        poses: &[Pose<Part, ScannerFrame>],
+        ctx: &Context<'_>,
+    ) -> Result<f64, Cancelled> {
+        // Whether a sample is at risk depends on every view that measures it.
+        let needs_rows = !second.params.realism.count_at_risk;
+        let (mut measured, nothing) = (self.nothing(), self.nothing());
+        let (mut rows, mut rest) = (Vec::new(), poses);
+        for (setup, together) in second.setups.iter().zip(by_setup) {
+            let (own, others) = rest.split_at(setup.views.len());
+            rest = others;
+            for (view, pose) in own.iter().enumerate() {
+                ctx.check()?;
+                let mut row = together.row(pose, if needs_rows { &nothing } else { &measured })?;
+                setup.keep_in_sight(view, &self.surface, pose, &mut row, ctx)?;
+                measured.insert_all(row.measured());
+                rows.extend(needs_rows.then_some(row));
+            }
+        }
+        if needs_rows {
+            measured = union_of(&second.counted(&self.surface, rows, poses, ctx)?, self.area_mm2.len());
+        }
+        Ok(measured.iter().map(|sample: SampleId| self.area_mm2[sample.index()]).sum())
+    }
+
+    fn nothing(&self) -> SampleSet {
+        SampleSet::none_of(self.area_mm2.len())
+    }
+}
+
+fn streams(second: &SecondSampling<'_>, kind: u64, draws: u32) -> impl Iterator<Item = Stream> {
+    let seed = second.params.seed;
+    (0..u64::from(draws)).map(move |draw| Stream::new(seed, &[kind, draw]))
+}
+
+/// Every view off by an error of its own.
+fn drawn_views(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
+    let poses = |mut stream: Stream| {
+        second.views().map(|(_, view)| *view * random_error(error, &Point3::origin(), &mut stream)).collect()
+    };
+    streams(second, EACH_VIEW, second.params.robust.draws).map(poses).collect()
+}
+
+/// The part off as a whole, in each setup by an error of its own.
+fn drawn_parts(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
+    let centre_mm = &second.surface.centre_mm;
+    let poses = |mut stream: Stream| {
+        let errors: Vec<Pose<Part, Part>> = second.setups.iter().map(|_| random_error(error, centre_mm, &mut stream)).collect();
+        second.views().map(|(setup, view)| errors[setup] * *view).collect()
+    };
+    streams(second, WHOLE_PART, second.params.robust.part_draws).map(poses).collect()
+}
+
+/// Every view off by the same error in the scanner frame.
+fn drawn_hand_eyes(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
+    let poses = |mut stream: Stream| {
+        let error = random_error(error, &Point3::origin(), &mut stream);
+        second.views().map(|(_, view)| *view * error).collect()
+    };
+    streams(second, HAND_EYE, second.params.robust.hand_eye_draws).map(poses).collect()
+}
+
+/// Draws the pose of a frame that should be at the identity: turned about `centre_mm`, then moved.
+pub(super) fn random_error<Frame>(error: &PoseErrorParams, centre_mm: &Point3<f64>, stream: &mut Stream) -> Pose<Frame, Frame> {
+    let turn = UnitQuaternion::from_axis_angle(&stream.direction(), error.angle_deg.to_radians());
+    let shift_mm = stream.direction().into_inner() * error.translation_mm;
+    Pose::from_parts(centre_mm.coords + shift_mm - turn * centre_mm.coords, turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::super::SetupViews;
+    use super::*;
+    use crate::geometry::{Mesh, demo_parts};
+    use crate::planning::candidates::{looking_along, spiral};
+    use crate::planning::context::Silent;
+    use crate::planning::params::PlanParams;
+    use crate::planning::scene::PlanInput;
+    use crate::planning::visibility::Occluders;
+    use crate::testing::nominal_scanner;
+
+    const ERROR: PoseErrorParams = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+
+    /// Draws of six views of a part on samples so dense, one figure for each list of `max_samples`.
+    fn drawn(mesh: &Mesh, samples: f64, change: fn(&mut PlanParams), max_samples: &[usize], threads: usize) -> Vec<Robust> {
+        let (scanner, cancel, mut params) = (nominal_scanner(), AtomicBool::new(false), PlanParams::default());
+        params.part.samples_per_mm2 = Some(samples / mesh.area_mm2());
+        (params.robust.draws, params.robust.part_draws, params.robust.hand_eye_draws) = (4, 3, 3);
+        change(&mut params);
+        let (ctx, occluders) = (Context::new(&cancel, &Silent), Occluders::new([mesh]));
+        let middle = mesh.aabb().centre().coords;
+        let pose = |out: nalgebra::Vector3<f64>| Pose::from_parts(middle + out * scanner.best_mm, looking_along(&-out, 0.3));
+        let views: Vec<_> = spiral(6, -0.6).map(pose).collect();
+        let table_rad = vec![None; views.len()];
+        let setups = [SetupViews { occluders: &occluders, sight: None, views, table_rad }];
+        let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| {
+            let second = SecondSampling::new(&input, &params, &setups, &ctx).unwrap_or_else(|error| panic!("{error}"));
+            let part = crate::geometry::RayScene::new([mesh]);
+            let nominal = second.independent(&part, &[], &ctx).expect("not cancelled").of_asked();
+            let robust = |max: &usize| robust_on(&second, ERROR, (nominal, *max), &ctx).expect("not cancelled");
+            max_samples.iter().map(robust).collect()
+        })
+    }
+
+    fn figures(robust: &Robust) -> Vec<f64> {
+        let of = |drawn: &Drawn| [drawn.nominal, drawn.worst(), drawn.p5(), drawn.mean()];
+        [&robust.views, &robust.part, &robust.hand_eye].into_iter().flat_map(of).collect()
+    }
+
+    #[test]
+    fn draws_on_some_samples_tell_what_all_samples_do_within_a_twentieth_of_a_point() {
+        let mesh = demo_parts::figurine(8_000).unwrap_or_else(|error| panic!("{error}"));
+        let [all, some] = &drawn(&mesh, 90_000.0, |_| (), &[usize::MAX, MAX_SAMPLES], 2)[..] else { unreachable!("two") };
+        let (all, some) = (figures(all), figures(some));
+        assert!(all.iter().any(|share| (share - all[0]).abs() > 1e-4), "errors change what is measured: {all:?}");
+        for (share, of_some) in all.iter().zip(&some) {
+            assert!((share - of_some).abs() < 5e-4, "{all:?}\n{some:?}");
+        }
+        assert_eq!(all[0], some[0], "the nominal share is that of all samples");
+    }
+
+    #[test]
+    fn draws_are_the_same_on_any_number_of_threads_with_risks_counted_and_not() {
+        let mesh = demo_parts::base(8_000).unwrap_or_else(|error| panic!("{error}"));
+        for change in [|_: &mut PlanParams| (), |params: &mut PlanParams| params.realism.count_at_risk = false] {
+            let [one, two] = [1, 2].map(|threads| drawn(&mesh, 4_000.0, change, &[3_000], threads));
+            assert_eq!(one, two);
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! Choosing apart from certifying: views are chosen on some of the samples ([`crate::planning::surface::thinned`]) and then evaluated
+//! on every one. Of the samples that they miss it is found out what the other candidates measure, so that coverable area, causes
+//! and remedies are those of every sample too. Where the views meet their goals on some samples and not on all, samples are
+//! added where the two disagree, and the choice is taken up again.
+//!
+//! Cost: each chosen view evaluated on every sample, and each candidate on those that the views miss.
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+
+use rayon::prelude::*;
+
+use super::{ChosenViews, SampledPart, ViewPlanningProblem};
+use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::planning::candidates::Candidate;
+use crate::planning::context::{Cancelled, Context, PlanError};
+use crate::planning::ids::{CandidateIndex, RowIndex, SampleId, SetupIndex, ViewId};
+use crate::planning::registration::union_of;
+use crate::planning::selection::{CoverProblem, Goal};
+use crate::planning::sequence::Ordered;
+use crate::planning::setups::Setup;
+use crate::planning::surface::Surface;
+use crate::planning::verdict::Cause;
+use crate::planning::visibility::{self, Row, SampleSet, VisibilityMatrix};
+
+/// Share by which a goal may be missed: areas are sums in another order.
+const SUM_SLACK: f64 = 1e-9;
+
+/// A chosen view that is evaluated on every sample.
+pub(in crate::planning) struct EvaluatedView {
+    candidate: CandidateIndex,
+    /// Table angles at which it may be taken; none without a cell.
+    table_rad: Vec<f64>,
+    /// False where no path leads to it.
+    is_executed: bool,
+}
+
+/// A pose to be evaluated.
+struct Viewpoint<'a> {
+    pose: &'a Pose<Part, ScannerFrame>,
+    setup: SetupIndex,
+    usable: bool,
+    table_rad: Vec<f64>,
+}
+
+impl<'a> ViewPlanningProblem<'a> {
+    /// Chosen views, each from any of its stations.
+    pub(in crate::planning) fn at_any_station(&self, chosen: &ChosenViews) -> Vec<EvaluatedView> {
+        let view = |candidate: &CandidateIndex| EvaluatedView {
+            candidate: *candidate,
+            table_rad: self.table_angles_rad(*candidate),
+            is_executed: true,
+        };
+        chosen.candidates.iter().map(view).collect()
+    }
+
+    /// Chosen views, each from the station of its order.
+    pub(in crate::planning) fn as_ordered(&self, chosen: &ChosenViews, ordered: &[Ordered]) -> Vec<EvaluatedView> {
+        let view = |(id, candidate): (ViewId, CandidateIndex)| {
+            let mut visits = ordered.iter().flat_map(|ordered| &ordered.sequence.visits);
+            let station = visits.find(|(visited, _)| *visited == id).map(|(_, leg)| leg.target);
+            EvaluatedView {
+                candidate,
+                table_rad: station.map_or_else(|| self.table_angles_rad(candidate), |station| vec![station.table_angle_rad]),
+                is_executed: !ordered.iter().any(|ordered| ordered.no_path.contains(&id)),
+            }
+        };
+        chosen.views().map(view).collect()
+    }
+
+    fn table_angles_rad(&self, candidate: CandidateIndex) -> Vec<f64> {
+        let mut angles: Vec<f64> = self.stations(candidate).iter().map(|station| station.table_angle_rad).collect();
+        angles.dedup();
+        angles
+    }
+
+    /// The problem on every sample, with the whole rows of `views`; of the other candidates with what they measure of the samples
+    /// that those miss which are executed.
+    pub(in crate::planning) fn on_every_sample(
+        &self,
+        sampled: &'a SampledPart,
+        setups: &[Setup<'_>],
+        views: &[EvaluatedView],
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let ctx = &ctx.silent();
+        let (whole, asked_area_mm2) = (&sampled.surface, &sampled.asked_area_mm2);
+        let samples = asked_area_mm2.len();
+        let chosen: Vec<_> = views.iter().map(|view| self.viewpoint(view.candidate, view.table_rad.clone())).collect();
+        let (of_chosen, mut hidden_by_cell) = self.cast_on(whole, setups, &chosen, ctx)?;
+        let mut rows = vec![Row::default(); self.candidates.remaining.len()];
+        let mut measured = SampleSet::none_of(samples);
+        for (view, row) in views.iter().zip(&of_chosen.rows) {
+            if view.is_executed {
+                measured.insert_all(row.measured());
+            }
+            let pose = &self.candidates[view.candidate].part_from_scanner;
+            rows[view.candidate.index()] = visibility::grade(whole, pose, self.input.scanner, self.params, row);
+        }
+        let is_open = |sample: &SampleId| asked_area_mm2[sample.index()] > 0.0 && !measured.holds(*sample);
+        let open: Vec<(SampleId, f64)> =
+            whole.samples().filter(is_open).map(|sample| (sample, asked_area_mm2[sample.index()])).collect();
+        let is_chosen: BTreeSet<CandidateIndex> = views.iter().map(|view| view.candidate).collect();
+        let others: Vec<_> = self.candidates.indices().filter(|candidate| !is_chosen.contains(candidate)).collect();
+        let viewpoints = others.iter().map(|candidate| self.viewpoint(*candidate, self.table_angles_rad(*candidate)));
+        let dropped = self.candidates.rejected.iter().filter(|(_, reason)| reason.is_of_evaluated());
+        let dropped = dropped.map(|(candidate, _)| viewpoint(candidate, false, Vec::new()));
+        let (of_open, hidden) =
+            self.cast_on(&whole.of_samples(&open), setups, &viewpoints.chain(dropped).collect::<Vec<_>>(), ctx)?;
+        for (candidate, row) in others.iter().zip(&of_open.rows) {
+            let mut placed = SampleSet::none_of(samples);
+            row.samples().for_each(|place| placed.insert(open[place.index()].0));
+            rows[candidate.index()] = Row::new(placed.into_words());
+        }
+        hidden.iter().for_each(|place| hidden_by_cell.insert(open[place.index()].0));
+        let mut furthest_cause = of_chosen.furthest_cause;
+        for ((sample, _), cause) in open.iter().zip(of_open.furthest_cause) {
+            let furthest = &mut furthest_cause[sample.index()];
+            *furthest = (*furthest).max(cause);
+        }
+        Ok(Self {
+            input: self.input,
+            params: self.params,
+            surface: Cow::Borrowed(whole),
+            setups: self.setups.clone(),
+            candidates: self.candidates.clone(),
+            matrix: VisibilityMatrix { rows, furthest_cause },
+            robust_rows: None,
+            reach: self.reach.clone(),
+            hidden_by_cell,
+            asked_area_mm2: asked_area_mm2.clone(),
+            strata: None,
+            coverable_of_setup_mm2: self.coverable_of_setups_mm2(),
+            chosen_on: self.chosen_on,
+        })
+    }
+
+    /// Poses of chosen views.
+    pub(in crate::planning) fn poses_of(&self, chosen: &ChosenViews) -> Vec<Pose<Part, ScannerFrame>> {
+        chosen.candidates.iter().map(|candidate| self.candidates[*candidate].part_from_scanner).collect()
+    }
+
+    /// Puts chosen views back to poses, of which nothing is needed any more but what they measure of every sample.
+    pub(in crate::planning) fn put_back(&mut self, chosen: &ChosenViews, poses: &[Pose<Part, ScannerFrame>]) {
+        for (candidate, pose) in chosen.candidates.iter().zip(poses) {
+            self.candidates[*candidate].part_from_scanner = *pose;
+        }
+    }
+
+    /// Returns true if views meet every goal of choosing among the candidates that are not `excluded`.
+    pub(in crate::planning) fn meets_goals(&self, views: &[CandidateIndex], excluded: &BTreeSet<CandidateIndex>) -> bool {
+        let measured = union_of(self.rows(views), self.asked_area_mm2.len());
+        unmet(&self.cover_problem(&self.choosable(excluded)), &measured).is_none()
+    }
+
+    /// Adds samples where these disagree with `every`, the problem on every sample, about the views; returns false where they do
+    /// not disagree.
+    pub(in crate::planning) fn refine(
+        &mut self,
+        every: &ViewPlanningProblem<'_>,
+        setups: &[Setup<'_>],
+        chosen: &ChosenViews,
+        ctx: &Context<'_>,
+    ) -> Result<bool, Cancelled> {
+        let Some(mut strata) = self.strata.take() else { return Ok(false) };
+        let measured = union_of(self.rows(&chosen.candidates), self.asked_area_mm2.len());
+        let mut missed = union_of(every.rows(&every.usable()), every.asked_area_mm2.len());
+        missed.remove_all(&union_of(every.rows(&chosen.candidates), every.asked_area_mm2.len()));
+        let missed: Vec<SampleId> = missed.iter().filter(|sample| every.asked_area_mm2[sample.index()] > 0.0).collect();
+        let own = self.surface.sample_mm.len();
+        let added = strata.refine(self.surface.to_mut(), &every.surface, |sample| measured.holds(sample), &missed);
+        self.strata = Some(strata);
+        if added.is_empty() {
+            return Ok(false);
+        }
+        let part = every.surface.of_samples(&added.iter().map(|sample| (*sample, 0.0)).collect::<Vec<_>>());
+        let all = self.candidates.indices().map(|candidate| self.viewpoint(candidate, self.table_angles_rad(candidate)));
+        let (cast, hidden) = self.cast_on(&part, setups, &all.collect::<Vec<_>>(), &ctx.silent())?;
+        let samples = own + added.len();
+        let rows = self.matrix.rows.par_iter().zip(&cast.rows).map(|(row, added)| row.followed_by(added, own, samples));
+        self.matrix.rows = rows.collect();
+        self.matrix.furthest_cause.extend(cast.furthest_cause);
+        let known = Row::new(std::mem::take(&mut self.hidden_by_cell).into_words());
+        self.hidden_by_cell = known.followed_by(&Row::new(hidden.into_words()), own, samples).measured().clone();
+        self.asked_area_mm2 = self.surface.asked_area_mm2();
+        self.chosen_on.samples = samples;
+        self.chosen_on.refinements += 1;
+        Ok(true)
+    }
+
+    /// The chosen views with as many more as meet the goals on every sample, each the one that adds most to the first goal that is
+    /// not met.
+    pub(in crate::planning) fn topped_up(
+        &self,
+        every: &ViewPlanningProblem<'_>,
+        chosen: ChosenViews,
+        excluded: &BTreeSet<CandidateIndex>,
+        ctx: &Context<'_>,
+    ) -> Result<ChosenViews, PlanError> {
+        let choosable = self.choosable(excluded);
+        let cover = every.cover_problem(&choosable);
+        let max_views = self.params.selection.max_views.map_or(usize::MAX, |views| views as usize);
+        let (mut views, mut measured) =
+            (chosen.candidates.clone(), union_of(every.rows(&chosen.candidates), every.asked_area_mm2.len()));
+        while views.len() < max_views {
+            let Some(goal) = unmet(&cover, &measured) else { break };
+            let gain = |candidate: &CandidateIndex| {
+                let new = every.row(*candidate).samples().filter(|sample| !measured.holds(*sample));
+                (new.map(|sample| goal.area_mm2[sample.index()]).sum::<f64>(), *candidate)
+            };
+            let best = choosable.iter().map(gain).reduce(|best, next| if next.0 > best.0 { next } else { best });
+            let Some((_, candidate)) = best.filter(|best| best.0 > 0.0) else { break };
+            measured.insert_all(every.row(candidate).measured());
+            views.push(candidate);
+        }
+        if views.len() == chosen.candidates.len() {
+            return Ok(chosen);
+        }
+        let place = |candidate| choosable.binary_search(candidate).ok().map(RowIndex::at);
+        let rows: Vec<RowIndex> = views.iter().filter_map(place).collect();
+        self.chosen_of(&self.cover_problem(&choosable), &choosable, &rows, &chosen, ctx)
+    }
+
+    /// Asked area that some candidate of each setup measures that the cell can use.
+    fn coverable_of_setups_mm2(&self) -> Option<Vec<f64>> {
+        let usable = self.usable();
+        let of_setup = |(setup, _): (SetupIndex, _)| {
+            let here = usable.iter().filter(|candidate| self.candidates[**candidate].setup == setup);
+            let coverable = union_of(here.map(|candidate| self.row(*candidate)), self.asked_area_mm2.len());
+            coverable.iter().map(|sample| self.asked_area_mm2[sample.index()]).sum()
+        };
+        (self.setups.len() > 1).then(|| SetupIndex::number(&self.setups).map(of_setup).collect())
+    }
+
+    fn viewpoint(&self, candidate: CandidateIndex, table_rad: Vec<f64>) -> Viewpoint<'_> {
+        viewpoint(&self.candidates[candidate], self.blocked(candidate).is_none(), table_rad)
+    }
+
+    /// Matrix of views on another surface of the part, less the samples that obstacles of the cell hide at any of their angles;
+    /// and those samples.
+    fn cast_on(
+        &self,
+        surface: &Surface,
+        setups: &[Setup<'_>],
+        views: &[Viewpoint<'_>],
+        ctx: &Context<'_>,
+    ) -> Result<(VisibilityMatrix, SampleSet), Cancelled> {
+        let samples = surface.sample_mm.len();
+        let mut all = VisibilityMatrix { rows: vec![Row::default(); views.len()], furthest_cause: vec![Cause::Facing; samples] };
+        let mut hidden_by_cell = SampleSet::none_of(samples);
+        for (index, setup) in SetupIndex::number(setups) {
+            let here: Vec<usize> = (0..views.len()).filter(|place| views[*place].setup == index).collect();
+            let poses: Vec<_> = here.iter().map(|place| *views[*place].pose).collect();
+            let usable: Vec<bool> = here.iter().map(|place| views[*place].usable).collect();
+            let mut cast = visibility::cast(surface, &poses, &usable, self.input.scanner, &setup.occluders, self.params, ctx)?;
+            if let Some(sight) = setup.scene.as_ref().map(|scene| scene.sight()).filter(|sight| !sight.has_no_obstacles()) {
+                let hidden = |(row, place): (&Row, &usize)| {
+                    let (view, mut hidden) = (&views[*place], SampleSet::none_of(samples));
+                    for table_rad in &view.table_rad {
+                        let at_angle = sight.hidden(surface, view.pose, row.measured(), *table_rad, ctx)?;
+                        at_angle.iter().for_each(|at_angle| hidden.insert_all(at_angle));
+                    }
+                    Ok(hidden)
+                };
+                let hidden = cast.rows.par_iter().zip(&here).map(hidden).collect::<Result<Vec<_>, Cancelled>>()?;
+                for (row, hidden) in cast.rows.iter_mut().zip(&hidden) {
+                    *row = row.without(hidden);
+                    hidden_by_cell.insert_all(hidden);
+                }
+            }
+            here.iter().zip(cast.rows).for_each(|(place, row)| all.rows[*place] = row);
+            let furthest = all.furthest_cause.iter_mut().zip(cast.furthest_cause);
+            furthest.for_each(|(furthest, cause)| *furthest = (*furthest).max(cause));
+        }
+        Ok((all, hidden_by_cell))
+    }
+}
+
+fn viewpoint(candidate: &Candidate, usable: bool, table_rad: Vec<f64>) -> Viewpoint<'_> {
+    Viewpoint { pose: &candidate.part_from_scanner, setup: candidate.setup, usable, table_rad }
+}
+
+/// The first goal that views do not meet which measure these samples.
+fn unmet<'c>(cover: &'c CoverProblem<'_>, measured: &SampleSet) -> Option<&'c Goal<'c>> {
+    let measured_mm2 = |goal: &Goal<'_>| measured.iter().map(|sample| goal.area_mm2[sample.index()]).sum::<f64>();
+    cover.goals.iter().find(|goal| measured_mm2(goal) < goal.needed_mm2 * (1.0 - SUM_SLACK))
+}

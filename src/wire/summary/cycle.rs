@@ -1,0 +1,101 @@
+//! Cycle time: of the motion as planned, with its parts, and of the program that the robot runs.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+use crate::cell::Dialect;
+use crate::planning::plan::Plan;
+use crate::planning::sequence::Sequence;
+use crate::wire::plan::{MotionDocument, options};
+use crate::wire::words::fixed;
+
+/// Difference from which on two cycles are told apart, s: half of the last decimal that is shown.
+const ALIKE_SECS: f64 = 0.05;
+
+/// Parts of a cycle time, summed over all setups. Moving, settling and scanning add up to it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct CycleParts {
+    /// Time of all moves, s.
+    pub moving_secs: f64,
+    /// Part of that time in which the table turns, s.
+    pub turning_secs: f64,
+    /// Time spent waiting for everything to stand still, s.
+    pub settling_secs: f64,
+    /// Time of all captures, s.
+    pub scanning_secs: f64,
+}
+
+/// Cycle of a program in the dialect of the robot, summed over all setups.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(expecting = "an object")]
+pub struct ProgramCycle {
+    /// Dialect of the robot's controller.
+    pub dialect: Dialect,
+    /// Predicted cycle time of the program in it, s: what the program's header says.
+    pub cycle_secs: f64,
+    /// Parameters with which the plan's own motion is that of the program; empty if it is already.
+    pub set: BTreeMap<String, Value>,
+    /// Options of the command line that set them; `null` if there are none.
+    pub command: Option<String>,
+}
+
+impl ProgramCycle {
+    /// The cycle of a program in a dialect, beside a plan that takes `planned_secs`.
+    #[must_use]
+    pub fn new(dialect: Dialect, cycle_secs: f64, planned_secs: f64) -> Self {
+        // A program differs from its plan only by moving table and arm in turn.
+        let differs = (cycle_secs - planned_secs).abs() >= ALIKE_SECS;
+        let set = if differs { BTreeMap::from([("motion.table".to_owned(), json!("alone"))]) } else { BTreeMap::new() };
+        let command = (!set.is_empty()).then(|| options(&set));
+        Self { dialect, cycle_secs, set, command }
+    }
+
+    /// Returns true if the program takes another time than the motion as planned.
+    #[must_use]
+    pub fn differs(&self) -> bool {
+        self.command.is_some()
+    }
+
+    /// The cycle in a clause, where it is not the planned one.
+    pub(super) fn text(&self) -> Option<String> {
+        let (secs, dialect) = (fixed(self.cycle_secs, 1), self.dialect.as_str());
+        let program = format!("; {secs} s as the robot's own program ({dialect}), which moves table and arm in turn");
+        self.command.as_ref().map(|command| format!("{program}; to plan for that: {command}"))
+    }
+}
+
+impl From<&MotionDocument> for CycleParts {
+    fn from(motion: &MotionDocument) -> Self {
+        let MotionDocument { moving_secs, turning_secs, settling_secs, scanning_secs, .. } = *motion;
+        Self { moving_secs, turning_secs, settling_secs, scanning_secs }
+    }
+}
+
+/// Cycle time with its parts: "Cycle 31.2 s = 23.4 s moving + 6 × 1.3 s scanning".
+pub(super) fn text(plan: &Plan, motion: &MotionDocument) -> String {
+    let scan = &plan.params.scan;
+    let [cycle, moving] = [motion.cycle_secs, motion.moving_secs].map(|secs| fixed(secs, 1));
+    let visits = plan.visits().count();
+    let [each, settling] = [scan.settle_secs + scan.capture_secs, scan.settle_secs].map(|secs| (secs * 100.0).round() / 100.0);
+    let settling = if scan.settle_secs > 0.0 { format!(" ({settling} s of it settling)") } else { String::new() };
+    let order =
+        if plan.sequences().all(Sequence::is_shortest) { "; order proven optimal among the stations considered" } else { "" };
+    let turning_over = if plan.setups.len() > 1 { "; turning the part over is not counted" } else { "" };
+    format!(
+        "Cycle {cycle} s = {moving} s moving ({}) + {visits} × {each} s scanning{settling}{order}{turning_over}",
+        turning(motion)
+    )
+}
+
+/// Part of the moves in which the table turns, in a clause.
+fn turning(motion: &MotionDocument) -> String {
+    match motion.turning_secs {
+        turning_secs if turning_secs < ALIKE_SECS => "table at rest".to_owned(),
+        turning_secs if motion.moving_secs - turning_secs < ALIKE_SECS => "table turning throughout".to_owned(),
+        turning_secs => format!("table turning for {} s of it", fixed(turning_secs, 1)),
+    }
+}
