@@ -10,7 +10,7 @@ use super::text::Lines;
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::side_by_side::pieces_of_a_round;
 
-/// Bytes of a piece at least: some hundred microseconds of parsing.
+/// Bytes of a piece at least: many lines, and few enough that a round of pieces is soon over.
 pub(super) const PIECE_BYTES: usize = 64 * 1024;
 /// A piece of more than so many usual ones is parsed alone, by the thread that asks whether to go on.
 const MAX_USUAL_PIECES: usize = 4;
