@@ -54,9 +54,9 @@ mod telemetry;
     version = VERSION_LINE,
     max_term_width = 110,
     after_help = "Examples:
-  vantage demo                                 try it: a server with a sample part
-  vantage plan part.stl --unit mm --out plan   plan a part without a server
-  vantage serve --data /var/lib/vantage        serve at http://127.0.0.1:8080
+  vantage demo                                 a server with a sample part
+  vantage plan part.stl --unit mm --out plan   a plan without a server
+  vantage serve --data /var/lib/vantage        a server at 127.0.0.1:8080
 
 Exit codes: 0 success, 1 system error, 2 bad input, 3 no plan possible, or with `plan --strict` a region below its \
 target, 4 interrupted.

@@ -209,8 +209,7 @@ impl<'a> PartPlanner<'a> {
         let mut watch = self.watch().take().unwrap_or_else(|| Stopwatch::start(None));
         watch.switch(Some(Stage::Reading.as_str()));
         let is_read = || watch.switch(Some(CommandStage::Health.as_str()));
-        let read = || load_mesh_in_steps(mesh, self.args.unit, self.cancel, is_read);
-        let (part, part_sha256) = self.pool.install(read)?;
+        let (part, part_sha256) = self.pool.install(|| load_mesh_in_steps(mesh, self.args.unit, self.cancel, is_read))?;
         let params = placed(&self.params, self.args.up, &part.mesh);
         let job = PlanJob {
             mesh: &part.mesh,
@@ -271,7 +270,7 @@ impl<'a> PartPlanner<'a> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What is wrong with a part that does not suit plate or scanner; empty where parameters are to blame.
+    /// Faults of a part that does not suit plate or scanner; empty where parameters are to blame.
     fn faults_of_part(&self, job: &PlanJob<'_>, errors: &[FieldError]) -> Vec<String> {
         let is_pose_given = is_pose_given(job, self.args.up);
         let faults: Option<Vec<String>> = errors.iter().map(|error| job.error_of_part(error, is_pose_given)).collect();

@@ -210,7 +210,7 @@ mod tests {
             assert_eq!(read, preset.apply(&PlanParams::default()), "{text}");
         }
         let thesis = toml_of("thesis", "", &parameter_set("thesis").expect("a set")).expect("TOML");
-        for line in ["a = 0.5", "solver = \"greedy\"", "step_small_deg = 30.0", "[candidates]"] {
+        for line in ["solver = \"greedy\"", "strategies = [\"ellipsoid\"]", "standoff = \"first_surface\"", "[candidates]"] {
             assert!(thesis.lines().any(|told| told == line), "{line} is not in\n{thesis}");
         }
         assert!(thesis.lines().count() < 25, "only what it sets:\n{thesis}");

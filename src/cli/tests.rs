@@ -151,7 +151,7 @@ fn the_folder_for_results_is_made_and_tried_before_planning() {
     let fresh = folder.path().join("a/b");
     let error = plan_cancelled(&["--out", &fresh.display().to_string()]).expect_err("cancelled");
     assert_eq!(error.exit_code(), 4, "{error}");
-    assert_eq!(std::fs::read_dir(&fresh).expect("made").count(), 0, "the trial leaves nothing");
+    assert!(!fresh.exists(), "a command that fails leaves no empty folder");
     if cfg!(target_os = "linux") {
         let error = plan_cancelled(&["--out", "/proc/nowhere"]).expect_err("the system's own");
         assert!(error.exit_code() == 1 && error.to_string().contains("cannot be written"), "{error}");

@@ -107,6 +107,7 @@ mod tests {
         assert_eq!(Poll::never().position(&bytes, |b| *b == b'y'), None);
         assert_eq!(Poll::new(&|| true).position(&bytes, |b| *b == b'x'), None);
         assert!(Poll::never().holds(&bytes, b'x') && !Poll::never().holds(&bytes, b'y'));
-        assert!(!Poll::new(&|| true).holds(&bytes, b'x'));
+        let stopped = Poll::new(&|| true);
+        assert!(stopped.check().is_err() && !stopped.holds(&bytes, b'x'));
     }
 }

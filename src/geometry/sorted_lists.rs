@@ -180,7 +180,7 @@ mod tests {
     fn every_key_has_its_numbers_sorted_on_any_number_of_threads() {
         // Key 3 has a list that is sorted apart, key 5 has none.
         let entries = |item: usize| {
-            let key = if item % 2 == 0 { 3 } else { (item * item % 1009) as u32 % 800 };
+            let key = if item.is_multiple_of(2) { 3 } else { (item * item % 1009) as u32 % 800 };
             let key = if key == 5 { 6 } else { key };
             [(key, (item * 7919 % 100_003) as u64), (799, item as u64)]
         };

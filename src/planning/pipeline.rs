@@ -120,6 +120,7 @@ fn choose<'a>(
     ctx: &Context<'_>,
 ) -> Result<ChosenViews, PlanError> {
     loop {
+        let known = problem.candidates.remaining.len();
         let chosen = problem.select(excluded, ctx)?;
         if chosen.candidates.is_empty() {
             return Ok(chosen);
@@ -138,6 +139,7 @@ fn choose<'a>(
         if !goes_on || !problem.refine(&every, setups, &chosen, ctx)? {
             return problem.topped_up(&every, chosen, excluded, ctx);
         }
+        problem.forget_from(known);
     }
 }
 

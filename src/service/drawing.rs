@@ -30,9 +30,11 @@ impl App {
 
     async fn draw_report(&self, id: JobId) -> Result<ResultFile, Error> {
         let _alone = self.0.drawing.lock().await;
-        let none = |error: Error| match error {
-            Error::NoSuchResult { job, .. } => Error::NoSuchResult { job, name: REPORT_FILE.to_owned() },
-            error => error,
+        let none = |error: Error| {
+            if let Error::NoSuchResult { job, .. } = error {
+                return Error::NoSuchResult { job, name: REPORT_FILE.to_owned() };
+            }
+            error
         };
         match self.0.store.result(id, REPORT_FILE).await {
             Err(Error::NoSuchResult { .. }) => {}

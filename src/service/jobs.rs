@@ -353,6 +353,7 @@ impl App {
                 }
             }
         };
+        tracing::debug!(job = %id, core_secs = size.core_secs, bytes = size.bytes, "size estimated");
         runner.sizes.put(id.to_string(), size);
         Ok(size)
     }

@@ -354,7 +354,7 @@ impl PlanJob<'_> {
         plan.sequences().enumerate().map(compiled).collect()
     }
 
-    /// The program of a setup as the linter finds it, in the scene that it was planned in, or its findings.
+    /// The program of a setup as the linter finds it in the scene that it was planned in, or its findings.
     fn checked<'p>(&'p self, outcome: &Outcome, program: &'p Program) -> CheckedOrFindings<'p> {
         let plan = &outcome.plan;
         let (Some(cell), Some(setup)) = (self.cell, plan.setups.get(program.setup)) else { return Err(String::new()) };

@@ -11,7 +11,7 @@ use super::size::JobSize;
 use crate::wire::JobId;
 
 /// Estimated seconds of one core up to which a job is small.
-pub(super) const SMALL_CORE_SECS: f64 = 20.0;
+pub(super) const SMALL_CORE_SECS: f64 = 30.0;
 /// Small jobs that run beside a large one.
 const BESIDE_LARGE: usize = 1;
 

@@ -140,7 +140,9 @@ fn print_stages(mesh: &Mesh, cell: &Cell) {
 }
 
 /// The running stage with its start, and the seconds of all.
-struct Stages(Mutex<(Option<(Stage, Instant)>, BTreeMap<&'static str, f64>)>);
+struct Stages(Mutex<(Option<(Stage, Instant)>, SecsByStage)>);
+
+type SecsByStage = BTreeMap<&'static str, f64>;
 
 impl Observer for Stages {
     fn begin(&self, stage: Stage) {

@@ -80,6 +80,8 @@ fn score(candidate: &CandidateDocument, listing: &CandidateListing, columns: &Co
 #[test]
 fn the_matrices_give_the_areas_and_the_scores_of_the_plan() {
     let (mesh, mut params) = (block(), quick());
+    // Scores are those on the samples that views are chosen on.
+    params.selection.samples = Some(40_000_000);
     params.regions.exclude = vec![Region::HalfSpace { point_mm: [0.0, 0.0, 8.0], normal: [0.0, 0.0, 1.0] }];
     params.regions.interest = vec![InterestParams {
         name: None,

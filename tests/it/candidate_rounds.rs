@@ -41,6 +41,7 @@ fn params(candidates: CandidateParams) -> PlanParams {
     let mut params = PlanParams { candidates, ..PlanParams::default() };
     params.part.samples_per_mm2 = Some(0.3);
     params.selection.objective = Objective::Coverage;
+    params.selection.samples = Some(40_000_000);
     params
 }
 

@@ -86,6 +86,7 @@ fn tabulated(mesh: &Mesh, candidates: &CandidateParams, [camera_deg, projector_d
     params.limits.projector_deg = Some(projector_deg);
     params.part.samples_per_mm2 = Some(20_000.0 / mesh.area_mm2());
     params.part.patch_edge_mm = Some(1000.0);
+    params.selection.samples = Some(40_000_000);
     let (cancel, scanner) = (AtomicBool::new(false), nominal_scanner());
     let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     tabulate(&input, &params, &Context::new(&cancel, &Silent)).expect("a table")

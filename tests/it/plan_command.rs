@@ -131,7 +131,13 @@ fn no_plan_exits_with_3_and_leaves_a_report_on_the_reasons() {
     };
     assert!(read("report.txt").starts_with("no plan is possible: of "), "{}", read("report.txt"));
     let page = read("report.html");
-    for said in ["No plan is possible", "What became of the viewpoints", "<dt>Date</dt>", "block.obj"] {
+    for said in [
+        "No plan is possible",
+        "Try first: allow a larger angle of incidence (limits.camera_deg",
+        "What became of the viewpoints",
+        "<dt>Date</dt>",
+        "block.obj",
+    ] {
         assert!(page.contains(said), "the page lacks {said:?}");
     }
     assert!(!folder.path().join("out/plan.json").exists());

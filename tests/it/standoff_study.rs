@@ -78,6 +78,7 @@ impl Rig {
             PlanParams { candidates: CandidateParams { standoff, ..CandidateParams::default() }, ..PlanParams::default() };
         params.part.samples_per_mm2 = Some(20_000.0 / mesh.area_mm2());
         params.part.patch_edge_mm = Some(1000.0);
+        params.selection.samples = Some(40_000_000);
         let cancel = AtomicBool::new(false);
         let cell = in_cell.then_some(&self.cell);
         let input = PlanInput { mesh, fixture: None, part_sha256: "", scanner: &self.scanner, cell, roadmaps: None };

@@ -28,7 +28,7 @@ fn distances_become_a_cell_that_builds_with_a_sketch_beside_it() {
     assert!(cell.obstacles.iter().any(|body| body.name == "pedestal"));
     assert_eq!(warnings::of_cell(&cell, ""), []);
     let drawn = std::fs::read_to_string(sketch).expect("the sketch");
-    assert!(drawn.contains("table at x = 900, y = 0") && drawn.contains("floor, −600 mm"), "{drawn}");
+    assert!(drawn.contains("plate at x = 900, y = 0") && drawn.contains("floor at z = −600"), "{drawn}");
 }
 
 #[test]
@@ -38,7 +38,7 @@ fn a_table_beyond_reach_is_sketched_refused_and_not_written() {
     let (out, sketch) = (path("far.toml"), path("far.svg"));
     let options = ["--table-at", "2900,0,100", "--mount", "back", "--out", &out, "--sketch", &sketch];
     let error = run(&args(&options)).expect_err("out of reach");
-    assert!(error.exit_code() == 2 && error.to_string().contains("/base_from_table: puts all of the plate at least"), "{error}");
+    assert!(error.exit_code() == 2 && error.to_string().contains("--table-at: puts all of the plate at least"), "{error}");
     assert!(std::path::Path::new(&sketch).exists() && !std::path::Path::new(&out).exists());
 }
 

@@ -6,12 +6,12 @@ use super::Settings;
 use super::error::{MeshError, Position};
 use super::obj_groups::Groups;
 use super::pieces::{Pieces, next_logical_line, parse_round};
-use super::soup::{Part, Sink, Soup};
+use super::soup::{Sink, Soup, SoupPiece};
 use super::text::{Lines, Tokens, coordinates, excerpt, parse_token};
 use crate::geometry::FaceGroup;
 use crate::geometry::poll::Poll;
 
-/// What goes before a piece of the file.
+/// Counts of everything before a piece of the file.
 #[derive(Clone, Copy, Default)]
 struct Before {
     lines: u64,
@@ -39,7 +39,7 @@ fn read_vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<Vec<Before>, MeshEr
             return Ok(before);
         }
         let parse = |piece: &std::ops::Range<usize>, poll: &Poll<'_>| {
-            let mut part = Part::new(unit_mm);
+            let mut part = SoupPiece::new(unit_mm);
             let lines = parse_vertices(&text[piece.clone()], 0, &mut part, poll);
             (part, lines)
         };

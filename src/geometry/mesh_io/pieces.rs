@@ -114,7 +114,7 @@ pub(super) fn next_line_with(word: &[u8], text: &[u8], from: usize, poll: &Poll<
 mod tests {
     use super::*;
 
-    const TEXT: &[u8] = b"facet a\r\n\r\n outer \\\r\n\\\nloop\rFacet b\n\n\\\r\r";
+    static TEXT: &[u8] = b"facet a\r\n\r\n outer \\\r\n\\\nloop\rFacet b\n\n\\\r\r";
 
     /// Begins that are found from every place.
     fn begins(next_begin: NextBegin) -> Vec<usize> {

@@ -29,7 +29,7 @@ pub(super) trait Sink {
 }
 
 /// Vertices and faces of a piece of the file, which no limit holds for until a [`Soup`] takes them over.
-pub(super) struct Part {
+pub(super) struct SoupPiece {
     unit_mm: f64,
     pub(super) vertices_mm: Vec<Point3<f64>>,
     pub(super) faces: Vec<[u32; 3]>,
@@ -38,7 +38,7 @@ pub(super) struct Part {
     faces_in_file: u32,
 }
 
-impl Part {
+impl SoupPiece {
     pub(super) fn new(unit_mm: f64) -> Self {
         Self { unit_mm, vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), faces_in_file: 0 }
     }
@@ -49,7 +49,7 @@ impl Part {
     }
 }
 
-impl Sink for Part {
+impl Sink for SoupPiece {
     fn vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<(), MeshError> {
         self.vertices_mm.push(millimetres(xyz, self.unit_mm, at)?);
         Ok(())
@@ -83,7 +83,7 @@ pub(super) fn millimetres(xyz: [f64; 3], unit_mm: f64, at: Position) -> Result<P
 pub(super) struct Soup<'a> {
     pub(super) settings: Settings<'a>,
     pub(super) poll: &'a Poll<'a>,
-    whole: Part,
+    whole: SoupPiece,
 }
 
 impl Sink for Soup<'_> {
@@ -109,7 +109,7 @@ impl Sink for Soup<'_> {
 
 impl<'a> Soup<'a> {
     pub(super) fn new(settings: Settings<'a>, poll: &'a Poll<'a>) -> Self {
-        Self { settings, poll, whole: Part::new(settings.unit_mm()) }
+        Self { settings, poll, whole: SoupPiece::new(settings.unit_mm()) }
     }
 
     /// Makes room for so many triangles, as far as the limits allow them.
@@ -134,7 +134,7 @@ impl<'a> Soup<'a> {
     }
 
     /// Returns true if all of the part is within the limits.
-    pub(super) fn has_room(&self, part: &Part) -> bool {
+    pub(super) fn has_room(&self, part: &SoupPiece) -> bool {
         self.has_room_for(part.faces.len()) && self.vertices() + part.vertices_mm.len() <= self.max_vertices()
     }
 
@@ -144,7 +144,7 @@ impl<'a> Soup<'a> {
     }
 
     /// Takes over a part for which there is room, and whose faces refer to the vertices of the whole file.
-    pub(super) fn take(&mut self, part: Part) {
+    pub(super) fn take(&mut self, part: SoupPiece) {
         self.whole.vertices_mm.extend(part.vertices_mm);
         self.whole.faces.extend(part.faces);
         self.whole.source_face.extend(part.source_face.into_iter().map(|face| self.whole.faces_in_file + face));
@@ -209,7 +209,7 @@ impl<'a> Soup<'a> {
 
     /// The collected mesh, still with degenerate triangles and unused vertices.
     pub(super) fn into_mesh(self, groups: Vec<FaceGroup>) -> Mesh {
-        let Part { vertices_mm, faces, source_face, .. } = self.whole;
+        let SoupPiece { vertices_mm, faces, source_face, .. } = self.whole;
         Mesh { vertices_mm, faces, source_face, groups }
     }
 }

@@ -62,23 +62,13 @@ pub(in crate::planning) fn slide_views(
         return Ok(chosen);
     }
     if joins::must_join(problem) && !joins::are_joined(problem, &slid_views) {
-        forget_from(problem, known);
+        problem.forget_from(known);
         return Ok(chosen);
     }
     let usable = problem.choosable(excluded);
     let place = |candidate| usable.binary_search(candidate).ok().map(RowIndex::at);
     let rows: Vec<RowIndex> = slid_views.iter().filter_map(place).collect();
     problem.chosen_of(&problem.cover_problem(&usable), &usable, &rows, &chosen, &ctx)
-}
-
-/// Takes out the candidates that joined the `known` ones.
-fn forget_from(problem: &mut ViewPlanningProblem<'_>, known: usize) {
-    problem.candidates.generated -= problem.candidates.remaining.len() - known;
-    problem.candidates.remaining.truncate(known);
-    problem.matrix.rows.truncate(known);
-    if let Some(reach) = &mut problem.reach {
-        reach.truncate(known);
-    }
 }
 
 /// A chosen view that may slide.

@@ -201,7 +201,7 @@ fn into_advice(
     regions.retain(|region| region.measured_mm2(&measured) >= region.needed_mm2);
     // A plan ends once it meets its target.
     let measured_mm2 = basis.area_mm2(&measured).min(enough_mm2.max(basis.measured_mm2()));
-    if added_views == 0 || !(basis.is_worth(measured_mm2) || !regions.is_empty()) {
+    if added_views == 0 || !basis.is_worth(measured_mm2) && regions.is_empty() {
         return None;
     }
     let pose = further.table_from_part;

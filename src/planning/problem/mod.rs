@@ -104,6 +104,16 @@ impl ViewPlanningProblem<'_> {
         scene.is_in_sight(&self.surface, pose, self.row(candidate), station.table_rad, ctx)
     }
 
+    /// Takes out the candidates that joined the `known` ones.
+    pub(in crate::planning) fn forget_from(&mut self, known: usize) {
+        self.candidates.generated -= self.candidates.remaining.len() - known;
+        self.candidates.remaining.truncate(known);
+        self.matrix.rows.truncate(known);
+        if let Some(reach) = &mut self.reach {
+            reach.truncate(known);
+        }
+    }
+
     /// Failure for which the cell cannot use a candidate, if so.
     pub(in crate::planning) fn blocked(&self, candidate: CandidateIndex) -> Option<StationFailure> {
         self.reach.as_ref().and_then(|reach| reach[candidate.index()].as_ref().err().copied())

@@ -68,7 +68,7 @@ pub(super) fn count_in(words: &[u64], others: &[u64], level: SimdLevel) -> usize
 
 /// Samples of a block that are added to one sum.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Segment {
+pub(super) struct BlockSegment {
     /// Number of the block.
     pub(super) block: u32,
     /// Number of the sum.
@@ -78,8 +78,8 @@ pub(super) struct Segment {
 }
 
 /// Adds what a row measures of each segment to the segment's sum, in the units of that sum.
-pub(super) fn segment_sums(words: &[u64], segments: &[Segment], units_of: &[&[i64]], level: SimdLevel) -> Vec<i64> {
-    struct Sums<'a, 'b>(&'a [u64], &'a [Segment], &'a [&'b [i64]], Vec<i64>);
+pub(super) fn segment_sums(words: &[u64], segments: &[BlockSegment], units_of: &[&[i64]], level: SimdLevel) -> Vec<i64> {
+    struct Sums<'a, 'b>(&'a [u64], &'a [BlockSegment], &'a [&'b [i64]], Vec<i64>);
     impl Kernel for Sums<'_, '_> {
         type Output = Vec<i64>;
 
@@ -110,7 +110,7 @@ mod tests {
         let set = |at: &usize| words[at / 64] >> (at % 64) & 1 == 1;
         let plain: i64 = (0..200).filter(set).map(|at| units[at]).sum();
         let segments = [(0, 1, u64::MAX), (1, 0, 1), (2, 1, 0xffff_0000_ffff_0000), (2, 0, 0xffff), (3, 1, 0xff)];
-        let segments = segments.map(|(block, sum, mask)| Segment { block, sum, mask });
+        let segments = segments.map(|(block, sum, mask)| BlockSegment { block, sum, mask });
         let of_sum = |sum: u32| -> i64 {
             let own = segments.iter().filter(|segment| segment.sum == sum);
             own.map(|s| {

@@ -157,3 +157,32 @@ fn first_step(scale: QualityScale, grade: Grade) -> i32 {
     }
     first
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_holds_the_twin_of_what_it_measures_at_the_grade_or_better() {
+        for samples in [200, 2 * MAX_TWINNED + 77] {
+            let quality = |sample: usize| ((sample * 37) % 401) as f32 / 200.0 - 1.0;
+            let measured = (0..samples).filter(|sample| sample % 5 != 2 && sample / 64 % 3 != 1);
+            let row = Row::from_samples(samples, measured.map(|sample| (SampleId::at(sample), quality(sample))));
+            let places = TwinPlaces::new(samples);
+            let with_twins = places.with_twins(&row);
+            let area_mm2: Vec<f64> = (0..samples).map(|sample| sample as f64).collect();
+            assert_eq!(with_twins.words()[..row.words().len()], *row.words(), "the samples themselves");
+            for (floor, grade) in FLOORS.into_iter().enumerate() {
+                let twins = places.of_twins(&area_mm2, floor);
+                let held: Vec<f64> = with_twins.samples().map(|twin| twins[twin.index()]).filter(|mm2| *mm2 > 0.0).collect();
+                let has_grade = |(sample, quality): &(SampleId, f32)| {
+                    sample.0 > 0 && sample.index().is_multiple_of(places.stride) && Grade::of(f64::from(*quality)) <= grade
+                };
+                let wanted: Vec<f64> = row.graded().filter(has_grade).map(|(sample, _)| f64::from(sample.0)).collect();
+                assert_eq!(held, wanted, "{grade:?} of {samples} samples");
+            }
+            let own: Vec<_> = with_twins.graded().take(row.count()).collect();
+            assert!(own.into_iter().eq(row.graded()), "the quality of the samples");
+        }
+    }
+}

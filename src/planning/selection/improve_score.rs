@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn exchanges_chosen_by_a_share_have_the_rises_and_deficits_of_all_samples() {
         let row = |row: u32| {
-            let measured = (0..600_u32).filter(move |sample| split_mix(u64::from(sample / 7 + 1_000 * row)) % 3 == 0);
+            let measured = (0..600_u32).filter(move |sample| split_mix(u64::from(sample / 7 + 1_000 * row)).is_multiple_of(3));
             Row::from_samples(600, measured.map(move |sample| (SampleId(sample), ((sample + row) % 9) as f32 / 5.0 - 0.8)))
         };
         let (rows, area_mm2): (Vec<Row>, Vec<f64>) = ((0..90).map(row).collect(), (0..600).map(|at| f64::from(at % 5)).collect());

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::blocks::{BLOCK, Segment, masked_sum, segment_sums};
+use super::blocks::{BLOCK, BlockSegment, masked_sum, segment_sums};
 use super::bound::FewestProof;
 use super::greedy::{self, BatchQueue};
 use super::improve_score;
@@ -219,7 +219,7 @@ struct CoverState<'a> {
     goals: &'a [Units],
     /// Samples that none or one of the views covers and some goal counts, block by block: goal g's of view v alone have the number
     /// g × (views + 1) + v, and those of no view are the last of each goal.
-    segments: Vec<Segment>,
+    segments: Vec<BlockSegment>,
     /// Units of each goal (outer) that each view covers alone.
     lost: Vec<Vec<i64>>,
     /// Units covered of each goal.
@@ -232,12 +232,12 @@ impl<'a> CoverState<'a> {
         let blocks = exchange.problem.asked_area_mm2.len().div_ceil(BLOCK);
         let tasks: Vec<usize> = (0..blocks).step_by(BLOCKS_A_TASK).collect();
         let of_task = |first: &usize| segments_of(goals, &measured, *first..blocks.min(first + BLOCKS_A_TASK));
-        let parts: Vec<(Vec<Segment>, Vec<i64>)> = tasks.par_iter().map(of_task).collect();
+        let parts: Vec<(Vec<BlockSegment>, Vec<i64>)> = tasks.par_iter().map(of_task).collect();
         let mut covered = vec![0; goals.len()];
         parts.iter().for_each(|(_, part)| covered.iter_mut().zip(part).for_each(|(covered, part)| *covered += part));
-        let segments: Vec<Segment> = parts.into_iter().flat_map(|(segments, _)| segments).collect();
+        let segments: Vec<BlockSegment> = parts.into_iter().flat_map(|(segments, _)| segments).collect();
         let mut lost = vec![vec![0; rows.len()]; goals.len()];
-        for Segment { block, sum, mask } in &segments {
+        for BlockSegment { block, sum, mask } in &segments {
             let (goal, view) = (*sum as usize / (rows.len() + 1), *sum as usize % (rows.len() + 1));
             if let Some(lost) = lost[goal].get_mut(view) {
                 *lost += masked_sum(goals[goal].of_block(*block as usize), *mask);
@@ -258,7 +258,7 @@ impl<'a> CoverState<'a> {
 }
 
 /// Segments of some blocks, see [`CoverState::segments`], and the units of each goal that the views cover there.
-fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> (Vec<Segment>, Vec<i64>) {
+fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> (Vec<BlockSegment>, Vec<i64>) {
     let (mut segments, mut covered) = (Vec::new(), vec![0; goals.len()]);
     let mut words = vec![0; measured.len()];
     for block in blocks {
@@ -273,7 +273,7 @@ fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> (Vec
             *covered += masked_sum(goal.of_block(block), once & counted);
             let alone = words.iter().map(|word| word & !twice).chain([!once]);
             let masks = (first..).zip(alone.map(|mask| mask & counted)).filter(|(_, mask)| *mask != 0);
-            segments.extend(masks.map(|(sum, mask)| Segment { block: block as u32, sum, mask }));
+            segments.extend(masks.map(|(sum, mask)| BlockSegment { block: block as u32, sum, mask }));
         }
     }
     (segments, covered)

@@ -38,7 +38,7 @@ pub(super) enum Form {
 pub(super) struct Precision {
     /// Relative gap of primal and dual value.
     pub(super) gap: f64,
-    /// For the fewest views: share of the dual value that is relied on. The steps end where the next whole number above it is
+    /// Share of the dual value that is relied on, for the fewest views. The steps end where the next whole number above it is
     /// that above the primal value: no bound is higher.
     pub(super) whole: Option<f64>,
 }

@@ -82,7 +82,7 @@ pub(in crate::planning) fn systematic(area_mm2: &[f64], max: usize) -> Vec<(Samp
         let up_to = ((so_far_mm2 / part_mm2 + 0.5).floor() as usize).min(max);
         let parts = up_to.saturating_sub(taken);
         taken += parts;
-        (parts > 0).then(|| (sample, parts as f64 * part_mm2))
+        (parts > 0).then_some((sample, parts as f64 * part_mm2))
     };
     all().filter_map(parts).collect()
 }

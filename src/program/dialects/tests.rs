@@ -276,7 +276,12 @@ fn the_table_has_a_row_a_point_and_action() {
     assert!((0..3).all(|axis| (number(1, 13 + axis) - scanner.origin_mm()[axis]).abs() < 1e-6));
 }
 
-/// What a summary says of the cycle is what the operator reads at the head of the program.
+/// Returns true for the number at the head of a line of a TP program.
+fn is_line_number(word: &str) -> bool {
+    word.strip_suffix(':').is_some_and(|number| number.parse::<u32>().is_ok())
+}
+
+/// The cycle that a summary tells is the one that the operator reads at the head of the program.
 #[test]
 fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     let cell = cell();
@@ -286,7 +291,16 @@ fn the_cycle_in_a_dialect_is_that_of_the_header_of_its_programs() {
     for dialect in Dialect::ALL.into_iter().filter(|dialect| *dialect != Dialect::Csv) {
         let files = checked.render(dialect, &DialectParams::default()).expect("renders");
         let told = format!("predicted cycle {:.1} s", secs(dialect));
-        assert!(files.iter().any(|file| file.text.contains(&told)), "{dialect:?} does not say {told}:\n{}", files[0].text);
+        // Comments of FANUC's lines are short, so that they break.
+        let said = |text: &str| {
+            text.replace(" ;\n", " ")
+                .split_whitespace()
+                .filter(|word| !is_line_number(word))
+                .map(|word| word.trim_start_matches('!'))
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        assert!(files.iter().any(|file| said(&file.text).contains(&told)), "{dialect:?} does not say {told}:\n{}", files[0].text);
     }
     assert!((secs(Dialect::Rapid) - program.cycle_secs).abs() < 1e-12, "the table turns with the arm");
     assert!(secs(Dialect::Hans) > program.cycle_secs + 0.1 && secs(Dialect::Hans) <= secs(Dialect::Urscript), "in turn");

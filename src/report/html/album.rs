@@ -2,7 +2,7 @@
 //! is such a page with all that its pictures need, so it can be kept and drawn when somebody wants to see it.
 //!
 //! Pictures from the same camera share what is seen from there, and equal ones are drawn once. Cameras are spread over the rayon
-//! pool of the caller. Memory while drawing: the model and its normals, 35 MB at most, a byte a cell and picture, and 18 MB for each
+//! pool of the caller. Memory while drawing: the model and its normals, 35 MB at most, a byte a cell and picture, and 25 MB for each
 //! thread that draws (`renderer.rs`).
 
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -3,7 +3,7 @@
 //! instructions. Small triangles test each sample of their box; of others, the run of each row is found by division and filled as
 //! a whole. Camera frame: +z forward, +x right, +y down.
 //!
-//! Cost: about 10 ns for a triangle of a sample or less, and a nanosecond a sample of others. Memory: 8 bytes a sample.
+//! Cost: O(triangles + samples that they cover). Memory: 8 bytes a sample.
 
 use std::ops::Range;
 

@@ -89,11 +89,12 @@ impl PlacedPart {
 
     /// Axes of the file as the page shows them, from their directions across and up it.
     fn axes(&self, [x0, y0]: [f64; 2], across_and_up: impl Fn(&Vector3<f64>) -> [f64; 2]) -> String {
-        let mut svg = String::new();
+        let (mut svg, mut lowest) = (String::new(), y0);
         for (name, axis) in [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())] {
             let [across, up] = across_and_up(&self.table_from_part.direction(&axis));
             let (x, y) = (x0 + AXIS * across, y0 - AXIS * up);
             let (name_x, name_y) = (x0 + (AXIS + 11.0) * across, y0 - (AXIS + 11.0) * up + 4.0);
+            lowest = lowest.max(name_y);
             // An axis towards or away from the reader has no length here.
             if across.hypot(up) > 0.2 {
                 // Writing to a String cannot fail.
@@ -101,7 +102,9 @@ impl PlacedPart {
                 let _ = write!(svg, "<text class=\"small\" x=\"{name_x:.1}\" y=\"{name_y:.1}\">{name}</text>");
             }
         }
-        let _ = write!(svg, "<text class=\"small\" x=\"{x0}\" y=\"{:.1}\">axes of the file</text>", y0 + 30.0);
+        // Below an axis that points down.
+        let below = (y0 + 30.0).max(lowest + 13.0);
+        let _ = write!(svg, "<text class=\"small\" x=\"{x0}\" y=\"{below:.1}\">axes of the file</text>");
         svg
     }
 }
@@ -303,7 +306,38 @@ fn ticks([low_mm, high_mm]: [f64; 2]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::ticks;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::{PlacedPart, ticks};
+    use crate::geometry::Pose;
+    use crate::report::html::ReportSubject;
+    use crate::testing::{box_mesh, nominal_scanner};
+    use crate::wire::echo::Echo;
+
+    #[test]
+    fn the_name_of_the_axes_is_below_an_axis_that_points_down() {
+        let (mesh, scanner, echo) = (box_mesh([0.0; 3], [60.0, 40.0, 30.0]), nominal_scanner(), Echo::default());
+        let subject = ReportSubject {
+            mesh: &mesh,
+            fixture: None,
+            part_sha256: "",
+            part_name: "block",
+            scanner: &scanner,
+            cell: None,
+            echo: &echo,
+            date: None,
+            size_warnings: &[],
+        };
+        for turned_deg in [0.0, 160.0, 180.0] {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), f64::to_radians(turned_deg));
+            let placed = PlacedPart::new(&subject, &Pose::from_parts(Vector3::zeros(), turn));
+            let svg = placed.axes([52.0, 300.0], |direction| [direction.x, direction.z]);
+            let heights: Vec<f64> =
+                svg.split(" y=\"").skip(1).filter_map(|piece| piece.split('"').next()?.parse().ok()).collect();
+            let (name, axes) = heights.split_last().expect("texts");
+            assert!(axes.iter().all(|axis| axis + 12.0 <= *name), "{turned_deg}°: {name} under {axes:?}");
+        }
+    }
 
     #[test]
     fn lengths_are_told_between_the_ends_and_the_axis_in_any_order() {

@@ -6,7 +6,7 @@ use png::{BitDepth, ColorType, DeflateCompression, Encoder, EncodingError, Filte
 
 use super::quantise::quantise;
 
-/// Compression of the pictures: 6 takes three times as long for a twentieth less.
+/// Compression of the pictures: below zlib's default of 6, as pictures of few colours compress well at any level.
 const LEVEL: DeflateCompression = DeflateCompression::Level(3);
 
 /// A picture with a transparent background, rows from the top.

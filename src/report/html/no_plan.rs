@@ -104,6 +104,9 @@ impl NoPlanInput<'_> {
             (None, Some((Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector, _))) => {
                 "look at the size of the part: was it read in the right unit?".to_owned()
             }
+            (None, Some((Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector, _))) => {
+                "allow a larger angle of incidence (limits.camera_deg, limits.projector_deg)".to_owned()
+            }
             (None, _) => "look at the causes, and at the size of the part: was it read in the right unit?".to_owned(),
         })
     }
@@ -185,7 +188,8 @@ fn verdict(input: &NoPlanInput<'_>) -> String {
         NoPlanReason::NoPlan(_) => ("No plan is possible", told(input), Vec::new()),
         NoPlanReason::PartRefused(_) => ("The part cannot be planned as it is", told(input), Vec::new()),
     };
-    let next = input.first_step().map_or_else(String::new, |step| escape(&format!("Try first: {step}.")));
+    let stop = |step: &str| if step.ends_with('?') { "" } else { "." };
+    let next = input.first_step().map_or_else(String::new, |step| escape(&format!("Try first: {step}{}", stop(&step))));
     let finding = VerdictText { standing: Standing::NoPlan, title: title.to_owned(), lines: vec![sentence], next, figures };
     format!("<section>\n{}</section>\n", finding.block())
 }

@@ -146,7 +146,7 @@ async fn page_tokens_are_as_the_document_says() {
     let document = document();
     for path in ["/api/v1/meshes", "/api/v1/jobs"] {
         let pattern = parameter(&document, path, "get", "page_token")["pattern"].as_str().expect("a pattern").to_owned();
-        assert_eq!(pattern, r"^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}\.[0-9a-f]{16}(\.([0-9a-f]{2})+)?$");
+        assert_eq!(pattern, r"^([0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}|x([0-9a-f]{2})*)\.[0-9a-f]{16}(\.([0-9a-f]{2})+)?$");
     }
     let (id, digest) = token.split_once('.').expect("a dot");
     let is_hex = |text: &str, length: usize| text.len() == length && text.bytes().all(|c| matches!(c, b'0'..=b'9' | b'a'..=b'f'));

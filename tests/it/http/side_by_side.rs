@@ -87,7 +87,10 @@ async fn started(concurrent_jobs: usize) -> (Api, Arc<Watch>) {
 
 async fn submit(api: &Api, n: usize, size: &str, what: &str) -> String {
     let mesh = api.mesh().await;
-    let request = json!({"mesh_id": mesh, "cell": "none", "labels": {"n": n.to_string(), "size": size, "do": what}});
+    // Sizes are kept by mesh and parameters, which have to differ where sizes do.
+    let params = json!({"seed": u8::from(size == "small")});
+    let request =
+        json!({"mesh_id": mesh, "cell": "none", "params": params, "labels": {"n": n.to_string(), "size": size, "do": what}});
     api.post_json("/api/v1/jobs", &request).await.ok(202)["id"].as_str().expect("an id").to_owned()
 }
 

@@ -3,17 +3,17 @@
 //! `.5` and do not locate errors in binary files.
 
 mod header;
-mod stretches;
+mod record_runs;
 mod values;
 
 use std::ops::Range;
 
 use self::header::{Element, Header, Property, PropertyKind, Scalar};
-use self::stretches::{Parsed, Stretch};
+use self::record_runs::{Parsed, RecordRun};
 use self::values::Values;
 use super::error::{MeshError, Position};
 use super::pieces::parse_round;
-use super::soup::{Part, Sink, Soup};
+use super::soup::{Sink, Soup, SoupPiece};
 use crate::geometry::poll::Poll;
 
 /// Reads the elements `vertex` and `face`; skips all others.
@@ -99,8 +99,8 @@ fn read_records(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>,
     let mut left = element.count;
     'stretches: while left > 0 {
         let round = values.next_stretches(element, left, soup.settings.piece_bytes, poll);
-        let parse = |stretch: &Stretch<'_>, poll: &Poll<'_>| {
-            let mut part = Part::new(unit_mm);
+        let parse = |stretch: &RecordRun<'_>, poll: &Poll<'_>| {
+            let mut part = SoupPiece::new(unit_mm);
             let end = stretch.parse(read, &mut part, poll);
             (part, end)
         };

@@ -1,4 +1,4 @@
-//! What is read of a file does not depend on where it is cut into pieces, nor on the number of threads.
+//! The mesh that is read of a file does not depend on where it is cut into pieces, nor on the number of threads.
 
 use std::io::Read;
 use std::path::PathBuf;
@@ -71,7 +71,7 @@ fn sheets() -> Vec<(&'static str, Vec<u8>)> {
         ("binary STL", write_stl(&mesh)),
     ];
     files.extend(PLY_ENCODINGS.map(|encoding| (encoding, ply(&vertices, &faces, encoding))));
-    let spaced = String::from_utf8(ply(&vertices, &faces, "ascii")).expect("text").replace("7 4 ", "\n \r7 4 ");
+    let spaced = String::from_utf8(ply(&vertices, &faces, "ascii")).expect("text").replace("\n7 4 ", "\n\n \r7 4 ");
     files.push(("spaced PLY", spaced.clone().into_bytes()));
     files.push(("PLY with an end", format!("{spaced}\n\n\n \n").into_bytes()));
     files.push(("PLY with too much", format!("{spaced}\n\n\n7 8 9\n").into_bytes()));

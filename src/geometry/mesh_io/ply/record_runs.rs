@@ -8,16 +8,16 @@ use super::header::{Element, PropertyKind};
 use super::values::Values;
 use crate::geometry::mesh_io::error::MeshError;
 use crate::geometry::mesh_io::pieces::{Pieces, is_long, next_line};
-use crate::geometry::mesh_io::soup::Part;
+use crate::geometry::mesh_io::soup::SoupPiece;
 use crate::geometry::mesh_io::text::{Lines, Tokens};
 use crate::geometry::poll::Poll;
 use crate::geometry::side_by_side::pieces_of_a_round;
 
 /// Records that are parsed together.
-pub(super) enum Stretch<'a> {
+pub(super) enum RecordRun<'a> {
     /// Lines: all of their records, which may be more than the element has.
     Lines(&'a [u8]),
-    /// So many records of a binary body.
+    /// Records of a binary body.
     Records { bytes: &'a [u8], place: Range<usize>, big_endian: bool, count: u64 },
 }
 
@@ -27,11 +27,11 @@ pub(super) struct Parsed {
     pub(super) lines: u64,
 }
 
-impl Stretch<'_> {
+impl RecordRun<'_> {
     /// Parses the stretch into `part`; `None` at the first fault.
-    pub(super) fn parse(&self, read: &ReadRecord<'_>, part: &mut Part, poll: &Poll<'_>) -> Option<Parsed> {
+    pub(super) fn parse(&self, read: &ReadRecord<'_>, part: &mut SoupPiece, poll: &Poll<'_>) -> Option<Parsed> {
         match self {
-            Stretch::Lines(text) => {
+            RecordRun::Lines(text) => {
                 let mut values = Values::Text { lines: Lines::new(text, 1, poll), tokens: Tokens::of(&[], poll) };
                 let mut records = 0;
                 loop {
@@ -43,8 +43,8 @@ impl Stretch<'_> {
                     }
                 }
             }
-            Stretch::Records { bytes, place, big_endian, count } => {
-                let mut values = Values::Binary { bytes: *bytes, at: place.start, big_endian: *big_endian, poll };
+            RecordRun::Records { bytes, place, big_endian, count } => {
+                let mut values = Values::Binary { bytes, at: place.start, big_endian: *big_endian, poll };
                 (0..*count).try_for_each(|_| read(&mut values, part)).ok()?;
                 Some(Parsed { records: *count, lines: 0 })
             }
@@ -58,16 +58,16 @@ impl<'a> Values<'a> {
     }
 
     /// The next stretches of the element's records, of which so many are `left`; none where they cannot be told apart.
-    pub(super) fn next_stretches(&self, element: &Element, left: u64, piece_bytes: usize, poll: &Poll<'_>) -> Vec<Stretch<'a>> {
+    pub(super) fn next_stretches(&self, element: &Element, left: u64, piece_bytes: usize, poll: &Poll<'_>) -> Vec<RecordRun<'a>> {
         match self {
             Self::Text { lines, .. } => {
                 let text = lines.rest();
                 let round = Pieces::new(text, piece_bytes, next_line, poll).next_round();
-                round.into_iter().map(|piece| Stretch::Lines(&text[piece])).collect()
+                round.into_iter().map(|piece| RecordRun::Lines(&text[piece])).collect()
             }
             Self::Binary { bytes, big_endian, .. } => {
                 let (bytes, big_endian) = (*bytes, *big_endian);
-                let stretch = |(place, count)| Stretch::Records { bytes, place, big_endian, count };
+                let stretch = |(place, count)| RecordRun::Records { bytes, place, big_endian, count };
                 self.clone().next_records(element, left, piece_bytes).into_iter().map(stretch).collect()
             }
         }
@@ -128,14 +128,14 @@ impl<'a> Values<'a> {
     }
 
     /// Goes on behind a stretch that began here.
-    pub(super) fn pass(&mut self, stretch: &Stretch<'_>, lines_of_it: u64) {
+    pub(super) fn pass(&mut self, stretch: &RecordRun<'_>, lines_of_it: u64) {
         match (self, stretch) {
-            (Self::Text { lines, tokens }, Stretch::Lines(text)) => {
+            (Self::Text { lines, tokens }, RecordRun::Lines(text)) => {
                 lines.pass(text.len(), lines_of_it);
                 tokens.skip_all();
             }
-            (Self::Binary { at, .. }, Stretch::Records { place, .. }) => *at = place.end,
-            (Self::Text { .. }, Stretch::Records { .. }) | (Self::Binary { .. }, Stretch::Lines(_)) => {}
+            (Self::Binary { at, .. }, RecordRun::Records { place, .. }) => *at = place.end,
+            (Self::Text { .. }, RecordRun::Records { .. }) | (Self::Binary { .. }, RecordRun::Lines(_)) => {}
         }
     }
 }
