@@ -65,7 +65,8 @@ impl<'a> Poll<'a> {
 
     /// Returns true if one of `bytes` is `wanted`; false once told to stop.
     pub(super) fn holds(&self, bytes: &[u8], wanted: u8) -> bool {
-        bytes.chunks(WINDOW).any(|window| self.spend(WINDOW / 8).is_ok() && window.contains(&wanted))
+        let goes_on = || !self.stopped.get() && self.spend(WINDOW / 8).is_ok();
+        bytes.chunks(WINDOW).any(|window| goes_on() && window.contains(&wanted))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Loops over many items on all cores that can be given up: rounds of a few milliseconds, with a look between two of them. What
+//! Loops over many items on all cores that can be given up: short rounds, with a look between two of them. What
 //! comes out does not depend on the number of threads.
 
 use std::ops::Range;
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::poll::{Interrupted, Poll};
 
-/// Items of a piece of work: a fraction of a millisecond.
+/// Items of a piece of work.
 pub(super) const PIECE: usize = 16_384;
 /// Pieces of a round for each thread, so that none waits long for the last.
 const PIECES_PER_THREAD: usize = 4;

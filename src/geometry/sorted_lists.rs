@@ -12,7 +12,7 @@ use super::sort::sort_by_key;
 
 /// Most ranges of keys that numbers are sorted into side by side; for each of them all items are looked at.
 const MAX_SHARES: usize = 8;
-/// Items between two looks: about a millisecond.
+/// Items between two looks.
 const ITEMS_PER_LOOK: usize = 131_072;
 /// A list longer than this is sorted by the thread that asks whether to go on.
 const LONG_LIST: usize = 65_536;

@@ -4,7 +4,7 @@
 //! merely declares.
 //!
 //! Cost: linear in the size of the file. Files are parsed in pieces, side by side on the threads of the caller's pool (`pieces`),
-//! and the poll is asked every few milliseconds for cancellation. Peak memory: for a binary STL file, of which a few megabytes
+//! and the poll is asked every few milliseconds for cancellation. Peak memory, counted: for a binary STL file, of which a few megabytes
 //! are held at a time, 75 bytes per triangle where six triangles share each vertex, 150 where none share any; for other formats
 //! the file and 28 to 88 bytes per triangle, then 55 to 150 bytes per triangle without the file.
 

@@ -10,7 +10,7 @@ use super::text::Lines;
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::side_by_side::pieces_of_a_round;
 
-/// Bytes of a piece at least: some hundred microseconds of parsing.
+/// Bytes of a piece at least: many lines, and few enough that a round of pieces is soon over.
 pub(super) const PIECE_BYTES: usize = 64 * 1024;
 /// A piece of more than so many usual ones is parsed alone, by the thread that asks whether to go on.
 const MAX_USUAL_PIECES: usize = 4;
@@ -114,11 +114,14 @@ pub(super) fn next_line_with(word: &[u8], text: &[u8], from: usize, poll: &Poll<
 mod tests {
     use super::*;
 
-    static TEXT: &[u8] = b"facet a\r\n\r\n outer \\\r\n\\\nloop\rFacet b\n\n\\\r\r";
+    /// The text, at one place in memory.
+    fn text() -> &'static [u8] {
+        b"facet a\r\n\r\n outer \\\r\n\\\nloop\rFacet b\n\n\\\r\r"
+    }
 
     /// Begins that are found from every place.
     fn begins(next_begin: NextBegin) -> Vec<usize> {
-        let mut begins: Vec<usize> = (1..TEXT.len() + 3).map(|from| next_begin(TEXT, from, &Poll::never())).collect();
+        let mut begins: Vec<usize> = (1..text().len() + 3).map(|from| next_begin(text(), from, &Poll::never())).collect();
         begins.dedup();
         begins
     }
@@ -126,17 +129,17 @@ mod tests {
     #[test]
     fn pieces_begin_where_lines_do() {
         let poll = Poll::never();
-        let mut lines = Lines::new(TEXT, 1, &poll).map(|line| line.text.as_ptr() as usize - TEXT.as_ptr() as usize);
+        let mut lines = Lines::new(text(), 1, &poll).map(|line| line.text.as_ptr() as usize - text().as_ptr() as usize);
         assert_eq!(lines.next(), Some(0));
         let mut wanted: Vec<usize> = lines.collect();
-        wanted.push(TEXT.len());
+        wanted.push(text().len());
         assert_eq!(begins(next_line), wanted);
     }
 
     #[test]
     fn continued_lines_stay_together_and_words_are_found() {
-        assert_eq!(begins(next_logical_line), [9, 11, 28, 36, 37, TEXT.len()]);
-        assert_eq!(begins(|text, from, poll| next_line_with(b"facet", text, from, poll)), [28, TEXT.len()]);
+        assert_eq!(begins(next_logical_line), [9, 11, 28, 36, 37, text().len()]);
+        assert_eq!(begins(|text, from, poll| next_line_with(b"facet", text, from, poll)), [28, text().len()]);
     }
 
     #[test]

@@ -12,9 +12,9 @@ use crate::planning::setups::Setup;
 use crate::planning::surface::{Surface, systematic};
 use crate::planning::visibility::{Row, SampleSet};
 
-/// Measured samples that are judged at most where only their area is told: a share of 1 % of them is then known to a fourteenth of
-/// a point.
-const MAX_JUDGED: usize = 20_000;
+/// Measured samples that are judged at most where only their area is told: all of most parts; of others a share of 1 % is then known
+/// to a thirtieth of a point.
+const MAX_JUDGED: usize = 100_000;
 
 /// Risks of measured samples: of all, or of some that stand for them.
 pub(super) struct JudgedSamples {
@@ -112,7 +112,7 @@ mod tests {
         let planned = |count_at_risk: bool| -> Plan {
             let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
             (params.candidates.step_small_deg, params.candidates.step_large_deg) = (60.0, 60.0);
-            params.part.samples_per_mm2 = Some(60_000.0 / mesh.area_mm2());
+            params.part.samples_per_mm2 = Some(200_000.0 / mesh.area_mm2());
             (params.selection.max_views, params.realism.count_at_risk) = (Some(4), count_at_risk);
             (params.missed.remedies, params.missed.advice, params.robust.pose_error) = (0, false, None);
             plan(&input, &params, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}")).plan

@@ -99,12 +99,11 @@ fn sky_by_definition(probe: &SkyProbe<'_>, point_mm: &Point3<f64>, normal: &Vect
     let half_turn = || UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
     let part_from_point = UnitQuaternion::rotation_between(&Vector3::z(), normal).unwrap_or_else(half_turn);
     let from_mm = point_mm + normal * ABOVE_MM;
+    let towards: Vec<_> = probe.directions.iter().map(|direction| part_from_point * direction).collect();
+    let ends_mm: Vec<_> = towards.iter().map(|direction| from_mm + direction * probe.beyond_mm).collect();
     let mut hidden = Vec::new();
-    let mut is_open = |direction: &Vector3<f64>| {
-        probe.part.blocked_from(probe.level, &from_mm, &[from_mm + direction * probe.beyond_mm], 1.0, &mut hidden);
-        !hidden[0]
-    };
-    let open: Vec<_> = probe.directions.iter().map(|direction| part_from_point * direction).filter(|d| is_open(d)).collect();
+    probe.part.blocked_from(probe.level, &from_mm, &ends_mm, 1.0, &mut hidden);
+    let open: Vec<_> = towards.iter().zip(&hidden).filter(|(_, hidden)| !**hidden).map(|(direction, _)| *direction).collect();
     let usable = |direction: &&Vector3<f64>| normal.dot(direction) >= probe.min_cos;
     match open.iter().find(usable) {
         _ if open.is_empty() => Sky::Closed,
@@ -120,8 +119,8 @@ fn what_is_left_out_and_what_neighbours_share_change_no_sky_of_a_trough() {
     let mesh = crate::testing::trough();
     let part = RayScene::new([&mesh]);
     let samples = crate::planning::params::PartParams {
-        samples_per_mm2: Some(1_500.0 / mesh.area_mm2()),
-        patch_edge_mm: Some(20.0),
+        samples_per_mm2: Some(600.0 / mesh.area_mm2()),
+        patch_edge_mm: Some(40.0),
         ..crate::planning::params::PartParams::default()
     };
     let surface = crate::planning::surface::sample(&mesh, &samples, &crate::planning::params::RegionParams::default(), 5);
