@@ -28,6 +28,9 @@ params! {
     }
 }
 
+/// Largest number of a face: the largest of the API document's `int32`, and beyond those of any mesh that is read.
+const MAX_FACE: u32 = i32::MAX as u32;
+
 /// A region of the part, in part coordinates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
@@ -218,6 +221,10 @@ impl Region {
         match self {
             Self::Faces { faces } => {
                 findings.require(!faces.is_empty(), format!("{at}/faces"), || "is empty; name at least one face".into());
+                for (place, face) in faces.iter().enumerate().filter(|(_, face)| **face > MAX_FACE) {
+                    let detail = || format!("is {face}; faces are numbered from 0 to {MAX_FACE} at most");
+                    findings.require(false, format!("{at}/faces/{place}"), detail);
+                }
             }
             Self::Box { min_mm, max_mm } => {
                 findings.require((0..3).all(|i| min_mm[i] <= max_mm[i]), format!("{at}/min_mm"), || {
