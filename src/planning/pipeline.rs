@@ -1,7 +1,6 @@
 //! The pipeline: mesh, scanner and cell in, an [`Outcome`] out. Pure: no clock, no I/O; the same input gives the same outcome
 //! on any number of threads. Call it inside the thread pool that it shall use.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -50,7 +49,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
     let mut problem = problem(input, &sampled, &setups, ctx)?;
     let views = select_and_order(&mut problem, &sampled, &setups, ctx)?;
     let (views, problem) = shorten(problem, &sampled, &setups, views, ctx)?;
-    let part = Arc::new(RayScene::interruptible([input.mesh], || ctx.check())?);
+    let part = sampled.part_alone(input, &setups, ctx)?;
     let mut outcome = explain(problem, &sampled, &setups, views, &part, ctx)?;
     certify(&mut outcome, input, &sampled.params, &setups, &part, ctx)?;
     let scene_of = |plan: &SetupPlan| Some(setup_of(&setups, plan)?.scene.as_ref()?.collision_scene().clone());
@@ -62,7 +61,7 @@ pub fn plan(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Re
 #[derive(Clone, Debug)]
 pub struct Tabulated {
     /// The samples.
-    pub surface: Surface,
+    pub surface: Arc<Surface>,
     /// Area of each sample, 0 where it is not asked for.
     pub asked_area_mm2: Vec<f64>,
     /// The candidates that may be chosen, and those that were dropped.
@@ -81,7 +80,7 @@ pub fn tabulate(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -
     let mut evaluated = sampled.evaluate(input, &setups, ctx)?.evaluated;
     evaluated.drop_unusable();
     let (surface, asked_area_mm2) = sampled.chosen_on();
-    let (surface, asked_area_mm2) = (surface.clone(), asked_area_mm2.to_vec());
+    let (surface, asked_area_mm2) = (Arc::clone(surface), asked_area_mm2.to_vec());
     Ok(Tabulated { surface, asked_area_mm2, candidates: evaluated.candidates, rows: evaluated.matrix.rows })
 }
 
@@ -97,7 +96,7 @@ fn problem<'a>(
     Ok(ViewPlanningProblem {
         input,
         params: &sampled.params,
-        surface: Cow::Borrowed(surface),
+        surface: Arc::clone(surface),
         setups: setups.iter().map(|setup| setup.table_from_part).collect(),
         candidates: evaluated.candidates,
         matrix: evaluated.matrix,
@@ -229,7 +228,7 @@ fn explain(
     let without_path = ordered.iter().flat_map(|ordered| chosen.candidates_of(&ordered.no_path));
     let obstructions = obstructions(&problem, setups, &without_path.chain(excluded.iter().copied()).collect(), ctx)?;
     let occluders = sampled.occluders(setups);
-    let surroundings = Surroundings { setups, occluders, part, can_execute };
+    let surroundings = Surroundings { sampled, setups, occluders, part, can_execute };
     let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
     let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
     if let Some(basis) = basis {

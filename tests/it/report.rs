@@ -247,7 +247,15 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         chosen_on: ChosenOn::default(),
         coverage,
     };
-    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None, scenes: Vec::new() }
+    Outcome {
+        plan,
+        surface: surface.into(),
+        verdicts,
+        measured_by_view: rows,
+        pixel_views: None,
+        candidates: None,
+        scenes: Vec::new(),
+    }
 }
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {

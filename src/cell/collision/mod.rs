@@ -31,7 +31,7 @@ use super::axis::{Axes, Axis, Configuration};
 use super::halton::{PRIMES, halton};
 use super::kinematics::Kinematics;
 use super::layout::Cell;
-use crate::geometry::{Base, Flange, Mesh, Part, Plate, Pose, Table};
+use crate::geometry::{Base, Flange, Mesh, Part, Plate, Pose, Table, plate_from_placed};
 
 /// Coarsest step along a segment, radians of any axis.
 const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -128,6 +128,21 @@ impl CollisionScene {
         let first = scene.bodies.len();
         let attached = std::iter::once(("part", part)).chain(fixture.map(|mesh| ("fixture", mesh)));
         scene.bodies.extend(attach(attached, table_from_part));
+        let added = pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
+        scene.pairs.extend(added);
+        scene
+    }
+
+    /// The scene with its part and fixture lying as `to` tells, which lie as `from` tells: without building their box trees again.
+    #[must_use]
+    pub fn with_part_moved(&self, from: &Pose<Table, Part>, to: &Pose<Table, Part>) -> Self {
+        let plate_from_before = plate_from_placed(to).isometry() * plate_from_placed(from).isometry().inverse();
+        let mut scene = self.clone();
+        // What is attached was added last.
+        let first = scene.bodies.iter().position(SceneBody::is_attached).unwrap_or(scene.bodies.len());
+        let moved: Vec<SceneBody> = scene.bodies.drain(first..).map(|body| body.moved(&plate_from_before)).collect();
+        scene.pairs.retain(|pair| pair.a.max(pair.b) < first);
+        scene.bodies.extend(moved);
         let added = pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
         scene.pairs.extend(added);
         scene

@@ -66,6 +66,13 @@ impl SceneBody {
         Self { name, parent, parent_from_body, solid, inside, motion_bound_mm, holds_part: false, is_load: false }
     }
 
+    /// The body elsewhere on its parent.
+    pub(super) fn moved(self, after_from_before: &Isometry3<f64>) -> Self {
+        let parent_from_body = after_from_before * self.parent_from_body;
+        let motion_bound_mm = self.solid.motion_bound_mm(&parent_from_body, self.parent == ParentLink::Plate);
+        Self { parent_from_body, motion_bound_mm, ..self }
+    }
+
     fn from_body(body: &Body, parent: ParentLink, parent_from_owner: &Isometry3<f64>, trees: &mut Trees) -> Self {
         Self::new(&body.name, parent, parent_from_owner * body.owner_from_body, Solid::shared(&body.shape, trees))
     }
@@ -154,10 +161,12 @@ pub(super) fn attach<'a>(
     meshes: impl Iterator<Item = (&'a str, &'a Mesh)>,
     table_from_part: &Pose<Table, Part>,
 ) -> impl Iterator<Item = SceneBody> {
-    // In plate coordinates before rounding to single precision: files may lie far from their own origin.
     let plate_from_part = plate_from_placed(table_from_part);
     meshes.filter(|(_, mesh)| !mesh.faces.is_empty()).map(move |(name, mesh)| {
-        SceneBody::new(name, ParentLink::Plate, Isometry3::identity(), Solid::from_mesh(mesh, plate_from_part.isometry()))
+        // About its middle before rounding to single precision: files may lie far from their own origin.
+        let part_from_body = Isometry3::from(mesh.aabb().centre().coords);
+        let solid = Solid::from_mesh(mesh, &part_from_body.inverse());
+        SceneBody::new(name, ParentLink::Plate, plate_from_part.isometry() * part_from_body, solid)
     })
 }
 

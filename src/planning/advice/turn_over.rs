@@ -74,9 +74,10 @@ fn tried(
 ) -> Result<Option<PlanAdvice>, PlanError> {
     let standing: Vec<_> = scope.setups.iter().map(|setup| setup.table_from_part).collect();
     let (sampled, part) = (scope.sampled, Occluders::of_part(scope.input.mesh, Arc::clone(scope.part), ctx)?);
-    let further = setups::further(scope.input, &sampled.params, &standing, &part, ctx)?;
+    let further = setups::further(scope.input, &sampled.params, (sampled.resting_poses(scope.input), &standing), &part, ctx)?;
     let Some(further) = further else { return Ok(None) };
-    let scene = sampled.scene(scope.input, further.table_from_part, ctx)?;
+    let other = scope.setups.iter().find_map(|setup| setup.scene.as_ref());
+    let scene = sampled.scene(scope.input, further.table_from_part, other, ctx)?;
     let some = systematic(&basis.asked_area_mm2, TRIED_SAMPLES);
     let surface = outcome.surface.of_samples(&some);
     // The plate hides nothing from above it.

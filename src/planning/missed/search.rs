@@ -22,6 +22,8 @@ use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::CandidateIndex;
 use crate::planning::params::{Hemisphere, PlanParams};
 use crate::planning::plan::{Cause, MissedCause, MissedSpot, Remedy, RemedyKind, RemedyView, Turn, Verdict};
+use crate::planning::problem::SampledPart;
+use crate::planning::scene::PlanInput;
 use crate::planning::setups;
 use crate::planning::surface::Surface;
 use crate::planning::visibility::{Occluders, Optics, Probe, Row};
@@ -38,6 +40,8 @@ pub(in crate::planning) type CanExecute<'a> = dyn Fn(&Pose<Part, ScannerFrame>) 
 
 /// A plan whose misses are looked into.
 pub(in crate::planning) struct MissAnalysis<'a> {
+    pub(in crate::planning) input: &'a PlanInput<'a>,
+    pub(in crate::planning) sampled: &'a SampledPart,
     pub(in crate::planning) mesh: &'a Mesh,
     pub(in crate::planning) surface: &'a Surface,
     pub(in crate::planning) scanner: &'a Scanner,
@@ -141,10 +145,9 @@ impl<'a> RemedyContext<'a> {
     /// Ways in which the part rests and that are not planned in, the likeliest first.
     fn other_poses(&self) -> &[Pose<Table, Part>] {
         self.other_poses.get_or_init(|| {
-            let first = self.analysis.setups.first().copied().unwrap_or(Pose::identity());
-            let mut poses = setups::pool(self.analysis.mesh, self.analysis.params, &first);
-            poses.retain(|pose| !self.analysis.setups.contains(pose));
-            poses
+            let MissAnalysis { input, sampled, setups, .. } = self.analysis;
+            let others = sampled.resting_poses(input).iter().filter(|pose| !setups.contains(pose));
+            others.copied().collect()
         })
     }
 

@@ -19,7 +19,7 @@ use super::plan::{
     CandidateCounts, CandidateFate, Cause, Coverage, Fate, MissedCause, Obstruction, Outcome, PartFacts, Plan, PlannedView,
     RegionCoverage, SetupLink, SetupPlan, Stance, StopReason, Verdict, share,
 };
-use super::problem::{ChosenViews, ViewPlanningProblem};
+use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::realism;
 use super::registration::{self, SharedSurface, Stability};
 use super::selection::coverable_mm2;
@@ -45,6 +45,7 @@ struct Solution<'a> {
 
 /// Surroundings in which causes and remedies are looked for.
 pub(super) struct Surroundings<'a> {
+    pub(super) sampled: &'a SampledPart,
     pub(super) setups: &'a [Setup<'a>],
     pub(super) occluders: &'a Occluders,
     /// The part alone.
@@ -82,7 +83,7 @@ pub(super) fn assemble(
     let fates = problem.params.output.candidates.then(|| solution.fates());
     let measured_by_view = solution.measuring;
     let candidates = fates.map(|fates| table::of(&mut problem, fates, surroundings, ctx)).transpose()?;
-    let surface = problem.surface.into_owned();
+    let surface = problem.surface;
     Ok(Outcome { plan, surface, verdicts, measured_by_view, pixel_views: None, candidates, scenes: Vec::new() })
 }
 
@@ -248,9 +249,11 @@ impl<'a> Solution<'a> {
 
     fn miss_analysis<'c>(&'c self, surroundings: &Surroundings<'c>) -> MissAnalysis<'c> {
         let Self { problem, all_excluded, .. } = self;
-        let Surroundings { occluders, part: part_alone, can_execute, .. } = *surroundings;
+        let Surroundings { sampled, occluders, part: part_alone, can_execute, .. } = *surroundings;
         let is_choosable = |candidate: CandidateIndex| problem.blocked(candidate).is_none() && !all_excluded.contains(&candidate);
         MissAnalysis {
+            input: problem.input,
+            sampled,
             mesh: problem.input.mesh,
             surface: &problem.surface,
             scanner: problem.input.scanner,

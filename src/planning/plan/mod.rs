@@ -14,12 +14,15 @@ pub use at_risk::AtRisk;
 pub use candidate_table::{CandidateFate, CandidateTable, MAX_LISTING_BYTES, TableEntry};
 pub use certificate::{Certificate, Drawn, Independent, Robust};
 pub use measured::{MeasuredArea, VisibleShares, WITHIN_DEG};
-use nalgebra::{Point3, Vector3};
 pub use plan_advice::{AdviceKind, ParamChange, PlanAdvice};
 pub use region_coverage::RegionCoverage;
 pub(in crate::planning) use region_coverage::SHARE_SLACK;
 pub use remedy::{Remedy, RemedyKind, RemedyView};
 pub use turn::{PartSide, Turn, TurnKind};
+
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
 
 use super::candidates::Label;
 pub use super::ids::{CandidateId, SetupId, ViewId};
@@ -323,7 +326,7 @@ pub struct Outcome {
     /// The plan.
     pub plan: Plan,
     /// Patches and samples planned on.
-    pub surface: Surface,
+    pub surface: Arc<Surface>,
     /// Verdict on each sample: a [`super::ids::SampleId`] is a place here.
     pub verdicts: Vec<Verdict>,
     /// Samples that each chosen view measures, with its quality at each: a [`ViewId`] is a place here.

@@ -5,8 +5,8 @@
 //!
 //! Cost: each chosen view evaluated on every sample, and each candidate on those that the views miss.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -121,7 +121,7 @@ impl<'a> ViewPlanningProblem<'a> {
         Ok(Self {
             input: self.input,
             params: self.params,
-            surface: Cow::Borrowed(whole),
+            surface: Arc::clone(whole),
             setups: self.setups.clone(),
             candidates: self.candidates.clone(),
             matrix: VisibilityMatrix { rows, furthest_cause },
@@ -168,7 +168,7 @@ impl<'a> ViewPlanningProblem<'a> {
         missed.remove_all(&union_of(every.rows(&chosen.candidates), every.asked_area_mm2.len()));
         let missed: Vec<SampleId> = missed.iter().filter(|sample| every.asked_area_mm2[sample.index()] > 0.0).collect();
         let own = self.surface.sample_mm.len();
-        let added = strata.refine(self.surface.to_mut(), &every.surface, |sample| measured.holds(sample), &missed);
+        let added = strata.refine(Arc::make_mut(&mut self.surface), &every.surface, |sample| measured.holds(sample), &missed);
         self.strata = Some(strata);
         if added.is_empty() {
             return Ok(false);

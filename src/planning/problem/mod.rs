@@ -11,6 +11,7 @@ mod sampled_part;
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 pub(super) use evaluated::EvaluatedCandidates;
 pub(super) use sampled_part::{EvaluatedSetups, SampledPart, TriedSetup};
@@ -35,7 +36,7 @@ pub(in crate::planning) struct ViewPlanningProblem<'a> {
     pub(in crate::planning) input: &'a PlanInput<'a>,
     pub(in crate::planning) params: &'a PlanParams,
     /// Samples that views are chosen on; after that every sample.
-    pub(in crate::planning) surface: Cow<'a, Surface>,
+    pub(in crate::planning) surface: Arc<Surface>,
     /// Pose of the part in each setup that is planned in.
     pub(in crate::planning) setups: Vec<Pose<Table, Part>>,
     pub(in crate::planning) candidates: CandidateSet,

@@ -1,11 +1,13 @@
 //! A part in samples, and the way from there to the view planning problem.
 
+use std::sync::{Arc, OnceLock};
+
 use super::evaluated::EvaluatedCandidates;
 use super::robust_rows::{self, VisibilityInput};
 use super::rounds::Rounds;
-use crate::geometry::{Part, Pose, Table};
+use crate::geometry::{Part, Pose, RayScene, Table};
 use crate::planning::candidates::{self, Scope};
-use crate::planning::context::{Context, PlanError, Stage};
+use crate::planning::context::{Cancelled, Context, PlanError, Stage};
 use crate::planning::estimate::Estimate;
 use crate::planning::ids::SetupIndex;
 use crate::planning::params::PlanParams;
@@ -20,18 +22,20 @@ use crate::planning::visibility::{Occluders, Optics, Row};
 pub(in crate::planning) struct SampledPart {
     /// Defaults resolved.
     pub(in crate::planning) params: PlanParams,
-    pub(in crate::planning) surface: Surface,
+    pub(in crate::planning) surface: Arc<Surface>,
     /// Area of each sample, 0 where it is not asked for.
     pub(in crate::planning) asked_area_mm2: Vec<f64>,
     /// Samples that views are chosen on; `None` where that is all of them.
     thinned: Option<Thinned>,
     /// The part without a plate; with several setups, since none of their plates stands in all.
     alone: Option<Occluders>,
+    /// Poses to choose setups from, once somebody asked.
+    resting_poses: OnceLock<Vec<Pose<Table, Part>>>,
 }
 
 /// Some of the samples of a part.
 struct Thinned {
-    surface: Surface,
+    surface: Arc<Surface>,
     strata: Strata,
     asked_area_mm2: Vec<f64>,
 }
@@ -72,16 +76,16 @@ impl SampledPart {
         let count = params.selection.samples.map_or_else(|| thinned::default_count(surface.area_where(|_| true)), f64::from);
         let thinned = thinned::thinned(&surface, count).map(|(surface, strata)| {
             let asked_area_mm2 = surface.asked_area_mm2();
-            Thinned { surface, strata, asked_area_mm2 }
+            Thinned { surface: Arc::new(surface), strata, asked_area_mm2 }
         });
-        let chosen_on = thinned.as_ref().map_or(&surface, |thinned| &thinned.surface);
+        let chosen_on = thinned.as_ref().map_or(&surface, |thinned| &*thinned.surface);
         params.candidates = candidates::resolve(chosen_on, &table_from_part, input.scanner, &params.candidates);
         let alone = (params.setups > 1).then(|| Occluders::interruptible([input.mesh], ctx)).transpose()?;
-        Ok(Self { params, surface, asked_area_mm2, thinned, alone })
+        Ok(Self { params, surface: Arc::new(surface), asked_area_mm2, thinned, alone, resting_poses: OnceLock::new() })
     }
 
     /// The surface that views are chosen on, and the area of each of its samples, 0 where it is not asked for.
-    pub(in crate::planning) fn chosen_on(&self) -> (&Surface, &[f64]) {
+    pub(in crate::planning) fn chosen_on(&self) -> (&Arc<Surface>, &[f64]) {
         match &self.thinned {
             Some(thinned) => (&thinned.surface, &thinned.asked_area_mm2),
             None => (&self.surface, &self.asked_area_mm2),
@@ -108,27 +112,60 @@ impl SampledPart {
         input: &PlanInput<'a>,
         ctx: &Context<'_>,
     ) -> Result<Vec<Setup<'a>>, PlanError> {
-        setups::poses(input, &self.params, ctx)?.into_iter().map(|pose| self.setup(input, pose, ctx)).collect()
+        let mut setups: Vec<Setup<'a>> = Vec::new();
+        for pose in setups::poses(input, &self.params, || self.resting_poses(input), ctx)? {
+            let setup = self.setup(input, pose, setups.first().and_then(|setup| setup.scene.as_ref()), ctx)?;
+            setups.push(setup);
+        }
+        Ok(setups)
     }
 
-    /// The part lying in one way, with everything that hides a sample or hinders the robot then.
+    /// Poses to choose setups from.
+    pub(in crate::planning) fn resting_poses(&self, input: &PlanInput<'_>) -> &[Pose<Table, Part>] {
+        self.resting_poses.get_or_init(|| setups::pool(input.mesh, &self.params))
+    }
+
+    /// Scene of the part alone: that of the occluders where nothing else is among them.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(in crate::planning) fn part_alone(
+        &self,
+        input: &PlanInput<'_>,
+        setups: &[Setup<'_>],
+        ctx: &Context<'_>,
+    ) -> Result<Arc<RayScene>, Cancelled> {
+        let has_nothing_else = input.cell.is_none() && input.fixture.is_none();
+        let alone = self.alone.as_ref().or_else(|| setups.first().map(|setup| &setup.occluders).filter(|_| has_nothing_else));
+        match alone {
+            Some(alone) => Ok(alone.shared_rays()),
+            None => Ok(Arc::new(RayScene::interruptible([input.mesh], || ctx.check())?)),
+        }
+    }
+
+    /// The part lying in one way, with everything that hides a sample or hinders the robot then. `other` is the cell with the part
+    /// lying in another way.
     ///
     /// # Errors
     /// [`PlanError`].
-    pub(in crate::planning) fn setup<'a>(
+    fn setup<'a>(
         &'a self,
         input: &PlanInput<'a>,
         table_from_part: Pose<Table, Part>,
+        other: Option<&PlanningScene<'a>>,
         ctx: &Context<'_>,
     ) -> Result<Setup<'a>, PlanError> {
         let plate = input.cell.map(|cell| scene::plate(cell, &table_from_part));
-        let occluders = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
-        let occluders = Occluders::interruptible(occluders, ctx)?;
-        let scene = self.scene(input, table_from_part, ctx)?;
-        Ok(Setup { table_from_part, occluders, scene })
+        let meshes = [input.mesh].into_iter().chain(input.fixture).chain(&plate);
+        // The box tree of the part for collisions is built by one thread.
+        let (scene, occluders) = rayon::join(
+            || self.scene(input, table_from_part, other, ctx),
+            || Occluders::interruptible(meshes.collect::<Vec<_>>(), ctx),
+        );
+        Ok(Setup { table_from_part, occluders: occluders?, scene: scene? })
     }
 
-    /// The cell with the part lying in one way; `None` without a cell.
+    /// The cell with the part lying in one way; `None` without a cell. `other` is the cell with the part lying in another way.
     ///
     /// # Errors
     /// [`PlanError`].
@@ -136,10 +173,15 @@ impl SampledPart {
         &'a self,
         input: &PlanInput<'a>,
         table_from_part: Pose<Table, Part>,
+        other: Option<&PlanningScene<'a>>,
         ctx: &Context<'_>,
     ) -> Result<Option<PlanningScene<'a>>, PlanError> {
         input.cell.map_or(Ok(()), |cell| scene::check_placement(cell, input, &table_from_part))?;
-        input.cell.map(|cell| PlanningScene::new(cell, input, &self.params, table_from_part, ctx)).transpose()
+        let scene = |cell| match other {
+            Some(other) => other.lying(input, table_from_part, ctx),
+            None => PlanningScene::new(cell, input, &self.params, table_from_part, ctx),
+        };
+        input.cell.map(scene).transpose()
     }
 
     /// Evaluates at most `max` candidates of a setup, evenly spaced among those of the strategies that know the part alone, and keeps

@@ -56,6 +56,32 @@ impl<'a> PlanningScene<'a> {
             Some(kept) => kept.bare_scene(cell, clearance_mm).with_part(input.mesh, input.fixture, &table_from_part),
             None => CollisionScene::new(cell, input.mesh, input.fixture, &table_from_part, clearance_mm),
         });
+        Self::placed(cell, scene, input, params, table_from_part, ctx)
+    }
+
+    /// The cell with the part lying in another way.
+    ///
+    /// # Errors
+    /// As of [`PlanningScene::new`].
+    pub(super) fn lying(
+        &self,
+        input: &PlanInput<'a>,
+        table_from_part: Pose<Table, Part>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, PlanError> {
+        let moved = || self.scene.with_part_moved(&self.table_from_part, &table_from_part);
+        let scene = ctx.within(Stage::CollisionScene, moved);
+        Self::placed(self.cell, scene, input, self.params, table_from_part, ctx)
+    }
+
+    fn placed(
+        cell: &'a Cell,
+        scene: CollisionScene,
+        input: &PlanInput<'a>,
+        params: &'a PlanParams,
+        table_from_part: Pose<Table, Part>,
+        ctx: &Context<'_>,
+    ) -> Result<Self, PlanError> {
         match scene.placement_contact() {
             Some(contact) => {
                 let detail = format!("lets {contact} meet; move the part, or what it meets");

@@ -9,7 +9,8 @@
 //!
 //! A quick bound prices the rows first: on a small share of the samples the relaxation tells which rows the optimum can take, and
 //! only those with the largest sums enter the relaxation that counts; rows that would violate it are added, and it is solved again.
-//! Where the bound of the prices already is the number of views at hand, nothing better is left to find.
+//! Where the bound of the prices already is the number of views at hand, nothing better is left to find, nor is there where it is
+//! the value of that relaxation, rounded up.
 
 use rayon::prelude::*;
 
@@ -70,6 +71,8 @@ pub(super) struct Multipliers {
     pub(super) slack: i64,
     /// U_r: sum of the multipliers of each row.
     sums: Vec<i64>,
+    /// Value of the relaxation that they come from: for the fewest views, a number of views.
+    relaxed: f64,
 }
 
 /// The quantity to bound.
@@ -92,12 +95,14 @@ impl Multipliers {
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
         let mut rows = largest_rows(problem, &goals[0], size.rows, ctx.simd_level());
-        let is_enough = |found: &Self| matches!(aim, BoundTarget::FewestViews) && found.views_lower() >= views;
+        let mut enough_views = views;
+        let is_enough = |found: &Self, views: usize| matches!(aim, BoundTarget::FewestViews) && found.views_lower() >= views;
         let mut best: Option<Self> = None;
         if let Some(prices) = size.prices.as_ref().filter(|prices| prices.rows < rows.len()) {
             let reduced = Reduced::share(problem, goals, rows, (prices.step, ctx.simd_level()));
             let priced = reduced.solved(problem, goals, aim, size, ctx)?;
-            if is_enough(&priced) {
+            enough_views = views.min(priced.relaxed_views());
+            if is_enough(&priced, enough_views) {
                 return Ok(priced);
             }
             rows = priced.largest(problem.all_rows(), prices.rows);
@@ -109,7 +114,7 @@ impl Multipliers {
             let found = reduced.solved(problem, goals, aim, size, ctx)?;
             let larger = found.larger(&reduced.classes, &reduced.rows, size.rows / 4);
             let takes_all = size.prices.is_none() && reduced.is_share;
-            let is_last = larger.is_empty() || round == MAX_ROUNDS || takes_all || is_enough(&found);
+            let is_last = larger.is_empty() || round == MAX_ROUNDS || takes_all || is_enough(&found, enough_views);
             let better = match best {
                 Some(best) if best.is_better(&found, aim) => best,
                 _ => found,
@@ -121,6 +126,12 @@ impl Multipliers {
             reduced = reduced.with_rows(problem, goals, larger);
             round += 1;
         }
+    }
+
+    /// Number of views that a relaxation on all rows and a share of the samples asks for, as far as it is relied on: more is not to be
+    /// proved by relaxations on some of the rows, which end near it.
+    fn relaxed_views(&self) -> usize {
+        (self.relaxed * RELIED_ON_OF_MANY).ceil() as usize
     }
 
     /// Returns true if the bound of these multipliers is the better one.
@@ -176,7 +187,7 @@ impl Multipliers {
         };
         let values: Vec<i64> = units.par_iter().enumerate().with_min_len(SAMPLES_A_TASK).map(value).collect();
         let sums = row_sums(&problem.rows, &values, level);
-        Self { units, values, slack, sums }
+        Self { units, values, slack, sums, relaxed: solution.value }
     }
 
     /// Lower bound of the number of views by these multipliers.

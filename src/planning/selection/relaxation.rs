@@ -53,6 +53,8 @@ pub(super) struct Solution {
     pub(super) limit: Vec<f64>,
     /// Mean complementarity product.
     pub(super) tau: f64,
+    /// Value of the relaxation at the point, primal: for the fewest views, Σ x.
+    pub(super) value: f64,
 }
 
 /// Solves as precisely as asked for.
@@ -80,7 +82,8 @@ pub(super) fn solve(
         Form::MostArea(..) => vec![1.0],
     };
     let tau = point.complementarity() / point.pairs() as f64;
-    Ok(Solution { taken: point.x, class: point.u, limit, tau })
+    let value = point.scale(&model);
+    Ok(Solution { taken: point.x, class: point.u, limit, tau, value })
 }
 
 /// Incidence matrix A of rows and classes, both ways.

@@ -43,11 +43,16 @@ pub(super) struct Setup<'a> {
     pub(super) scene: Option<PlanningScene<'a>>,
 }
 
-/// The poses to plan in: one where one is asked for.
+/// The poses to plan in: one where one is asked for, else some of a pool.
 ///
 /// # Errors
 /// [`PlanError`].
-pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_>) -> Result<Vec<Pose<Table, Part>>, PlanError> {
+pub(super) fn poses<'p>(
+    input: &PlanInput<'_>,
+    params: &PlanParams,
+    pool: impl FnOnce() -> &'p [Pose<Table, Part>],
+    ctx: &Context<'_>,
+) -> Result<Vec<Pose<Table, Part>>, PlanError> {
     let first = params.part.table_from_part.unwrap_or_default().pose();
     if params.setups <= 1 {
         return Ok(vec![first]);
@@ -56,8 +61,8 @@ pub(super) fn poses(input: &PlanInput<'_>, params: &PlanParams, ctx: &Context<'_
         let detail = "is more than 1 with a fixture, which holds one setup; plan each setup by itself".to_owned();
         return Err(PlanError::param("/setups", detail));
     }
-    let pool = pool(input.mesh, params, &first);
-    let reachable = measured_from(&pool, input, params, &Occluders::interruptible([input.mesh], ctx)?, ctx)?;
+    let pool = pool();
+    let reachable = measured_from(pool, input, params, &Occluders::interruptible([input.mesh], ctx)?, ctx)?;
     let asked_mm2 = reachable.area_mm2.iter().sum::<f64>();
     let max_setups = (params.setups as usize).min(pool.len());
     let links = (params.registration == Registration::Surface).then(|| reachable.links());
@@ -84,7 +89,7 @@ pub(super) struct FurtherPose {
     pub(super) registration: Registration,
 }
 
-/// The pose that adds most to `standing`, the poses that are planned in, all that can be measured from above the plate counted;
+/// The pose of a pool that adds most to `standing`, the poses that are planned in, all that can be measured from above the plate counted;
 /// of those first that share enough surface with one of them. `None` where no pose adds what a setup is worth. `part` are the
 /// occluders of the part alone.
 ///
@@ -93,13 +98,12 @@ pub(super) struct FurtherPose {
 pub(super) fn further(
     input: &PlanInput<'_>,
     params: &PlanParams,
-    standing: &[Pose<Table, Part>],
+    (pool, standing): (&[Pose<Table, Part>], &[Pose<Table, Part>]),
     part: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<Option<FurtherPose>, PlanError> {
-    let first = params.part.table_from_part.unwrap_or_default().pose();
-    let mut pool = pool(input.mesh, params, &first);
     let offered = pool.len();
+    let mut pool = pool.to_vec();
     pool.extend(standing.iter().filter(|pose| !pool.contains(pose)).copied().collect::<Vec<_>>());
     let own: Vec<usize> = (0..pool.len()).filter(|place| standing.contains(&pool[*place])).collect();
     if own.len() == pool.len() {
@@ -121,11 +125,12 @@ pub(super) fn further(
 }
 
 /// Poses to choose from: those given, else the first and the stable ones.
-pub(super) fn pool(mesh: &Mesh, params: &PlanParams, first: &Pose<Table, Part>) -> Vec<Pose<Table, Part>> {
+pub(super) fn pool(mesh: &Mesh, params: &PlanParams) -> Vec<Pose<Table, Part>> {
+    let first = params.part.table_from_part.unwrap_or_default().pose();
     if !params.part.resting_poses.is_empty() {
         return params.part.resting_poses.iter().map(crate::cell::PoseSpec::pose).collect();
     }
-    let mut pool = vec![*first];
+    let mut pool = vec![first];
     for stable in stable_poses(mesh) {
         let pose = standing_on(mesh, &stable.down);
         let is_new = |other: &Pose<Table, Part>| other.inverse().direction(&-Vector3::z()).angle(&stable.down) > SAME_POSE_RAD;

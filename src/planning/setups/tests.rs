@@ -12,7 +12,8 @@ fn poses_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Vec<Pose<Table, Pa
     let mut params = PlanParams::default();
     params.part.table_from_part = Some(PoseSpec::from(&super::super::resting(mesh)));
     change(&mut params);
-    poses(&input, &params, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+    let pool = pool(mesh, &params);
+    poses(&input, &params, || &pool, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// However a box is turned, it stands on the plate with its centre on the axis, and the axis asked for points up.
@@ -81,7 +82,7 @@ fn a_fixture_holds_one_setup() {
     let (scanner, cancel) = (nominal_scanner(), AtomicBool::new(false));
     let input = PlanInput { mesh: &mesh, fixture: Some(&mesh), part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
     let params = PlanParams { setups: 2, ..PlanParams::default() };
-    let refused = poses(&input, &params, &Context::new(&cancel, &Silent)).err().unwrap_or_else(|| panic!("refused"));
+    let refused = poses(&input, &params, || &[], &Context::new(&cancel, &Silent)).err().unwrap_or_else(|| panic!("refused"));
     assert!(refused.to_string().contains("/setups"), "{refused}");
 }
 
@@ -94,7 +95,8 @@ fn further_of(mesh: &Mesh, change: impl Fn(&mut PlanParams)) -> Option<FurtherPo
     change(&mut params);
     let standing = params.part.table_from_part.unwrap_or_default().pose();
     let part = Occluders::new([mesh]);
-    further(&input, &params, &[standing], &part, &Context::new(&cancel, &Silent)).unwrap_or_else(|error| panic!("{error}"))
+    let (pool, ctx) = (pool(mesh, &params), Context::new(&cancel, &Silent));
+    further(&input, &params, (&pool, &[standing]), &part, &ctx).unwrap_or_else(|error| panic!("{error}"))
 }
 
 #[test]

@@ -82,6 +82,11 @@ impl Occluders {
         Ok(Self { rays, clusters: raster::Clusters::new(&[part], &|| ctx.check())? })
     }
 
+    /// The scene for single rays, to keep.
+    pub(super) fn shared_rays(&self) -> Arc<RayScene> {
+        Arc::clone(&self.rays)
+    }
+
     /// The scene for single rays.
     #[must_use]
     pub fn rays(&self) -> &RayScene {

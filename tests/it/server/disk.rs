@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use super::process::{QUICK, Server};
+use super::process::{LONG, QUICK, Server};
 use crate::http::api::cube;
 use crate::support::all_asked;
 
@@ -115,9 +115,9 @@ fn after_a_full_disk_everything_works_again_without_a_restart() {
     let server =
         Server::start(&disk.data(), &[("VANTAGE_STORE__MIN_FREE_BYTES", "0"), ("VANTAGE_LIMITS__QUEUED_JOBS", "100000")]);
     let mesh = upload(&server, 60.0).2["id"].as_str().expect("an id").to_owned();
-    let (_, _, job) = submit(&server, &mesh, PARAMS);
+    let (_, _, job) = submit(&server, &mesh, LONG);
     let running = job["id"].as_str().expect("an id");
-    server.wait_for_stage(running, "visibility");
+    wait_until("it runs", || server.job(running)["state"] == "running");
     disk.fill_but(0);
     // The write-ahead log has room for a few until it has to grow.
     let mut accepted = Vec::new();

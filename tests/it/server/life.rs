@@ -3,12 +3,9 @@
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
 
-use super::process::Server;
+use super::process::{LONG, Server};
 use crate::http::api::cube;
 use crate::support::failpoints;
-
-/// Samples enough to keep one thread busy for a while.
-const LONG: &str = r#"{"part": {"samples_per_mm2": 60, "patch_edge_mm": 0.5}}"#;
 
 #[test]
 fn a_part_is_planned_over_a_real_socket() {

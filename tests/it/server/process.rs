@@ -11,6 +11,9 @@ use tempfile::NamedTempFile;
 
 use crate::http::api::cube;
 
+/// Parameters of a job that takes seconds.
+pub(super) const LONG: &str = r#"{"part": {"samples_per_mm2": 60, "patch_edge_mm": 0.5}}"#;
+
 /// What a job asks for that does not have to take long, in a build for tests either: few views, few samples, a ray each.
 pub(super) const QUICK: &str = r#"{"candidates": {"strategies": ["ellipsoid"], "rolls_deg": [0], "step_small_deg": 90, "step_large_deg": 90},
     "part": {"patch_edge_mm": 20, "samples_per_mm2": 0.01}, "visibility": {"engine": "rays"}, "missed": {"remedies": 0},
