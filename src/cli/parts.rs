@@ -78,7 +78,10 @@ fn plan_part(planner: &PartPlanner<'_>, mesh: &Path, folder: &OutputFolder) -> P
     });
     row.error = judged.err();
     if let Some(error) = &row.error {
-        output::note(format_args!("error: {}: {error}", mesh.display()));
+        let (mesh, error) = (mesh.display().to_string(), error.to_string());
+        // Most errors name the file.
+        let named = if error.contains(&mesh) { error } else { format!("{mesh}: {error}") };
+        output::note(format_args!("error: {named}"));
     }
     let artifacts = planned.as_ref().map_or(&[][..], |planned| &planned.artifacts);
     let printed = match planner.args.json {

@@ -94,7 +94,7 @@ fn a_part_in_metres_is_blamed_on_the_file_and_its_unit() {
             [1.2, 0.8, 0.6],
             &["as read in m", "part.table_from_part is not given", "it would fit if the file is in cm (12.0 ×"][..],
         ),
-        ([60.0, 40.0, 30.0], &["has 60000 × 40000 × 30000 mm", "read in m", "it would fit if the file is in mm (60.0 ×"]),
+        ([60.0, 40.0, 30.0], &["is 60000 × 40000 × 30000 mm", "read in m", "it would fit if the file is in mm (60.0 ×"]),
     ] {
         block(Path::new(&part), edges);
         let (code, _, said) = told(&["plan", &part, "--unit", "m", "--out", &out]);

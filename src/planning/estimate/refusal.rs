@@ -36,7 +36,7 @@ fn check_size(counts: &Counts) -> Result<(), PlanError> {
     }
     let [x, y, z] = counts.extent_mm;
     let detail = format!(
-        "has {x:.0} × {y:.0} × {z:.0} mm, {longest:.0} times the scanner's block cube; allowed is {MAX_BLOCKS_ALONG} times: is \
+        "is {x:.0} × {y:.0} × {z:.0} mm, {longest:.0} times the scanner's block cube; allowed is {MAX_BLOCKS_ALONG} times: is \
          this the right unit?"
     );
     Err(PlanError::param("/part", detail))

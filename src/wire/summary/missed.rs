@@ -160,8 +160,9 @@ impl MissedGroup {
 
 /// The fix in words.
 fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
-    // Views are counted spot by spot; one view of a plan with the target often does for several.
-    let more = if views > 1 { format!("1 to {views} more views") } else { counted(views, "more view") };
+    // Views are counted spot by spot; one view of a plan with the target often does for several spots.
+    let of_one_spot = remedies.iter().map(|remedy| remedy.views.len()).max().unwrap_or_default();
+    let more = if of_one_spot < views { format!("{of_one_spot} to {views} more views") } else { counted(views, "more view") };
     match fix.kind {
         RemedyKind::View => more,
         RemedyKind::Roll => format!("{more}, rolled"),

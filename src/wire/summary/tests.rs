@@ -370,7 +370,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
     assert_eq!(
         fixed(1.0, RemedyKind::View, &[4, 5], &limited),
-        "1 to 2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
+        "2 more views: --set selection.max_views=5; recovers 10.0 mm² (100 %)"
     );
     assert_eq!(
         fixed(0.75, RemedyKind::Setup, &[4], &as_it_is),
@@ -390,7 +390,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
         fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
         "1 more view, tilted (poses in missed.json); recovers 10.0 mm² (100 %)"
     );
-    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "1 to 3 more views, rolled; recovers 10.0 mm² (100 %)");
+    assert_eq!(fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is), "3 more views, rolled; recovers 10.0 mm² (100 %)");
 }
 
 #[test]
