@@ -1,0 +1,4 @@
+//! Execution of a checked program on real controllers, or on a kinematic twin of them. It streams and decides nothing: targets,
+//! order and speeds are the program's. Not safety-rated in any way: no stop that passes through here is an emergency stop.
+
+pub mod device;
