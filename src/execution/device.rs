@@ -121,7 +121,8 @@ pub trait MotionDevice<const N: usize>: Send {
     /// Feeds the device's watchdog; called at least every third of its time while armed.
     fn keep_alive(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
-    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again.
+    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again. From then on
+    /// no target is taken until the device is armed again, which a session does when a client resumes.
     fn stop(&mut self) -> impl Future<Output = Result<StopAcknowledged, DeviceError>> + Send;
 
     /// Gives the right to move back, where it was taken, and closes. Sends nothing that moves.
