@@ -14,6 +14,7 @@ mod machine;
 mod runner;
 mod state;
 mod stop;
+pub mod streamer;
 mod watcher;
 mod way;
 
@@ -24,7 +25,7 @@ pub use handle::{Authority, CommandError, RunHandle};
 pub use lease::{Fence, Lease, LeaseError, Leases, MAX_TTL, MIN_TTL};
 pub use live::LiveEvent;
 pub use machine::{
-    Drive, Identities, Joined, MachineError, MachineState, ObservedJoined, ObservedPair, Pair, StopAnswers, Watch,
+    Drive, Identities, Joined, MachineError, MachineState, ObservedJoined, ObservedPair, Pair, StateAnswers, StopAnswers, Watch,
 };
 pub use state::{Device, PauseCause, RunEvent, RunReason, RunState, RunStatus, StopCause};
 

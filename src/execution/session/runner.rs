@@ -19,7 +19,7 @@ use super::{Mode, RunOptions, stop};
 use crate::cell::Configuration;
 use crate::execution::device::{Capture, Captured, DeviceError, Trigger};
 use crate::execution::profile::segment;
-use crate::execution::record::{PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
+use crate::execution::record::{DeviceStop, PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::plan::ViewId;
 use crate::program::{Move, Step};
@@ -49,6 +49,8 @@ pub(super) struct Runner<M, T> {
     located: Option<Pose<Table, Part>>,
     /// True if the next move leads straight to its target, from wherever the former program led.
     rejoins: bool,
+    /// Where the devices were found after the stop that ended the run.
+    last_measured: Option<Configuration>,
 }
 
 impl<M: Drive, T: Trigger> Runner<M, T> {
@@ -78,6 +80,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             has_to_locate,
             located: None,
             rejoins: false,
+            last_measured: None,
         }
     }
 
@@ -94,21 +97,21 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let report = self.shut_down(request).await;
         let event = report.as_ref().map_or(RunEvent::Finished, |report| RunEvent::Stopped(report.cause.clone()));
         let record = self.record(&event, report);
-        self.watcher.live.happen(event);
+        self.watcher.happen(event);
         self.watcher.control.end(record);
     }
 
     async fn whole(&mut self) -> Result<(), Halt> {
         self.prepare().await?;
-        self.watcher.live.happen(RunEvent::Prepared);
+        self.watcher.happen(RunEvent::Prepared);
         self.wait_for_arm().await?;
         self.arm().await?;
-        self.watcher.live.happen(RunEvent::Armed);
+        self.watcher.happen(RunEvent::Armed);
         if self.watcher.control.single_step {
             let expiry = self.options.safeguards.arm_expiry;
             self.wait_to_go_on(Some(expiry)).await?;
         }
-        self.watcher.live.happen(RunEvent::Started);
+        self.watcher.happen(RunEvent::Started);
         self.carry_out().await
     }
 
@@ -205,20 +208,20 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let is_locating = cause == PauseCause::Locating;
         self.watcher.control.go_on = false;
         let asked = Instant::now();
-        let stops = stop::stop(&mut self.watcher.machine, asked, self.options.safeguards.state_max_age).await;
+        let (stops, _) = stop::stop(&mut self.watcher.machine, asked).await;
         if !stop::is_complete(&stops) {
             let device = if stops[0].acknowledged.is_some() && stops[0].at_rest.is_some() { Device::Table } else { Device::Arm };
             let reason = "it did not come to rest for a pause".to_owned();
             return Err(Halt::stop(StopCause::Device { device, error: DeviceError::NotReady { reason } }));
         }
-        self.watcher.live.happen(RunEvent::Paused(cause));
+        self.watcher.happen(RunEvent::Paused(cause));
         if is_locating {
             self.wait_for_location().await?;
         } else {
             self.wait_to_go_on(None).await?;
         }
         self.arm().await?;
-        self.watcher.live.happen(RunEvent::Resumed);
+        self.watcher.happen(RunEvent::Resumed);
         Ok(())
     }
 
@@ -408,6 +411,15 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         report
     }
 
+    async fn stop_both(&mut self, asked: Instant) -> [DeviceStop; 2] {
+        let (stops, found) = stop::stop(&mut self.watcher.machine, asked).await;
+        let [arm, table] = found.map(Option::unwrap_or_default);
+        if let (Ok(joints_rad), [table_rad]) = (arm.try_into(), table[..]) {
+            self.last_measured = Some(Configuration { joints_rad, table_rad });
+        }
+        stops
+    }
+
     fn record(&self, event: &RunEvent, stop: Option<StopReport>) -> RunRecord {
         let status = self.watcher.live.status();
         RunRecord {
@@ -421,8 +433,9 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             speed_override: self.speed_override(),
             stop,
             objections: Vec::new(),
-            last_measured: self.watcher.last.map(|state| state.configuration()),
+            last_measured: self.last_measured.or_else(|| self.watcher.last.map(|state| state.configuration())),
             located: self.located,
+            jitter: self.watcher.machine.jitter(),
         }
     }
 }
@@ -478,7 +491,7 @@ pub(super) async fn read<M: Watch>(job: RunJob, machine: M, control: Control, li
         last_measured: watcher.last.map(|state| state.configuration()),
         ..RunRecord::lost(status.after(event.clone()).unwrap_or(status))
     };
-    watcher.live.happen(event);
+    watcher.happen(event);
     watcher.control.end(record);
 }
 
