@@ -16,7 +16,9 @@ use super::keys::Keys;
 use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
-use super::routes::{cells, checks, events, jobs, meshes, results, robots, scanners, session, storage, system, turntables};
+use super::routes::{
+    cells, checks, events, jobs, leases, meshes, results, robots, runs, scanners, session, storage, system, turntables,
+};
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
 use crate::service::App;
@@ -58,9 +60,30 @@ fn quick() -> OpenApiRouter<ApiState> {
         .routes(routes!(jobs::cancel))
         .routes(routes!(events::all))
         .routes(routes!(events::of_job))
+        .merge(execution())
         .routes(routes!(session::begin, session::end))
         .routes(routes!(system::openapi))
         .merge(stored())
+}
+
+/// Routes of runs and of leases.
+fn execution() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
+        .routes(routes!(runs::create, runs::list))
+        .routes(routes!(runs::delete))
+        .routes(routes!(runs::events))
+        .routes(routes!(runs::arm))
+        .routes(routes!(runs::pause))
+        .routes(routes!(runs::resume))
+        .routes(routes!(runs::stop))
+        .routes(routes!(runs::step))
+        .routes(routes!(runs::set_override))
+        .routes(routes!(runs::located))
+        .routes(routes!(runs::record))
+        .routes(routes!(runs::record_csv))
+        .routes(routes!(runs::audit))
+        .routes(routes!(leases::take, leases::list))
+        .routes(routes!(leases::renew, leases::give_back))
 }
 
 /// Routes of results, which are stored compressed and streamed as stored to clients that accept gzip.
@@ -107,9 +130,9 @@ fn uploads() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new().routes(routes!(meshes::upload)).layer(DefaultBodyLimit::disable())
 }
 
-/// Routes that may wait for a job.
+/// Routes that may wait for a job or a run.
 fn waits() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::new().routes(routes!(jobs::get))
+    OpenApiRouter::new().routes(routes!(jobs::get)).routes(routes!(runs::get))
 }
 
 /// Routes that need no key.

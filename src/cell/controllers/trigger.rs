@@ -84,21 +84,29 @@ impl TriggerSpec {
         }
     }
 
-    pub(super) fn check(&self, pointer: &str, findings: &mut Findings) {
-        let deadline_ms = match self {
+    /// Time within which a capture is acknowledged, ms.
+    #[must_use]
+    pub fn deadline_ms(&self) -> u32 {
+        match self {
             Self::Digital(spec) => spec.deadline_ms,
-            Self::Http(HttpTriggerSpec { url, deadline_ms }) => {
+            Self::Http(spec) => spec.deadline_ms,
+            Self::Command(spec) => spec.deadline_ms,
+            Self::None(_) => default_deadline_ms(),
+        }
+    }
+
+    pub(super) fn check(&self, pointer: &str, findings: &mut Findings) {
+        match self {
+            Self::Http(HttpTriggerSpec { url, .. }) => {
                 let is_url = url.strip_prefix("http://").is_some_and(|rest| !rest.is_empty() && !rest.starts_with('/'));
                 findings.require(is_url, format!("{pointer}/url"), || format!("is {url:?}; allowed is http://HOST:PORT/PATH"));
-                *deadline_ms
             }
-            Self::Command(CommandTriggerSpec { program, deadline_ms, .. }) => {
+            Self::Command(CommandTriggerSpec { program, .. }) => {
                 let is_path = program.starts_with('/') && !program.contains('\0');
                 findings.require(is_path, format!("{pointer}/program"), || format!("is {program:?}; give its whole path"));
-                *deadline_ms
             }
-            Self::None(_) => default_deadline_ms(),
-        };
-        findings.range(format!("{pointer}/deadline_ms"), deadline_ms.into(), 10.0, 600_000.0, "ms");
+            Self::Digital(_) | Self::None(_) => {}
+        }
+        findings.range(format!("{pointer}/deadline_ms"), self.deadline_ms().into(), 10.0, 600_000.0, "ms");
     }
 }

@@ -3,8 +3,10 @@
 pub(super) mod checks;
 pub(super) mod events;
 pub(super) mod jobs;
+pub(super) mod leases;
 pub(super) mod meshes;
 pub(super) mod results;
+pub(super) mod runs;
 pub(super) mod session;
 mod specs;
 pub(super) mod storage;
