@@ -4,6 +4,7 @@
 pub mod cell;
 pub mod check;
 pub mod cli;
+pub mod execution;
 pub mod geometry;
 pub mod http;
 pub mod planning;
