@@ -67,7 +67,9 @@ pub enum Error {
         cell: String,
     },
     /// The operator's cell differs from the job's.
-    #[error("cell {cell} of the operator's file is not the one that the job was planned in; plan the part again in the cell as it is")]
+    #[error(
+        "cell {cell} of the operator's file is not the one that the job was planned in; plan the part again in the cell as it is"
+    )]
     OtherCell {
         /// Name of the cell.
         cell: String,

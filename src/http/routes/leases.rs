@@ -1,9 +1,9 @@
 //! Leases: who may move a cell.
 
 use axum::extract::{Path, State};
+use axum::http::HeaderName;
 use axum::http::StatusCode;
 use axum::http::header::LOCATION;
-use axum::http::HeaderName;
 
 use crate::http::extract::{Json, Params};
 use crate::http::prefix::Prefix;

@@ -98,10 +98,7 @@ pub(in crate::http) async fn create(
     ),
     responses((status = 200, description = "A page of runs.", body = RunPage))
 )]
-pub(in crate::http) async fn list(
-    State(state): State<ApiState>,
-    mut params: Params,
-) -> Result<axum::Json<RunPage>, ApiError> {
+pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<axum::Json<RunPage>, ApiError> {
     const TIME: &str = "a time of RFC 3339, for example 2026-01-31T12:00:00Z";
     let states = format!("one of {}", RunState::ALL.map(RunState::as_str).join(", "));
     let modes = format!("one of {}", RunMode::ALL.map(RunMode::as_str).join(", "));

@@ -27,7 +27,10 @@ impl App {
             return Err(Error::Invalid(vec![crate::cell::FieldError { pointer: "/cell".to_owned(), detail }]));
         }
         if open.mode != RunMode::Live {
-            return Err(Error::RunRefused(format!("a run in the mode {} moves no controller and needs no arm", open.mode.as_str())));
+            return Err(Error::RunRefused(format!(
+                "a run in the mode {} moves no controller and needs no arm",
+                open.mode.as_str()
+            )));
         }
         let token = self.check_token(&open.cell, token)?;
         open.set_armed_by(&request.operator);

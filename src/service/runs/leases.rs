@@ -92,11 +92,8 @@ impl App {
     /// Leases that are held.
     #[must_use]
     pub fn leases(&self) -> LeaseList {
-        let item = |lease: &Held| HeldLease {
-            cell: lease.cell.clone(),
-            holder: lease.holder.clone(),
-            expires_in_ms: left_ms(lease),
-        };
+        let item =
+            |lease: &Held| HeldLease { cell: lease.cell.clone(), holder: lease.holder.clone(), expires_in_ms: left_ms(lease) };
         LeaseList { items: self.0.runs.leases.current().iter().map(item).collect() }
     }
 

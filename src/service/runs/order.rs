@@ -8,19 +8,19 @@ use sha2::{Digest, Sha256};
 
 use crate::cell::{Cell, CellSpec, ControllersSpec};
 use crate::check::{Reference, field_errors, read_plan};
+use crate::execution::record::RunRecord;
 use crate::execution::session::{Hashes, RunJob};
-use crate::planning::context::Context;
-use crate::planning::params::PlanParams;
 use crate::planning::PlanInput;
+use crate::planning::context::Context;
 use crate::program::Program;
 use crate::service::app::App;
-use crate::service::cells::{BuiltCell, KeptCells};
+use crate::service::cells::KeptCells;
 use crate::service::error::Error;
 use crate::service::execute::{JobInput, JobMeshes, opened};
 use crate::service::plan_job::{PLAN_FILE, program_stem};
 use crate::service::store::hex;
 use crate::service::submit::job_input;
-use crate::wire::run::{RunMode, RunRequest};
+use crate::wire::run::{RunCoverage, RunMode, RunRequest};
 use crate::wire::{JobState, program::ProgramDocument};
 
 /// A run with everything that its request names.
@@ -106,9 +106,7 @@ impl RunOrder {
         let cell = Arc::new(hardware.cell().ok_or("the job has no cell")?.clone());
         let JobMeshes { mesh, fixture } = meshes;
         let plan: Value = serde_json::from_slice(&self.plan).map_err(|error| format!("the stored plan: {error}"))?;
-        let listed = |errors: Vec<crate::cell::FieldError>| {
-            errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
-        };
+        let listed = |errors: Vec<crate::cell::FieldError>| errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
         let plan = read_plan(plan).map_err(listed)?;
         let plan_sha256 = hex(&Sha256::digest(&self.plan));
         let reference = Reference { plan: Some((plan, plan_sha256.clone())), part: Some(mesh), fixture };
@@ -120,5 +118,29 @@ impl RunOrder {
         let job = RunJob::new(self.program.clone(), Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
             .map_err(|found| listed(field_errors(&found)))?;
         Ok(CheckedOrder { job, cell, reference })
+    }
+}
+
+impl CheckedOrder {
+    /// Coverage at the measured poses beside the plan's; `None` where the plan has none of its own for the setup.
+    pub(super) fn coverage(&self, record: &RunRecord, ctx: &Context<'_>) -> Result<Option<RunCoverage>, String> {
+        let Reference { plan: Some((plan, _)), part: Some(part), fixture } = &self.reference else { return Ok(None) };
+        let Some(expected) = self.reference.expected(self.job.program().setup) else { return Ok(None) };
+        let input = PlanInput {
+            mesh: part,
+            fixture: fixture.as_ref(),
+            part_sha256: &plan.part.sha256,
+            scanner: &self.cell.scanner,
+            cell: Some(&self.cell),
+            roadmaps: None,
+        };
+        let measured = record.measured(&input, &plan.params, &self.cell, &expected.table_from_part, ctx);
+        let measured = measured.map_err(|error| error.to_string())?;
+        let setup = plan.setups.get(self.job.program().setup);
+        let planned_mm2 = setup.map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
+        Ok(Some(RunCoverage {
+            planned_of_asked: planned_mm2 / plan.coverage.asked_area_mm2,
+            measured_of_asked: measured.measured_mm2 / measured.asked_mm2,
+        }))
     }
 }

@@ -123,6 +123,7 @@ impl RunStream {
             if self.attach() {
                 continue;
             }
+            let is_awaited = self.live.is_none();
             tokio::select! {
                 () = stopping.cancelled() => return Ok(None),
                 event = self.feed.recv() => match event {
@@ -137,7 +138,7 @@ impl RunStream {
                     Err(RecvError::Lagged(_)) => {}
                     Err(RecvError::Closed) => (self.live, self.session) = (None, None),
                 },
-                () = session_begun(&mut self.session, self.live.is_none()) => {}
+                () = session_begun(&mut self.session, is_awaited) => {}
             }
         }
     }

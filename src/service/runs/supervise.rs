@@ -135,12 +135,16 @@ impl Supervisor {
             match told {
                 Ok(event) => {
                     last_id = event.id;
-                    if self.hear(&event).await { return; }
+                    if self.hear(&event).await {
+                        return;
+                    }
                 }
                 Err(RecvError::Lagged(_)) => {
                     let (is_over, again) = self.replayed(handle, last_id).await;
                     live = again;
-                    if is_over { return; }
+                    if is_over {
+                        return;
+                    }
                 }
                 Err(RecvError::Closed) => return,
             }
@@ -211,9 +215,9 @@ impl Supervisor {
         if state != RunState::Done || record.scans().next().is_none() {
             return None;
         }
-        let (checked, record, allowance) = (Arc::clone(checked), Arc::clone(record), self.app.0.runner.allowance());
+        let (checked, record) = (Arc::clone(checked), Arc::clone(record));
         let flag = FlagOf::new(self.app.stopping());
-        let compute = move |ctx: &Context<'_>| checked.coverage(&record, &ctx.with_allowance(allowance));
+        let compute = move |ctx: &Context<'_>| checked.coverage(&record, ctx);
         let computed = self.app.0.runner.compute(Arc::clone(&flag.0), compute).await;
         match computed.and_then(|coverage| coverage) {
             Ok(coverage) => coverage,

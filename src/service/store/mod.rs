@@ -46,7 +46,6 @@ pub(crate) use jobs::NewJob;
 pub(crate) use meshes::{MeshFile, NewMesh};
 pub(crate) use pages::Page;
 pub(crate) use retention::{Due, Policy};
-pub(crate) use runs::RunEventBatch;
 pub use specs::Precondition;
 pub(crate) use specs::{PutResult, StoredSpec};
 pub(crate) use stored::read_leniently;

@@ -36,8 +36,7 @@ impl Store {
     /// Inserts a run with its first event, unless so many have not ended; `created_at` becomes the store's time.
     pub(crate) async fn insert_run(&self, run: &Run, max_open: usize) -> Result<(Run, Arc<RunEvent>), Error> {
         let mut tx = self.writer.begin().await?;
-        let open: i64 =
-            sqlx::query_scalar(concat!("SELECT count(*) FROM run WHERE ", not_ended!())).fetch_one(&mut *tx).await?;
+        let open: i64 = sqlx::query_scalar(concat!("SELECT count(*) FROM run WHERE ", not_ended!())).fetch_one(&mut *tx).await?;
         if open.unsigned_abs() >= max_open as u64 {
             return Err(Error::TooManyRuns { open: open.unsigned_abs() });
         }

@@ -2,9 +2,7 @@
 
 use std::time::Duration;
 
-use super::{
-    DeviceIdentity, DeviceStopDocument, RunDevices, RunMode, RunReason, RunState, RunStepOp, RunStepRecord, RunStop,
-};
+use super::{DeviceIdentity, DeviceStopDocument, RunDevices, RunMode, RunReason, RunState, RunStepOp, RunStepRecord, RunStop};
 use crate::execution::device::Identity;
 use crate::execution::record::{DeviceStop, StepKind, StepRecord, StopReport};
 use crate::execution::session::{self, Identities, Mode};
