@@ -27,9 +27,6 @@ pub use universal_robots::UrControllerSpec;
 
 use super::field_error::{FieldError, Findings};
 
-/// Name of the section.
-const SECTION: &str = "controllers";
-
 /// Controllers of a cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
@@ -122,10 +119,13 @@ pub enum TableControllerSpec {
 }
 
 impl ControllersSpec {
+    /// Name of the section.
+    pub const SECTION: &str = "controllers";
+
     /// Takes the section out of the text of a cell file, so that the rest is a [`super::CellSpec`]; `None` if there is none.
     #[must_use]
     pub fn take_section(file: &mut Value) -> Option<Value> {
-        file.as_object_mut()?.remove(SECTION)
+        file.as_object_mut()?.remove(Self::SECTION)
     }
 
     /// Checks the range of every field.

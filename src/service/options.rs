@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::cell::{CellSpec, ControllersSpec};
+use crate::cell::ControllersSpec;
 
 /// Folders, limits and intervals of the service.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,8 +73,10 @@ pub struct ExecutionOptions {
 /// A cell of the operator's, with its controllers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OperatorCell {
-    /// The cell, with its devices inlined.
-    pub spec: CellSpec,
+    /// Name of the cell.
+    pub name: String,
+    /// Digest of the cell, as [`super::runs::cell_sha256`] has it.
+    pub cell_sha256: String,
     /// Its controllers, checked.
     pub controllers: ControllersSpec,
 }

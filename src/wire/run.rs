@@ -176,8 +176,8 @@ pub struct Run {
     pub detail: Option<String>,
     /// What it moves.
     pub mode: RunMode,
-    /// Id of the job whose program it carries out.
-    pub job_id: JobId,
+    /// Id of the job whose program it carries out; `null` for a run of the command line.
+    pub job_id: Option<JobId>,
     /// Setup of the plan, from 0.
     pub setup: usize,
     /// Name of the cell.
@@ -221,7 +221,7 @@ pub struct Run {
     /// Time at which it was accepted, UTC.
     #[schema(format = DateTime)]
     pub created_at: String,
-    /// Time at which it ended, UTC.
+    /// Time at which it ended, UTC; `null` before.
     #[schema(format = DateTime)]
     pub ended_at: Option<String>,
     /// Reminder for the operator: this software is not safety-rated.

@@ -20,6 +20,7 @@ use tokio::runtime::{Handle, Runtime};
 use tokio::sync::{broadcast, watch};
 use tokio_util::sync::CancellationToken;
 
+pub use order::{cell_sha256, coverage};
 pub use stream::{RunCursor, RunMessage, RunStream};
 
 use self::leases::HeldLeases;

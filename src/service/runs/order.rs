@@ -60,7 +60,9 @@ impl App {
         let attempt = self.0.store.body(job).await?.ok_or_else(none)?;
         let input = job_input(&attempt, self.0.store.files(), self.0.options.max_triangles)?;
         let cell = input.cell.clone().ok_or_else(none)?;
-        let controllers = self.controllers(&cell, request.mode)?;
+        let content_of = |mesh: &str| input.body_meshes.get(mesh).map(|source| format!("{} {}", source.sha256, source.unit));
+        let cell_sha256 = cell_sha256(&cell, &content_of)?;
+        let controllers = self.controllers(&cell, &cell_sha256, request.mode)?;
         if request.mode == RunMode::Live {
             self.check_token(&cell.name, token)?;
         }
@@ -75,19 +77,48 @@ impl App {
         let document: ProgramDocument = serde_json::from_slice(&program)?;
         let program = document.program().map_err(Error::Invalid)?;
         check_step(request.from_step, program.steps.len())?;
-        let cell_sha256 = hex(&Sha256::digest(serde_json::to_vec(&cell)?));
         Ok(RunOrder { request, input, cell, cell_sha256, controllers, program, program_sha256, plan })
     }
 
     /// Controllers of a job's cell: those of the operator's file whose cell is the same.
-    fn controllers(&self, cell: &CellSpec, mode: RunMode) -> Result<Option<ControllersSpec>, Error> {
+    fn controllers(&self, cell: &CellSpec, cell_sha256: &str, mode: RunMode) -> Result<Option<ControllersSpec>, Error> {
         if mode == RunMode::Simulate {
             return Ok(None);
         }
         let name = || cell.name.clone();
-        let known = self.0.options.execution.cells.iter().find(|known| known.spec.name == cell.name);
+        let known = self.0.options.execution.cells.iter().find(|known| known.name == cell.name);
         let known = known.ok_or_else(|| Error::NoControllers { cell: name() })?;
-        if known.spec == *cell { Ok(Some(known.controllers.clone())) } else { Err(Error::OtherCell { cell: name() }) }
+        let is_same = known.cell_sha256 == cell_sha256;
+        if is_same { Ok(Some(known.controllers.clone())) } else { Err(Error::OtherCell { cell: name() }) }
+    }
+}
+
+/// SHA-256 of a cell with its devices inlined. Meshes count by what `content_of` says of them, since their names differ between a store and
+/// a folder.
+///
+/// # Errors
+/// A cell that cannot be written as JSON.
+pub fn cell_sha256(cell: &CellSpec, content_of: &dyn Fn(&str) -> Option<String>) -> Result<String, serde_json::Error> {
+    let mut value = serde_json::to_value(cell)?;
+    name_by_content(&mut value, content_of);
+    Ok(hex(&Sha256::digest(value.to_string())))
+}
+
+/// Puts the content of meshes in the place of their names.
+fn name_by_content(value: &mut Value, content_of: &dyn Fn(&str) -> Option<String>) {
+    match value {
+        Value::Object(fields) => {
+            let is_mesh = fields.get("kind").is_some_and(|kind| kind == "mesh");
+            for (name, field) in fields {
+                let content = field.as_str().filter(|_| is_mesh && name == "mesh").and_then(content_of);
+                match content {
+                    Some(content) => *field = content.into(),
+                    None => name_by_content(field, content_of),
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| name_by_content(item, content_of)),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
     }
 }
 
@@ -122,25 +153,38 @@ impl RunOrder {
 }
 
 impl CheckedOrder {
-    /// Coverage at the measured poses beside the plan's; `None` where the plan has none of its own for the setup.
+    /// Coverage at the measured poses beside the plan's.
     pub(super) fn coverage(&self, record: &RunRecord, ctx: &Context<'_>) -> Result<Option<RunCoverage>, String> {
-        let Reference { plan: Some((plan, _)), part: Some(part), fixture } = &self.reference else { return Ok(None) };
-        let Some(expected) = self.reference.expected(self.job.program().setup) else { return Ok(None) };
-        let input = PlanInput {
-            mesh: part,
-            fixture: fixture.as_ref(),
-            part_sha256: &plan.part.sha256,
-            scanner: &self.cell.scanner,
-            cell: Some(&self.cell),
-            roadmaps: None,
-        };
-        let measured = record.measured(&input, &plan.params, &self.cell, &expected.table_from_part, ctx);
-        let measured = measured.map_err(|error| error.to_string())?;
-        let setup = plan.setups.get(self.job.program().setup);
-        let planned_mm2 = setup.map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
-        Ok(Some(RunCoverage {
-            planned_of_asked: planned_mm2 / plan.coverage.asked_area_mm2,
-            measured_of_asked: measured.measured_mm2 / measured.asked_mm2,
-        }))
+        coverage(&self.reference, &self.cell, self.job.program().setup, record, ctx)
     }
+}
+
+/// Coverage at the measured poses of a run beside that of the plan; `None` without plan or part, and for a run without scans.
+///
+/// # Errors
+/// Sentence on why it cannot be evaluated.
+pub fn coverage(
+    reference: &Reference,
+    cell: &Cell,
+    setup: usize,
+    record: &RunRecord,
+    ctx: &Context<'_>,
+) -> Result<Option<RunCoverage>, String> {
+    let Reference { plan: Some((plan, _)), part: Some(part), fixture } = reference else { return Ok(None) };
+    let Some(expected) = reference.expected(setup).filter(|_| record.scans().next().is_some()) else { return Ok(None) };
+    let input = PlanInput {
+        mesh: part,
+        fixture: fixture.as_ref(),
+        part_sha256: &plan.part.sha256,
+        scanner: &cell.scanner,
+        cell: Some(cell),
+        roadmaps: None,
+    };
+    let measured = record.measured(&input, &plan.params, cell, &expected.table_from_part, ctx);
+    let measured = measured.map_err(|error| error.to_string())?;
+    let planned_mm2 = plan.setups.get(setup).map_or(plan.coverage.measured_area_mm2, |setup| setup.measured_area_mm2);
+    Ok(Some(RunCoverage {
+        planned_of_asked: planned_mm2 / plan.coverage.asked_area_mm2,
+        measured_of_asked: measured.measured_mm2 / measured.asked_mm2,
+    }))
 }

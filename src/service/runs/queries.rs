@@ -12,9 +12,7 @@ use crate::service::app::App;
 use crate::service::error::Error;
 use crate::service::store::{Page, blocking};
 use crate::wire::RunId;
-use crate::wire::run::{
-    NOT_SAFETY_RATED, RUN_RECORD_SCHEMA, Run, RunPage, RunReason, RunRecordDocument, RunRequest, RunSelection, RunState,
-};
+use crate::wire::run::{RUN_RECORD_SCHEMA, Run, RunPage, RunRecordDocument, RunRequest, RunSelection, RunState};
 
 /// Words of a run that an earlier process left open.
 const LEFT_OPEN: &str = "the server was restarted while the run was under way; start a new run from the step that was reached, once \
@@ -30,38 +28,9 @@ impl App {
     pub async fn start_run(&self, request: RunRequest, token: Option<u64>, submitted_by: Option<String>) -> Result<Run, Error> {
         self.check_open()?;
         let order = self.run_order(request, token).await?;
-        let request = &order.request;
-        let run = Run {
-            id: RunId::generate(),
-            state: RunState::Preparing,
-            reason: RunReason::Connecting,
-            detail: None,
-            mode: request.mode,
-            job_id: request.job_id,
-            setup: request.setup,
-            cell: order.cell.name.clone(),
-            plan_sha256: order.program.plan_sha256.clone(),
-            program_sha256: order.program_sha256.clone(),
-            speed_override: request.speed_override,
-            time_factor: request.time_factor,
-            single_step: request.single_step,
-            from_step: request.from_step,
-            locate: request.locate,
-            step: request.from_step,
-            steps: order.program.steps.len(),
-            scans: 0,
-            planned_secs: order.program.cycle_secs,
-            elapsed_secs: 0.0,
-            stop: None,
-            devices: None,
-            objections: Vec::new(),
-            coverage: None,
-            armed_by: None,
-            submitted_by,
-            created_at: String::new(),
-            ended_at: None,
-            notice: NOT_SAFETY_RATED.to_owned(),
-        };
+        let (request, job) = (&order.request, Some(order.request.job_id));
+        let run = Run::new(request, job, &order.cell.name, &order.program, &order.program_sha256);
+        let run = Run { submitted_by, ..run };
         let app = self.clone();
         self.run_to_completion(async move {
             let open = app.0.runs.enter(run.id, &run.cell, run.mode)?;

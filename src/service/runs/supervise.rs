@@ -192,14 +192,7 @@ impl Supervisor {
     async fn end(&mut self, order: &Arc<RunOrder>, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) {
         let steps: Vec<RunStepRecord> = record.steps.iter().map(RunStepRecord::from).collect();
         self.run.coverage = self.coverage(checked, record).await;
-        (self.run.state, self.run.reason) = words_of(&record.status);
-        self.run.detail = Some(record.status.reason.to_string());
-        (self.run.step, self.run.speed_override) = (record.next_step, record.speed_override);
-        self.run.scans = record.scans().count();
-        self.run.elapsed_secs = record.real_secs;
-        self.run.stop = record.stop.as_ref().map(Into::into);
-        self.run.devices = record.identities.as_ref().map(Into::into);
-        self.run.objections = record.objections.iter().map(ToString::to_string).collect();
+        self.run.conclude(record);
         self.run.armed_by = self.open.armed_by();
         if self.run.state == RunState::Done && self.run.mode == RunMode::Live {
             let noted = self.app.0.store.note_completed(&order.program_sha256, &order.cell_sha256).await;

@@ -44,7 +44,7 @@ impl Store {
         run.created_at = sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?;
         sqlx::query("INSERT INTO run (id, job_id, cell, mode, state, body, created_at) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)")
             .bind(run.id.to_string())
-            .bind(run.job_id.to_string())
+            .bind(run.job_id.map(|id| id.to_string()))
             .bind(&run.cell)
             .bind(run.mode.as_str())
             .bind(run.state.as_str())

@@ -2,10 +2,15 @@
 
 use std::time::Duration;
 
-use super::{DeviceIdentity, DeviceStopDocument, RunDevices, RunMode, RunReason, RunState, RunStepOp, RunStepRecord, RunStop};
+use super::{
+    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, Run, RunDevices, RunMode, RunReason, RunRequest, RunState, RunStepOp,
+    RunStepRecord, RunStop,
+};
 use crate::execution::device::Identity;
-use crate::execution::record::{DeviceStop, StepKind, StepRecord, StopReport};
+use crate::execution::record::{DeviceStop, RunRecord, StepKind, StepRecord, StopReport};
 use crate::execution::session::{self, Identities, Mode};
+use crate::program::Program;
+use crate::wire::ids::{JobId, RunId};
 
 impl From<session::RunState> for RunState {
     fn from(state: session::RunState) -> Self {
@@ -37,6 +42,55 @@ impl RunReason {
     #[must_use]
     pub fn of(reason: &session::RunReason) -> Self {
         reason.code().parse().unwrap_or(Self::Internal)
+    }
+}
+
+impl Run {
+    /// A run that is about to begin: of a program with its hash, in a cell.
+    #[must_use]
+    pub fn new(request: &RunRequest, job_id: Option<JobId>, cell: &str, program: &Program, program_sha256: &str) -> Self {
+        Self {
+            id: RunId::generate(),
+            state: RunState::Preparing,
+            reason: RunReason::Connecting,
+            detail: None,
+            mode: request.mode,
+            job_id,
+            setup: program.setup,
+            cell: cell.to_owned(),
+            plan_sha256: program.plan_sha256.clone(),
+            program_sha256: program_sha256.to_owned(),
+            speed_override: request.speed_override,
+            time_factor: request.time_factor,
+            single_step: request.single_step,
+            from_step: request.from_step,
+            locate: request.locate,
+            step: request.from_step,
+            steps: program.steps.len(),
+            scans: 0,
+            planned_secs: program.cycle_secs,
+            elapsed_secs: 0.0,
+            stop: None,
+            devices: None,
+            objections: Vec::new(),
+            coverage: None,
+            armed_by: None,
+            submitted_by: None,
+            created_at: String::new(),
+            ended_at: None,
+            notice: NOT_SAFETY_RATED.to_owned(),
+        }
+    }
+
+    /// Takes over how a session ended.
+    pub fn conclude(&mut self, record: &RunRecord) {
+        (self.state, self.reason) = (record.status.state.into(), RunReason::of(&record.status.reason));
+        self.detail = Some(record.status.reason.to_string());
+        (self.step, self.speed_override) = (record.next_step, record.speed_override);
+        (self.scans, self.elapsed_secs) = (record.scans().count(), record.real_secs);
+        self.stop = record.stop.as_ref().map(Into::into);
+        self.devices = record.identities.as_ref().map(Into::into);
+        self.objections = record.objections.iter().map(ToString::to_string).collect();
     }
 }
 

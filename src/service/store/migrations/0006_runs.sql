@@ -1,7 +1,7 @@
 -- Runs of programs. A run keeps the id of its job, which may be deleted before it.
 CREATE TABLE run (
     id         TEXT PRIMARY KEY,
-    job_id     TEXT NOT NULL,
+    job_id     TEXT,
     cell       TEXT NOT NULL,
     mode       TEXT NOT NULL,
     state      TEXT NOT NULL,
