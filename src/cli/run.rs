@@ -12,8 +12,8 @@ use sha2::{Digest, Sha256};
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-use self::outcome::{Outcome, RecordFile};
-use self::watch::Watch;
+use self::outcome::{RecordFile, RunOutcome};
+use self::watch::RunWatch;
 use super::check::ReferenceArgs;
 use super::files::{self, FileLibrary};
 use super::program::plan_beside;
@@ -200,7 +200,7 @@ impl PreparedRun {
     }
 
     /// Carries out the run to its end.
-    async fn carry_out(self, args: &RunArgs, stop: &CancellationToken) -> Result<Outcome, CliError> {
+    async fn carry_out(self, args: &RunArgs, stop: &CancellationToken) -> Result<RunOutcome, CliError> {
         let leases = Leases::default();
         let is_live = self.request.mode == RunMode::Live;
         let lease = is_live.then(|| leases.acquire(&self.cell.name, "vantage run", LEASE)).transpose().map_err(refused_lease)?;
@@ -220,11 +220,11 @@ impl PreparedRun {
         let token = lease.as_ref().map(|lease| lease.token);
         let heart = tokio::spawn(beat(leases, self.cell.name.clone(), token, handle.clone()));
         let lines = if args.step { Some(lines_of_stdin()?) } else { None };
-        let watch = Watch::new(handle.clone(), self.job.program(), stop.clone(), token, lines);
+        let watch = RunWatch::new(handle.clone(), self.job.program(), stop.clone(), token, lines);
         watch.to_the_end().await;
         let record = handle.ended().await;
         heart.abort();
-        Outcome::new(self.run, &self.cell, &self.reference, &record)
+        RunOutcome::new(self.run, &self.cell, &self.reference, &record)
     }
 }
 

@@ -17,7 +17,8 @@ use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
 use super::routes::{
-    cells, checks, events, jobs, leases, meshes, results, robots, runs, scanners, session, storage, system, turntables,
+    cells, checks, events, jobs, leases, meshes, results, robots, run_commands, runs, scanners, session, storage, system,
+    turntables,
 };
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
@@ -72,13 +73,13 @@ fn execution() -> OpenApiRouter<ApiState> {
         .routes(routes!(runs::create, runs::list))
         .routes(routes!(runs::delete))
         .routes(routes!(runs::events))
-        .routes(routes!(runs::arm))
-        .routes(routes!(runs::pause))
-        .routes(routes!(runs::resume))
-        .routes(routes!(runs::stop))
-        .routes(routes!(runs::step))
-        .routes(routes!(runs::set_override))
-        .routes(routes!(runs::located))
+        .routes(routes!(run_commands::arm))
+        .routes(routes!(run_commands::pause))
+        .routes(routes!(run_commands::resume))
+        .routes(routes!(run_commands::stop))
+        .routes(routes!(run_commands::step))
+        .routes(routes!(run_commands::set_override))
+        .routes(routes!(run_commands::located))
         .routes(routes!(runs::record))
         .routes(routes!(runs::record_csv))
         .routes(routes!(runs::audit))

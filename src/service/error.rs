@@ -97,7 +97,7 @@ pub enum Error {
         run: RunId,
         /// Its state.
         state: RunState,
-        /// What was asked for, as a participle.
+        /// Deed that was asked for, as a participle.
         deed: &'static str,
     },
     /// The session refused a command.
@@ -113,7 +113,7 @@ pub enum Error {
         /// Its mode.
         mode: RunMode,
     },
-    /// As many runs are open as the server allows.
+    /// Limit of open runs reached.
     #[error("{open} runs have not ended, as many as execution.max_runs allows; stop one")]
     TooManyRuns {
         /// Their number.

@@ -29,7 +29,7 @@ pub const NOT_SAFETY_RATED: &str =
     "Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.";
 
 closed_list! {
-    /// What a run moves.
+    /// Things that a run moves.
     pub enum RunMode {
         /// A kinematic twin of arm and table; no controller is connected.
         Simulate = "simulate",
@@ -174,7 +174,7 @@ pub struct Run {
     pub reason: RunReason,
     /// Reason in words, with what to do; `null` where there is nothing to add.
     pub detail: Option<String>,
-    /// What it moves.
+    /// Things that it moves.
     pub mode: RunMode,
     /// Id of the job whose program it carries out; `null` for a run of the command line.
     pub job_id: Option<JobId>,
@@ -246,7 +246,7 @@ pub struct DeviceStopDocument {
     pub acknowledged_ms: Option<f64>,
     /// The device was measured at rest, ms.
     pub at_rest_ms: Option<f64>,
-    /// What went wrong; `null` if nothing did.
+    /// Fault of the stop; `null` if nothing did.
     pub error: Option<String>,
 }
 
@@ -259,7 +259,7 @@ pub struct RunDevices {
     pub table: DeviceIdentity,
 }
 
-/// What a controller says of itself.
+/// Identity of a controller, as it says itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceIdentity {
     /// Maker.

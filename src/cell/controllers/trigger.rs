@@ -1,4 +1,4 @@
-//! What makes the scanner capture.
+//! Trigger of the scanner.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

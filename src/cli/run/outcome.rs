@@ -1,4 +1,4 @@
-//! How a run ended: its record as a file, its words, its exit code.
+//! End of a run: its record as a file, its words, its exit code.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -39,12 +39,12 @@ impl RecordFile {
     }
 }
 
-/// Outcome of a run.
-pub(super) struct Outcome {
+/// End of a run.
+pub(super) struct RunOutcome {
     pub(super) document: RunRecordDocument,
 }
 
-impl Outcome {
+impl RunOutcome {
     /// The record as a document, with the coverage at the measured poses.
     pub(super) fn new(mut run: Run, cell: &Cell, reference: &Reference, record: &RunRecord) -> Result<Self, CliError> {
         run.conclude(record);

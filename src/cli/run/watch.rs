@@ -1,4 +1,4 @@
-//! What is shown of a run while it is under way: on a terminal a bar over its steps, else a line for each change. A signal stops it in
+//! Progress of a run while it is under way: on a terminal a bar over its steps, else a line for each change. A signal stops it in
 //! order; lines of standard input take it on step by step.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -11,7 +11,7 @@ use crate::execution::session::{Fence, LiveEvent, RunHandle, RunState, StopCause
 use crate::program::{Program, Step};
 
 /// A run that is watched.
-pub(super) struct Watch {
+pub(super) struct RunWatch {
     handle: RunHandle,
     steps: Vec<String>,
     stop: CancellationToken,
@@ -22,7 +22,7 @@ pub(super) struct Watch {
     last_id: u64,
 }
 
-impl Watch {
+impl RunWatch {
     /// Begins to watch.
     pub(super) fn new(
         handle: RunHandle,

@@ -31,6 +31,7 @@ pub(super) fn add(openapi: &mut OpenApi) {
         }
         set_body_of(path, item);
     }
+    set_parameter(openapi.paths.paths.get_mut("/api/v1/runs").and_then(|item| item.get.as_mut()), "job", json!(NOBODY));
     set_parameter(openapi.paths.paths.get_mut("/api/v1/jobs").and_then(|item| item.get.as_mut()), "mesh", json!(MeshId::EXAMPLE));
 }
 
@@ -66,7 +67,9 @@ fn set_body_of(path: &str, item: &mut PathItem) {
         }
         "/api/v1/jobs/{id}" => set_body(item.patch.as_mut(), Some(json!({"priority": 10}))),
         "/api/v1/jobs/{id}/labels" => set_body(item.put.as_mut(), Some(json!({"labels": {"line": "3", "shift": "early"}}))),
-        "/api/v1/runs" => set_body(item.post.as_mut(), Some(json!({"job_id": NOBODY, "mode": "simulate", "time_factor": 100.0}))),
+        "/api/v1/runs" => {
+            set_body(item.post.as_mut(), Some(json!({"job_id": NOBODY, "mode": "simulate", "speed_override": 0.5})))
+        }
         "/api/v1/runs/{id}/arm" => set_body(item.post.as_mut(), Some(json!({"operator": "A. Operator", "cell": "e05-transcan"}))),
         "/api/v1/runs/{id}/override" => set_body(item.post.as_mut(), Some(json!({"speed_override": 0.5}))),
         "/api/v1/runs/{id}/located" => {

@@ -1,4 +1,4 @@
-//! Leases: who may move a cell.
+//! Leases, the right to move a cell.
 
 use axum::extract::{Path, State};
 use axum::http::HeaderName;

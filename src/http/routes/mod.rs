@@ -6,6 +6,7 @@ pub(super) mod jobs;
 pub(super) mod leases;
 pub(super) mod meshes;
 pub(super) mod results;
+pub(super) mod run_commands;
 pub(super) mod runs;
 pub(super) mod session;
 mod specs;

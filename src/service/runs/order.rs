@@ -1,4 +1,4 @@
-//! What a run is of: its request, held against the job, the settings and the cells of the operator; and then, on a thread that may
+//! Order of a run: its request, held against the job, the settings and the cells of the operator; and then, on a thread that may
 //! block, the program checked in the cell with the part.
 
 use std::sync::Arc;

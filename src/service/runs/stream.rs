@@ -44,7 +44,7 @@ impl FromStr for RunCursor {
     }
 }
 
-/// What a stream tells, each with the place behind it.
+/// Message of a stream, each with the place behind it.
 #[derive(Clone, Debug)]
 pub enum RunMessage {
     /// A stored event.
@@ -69,7 +69,7 @@ pub struct RunStream {
 }
 
 impl App {
-    /// What follows a place in the stream of a run.
+    /// Stream of a run, after a place in it.
     ///
     /// # Errors
     /// [`Error::RunNotFound`], [`Error::Internal`].

@@ -1,4 +1,4 @@
-//! From the words of a session to those of the interfaces.
+//! Words of the interfaces for those of a session.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Leases: who may move a cell. One holder at a time, for a short time, renewed by a heartbeat.
+//! Leases, the right to move a cell. One holder at a time, for a short time, renewed by a heartbeat.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -13,7 +13,7 @@ pub struct LeaseRequest {
     /// Name of the cell, 1 to 128 characters.
     #[schema(min_length = 1, max_length = 128)]
     pub cell: String,
-    /// Who asks, for others to read, up to 128 characters. Default: empty.
+    /// Name of the holder, for others to read, up to 128 characters. Default: empty.
     #[serde(default)]
     #[schema(max_length = 128)]
     pub holder: String,
@@ -41,7 +41,7 @@ pub struct Lease {
     pub id: LeaseId,
     /// Name of the cell.
     pub cell: String,
-    /// Who holds it.
+    /// Name of the holder.
     pub holder: String,
     /// Fencing token, which rises with every lease of any cell; requests that move a cell name it.
     pub token: u64,
@@ -58,7 +58,7 @@ pub struct Lease {
 pub struct HeldLease {
     /// Name of the cell.
     pub cell: String,
-    /// Who holds it.
+    /// Name of the holder.
     pub holder: String,
     /// Time left, ms.
     pub expires_in_ms: u64,

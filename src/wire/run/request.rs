@@ -23,7 +23,7 @@ pub struct RunRequest {
     #[serde(default)]
     #[schema(maximum = 3)]
     pub setup: usize,
-    /// What it moves. Default `simulate`.
+    /// Mode: things that it moves. Default `simulate`.
     #[serde(default = "default_mode")]
     pub mode: RunMode,
     /// Share of the program's speed at which it moves, 0.01 to 1. Default 1; the first live run is capped by the cell file.
