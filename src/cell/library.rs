@@ -24,6 +24,26 @@ pub enum Named<T> {
     Inline(Box<T>),
 }
 
+impl<T> Named<T> {
+    /// Puts the specification in the place of its name, if `find` knows it.
+    pub fn inline(&mut self, find: impl FnOnce(&str) -> Option<T>) {
+        if let Self::Name(name) = self
+            && let Some(spec) = find(name)
+        {
+            *self = Self::Inline(Box::new(spec));
+        }
+    }
+}
+
+impl CellSpec {
+    /// Puts the specifications of scanner, robot and turntable in the place of their names, where the library knows them.
+    pub fn inline_devices(&mut self, library: &dyn SpecLibrary) {
+        self.scanner.inline(|name| library.scanner(name).ok());
+        self.robot.inline(|name| library.robot(name).ok());
+        self.turntable.inline(|name| library.turntable(name).ok());
+    }
+}
+
 /// Hand-written, so that an error inside an inline specification keeps its own words.
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Named<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

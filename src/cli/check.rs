@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::files::{self, FileLibrary};
 use super::{CliError, FileFinding, output};
-use crate::cell::{Cell, CellSpec, Presets, SpecKind, SpecLibrary};
+use crate::cell::{Cell, ControllersSpec};
 use crate::check::{Reference, Sound, check, kind_of};
 use crate::geometry::{LengthUnit, Poll};
 use crate::planning::context::{Context, Silent};
@@ -76,11 +76,15 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     let mut checked = Vec::new();
     for path in &args.files {
         let shown = path.display().to_string();
-        let sound = files::value(path).and_then(|value| {
+        let sound = files::value(path).and_then(|mut value| {
+            let controllers =
+                if kind_of(&value) == Some(DocumentKind::Cell) { files::take_controllers(&mut value, &shown) } else { Ok(None) };
             if args.reference.plan.is_none() {
                 refuse_stale(path, &value)?;
             }
-            check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors))
+            let checked =
+                check(value, &FileLibrary, cell.as_ref(), &reference, &ctx).map_err(|errors| files::findings(&shown, &errors));
+            with_controllers(checked, controllers)
         });
         checked.push(CheckedFile::new(&shown, sound, args.strict)?);
     }
@@ -91,6 +95,26 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
         checked.iter().for_each(|file| warn(&file.file, &file.warnings));
     }
     if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
+}
+
+/// The outcome for a cell, with that for its controllers.
+fn with_controllers(
+    checked: Result<Sound, CliError>,
+    controllers: Result<Option<ControllersSpec>, CliError>,
+) -> Result<Sound, CliError> {
+    match (checked, controllers) {
+        (Err(CliError::Findings(mut errors)), Err(CliError::Findings(more))) => {
+            errors.extend(more);
+            Err(CliError::Findings(errors))
+        }
+        (Err(error), _) | (Ok(_), Err(error)) => Err(error),
+        (Ok(mut sound), Ok(Some(spec))) => {
+            let (arm, table, trigger) = (spec.arm.name(), spec.table.name(), spec.trigger.name());
+            sound.description = format!("{}, controllers {arm}, {table}, trigger {trigger}", sound.description);
+            Ok(sound)
+        }
+        (Ok(sound), Ok(None)) => Ok(sound),
+    }
 }
 
 /// Outcome of every file, as `--json` prints it.
@@ -181,7 +205,7 @@ pub(super) fn warn(what: &str, warnings: &[FieldWarning]) {
 
 /// Loads a cell: a preset or a file.
 pub(super) fn cell(name: &str) -> Result<Cell, CliError> {
-    let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
+    let (spec, _) = files::cell(name)?;
     spec.build(&FileLibrary).map_err(|errors| files::findings(name, &errors))
 }
 

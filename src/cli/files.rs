@@ -11,11 +11,13 @@ use utoipa::ToSchema;
 
 use super::{CliError, FileFinding, out};
 use crate::cell::{
-    CellSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec, did_you_mean,
+    CellSpec, ControllersSpec, FieldError, NotFound, Presets, RobotSpec, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec,
+    did_you_mean,
 };
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError, ReadMesh};
 use crate::geometry::{LengthUnit, Mesh, Poll};
-use crate::service::HashingReader;
+use crate::service::runs::cell_sha256;
+use crate::service::{HashingReader, OperatorCell};
 use crate::wire;
 
 /// Library of presets, then of files; meshes are files in millimetres.
@@ -43,7 +45,7 @@ impl SpecLibrary for FileLibrary {
     }
 
     fn cell(&self, name: &str) -> Result<CellSpec, NotFound> {
-        Presets.cell(name).or_else(|_| Self::file(name))
+        Presets.cell(name).or_else(|_| cell(existing(name)?.to_string_lossy().as_ref()).map(|(spec, _)| spec).map_err(unusable))
     }
 
     fn mesh(&self, name: &str) -> Result<Arc<Mesh>, NotFound> {
@@ -87,6 +89,60 @@ pub fn spec<T: DeserializeOwned + ToSchema + 'static>(
         )));
     }
     from_value(value(Path::new(name))?, name)
+}
+
+/// Loads a cell by the name of a preset or the path of a file, with its controllers if the file has some.
+///
+/// # Errors
+/// Neither a preset nor a readable file of the right structure; controllers out of range.
+pub fn cell(name: &str) -> Result<(CellSpec, Option<ControllersSpec>), CliError> {
+    if Presets.cell(name).is_ok() || !Path::new(name).exists() {
+        return spec(SpecKind::Cell, name, Presets.cell(name)).map(|spec| (spec, None));
+    }
+    let mut value = value(Path::new(name))?;
+    let controllers = take_controllers(&mut value, name);
+    Ok((from_value(value, name)?, controllers?))
+}
+
+/// Takes the section `[controllers]` out of a cell file, and checks it.
+///
+/// # Errors
+/// Every finding in it.
+pub fn take_controllers(file: &mut Value, what: &str) -> Result<Option<ControllersSpec>, CliError> {
+    let Some(section) = ControllersSpec::take_section(file) else { return Ok(None) };
+    let below = |errors: Vec<FieldError>| {
+        let errors: Vec<_> = errors.into_iter().map(|error| error.below(&format!("/{}", ControllersSpec::SECTION))).collect();
+        findings(what, &errors)
+    };
+    let spec: ControllersSpec = wire::from_value(&section).map_err(below)?;
+    spec.check().map_err(below)?;
+    Ok(Some(spec))
+}
+
+/// Loads the cell of an operator's file with its controllers, and checks both.
+///
+/// # Errors
+/// A file that cannot be used, or that names no controllers.
+pub fn operator_cell(path: &str) -> Result<OperatorCell, CliError> {
+    let (mut spec, controllers) = cell(path)?;
+    let controllers = controllers.ok_or_else(|| {
+        CliError::BadInput(format!("{path}: has no section [controllers]; add one, or take the file out of execution.cells"))
+    })?;
+    spec.inline_devices(&FileLibrary);
+    spec.build(&FileLibrary).map_err(|errors| findings(path, &errors))?;
+    Ok(OperatorCell { name: spec.name.clone(), cell_sha256: cell_sha256_of(&spec)?, controllers })
+}
+
+/// Digest of a cell with its devices inlined, whose meshes are files in millimetres.
+///
+/// # Errors
+/// [`CliError::Failed`] if it cannot be written as JSON.
+pub fn cell_sha256_of(spec: &CellSpec) -> Result<String, CliError> {
+    let content_of = |path: &str| {
+        let (_, sha256) = mesh(Path::new(path), Some(LengthUnit::Millimetre), &Poll::never()).ok()?;
+        Some(format!("{sha256} {}", LengthUnit::Millimetre))
+    };
+    cell_sha256(spec, &content_of).map_err(|error| CliError::Failed(format!("the cell: {error}")))
 }
 
 /// Reads a TOML or JSON file as a value; a file that begins with a brace is JSON.

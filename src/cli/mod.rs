@@ -39,6 +39,7 @@ pub mod program;
 pub mod progress;
 pub mod reach;
 pub mod robot;
+pub mod run;
 pub mod scanner;
 pub mod serve;
 mod set_value;
@@ -80,6 +81,7 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Check(check::CheckArgs),
     Program(program::ProgramArgs),
+    Run(Box<run::RunArgs>),
     Params(params::ParamsArgs),
     Presets(presets::PresetsArgs),
     Part(part::PartArgs),
@@ -213,6 +215,7 @@ impl Cli {
             Command::Inspect(args) => inspect::run(&args),
             Command::Check(args) => check::run(&args),
             Command::Program(args) => program::run(&args),
+            Command::Run(args) => run::run(&args),
             Command::Params(args) => params::run(&args),
             Command::Presets(args) => presets::run(&args),
             Command::Part(args) => part::run(&args),

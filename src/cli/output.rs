@@ -115,6 +115,12 @@ pub(super) fn note(line: impl Display) {
     }
 }
 
+/// Prints a question to standard error, whatever the flags, without ending the line.
+pub(super) fn prompt(question: impl Display) {
+    // Nobody can be asked if standard error is gone: no answer is then the right one either.
+    let _ = std::io::stderr().lock().write_all(question.to_string().as_bytes());
+}
+
 /// Warning as standard error has it with `--json`.
 #[derive(Serialize)]
 struct WarningLine<'a> {

@@ -14,7 +14,7 @@ use super::limits::LimitArgs;
 use super::out::{FILES_OF_EVERY_PLAN, FileOrigin, OutputFolder, OutputWriter, TIMINGS_FILE, programs};
 use super::progress::{CommandStage, Course, Progress, Stopwatch};
 use super::{CliError, FileFinding, features, output, parts, set_value, summary};
-use crate::cell::{Cell, CellSpec, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
+use crate::cell::{Cell, FieldError, PoseSpec, Presets, Scanner, ScannerSpec, SpecKind, SpecLibrary};
 use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{LengthUnit, Mesh, Poll};
 use crate::planning::context::{Context, NoPlan, Stage};
@@ -376,7 +376,7 @@ pub(super) fn load_cell(name: &str, scanner: Option<&str>) -> Result<Option<Cell
     if scanner.is_some() {
         return Err(CliError::BadInput("--scanner can only be used with --cell none; a cell has its own scanner".into()));
     }
-    let spec: CellSpec = files::spec(SpecKind::Cell, name, Presets.cell(name))?;
+    let (spec, _) = files::cell(name)?;
     spec.build(&FileLibrary).map(Some).map_err(|errors| files::findings(name, &errors))
 }
 
@@ -423,7 +423,7 @@ pub(super) fn pool(threads: u16) -> Result<rayon::ThreadPool, CliError> {
 }
 
 /// Current time in UTC, RFC 3339; empty if it cannot be formatted.
-fn now() -> String {
+pub(super) fn now() -> String {
     let mut text = String::new();
     match SystemTime.format_time(&mut Writer::new(&mut text)) {
         Ok(()) => text,

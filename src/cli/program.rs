@@ -101,7 +101,7 @@ fn dialect(asked: Option<Dialect>, robot: &Robot) -> Result<Dialect, CliError> {
 }
 
 /// The plan that stands beside the program, which is then held against it.
-fn plan_beside(from: &Path) -> Result<Option<PathBuf>, CliError> {
+pub(super) fn plan_beside(from: &Path) -> Result<Option<PathBuf>, CliError> {
     let folder = if from.is_dir() { from } else { folder_of(from) };
     out::check_complete(folder)?;
     let plan = folder.join(PLAN_FILE);

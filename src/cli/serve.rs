@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 
 use super::signals::on_signals;
-use super::{CliError, failed, open_files, output, telemetry};
+use super::{CliError, failed, files, open_files, output, telemetry};
 use crate::http::{self, Server};
-use crate::service::App;
+use crate::service::{App, OperatorCell};
 use crate::settings::{Flags, Settings};
 
 /// Run the server.
@@ -89,7 +89,23 @@ pub(super) fn run_to_completion(work: impl Future<Output = Result<(), CliError>>
 pub(super) async fn open(settings: &Settings) -> Result<App, CliError> {
     http::install_metrics();
     let data = settings.store.data_dir.display().to_string();
-    App::open(settings.service()).await.map_err(|error| failed(&format!("the store in {data}"), &error))
+    let mut options = settings.service();
+    options.execution.cells = operator_cells(&settings.execution.cells)?;
+    App::open(options).await.map_err(|error| failed(&format!("the store in {data}"), &error))
+}
+
+/// Loads the operator's cells.
+fn operator_cells(paths: &[PathBuf]) -> Result<Vec<OperatorCell>, CliError> {
+    let mut cells: Vec<OperatorCell> = Vec::with_capacity(paths.len());
+    for path in paths {
+        let cell = files::operator_cell(&path.display().to_string())?;
+        if cells.iter().any(|other| other.name == cell.name) {
+            let detail = format!("execution.cells names two files of a cell {:?}; each cell has one", cell.name);
+            return Err(CliError::BadInput(detail));
+        }
+        cells.push(cell);
+    }
+    Ok(cells)
 }
 
 /// Time for an orderly shutdown after the time for open requests; then the process ends without it.

@@ -14,8 +14,8 @@ use super::client::Client;
 use super::problem::{ApiError, Code};
 use super::quotas::{Permit, Resource};
 use super::router::ApiState;
-use crate::service::EventStream;
-use crate::wire::JobId;
+use crate::service::{EventStream, RunCursor, RunMessage, RunStream};
+use crate::wire::{JobId, RunId};
 
 /// Interval between keep-alive comments.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -58,6 +58,49 @@ fn sse_events(events: EventStream, permit: Permit) -> impl Stream<Item = Result<
             Err(error) => {
                 // The client reconnects with the last id it saw.
                 tracing::warn!(error = &error as &dyn std::error::Error, "an event stream ended early");
+                None
+            }
+        }
+    })
+}
+
+/// Streams the events of a run, and its measured state. The stream holds one of the client's permits until it ends.
+pub(super) async fn run_event_stream(
+    state: &ApiState,
+    client: Client,
+    run: RunId,
+    headers: &HeaderMap,
+) -> Result<Response, ApiError> {
+    let refused = |_| ApiError::at(Code::BadRequest, "Last-Event-ID", "is not the id of an event of a run");
+    let last = headers.get("last-event-id").map(|value| value.to_str().unwrap_or_default().parse::<RunCursor>());
+    let last = last.transpose().map_err(refused)?;
+    let permit = state.quotas.acquire(Resource::EventStreams, client, &state.options)?;
+    let events = state.app.run_events(run, last.unwrap_or_default()).await?;
+    if events.is_over().await? {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let first = stream::once(std::future::ready(Ok::<_, Infallible>(Event::default().retry(RETRY))));
+    let stream = first.chain(sse_run_events(events, permit));
+    let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
+    response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));
+    Ok(response)
+}
+
+fn sse_run_events(events: RunStream, permit: Permit) -> impl Stream<Item = Result<Event, Infallible>> {
+    stream::unfold((events, permit), |(mut events, permit)| async move {
+        match events.next().await {
+            Ok(Some(message)) => {
+                let (kind, data, cursor) = match &message {
+                    RunMessage::Event(event, cursor) => (event.kind.as_str(), serde_json::to_string(&**event), cursor),
+                    RunMessage::Sample(sample, cursor) => ("live", serde_json::to_string(&**sample), cursor),
+                };
+                let sse = Event::default().id(cursor.to_string()).event(kind).data(data.unwrap_or_default());
+                Some((Ok(sse), (events, permit)))
+            }
+            Ok(None) => None,
+            Err(error) => {
+                // The client reconnects with the last id it saw.
+                tracing::warn!(error = &error as &dyn std::error::Error, "an event stream of a run ended early");
                 None
             }
         }

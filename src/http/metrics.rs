@@ -10,6 +10,11 @@ const RESPONSE_SECONDS: [f64; 9] = [0.001, 0.005, 0.02, 0.05, 0.1, 0.25, 1.0, 5.
 /// Upper bounds of the histogram buckets of job attempts, seconds.
 const ATTEMPT_SECONDS: [f64; 8] = [1.0, 5.0, 15.0, 60.0, 180.0, 600.0, 1800.0, 7200.0];
 
+/// Upper bounds of the histogram buckets of runs, seconds.
+const RUN_SECONDS: [f64; 7] = [10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0];
+/// Upper bounds of the histogram buckets of stops, seconds.
+const STOP_SECONDS: [f64; 9] = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.2, 1.0, 5.0];
+
 /// Recorder of the process's metrics; the `metrics` crate has one per process.
 static RECORDER: OnceLock<Option<PrometheusHandle>> = OnceLock::new();
 
@@ -18,7 +23,9 @@ pub fn install() {
     RECORDER.get_or_init(|| {
         let builder = PrometheusBuilder::new()
             .set_buckets_for_metric(Matcher::Full("vantage_http_seconds".to_owned()), &RESPONSE_SECONDS)
-            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_attempt_seconds".to_owned()), &ATTEMPT_SECONDS));
+            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_attempt_seconds".to_owned()), &ATTEMPT_SECONDS))
+            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_seconds".to_owned()), &RUN_SECONDS))
+            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_stop_seconds".to_owned()), &STOP_SECONDS));
         builder.and_then(PrometheusBuilder::install_recorder).ok()
     });
 }

@@ -38,9 +38,18 @@ use crate::wire::{self, parameters};
         (name = "jobs", description = "Planning jobs."),
         (name = "results", description = "Results of a job."),
         (name = "events", description = "Live events of jobs."),
+        (name = "runs", description = "Runs of programs on the controllers of a cell, or on a twin of them. Vantage is not safety-rated, and \
+                                       its stop is not an emergency stop."),
         (name = "server", description = "Health, metrics, storage and sessions.")
     ),
-    components(schemas(wire::Problem, wire::JobEvent, wire::JobSort, ProgramDialect))
+    components(schemas(
+        wire::Problem,
+        wire::JobEvent,
+        wire::JobSort,
+        wire::run::RunEvent,
+        wire::run::RunSample,
+        ProgramDialect
+    ))
 )]
 pub(super) struct ApiDoc;
 
@@ -95,6 +104,19 @@ impl PartialSchema for EventText {
 }
 
 impl ToSchema for EventText {}
+
+/// A stream of server-sent events of a run, with a schema as that of [`EventText`].
+pub(super) struct RunEventText;
+
+impl PartialSchema for RunEventText {
+    fn schema() -> RefOr<Schema> {
+        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind`, or `live`; `data`, a `RunEvent` as JSON, \
+                     or a `RunSample` for `live`.";
+        ObjectBuilder::new().schema_type(SchemaType::AnyValue).description(Some(about)).into()
+    }
+}
+
+impl ToSchema for RunEventText {}
 
 /// Adds what all routes share, and corrects what the derived schemas cannot express.
 pub(super) fn complete(openapi: &mut OpenApi) {
@@ -273,10 +295,13 @@ fn add_links(openapi: &mut OpenApi) {
     }
     let of_job = ["get_job", "follow_job", "update_job", "cancel_job", "delete_job"];
     let of_mesh = ["get_mesh", "get_mesh_file", "get_mesh_preview", "delete_mesh"];
+    let of_run = ["get_run", "follow_run", "stop_run", "get_run_record", "delete_run"];
     for item in openapi.paths.paths.values_mut() {
         for operation in operations(item) {
             let id = operation.operation_id.clone().unwrap_or_default();
-            if id == "create_job" {
+            if id == "create_run" {
+                of_run.iter().for_each(|to| link(operation, "202", to, "id", "$response.body#/id"));
+            } else if id == "create_job" {
                 of_job.iter().for_each(|to| link(operation, "202", to, "id", "$response.body#/id"));
             } else if id == "get_job" {
                 results.iter().for_each(|to| link(operation, "200", to, "id", "$response.body#/id"));
@@ -296,7 +321,7 @@ fn link(operation: &mut Operation, status: &str, to: &str, parameter: &str, valu
         let mut link = Link::builder().operation_id(to).parameter(parameter, value);
         link = match to {
             "get_job_file" => link.parameter("name", "plan.json"),
-            "get_job" => link.parameter("wait", "5s"),
+            "get_job" | "get_run" => link.parameter("wait", "5s"),
             _ => link,
         };
         response.links.insert(to.to_owned(), link.build().into());

@@ -73,6 +73,8 @@ codes! {
     MeshNotFound "mesh_not_found" NOT_FOUND "No such mesh" "No mesh has this id.";
     JobNotFound "job_not_found" NOT_FOUND "No such job" "No job has this id.";
     SpecNotFound "spec_not_found" NOT_FOUND "No such specification" "Neither a preset nor a stored specification has this name.";
+    RunNotFound "run_not_found" NOT_FOUND "No such run" "No run has this id.";
+    LeaseNotFound "lease_not_found" NOT_FOUND "No such lease" "No lease has this id: it was given back or not renewed in time. Take a new one.";
     ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded but has no such file; without a cell, for example, there is no program.";
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
     NotAcceptable "not_acceptable" NOT_ACCEPTABLE "The format is not available" "The response is not available in any media type of `Accept`, or not in the `format` or `dialect` of the query; `detail` lists the available ones.";
@@ -85,6 +87,16 @@ codes! {
     JobHeld "job_held" CONFLICT "The job is protected by a label" "The job has the hold label, which protects it from deletion; remove the label with `PUT /api/v1/jobs/{id}/labels`.";
     NoResults "no_results" CONFLICT "The job has no results" "The job has not succeeded; `detail` states where it stands.";
     ForeignDialect "foreign_dialect" CONFLICT "The language is another maker's" "The robot's specification names another language, which `detail` states; ask for that one, `csv` or `robodk`, or send `force=true`.";
+    LiveDisabled "live_disabled" FORBIDDEN "Live runs are switched off" "The setting `execution.live` does not allow runs to move arms and tables; rehearse with the mode `simulate` or `dry_run`.";
+    NoControllers "no_controllers" CONFLICT "The cell has no controllers" "No cell file of the operator's (`execution.cells`) names the controllers of this cell; run the program in the mode `simulate`.";
+    OtherCell "other_cell" CONFLICT "The cell is not the one that was planned in" "The operator's cell has other dimensions than the job's; plan the part again in the cell as it is.";
+    NoProgram "no_program" CONFLICT "The job has no such program" "The job was planned without a cell, or has fewer setups.";
+    RunNotEnded "run_not_ended" CONFLICT "The run has not ended" "Only an ended run can be deleted; stop it first.";
+    RunStateRefused "run_state_refused" CONFLICT "The run's state does not allow it" "`detail` states where the run stands: only a ready run can be armed, only a paused one resumed.";
+    RunRefused "run_refused" CONFLICT "The run refuses" "A condition for motion is not met; `detail` says which, and what to do.";
+    CellInUse "cell_in_use" CONFLICT "The cell is in use" "Another run that has not ended holds the cell's controllers.";
+    LeaseHeld "lease_held" CONFLICT "The lease is held" "Somebody else may move the cell; `detail` says who, and until when.";
+    TokenRefused "token_refused" CONFLICT "The fencing token does not hold" "The token in the query is not that of the cell's lease now: the lease ended, or somebody else has it.";
     SpecIsPreset "spec_is_preset" CONFLICT "A preset cannot be changed" "The name belongs to a preset that came with the program.";
     PreconditionFailed "precondition_failed" PRECONDITION_FAILED "The precondition failed" "`If-Match` or `If-None-Match` does not hold; read the current version and try again.";
     TooLarge "too_large" PAYLOAD_TOO_LARGE "The body is too large" "The body is larger than the server allows; `detail` states the limit.";
@@ -97,12 +109,14 @@ codes! {
     DigestMismatch "digest_mismatch" UNPROCESSABLE_ENTITY "The digest does not match the body" "The SHA-256 of the body differs from the one in `Content-Digest`: the body was changed in transit.";
     IdempotencyMismatch "idempotency_mismatch" UNPROCESSABLE_ENTITY "The Idempotency-Key was used for another request" "The same key was sent with a different request within 24 hours.";
     PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "A precondition is required" "The specification exists; send its entity tag in `If-Match`.";
+    LeaseRequired "lease_required" PRECONDITION_REQUIRED "A lease is required" "Moving a cell needs the fencing token of its lease (`POST /api/v1/leases`), as `?token=`.";
     TooManyRequests "too_many_requests" TOO_MANY_REQUESTS "The client is at its limit" "The client's address has the maximum number of connections, event streams, uploads or waits open; `detail` says which. Close one, or try again after `Retry-After` seconds.";
     HeadersTooLarge "headers_too_large" REQUEST_HEADER_FIELDS_TOO_LARGE "The headers are too large" "The request's headers are larger than the server allows.";
     Internal "internal" INTERNAL_SERVER_ERROR "Internal server error" "The server failed; its log has the cause under `request_id`.";
     FileDamaged "file_damaged" INTERNAL_SERVER_ERROR "A stored file is damaged" "The file is missing or does not match its hash, so it is not served. Upload the mesh again, plan the job again, or restore a backup.";
     Busy "busy" SERVICE_UNAVAILABLE "The server is busy" "The maximum number of connections, event streams, uploads or waits is open, the database is locked, or the machine is temporarily short of a resource; try again after `Retry-After` seconds.";
     QueueFull "queue_full" SERVICE_UNAVAILABLE "The queue is full" "The maximum number of jobs is queued; try again after `Retry-After` seconds.";
+    TooManyRuns "too_many_runs" SERVICE_UNAVAILABLE "Too many runs are open" "As many runs have not ended as `execution.max_runs` allows; stop one, or try again after `Retry-After` seconds.";
     Stopping "stopping" SERVICE_UNAVAILABLE "The server is shutting down" "The server accepts no new work; try again after `Retry-After` seconds.";
     NotReady "not_ready" SERVICE_UNAVAILABLE "The server is not ready" "`errors` lists the failed checks.";
     TooSlow "too_slow" SERVICE_UNAVAILABLE "The response took too long" "The server did not respond in time; try again after `Retry-After` seconds.";
@@ -183,6 +197,20 @@ impl From<Error> for ApiError {
             Error::SpecNotFound { .. } => Self::new(Code::SpecNotFound, detail),
             Error::NoSuchResult { .. } => Self::new(Code::ResultNotFound, detail),
             Error::NoResults { .. } => Self::new(Code::NoResults, detail),
+            Error::RunNotFound(_) => Self::new(Code::RunNotFound, detail),
+            Error::LeaseNotFound(_) => Self::new(Code::LeaseNotFound, detail),
+            Error::LeaseHeld(_) => Self::new(Code::LeaseHeld, detail),
+            Error::LeaseRequired { .. } => Self::at(Code::LeaseRequired, "token", detail),
+            Error::TokenRefused(_) => Self::at(Code::TokenRefused, "token", detail),
+            Error::LiveDisabled => Self::at(Code::LiveDisabled, "/mode", detail),
+            Error::NoControllers { .. } => Self::at(Code::NoControllers, "/mode", detail),
+            Error::OtherCell { .. } => Self::new(Code::OtherCell, detail),
+            Error::NoProgram { .. } => Self::new(Code::NoProgram, detail),
+            Error::RunNotEnded { .. } => Self::new(Code::RunNotEnded, detail),
+            Error::RunStateRefused { .. } => Self::new(Code::RunStateRefused, detail),
+            Error::RunRefused(_) => Self::new(Code::RunRefused, detail),
+            Error::CellInUse { .. } => Self::new(Code::CellInUse, detail),
+            Error::TooManyRuns { .. } => Self::new(Code::TooManyRuns, detail),
             Error::Invalid(errors) => {
                 Self::new(Code::InvalidFields, detail).with_errors(errors.into_iter().map(ProblemField::from).collect())
             }
@@ -279,8 +307,8 @@ fn from_status(status: StatusCode) -> ApiError {
 
 /// True for problems that may have passed by the next attempt.
 fn is_temporary(code: Code) -> bool {
-    use Code::{Busy, NotReady, QueueFull, Stopping, StorageFull, TooManyRequests, TooSlow};
-    matches!(code, Busy | NotReady | QueueFull | Stopping | StorageFull | TooManyRequests | TooSlow)
+    use Code::{Busy, NotReady, QueueFull, Stopping, StorageFull, TooManyRequests, TooManyRuns, TooSlow};
+    matches!(code, Busy | NotReady | QueueFull | Stopping | StorageFull | TooManyRequests | TooManyRuns | TooSlow)
 }
 
 /// True for codes that a status alone does not imply.

@@ -16,7 +16,10 @@ use super::keys::Keys;
 use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
-use super::routes::{cells, checks, events, jobs, meshes, results, robots, scanners, session, storage, system, turntables};
+use super::routes::{
+    cells, checks, events, jobs, leases, meshes, results, robots, run_commands, runs, scanners, session, storage, system,
+    turntables,
+};
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
 use crate::service::App;
@@ -58,9 +61,30 @@ fn quick() -> OpenApiRouter<ApiState> {
         .routes(routes!(jobs::cancel))
         .routes(routes!(events::all))
         .routes(routes!(events::of_job))
+        .merge(execution())
         .routes(routes!(session::begin, session::end))
         .routes(routes!(system::openapi))
         .merge(stored())
+}
+
+/// Routes of runs and of leases.
+fn execution() -> OpenApiRouter<ApiState> {
+    OpenApiRouter::new()
+        .routes(routes!(runs::create, runs::list))
+        .routes(routes!(runs::delete))
+        .routes(routes!(runs::events))
+        .routes(routes!(run_commands::arm))
+        .routes(routes!(run_commands::pause))
+        .routes(routes!(run_commands::resume))
+        .routes(routes!(run_commands::stop))
+        .routes(routes!(run_commands::step))
+        .routes(routes!(run_commands::set_override))
+        .routes(routes!(run_commands::located))
+        .routes(routes!(runs::record))
+        .routes(routes!(runs::record_csv))
+        .routes(routes!(runs::audit))
+        .routes(routes!(leases::take, leases::list))
+        .routes(routes!(leases::renew, leases::give_back))
 }
 
 /// Routes of results, which are stored compressed and streamed as stored to clients that accept gzip.
@@ -107,9 +131,9 @@ fn uploads() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new().routes(routes!(meshes::upload)).layer(DefaultBodyLimit::disable())
 }
 
-/// Routes that may wait for a job.
+/// Routes that may wait for a job or a run.
 fn waits() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::new().routes(routes!(jobs::get))
+    OpenApiRouter::new().routes(routes!(jobs::get)).routes(routes!(runs::get))
 }
 
 /// Routes that need no key.

@@ -14,6 +14,7 @@ use super::execute::{JobInput, Planner, execute};
 use super::jobs::{self, Runner};
 use super::maintenance::maintain;
 use super::options::Options;
+use super::runs::Runs;
 use super::size::{Sizer, size_of};
 use super::store::{OpenError, Store};
 use crate::wire::{JobState, ReadinessCheck};
@@ -41,6 +42,8 @@ pub(super) struct Inner {
     pub(super) uploads: Arc<Semaphore>,
     /// Held while a report is drawn.
     pub(super) drawing: Mutex<()>,
+    /// Runs that have not ended, and leases.
+    pub(super) runs: Runs,
     /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
@@ -88,9 +91,11 @@ impl App {
         let (uploads, resolving) =
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
         let (drawing, probed) = (Mutex::default(), Mutex::default());
-        let inner = Inner { store, options, runner, cells, parsing, resolving, uploads, drawing, probed, stopping, tasks };
+        let runs = Runs::new(store.last_fence().await?).map_err(OpenError::Carrier)?;
+        let inner = Inner { store, options, runner, cells, parsing, resolving, uploads, drawing, runs, probed, stopping, tasks };
         let app = Self(Arc::new(inner));
         app.recover().await?;
+        app.recover_runs().await?;
         app.0.tasks.spawn(jobs::dispatch(app.clone()));
         app.0.tasks.spawn(maintain(app.clone()));
         Ok(app)

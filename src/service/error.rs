@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use crate::cell::FieldError;
-use crate::wire::{JobId, JobState, MeshId, SpecCollection};
+use crate::wire::run::{RunMode, RunState};
+use crate::wire::{JobId, JobState, LeaseId, MeshId, RunId, SpecCollection};
 
 /// Reasons why the service did not do what a client asked for.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -37,6 +38,86 @@ pub enum Error {
         job: JobId,
         /// Its state.
         state: JobState,
+    },
+    /// The run does not exist.
+    #[error("there is no run {0}")]
+    RunNotFound(RunId),
+    /// The lease does not exist, or has ended.
+    #[error("there is no lease {0}; it was given back or not renewed in time")]
+    LeaseNotFound(LeaseId),
+    /// Somebody else holds the lease.
+    #[error("{0}")]
+    LeaseHeld(String),
+    /// A run that moves a cell needs the lease's token.
+    #[error("moving cell {cell} needs the token of its lease: take it with POST /api/v1/leases and send ?token=")]
+    LeaseRequired {
+        /// Name of the cell.
+        cell: String,
+    },
+    /// The token is not that of the lease.
+    #[error("{0}")]
+    TokenRefused(String),
+    /// Live runs are switched off.
+    #[error("live runs are switched off (execution.live); rehearse with the mode simulate or dry_run")]
+    LiveDisabled,
+    /// No file of the operator's names controllers of the cell.
+    #[error("no cell file of the operator's (execution.cells) has cell {cell} with controllers; run it in the mode simulate")]
+    NoControllers {
+        /// Name of the cell.
+        cell: String,
+    },
+    /// The operator's cell differs from the job's.
+    #[error(
+        "cell {cell} of the operator's file is not the one that the job was planned in; plan the part again in the cell as it is"
+    )]
+    OtherCell {
+        /// Name of the cell.
+        cell: String,
+    },
+    /// The job has no program to run.
+    #[error("job {job} has no program of setup {setup}; plan it in a cell")]
+    NoProgram {
+        /// The job.
+        job: JobId,
+        /// The setup, from 0.
+        setup: usize,
+    },
+    /// The run has not ended.
+    #[error("run {run} is {}; stop it and wait until it has ended", state.as_str())]
+    RunNotEnded {
+        /// The run.
+        run: RunId,
+        /// Its state.
+        state: RunState,
+    },
+    /// The run's state does not allow it.
+    #[error("run {run} is {}; it cannot be {deed}", state.as_str())]
+    RunStateRefused {
+        /// The run.
+        run: RunId,
+        /// Its state.
+        state: RunState,
+        /// Deed that was asked for, as a participle.
+        deed: &'static str,
+    },
+    /// The session refused a command.
+    #[error("{0}")]
+    RunRefused(String),
+    /// The cell is in use by another run.
+    #[error("cell {cell} is in use by run {run} ({}); stop that run first", mode.as_str())]
+    CellInUse {
+        /// Name of the cell.
+        cell: String,
+        /// The other run.
+        run: RunId,
+        /// Its mode.
+        mode: RunMode,
+    },
+    /// Limit of open runs reached.
+    #[error("{open} runs have not ended, as many as execution.max_runs allows; stop one")]
+    TooManyRuns {
+        /// Their number.
+        open: u64,
     },
     /// Fields that are out of range or inconsistent.
     #[error("the request has {} invalid field{}", .0.len(), if .0.len() == 1 { "" } else { "s" })]

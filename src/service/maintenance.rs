@@ -59,6 +59,7 @@ impl App {
         let hours = |hours: u32| Duration::from_secs(u64::from(hours) * HOUR_SECS);
         log("scrubbing the rows", store.scrub_rows().await);
         log("pruning old events", store.prune_events(options.event_retention_hours).await);
+        log("pruning old events of runs", store.prune_run_events(options.event_retention_hours).await);
         let swept = store.sweep(hours(options.orphan_hours), hours(options.swept_hours)).await;
         log("sweeping orphaned files", swept.map(drop));
         log("applying the retention policy", self.apply_retention().await.map(drop));

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::cell::ControllersSpec;
+
 /// Folders, limits and intervals of the service.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
@@ -43,6 +45,40 @@ pub struct Options {
     pub scrub_hours: u32,
     /// Retention policy.
     pub retention: RetentionOptions,
+    /// Execution of programs on controllers.
+    pub execution: ExecutionOptions,
+}
+
+/// Execution of programs on the controllers of the operator's cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExecutionOptions {
+    /// True if controllers may be moved at all.
+    pub live: bool,
+    /// Cells with their controllers, from the operator's files.
+    pub cells: Vec<OperatorCell>,
+    /// Time after which a lease ends unless it is renewed.
+    pub lease_ttl: Duration,
+    /// Interval at which a holder is told to renew it.
+    pub heartbeat: Duration,
+    /// Folder of the audit logs, one folder a run.
+    pub audit_dir: PathBuf,
+    /// Size at which a file of an audit log is closed and the next begun, bytes.
+    pub audit_file_bytes: u64,
+    /// Files kept of one audit log; the oldest goes first.
+    pub audit_files: usize,
+    /// Max runs that have not ended.
+    pub max_runs: usize,
+}
+
+/// A cell of the operator's, with its controllers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OperatorCell {
+    /// Name of the cell.
+    pub name: String,
+    /// Digest of the cell, as [`super::runs::cell_sha256`] has it.
+    pub cell_sha256: String,
+    /// Its controllers, checked.
+    pub controllers: ControllersSpec,
 }
 
 /// Policy by which the store deletes what is no longer needed.

@@ -308,9 +308,7 @@ impl<'a> Lookup<'a> {
         }
         let library = self.library;
         let mut cell = self.find("/cell", named, SpecKind::Cell, |name| library.cell(name).ok())?;
-        inline(&mut cell.scanner, |name| library.scanner(name).ok());
-        inline(&mut cell.robot, |name| library.robot(name).ok());
-        inline(&mut cell.turntable, |name| library.turntable(name).ok());
+        cell.inline_devices(library);
         self.built_cell = Some(self.built("/cell", library.built(&cell))?);
         Some(cell)
     }
@@ -326,14 +324,6 @@ impl<'a> Lookup<'a> {
 }
 
 /// Replaces a name by the specification of that name.
-fn inline<T>(named: &mut Named<T>, stored: impl Fn(&str) -> Option<T>) {
-    if let Named::Name(name) = named
-        && let Some(spec) = stored(name)
-    {
-        *named = Named::Inline(Box::new(spec));
-    }
-}
-
 /// Input of a job that is started, or looked at before.
 pub(super) fn job_input(attempt: &Attempt, files: &Files, max_triangles: usize) -> Result<JobInput, Error> {
     let (input, unknown): (StoredInput, _) = read_leniently(0, &attempt.input).map_err(InternalError::Row)?;

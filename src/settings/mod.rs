@@ -1,6 +1,7 @@
 //! The server's settings, in order of precedence: built-in `config/default.toml` < file < `VANTAGE_…__…`
 //! environment < flags. Unknown keys are refused; an error names the key, its layer and what is allowed.
 
+mod execution;
 mod layers;
 pub mod machine;
 mod server;
@@ -10,6 +11,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+pub use execution::ExecutionSettings;
 pub use server::ServerSettings;
 
 use crate::cell::Findings;
@@ -29,6 +31,8 @@ pub struct Settings {
     pub retention: RetentionSettings,
     /// Execution of jobs.
     pub planning: PlanningSettings,
+    /// Execution of programs on controllers.
+    pub execution: ExecutionSettings,
     /// Logging.
     pub telemetry: TelemetrySettings,
 }
@@ -168,6 +172,7 @@ impl Settings {
     fn check(&self) -> Result<(), Vec<crate::cell::FieldError>> {
         let mut findings = Findings::default();
         self.server.check(&mut findings);
+        self.execution.check(&mut findings);
         let mut whole = |pointer: &str, value: u64, low: f64, high: f64| findings.range(pointer, value as f64, low, high, "");
         whole("/limits/upload_bytes", self.limits.upload_bytes, 1024.0, 1_099_511_627_776.0);
         whole("/limits/json_bytes", self.limits.json_bytes, 1024.0, 1_073_741_824.0);
@@ -243,6 +248,7 @@ impl Settings {
                 max_disk_share: self.retention.max_disk_share,
                 hold_label: self.retention.hold_label.clone(),
             },
+            execution: self.execution.service(&self.store.data_dir),
         }
     }
 }

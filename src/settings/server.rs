@@ -169,7 +169,7 @@ fn is_host_name(text: &str) -> bool {
 }
 
 /// Deserialises a list, or a string with entries separated by commas, as in environment variables.
-fn list<'de, T, D>(deserializer: D) -> Result<Vec<T>, D::Error>
+pub(super) fn list<'de, T, D>(deserializer: D) -> Result<Vec<T>, D::Error>
 where
     T: std::str::FromStr<Err: std::fmt::Display>,
     D: Deserializer<'de>,

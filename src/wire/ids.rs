@@ -47,6 +47,14 @@ typed_id! {
     /// Id of a planning job.
     JobId
 }
+typed_id! {
+    /// Id of a run of a program.
+    RunId
+}
+typed_id! {
+    /// Id of a lease of a cell.
+    LeaseId
+}
 
 impl MeshId {
     /// Id of [`super::example::MESH`] once it is uploaded, so that other examples can name it.

@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 
 use super::json::pointer_of;
 use super::parameters::without_links;
-use crate::cell::{FieldError, closest, with_suggestion};
+use crate::cell::{ControllersSpec, FieldError, closest, with_suggestion};
 
 /// Findings beyond which no more are looked for.
 const MAX_FINDINGS: usize = 100;
@@ -218,6 +218,12 @@ impl Walk<'_> {
             if self.is_done() {
                 return;
             }
+            if name == ControllersSpec::SECTION && shape.properties.contains_key("base_from_table") {
+                let detail =
+                    "is set in the operator's cell file alone (execution.cells in the server's settings); leave it out here";
+                self.push(format!("{at}/{name}"), detail.to_owned());
+                continue;
+            }
             let known: Vec<&str> = shape.properties.keys().map(String::as_str).collect();
             let meant = closest(name, known.iter().copied()).map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
             let detail = format!("unknown field `{name}`; allowed are {}{meant}", known.join(", "));
@@ -397,6 +403,18 @@ mod tests {
         ] {
             assert!(found.contains(&pointer), "{pointer} is not in {errors:#?}");
         }
+    }
+
+    #[test]
+    fn controllers_are_the_operator_s_alone() {
+        let mut cell = serde_json::to_value(Presets.cell("e05-transcan").expect("a preset")).expect("JSON");
+        cell["controllers"] = json!({"arm": {"protocol": "hans", "address": "10.0.0.1:10003"}});
+        let errors = from_value::<CellSpec>(&cell).expect_err("refused");
+        assert_eq!(pointers(&errors), ["/controllers"]);
+        assert!(
+            errors[0].detail.contains("operator's cell file alone") && errors[0].detail.contains("execution.cells"),
+            "{errors:?}"
+        );
     }
 
     #[test]

@@ -10,6 +10,9 @@ use crate::wire::{MeshId, example};
 /// Name of the example specifications.
 const NAME: &str = "mine";
 
+/// Id of a job that is none: what a run is of is known only once a job was planned.
+const NOBODY: &str = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
+
 /// A collection of specifications, a preset of it, and that preset as JSON under [`NAME`].
 type SpecExample = (&'static str, &'static str, Option<Value>);
 
@@ -28,6 +31,7 @@ pub(super) fn add(openapi: &mut OpenApi) {
         }
         set_body_of(path, item);
     }
+    set_parameter(openapi.paths.paths.get_mut("/api/v1/runs").and_then(|item| item.get.as_mut()), "job", json!(NOBODY));
     set_parameter(openapi.paths.paths.get_mut("/api/v1/jobs").and_then(|item| item.get.as_mut()), "mesh", json!(MeshId::EXAMPLE));
 }
 
@@ -63,6 +67,16 @@ fn set_body_of(path: &str, item: &mut PathItem) {
         }
         "/api/v1/jobs/{id}" => set_body(item.patch.as_mut(), Some(json!({"priority": 10}))),
         "/api/v1/jobs/{id}/labels" => set_body(item.put.as_mut(), Some(json!({"labels": {"line": "3", "shift": "early"}}))),
+        "/api/v1/runs" => {
+            set_body(item.post.as_mut(), Some(json!({"job_id": NOBODY, "mode": "simulate", "speed_override": 0.5})))
+        }
+        "/api/v1/runs/{id}/arm" => set_body(item.post.as_mut(), Some(json!({"operator": "A. Operator", "cell": "e05-transcan"}))),
+        "/api/v1/runs/{id}/override" => set_body(item.post.as_mut(), Some(json!({"speed_override": 0.5}))),
+        "/api/v1/runs/{id}/located" => {
+            let pose = json!({"translation_mm": [3.0, -2.0, 0.0], "rpy_deg": [0.0, 0.0, 1.5]});
+            set_body(item.post.as_mut(), Some(json!({"table_from_part": pose})));
+        }
+        "/api/v1/leases" => set_body(item.post.as_mut(), Some(json!({"cell": "e05-transcan", "holder": "line 3"}))),
         "/api/v1/check" => set_body(item.post.as_mut(), Some(json!({"document": {"scan": {"brightness": 5}}}))),
         _ => {}
     }

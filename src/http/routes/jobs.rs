@@ -242,7 +242,8 @@ pub(in crate::http) async fn get(
     Ok(fields.of(&shown(job, &prefix)).map_err(Error::from)?)
 }
 
-fn duration(text: &str) -> Result<Duration, ApiError> {
+/// Parses the time of a wait.
+pub(super) fn duration(text: &str) -> Result<Duration, ApiError> {
     let seconds = text.strip_suffix('s').unwrap_or(text);
     let plain = !seconds.is_empty() && seconds.bytes().all(|c| c.is_ascii_digit());
     let wait = seconds.parse().ok().filter(|_| plain).map(Duration::from_secs);

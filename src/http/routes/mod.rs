@@ -3,8 +3,11 @@
 pub(super) mod checks;
 pub(super) mod events;
 pub(super) mod jobs;
+pub(super) mod leases;
 pub(super) mod meshes;
 pub(super) mod results;
+pub(super) mod run_commands;
+pub(super) mod runs;
 pub(super) mod session;
 mod specs;
 pub(super) mod storage;

@@ -68,6 +68,9 @@ pub(in crate::http) async fn metrics(State(state): State<ApiState>) -> Result<im
     for (job_state, count) in state.app.open_jobs().await? {
         metrics::gauge!("vantage_jobs", "state" => job_state.as_str()).set(count as f64);
     }
+    for (run_state, count) in state.app.open_runs().await? {
+        metrics::gauge!("vantage_runs", "state" => run_state.as_str()).set(count as f64);
+    }
     Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], crate::http::metrics::render()))
 }
 

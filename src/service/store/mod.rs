@@ -18,6 +18,7 @@ mod meshes;
 mod pages;
 mod pinned;
 mod retention;
+mod runs;
 mod scrub;
 mod specs;
 mod stored;
@@ -116,6 +117,9 @@ pub enum OpenError {
     /// The planning threads cannot be started.
     #[error("cannot start the planning threads")]
     Threads(#[from] rayon::ThreadPoolBuildError),
+    /// The threads that carry runs cannot be started.
+    #[error("cannot start the threads that carry runs")]
+    Carrier(#[source] std::io::Error),
     /// Jobs that an earlier process left unfinished cannot be recovered.
     #[error("cannot recover the jobs that an earlier process left unfinished")]
     Recovery(#[from] Error),
@@ -237,6 +241,7 @@ fn migrator() -> Migrator {
         migration(3, "lists", include_str!("migrations/0003_lists.sql")),
         migration(4, "summary", include_str!("migrations/0004_summary.sql")),
         migration(5, "sender", include_str!("migrations/0005_sender.sql")),
+        migration(6, "runs", include_str!("migrations/0006_runs.sql")),
     ])
 }
 

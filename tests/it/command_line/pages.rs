@@ -5,7 +5,7 @@ use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 16] = [
+const COMMANDS: [&str; 17] = [
     "serve",
     "demo",
     "plan",
@@ -13,6 +13,7 @@ const COMMANDS: [&str; 16] = [
     "inspect",
     "check",
     "program",
+    "run",
     "params",
     "presets",
     "part",

@@ -69,6 +69,7 @@ fn planner() -> Planner {
                 return Ok(vec![Artifact { name: "report.txt".into(), bytes: "0123456789".repeat(1000).into_bytes() }]);
             }
             Some("draft") => return Ok(super::drafts::drafted().files.clone()),
+            Some("drive") => return super::runs::planned(input, ctx),
             Some("refuse") => {
                 let bytes = br#"{"program.ls": "the speed is 0.001 of the rated"}"#.to_vec();
                 return Ok(vec![Artifact { name: "refused.json".into(), bytes }]);
@@ -177,6 +178,16 @@ pub(crate) fn service_options() -> service::Options {
             max_disk_share: 0.0,
             hold_label: "hold".to_owned(),
         },
+        execution: service::ExecutionOptions {
+            live: false,
+            cells: Vec::new(),
+            lease_ttl: Duration::from_secs(2),
+            heartbeat: Duration::from_millis(500),
+            audit_dir: std::path::PathBuf::new(),
+            audit_file_bytes: 1 << 20,
+            audit_files: 4,
+            max_runs: 8,
+        },
     }
 }
 
@@ -198,6 +209,7 @@ impl Api {
     ) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         service.data_dir = folder.path().to_owned();
+        service.execution.audit_dir = folder.path().join("audit");
         let app = App::open_with(service, planner, sizer).await.expect("a service");
         Self { router: http::router(app.clone(), http), app, folder }
     }

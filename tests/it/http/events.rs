@@ -10,20 +10,22 @@ use serde_json::{Value, json};
 use super::api::Api;
 
 /// A stream of server-sent events being read.
-struct Listener {
+pub(super) struct Listener {
     body: BodyDataStream,
     text: String,
 }
 
 #[derive(Debug)]
-struct Told {
+pub(super) struct Told {
     id: i64,
-    kind: String,
-    data: Value,
+    /// The id as it was sent: that of a run's event has a part for samples.
+    pub(super) place: String,
+    pub(super) kind: String,
+    pub(super) data: Value,
 }
 
 impl Listener {
-    async fn open(api: &Api, path: &str, last: Option<i64>) -> Self {
+    pub(super) async fn open(api: &Api, path: &str, last: Option<impl ToString>) -> Self {
         let mut request = Request::get(path);
         if let Some(last) = last {
             request = request.header("last-event-id", last.to_string());
@@ -49,14 +51,15 @@ impl Listener {
         }
     }
 
-    async fn next(&mut self) -> Option<Told> {
+    pub(super) async fn next(&mut self) -> Option<Told> {
         let block = self.block().await?;
         let field = |name: &str| block.lines().find_map(|line| line.strip_prefix(name)).unwrap_or_default().trim().to_owned();
         let data = serde_json::from_str(&field("data:")).expect("JSON");
-        Some(Told { id: field("id:").parse().unwrap_or(-1), kind: field("event:"), data })
+        let place = field("id:");
+        Some(Told { id: place.parse().unwrap_or(-1), place, kind: field("event:"), data })
     }
 
-    async fn rest(mut self) -> Vec<Told> {
+    pub(super) async fn rest(mut self) -> Vec<Told> {
         let mut told = Vec::new();
         while let Some(event) = self.next().await {
             told.push(event);
@@ -69,7 +72,7 @@ impl Listener {
 async fn a_job_is_followed_to_its_end() {
     let api = Api::start().await;
     let job = api.job("").await;
-    let told = Listener::open(&api, &format!("/api/v1/jobs/{job}/events"), None).await.rest().await;
+    let told = Listener::open(&api, &format!("/api/v1/jobs/{job}/events"), None::<i64>).await.rest().await;
     let kinds: Vec<&str> = told.iter().map(|event| event.kind.as_str()).collect();
     assert_eq!(kinds, ["queued", "started", "progress", "progress", "succeeded"]);
     for event in &told {
@@ -87,7 +90,7 @@ async fn whoever_comes_back_gets_what_was_missed() {
     let api = Api::start().await;
     let job = api.job("").await;
     let path = format!("/api/v1/jobs/{job}/events");
-    let all: Vec<i64> = Listener::open(&api, &path, None).await.rest().await.iter().map(|event| event.id).collect();
+    let all: Vec<i64> = Listener::open(&api, &path, None::<i64>).await.rest().await.iter().map(|event| event.id).collect();
     for (seen, last) in all.iter().enumerate().take(all.len() - 1) {
         let again: Vec<i64> = Listener::open(&api, &path, Some(*last)).await.rest().await.iter().map(|event| event.id).collect();
         assert_eq!(again, all[seen + 1..]);
@@ -101,7 +104,7 @@ async fn whoever_comes_back_gets_what_was_missed() {
 async fn a_listener_hears_past_and_present_once_and_in_order() {
     let api = Api::start().await;
     let job = api.job("wait").await;
-    let mut listener = Listener::open(&api, &format!("/api/v1/jobs/{job}/events"), None).await;
+    let mut listener = Listener::open(&api, &format!("/api/v1/jobs/{job}/events"), None::<i64>).await;
     let past = [listener.next().await, listener.next().await, listener.next().await];
     assert_eq!(past.map(|event| event.expect("the past").kind), ["queued", "started", "progress"]);
     api.post_json(&format!("/api/v1/jobs/{job}/cancel"), &json!(null)).await.ok(202);
@@ -115,7 +118,7 @@ async fn all_jobs_are_followed_from_now_on_or_from_an_event() {
     let api = Api::start().await;
     let before = api.job("").await;
     api.ended(&before).await;
-    let mut live = Listener::open(&api, "/api/v1/events", None).await;
+    let mut live = Listener::open(&api, "/api/v1/events", None::<i64>).await;
     let mut replayed = Listener::open(&api, "/api/v1/events", Some(0)).await;
     let after = api.job("no_plan").await;
     assert_eq!(live.next().await.expect("an event").data["job_id"], after);
@@ -145,7 +148,7 @@ async fn what_is_no_event_is_refused() {
 #[tokio::test]
 async fn streams_end_when_the_server_stops() {
     let api = Api::start().await;
-    let listener = Listener::open(&api, "/api/v1/events", None).await;
+    let listener = Listener::open(&api, "/api/v1/events", None::<i64>).await;
     api.app.stop().await;
     assert!(listener.rest().await.is_empty());
 }

@@ -119,6 +119,57 @@ const LAST: [&str; 9] = [
     "end_session",
 ];
 
+/// Operations on a run that waits for its first step, in an order in which all are accepted.
+const RUNS: [&str; 15] = [
+    "create_run",
+    "list_runs",
+    "step_run",
+    "override_run",
+    "resume_run",
+    "pause_run",
+    "get_run_record",
+    "get_run_record_csv",
+    "get_run_audit",
+    "stop_run",
+    "get_run",
+    "follow_run",
+    "delete_run",
+    "arm_run",
+    "locate_part",
+];
+/// Operations of them that only a live run, or one that waits for it, accepts.
+const REFUSED: [&str; 2] = ["arm_run", "locate_part"];
+/// Operations on leases, in an order in which all are accepted.
+const LEASES: [&str; 4] = ["take_lease", "list_leases", "renew_lease", "give_lease_back"];
+
+async fn send_examples_of_runs(api: &Api, document: &Value) {
+    let job = super::runs::driven(api).await;
+    let mut create = example(document, "create_run", "");
+    let mut body: Value = serde_json::from_str(&create.body).expect("JSON");
+    (body["job_id"], body["single_step"]) = (job.into(), true.into());
+    create.body = body.to_string();
+    let run = api.send("POST", &create.path, &[("content-type", "application/json")], create.body).await.ok(202);
+    let run = run["id"].as_str().expect("an id");
+    for _ in 0..1000 {
+        if api.get(&format!("/api/v1/runs/{run}")).await.ok(200)["state"] == "armed" {
+            break;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    for id in REFUSED {
+        let Example { method, path, content_type, body, .. } = example(document, id, run);
+        let answer = api.send(&method, &path, &[("content-type", &content_type)], body).await;
+        assert_eq!(answer.status, 409, "{id}: {}", answer.text());
+    }
+    for id in RUNS.iter().filter(|id| !REFUSED.contains(id) && **id != "create_run") {
+        send(api, document, id, run).await;
+    }
+    let lease = send(api, document, "take_lease", "").await;
+    for id in &LEASES[1..] {
+        send(api, document, id, lease["id"].as_str().expect("an id")).await;
+    }
+}
+
 #[tokio::test]
 async fn every_example_is_accepted_as_it_is() {
     let api = Api::start().await;
@@ -135,7 +186,9 @@ async fn every_example_is_accepted_as_it_is() {
         }
     }
     assert_eq!(api.ended(&job).await["state"], "succeeded");
-    for id in ids.iter().filter(|id| !FIRST.contains(id) && !LAST.contains(id) && **id != "update_job") {
+    send_examples_of_runs(&api, &document).await;
+    let of_runs: Vec<&str> = RUNS.iter().chain(&LEASES).chain(&REFUSED).copied().collect();
+    for id in ids.iter().filter(|id| !FIRST.contains(id) && !LAST.contains(id) && !of_runs.contains(id) && **id != "update_job") {
         let answer = send(&api, &document, id, &job).await;
         if *id == "list_jobs" {
             // The filters of the examples find the job of the example.

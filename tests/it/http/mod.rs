@@ -18,6 +18,7 @@ mod meshes;
 mod prefix;
 mod refusals;
 mod results;
+mod runs;
 mod shares;
 mod side_by_side;
 mod specs;

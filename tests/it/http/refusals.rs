@@ -8,6 +8,10 @@ use super::api::{Api, cube};
 
 const NOBODY: &str = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
 
+/// Bodies of requests that are well formed.
+const RUN_OF_NOBODY: &str = "{\"job_id\":\"01a1f77c-78a1-7554-855a-a9513c22aa2b\"}";
+const ARM: &str = "{\"operator\":\"A\",\"cell\":\"a\"}";
+
 /// Route, and path with query, method, content type, body and the code it is refused with.
 type Case = (&'static str, &'static str, &'static str, &'static str, &'static str, &'static str);
 
@@ -135,6 +139,62 @@ const CASES: &[Case] = &[
     ("/api/v1/jobs/{id}/report.txt", "/api/v1/jobs/{nobody}/report.txt", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/coverage.bin", "/api/v1/jobs/{nobody}/coverage.bin", "GET", "", "", "job_not_found"),
     ("/api/v1/jobs/{id}/files/{name}", "/api/v1/jobs/{nobody}/files/plan.json", "GET", "", "", "job_not_found"),
+    ("/api/v1/runs", "/api/v1/runs", "POST", "application/json", "{}", "bad_shape"),
+    ("/api/v1/runs", "/api/v1/runs", "POST", "", "{}", "unsupported_media_type"),
+    ("/api/v1/runs", "/api/v1/runs", "POST", "application/json", RUN_OF_NOBODY, "job_not_found"),
+    ("/api/v1/runs", "/api/v1/runs?token=x", "POST", "application/json", RUN_OF_NOBODY, "bad_query"),
+    ("/api/v1/runs", "/api/v1/runs?state=happy", "GET", "", "", "bad_query"),
+    ("/api/v1/runs", "/api/v1/runs?mode=real", "GET", "", "", "bad_query"),
+    ("/api/v1/runs", "/api/v1/runs?page_token=x", "GET", "", "", "bad_page_token"),
+    ("/api/v1/runs", "/api/v1/runs", "DELETE", "", "", "method_not_allowed"),
+    ("/api/v1/runs/{id}", "/api/v1/runs/{nobody}", "GET", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}", "/api/v1/runs/nothing", "GET", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}", "/api/v1/runs/{nobody}?wait=61s", "GET", "", "", "bad_query"),
+    ("/api/v1/runs/{id}", "/api/v1/runs/{nobody}?wait=1s", "GET", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}", "/api/v1/runs/{nobody}", "DELETE", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/events", "/api/v1/runs/{nobody}/events", "GET", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/arm", "/api/v1/runs/{nobody}/arm", "POST", "application/json", ARM, "run_not_found"),
+    ("/api/v1/runs/{id}/arm", "/api/v1/runs/{nobody}/arm", "POST", "application/json", "{}", "bad_shape"),
+    (
+        "/api/v1/runs/{id}/arm",
+        "/api/v1/runs/{nobody}/arm",
+        "POST",
+        "application/json",
+        "{\"operator\":\"\",\"cell\":\"a\"}",
+        "invalid_fields",
+    ),
+    ("/api/v1/runs/{id}/pause", "/api/v1/runs/{nobody}/pause", "POST", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/pause", "/api/v1/runs/{nobody}/pause?token=1", "POST", "", "", "bad_query"),
+    ("/api/v1/runs/{id}/resume", "/api/v1/runs/{nobody}/resume", "POST", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/resume", "/api/v1/runs/{nobody}/resume?token=-1", "POST", "", "", "bad_query"),
+    ("/api/v1/runs/{id}/stop", "/api/v1/runs/{nobody}/stop", "POST", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/stop", "/api/v1/runs/{nobody}/stop", "GET", "", "", "method_not_allowed"),
+    ("/api/v1/runs/{id}/step", "/api/v1/runs/{nobody}/step", "POST", "", "", "run_not_found"),
+    (
+        "/api/v1/runs/{id}/override",
+        "/api/v1/runs/{nobody}/override",
+        "POST",
+        "application/json",
+        "{\"speed_override\":0.5}",
+        "run_not_found",
+    ),
+    (
+        "/api/v1/runs/{id}/override",
+        "/api/v1/runs/{nobody}/override",
+        "POST",
+        "application/json",
+        "{\"speed_override\":0}",
+        "invalid_fields",
+    ),
+    ("/api/v1/runs/{id}/located", "/api/v1/runs/{nobody}/located", "POST", "application/json", "{}", "bad_shape"),
+    ("/api/v1/runs/{id}/record", "/api/v1/runs/{nobody}/record", "GET", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/record.csv", "/api/v1/runs/{nobody}/record.csv", "GET", "", "", "run_not_found"),
+    ("/api/v1/runs/{id}/audit", "/api/v1/runs/{nobody}/audit", "GET", "", "", "run_not_found"),
+    ("/api/v1/leases", "/api/v1/leases", "POST", "application/json", "{\"cell\":\"\"}", "invalid_fields"),
+    ("/api/v1/leases", "/api/v1/leases", "POST", "application/json", "{}", "bad_shape"),
+    ("/api/v1/leases", "/api/v1/leases?cell=a", "GET", "", "", "bad_query"),
+    ("/api/v1/leases/{id}", "/api/v1/leases/{nobody}", "PUT", "", "", "lease_not_found"),
+    ("/api/v1/leases/{id}", "/api/v1/leases/nothing", "DELETE", "", "", "lease_not_found"),
     ("/api/v1/events", "/api/v1/events?after=1", "GET", "", "", "bad_query"),
     ("/api/v1/events", "/api/v1/events", "POST", "", "", "method_not_allowed"),
     ("/api/v1/session", "/api/v1/session?x=1", "POST", "", "", "bad_query"),

@@ -1,0 +1,270 @@
+//! `vantage run`: carries out a program on a twin of arm and table, or on the controllers of a cell file, without a server.
+
+mod outcome;
+mod watch;
+
+use std::io::{BufRead, IsTerminal, stdin};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use sha2::{Digest, Sha256};
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use self::outcome::{RecordFile, RunOutcome};
+use self::watch::RunWatch;
+use super::check::ReferenceArgs;
+use super::files::{self, FileLibrary};
+use super::program::plan_beside;
+use super::serve::run_to_completion;
+use super::signals::on_signals;
+use super::{CliError, output};
+use crate::cell::{Cell, ControllersSpec};
+use crate::check::{Reference, field_errors};
+use crate::execution::session::{Authority, Fence, Hashes, LeaseError, Leases, RunHandle, RunJob, RunState};
+use crate::program::Finding;
+use crate::service::hex;
+use crate::service::plan_job::program_stem;
+use crate::service::runs::session::{self, AuditPlace, SessionOrder};
+use crate::wire::program::ProgramDocument;
+use crate::wire::run::{NOT_SAFETY_RATED, Run, RunMode, RunRequest};
+
+/// Time after which the lease of this process ends unless its heartbeat renews it.
+const LEASE: Duration = Duration::from_secs(2);
+/// Interval of the heartbeat.
+const HEARTBEAT: Duration = Duration::from_millis(200);
+/// Size at which a file of the audit log is closed, bytes.
+const AUDIT_FILE_BYTES: u64 = 16 << 20;
+/// Files kept of the audit log.
+const AUDIT_FILES: usize = 64;
+
+/// Carry out a program: on a twin of arm and table, or on the controllers of a cell file.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage run plan/program.json --cell e05-transcan --speed 20
+  vantage run plan/program.json --cell cell.toml --mesh part.stl --unit mm \\
+      --mode dry_run
+  vantage run plan/program.json --cell cell.toml --mesh part.stl --unit mm \\
+      --mode live --override 0.1 --record run.json --audit audit
+
+The program is checked first, as by `vantage check`, against the plan.json beside it if there is one. `simulate` moves a twin in \
+real time, or --speed times as fast. `dry_run` connects to the controllers that the cell file names in [controllers], reads their \
+state and sends no motion. `live` moves arm and table: the operator types the name of the cell, or --armed-by names who released \
+the motion; the speed stays below `first_run_speed` of the cell file.
+
+With --step, and a terminal or a pipe on standard input, each line takes one step. Ctrl-C stops the run in order and says when the \
+stop was sent, acknowledged, and arm and table at rest; a second one ends the process at once. Vantage is not safety-rated, and \
+its stop is not an emergency stop: keep the cell's own safety in force.
+
+Exit codes: 0 done, 1 ended by a fault, 2 bad input, 4 stopped by ctrl-c.")]
+pub struct RunArgs {
+    /// Program: a program.json, or a folder that `vantage plan` wrote.
+    program: PathBuf,
+    /// Cell: name of a preset, or a TOML or JSON file; controllers are named in a file alone.
+    #[arg(long)]
+    cell: String,
+    /// Mode: simulate, dry_run or live.
+    #[arg(long, value_name = "MODE", default_value = "simulate")]
+    mode: RunMode,
+    #[command(flatten)]
+    reference: ReferenceArgs,
+    /// Speed of the twin's clock, 1 to 100.
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = factor)]
+    speed: f64,
+    /// Share of the program's speed at which it moves, 0.01 to 1.
+    #[arg(long = "override", value_name = "SHARE", default_value_t = 1.0)]
+    speed_override: f64,
+    /// Pause after each step; a line on standard input goes on.
+    #[arg(long)]
+    step: bool,
+    /// Step to begin with, from 0; arm and table must stand where it begins.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    from_step: usize,
+    /// File for the record: commanded and measured poses and times of each step; a table if its name ends in .csv, else JSON.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Folder for the log of every byte exchanged with the controllers.
+    #[arg(long, value_name = "DIR")]
+    audit: Option<PathBuf>,
+    /// Name of the operator who released the motion; for scripts, in the mode `live`.
+    #[arg(long, value_name = "NAME")]
+    armed_by: Option<String>,
+}
+
+/// Reads `20`, `x20` or `×20`.
+fn factor(text: &str) -> Result<f64, String> {
+    let number = text.trim_start_matches(['x', '×']);
+    number.parse().map_err(|_| format!("{text:?} is not a number; give 1 to 100, for example 20"))
+}
+
+/// A program that was found sound, with all that its run needs.
+struct PreparedRun {
+    run: Run,
+    job: RunJob,
+    cell: Arc<Cell>,
+    reference: Reference,
+    controllers: Option<ControllersSpec>,
+    request: RunRequest,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(args: &RunArgs) -> Result<(), CliError> {
+    let record = args.record.as_deref().map(RecordFile::new).transpose()?;
+    let mut prepared = PreparedRun::load(args)?;
+    prepared.run.created_at = super::plan::now();
+    if args.mode == RunMode::Live {
+        prepared.run.armed_by = Some(operator(args.armed_by.as_deref(), &prepared.cell.name)?);
+    }
+    let stop = CancellationToken::new();
+    let raised = stop.clone();
+    on_signals(move |_| raised.cancel(), None)?;
+    run_to_completion(async {
+        let outcome = prepared.carry_out(args, &stop).await?;
+        if let Some(file) = &record {
+            file.write(&outcome.document)?;
+        }
+        outcome.print()?;
+        outcome.judge()
+    })
+}
+
+/// The operator's release of motion: the name given, or the cell's name typed on a terminal.
+fn operator(armed_by: Option<&str>, cell: &str) -> Result<String, CliError> {
+    if let Some(name) = armed_by {
+        let is_name = !name.trim().is_empty() && !name.chars().any(char::is_control);
+        return if is_name {
+            Ok(name.to_owned())
+        } else {
+            Err(CliError::BadInput("--armed-by: give the operator's name".into()))
+        };
+    }
+    if !stdin().is_terminal() {
+        let what =
+            "--mode live: the operator has to release the motion; run it on a terminal, or name the operator with --armed-by";
+        return Err(CliError::BadInput(what.into()));
+    }
+    output::prompt(format_args!(
+        "{NOT_SAFETY_RATED}\nThe arm and the table of cell {cell} are about to move. Make sure that nobody is in the cell, then type its name: "
+    ));
+    let mut line = String::new();
+    stdin().lock().read_line(&mut line).map_err(|error| CliError::Failed(format!("standard input: {error}")))?;
+    if line.trim() == cell {
+        return Ok(std::env::var("USER").unwrap_or_else(|_| "the operator".to_owned()));
+    }
+    Err(CliError::BadInput(format!("{:?} is not the name of the cell, {cell:?}; nothing was moved", line.trim())))
+}
+
+impl PreparedRun {
+    /// Reads every file and checks the program.
+    fn load(args: &RunArgs) -> Result<Self, CliError> {
+        let request = RunRequest {
+            mode: args.mode,
+            speed_override: args.speed_override,
+            time_factor: args.speed,
+            single_step: args.step,
+            from_step: args.from_step,
+            ..RunRequest::new(crate::wire::JobId::generate())
+        };
+        request.check().map_err(|errors| files::findings("the run", &errors))?;
+        let (mut spec, controllers) = files::cell(&args.cell)?;
+        if args.mode != RunMode::Simulate && controllers.is_none() {
+            let what = "has no section [controllers], which names the controllers of arm and table; --mode simulate needs none";
+            return Err(CliError::BadInput(format!("{}: {what}", args.cell)));
+        }
+        spec.inline_devices(&FileLibrary);
+        let cell = Arc::new(spec.build(&FileLibrary).map_err(|errors| files::findings(&args.cell, &errors))?);
+        let (path, bytes) = program_file(&args.program)?;
+        let shown = path.display().to_string();
+        let document: ProgramDocument = files::from_value(files::value(&path)?, &shown)?;
+        let program = document.program().map_err(|errors| files::findings(&shown, &errors))?;
+        let mut reference = args.reference.clone();
+        reference.plan = reference.plan.or(plan_beside(&args.program)?);
+        let reference = reference.load()?;
+        let refused = |found: &[Finding]| files::findings(&shown, &field_errors(found));
+        reference.owns(&program).map_err(|finding| refused(&[finding]))?;
+        let run = Run::new(&request, None, &cell.name, &program, &hex(&Sha256::digest(&bytes)));
+        let expected = reference.expected(program.setup);
+        let scene = reference.scene(&cell, expected.as_ref());
+        let hashes = Hashes { plan: program.plan_sha256.clone(), cell: files::cell_sha256_of(&spec)?, compensation: None };
+        if args.from_step >= program.steps.len().max(1) {
+            let last = program.steps.len().saturating_sub(1);
+            return Err(CliError::BadInput(format!("--from-step {}: the program has the steps 0 to {last}", args.from_step)));
+        }
+        let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [hashes.clone(), hashes])
+            .map_err(|found| refused(&found))?;
+        Ok(Self { run, job, cell, reference, controllers, request })
+    }
+
+    /// Carries out the run to its end.
+    async fn carry_out(self, args: &RunArgs, stop: &CancellationToken) -> Result<RunOutcome, CliError> {
+        let leases = Leases::default();
+        let is_live = self.request.mode == RunMode::Live;
+        let lease = is_live.then(|| leases.acquire(&self.cell.name, "vantage run", LEASE)).transpose().map_err(refused_lease)?;
+        let audit = args.audit.clone().map(|folder| AuditPlace { folder, file_bytes: AUDIT_FILE_BYTES, files: AUDIT_FILES });
+        let handle = session::begin(SessionOrder {
+            name: self.run.id.to_string(),
+            job: self.job.clone(),
+            request: &self.request,
+            controllers: self.controllers.as_ref(),
+            authority: is_live.then(|| Authority { leases: leases.clone(), cell: self.cell.name.clone() }),
+            is_first: true,
+            heartbeat_timeout: LEASE,
+            relocate: None,
+            audit,
+        })
+        .map_err(CliError::Failed)?;
+        let token = lease.as_ref().map(|lease| lease.token);
+        let heart = tokio::spawn(beat(leases, self.cell.name.clone(), token, handle.clone()));
+        let lines = if args.step { Some(lines_of_stdin()?) } else { None };
+        let watch = RunWatch::new(handle.clone(), self.job.program(), stop.clone(), token, lines);
+        watch.to_the_end().await;
+        let record = handle.ended().await;
+        heart.abort();
+        RunOutcome::new(self.run, &self.cell, &self.reference, &record)
+    }
+}
+
+/// Renews the lease, says that the client is there, and arms the run once it is ready.
+async fn beat(leases: Leases, cell: String, token: Option<Fence>, handle: RunHandle) {
+    let Some(token) = token else { return };
+    let (mut beats, mut is_armed) = (tokio::time::interval(HEARTBEAT), false);
+    loop {
+        beats.tick().await;
+        if leases.renew(&cell, token).is_err() || handle.heartbeat(Some(token)).is_err() {
+            return;
+        }
+        if !is_armed && handle.status().state == RunState::Ready {
+            is_armed = handle.arm(token).await.is_ok();
+        }
+    }
+}
+
+fn refused_lease(error: LeaseError) -> CliError {
+    CliError::Failed(error.to_string())
+}
+
+/// The program's file and its bytes.
+fn program_file(from: &Path) -> Result<(PathBuf, Vec<u8>), CliError> {
+    let path = if from.is_dir() { from.join(format!("{}.json", program_stem(0))) } else { from.to_owned() };
+    let bytes = std::fs::read(&path).map_err(|error| CliError::BadInput(format!("{}: {error}", path.display())))?;
+    Ok((path, bytes))
+}
+
+/// Lines of standard input, as they come; the channel closes with it.
+fn lines_of_stdin() -> Result<mpsc::Receiver<()>, CliError> {
+    let (sender, lines) = mpsc::channel(1);
+    let read = move || {
+        for line in stdin().lock().lines() {
+            if line.is_err() || sender.blocking_send(()).is_err() {
+                return;
+            }
+        }
+    };
+    let thread = std::thread::Builder::new().name("lines".to_owned()).spawn(read);
+    thread.map_err(|error| CliError::Failed(format!("the thread for standard input: {error}")))?;
+    Ok(lines)
+}

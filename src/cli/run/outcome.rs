@@ -1,0 +1,125 @@
+//! End of a run: its record as a file, its words, its exit code.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use crate::cell::Cell;
+use crate::check::Reference;
+use crate::cli::{CliError, files, output};
+use crate::execution::record::RunRecord;
+use crate::planning::context::{Context, Silent};
+use crate::service::runs::coverage;
+use crate::wire::json_file_bytes;
+use crate::wire::run::{
+    DeviceStopDocument, RUN_RECORD_SCHEMA, Run, RunReason, RunRecordDocument, RunState, RunStepOp, RunStepRecord,
+};
+
+/// File for the record.
+pub(super) struct RecordFile {
+    path: PathBuf,
+    is_csv: bool,
+}
+
+impl RecordFile {
+    /// Refuses a path that can be no file before anything moves.
+    pub(super) fn new(path: &Path) -> Result<Self, CliError> {
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+        if path.is_dir() || parent.is_some_and(|parent| !parent.is_dir()) {
+            return Err(CliError::BadInput(format!("--record {}: is a folder, or its folder does not exist", path.display())));
+        }
+        let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+        Ok(Self { path: path.to_owned(), is_csv })
+    }
+
+    /// Writes the record.
+    pub(super) fn write(&self, document: &RunRecordDocument) -> Result<(), CliError> {
+        let bytes = if self.is_csv { document.to_csv().into_bytes() } else { json_file_bytes(document) };
+        files::write(&self.path, &bytes)
+    }
+}
+
+/// End of a run.
+pub(super) struct RunOutcome {
+    pub(super) document: RunRecordDocument,
+}
+
+impl RunOutcome {
+    /// The record as a document, with the coverage at the measured poses.
+    pub(super) fn new(mut run: Run, cell: &Cell, reference: &Reference, record: &RunRecord) -> Result<Self, CliError> {
+        run.conclude(record);
+        run.ended_at = Some(crate::cli::plan::now());
+        if run.state == RunState::Done {
+            let never = AtomicBool::new(false);
+            let ctx = Context::new(&never, &Silent);
+            let covered = tokio::task::block_in_place(|| coverage(reference, cell, run.setup, record, &ctx));
+            run.coverage = covered.map_err(|error| CliError::Failed(format!("coverage at the measured poses: {error}")))?;
+        }
+        let steps = record.steps.iter().map(RunStepRecord::from).collect();
+        Ok(Self { document: RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps } })
+    }
+
+    /// Prints how it ended.
+    pub(super) fn print(&self) -> Result<(), CliError> {
+        output::result(&self.document, self.words())
+    }
+
+    /// The error that the exit code tells, unless the run is done.
+    pub(super) fn judge(&self) -> Result<(), CliError> {
+        let run = &self.document.run;
+        let detail = run.detail.clone().unwrap_or_default();
+        match (run.state, run.reason) {
+            (RunState::Done, _) => Ok(()),
+            (RunState::Stopped, RunReason::ByClient) => {
+                Err(CliError::Cancelled(format!("stopped at step {} of {}", run.step, run.steps)))
+            }
+            (state, _) => Err(CliError::Failed(format!("{} at step {} of {}: {detail}", state.as_str(), run.step, run.steps))),
+        }
+    }
+
+    fn words(&self) -> String {
+        let RunRecordDocument { run, steps, .. } = &self.document;
+        let mut words = format!(
+            "{}: {} of {} steps, {} scans, {:.1} s\n",
+            run.state.as_str(),
+            steps.iter().filter(|step| step.op != RunStepOp::Locate).count(),
+            run.steps,
+            run.scans,
+            run.elapsed_secs
+        );
+        let scans = || steps.iter().filter(|step| step.op == RunStepOp::Scan);
+        if scans().next().is_some() {
+            let max = |value: fn(&RunStepRecord) -> f64| scans().map(value).fold(0.0, f64::max);
+            let axis_deg = max(|step| step.optical_axis_deviation_deg);
+            let position_mm = max(|step| step.position_deviation_mm);
+            let planned: f64 = steps.iter().map(|step| step.planned_secs).sum();
+            // Strings take every write.
+            let _ =
+                writeln!(words, "at the scans at most {axis_deg:.3}° and {position_mm:.2} mm off; predicted time {planned:.1} s");
+        }
+        if let Some(coverage) = &run.coverage {
+            let (measured, planned) = (100.0 * coverage.measured_of_asked, 100.0 * coverage.planned_of_asked);
+            let _ = writeln!(words, "coverage from the measured poses {measured:.2} % of the asked area; planned {planned:.2} %");
+        }
+        for (name, stop) in run.stop.iter().flat_map(|stop| [("arm", &stop.arm), ("table", &stop.table)]) {
+            if let Some(stop) = stop {
+                let _ = writeln!(words, "{name}: {}", words_of_stop(stop));
+            }
+        }
+        run.objections.iter().for_each(|objection| {
+            let _ = writeln!(words, "would refuse motion: {objection}");
+        });
+        words
+    }
+}
+
+/// Stages of a stop.
+fn words_of_stop(stop: &DeviceStopDocument) -> String {
+    let stage = |name: &str, ms: Option<f64>| ms.map_or_else(|| format!("not {name}"), |ms| format!("{name} after {ms:.0} ms"));
+    let stages =
+        [stage("sent", stop.sent_ms), stage("acknowledged", stop.acknowledged_ms), stage("at rest", stop.at_rest_ms)].join(", ");
+    match &stop.error {
+        Some(error) => format!("stop {stages} ({error})"),
+        None => format!("stop {stages}"),
+    }
+}

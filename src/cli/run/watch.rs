@@ -1,0 +1,117 @@
+//! Progress of a run while it is under way: on a terminal a bar over its steps, else a line for each change. A signal stops it in
+//! order; lines of standard input take it on step by step.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use crate::cli::output;
+use crate::execution::session::{Fence, LiveEvent, RunHandle, RunState, StopCause};
+use crate::program::{Program, Step};
+
+/// A run that is watched.
+pub(super) struct RunWatch {
+    handle: RunHandle,
+    steps: Vec<String>,
+    stop: CancellationToken,
+    token: Option<Fence>,
+    lines: Option<mpsc::Receiver<()>>,
+    bar: ProgressBar,
+    told: Option<(RunState, Option<usize>)>,
+    last_id: u64,
+}
+
+impl RunWatch {
+    /// Begins to watch.
+    pub(super) fn new(
+        handle: RunHandle,
+        program: &Program,
+        stop: CancellationToken,
+        token: Option<Fence>,
+        lines: Option<mpsc::Receiver<()>>,
+    ) -> Self {
+        let steps: Vec<String> = program.steps.iter().map(words_of).collect();
+        // Log lines and JSON would be torn by a bar, and so would the lines that take steps.
+        let has_bar = !output::is_quiet() && !output::is_json() && output::verbosity() == 0 && lines.is_none();
+        let target = if has_bar { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let bar = ProgressBar::with_draw_target(Some(steps.len() as u64), target);
+        if let Ok(style) = ProgressStyle::with_template("{prefix:>9} [{bar:30}] {pos}/{len}  {msg}") {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        Self { handle, steps, stop, token, lines, bar, told: None, last_id: 0 }
+    }
+
+    /// Watches until the run has ended.
+    pub(super) async fn to_the_end(mut self) {
+        let (kept, mut live) = self.handle.events_after(0);
+        kept.iter().for_each(|event| self.show(event));
+        let mut is_stopping = false;
+        while !self.handle.status().state.is_final() {
+            tokio::select! {
+                event = live.recv() => match event {
+                    Ok(event) => self.show(&event),
+                    Err(RecvError::Lagged(_)) => {
+                        let (kept, again) = self.handle.events_after(self.last_id);
+                        kept.iter().for_each(|event| self.show(event));
+                        live = again;
+                    }
+                    Err(RecvError::Closed) => break,
+                },
+                () = self.stop.cancelled(), if !is_stopping => {
+                    is_stopping = true;
+                    output::note("stopping in order; ctrl-c again ends the process at once");
+                    self.handle.stop(StopCause::Client);
+                }
+                line = next_line(&mut self.lines) => match line {
+                    // A line at another moment is no order.
+                    Some(()) => drop(self.handle.step(self.token).await),
+                    None => {
+                        self.lines = None;
+                        output::note("standard input has ended; the run stops");
+                        self.handle.stop(StopCause::Client);
+                    }
+                },
+            }
+        }
+        self.bar.finish_and_clear();
+    }
+
+    fn show(&mut self, event: &LiveEvent) {
+        self.last_id = event.id;
+        let (state, step) = (event.status.state, event.step);
+        let now = Some((state, step));
+        if self.told == now {
+            return;
+        }
+        let is_new_state = self.told.is_none_or(|(before, _)| before != state);
+        self.told = now;
+        let words = step.and_then(|step| self.steps.get(step)).map_or("", String::as_str);
+        if self.bar.is_hidden() {
+            if is_new_state {
+                output::note(format_args!("{}: {}", state.as_str(), event.status.reason));
+            }
+            if let Some(step) = step.filter(|_| state == RunState::Running) {
+                output::note(format_args!("step {step} of {}: {words}", self.steps.len()));
+            }
+        }
+        self.bar.set_prefix(state.as_str());
+        self.bar.set_message(words.to_owned());
+        self.bar.set_position(step.unwrap_or_default() as u64);
+    }
+}
+
+async fn next_line(lines: &mut Option<mpsc::Receiver<()>>) -> Option<()> {
+    match lines {
+        Some(lines) => lines.recv().await,
+        None => std::future::pending().await,
+    }
+}
+
+fn words_of(step: &Step) -> String {
+    match step {
+        Step::Move(step) => format!("move, {:.1} s", step.duration_secs),
+        Step::Settle { secs } => format!("settle, {secs:.1} s"),
+        Step::Scan { view, .. } => format!("scan viewpoint {}", view.0),
+    }
+}

@@ -1,0 +1,197 @@
+//! Commands to a run: arm, pause, resume, stop, step, override, located. Pause and stop need no token: anybody may.
+
+use axum::extract::{Path, State};
+
+use super::runs::{Accepted, accepted, run_id, token};
+use crate::http::extract::{Json, Params};
+use crate::http::prefix::Prefix;
+use crate::http::problem::ApiError;
+use crate::http::router::ApiState;
+use crate::wire::run::{ArmRequest, LocatedRequest, OverrideRequest, Run};
+
+/// Arm a live run
+///
+/// The release of motion by the operator, who stands at the cell and has made sure that nobody is in it. Needs the lease of the cell.
+/// The run then begins. Before that the state of arm and table, their pose and the hashes of plan, program and cell are checked; a
+/// first live run of a program is slow.
+///
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/arm",
+    tag = "runs",
+    operation_id = "arm_run",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the run."),
+        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease."),
+    ),
+    request_body = ArmRequest,
+    responses((status = 200, description = "The run.", body = Run))
+)]
+pub(in crate::http) async fn arm(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+    Json(request): Json<ArmRequest>,
+) -> Result<axum::Json<Run>, ApiError> {
+    let token = token(&mut params)?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.arm_run(run_id(&id)?, request, token).await?))
+}
+
+/// Pause a run
+///
+/// It stops in order where it is and holds there until it is resumed. Pausing a paused run has no effect. Anybody may pause.
+///
+/// Not an emergency stop: Vantage is not safety-rated.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/pause",
+    tag = "runs",
+    operation_id = "pause_run",
+    params(("id" = uuid::Uuid, Path, description = "Id of the run.")),
+    responses((status = 200, description = "The run.", body = Run))
+)]
+pub(in crate::http) async fn pause(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<axum::Json<Run>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.pause_run(run_id(&id)?).await?))
+}
+
+/// Resume a paused run
+///
+/// State and pose are checked anew. In the mode `live` it needs the lease of the cell, and moves arm and table.
+///
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/resume",
+    tag = "runs",
+    operation_id = "resume_run",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the run."),
+        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+    ),
+    responses((status = 200, description = "The run.", body = Run))
+)]
+pub(in crate::http) async fn resume(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+) -> Result<axum::Json<Run>, ApiError> {
+    let token = token(&mut params)?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.resume_run(run_id(&id)?, token).await?))
+}
+
+/// Stop a run
+///
+/// Asks the controllers to stop in order, and ends the run; it cannot be resumed. `stop` of the run tells apart when the request was
+/// put on the wire, when the controllers acknowledged it, and when arm and table were measured at rest. Anybody may stop; stopping an
+/// ended run has no effect.
+///
+/// Not an emergency stop: Vantage is not safety-rated, and this request can be late or lost.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/stop",
+    tag = "runs",
+    operation_id = "stop_run",
+    params(("id" = uuid::Uuid, Path, description = "Id of the run.")),
+    responses(
+        (status = 202, description = "The run stops, or has ended.", body = Run,
+            headers(("Location" = String, description = "Path of the run."),
+                    ("Retry-After" = String, description = "Seconds to wait before polling the run."))),
+    )
+)]
+pub(in crate::http) async fn stop(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    prefix: Prefix,
+    params: Params,
+) -> Result<Accepted, ApiError> {
+    params.deny_unknown()?;
+    Ok(accepted(state.app.stop_run(run_id(&id)?).await?, &prefix))
+}
+
+/// Carry out one step
+///
+/// Takes a paused run, or an armed one that pauses after each step, one step on; it pauses again after it. In the mode `live` it needs the lease of the cell, and moves arm and table.
+///
+/// Vantage is not safety-rated, and its stop is not an emergency stop: keep the cell's own safety in force.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/step",
+    tag = "runs",
+    operation_id = "step_run",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the run."),
+        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+    ),
+    responses((status = 200, description = "The run.", body = Run))
+)]
+pub(in crate::http) async fn step(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+) -> Result<axum::Json<Run>, ApiError> {
+    let token = token(&mut params)?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.step_run(run_id(&id)?, token).await?))
+}
+
+/// Change the speed of a run
+///
+/// Holds from the next segment of motion on. The first live run of a program stays below the cap of the cell file.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/override",
+    tag = "runs",
+    operation_id = "override_run",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the run."),
+        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+    ),
+    request_body = OverrideRequest,
+    responses((status = 200, description = "The run.", body = Run))
+)]
+pub(in crate::http) async fn set_override(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+    Json(request): Json<OverrideRequest>,
+) -> Result<axum::Json<Run>, ApiError> {
+    let token = token(&mut params)?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.override_run(run_id(&id)?, request, token).await?))
+}
+
+/// Tell where the part lies
+///
+/// The answer to a locating scan, which the run waits for (`paused`, reason `locating`). The program is checked again for reach,
+/// collision and coverage with the part there: within bounds the run goes on with corrected targets, else it stops and says how to put
+/// the part right.
+#[utoipa::path(
+    post,
+    path = "/runs/{id}/located",
+    tag = "runs",
+    operation_id = "locate_part",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the run."),
+        ("token" = Option<u64>, Query, minimum = 0, description = "Fencing token of the cell's lease; for the mode `live`."),
+    ),
+    request_body = LocatedRequest,
+    responses((status = 200, description = "The run.", body = Run))
+)]
+pub(in crate::http) async fn located(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+    Json(request): Json<LocatedRequest>,
+) -> Result<axum::Json<Run>, ApiError> {
+    let token = token(&mut params)?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.locate_run(run_id(&id)?, request, token).await?))
+}

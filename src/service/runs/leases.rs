@@ -1,0 +1,126 @@
+//! Leases of cells as clients see them: an id that only the holder knows, and the fencing token that commands name. Tokens rise
+//! over restarts too.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tokio::time::Instant;
+
+use crate::execution::session::{Fence, Lease as Held, LeaseError, Leases};
+use crate::service::app::App;
+use crate::service::error::Error;
+use crate::wire::LeaseId;
+use crate::wire::run::{HeldLease, Lease, LeaseList, LeaseRequest};
+
+/// Leases with their ids.
+pub(super) struct HeldLeases {
+    pub(super) leases: Leases,
+    ids: Mutex<HashMap<LeaseId, (String, Fence)>>,
+}
+
+impl HeldLeases {
+    /// No leases yet; tokens are above `last`.
+    pub(super) fn after(last: u64) -> Self {
+        Self { leases: Leases::after(Fence(last)), ids: Mutex::default() }
+    }
+
+    /// Names a new lease, and forgets the names of those that have ended.
+    fn name(&self, lease: &Held) -> LeaseId {
+        let (mut ids, id) = (self.ids(), LeaseId::generate());
+        ids.retain(|_, (cell, token)| self.leases.check(cell, *token).is_ok());
+        ids.insert(id, (lease.cell.clone(), lease.token));
+        id
+    }
+
+    fn get(&self, id: LeaseId) -> Result<(String, Fence), Error> {
+        self.ids().get(&id).cloned().ok_or(Error::LeaseNotFound(id))
+    }
+
+    fn current(&self) -> Vec<Held> {
+        let mut cells: Vec<String> = self.ids().values().map(|(cell, _)| cell.clone()).collect();
+        cells.sort();
+        cells.dedup();
+        cells.iter().filter_map(|cell| self.leases.current(cell)).collect()
+    }
+
+    fn ids(&self) -> MutexGuard<'_, HashMap<LeaseId, (String, Fence)>> {
+        // Consistent after every operation, so a poisoned lock is usable.
+        self.ids.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl App {
+    /// Takes the lease of a cell. It is acknowledged once its token is on the disk.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::LeaseHeld`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn take_lease(&self, request: LeaseRequest) -> Result<Lease, Error> {
+        request.check().map_err(Error::Invalid)?;
+        self.check_open()?;
+        let (held, options) = (&self.0.runs.leases, &self.0.options.execution);
+        let lease = held
+            .leases
+            .acquire(&request.cell, &request.holder, options.lease_ttl)
+            .map_err(|error| Error::LeaseHeld(error.to_string()))?;
+        self.0.store.note_fence(lease.token.0).await?;
+        Ok(self.shown(held.name(&lease), &lease))
+    }
+
+    /// Renews a lease: the heartbeat of its holder, which the runs under it hear too.
+    ///
+    /// # Errors
+    /// [`Error::LeaseNotFound`].
+    pub fn renew_lease(&self, id: LeaseId) -> Result<Lease, Error> {
+        let (cell, token) = self.0.runs.leases.get(id)?;
+        let lease = self.0.runs.leases.leases.renew(&cell, token).map_err(|_| Error::LeaseNotFound(id))?;
+        for session in self.0.runs.under_lease(&cell) {
+            // Only that of the run which this token armed listens.
+            let _ = session.heartbeat(Some(token));
+        }
+        Ok(self.shown(id, &lease))
+    }
+
+    /// Gives a lease back; a live run under it stops.
+    ///
+    /// # Errors
+    /// [`Error::LeaseNotFound`].
+    pub fn give_lease_back(&self, id: LeaseId) -> Result<(), Error> {
+        let (cell, token) = self.0.runs.leases.get(id)?;
+        self.0.runs.leases.leases.release(&cell, token).map_err(|_| Error::LeaseNotFound(id))
+    }
+
+    /// Leases that are held.
+    #[must_use]
+    pub fn leases(&self) -> LeaseList {
+        let item =
+            |lease: &Held| HeldLease { cell: lease.cell.clone(), holder: lease.holder.clone(), expires_in_ms: left_ms(lease) };
+        LeaseList { items: self.0.runs.leases.current().iter().map(item).collect() }
+    }
+
+    /// Refuses a token that does not hold the lease of the cell.
+    pub(super) fn check_token(&self, cell: &str, token: Option<u64>) -> Result<Fence, Error> {
+        let token = Fence(token.ok_or_else(|| Error::LeaseRequired { cell: cell.to_owned() })?);
+        self.0.runs.leases.leases.check(cell, token).map_err(|error: LeaseError| Error::TokenRefused(error.to_string()))?;
+        Ok(token)
+    }
+
+    fn shown(&self, id: LeaseId, lease: &Held) -> Lease {
+        Lease {
+            id,
+            cell: lease.cell.clone(),
+            holder: lease.holder.clone(),
+            token: lease.token.0,
+            ttl_ms: millis(lease.ttl),
+            heartbeat_ms: millis(self.0.options.execution.heartbeat),
+            expires_in_ms: left_ms(lease),
+        }
+    }
+}
+
+fn left_ms(lease: &Held) -> u64 {
+    millis(lease.expires_at.saturating_duration_since(Instant::now()))
+}
+
+fn millis(time: std::time::Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}

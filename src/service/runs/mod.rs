@@ -1,0 +1,145 @@
+//! Runs of programs: accepted like jobs, carried out by a session of `execution` each, followed, steered, recorded. A run that the
+//! process did not end itself is `stopped` at the next start, and never resumed by itself.
+//!
+//! Not safety-rated: a stop here asks the controllers to stop in order; it is not an emergency stop.
+
+mod commands;
+mod devices;
+mod leases;
+mod order;
+mod queries;
+pub mod session;
+mod stream;
+mod supervise;
+
+use std::collections::HashMap;
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::runtime::{Handle, Runtime};
+use tokio::sync::{broadcast, watch};
+use tokio_util::sync::CancellationToken;
+
+pub use order::{cell_sha256, coverage};
+pub use stream::{RunCursor, RunMessage, RunStream};
+
+use self::leases::HeldLeases;
+use super::error::Error;
+use crate::execution::session::RunHandle;
+use crate::wire::RunId;
+use crate::wire::run::{RunEvent, RunMode};
+
+/// Events that a listener may fall behind before it has to read them from the database.
+const FEED_LENGTH: usize = 1024;
+
+/// Runs that have not ended, leases of cells, and the feed of stored events.
+pub(super) struct Runs {
+    carrier: Carrier,
+    leases: HeldLeases,
+    open: Mutex<HashMap<RunId, Arc<OpenRun>>>,
+    feed: broadcast::Sender<Arc<RunEvent>>,
+}
+
+/// A run that has not ended in this process.
+pub(super) struct OpenRun {
+    cell: String,
+    mode: RunMode,
+    /// Cancelled once a stop was asked for, which counts before there is a session too.
+    stop: CancellationToken,
+    /// The session, once the program was checked.
+    session: watch::Sender<Option<RunHandle>>,
+    /// Operator who armed it.
+    armed_by: Mutex<Option<String>>,
+}
+
+impl Runs {
+    /// No runs yet; fencing tokens are above `last_token`.
+    pub(super) fn new(last_token: u64) -> io::Result<Self> {
+        let (leases, feed) = (HeldLeases::after(last_token), broadcast::Sender::new(FEED_LENGTH));
+        Ok(Self { carrier: Carrier::new()?, leases, open: Mutex::default(), feed })
+    }
+
+    /// Adds a run, unless another one holds the controllers of its cell.
+    fn enter(&self, id: RunId, cell: &str, mode: RunMode) -> Result<Arc<OpenRun>, Error> {
+        let mut open = self.open();
+        let is_rival = |other: &OpenRun| mode != RunMode::Simulate && other.mode != RunMode::Simulate && other.cell == cell;
+        if let Some((run, other)) = open.iter().find(|(_, other)| is_rival(other)) {
+            return Err(Error::CellInUse { cell: cell.to_owned(), run: *run, mode: other.mode });
+        }
+        let run = Arc::new(OpenRun {
+            cell: cell.to_owned(),
+            mode,
+            stop: CancellationToken::new(),
+            session: watch::Sender::new(None),
+            armed_by: Mutex::default(),
+        });
+        open.insert(id, Arc::clone(&run));
+        Ok(run)
+    }
+
+    fn leave(&self, id: RunId) {
+        self.open().remove(&id);
+    }
+
+    fn get(&self, id: RunId) -> Option<Arc<OpenRun>> {
+        self.open().get(&id).cloned()
+    }
+
+    fn publish(&self, event: Arc<RunEvent>) {
+        // Having no subscriber is not an error.
+        let _ = self.feed.send(event);
+    }
+
+    fn subscribe(&self) -> broadcast::Receiver<Arc<RunEvent>> {
+        self.feed.subscribe()
+    }
+
+    /// Runs that move or read controllers under a lease.
+    fn under_lease(&self, cell: &str) -> Vec<RunHandle> {
+        let open = self.open();
+        let live = open.values().filter(|run| run.mode == RunMode::Live && run.cell == cell);
+        live.filter_map(|run| run.session.borrow().clone()).collect()
+    }
+
+    fn open(&self) -> MutexGuard<'_, HashMap<RunId, Arc<OpenRun>>> {
+        // Consistent after every operation, so a poisoned lock is usable.
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Threads that carry the sessions, so that nothing that answers requests or plans delays a run.
+struct Carrier(Option<Runtime>);
+
+impl Carrier {
+    fn new() -> io::Result<Self> {
+        let builder = &mut tokio::runtime::Builder::new_multi_thread();
+        builder.worker_threads(1).thread_name("execution").enable_all().build().map(|runtime| Self(Some(runtime)))
+    }
+
+    fn handle(&self) -> Option<&Handle> {
+        self.0.as_ref().map(Runtime::handle)
+    }
+}
+
+impl Drop for Carrier {
+    fn drop(&mut self) {
+        // Sessions have ended by then, or the process ends: waiting here would block a thread that must not.
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl OpenRun {
+    fn session(&self) -> Option<RunHandle> {
+        self.session.borrow().clone()
+    }
+
+    fn armed_by(&self) -> Option<String> {
+        self.armed_by.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set_armed_by(&self, operator: &str) {
+        *self.armed_by.lock().unwrap_or_else(PoisonError::into_inner) = Some(operator.to_owned());
+    }
+}

@@ -1,0 +1,191 @@
+//! Queries on runs, their start and their deletion.
+
+use std::io::{self, Read};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tokio::sync::broadcast::error::RecvError;
+use tokio::time::{Instant, timeout_at};
+
+use super::supervise::Supervisor;
+use crate::service::app::App;
+use crate::service::error::Error;
+use crate::service::store::{Page, blocking};
+use crate::wire::RunId;
+use crate::wire::run::{RUN_RECORD_SCHEMA, Run, RunPage, RunRecordDocument, RunRequest, RunSelection, RunState};
+
+/// Words of a run that an earlier process left open.
+const LEFT_OPEN: &str = "the server was restarted while the run was under way; start a new run from the step that was reached, once \
+                         arm and table are where that step begins";
+
+impl App {
+    /// Accepts a run and begins it.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoProgram`], [`Error::LiveDisabled`],
+    /// [`Error::NoControllers`], [`Error::OtherCell`], [`Error::CellInUse`], [`Error::LeaseRequired`], [`Error::TokenRefused`],
+    /// [`Error::TooManyRuns`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn start_run(&self, request: RunRequest, token: Option<u64>, submitted_by: Option<String>) -> Result<Run, Error> {
+        self.check_open()?;
+        let order = self.run_order(request, token).await?;
+        let (request, job) = (&order.request, Some(order.request.job_id));
+        let run = Run::new(request, job, &order.cell.name, &order.program, &order.program_sha256);
+        let run = Run { submitted_by, ..run };
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let open = app.0.runs.enter(run.id, &run.cell, run.mode)?;
+            // From here on the entry is given back by the supervisor, whatever comes.
+            let mut supervisor = Supervisor { app: app.clone(), run, open };
+            let (run, event) = app.0.store.insert_run(&supervisor.run, app.0.options.execution.max_runs).await?;
+            supervisor.run = run.clone();
+            app.0.runs.publish(event);
+            app.0.tasks.spawn(supervisor.carry_out(order));
+            Ok(run)
+        })
+        .await
+    }
+
+    /// One run.
+    ///
+    /// # Errors
+    /// [`Error::RunNotFound`], [`Error::Internal`].
+    pub async fn run(&self, id: RunId) -> Result<Run, Error> {
+        self.0.store.run(id).await
+    }
+
+    /// A page of runs, newest first.
+    ///
+    /// # Errors
+    /// [`Error::BadPageToken`], [`Error::Internal`].
+    pub async fn runs(&self, selection: &RunSelection, page_size: u32, page_token: Option<&str>) -> Result<RunPage, Error> {
+        let filters = format!("runs {}", serde_json::to_string(selection)?);
+        self.0.store.runs(selection, &Page::new(page_size, page_token, &filters)?).await
+    }
+
+    /// Waits until a run has ended, at most for `wait`; returns it as it is then.
+    ///
+    /// # Errors
+    /// [`Error::RunNotFound`], [`Error::Internal`].
+    pub async fn run_when_ended(&self, id: RunId, wait: Duration) -> Result<Run, Error> {
+        self.run_when(id, wait, |run| run.state.is_ended()).await
+    }
+
+    /// Waits until a run is as wanted or has ended, at most for `wait`; returns it as it is then.
+    pub(super) async fn run_when(&self, id: RunId, wait: Duration, is_wanted: impl Fn(&Run) -> bool) -> Result<Run, Error> {
+        let until = Instant::now() + wait;
+        // Subscribed before the run is read, so that no change is missed in between.
+        let mut events = self.0.runs.subscribe();
+        loop {
+            let run = self.run(id).await?;
+            if is_wanted(&run) || run.state.is_ended() {
+                return Ok(run);
+            }
+            let next = async {
+                loop {
+                    match events.recv().await {
+                        Ok(event) if event.run_id != id => {}
+                        Ok(_) | Err(RecvError::Lagged(_)) => return true,
+                        Err(RecvError::Closed) => return false,
+                    }
+                }
+            };
+            tokio::select! {
+                () = self.0.stopping.cancelled() => return self.run(id).await,
+                changed = timeout_at(until, next) => if !matches!(changed, Ok(true)) {
+                    return self.run(id).await;
+                },
+            }
+        }
+    }
+
+    /// Record of a run, as far as it has come.
+    ///
+    /// # Errors
+    /// [`Error::RunNotFound`], [`Error::Internal`].
+    pub async fn run_record(&self, id: RunId) -> Result<RunRecordDocument, Error> {
+        let run = self.run(id).await?;
+        let steps = self.0.store.run_steps(id).await?;
+        Ok(RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps })
+    }
+
+    /// Audit log of a run: its files, oldest first; empty for a simulated run.
+    ///
+    /// # Errors
+    /// [`Error::RunNotFound`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn run_audit(&self, id: RunId) -> Result<Box<dyn Read + Send>, Error> {
+        self.run(id).await?;
+        let folder = self.audit_folder(id);
+        blocking(move || {
+            let mut log: Box<dyn Read + Send> = Box::new(io::empty());
+            for path in audit_files(&folder)? {
+                log = Box::new(log.chain(std::fs::File::open(path)?));
+            }
+            Ok(log)
+        })
+        .await
+    }
+
+    /// Deletes an ended run, its record and its audit log.
+    ///
+    /// # Errors
+    /// [`Error::RunNotFound`], [`Error::RunNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn delete_run(&self, id: RunId) -> Result<(), Error> {
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let event = app.0.store.delete_run(id).await?;
+            app.0.runs.publish(event);
+            let folder = app.audit_folder(id);
+            blocking(move || match std::fs::remove_dir_all(folder) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error.into()),
+                Ok(()) | Err(_) => Ok(()),
+            })
+            .await
+        })
+        .await
+    }
+
+    /// Stops the runs that an earlier process left open.
+    pub(in crate::service) async fn recover_runs(&self) -> Result<(), Error> {
+        let found = self.0.store.stop_open_runs(LEFT_OPEN).await?;
+        if found > 0 {
+            tracing::warn!(runs = found, "an earlier process ended while runs were under way; they are stopped");
+        }
+        Ok(())
+    }
+
+    /// Number of runs in each state before the end.
+    ///
+    /// # Errors
+    /// [`Error::Internal`].
+    pub async fn open_runs(&self) -> Result<Vec<(RunState, u64)>, Error> {
+        let mut counts = Vec::new();
+        for state in RunState::ALL.into_iter().filter(|state| !state.is_ended()) {
+            counts.push((state, self.0.store.count_runs(state).await?));
+        }
+        Ok(counts)
+    }
+
+    fn audit_folder(&self, id: RunId) -> PathBuf {
+        self.0.options.execution.audit_dir.join(id.to_string())
+    }
+
+    /// Mode of a run that has not ended in this process; for one that has, the error.
+    pub(super) async fn ended_or_unknown(&self, id: RunId, deed: &'static str) -> Error {
+        match self.run(id).await {
+            Ok(run) => Error::RunStateRefused { run: id, state: run.state, deed },
+            Err(error) => error,
+        }
+    }
+}
+
+/// Files of an audit log, by name: the order in which they were written.
+fn audit_files(folder: &std::path::Path) -> io::Result<Vec<PathBuf>> {
+    let entries = match std::fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries?,
+    };
+    let mut paths = entries.map(|entry| entry.map(|entry| entry.path())).collect::<io::Result<Vec<_>>>()?;
+    paths.retain(|path| path.is_file());
+    paths.sort();
+    Ok(paths)
+}

