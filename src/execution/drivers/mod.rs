@@ -1,0 +1,3 @@
+//! Drivers, one file a protocol.
+
+pub mod stream;
