@@ -150,7 +150,10 @@ impl Connection {
 
 impl std::fmt::Debug for Connection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Connection").field("device", &self.wiring.device).field("unsent", &self.unsent.len()).finish_non_exhaustive()
+        f.debug_struct("Connection")
+            .field("device", &self.wiring.device)
+            .field("unsent", &self.unsent.len())
+            .finish_non_exhaustive()
     }
 }
 
