@@ -82,9 +82,10 @@ pub struct Target<const N: usize> {
     pub sequence: u64,
     /// Where it ends, radians.
     pub positions_rad: [f64; N],
-    /// Largest speed of each axis, rad/s, override already applied.
+    /// Speed that each axis reaches at most, rad/s, override already applied: the axes' own shares of one synchronised motion; 0
+    /// for an axis that stays.
     pub max_speed_rad_s: [f64; N],
-    /// Largest acceleration of each axis, rad/s², override already applied.
+    /// Acceleration of each axis, rad/s², override already applied; shares of one synchronised motion, and 0 likewise.
     pub max_acceleration_rad_s2: [f64; N],
     /// Predicted time of the segment.
     pub duration: Duration,
@@ -186,6 +187,8 @@ pub struct Capture {
     pub view: u32,
     /// Projector brightness level.
     pub brightness: u8,
+    /// Predicted time of the capture; a trigger that cannot tell the end of one waits it out.
+    pub expected: Duration,
     /// Longest wait for the acknowledgement.
     pub deadline: Duration,
 }
