@@ -3,4 +3,6 @@
 
 pub mod device;
 pub mod drivers;
+pub mod profile;
 pub mod protocol;
+pub mod simulators;
