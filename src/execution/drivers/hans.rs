@@ -194,11 +194,16 @@ impl MotionDevice<6> for HansArm {
             return Err(DeviceError::NotReady { reason: "it is not armed".into() });
         }
         let point = self.way_point(target)?;
-        self.goal_deg = Some(point.joints_deg);
-        if point.speed > 0.0 {
-            self.ask(&HansRequest::WayPoint(Box::new(point))).await?;
+        // Whether it was accepted stays open where no reply comes: then it counts as accepted.
+        let previous = self.goal_deg.replace(point.joints_deg);
+        if point.speed <= 0.0 {
+            return Ok(());
         }
-        Ok(())
+        let accepted = self.ask(&HansRequest::WayPoint(Box::new(point))).await;
+        if matches!(accepted, Err(DeviceError::Refused { .. })) {
+            self.goal_deg = previous;
+        }
+        accepted.map(drop)
     }
 
     async fn keep_alive(&mut self) -> Result<(), DeviceError> {
