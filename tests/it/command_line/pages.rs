@@ -5,7 +5,7 @@ use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 16] = [
+const COMMANDS: [&str; 17] = [
     "serve",
     "demo",
     "plan",
@@ -17,6 +17,7 @@ const COMMANDS: [&str; 16] = [
     "presets",
     "part",
     "robot",
+    "sim",
     "backup",
     "restore",
     "completions",
