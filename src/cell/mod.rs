@@ -8,6 +8,7 @@ mod body_surface;
 mod closed_list;
 mod closest;
 pub mod collision;
+mod controllers;
 mod decode_message;
 mod dialect;
 mod distances;
@@ -32,6 +33,11 @@ pub use body_meshes::{MAX_BODIES, MAX_MESH_BODIES, MAX_TRIANGLES};
 pub(crate) use closed_list::closed_list;
 pub use closest::{closest, did_you_mean, with_suggestion};
 pub use collision::{CollisionScene, Contact, Farthest, Separation};
+pub use controllers::{
+    AbbEgmSpec, ArmControllerSpec, CommandTriggerSpec, ControllersSpec, DigitalTriggerSpec, FanucRmiSpec, HansSpec,
+    HttpTriggerSpec, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec, TableControllerSpec, TriggerSpec, UrControllerSpec,
+    WordOrder, WorkspaceSpec,
+};
 pub(crate) use decode_message::{expected_value, found_value};
 pub use dialect::Dialect;
 pub use distances::CellDistances;

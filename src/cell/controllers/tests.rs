@@ -1,0 +1,94 @@
+//! Tests of the section `[controllers]`.
+
+use serde_json::{Value, json};
+
+use super::{ControllersSpec, TriggerSpec};
+use crate::cell::FieldError;
+
+fn whole() -> Value {
+    json!({
+        "arm": {"protocol": "hans", "address": "192.168.0.10:10003"},
+        "table": {"protocol": "minas_a6", "address": "tcp://192.168.0.20:502", "units_per_turn": 1_600_000, "gear_ratio": 40},
+    })
+}
+
+fn read(value: Value) -> ControllersSpec {
+    serde_json::from_value(value).expect("a section")
+}
+
+/// Pointers of the findings in a section with `value` at `pointer`.
+fn refused(pointer: &str, value: Value) -> Vec<String> {
+    let mut section = serde_json::to_value(read(whole())).expect("JSON");
+    *section.pointer_mut(pointer).unwrap_or_else(|| panic!("{pointer}")) = value;
+    let found = read(section).check().err().unwrap_or_default();
+    found.into_iter().map(|FieldError { pointer, .. }| pointer).collect()
+}
+
+#[test]
+fn the_defaults_are_those_of_the_documentation_and_survive_a_round_trip() {
+    let spec = read(whole());
+    assert_eq!(spec.check(), Ok(()));
+    assert_eq!((spec.watchdog_ms, spec.state_max_age_ms, spec.first_run_speed), (200, 100, 0.25));
+    assert_eq!((spec.position_tolerance_deg, spec.start_tolerance_deg), (0.1, 0.5));
+    assert_eq!(spec.trigger, TriggerSpec::default());
+    assert_eq!(read(serde_json::to_value(&spec).expect("JSON")), spec);
+}
+
+#[test]
+fn values_out_of_range_are_named_by_their_pointer() {
+    for (pointer, value) in [
+        ("/watchdog_ms", json!(49)),
+        ("/watchdog_ms", json!(501)),
+        ("/state_max_age_ms", json!(9)),
+        ("/position_tolerance_deg", json!(0.0)),
+        ("/start_tolerance_deg", json!(11.0)),
+        ("/first_run_speed", json!(1.01)),
+        ("/arm/address", json!("192.168.0.10")),
+        ("/arm/address", json!("192.168.0.10:0")),
+        ("/arm/address", json!(":10003")),
+        ("/arm/address", json!("a b:10003")),
+        ("/arm/servo_period_ms", json!(0)),
+        ("/arm/tool", json!("a,b")),
+        ("/table/address", json!("192.168.0.20:502")),
+        ("/table/node", json!(0)),
+        ("/table/units_per_turn", json!(999)),
+        ("/table/gear_ratio", json!(513)),
+    ] {
+        assert_eq!(refused(pointer, value.clone()), [pointer], "{value}");
+    }
+    for address in ["[fe80::1]:10003", "robot.cell-3.plant:10003", "localhost:1"] {
+        assert_eq!(refused("/arm/address", json!(address)), [""; 0], "{address}");
+    }
+}
+
+#[test]
+fn a_table_is_an_external_axis_only_where_the_arm_s_driver_moves_one() {
+    let mut section = whole();
+    section["table"] = json!({"protocol": "with_arm"});
+    let found = read(section.clone()).check().expect_err("hans has none");
+    assert_eq!(found[0].pointer, "/table/protocol");
+    section["arm"] = json!({"protocol": "abb_egm", "address": "0.0.0.0:6510"});
+    assert_eq!(read(section).check(), Ok(()));
+}
+
+#[test]
+fn unknown_fields_and_protocols_are_refused() {
+    let refused = |pointer: &str, value: Value| {
+        let mut section = whole();
+        let (parent, name) = pointer.rsplit_once('/').expect("a pointer");
+        section.pointer_mut(parent).expect("a parent")[name] = value;
+        serde_json::from_value::<ControllersSpec>(section).expect_err(pointer).to_string()
+    };
+    assert!(refused("/colour", json!(1)).contains("unknown field `colour`"));
+    assert!(refused("/arm/colour", json!(1)).contains("unknown field `colour`"));
+    assert!(refused("/table/password", json!("x")).contains("unknown field `password`"));
+    assert!(refused("/arm/protocol", json!("telepathy")).contains("unknown variant `telepathy`"));
+}
+
+#[test]
+fn the_section_is_taken_out_of_a_cell_file() {
+    let mut file = json!({"name": "mine", "controllers": whole()});
+    assert_eq!(ControllersSpec::take_section(&mut file), Some(whole()));
+    assert_eq!(file, json!({"name": "mine"}));
+    assert_eq!(ControllersSpec::take_section(&mut file), None);
+}
