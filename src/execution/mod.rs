@@ -2,3 +2,6 @@
 //! order and speeds are the program's. Not safety-rated in any way: no stop that passes through here is an emergency stop.
 
 pub mod device;
+pub mod drivers;
+pub mod protocol;
+pub mod simulators;

@@ -1,0 +1,1 @@
+//! Controllers to rehearse against, on real sockets.
