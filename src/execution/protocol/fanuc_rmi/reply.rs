@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::RmiJoints;
 use super::packet::{Packet, malformed};
+use super::{RmiJoints, RmiRequest};
 use crate::execution::device::DeviceError;
 
 /// A packet of the controller.
@@ -80,6 +80,21 @@ pub enum RmiProgram {
 }
 
 impl RmiReply {
+    /// Returns true if it answers a command.
+    #[must_use]
+    pub fn answers(&self, request: &RmiRequest) -> bool {
+        let is = |name: &str| name.eq_ignore_ascii_case(request.name());
+        match self {
+            Self::Connected { .. } => is("FRC_Connect"),
+            Self::Status(_) => is("FRC_GetStatus"),
+            Self::Joints(_) => is("FRC_ReadJointAngles"),
+            Self::ErrorText(_) => is("FRC_ReadError"),
+            Self::Done { command } => is(command),
+            Self::Refused { command, sequence: None, .. } => is(command) || command == "Unknown",
+            Self::Refused { .. } | Self::Moved { .. } | Self::SystemFault { .. } | Self::Terminated => false,
+        }
+    }
+
     /// Reads a line.
     ///
     /// # Errors
