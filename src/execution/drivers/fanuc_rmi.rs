@@ -300,3 +300,6 @@ fn unexpected(reply: &RmiReply) -> DeviceError {
         reply => DeviceError::Malformed { what: format!("{reply:?} for an answer") },
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -47,6 +47,12 @@ impl<const N: usize> SetPoints<N> {
         self.line.is_some()
     }
 
+    /// Time until it stands.
+    pub(crate) fn left(&self) -> Duration {
+        let secs = self.line.as_ref().map_or(0.0, |line| line.law.secs() - line.secs);
+        Duration::try_from_secs_f64(secs).unwrap_or_default()
+    }
+
     /// Sets out for a target, from where the set point is.
     pub(crate) fn go(&mut self, target: &Target<N>) {
         let (from_rad, to_rad) = (self.at_rad, target.positions_rad);
