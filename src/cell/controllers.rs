@@ -17,13 +17,13 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 pub use abb_egm::AbbEgmSpec;
-pub use fanuc_rmi::FanucRmiSpec;
+pub use fanuc_rmi::{FanucRmiSpec, JointThreeOrigin};
 pub use hans::{HansServoSpec, HansSpec};
 pub use kuka_rsi::KukaRsiSpec;
 pub use minas_a6::{GatewayFraming, MinasA6Spec, SerialParity, WordOrder};
 pub use modbus_plc::ModbusPlcSpec;
 pub use trigger::{CommandTriggerSpec, DigitalTriggerSpec, HttpTriggerSpec, NoTriggerSpec, TriggerSpec};
-pub use universal_robots::UrControllerSpec;
+pub use universal_robots::{UrControllerSpec, UrMotion};
 
 use super::field_error::{FieldError, Findings};
 

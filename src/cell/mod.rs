@@ -35,8 +35,8 @@ pub use closest::{closest, did_you_mean, with_suggestion};
 pub use collision::{CollisionScene, Contact, Farthest, Separation};
 pub use controllers::{
     AbbEgmSpec, ArmControllerSpec, CommandTriggerSpec, ControllersSpec, DigitalTriggerSpec, FanucRmiSpec, GatewayFraming,
-    HansServoSpec, HansSpec, HttpTriggerSpec, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec, SerialParity,
-    TableControllerSpec, TriggerSpec, UrControllerSpec, WordOrder, WorkspaceSpec,
+    HansServoSpec, HansSpec, HttpTriggerSpec, JointThreeOrigin, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec,
+    SerialParity, TableControllerSpec, TriggerSpec, UrControllerSpec, UrMotion, WordOrder, WorkspaceSpec,
 };
 pub(crate) use decode_message::{expected_value, found_value};
 pub use dialect::Dialect;

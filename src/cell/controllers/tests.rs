@@ -96,3 +96,42 @@ fn the_section_is_taken_out_of_a_cell_file() {
     assert_eq!(file, json!({"name": "mine"}));
     assert_eq!(ControllersSpec::take_section(&mut file), None);
 }
+
+#[test]
+fn fields_of_other_brands_have_defaults_and_ranges() {
+    let with_arm = |arm: Value| {
+        let mut section = whole();
+        section["arm"] = arm;
+        let found = read(section).check().err().unwrap_or_default();
+        found.into_iter().map(|FieldError { pointer, .. }| pointer).collect::<Vec<_>>()
+    };
+    let ur = json!({
+        "protocol": "ur", "address": "10.0.0.2:30004", "script_address": "10.0.0.2:30002", "reverse_address": "10.0.0.1:50001",
+    });
+    let arms = [
+        ur,
+        json!({"protocol": "fanuc_rmi", "address": "10.0.0.2:16001"}),
+        json!({"protocol": "kuka_rsi", "address": "10.0.0.1:49152"}),
+        json!({"protocol": "abb_egm", "address": "0.0.0.0:6510"}),
+    ];
+    for arm in &arms {
+        assert_eq!(with_arm(arm.clone()), [""; 0], "{arm}");
+    }
+    for (arm, field, value) in [
+        (0, "reverse_address", json!("0.0.0.0:50001")),
+        (0, "rate_hz", json!(501)),
+        (0, "gain", json!(99)),
+        (0, "lookahead_ms", json!(29)),
+        (1, "group_mask", json!(3)),
+        (2, "cycle_ms", json!(0)),
+        (2, "axis_tag", json!("A<K")),
+        (2, "sender_type", json!("")),
+        (2, "table_axis", json!(7)),
+        (3, "cycle_ms", json!(6)),
+        (3, "table_axis", json!(0)),
+    ] {
+        let mut arm = arms[arm].clone();
+        arm[field] = value;
+        assert_eq!(with_arm(arm), [format!("/arm/{field}")]);
+    }
+}

@@ -1,0 +1,62 @@
+//! Datagrams from one controller, which sends first, and answers to it.
+
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+
+use tokio::net::UdpSocket;
+
+use crate::execution::device::{DeviceError, Direction, WireLog};
+
+/// Largest datagram, bytes.
+const MAX_BYTES: usize = 65_507;
+
+/// Socket for the datagrams of one controller.
+pub(super) struct Datagrams {
+    socket: UdpSocket,
+    /// Host that may send; without one, the first that does.
+    host: Option<IpAddr>,
+    peer: Option<SocketAddr>,
+    buffer: Vec<u8>,
+    log: Arc<dyn WireLog>,
+    device: &'static str,
+}
+
+impl Datagrams {
+    /// Binds an address of this machine.
+    pub(super) async fn bind(
+        address: &str,
+        host: Option<IpAddr>,
+        log: Arc<dyn WireLog>,
+        device: &'static str,
+    ) -> Result<Self, DeviceError> {
+        let unreachable =
+            |error: std::io::Error| DeviceError::Unreachable { address: address.to_owned(), reason: error.to_string() };
+        let socket = UdpSocket::bind(address).await.map_err(unreachable)?;
+        Ok(Self { socket, host, peer: None, buffer: vec![0; MAX_BYTES], log, device })
+    }
+
+    /// Waits for the controller's next datagram; may be dropped while it waits. Those of others are skipped.
+    pub(super) async fn receive(&mut self) -> Result<&[u8], DeviceError> {
+        loop {
+            let (length, from) = self.socket.recv_from(&mut self.buffer).await.map_err(|error| closed(&error))?;
+            if *self.host.get_or_insert_with(|| from.ip()) == from.ip() {
+                self.peer = Some(from);
+                self.log.record(self.device, Direction::Received, &self.buffer[..length]);
+                return Ok(&self.buffer[..length]);
+            }
+        }
+    }
+
+    /// Answers where the latest datagram came from.
+    pub(super) async fn send(&self, datagram: &[u8]) -> Result<(), DeviceError> {
+        if let Some(peer) = self.peer {
+            self.log.record(self.device, Direction::Sent, datagram);
+            self.socket.send_to(datagram, peer).await.map_err(|error| closed(&error))?;
+        }
+        Ok(())
+    }
+}
+
+fn closed(error: &std::io::Error) -> DeviceError {
+    DeviceError::Closed { reason: error.to_string() }
+}

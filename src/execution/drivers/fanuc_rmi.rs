@@ -1,0 +1,305 @@
+//! FANUC arms by the Remote Motion Interface, with the table as the first extended axis where `N` is 7. One instruction is under way
+//! at a time; the controller has no watchdog for it: when this machine is lost, the arm ends that one move and stays.
+
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use super::stream::{Connection, Wiring, not_connected, within};
+use crate::cell::FanucRmiSpec;
+use crate::execution::device::{
+    Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target,
+};
+use crate::execution::protocol::fanuc_rmi::{
+    MAX_LINE_BYTES, MAX_SEQUENCE, RmiFault, RmiJointMotion, RmiJoints, RmiProgram, RmiReply, RmiRequest, RmiSpeed, RmiStatus,
+    error_text,
+};
+
+/// Longest time of attempts to connect.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest wait for an answer.
+const ANSWER: Duration = Duration::from_secs(2);
+/// Longest wait for a program to be created or ended.
+const PROGRAM_ANSWER: Duration = Duration::from_secs(10);
+
+/// An arm by FANUC, with the table in place 7 where `N` is 7.
+#[derive(Debug)]
+pub struct FanucArm<const N: usize> {
+    spec: FanucRmiSpec,
+    wiring: Wiring,
+    session: Option<Session>,
+}
+
+impl<const N: usize> FanucArm<N> {
+    /// The arm of a specification, not connected yet.
+    #[must_use]
+    pub fn new(spec: &FanucRmiSpec, wiring: Wiring) -> Self {
+        Self { spec: spec.clone(), wiring, session: None }
+    }
+
+    fn session(&mut self) -> Result<&mut Session, DeviceError> {
+        self.session.as_mut().ok_or_else(not_connected)
+    }
+
+    /// Number of the motion group, where the specification names one.
+    fn group(&self) -> Option<u8> {
+        self.spec.group_mask.map(|mask| mask.trailing_zeros() as u8 + 1)
+    }
+}
+
+impl<const N: usize> MotionDevice<N> for FanucArm<N> {
+    async fn connect(&mut self) -> Result<Identity, DeviceError> {
+        self.session = None;
+        let mut door = Session::over(self.wiring.connect(&self.spec.address, PATIENCE).await?);
+        let (port, version) = match door.ask(&RmiRequest::Connect, ANSWER).await? {
+            RmiReply::Connected { port, version } => (port, version),
+            reply => return Err(unexpected(&reply)),
+        };
+        let host = self.spec.address.rsplit_once(':').map_or(self.spec.address.as_str(), |(host, _)| host);
+        let connection = self.wiring.connect(&format!("{host}:{port}"), PATIENCE).await?;
+        self.session = Some(Session::over(connection));
+        let firmware = Some(format!("RMI {}.{}", version.0, version.1));
+        Ok(Identity { maker: "FANUC".to_owned(), model: "controller with RMI".to_owned(), serial: None, firmware })
+    }
+
+    async fn state(&mut self) -> Result<DeviceState<N>, DeviceError> {
+        let (group, origin) = (self.group(), self.spec.joint_3_from);
+        let session = self.session()?;
+        let status = session.status().await?;
+        let fault = if status.servo_ready { None } else { session.latest_fault().await? };
+        let joints = match session.ask(&RmiRequest::ReadJointAngles { group }, ANSWER).await? {
+            RmiReply::Joints(joints) => joints,
+            reply => return Err(unexpected(&reply)),
+        };
+        let positions_rad = joints
+            .to_program(origin)
+            .ok_or_else(|| DeviceError::Malformed { what: "joint angles without J7 for the table".to_owned() })?;
+        Ok(DeviceState { at: Instant::now(), positions_rad, condition: session.condition(&status, fault.as_ref()) })
+    }
+
+    async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
+        let group_mask = self.spec.group_mask;
+        let session = self.session()?;
+        let status = session.status().await?;
+        let not_ready = |reason: &str| Err(DeviceError::NotReady { reason: reason.to_owned() });
+        if status.pendant_enabled {
+            return not_ready("its teach pendant is on; switch it off and select AUTO");
+        }
+        if !status.servo_ready {
+            return not_ready("it has a fault; clear it at the controller");
+        }
+        if status.motion_running {
+            session.done(&RmiRequest::Abort).await?;
+        }
+        session.done(&RmiRequest::Initialize { group_mask }).await?;
+        (session.is_armed, session.next_sequence, session.under_way, session.failure) = (true, 1, None, None);
+        Ok(())
+    }
+
+    async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
+        let joints = RmiJoints::of_program(&target.positions_rad, self.spec.joint_3_from);
+        let speed = RmiSpeed::lasting(target.duration)?;
+        let session = self.session()?;
+        session.look_for_failure()?;
+        if !session.is_armed || session.under_way.is_some() {
+            return Err(DeviceError::NotReady { reason: "it is not armed, or still under way".to_owned() });
+        }
+        let sequence = session.next_sequence;
+        session.next_sequence = if sequence == MAX_SEQUENCE { 1 } else { sequence + 1 };
+        session.under_way = Some(sequence);
+        let motion = RmiRequest::JointMotion(RmiJointMotion { sequence, joints, speed });
+        session.connection.send(motion.encode().as_bytes()).await?;
+        // An instruction is answered when it is done; a command that is sent after it, when it was taken or refused.
+        let status = session.status().await?;
+        session.look_for_failure()?;
+        if status.program != RmiProgram::Running && session.under_way.is_some() {
+            return Err(DeviceError::NotReady { reason: "its program is held; see the controller, and arm again".to_owned() });
+        }
+        Ok(())
+    }
+
+    async fn keep_alive(&mut self) -> Result<(), DeviceError> {
+        // The controller has no watchdog.
+        self.session()?.look_for_failure()
+    }
+
+    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+        let session = self.session()?;
+        let sent_at = session.send(&RmiRequest::Pause).await?;
+        let paused = session.answer(ANSWER).await?;
+        let acknowledged_at = Instant::now();
+        if session.is_armed {
+            // What is held could be continued at the teach pendant: it is forgotten.
+            session.is_armed = false;
+            session.under_way = None;
+            session.done(&RmiRequest::Abort).await?;
+        }
+        match paused {
+            RmiReply::Done { .. } | RmiReply::Refused { .. } => Ok(StopAcknowledged { sent_at, acknowledged_at }),
+            reply => Err(unexpected(&reply)),
+        }
+    }
+
+    async fn release(&mut self) -> Result<(), DeviceError> {
+        let Some(mut session) = self.session.take() else { return Ok(()) };
+        if session.is_armed {
+            session.done(&RmiRequest::Abort).await?;
+        }
+        session.done(&RmiRequest::Disconnect).await?;
+        session.connection.close().await;
+        Ok(())
+    }
+
+    fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {
+        Some(error_text(fault.0.into()))
+    }
+}
+
+/// Connection of a session, and what is known of it.
+#[derive(Debug)]
+struct Session {
+    connection: Connection,
+    unread: Vec<u8>,
+    /// Command that was sent and not answered yet.
+    asked: Option<RmiRequest>,
+    is_armed: bool,
+    next_sequence: u32,
+    /// Instruction that was sent and not carried out yet.
+    under_way: Option<u32>,
+    /// Error of an instruction, or a fault that the controller told by itself.
+    failure: Option<i64>,
+}
+
+impl Session {
+    fn over(connection: Connection) -> Self {
+        Self { connection, unread: Vec::new(), asked: None, is_armed: false, next_sequence: 1, under_way: None, failure: None }
+    }
+
+    /// Sends a command, after the answer to the one before; returns when it was sent.
+    async fn send(&mut self, request: &RmiRequest) -> Result<Instant, DeviceError> {
+        if self.asked.is_some() {
+            self.answer(PROGRAM_ANSWER).await?;
+        }
+        self.asked = Some(request.clone());
+        self.connection.send(request.encode().as_bytes()).await?;
+        Ok(Instant::now())
+    }
+
+    /// Waits for the answer to the command that was sent; notes what else comes.
+    async fn answer(&mut self, wait: Duration) -> Result<RmiReply, DeviceError> {
+        let answer = async {
+            loop {
+                let reply = self.next().await?;
+                if self.asked.as_ref().is_some_and(|request| reply.answers(request)) {
+                    self.asked = None;
+                    return Ok(reply);
+                }
+                self.note(&reply)?;
+            }
+        };
+        within(wait, answer).await
+    }
+
+    async fn ask(&mut self, request: &RmiRequest, wait: Duration) -> Result<RmiReply, DeviceError> {
+        self.send(request).await?;
+        self.answer(wait).await
+    }
+
+    /// Asks for something that has no data for an answer.
+    async fn done(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
+        match self.ask(request, PROGRAM_ANSWER).await? {
+            RmiReply::Done { .. } => Ok(()),
+            reply => Err(unexpected(&reply)),
+        }
+    }
+
+    async fn status(&mut self) -> Result<RmiStatus, DeviceError> {
+        match self.ask(&RmiRequest::GetStatus, ANSWER).await? {
+            RmiReply::Status(status) => Ok(status),
+            reply => Err(unexpected(&reply)),
+        }
+    }
+
+    async fn latest_fault(&mut self) -> Result<Option<RmiFault>, DeviceError> {
+        match self.ask(&RmiRequest::ReadError, ANSWER).await? {
+            RmiReply::ErrorText(text) => Ok(RmiFault::read(&text)),
+            reply => Err(unexpected(&reply)),
+        }
+    }
+
+    /// The next packet; may be dropped while it waits.
+    async fn next(&mut self) -> Result<RmiReply, DeviceError> {
+        loop {
+            if let Some(end) = self.unread.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = self.unread.drain(..=end).collect();
+                if !line.trim_ascii().is_empty() {
+                    return RmiReply::decode(&line);
+                }
+            } else if self.unread.len() > MAX_LINE_BYTES {
+                self.unread.clear();
+                return Err(DeviceError::Malformed { what: format!("a line of more than {MAX_LINE_BYTES} bytes") });
+            } else {
+                self.connection.receive(&mut self.unread).await?;
+            }
+        }
+    }
+
+    /// Takes in a packet that answers no command.
+    fn note(&mut self, reply: &RmiReply) -> Result<(), DeviceError> {
+        match reply {
+            RmiReply::Moved { sequence } if self.under_way == Some(*sequence) => self.under_way = None,
+            RmiReply::Refused { sequence: Some(sequence), error, .. } => {
+                self.failure = Some(*error);
+                self.under_way = self.under_way.filter(|under_way| under_way != sequence);
+            }
+            RmiReply::SystemFault { .. } => self.failure = self.failure.or(Some(0)),
+            RmiReply::Terminated => {
+                return Err(DeviceError::Closed { reason: "the controller ended the session after a long silence".to_owned() });
+            }
+            RmiReply::Moved { .. }
+            | RmiReply::Refused { sequence: None, .. }
+            | RmiReply::Connected { .. }
+            | RmiReply::Status(_)
+            | RmiReply::Joints(_)
+            | RmiReply::ErrorText(_)
+            | RmiReply::Done { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn look_for_failure(&self) -> Result<(), DeviceError> {
+        match self.failure {
+            Some(error) => Err(refused(error)),
+            None => Ok(()),
+        }
+    }
+
+    fn condition(&self, status: &RmiStatus, fault: Option<&RmiFault>) -> Condition {
+        let failure = self.failure.map(|error| FaultCode(error as u32));
+        Condition {
+            powered: status.servo_ready,
+            brakes_open: status.servo_ready,
+            moving: self.under_way.is_some() && status.program == RmiProgram::Running,
+            in_position: self.under_way.is_none(),
+            emergency_stop: fault.is_some_and(RmiFault::is_emergency_stop),
+            guard_open: fault.is_some_and(RmiFault::is_guard),
+            hand_guided: status.pendant_enabled,
+            paused: status.program == RmiProgram::Paused,
+            fault: fault.map(|fault| FaultCode(fault.number)).or(failure),
+        }
+    }
+}
+
+fn refused(error: i64) -> DeviceError {
+    DeviceError::Refused { code: error, text: error_text(error).to_owned() }
+}
+
+fn unexpected(reply: &RmiReply) -> DeviceError {
+    match reply {
+        RmiReply::Refused { error, .. } => refused(*error),
+        reply => DeviceError::Malformed { what: format!("{reply:?} for an answer") },
+    }
+}
+
+#[cfg(test)]
+mod tests;

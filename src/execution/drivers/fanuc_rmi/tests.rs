@@ -1,0 +1,107 @@
+//! The driver beside our simulator; the simulator stands beside a client that nobody here wrote in the integration tests.
+
+use std::sync::{Arc, Mutex};
+
+use tokio::time::sleep;
+
+use super::*;
+use crate::cell::JointThreeOrigin;
+use crate::execution::drivers::there_and_back::{Kept, WATCHDOG, arrive, target, there_and_back};
+use crate::execution::simulators::fanuc_rmi::{RmiCell, RmiController};
+
+async fn simulator() -> (String, Arc<Mutex<RmiCell>>) {
+    let controller = RmiController::bind("127.0.0.1:0").await.expect("a port");
+    let (address, cell) = (controller.address().expect("an address"), controller.cell());
+    tokio::spawn(controller.serve());
+    (address.to_string(), cell)
+}
+
+fn arm<const N: usize>(address: &str, joint_3_from: JointThreeOrigin, log: Arc<Kept>) -> FanucArm<N> {
+    let spec = FanucRmiSpec { address: address.to_owned(), joint_3_from, group_mask: None };
+    FanucArm::new(&spec, Wiring::over_tcp("arm", log))
+}
+
+#[tokio::test]
+async fn arm_and_table_go_there_and_back() {
+    let (address, _) = simulator().await;
+    let mut arm: FanucArm<7> = arm(&address, JointThreeOrigin::Ground, Kept::new());
+    let identity = arm.connect().await.expect("connected");
+    assert_eq!((identity.maker.as_str(), identity.firmware.as_deref()), ("FANUC", Some("RMI 7.1")));
+    arm.arm(WATCHDOG).await.expect("armed");
+    there_and_back(&mut arm, 0.2).await;
+    arm.release().await.expect("released");
+    // The session is free again.
+    arm.connect().await.expect("connected again");
+}
+
+#[tokio::test]
+async fn a_joint_3_from_the_upper_arm_is_converted_both_ways() {
+    let (address, cell) = simulator().await;
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::UpperArm, Kept::new());
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    let goal = [0.0, 0.3, 0.5, 0.0, 0.0, 0.0];
+    arm.start(&target(1, goal, Duration::from_millis(200))).await.expect("accepted");
+    let reached = arrive(&mut arm).await.positions_rad;
+    assert!(reached.iter().zip(&goal).all(|(at, to)| (at - to).abs() < 1e-6), "{reached:?}");
+    let wire_deg = cell.lock().expect("a cell").axes_deg()[2];
+    assert!((wire_deg - 0.2_f64.to_degrees()).abs() < 1e-4, "from the ground: {wire_deg}");
+}
+
+#[tokio::test]
+async fn a_stop_ends_the_move_and_nothing_goes_on() {
+    let (address, cell) = simulator().await;
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, Kept::new());
+    arm.connect().await.expect("connected");
+    assert!(arm.start(&target(1, [0.1; 6], Duration::from_secs(1))).await.is_err(), "not armed");
+    arm.arm(WATCHDOG).await.expect("armed");
+    arm.start(&target(1, [1.0; 6], Duration::from_secs(2))).await.expect("accepted");
+    assert!(arm.start(&target(2, [0.0; 6], Duration::from_secs(1))).await.is_err(), "one at a time");
+    sleep(Duration::from_millis(300)).await;
+    let stopped = arm.stop().await.expect("stopped");
+    assert!(stopped.acknowledged_at >= stopped.sent_at);
+    let at = cell.lock().expect("a cell").axes_deg();
+    sleep(Duration::from_millis(200)).await;
+    assert_eq!(cell.lock().expect("a cell").axes_deg(), at);
+    assert!(at[0] > 0.0 && at[0] < 57.0, "{at:?}");
+    assert!(arm.start(&target(3, [0.0; 6], Duration::from_secs(1))).await.is_err(), "arms anew first");
+    arm.stop().await.expect("again");
+    arm.arm(WATCHDOG).await.expect("armed again");
+    arm.start(&target(4, [0.0; 6], Duration::from_millis(100))).await.expect("accepted");
+    assert!(arrive(&mut arm).await.positions_rad[0].abs() < 1e-6);
+}
+
+#[tokio::test]
+async fn an_emergency_stop_is_seen_and_arming_refused() {
+    let (address, cell) = simulator().await;
+    let log = Kept::new();
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, log.clone());
+    arm.connect().await.expect("connected");
+    let state = arm.state().await.expect("a state");
+    assert!(state.condition.powered && !state.condition.emergency_stop && state.condition.in_position);
+    cell.lock().expect("a cell").set_fault(Some("SRVO-002"));
+    let condition = arm.state().await.expect("a state").condition;
+    assert!(condition.emergency_stop && !condition.powered && condition.fault == Some(FaultCode(2)));
+    assert!(matches!(arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })));
+    cell.lock().expect("a cell").set_fault(Some("SRVO-004"));
+    assert!(arm.state().await.expect("a state").condition.guard_open);
+    let moves =
+        |line: &Vec<u8>| String::from_utf8_lossy(line).contains("Motion") || String::from_utf8_lossy(line).contains("Initialize");
+    assert!(!log.sent().iter().any(moves), "nothing that moves was sent");
+}
+
+#[tokio::test]
+async fn a_dropped_question_leaves_the_next_answer_right() {
+    let (address, _) = simulator().await;
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, Kept::new());
+    arm.connect().await.expect("connected");
+    for _ in 0..50 {
+        tokio::select! {
+            biased;
+            _ = arm.state() => {}
+            () = tokio::task::yield_now() => {}
+        }
+    }
+    arm.state().await.expect("a state");
+    arm.stop().await.expect("stopped");
+}

@@ -1,0 +1,119 @@
+//! KUKA arms by the Robot Sensor Interface, with the table as an external axis where `N` is 7. The controller's program switches RSI
+//! on with `#ABSOLUTE`; corrections are counted from the axes of the first telegram, and the first answers hold them. RSI stops the
+//! arm by itself when too many answers are late or missing: that is the watchdog, its budget is set on the controller.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::datagrams::Datagrams;
+use super::streamed::{Step, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
+use crate::cell::KukaRsiSpec;
+use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
+use crate::execution::protocol::kuka_rsi::{RsiCorrection, RsiNames, RsiReport};
+
+/// Jump of the time stamp after which RSI was switched off and on again, ms.
+const RESTARTED_MS: u64 = 1000;
+
+/// An arm by KUKA, with the table in place 7 where `N` is 7.
+pub type KukaArm<const N: usize> = Streamed<N, KukaRsi>;
+
+/// Protocol of [`KukaArm`].
+#[derive(Clone)]
+pub struct KukaRsi {
+    spec: KukaRsiSpec,
+    log: Arc<dyn WireLog>,
+}
+
+impl KukaRsi {
+    /// The arm of a specification; `device` is its name in the log.
+    #[must_use]
+    pub fn arm<const N: usize>(spec: &KukaRsiSpec, log: Arc<dyn WireLog>) -> KukaArm<N> {
+        Streamed::new(Self { spec: spec.clone(), log })
+    }
+}
+
+/// Open link of [`KukaRsi`].
+pub struct KukaRsiLink<const N: usize> {
+    spec: KukaRsiSpec,
+    names: RsiNames,
+    datagrams: Datagrams,
+    /// Axes that corrections are counted from, degrees.
+    base_deg: Option<[f64; N]>,
+    ipoc: u64,
+}
+
+impl<const N: usize> StreamedProtocol<N> for KukaRsi {
+    type Link = KukaRsiLink<N>;
+
+    async fn open(&self) -> Result<(Identity, Self::Link), DeviceError> {
+        let spec = self.spec.clone();
+        let datagrams = Datagrams::bind(&spec.address, spec.controller_host, self.log.clone(), "arm").await?;
+        let names = RsiNames {
+            sender_type: spec.sender_type.clone(),
+            axis_tag: spec.axis_tag.clone(),
+            table_tag: spec.table_tag.clone(),
+        };
+        // RSI tells nothing of itself.
+        let identity =
+            Identity { maker: "KUKA".to_owned(), model: "controller with RSI".to_owned(), serial: None, firmware: None };
+        Ok((identity, KukaRsiLink { spec, names, datagrams, base_deg: None, ipoc: 0 }))
+    }
+}
+
+impl<const N: usize> KukaRsiLink<N> {
+    /// Axes 1 to 6 and the table's, degrees.
+    fn axes_deg(&self, arm_deg: &[f64; 6], external_deg: Option<&[f64; 6]>) -> Result<[f64; N], DeviceError> {
+        let table = external_deg.map(|deg| deg[usize::from(self.spec.table_axis.clamp(1, 6)) - 1]);
+        let mut axes_deg = [0.0; N];
+        for (axis, deg) in axes_deg.iter_mut().enumerate() {
+            *deg = arm_deg.get(axis).copied().or(table).ok_or_else(|| DeviceError::Malformed {
+                what: "a telegram without EIPos; the configuration must send DEF_EIPos for the table".to_owned(),
+            })?;
+        }
+        Ok(axes_deg)
+    }
+
+    /// Refuses a time stamp that tells of another start of RSI: its corrections are counted from other axes.
+    fn follow(&mut self, ipoc: u64) -> Result<(), DeviceError> {
+        let before = std::mem::replace(&mut self.ipoc, ipoc);
+        if before > 0 && !(before..before.saturating_add(RESTARTED_MS)).contains(&ipoc) {
+            return Err(DeviceError::Closed { reason: format!("RSI was restarted: its time went from {before} to {ipoc}") });
+        }
+        Ok(())
+    }
+}
+
+impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
+    fn cycle(&self) -> Duration {
+        Duration::from_millis(self.spec.cycle_ms.into())
+    }
+
+    async fn report(&mut self) -> Result<StreamedReport<N>, DeviceError> {
+        let report = RsiReport::decode(self.datagrams.receive().await?)?;
+        let measured_deg = self.axes_deg(&report.axes_deg, report.external_deg.as_ref())?;
+        self.follow(report.ipoc)?;
+        if self.base_deg.is_none() {
+            let commanded_deg = report.commanded_deg.unwrap_or(report.axes_deg);
+            self.base_deg = Some(self.axes_deg(&commanded_deg, report.external_deg.as_ref())?);
+        }
+        // RSI runs only while the drives are on and the program is under way.
+        Ok(StreamedReport { positions_rad: measured_deg.map(f64::to_radians), condition: Condition::READY, hindrance: None })
+    }
+
+    async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    async fn answer(&mut self, step: &Step<N>) -> Result<(), DeviceError> {
+        let Some(base_deg) = self.base_deg else { return Ok(()) };
+        let correction_deg = |axis: usize| Some(step.set_point_rad.get(axis)?.to_degrees() - base_deg.get(axis)?);
+        let correction = RsiCorrection {
+            axes_deg: std::array::from_fn(|axis| correction_deg(axis).unwrap_or(0.0)),
+            table: correction_deg(6).map(|deg| (self.spec.table_axis, deg)),
+            ipoc: self.ipoc,
+        };
+        self.datagrams.send(correction.encode(&self.names).as_bytes()).await
+    }
+
+    async fn close(self) {}
+}

@@ -1,0 +1,209 @@
+//! The drivers whose controller sets the pace, beside our simulators on real sockets.
+
+use std::sync::Arc;
+
+use tokio::time::sleep;
+
+use super::*;
+use crate::cell::{AbbEgmSpec, KukaRsiSpec, UrControllerSpec, UrMotion};
+use crate::execution::drivers::egm::{AbbArm, AbbEgm};
+use crate::execution::drivers::kuka_rsi::{KukaArm, KukaRsi};
+use crate::execution::drivers::stream::Wiring;
+use crate::execution::drivers::there_and_back::{WATCHDOG, target, there_and_back};
+use crate::execution::drivers::ur::{UniversalRobots, UrArm};
+use crate::execution::protocol::egm::ExternalAxes;
+use crate::execution::protocol::kuka_rsi::RsiNames;
+use crate::execution::simulators::egm::{EgmController, EgmSession};
+use crate::execution::simulators::kuka_rsi::{RsiController, RsiSession};
+use crate::execution::simulators::ur::{UrCell, UrController};
+
+/// Cycle that a busy machine keeps.
+const CYCLE_MS: u32 = 12;
+/// Largest step of an axis in a cycle, degrees: 1 rad/s.
+const MAX_STEP_DEG: f64 = 57.3 * CYCLE_MS as f64 / 1e3;
+
+/// A port of this machine that nobody has.
+fn free_port() -> u16 {
+    let socket = std::net::UdpSocket::bind("127.0.0.1:0").expect("a port");
+    socket.local_addr().expect("an address").port()
+}
+
+/// An ABB controller, and the arm of a driver that it sends to.
+fn abb<const N: usize>() -> (AbbArm<N>, Arc<Mutex<EgmSession>>, tokio::task::JoinHandle<EgmSession>) {
+    let address = format!("127.0.0.1:{}", free_port());
+    let controller = EgmController {
+        client: address.parse().expect("an address"),
+        cycle: Duration::from_millis(CYCLE_MS.into()),
+        comm_timeout: Duration::from_secs(1),
+        joints_deg: [0.0, -10.0, 20.0, 0.0, 30.0, 0.0],
+        external: ExternalAxes { deg: [90.0, 5.0, 0.0, 0.0, 0.0, 0.0], count: 2 },
+    };
+    let seen = Arc::new(Mutex::new(EgmSession::default()));
+    let shown = seen.clone();
+    let run = async move { controller.run(|session| *shown.lock().expect("a session") = *session).await.expect("a socket") };
+    let spec = AbbEgmSpec { address, controller_host: None, cycle_ms: CYCLE_MS, table_axis: 1 };
+    (AbbEgm::arm(&spec, Arc::new(())), seen, tokio::spawn(run))
+}
+
+/// A KUKA controller likewise.
+fn kuka<const N: usize>() -> (KukaArm<N>, tokio::task::JoinHandle<RsiSession>) {
+    let address = format!("127.0.0.1:{}", free_port());
+    let controller = RsiController {
+        client: address.parse().expect("an address"),
+        names: RsiNames { sender_type: "ImFree".to_owned(), axis_tag: "AK".to_owned(), table_tag: "EK".to_owned() },
+        cycle: Duration::from_millis(CYCLE_MS.into()),
+        timeout_cycles: 40,
+        base_deg: ([0.0, -90.0, 90.0, 0.0, 90.0, 0.0], 45.0),
+    };
+    let run = async move { controller.run(|_| {}).await.expect("a socket") };
+    let spec = serde_json::json!({"address": address, "cycle_ms": CYCLE_MS});
+    let spec: KukaRsiSpec = serde_json::from_value(spec).expect("a specification");
+    (KukaRsi::arm(&spec, Arc::new(())), tokio::spawn(run))
+}
+
+async fn ur(motion: UrMotion) -> (UrArm, Arc<Mutex<UrCell>>) {
+    let controller = UrController::bind("127.0.0.1:0", "127.0.0.1:0", [0.1, -1.5, 1.5, 0.0, 0.5, 0.0]).await.expect("ports");
+    let ((rtde, script), cell) = (controller.addresses().expect("addresses"), controller.cell());
+    tokio::spawn(controller.serve());
+    let spec = UrControllerSpec {
+        address: rtde.to_string(),
+        script_address: script.to_string(),
+        reverse_address: "127.0.0.1:0".parse().expect("an address"),
+        motion,
+        rate_hz: 125,
+        lookahead_ms: 100,
+        gain: 300,
+    };
+    (UniversalRobots::arm(&spec, Wiring::over_tcp("arm", Arc::new(()))), cell)
+}
+
+#[tokio::test]
+async fn an_abb_arm_with_its_table_goes_there_and_back() {
+    let (mut arm, seen, run) = abb::<7>();
+    arm.connect().await.expect("connected");
+    assert!((arm.state().await.expect("a state").positions_rad[6] - 90_f64.to_radians()).abs() < 1e-9);
+    arm.arm(WATCHDOG).await.expect("armed");
+    there_and_back(&mut arm, 0.2).await;
+    let session = *seen.lock().expect("a session");
+    assert!(session.max_step_deg > 0.0 && session.max_step_deg <= MAX_STEP_DEG, "{session:?}");
+    assert_eq!(session.external.deg[1], 5.0, "the other external axis stays");
+    arm.release().await.expect("released");
+    run.await.expect("its guidance ended by itself");
+}
+
+#[tokio::test]
+async fn a_kuka_arm_with_its_table_goes_there_and_back() {
+    let (mut arm, run) = kuka::<7>();
+    arm.connect().await.expect("connected");
+    let start = arm.state().await.expect("a state").positions_rad;
+    assert!((start[1] + 90_f64.to_radians()).abs() < 1e-9 && (start[6] - 45_f64.to_radians()).abs() < 1e-9);
+    arm.arm(WATCHDOG).await.expect("armed");
+    there_and_back(&mut arm, 0.2).await;
+    arm.release().await.expect("released");
+    let session = run.await.expect("RSI broke off by itself");
+    assert!(session.max_step_deg > 0.0 && session.max_step_deg <= MAX_STEP_DEG, "{session:?}");
+    assert!(session.late > 40, "the answers ceased");
+}
+
+#[tokio::test]
+async fn a_ur_arm_goes_there_and_back_both_ways() {
+    for motion in UrMotion::ALL {
+        let (mut arm, cell) = ur(motion).await;
+        let identity = arm.connect().await.expect("connected");
+        assert_eq!(identity.firmware.as_deref(), Some("5.11.0.108"));
+        arm.arm(WATCHDOG).await.expect("armed");
+        there_and_back(&mut arm, 0.2).await;
+        let step_rad = cell.lock().expect("a cell").max_step_rad;
+        assert!(step_rad <= 1.0 / 125.0 * 1.01, "{motion:?}: {step_rad}");
+        arm.release().await.expect("released");
+    }
+}
+
+#[tokio::test]
+async fn a_stop_is_a_ramp_and_nothing_goes_on() {
+    let (mut arm, seen, _run) = abb::<6>();
+    arm.connect().await.expect("connected");
+    let start = arm.state().await.expect("a state").positions_rad;
+    assert!(arm.start(&target(1, start, Duration::from_secs(1))).await.is_err(), "not armed");
+    arm.arm(WATCHDOG).await.expect("armed");
+    let goal = start.map(|joint| joint + 1.0);
+    arm.start(&target(1, goal, Duration::from_secs(2))).await.expect("accepted");
+    assert!(arm.start(&target(2, start, Duration::from_secs(1))).await.is_err(), "one at a time");
+    sleep(Duration::from_millis(400)).await;
+    let stopped = arm.stop().await.expect("stopped");
+    assert!(stopped.acknowledged_at > stopped.sent_at);
+    sleep(Duration::from_millis(600)).await;
+    let at = arm.state().await.expect("a state");
+    assert!(!at.condition.moving && apart_rad(&at.positions_rad, &goal) > 0.2, "{at:?}");
+    sleep(Duration::from_millis(200)).await;
+    assert_eq!(arm.state().await.expect("a state").positions_rad, at.positions_rad);
+    let session = *seen.lock().expect("a session");
+    assert!(session.max_step_deg <= MAX_STEP_DEG, "{session:?}");
+}
+
+#[tokio::test]
+async fn without_a_sign_of_life_it_stops_and_is_disarmed() {
+    let (mut arm, _run) = kuka::<6>();
+    arm.connect().await.expect("connected");
+    arm.arm(Duration::from_millis(100)).await.expect("armed");
+    let start = arm.state().await.expect("a state").positions_rad;
+    let goal = start.map(|joint| joint + 1.0);
+    arm.start(&target(1, goal, Duration::from_secs(3))).await.expect("accepted");
+    sleep(Duration::from_millis(900)).await;
+    let at = arm.state().await.expect("a state");
+    assert!(!at.condition.moving && apart_rad(&at.positions_rad, &start) < 0.2, "{at:?}");
+    assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })));
+    assert!(arm.start(&target(2, start, Duration::from_secs(1))).await.is_err());
+    arm.arm(WATCHDOG).await.expect("armed anew");
+    arm.start(&target(3, start, Duration::from_millis(100))).await.expect("accepted");
+}
+
+#[tokio::test]
+async fn a_dropped_driver_ends_the_program_of_the_arm() {
+    for motion in UrMotion::ALL {
+        let (mut arm, cell) = ur(motion).await;
+        arm.connect().await.expect("connected");
+        arm.arm(WATCHDOG).await.expect("armed");
+        let start = arm.state().await.expect("a state").positions_rad;
+        arm.start(&target(1, start.map(|joint| joint + 1.0), Duration::from_secs(3))).await.expect("accepted");
+        sleep(Duration::from_millis(200)).await;
+        drop(arm);
+        sleep(Duration::from_millis(800)).await;
+        let at = cell.lock().expect("a cell").joints_rad();
+        sleep(Duration::from_millis(200)).await;
+        assert_eq!(cell.lock().expect("a cell").joints_rad(), at, "{motion:?}");
+        assert!(at[0] - start[0] < 0.5, "{motion:?}: {at:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_safety_stop_of_the_arm_disarms_it() {
+    let (mut arm, cell) = ur(UrMotion::Servoj).await;
+    arm.connect().await.expect("connected");
+    arm.arm(WATCHDOG).await.expect("armed");
+    cell.lock().expect("a cell").safety_bits = 1 << 6;
+    sleep(Duration::from_millis(100)).await;
+    let state = arm.state().await.expect("a state");
+    assert!(state.condition.emergency_stop);
+    assert!(arm.start(&target(1, state.positions_rad, Duration::from_secs(1))).await.is_err());
+    assert!(matches!(arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })));
+}
+
+#[tokio::test]
+async fn a_silent_controller_is_told_as_such() {
+    let spec = AbbEgmSpec { address: format!("127.0.0.1:{}", free_port()), controller_host: None, cycle_ms: 4, table_axis: 1 };
+    let mut arm: AbbArm<6> = AbbEgm::arm(&spec, Arc::new(()));
+    assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })), "not connected");
+    let taken = AbbEgmSpec { address: "127.0.0.1:1".to_owned(), controller_host: None, cycle_ms: 4, table_axis: 1 };
+    let mut nobody: AbbArm<6> = AbbEgm::arm(&AbbEgmSpec { address: "192.0.2.1:6510".to_owned(), ..taken }, Arc::new(()));
+    assert!(matches!(nobody.connect().await, Err(DeviceError::Unreachable { .. })), "no such address here");
+    let sent_to = spec.address.clone();
+    tokio::spawn(async move {
+        let socket = tokio::net::UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+        loop {
+            let _ = socket.send_to(b"\x0a\x7fnonsense", &sent_to).await;
+            sleep(Duration::from_millis(20)).await;
+        }
+    });
+    assert!(matches!(arm.connect().await, Err(DeviceError::Malformed { .. })));
+}

@@ -1,0 +1,301 @@
+//! Universal Robots arms: the state comes by RTDE, motion goes to a program that this driver sends to the controller when it is
+//! armed, and that connects back. The program stops the arm by itself when no command came within the watchdog's time.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio::time::timeout;
+
+use super::stream::{Connection, Wiring, within};
+use super::streamed::{Order, Step, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
+use crate::cell::{UrControllerSpec, UrMotion};
+use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, Target};
+use crate::execution::protocol::ur::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState, VERSION};
+use crate::execution::protocol::ur::{ServoTuning, UrCommand, program_text};
+
+/// Longest time of attempts to connect.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest wait for an answer.
+const ANSWER: Duration = Duration::from_secs(2);
+/// Reports in a row without a running program after which it has ended.
+const ENDED_REPORTS: u32 = 25;
+/// Speed below which a joint rests, rad/s.
+const REST_RAD_S: f64 = 1e-3;
+/// Deceleration of a stop that no target says one for, rad/s².
+const STOP_RAD_S2: f64 = 2.0;
+
+/// An arm by Universal Robots.
+pub type UrArm = Streamed<6, UniversalRobots>;
+
+/// Protocol of [`UrArm`].
+#[derive(Clone)]
+pub struct UniversalRobots {
+    spec: UrControllerSpec,
+    wiring: Wiring,
+}
+
+impl UniversalRobots {
+    /// The arm of a specification.
+    #[must_use]
+    pub fn arm(spec: &UrControllerSpec, wiring: Wiring) -> UrArm {
+        Streamed::new(Self { spec: spec.clone(), wiring })
+    }
+}
+
+/// Open link of [`UniversalRobots`].
+pub struct UrLink {
+    protocol: UniversalRobots,
+    rtde: Rtde,
+    /// The program on the controller, once it was armed.
+    program: Option<Connection>,
+    /// Number of the latest command that is acknowledged.
+    sequence: u32,
+    stop_rad_s2: f64,
+    /// Reports in a row without a running program.
+    idle_reports: u32,
+}
+
+impl StreamedProtocol<6> for UniversalRobots {
+    type Link = UrLink;
+
+    async fn open(&self) -> Result<(Identity, Self::Link), DeviceError> {
+        let mut rtde =
+            Rtde { connection: self.wiring.connect(&self.spec.address, PATIENCE).await?, unread: Vec::new(), recipe: 0 };
+        let version = rtde.greet(f64::from(self.spec.rate_hz)).await?;
+        let firmware = Some(version.map(|number| number.to_string()).join("."));
+        let identity =
+            Identity { maker: "Universal Robots".to_owned(), model: "controller with RTDE".to_owned(), serial: None, firmware };
+        let link = UrLink { protocol: self.clone(), rtde, program: None, sequence: 0, stop_rad_s2: STOP_RAD_S2, idle_reports: 0 };
+        Ok((identity, link))
+    }
+}
+
+impl StreamedLink<6> for UrLink {
+    fn cycle(&self) -> Duration {
+        Duration::from_secs_f64(1.0 / f64::from(self.protocol.spec.rate_hz))
+    }
+
+    async fn report(&mut self) -> Result<StreamedReport<6>, DeviceError> {
+        let state = self.rtde.state().await?;
+        self.idle_reports = if state.is_program_running() { 0 } else { self.idle_reports.saturating_add(1) };
+        let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
+        let hindrance = hindrance(&state).or(has_ended.then_some("its program has ended; arm it again"));
+        Ok(StreamedReport { positions_rad: state.joints_rad, condition: condition(&state), hindrance })
+    }
+
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
+        self.program = None;
+        self.program = Some(self.protocol.start_program(watchdog).await?);
+        self.idle_reports = 0;
+        self.rtde.catch_up().await
+    }
+
+    async fn answer(&mut self, step: &Step<6>) -> Result<(), DeviceError> {
+        match (self.protocol.spec.motion, &step.order) {
+            (UrMotion::Servoj, _) => self.send(UrCommand::SetPoint(step.set_point_rad)).await,
+            (UrMotion::Movej, None) => self.send(UrCommand::KeepAlive).await,
+            (UrMotion::Movej, Some(Order::Go { target, from_rad })) => {
+                let (speed_rad_s, acceleration_rad_s2) = leading(target, from_rad);
+                self.stop_rad_s2 = acceleration_rad_s2;
+                let (sequence, joints_rad) = (self.next_sequence(), target.positions_rad);
+                self.send(UrCommand::Move { sequence, joints_rad, speed_rad_s, acceleration_rad_s2 }).await?;
+                self.acknowledged(sequence).await
+            }
+            (UrMotion::Movej, Some(Order::Stop)) => {
+                let sequence = self.next_sequence();
+                self.send(UrCommand::Stop { sequence, acceleration_rad_s2: self.stop_rad_s2 }).await?;
+                self.acknowledged(sequence).await
+            }
+        }
+    }
+
+    async fn close(mut self) {
+        // The program may have ended before.
+        let _ = self.send(UrCommand::End).await;
+        let _ = self.rtde.connection.send(&RtdeRequest::Pause.encode()).await;
+        self.rtde.connection.close().await;
+    }
+}
+
+impl UniversalRobots {
+    /// Sends the program, and waits until it connects back.
+    async fn start_program(&self, watchdog: Duration) -> Result<Connection, DeviceError> {
+        let reverse = self.spec.reverse_address;
+        let refused =
+            |error: std::io::Error| DeviceError::Unreachable { address: reverse.to_string(), reason: error.to_string() };
+        let listener = TcpListener::bind(reverse).await.map_err(refused)?;
+        let reverse = listener.local_addr().map_err(refused)?;
+        let mut script = self.wiring.connect(&self.spec.script_address, PATIENCE).await?;
+        script.send(self.program(reverse, watchdog).as_bytes()).await?;
+        let (stream, _) = timeout(PATIENCE, listener.accept())
+            .await
+            .map_err(|_| DeviceError::NotReady {
+                reason: format!("its program did not connect to {reverse}; set the arm to remote control and check the address"),
+            })?
+            .map_err(refused)?;
+        stream.set_nodelay(true).map_err(refused)?;
+        script.close().await;
+        Ok(self.wiring.connection(Box::new(stream)))
+    }
+
+    fn program(&self, reverse: SocketAddr, watchdog: Duration) -> String {
+        let tuning = ServoTuning { lookahead_ms: self.spec.lookahead_ms, gain: self.spec.gain };
+        program_text(self.spec.motion, tuning, reverse, watchdog)
+    }
+}
+
+impl UrLink {
+    async fn send(&mut self, command: UrCommand) -> Result<(), DeviceError> {
+        match &mut self.program {
+            Some(program) => program.send(&command.encode()).await,
+            None => Ok(()),
+        }
+    }
+
+    fn next_sequence(&mut self) -> u32 {
+        self.sequence = (self.sequence + 1) & i32::MAX as u32;
+        self.sequence
+    }
+
+    /// Waits until the program answers with the number of a command.
+    async fn acknowledged(&mut self, sequence: u32) -> Result<(), DeviceError> {
+        let Some(program) = &mut self.program else { return Ok(()) };
+        let mut answer = Vec::new();
+        let read = async {
+            while answer.len() < 4 {
+                program.receive(&mut answer).await?;
+            }
+            Ok(())
+        };
+        within(ANSWER, read).await?;
+        if answer == sequence.to_be_bytes() {
+            return Ok(());
+        }
+        Err(DeviceError::Malformed { what: format!("{answer:?} as the acknowledgement of {sequence}") })
+    }
+}
+
+/// Connection for the state.
+struct Rtde {
+    connection: Connection,
+    unread: Vec<u8>,
+    recipe: u8,
+}
+
+impl Rtde {
+    /// Agrees on the protocol and the variables, and begins; returns the version of the controller.
+    async fn greet(&mut self, rate_hz: f64) -> Result<[u32; 4], DeviceError> {
+        match self.ask(&RtdeRequest::Version(VERSION)).await? {
+            RtdeReply::Version(true) => {}
+            reply => return Err(refused("version 2 of RTDE", &reply)),
+        }
+        let version = match self.ask(&RtdeRequest::ControlVersion).await? {
+            RtdeReply::ControlVersion(version) => version,
+            reply => return Err(refused("its version", &reply)),
+        };
+        let types = OUTPUTS.map(|(_, kind)| kind).join(",");
+        match self.ask(&RtdeRequest::outputs(rate_hz)).await? {
+            RtdeReply::Outputs { recipe, types: found } if found == types => self.recipe = recipe,
+            reply => return Err(refused("the state of the arm", &reply)),
+        }
+        match self.ask(&RtdeRequest::Start).await? {
+            RtdeReply::Start(true) => Ok(version),
+            reply => Err(refused("to send", &reply)),
+        }
+    }
+
+    /// Asks, and returns the first reply that is no message for people.
+    async fn ask(&mut self, request: &RtdeRequest) -> Result<RtdeReply, DeviceError> {
+        self.connection.send(&request.encode()).await?;
+        let answer = async {
+            loop {
+                match self.next().await? {
+                    RtdeReply::Text(_) | RtdeReply::Data { .. } => {}
+                    reply => return Ok(reply),
+                }
+            }
+        };
+        within(ANSWER, answer).await
+    }
+
+    /// The next reply; may be dropped while it waits.
+    async fn next(&mut self) -> Result<RtdeReply, DeviceError> {
+        loop {
+            if let Some((frame, length)) = RtdeFrame::first(&self.unread)? {
+                let reply = RtdeReply::decode(frame);
+                self.unread.drain(..length);
+                return reply;
+            }
+            self.connection.receive(&mut self.unread).await?;
+        }
+    }
+
+    /// The latest state; may be dropped while it waits.
+    async fn state(&mut self) -> Result<RtdeState, DeviceError> {
+        loop {
+            match self.next().await? {
+                RtdeReply::Data { recipe, values } if recipe == self.recipe && !self.has_more()? => {
+                    return RtdeState::decode(&values);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Returns true if a further frame is here already.
+    fn has_more(&self) -> Result<bool, DeviceError> {
+        RtdeFrame::first(&self.unread).map(|frame| frame.is_some())
+    }
+
+    /// Reads what came while nobody read.
+    async fn catch_up(&mut self) -> Result<(), DeviceError> {
+        while let Ok(read) = timeout(Duration::ZERO, self.connection.receive(&mut self.unread)).await {
+            read?;
+            while let Some((_, length)) = RtdeFrame::first(&self.unread)? {
+                self.unread.drain(..length);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn refused(what: &str, reply: &RtdeReply) -> DeviceError {
+    DeviceError::Refused { code: 0, text: format!("asked for {what}, it answered {reply:?}") }
+}
+
+/// Speed and acceleration of the axis that leads, so that none exceeds its own.
+fn leading(target: &Target<6>, from_rad: &[f64; 6]) -> (f64, f64) {
+    let distance = |axis: usize| (target.positions_rad[axis] - from_rad[axis]).abs();
+    let longest = (0..6).map(distance).fold(0.0, f64::max);
+    let smallest = |limits: &[f64; 6]| {
+        let share = |axis: usize| limits[axis] * longest / distance(axis).max(f64::MIN_POSITIVE);
+        (0..6).map(share).fold(f64::INFINITY, f64::min)
+    };
+    (smallest(&target.max_speed_rad_s), smallest(&target.max_acceleration_rad_s2))
+}
+
+fn condition(state: &RtdeState) -> Condition {
+    let moving = state.speeds_rad_s.iter().any(|speed| speed.abs() > REST_RAD_S);
+    Condition {
+        powered: state.is_powered(),
+        brakes_open: state.is_powered(),
+        moving,
+        in_position: !moving,
+        emergency_stop: state.is_emergency_stopped(),
+        guard_open: state.is_guard_stopped(),
+        hand_guided: state.is_hand_guided(),
+        paused: state.is_paused(),
+        fault: state.fault_bit().map(FaultCode),
+    }
+}
+
+fn hindrance(state: &RtdeState) -> Option<&'static str> {
+    if !state.is_powered() {
+        return Some("the arm is off; switch it on at the controller");
+    }
+    if state.is_emergency_stopped() || state.is_guard_stopped() || state.fault_bit().is_some() {
+        return Some("its safety system has stopped it; clear that at the controller");
+    }
+    state.is_hand_guided().then_some("it is guided by hand")
+}

@@ -1,0 +1,285 @@
+//! A Universal Robots controller to rehearse against: RTDE on one port, URScript on another. It does not interpret the script: of the
+//! driver's own program it reads where to connect to and for how long to wait, and then does what that program does.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::time::{Instant, interval, timeout};
+
+use crate::execution::device::Target;
+use crate::execution::drivers::set_points::SetPoints;
+use crate::execution::protocol::ur::UrCommand;
+use crate::execution::protocol::ur::rtde::{RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
+
+/// Version that it says it has.
+const VERSION: [u32; 4] = [5, 11, 0, 108];
+/// Largest rate, Hz.
+const MAX_RATE_HZ: f64 = 500.0;
+/// Bits of an arm that is on: power; normal mode.
+const POWER_BIT: u32 = 1;
+const PROGRAM_BIT: u32 = 1 << 1;
+const NORMAL_BIT: u32 = 1;
+
+/// A controller that listens.
+pub struct UrController {
+    rtde: TcpListener,
+    script: TcpListener,
+    cell: Arc<Mutex<UrCell>>,
+}
+
+/// What a controller has before it: an arm, and buttons that a test presses.
+#[derive(Debug)]
+pub struct UrCell {
+    points: SetPoints<6>,
+    moved_at: Instant,
+    speeds_rad_s: [f64; 6],
+    start: Instant,
+    is_program_running: bool,
+    /// Bits of the safety system.
+    pub safety_bits: u32,
+    /// Times that the program stopped because no command came.
+    pub starved: u32,
+    /// Largest step of a joint between set points, radians.
+    pub max_step_rad: f64,
+}
+
+impl UrController {
+    /// Listens at two addresses.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    pub async fn bind(rtde: &str, script: &str, joints_rad: [f64; 6]) -> io::Result<Self> {
+        let cell = Arc::new(Mutex::new(UrCell::new(joints_rad)));
+        Ok(Self { rtde: TcpListener::bind(rtde).await?, script: TcpListener::bind(script).await?, cell })
+    }
+
+    /// Addresses that it listens at: RTDE and URScript.
+    ///
+    /// # Errors
+    /// Those of the operating system.
+    pub fn addresses(&self) -> io::Result<(SocketAddr, SocketAddr)> {
+        Ok((self.rtde.local_addr()?, self.script.local_addr()?))
+    }
+
+    /// The cell, to look at and to disturb.
+    #[must_use]
+    pub fn cell(&self) -> Arc<Mutex<UrCell>> {
+        self.cell.clone()
+    }
+
+    /// Serves clients, for ever.
+    ///
+    /// # Errors
+    /// Those of the listening sockets.
+    pub async fn serve(self) -> io::Result<()> {
+        loop {
+            tokio::select! {
+                client = self.rtde.accept() => {
+                    let (stream, cell) = (client?.0, self.cell.clone());
+                    tokio::spawn(async move { exchange(stream, &cell).await });
+                }
+                client = self.script.accept() => {
+                    let (stream, cell) = (client?.0, self.cell.clone());
+                    tokio::spawn(async move { run_program(stream, &cell).await });
+                }
+            }
+        }
+    }
+}
+
+fn lock(cell: &Mutex<UrCell>) -> MutexGuard<'_, UrCell> {
+    cell.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// One client of RTDE.
+async fn exchange(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    let (mut unread, mut recipe, mut is_sending) = (Vec::new(), Vec::new(), false);
+    let mut ticks = interval(Duration::from_secs_f64(1.0 / MAX_RATE_HZ));
+    loop {
+        tokio::select! {
+            read = stream.read_buf(&mut unread) => if read? == 0 { return Ok(()) },
+            _ = ticks.tick(), if is_sending => {
+                let values = lock(cell).values(&recipe);
+                stream.write_all(&RtdeReply::Data { recipe: 1, values }.encode()).await?;
+            }
+        }
+        while let Some((frame, length)) = RtdeFrame::first(&unread).map_err(io::Error::other)? {
+            let request = RtdeRequest::decode(frame).map_err(io::Error::other)?;
+            unread.drain(..length);
+            let reply = match request {
+                RtdeRequest::Version(version) => RtdeReply::Version(version == 2),
+                RtdeRequest::ControlVersion => RtdeReply::ControlVersion(VERSION),
+                RtdeRequest::Outputs { rate_hz, names } => {
+                    ticks = interval(Duration::from_secs_f64(1.0 / rate_hz.clamp(1.0, MAX_RATE_HZ)));
+                    recipe = names.split(',').map(str::to_owned).collect();
+                    let types: Vec<&str> = recipe.iter().map(|name| variable(name, &RtdeState::default()).0).collect();
+                    RtdeReply::Outputs { recipe: 1, types: types.join(",") }
+                }
+                RtdeRequest::Inputs { names } => {
+                    let types = vec!["NOT_FOUND"; names.split(',').count()].join(",");
+                    RtdeReply::Inputs { recipe: 0, types }
+                }
+                RtdeRequest::Start => {
+                    is_sending = true;
+                    RtdeReply::Start(true)
+                }
+                RtdeRequest::Pause => {
+                    is_sending = false;
+                    RtdeReply::Pause(true)
+                }
+                RtdeRequest::Data { .. } => continue,
+            };
+            stream.write_all(&reply.encode()).await?;
+        }
+    }
+}
+
+/// Type and value of a variable.
+fn variable(name: &str, state: &RtdeState) -> (&'static str, Vec<u8>) {
+    let six = |values: [f64; 6]| ("VECTOR6D", values.into_iter().flat_map(f64::to_be_bytes).collect());
+    let word = |value: u32| ("UINT32", value.to_be_bytes().to_vec());
+    match name {
+        "timestamp" => ("DOUBLE", state.timestamp_secs.to_be_bytes().to_vec()),
+        "actual_q" | "target_q" => six(state.joints_rad),
+        "actual_qd" | "target_qd" => six(state.speeds_rad_s),
+        "runtime_state" => word(state.runtime),
+        "robot_status_bits" => word(state.robot_bits),
+        "safety_status_bits" => word(state.safety_bits),
+        "robot_mode" => ("INT32", 7_i32.to_be_bytes().to_vec()),
+        "safety_mode" | "safety_status" => ("INT32", 1_i32.to_be_bytes().to_vec()),
+        _ => ("NOT_FOUND", Vec::new()),
+    }
+}
+
+/// The driver's program, by what its text says.
+async fn run_program(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<()> {
+    let mut text = Vec::new();
+    while !text.ends_with(b"\nend\n") {
+        if stream.read_buf(&mut text).await? == 0 || text.len() > 1 << 16 {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
+    }
+    let text = String::from_utf8(text).map_err(io::Error::other)?;
+    let invalid = || io::Error::from(io::ErrorKind::InvalidData);
+    let (reverse, watchdog) = address_and_watchdog(&text).ok_or_else(invalid)?;
+    let mut client = TcpStream::connect(reverse).await?;
+    client.set_nodelay(true)?;
+    lock(cell).is_program_running = true;
+    let outcome = obey(&mut client, cell, watchdog).await;
+    let mut cell = lock(cell);
+    cell.points.ramp_down();
+    cell.is_program_running = false;
+    outcome
+}
+
+/// Where the program connects to, and how long it waits for a command.
+fn address_and_watchdog(text: &str) -> Option<(String, Duration)> {
+    let (_, open) = text.split_once("socket_open(\"")?;
+    let (host, rest) = open.split_once("\", ")?;
+    let (port, _) = rest.split_once(',')?;
+    let waits: Vec<f64> = text.split("wait_secs = ").skip(1).filter_map(|rest| rest.lines().next()?.parse().ok()).collect();
+    let watchdog = Duration::try_from_secs_f64(*waits.last()?).ok()?;
+    Some((format!("{host}:{port}"), watchdog))
+}
+
+async fn obey(client: &mut TcpStream, cell: &Mutex<UrCell>, watchdog: Duration) -> io::Result<()> {
+    let mut wait = Duration::from_secs(5);
+    loop {
+        let mut bytes = [0; UrCommand::BYTES];
+        let Ok(read) = timeout(wait, client.read_exact(&mut bytes)).await else {
+            lock(cell).starved += 1;
+            return Ok(());
+        };
+        read?;
+        wait = watchdog;
+        let answer = match UrCommand::decode(&bytes).map_err(io::Error::other)? {
+            UrCommand::KeepAlive => None,
+            UrCommand::End => return Ok(()),
+            UrCommand::SetPoint(joints_rad) => {
+                lock(cell).jump(joints_rad);
+                None
+            }
+            UrCommand::Move { sequence, joints_rad, speed_rad_s, acceleration_rad_s2 } => {
+                lock(cell).lead(joints_rad, speed_rad_s, acceleration_rad_s2);
+                Some(sequence)
+            }
+            UrCommand::Stop { sequence, .. } => {
+                lock(cell).points.ramp_down();
+                Some(sequence)
+            }
+        };
+        if let Some(sequence) = answer {
+            client.write_all(&sequence.to_be_bytes()).await?;
+        }
+    }
+}
+
+impl UrCell {
+    fn new(joints_rad: [f64; 6]) -> Self {
+        let now = Instant::now();
+        Self {
+            points: SetPoints::still(joints_rad),
+            moved_at: now,
+            speeds_rad_s: [0.0; 6],
+            start: now,
+            is_program_running: false,
+            safety_bits: NORMAL_BIT,
+            starved: 0,
+            max_step_rad: 0.0,
+        }
+    }
+
+    /// Where the joints are now, radians.
+    pub fn joints_rad(&mut self) -> [f64; 6] {
+        let (now, before) = (Instant::now(), self.points.at_rad());
+        let elapsed = now.duration_since(self.moved_at);
+        self.moved_at = now;
+        let after = self.points.advance(elapsed);
+        let secs = elapsed.as_secs_f64().max(1e-4);
+        if self.points.is_moving() || after != before {
+            self.speeds_rad_s = std::array::from_fn(|joint| (after[joint] - before[joint]) / secs);
+        } else {
+            self.speeds_rad_s = [0.0; 6];
+        }
+        after
+    }
+
+    /// Goes to a set point at once.
+    fn jump(&mut self, joints_rad: [f64; 6]) {
+        let before = self.points.at_rad();
+        let step = before.iter().zip(&joints_rad).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        self.max_step_rad = self.max_step_rad.max(step);
+        self.points = SetPoints::still(joints_rad);
+    }
+
+    /// Goes to a target with a leading axis, as `movej` does.
+    fn lead(&mut self, positions_rad: [f64; 6], speed_rad_s: f64, acceleration_rad_s2: f64) {
+        self.joints_rad();
+        self.points.go(&Target {
+            sequence: 0,
+            positions_rad,
+            max_speed_rad_s: [speed_rad_s; 6],
+            max_acceleration_rad_s2: [acceleration_rad_s2; 6],
+            duration: Duration::ZERO,
+        });
+    }
+
+    fn values(&mut self, recipe: &[String]) -> Vec<u8> {
+        let joints_rad = self.joints_rad();
+        let program = if self.is_program_running { PROGRAM_BIT } else { 0 };
+        let state = RtdeState {
+            timestamp_secs: self.start.elapsed().as_secs_f64(),
+            joints_rad,
+            speeds_rad_s: self.speeds_rad_s,
+            runtime: if self.is_program_running { 2 } else { 1 },
+            robot_bits: POWER_BIT | program,
+            safety_bits: self.safety_bits,
+        };
+        recipe.iter().flat_map(|name| variable(name, &state).1).collect()
+    }
+}
