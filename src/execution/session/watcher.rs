@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
+use super::cause::{Device, StopCause};
 use super::gate::{Safeguards, unfit};
 use super::handle::{Control, Halt};
 use super::live::{Live, Measurement};
 use super::machine::{Drive, MachineError, MachineState, Watch};
-use super::state::{Device, RunEvent, RunStatus, StopCause};
+use super::state::{RunEvent, RunStatus};
 use super::way::off_segment;
 use crate::cell::{Cell, Configuration};
 use crate::execution::audit::AuditLog;
