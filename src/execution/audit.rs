@@ -56,7 +56,7 @@ pub struct AuditHead {
     pub sha256: String,
 }
 
-/// Where a chain is broken.
+/// Break of a chain.
 #[derive(Debug, thiserror::Error)]
 pub enum AuditBreach {
     /// Not to be read.
@@ -162,8 +162,7 @@ impl AuditLog {
             let waiting = self.state.waiting_bytes.fetch_add(bytes.len(), Ordering::Relaxed);
             let entry = Message::Entry { at, device, direction, bytes: bytes.to_vec() };
             let refused = match self.messages.try_send(entry) {
-                _ if waiting > WAITING_BYTES => Some("its disk does not keep up"),
-                Ok(()) => None,
+                Ok(()) => (waiting > WAITING_BYTES).then_some("its disk does not keep up"),
                 Err(TrySendError::Full(_)) => Some("its disk does not keep up"),
                 Err(TrySendError::Disconnected(_)) => Some("it is closed"),
             };
