@@ -10,14 +10,18 @@ use super::{CliError, failed, open_files, output, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
-use crate::service::{App, MeshUpload, Submission};
+use crate::service::{App, Error, MeshUpload, Submission};
 use crate::settings::{Flags, Settings};
-use crate::wire::{Job, JobRequest, JobState};
+use crate::wire::run::{RunRequest, RunState};
+use crate::wire::{Job, JobId, JobRequest, JobState};
 
 /// Approximate number of triangles of the sample part.
 const TRIANGLES: usize = 20_000;
 
-/// Run a server with a sample part that is planned right away; nothing is kept.
+/// Speed of the twin's clock.
+const RUN_FACTOR: f64 = 10.0;
+
+/// Run a server with a sample part that is planned right away and run on a twin of the cell; nothing is kept.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Prints the address to open in a browser. Ctrl-C stops the server and deletes its temporary folder.
 
@@ -67,7 +71,7 @@ async fn bind(settings: &mut Settings) -> Result<Server, CliError> {
 
 async fn show(app: App) {
     let told = match plan_sample(&app).await {
-        Ok(job) if job.state == JobState::Succeeded => output::line("The sample part is planned; the page links its report."),
+        Ok(job) if job.state == JobState::Succeeded => show_run(&app, job.id).await,
         Ok(job) => {
             let reason = job.problem.map(|problem| problem.detail).unwrap_or_default();
             output::line(format_args!("The sample part is {}: {reason}", job.state.as_str()))
@@ -78,6 +82,24 @@ async fn show(app: App) {
     if let Err(error) = told {
         output::error(&error);
     }
+}
+
+/// Runs the program of the sample on the twin.
+async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
+    output::line("The sample part is planned; the page links its report. Its program runs on a twin of the cell now.")?;
+    let failed = |error: Error| CliError::Failed(format!("the run of the sample: {error}"));
+    let request = RunRequest { time_factor: RUN_FACTOR, ..RunRequest::new(job) };
+    let run = app.start_run(request, None, None).await.map_err(failed)?;
+    let run = app.run_when_ended(run.id, Duration::from_secs(3600)).await.map_err(failed)?;
+    if run.state != RunState::Done {
+        return output::line(format_args!("The run is {}: {}", run.state.as_str(), run.detail.unwrap_or_default()));
+    }
+    let measured = run.coverage.map_or(0.0, |coverage| 100.0 * coverage.measured_of_asked);
+    output::line(format_args!(
+        "The run is done: {} steps, {} scans, {:.0} s at {RUN_FACTOR} times real speed, {measured:.1} % of the asked area from the \
+         measured poses. Its record is at /api/v1/runs/{}/record.",
+        run.steps, run.scans, run.elapsed_secs, run.id
+    ))
 }
 
 async fn plan_sample(app: &App) -> Result<Job, Box<dyn std::error::Error + Send + Sync>> {

@@ -4,6 +4,7 @@
 mod json;
 mod names;
 mod pages;
+mod runs;
 
 use std::io::pipe;
 use std::path::Path;

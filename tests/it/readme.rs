@@ -89,6 +89,16 @@ fn the_picture_is_the_head_of_a_report() {
 }
 
 #[test]
+fn the_run_on_the_twin_runs_as_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    bash("vantage part base --triangles 8000 --out base.stl && vantage plan base.stl --unit mm --out plan", folder.path());
+    let told = bash(block_after("<!-- run:"), folder.path());
+    assert!(told.starts_with("done: ") && told.contains("coverage from the measured poses"), "{told}");
+    let table = std::fs::read_to_string(folder.path().join("run.csv")).expect("the record");
+    assert!(table.starts_with("step,op,viewpoint,") && table.lines().count() > 3, "{table}");
+}
+
+#[test]
 fn own_hardware_and_two_setups_run_as_written() {
     let folder = tempfile::tempdir().expect("a folder");
     bash("vantage part base --triangles 8000 --out base.stl", folder.path());

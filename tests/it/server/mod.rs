@@ -16,5 +16,6 @@ mod oracle_schemathesis;
 mod prefix_proxy;
 pub(crate) mod process;
 mod rows;
+mod runs;
 mod shortage;
 mod summary;
