@@ -302,7 +302,7 @@ impl<const N: usize> Desk<N> {
         if report.hindrance.is_some() {
             // It does not follow: nothing is led on that it would jump to.
             *points = SetPoints::still(report.positions_rad);
-            self.armed = None;
+            (self.armed, self.order) = (None, None);
         }
         let set_point_rad = points.advance(cycle);
         (self.report, self.malformed) = (Some((report, now)), None);
