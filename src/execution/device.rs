@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
+use super::session::streamer::Jitter;
+
 /// What a controller says of itself, read at connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
@@ -82,9 +84,10 @@ pub struct Target<const N: usize> {
     pub sequence: u64,
     /// Where it ends, radians.
     pub positions_rad: [f64; N],
-    /// Largest speed of each axis, rad/s, override already applied.
+    /// Speed that each axis reaches at most, rad/s, override already applied: the axes' own shares of one synchronised motion; 0
+    /// for an axis that stays.
     pub max_speed_rad_s: [f64; N],
-    /// Largest acceleration of each axis, rad/s², override already applied.
+    /// Acceleration of each axis, rad/s², override already applied; shares of one synchronised motion, and 0 likewise.
     pub max_acceleration_rad_s2: [f64; N],
     /// Predicted time of the segment.
     pub duration: Duration,
@@ -120,11 +123,17 @@ pub trait MotionDevice<const N: usize>: Send {
     /// Feeds the device's watchdog; called at least every third of its time while armed.
     fn keep_alive(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
-    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again.
+    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again. From then on
+    /// no target is taken until the device is armed again, which a session does when a client resumes.
     fn stop(&mut self) -> impl Future<Output = Result<StopAcknowledged, DeviceError>> + Send;
 
     /// Gives the right to move back, where it was taken, and closes. Sends nothing that moves.
     fn release(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
+
+    /// Jitter of its set points so far, where it streams them.
+    fn jitter(&self) -> Option<Jitter> {
+        None
+    }
 
     /// Words of a fault that this device reports, where they are known.
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {
@@ -186,6 +195,8 @@ pub struct Capture {
     pub view: u32,
     /// Projector brightness level.
     pub brightness: u8,
+    /// Predicted time of the capture; a trigger that cannot tell the end of one waits it out.
+    pub expected: Duration,
     /// Longest wait for the acknowledgement.
     pub deadline: Duration,
 }
