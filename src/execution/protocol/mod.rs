@@ -6,4 +6,4 @@ pub mod kuka_rsi;
 pub mod ur;
 
 #[cfg(test)]
-mod fuzz;
+mod mangled;

@@ -6,7 +6,7 @@ pub(super) const INPUTS: usize = 1_000_000;
 const MAX_BYTES: usize = 2048;
 
 /// Calls `take` with [`INPUTS`] inputs, the same in every run.
-pub(super) fn fuzz(corpus: &[&[u8]], mut take: impl FnMut(&[u8])) {
+pub(super) fn each_mangled(corpus: &[&[u8]], mut take: impl FnMut(&[u8])) {
     let mut random = Random(0x9e37_79b9_7f4a_7c15);
     let mut input = Vec::with_capacity(MAX_BYTES);
     for _ in 0..INPUTS {
