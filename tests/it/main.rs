@@ -21,6 +21,7 @@ mod inspect_scanner;
 mod kinematics;
 mod meshes;
 mod miss_report;
+mod oracle_brands;
 mod oracle_client;
 mod oracle_collision;
 mod oracle_controllers;

@@ -1,10 +1,17 @@
-//! Set points of a streamed way: from rest to rest along a straight line in joint space, all axes together, within the speed and the
-//! acceleration of each; a stop is a ramp along the same line. The fraction s of the line runs a trapezoid of speed v and
-//! acceleration a: v = min vᵢ / |Δqᵢ|, a = min aᵢ / |Δqᵢ|, both slowed down where the target asks for more time.
+//! Set points of a streamed way: from rest to rest along a straight line in joint space, all axes together, within the speeds and
+//! accelerations of a target; a stop is a ramp on the same line.
+//!
+//! A target's speeds are shares of one synchronised motion from where the program has the arm. The arm stands a little beside: an
+//! axis that hardly moves by the program must not hold up the others while it makes that up, so each may be faster than its share by
+//! what [`BESIDE_RAD`] takes. The axis that has the furthest to go keeps to its share exactly.
 
 use std::time::Duration;
 
 use crate::execution::device::Target;
+use crate::execution::profile::Trapezoid;
+
+/// Distance from the program's place that is made up on the way, radians: a twentieth of a degree.
+const BESIDE_RAD: f64 = 0.05 * std::f64::consts::PI / 180.0;
 
 /// Set points of `N` axes, a cycle after the other.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,17 +25,17 @@ pub(crate) struct SetPoints<const N: usize> {
 struct Line<const N: usize> {
     from_rad: [f64; N],
     to_rad: [f64; N],
-    law: Law,
+    way: Trapezoid,
     secs: f64,
+    /// Time from which it brakes.
+    braking_from: Option<f64>,
 }
 
-/// Fraction of the line by time.
+/// Rate of the fraction of a line, 1/s, and its change, 1/s².
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Law {
-    /// From 0 to 1.
-    Trapezoid { speed: f64, acceleration: f64 },
-    /// From a fraction on, until it stands.
-    Ramp { fraction: f64, speed: f64, acceleration: f64 },
+pub(crate) struct Rates {
+    pub(crate) rate_per_s: f64,
+    pub(crate) change_per_s2: f64,
 }
 
 impl<const N: usize> SetPoints<N> {
@@ -49,25 +56,21 @@ impl<const N: usize> SetPoints<N> {
 
     /// Time until it stands.
     pub(crate) fn left(&self) -> Duration {
-        let secs = self.line.as_ref().map_or(0.0, |line| line.law.secs() - line.secs);
+        let secs = self.line.as_ref().map_or(0.0, |line| line.ends_at_secs() - line.secs);
         Duration::try_from_secs_f64(secs).unwrap_or_default()
     }
 
     /// Sets out for a target, from where the set point is.
     pub(crate) fn go(&mut self, target: &Target<N>) {
         let (from_rad, to_rad) = (self.at_rad, target.positions_rad);
-        let law = Law::within(target, &from_rad);
-        self.line = law.map(|law| Line { from_rad, to_rad, law, secs: 0.0 });
+        let way = Rates::of(target, &from_rad).and_then(Rates::trapezoid);
+        self.line = way.map(|way| Line { from_rad, to_rad, way, secs: 0.0, braking_from: None });
     }
 
     /// Slows down to rest, on the line.
     pub(crate) fn ramp_down(&mut self) {
-        if let Some(line) = &mut self.line
-            && let Law::Trapezoid { acceleration, .. } = line.law
-        {
-            let (fraction, speed) = line.law.at(line.secs);
-            line.law = Law::Ramp { fraction, speed, acceleration };
-            line.secs = 0.0;
+        if let Some(line) = &mut self.line {
+            line.braking_from.get_or_insert(line.secs);
         }
     }
 
@@ -75,10 +78,9 @@ impl<const N: usize> SetPoints<N> {
     pub(crate) fn advance(&mut self, cycle: Duration) -> [f64; N] {
         if let Some(line) = &mut self.line {
             line.secs += cycle.as_secs_f64();
-            let (fraction, _) = line.law.at(line.secs);
-            let is_over = line.secs >= line.law.secs();
-            self.at_rad = std::array::from_fn(|axis| line.position_rad(axis, fraction));
-            if is_over {
+            let share = line.share();
+            self.at_rad = std::array::from_fn(|axis| line.position_rad(axis, share));
+            if line.secs >= line.ends_at_secs() {
                 self.line = None;
             }
         }
@@ -87,57 +89,41 @@ impl<const N: usize> SetPoints<N> {
 }
 
 impl<const N: usize> Line<N> {
-    fn position_rad(&self, axis: usize, fraction: f64) -> f64 {
+    fn share(&self) -> f64 {
+        match self.braking_from {
+            Some(from) => self.way.braking(from, self.secs - from),
+            None => self.way.share(self.secs),
+        }
+    }
+
+    fn ends_at_secs(&self) -> f64 {
+        self.braking_from.map_or(self.way.secs(), |from| from + self.way.braked(from).1)
+    }
+
+    fn position_rad(&self, axis: usize, share: f64) -> f64 {
         let (from, to) = (self.from_rad[axis], self.to_rad[axis]);
-        if fraction >= 1.0 { to } else { from + fraction * (to - from) }
+        if share >= 1.0 { to } else { from + share * (to - from) }
     }
 }
 
-impl Law {
-    /// The fastest that keeps to a target's limits and time; `None` where there is no way to go.
-    fn within<const N: usize>(target: &Target<N>, from_rad: &[f64; N]) -> Option<Self> {
+impl Rates {
+    /// The fastest for a target, from a place; `None` where nothing is to move.
+    pub(crate) fn of<const N: usize>(target: &Target<N>, from_rad: &[f64; N]) -> Option<Self> {
+        let travel = |axis: usize| (target.positions_rad[axis] - from_rad[axis]).abs();
+        let (speeds, accelerations) = (&target.max_speed_rad_s, &target.max_acceleration_rad_s2);
+        let may_move = |axis: &usize| speeds[*axis] > 0.0 && travel(*axis) > 0.0;
+        let leader = (0..N).filter(may_move).max_by(|a, b| travel(*a).total_cmp(&travel(*b)))?;
         let smallest = |limits: &[f64; N]| {
-            let ratio = |axis: usize| limits[axis] / (target.positions_rad[axis] - from_rad[axis]).abs();
-            (0..N).map(ratio).fold(f64::INFINITY, f64::min)
+            let exact = limits[leader] / travel(leader).max(BESIDE_RAD);
+            (0..N).map(|axis| (limits[axis] + exact * BESIDE_RAD) / travel(axis)).fold(exact, f64::min)
         };
-        let (speed, acceleration) = (smallest(&target.max_speed_rad_s), smallest(&target.max_acceleration_rad_s2));
-        if !(speed.is_finite() && acceleration.is_finite() && speed > 0.0 && acceleration > 0.0) {
-            return None;
-        }
-        let shortest = Self::Trapezoid { speed, acceleration };
-        let slower = (target.duration.as_secs_f64() / shortest.secs()).max(1.0);
-        Some(Self::Trapezoid { speed: speed / slower, acceleration: acceleration / (slower * slower) })
+        let rates = Self { rate_per_s: smallest(speeds), change_per_s2: smallest(accelerations) };
+        let slower = (target.duration.as_secs_f64() / rates.trapezoid()?.secs()).max(1.0);
+        Some(Self { rate_per_s: rates.rate_per_s / slower, change_per_s2: rates.change_per_s2 / (slower * slower) })
     }
 
-    /// Time until it stands.
-    fn secs(self) -> f64 {
-        match self {
-            Self::Trapezoid { speed, acceleration } if speed * speed >= acceleration => 2.0 / acceleration.sqrt(),
-            Self::Trapezoid { speed, acceleration } => 1.0 / speed + speed / acceleration,
-            Self::Ramp { speed, acceleration, .. } => speed / acceleration,
-        }
-    }
-
-    /// Fraction and its speed at a time.
-    fn at(self, secs: f64) -> (f64, f64) {
-        let whole = self.secs();
-        match self {
-            Self::Trapezoid { speed, acceleration } => {
-                let ramp_secs = (speed / acceleration).min(0.5 * whole);
-                let left_secs = (whole - secs).max(0.0);
-                if secs < ramp_secs {
-                    (0.5 * acceleration * secs * secs, acceleration * secs)
-                } else if left_secs < ramp_secs {
-                    (1.0 - 0.5 * acceleration * left_secs * left_secs, acceleration * left_secs)
-                } else {
-                    (0.5 * acceleration * ramp_secs * ramp_secs + acceleration * ramp_secs * (secs - ramp_secs), speed)
-                }
-            }
-            Self::Ramp { fraction, speed, acceleration } => {
-                let secs = secs.min(whole);
-                (fraction + speed * secs - 0.5 * acceleration * secs * secs, speed - acceleration * secs)
-            }
-        }
+    fn trapezoid(self) -> Option<Trapezoid> {
+        Trapezoid::within(&[1.0], &[self.rate_per_s], &[self.change_per_s2])
     }
 }
 

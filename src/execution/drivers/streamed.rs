@@ -10,6 +10,7 @@ use tokio::time::{Instant, timeout};
 use super::set_points::SetPoints;
 use super::stream::not_connected;
 use crate::execution::device::{Condition, DeviceError, DeviceState, Identity, MotionDevice, StopAcknowledged, Target};
+use crate::execution::session::streamer::Jitter;
 
 /// Longest wait for the first report.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -102,6 +103,8 @@ struct Desk<const N: usize> {
     report: Option<(StreamedReport<N>, Instant)>,
     points: Option<SetPoints<N>>,
     order: Option<Order<N>>,
+    /// Time between reports, while a way is led.
+    jitter: Option<Jitter>,
     /// Watchdog that the thread is to arm with, once.
     to_arm: Option<Duration>,
     armed: Option<Armed>,
@@ -193,12 +196,20 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
         let shared = self.shared()?;
-        shared.desk().ramp_down();
+        {
+            let mut desk = shared.desk();
+            desk.ramp_down();
+            desk.armed = None;
+        }
         shared.next_cycle().await?;
         let sent_at = Instant::now();
         // The controller reports on: it has the answer.
         shared.next_cycle().await?;
         Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+    }
+
+    fn jitter(&self) -> Option<Jitter> {
+        self.thread.as_ref()?.desk().jitter.clone()
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
@@ -302,7 +313,12 @@ impl<const N: usize> Desk<N> {
         if report.hindrance.is_some() {
             // It does not follow: nothing is led on that it would jump to.
             *points = SetPoints::still(report.positions_rad);
-            self.armed = None;
+            (self.armed, self.order) = (None, None);
+        }
+        if points.is_moving()
+            && let Some((_, before)) = self.report
+        {
+            self.jitter.get_or_insert_with(|| Jitter::of(cycle)).add(now.duration_since(before));
         }
         let set_point_rad = points.advance(cycle);
         (self.report, self.malformed) = (Some((report, now)), None);

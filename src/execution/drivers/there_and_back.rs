@@ -11,6 +11,8 @@ use crate::execution::device::{DeviceState, Direction, MotionDevice, Target, Wir
 pub(super) const WATCHDOG: Duration = Duration::from_millis(500);
 /// Largest distance from a target that counts as reached, radians.
 pub(super) const REACHED_RAD: f64 = 1e-4;
+/// Time after which a simulator has settled.
+const SETTLE: Duration = Duration::from_millis(50);
 
 /// A log in memory.
 #[derive(Default)]
@@ -45,7 +47,9 @@ pub(super) async fn arrive<const N: usize>(device: &mut impl MotionDevice<N>) ->
         device.keep_alive().await.expect("alive");
         let state = device.state().await.expect("a state");
         if state.condition.in_position && !state.condition.moving {
-            return state;
+            // What is measured lags behind the last set point, by cycles.
+            sleep(SETTLE).await;
+            return device.state().await.expect("a state");
         }
         assert!(Instant::now() < deadline, "still under way: {state:?}");
         sleep(Duration::from_millis(10)).await;

@@ -7,6 +7,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
 
+use super::set_points::Rates;
 use super::stream::{Connection, Wiring, within};
 use super::streamed::{Order, Step, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
 use crate::cell::{UrControllerSpec, UrMotion};
@@ -96,7 +97,9 @@ impl StreamedLink<6> for UrLink {
             (UrMotion::Servoj, _) => self.send(UrCommand::SetPoint(step.set_point_rad)).await,
             (UrMotion::Movej, None) => self.send(UrCommand::KeepAlive).await,
             (UrMotion::Movej, Some(Order::Go { target, from_rad })) => {
-                let (speed_rad_s, acceleration_rad_s2) = leading(target, from_rad);
+                let Some((speed_rad_s, acceleration_rad_s2)) = leading(target, from_rad) else {
+                    return self.send(UrCommand::KeepAlive).await;
+                };
                 self.stop_rad_s2 = acceleration_rad_s2;
                 let (sequence, joints_rad) = (self.next_sequence(), target.positions_rad);
                 self.send(UrCommand::Move { sequence, joints_rad, speed_rad_s, acceleration_rad_s2 }).await?;
@@ -264,15 +267,11 @@ fn refused(what: &str, reply: &RtdeReply) -> DeviceError {
     DeviceError::Refused { code: 0, text: format!("asked for {what}, it answered {reply:?}") }
 }
 
-/// Speed and acceleration of the axis that leads, so that none exceeds its own.
-fn leading(target: &Target<6>, from_rad: &[f64; 6]) -> (f64, f64) {
-    let distance = |axis: usize| (target.positions_rad[axis] - from_rad[axis]).abs();
-    let longest = (0..6).map(distance).fold(0.0, f64::max);
-    let smallest = |limits: &[f64; 6]| {
-        let share = |axis: usize| limits[axis] * longest / distance(axis).max(f64::MIN_POSITIVE);
-        (0..6).map(share).fold(f64::INFINITY, f64::min)
-    };
-    (smallest(&target.max_speed_rad_s), smallest(&target.max_acceleration_rad_s2))
+/// Speed and acceleration of the axis that goes furthest, which is the one that `movej` is told them for.
+fn leading(target: &Target<6>, from_rad: &[f64; 6]) -> Option<(f64, f64)> {
+    let rates = Rates::of(target, from_rad)?;
+    let furthest_rad = (0..6).map(|axis| (target.positions_rad[axis] - from_rad[axis]).abs()).fold(0.0, f64::max);
+    Some((rates.rate_per_s * furthest_rad, rates.change_per_s2 * furthest_rad))
 }
 
 fn condition(state: &RtdeState) -> Condition {

@@ -20,7 +20,7 @@ pub struct RsiNames {
     pub table_tag: String,
 }
 
-/// What a controller sends in a cycle.
+/// Telegram of a controller, one a cycle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RsiReport {
     /// Measured axes `AIPos`, degrees.

@@ -11,4 +11,4 @@ pub mod modbus;
 pub mod ur;
 
 #[cfg(test)]
-mod fuzz;
+mod mangled;

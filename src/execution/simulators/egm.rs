@@ -24,7 +24,7 @@ pub struct EgmController {
     pub external: ExternalAxes,
 }
 
-/// What became of a session.
+/// Course of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EgmSession {
     /// Where the joints are, degrees.
@@ -41,7 +41,7 @@ impl EgmController {
     /// Runs until the guidance ends; calls `look` after every cycle.
     ///
     /// # Errors
-    /// Those of the socket.
+    /// Errors of the socket.
     pub async fn run(&self, mut look: impl FnMut(&EgmSession)) -> io::Result<EgmSession> {
         let socket = UdpSocket::bind(if self.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" }).await?;
         let mut session = EgmSession { joints_deg: self.joints_deg, external: self.external, ..EgmSession::default() };

@@ -30,7 +30,7 @@ pub struct RmiController {
     cell: Arc<Mutex<RmiCell>>,
 }
 
-/// What a controller has before it: an arm, and buttons that a test presses.
+/// The arm of a controller, and buttons that a test presses.
 #[derive(Debug)]
 pub struct RmiCell {
     points: SetPoints<AXES>,
@@ -47,7 +47,7 @@ impl RmiController {
     /// Listens at an address; joints begin at zero, with the third counted from the ground.
     ///
     /// # Errors
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub async fn bind(address: &str) -> io::Result<Self> {
         Ok(Self { door: TcpListener::bind(address).await?, cell: Arc::new(Mutex::new(RmiCell::new())) })
     }
@@ -55,7 +55,7 @@ impl RmiController {
     /// Address that it listens at.
     ///
     /// # Errors
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.door.local_addr()
     }
@@ -69,7 +69,7 @@ impl RmiController {
     /// Serves one session after the other, for ever.
     ///
     /// # Errors
-    /// Those of the listening socket.
+    /// Errors of the listening socket.
     pub async fn serve(self) -> io::Result<()> {
         loop {
             let (stream, _) = self.door.accept().await?;

@@ -24,7 +24,7 @@ pub struct RsiController {
     pub base_deg: ([f64; 6], f64),
 }
 
-/// What became of a session.
+/// Course of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RsiSession {
     /// Where the axes are, degrees.
@@ -43,7 +43,7 @@ impl RsiController {
     /// Runs until the budget is spent; calls `look` after every cycle.
     ///
     /// # Errors
-    /// Those of the socket.
+    /// Errors of the socket.
     pub async fn run(&self, mut look: impl FnMut(&RsiSession)) -> io::Result<RsiSession> {
         let socket = UdpSocket::bind(if self.client.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" }).await?;
         let (base_deg, table_deg) = self.base_deg;

@@ -31,7 +31,7 @@ pub struct UrController {
     cell: Arc<Mutex<UrCell>>,
 }
 
-/// What a controller has before it: an arm, and buttons that a test presses.
+/// The arm of a controller, and buttons that a test presses.
 #[derive(Debug)]
 pub struct UrCell {
     points: SetPoints<6>,
@@ -51,7 +51,7 @@ impl UrController {
     /// Listens at two addresses.
     ///
     /// # Errors
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub async fn bind(rtde: &str, script: &str, joints_rad: [f64; 6]) -> io::Result<Self> {
         let cell = Arc::new(Mutex::new(UrCell::new(joints_rad)));
         Ok(Self { rtde: TcpListener::bind(rtde).await?, script: TcpListener::bind(script).await?, cell })
@@ -60,7 +60,7 @@ impl UrController {
     /// Addresses that it listens at: RTDE and URScript.
     ///
     /// # Errors
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub fn addresses(&self) -> io::Result<(SocketAddr, SocketAddr)> {
         Ok((self.rtde.local_addr()?, self.script.local_addr()?))
     }
@@ -74,7 +74,7 @@ impl UrController {
     /// Serves clients, for ever.
     ///
     /// # Errors
-    /// Those of the listening sockets.
+    /// Errors of the listening sockets.
     pub async fn serve(self) -> io::Result<()> {
         loop {
             tokio::select! {
@@ -116,7 +116,8 @@ async fn exchange(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<()>
                 RtdeRequest::ControlVersion => RtdeReply::ControlVersion(VERSION),
                 RtdeRequest::Outputs { rate_hz, names } => {
                     ticks = interval(Duration::from_secs_f64(1.0 / rate_hz.clamp(1.0, MAX_RATE_HZ)));
-                    recipe = names.split(',').map(str::to_owned).collect();
+                    // Clients in use write a comma after the last name too.
+                    recipe = names.split(',').filter(|name| !name.is_empty()).map(str::to_owned).collect();
                     let types: Vec<&str> = recipe.iter().map(|name| variable(name, &RtdeState::default()).0).collect();
                     RtdeReply::Outputs { recipe: 1, types: types.join(",") }
                 }

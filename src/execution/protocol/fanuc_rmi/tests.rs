@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::execution::protocol::fuzz::fuzz;
+use crate::execution::protocol::mangled::each_mangled;
 
 const MOTION: &str = "{\"Instruction\": \"FRC_JointMotionJRep\", \"SequenceID\": 1, \"JointAngle\": {\"J1\": 5.000000, \
     \"J2\": 0.000000, \"J3\": 0.000000, \"J4\": 0.000000, \"J5\": -90.000000, \"J6\": 0.000000, \"J7\": 0.000000, \
@@ -109,7 +109,7 @@ proptest! {
 fn a_million_inputs_do_no_harm() {
     let joints = RmiReply::Joints(motion().joints).encode();
     let mut read = 0;
-    fuzz(&[MOTION.as_bytes(), STATUS.as_bytes(), joints.as_bytes()], |input| {
+    each_mangled(&[MOTION.as_bytes(), STATUS.as_bytes(), joints.as_bytes()], |input| {
         read += usize::from(RmiReply::decode(input).is_ok()) + usize::from(RmiRequest::decode(input).is_ok());
     });
     assert!(read > 1000, "{read} were packets");

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::execution::protocol::fuzz::fuzz;
+use crate::execution::protocol::mangled::each_mangled;
 
 /// Messages of the maker's documents and SDK.
 const GOLDEN: &[&str] = &[
@@ -107,7 +107,7 @@ fn a_million_inputs_neither_panic_nor_pile_up() {
     known.push(b"ReadRobotState,OK,0,1,0,0,0,1,0,0,0,1,1,1,1,;".to_vec());
     let mut frames = HansFrames::default();
     let mut understood = 0_usize;
-    fuzz(&known, |input| {
+    each_mangled(&known, |input| {
         frames.push(input);
         while let Some(message) = frames.next_message() {
             let Ok(text) = message else { continue };

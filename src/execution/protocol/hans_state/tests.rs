@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::execution::protocol::fuzz::fuzz;
+use crate::execution::protocol::mangled::each_mangled;
 
 #[test]
 fn the_header_is_that_of_the_maker() {
@@ -46,7 +46,7 @@ fn a_million_inputs_neither_panic_nor_pile_up() {
     let realtime = HansRealtimeState { cycle_ms: 1, ..HansRealtimeState::default() }.encode();
     let known = [realtime, pushed_frame(r#"{"StateAndError":{"robotState":33}}"#), pushed_frame("{}")];
     let mut held: [Vec<u8>; 2] = Default::default();
-    fuzz(&known, |input| {
+    each_mangled(&known, |input| {
         for (held, take) in held.iter_mut().zip([
             |held: &mut Vec<u8>| take_realtime(held).map(|state| state.is_some()),
             |held: &mut Vec<u8>| take_pushed(held).map(|state| state.is_some()),

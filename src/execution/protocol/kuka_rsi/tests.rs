@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::execution::protocol::fuzz::fuzz;
+use crate::execution::protocol::mangled::each_mangled;
 
 const REPORT: &str = "<Rob TYPE=\"KUKA\">\r\n<RIst X=\"0.0\" Y=\"0.0\" Z=\"0.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\" />\
     <RSol X=\"0.0\" Y=\"0.0\" Z=\"0.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\"/><AIPos A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" \
@@ -69,7 +69,7 @@ proptest! {
 fn a_million_inputs_do_no_harm() {
     let answer = RsiCorrection { axes_deg: [1.0; 6], table: Some((1, 2.0)), ipoc: 9 }.encode(&names());
     let mut read = 0;
-    fuzz(&[REPORT.as_bytes(), answer.as_bytes()], |input| {
+    each_mangled(&[REPORT.as_bytes(), answer.as_bytes()], |input| {
         read += usize::from(RsiReport::decode(input).is_ok()) + usize::from(RsiCorrection::decode(input, &names()).is_ok());
     });
     assert!(read > 1000, "{read} were telegrams");

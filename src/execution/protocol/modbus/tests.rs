@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::execution::protocol::fuzz::fuzz;
+use crate::execution::protocol::mangled::each_mangled;
 
 /// Bytes written in hexadecimal.
 fn hex(text: &str) -> Vec<u8> {
@@ -81,7 +81,7 @@ fn a_million_inputs_neither_panic_nor_pile_up() {
         [ModbusFraming::Rtu, ModbusFraming::Tcp].map(|framing| [(framing, ModbusSide::Server), (framing, ModbusSide::Client)]);
     let kinds = kinds.as_flattened();
     let mut held = vec![Vec::new(); kinds.len()];
-    fuzz(&known, |input| {
+    each_mangled(&known, |input| {
         let _ = ModbusRequest::parse(input);
         for request in &requests {
             let _ = request.parse_reply(input);

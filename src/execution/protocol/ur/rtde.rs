@@ -295,7 +295,7 @@ impl RtdeState {
     }
 }
 
-/// What remains of a body.
+/// Rest of a body.
 struct Body<'a>(&'a [u8]);
 
 impl Body<'_> {

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use super::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState};
 use super::*;
 use crate::cell::UrMotion;
-use crate::execution::protocol::fuzz::fuzz;
+use crate::execution::protocol::mangled::each_mangled;
 
 fn reply(bytes: &[u8]) -> Result<RtdeReply, DeviceError> {
     let (frame, length) = RtdeFrame::first(bytes)?.ok_or_else(|| malformed("cut"))?;
@@ -135,7 +135,7 @@ fn a_million_inputs_do_no_harm() {
     let outputs = RtdeRequest::outputs(500.0).encode();
     let command = commands([0.1; 6], 1, 1.0)[2].encode();
     let mut read = 0;
-    fuzz(&[&data[..], &outputs[..], &command[..], &[0, 4, b'V', 1][..]], |input| {
+    each_mangled(&[&data[..], &outputs[..], &command[..], &[0, 4, b'V', 1][..]], |input| {
         if let Ok(Some((frame, length))) = RtdeFrame::first(input) {
             assert!(length <= input.len());
             let state = match RtdeReply::decode(frame) {

@@ -6,7 +6,7 @@ pub(crate) const INPUTS: usize = 1_000_000;
 const MAX_BYTES: usize = 2048;
 
 /// Calls `take` with [`INPUTS`] inputs, the same in every run.
-pub(crate) fn fuzz(corpus: &[impl AsRef<[u8]>], mut take: impl FnMut(&[u8])) {
+pub(crate) fn each_mangled(corpus: &[impl AsRef<[u8]>], mut take: impl FnMut(&[u8])) {
     let corpus: Vec<&[u8]> = corpus.iter().map(AsRef::as_ref).collect();
     let mut random = Random(0x9e37_79b9_7f4a_7c15);
     let mut input = Vec::with_capacity(MAX_BYTES);
