@@ -10,4 +10,6 @@ pub mod session;
 pub mod twin;
 
 #[cfg(test)]
+mod fault_table;
+#[cfg(test)]
 mod rehearsal;
