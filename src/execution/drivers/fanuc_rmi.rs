@@ -51,10 +51,8 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
         self.session = None;
         let mut door = Session::over(self.wiring.connect(&self.spec.address, PATIENCE).await?);
-        let (port, version) = match door.ask(&RmiRequest::Connect, ANSWER).await? {
-            RmiReply::Connected { port, version } => (port, version),
-            reply => return Err(unexpected(&reply)),
-        };
+        let reply = door.ask(&RmiRequest::Connect, ANSWER).await?;
+        let RmiReply::Connected { port, version } = reply else { return Err(unexpected(&reply)) };
         let host = self.spec.address.rsplit_once(':').map_or(self.spec.address.as_str(), |(host, _)| host);
         let connection = self.wiring.connect(&format!("{host}:{port}"), PATIENCE).await?;
         self.session = Some(Session::over(connection));
@@ -132,9 +130,11 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
             session.under_way = None;
             session.done(&RmiRequest::Abort).await?;
         }
-        match paused {
-            RmiReply::Done { .. } | RmiReply::Refused { .. } => Ok(StopAcknowledged { sent_at, acknowledged_at }),
-            reply => Err(unexpected(&reply)),
+        // Nothing to hold is refused, and as good.
+        if matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
+            Ok(StopAcknowledged { sent_at, acknowledged_at })
+        } else {
+            Err(unexpected(&paused))
         }
     }
 
@@ -216,31 +216,23 @@ impl Session {
 
     /// Asks for something that has no data for an answer.
     async fn done(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
-        match self.ask(request, PROGRAM_ANSWER).await? {
-            RmiReply::Done { .. } => Ok(()),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(request, PROGRAM_ANSWER).await?;
+        if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }
 
     async fn status(&mut self) -> Result<RmiStatus, DeviceError> {
-        match self.ask(&RmiRequest::GetStatus, ANSWER).await? {
-            RmiReply::Status(status) => Ok(status),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(&RmiRequest::GetStatus, ANSWER).await?;
+        if let RmiReply::Status(status) = reply { Ok(status) } else { Err(unexpected(&reply)) }
     }
 
     async fn joints(&mut self, group: Option<u8>) -> Result<RmiJoints, DeviceError> {
-        match self.ask(&RmiRequest::ReadJointAngles { group }, ANSWER).await? {
-            RmiReply::Joints(joints) => Ok(joints),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(&RmiRequest::ReadJointAngles { group }, ANSWER).await?;
+        if let RmiReply::Joints(joints) = reply { Ok(joints) } else { Err(unexpected(&reply)) }
     }
 
     async fn latest_fault(&mut self) -> Result<Option<RmiFault>, DeviceError> {
-        match self.ask(&RmiRequest::ReadError, ANSWER).await? {
-            RmiReply::ErrorText(text) => Ok(RmiFault::read(&text)),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(&RmiRequest::ReadError, ANSWER).await?;
+        if let RmiReply::ErrorText(text) = &reply { Ok(RmiFault::read(text)) } else { Err(unexpected(&reply)) }
     }
 
     /// The next packet; may be dropped while it waits.
@@ -311,10 +303,10 @@ fn refused(error: i64) -> DeviceError {
 }
 
 fn unexpected(reply: &RmiReply) -> DeviceError {
-    match reply {
-        RmiReply::Refused { error, .. } => refused(*error),
-        reply => DeviceError::Malformed { what: format!("{reply:?} for an answer") },
+    if let RmiReply::Refused { error, .. } = reply {
+        return refused(*error);
     }
+    DeviceError::Malformed { what: format!("{reply:?} for an answer") }
 }
 
 #[cfg(test)]

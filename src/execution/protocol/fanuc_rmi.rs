@@ -136,7 +136,7 @@ impl RmiJoints {
 
     /// The joints as a program counts them, radians; `None` without a table that is asked for.
     #[must_use]
-    pub fn to_program<const N: usize>(&self, joint_3_from: JointThreeOrigin) -> Option<[f64; N]> {
+    pub fn to_program<const N: usize>(self, joint_3_from: JointThreeOrigin) -> Option<[f64; N]> {
         let mut arm_deg = self.arm_deg;
         arm_deg[2] += Self::coupling(joint_3_from) * arm_deg[1];
         let mut joints_rad = [0.0; N];

@@ -185,7 +185,14 @@ impl RmiCell {
                 RmiReply::Joints(RmiJoints { arm_deg, extended_deg: [Some(table), Some(0.0), Some(0.0)] })
             }
             RmiRequest::ReadError => RmiReply::ErrorText(self.fault.unwrap_or("No Error").to_owned()),
-            ref command => match self.obey(command) {
+            command @ (RmiRequest::Connect
+            | RmiRequest::Disconnect
+            | RmiRequest::Initialize { .. }
+            | RmiRequest::SetOverRide(_)
+            | RmiRequest::Abort
+            | RmiRequest::Pause
+            | RmiRequest::Continue
+            | RmiRequest::Reset) => match self.obey(&command) {
                 Ok(()) => done(command.name()),
                 Err(error) => RmiReply::Refused { command: command.name().to_owned(), sequence: None, error },
             },
