@@ -346,7 +346,7 @@ impl Control {
         let is_locating = status.reason == RunReason::Paused(PauseCause::Locating);
         let is_between = matches!(status.state, RunState::Armed | RunState::Paused);
         let (fits, token) = match order {
-            Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm(), Some(*token)),
+            Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm() && self.token.is_none(), Some(*token)),
             Order::Pause => return self.fits(status.state == RunState::Running, order),
             Order::Resume(token) | Order::Step(token) => (is_between && !is_locating, *token),
             Order::Override(token, value) if is_override(*value) => (!status.state.is_final(), *token),

@@ -1,7 +1,7 @@
 //! A session: one run of one program on one cell, from connecting to its record. It holds the order of things (state machine), the
 //! conditions of motion, the right to move and the stop; it decides nothing about where to go.
 //!
-//! Begun by [`simulate`], [`dry_run`] or [`live`], each of which needs a tokio runtime and answers at once with a [`RunHandle`].
+//! Begun by [`simulate()`], [`dry_run()`] or [`live()`], each of which needs a tokio runtime and answers at once with a [`RunHandle`].
 //!
 //! Every point of a move is a stop, of moves that pass points without stopping too: such a run takes longer than planned.
 //!

@@ -99,7 +99,9 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             let state = self.watcher.tick().await?;
             let (axis, off_rad) = gate::furthest_axis(to, &state.configuration());
             let is_at_rest = state.conditions().iter().all(|(_, condition)| condition.in_position && !condition.moving);
-            reached = if is_at_rest && off_rad <= tolerance_rad { reached + 1 } else { 0 };
+            // A device that has accepted a short way may not say yet that it moves.
+            let is_due = Instant::now() >= due;
+            reached = if is_due && is_at_rest && off_rad <= tolerance_rad { reached + 1 } else { 0 };
             if reached >= cycles {
                 return Ok(());
             }

@@ -180,9 +180,20 @@ impl<M: Drive> Watcher<M> {
 
 /// A machine's error as the end of a run; silence longer than a state may be old is a stale state.
 pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: Duration) -> Halt {
-    Halt::stop(match error {
-        DeviceError::Silent { waited } if waited <= max_age => StopCause::Stale { device, age: waited },
-        DeviceError::Stale { age } => StopCause::Stale { device, age },
-        error => StopCause::Device { device, error },
-    })
+    let age = match &error {
+        DeviceError::Silent { waited } if *waited <= max_age => Some(*waited),
+        DeviceError::Stale { age } => Some(*age),
+        DeviceError::Silent { .. }
+        | DeviceError::Unreachable { .. }
+        | DeviceError::Closed { .. }
+        | DeviceError::Malformed { .. }
+        | DeviceError::Refused { .. }
+        | DeviceError::Fault { .. }
+        | DeviceError::NotReady { .. }
+        | DeviceError::OtherDevice { .. }
+        | DeviceError::WordOrder { .. }
+        | DeviceError::Unsupported { .. } => None,
+    };
+    let device_error = StopCause::Device { device, error };
+    Halt::stop(age.map_or(device_error, |age| StopCause::Stale { device, age }))
 }
