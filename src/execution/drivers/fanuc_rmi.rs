@@ -51,10 +51,8 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
         self.session = None;
         let mut door = Session::over(self.wiring.connect(&self.spec.address, PATIENCE).await?);
-        let (port, version) = match door.ask(&RmiRequest::Connect, ANSWER).await? {
-            RmiReply::Connected { port, version } => (port, version),
-            reply => return Err(unexpected(&reply)),
-        };
+        let reply = door.ask(&RmiRequest::Connect, ANSWER).await?;
+        let RmiReply::Connected { port, version } = reply else { return Err(unexpected(&reply)) };
         let host = self.spec.address.rsplit_once(':').map_or(self.spec.address.as_str(), |(host, _)| host);
         let connection = self.wiring.connect(&format!("{host}:{port}"), PATIENCE).await?;
         self.session = Some(Session::over(connection));
@@ -67,10 +65,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         let session = self.session()?;
         let status = session.status().await?;
         let fault = if status.servo_ready { None } else { session.latest_fault().await? };
-        let joints = match session.ask(&RmiRequest::ReadJointAngles { group }, ANSWER).await? {
-            RmiReply::Joints(joints) => joints,
-            reply => return Err(unexpected(&reply)),
-        };
+        let joints = session.joints(group).await?;
         let positions_rad = joints
             .to_program(origin)
             .ok_or_else(|| DeviceError::Malformed { what: "joint angles without J7 for the table".to_owned() })?;
@@ -78,7 +73,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
-        let group_mask = self.spec.group_mask;
+        let (group, group_mask) = (self.group(), self.spec.group_mask);
         let session = self.session()?;
         let status = session.status().await?;
         let not_ready = |reason: &str| Err(DeviceError::NotReady { reason: reason.to_owned() });
@@ -91,15 +86,16 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         if status.motion_running {
             session.done(&RmiRequest::Abort).await?;
         }
+        session.extended_deg = session.joints(group).await?.extended_deg;
         session.done(&RmiRequest::Initialize { group_mask }).await?;
         (session.is_armed, session.next_sequence, session.under_way, session.failure) = (true, 1, None, None);
         Ok(())
     }
 
     async fn start(&mut self, target: &Target<N>) -> Result<(), DeviceError> {
-        let joints = RmiJoints::of_program(&target.positions_rad, self.spec.joint_3_from);
-        let speed = RmiSpeed::lasting(target.duration)?;
+        let (origin, speed) = (self.spec.joint_3_from, RmiSpeed::lasting(target.duration)?);
         let session = self.session()?;
+        let joints = RmiJoints::of_program(&target.positions_rad, origin, session.extended_deg);
         session.look_for_failure()?;
         if !session.is_armed || session.under_way.is_some() {
             return Err(DeviceError::NotReady { reason: "it is not armed, or still under way".to_owned() });
@@ -134,9 +130,11 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
             session.under_way = None;
             session.done(&RmiRequest::Abort).await?;
         }
-        match paused {
-            RmiReply::Done { .. } | RmiReply::Refused { .. } => Ok(StopAcknowledged { sent_at, acknowledged_at }),
-            reply => Err(unexpected(&reply)),
+        // Nothing to hold is refused, and as good.
+        if matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
+            Ok(StopAcknowledged { sent_at, acknowledged_at })
+        } else {
+            Err(unexpected(&paused))
         }
     }
 
@@ -163,6 +161,8 @@ struct Session {
     /// Command that was sent and not answered yet.
     asked: Option<RmiRequest>,
     is_armed: bool,
+    /// Extended axes as they stood when it was armed.
+    extended_deg: [Option<f64>; 3],
     next_sequence: u32,
     /// Instruction that was sent and not carried out yet.
     under_way: Option<u32>,
@@ -172,7 +172,16 @@ struct Session {
 
 impl Session {
     fn over(connection: Connection) -> Self {
-        Self { connection, unread: Vec::new(), asked: None, is_armed: false, next_sequence: 1, under_way: None, failure: None }
+        Self {
+            connection,
+            unread: Vec::new(),
+            asked: None,
+            is_armed: false,
+            extended_deg: [None; 3],
+            next_sequence: 1,
+            under_way: None,
+            failure: None,
+        }
     }
 
     /// Sends a command, after the answer to the one before; returns when it was sent.
@@ -207,24 +216,23 @@ impl Session {
 
     /// Asks for something that has no data for an answer.
     async fn done(&mut self, request: &RmiRequest) -> Result<(), DeviceError> {
-        match self.ask(request, PROGRAM_ANSWER).await? {
-            RmiReply::Done { .. } => Ok(()),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(request, PROGRAM_ANSWER).await?;
+        if matches!(reply, RmiReply::Done { .. }) { Ok(()) } else { Err(unexpected(&reply)) }
     }
 
     async fn status(&mut self) -> Result<RmiStatus, DeviceError> {
-        match self.ask(&RmiRequest::GetStatus, ANSWER).await? {
-            RmiReply::Status(status) => Ok(status),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(&RmiRequest::GetStatus, ANSWER).await?;
+        if let RmiReply::Status(status) = reply { Ok(status) } else { Err(unexpected(&reply)) }
+    }
+
+    async fn joints(&mut self, group: Option<u8>) -> Result<RmiJoints, DeviceError> {
+        let reply = self.ask(&RmiRequest::ReadJointAngles { group }, ANSWER).await?;
+        if let RmiReply::Joints(joints) = reply { Ok(joints) } else { Err(unexpected(&reply)) }
     }
 
     async fn latest_fault(&mut self) -> Result<Option<RmiFault>, DeviceError> {
-        match self.ask(&RmiRequest::ReadError, ANSWER).await? {
-            RmiReply::ErrorText(text) => Ok(RmiFault::read(&text)),
-            reply => Err(unexpected(&reply)),
-        }
+        let reply = self.ask(&RmiRequest::ReadError, ANSWER).await?;
+        if let RmiReply::ErrorText(text) = &reply { Ok(RmiFault::read(text)) } else { Err(unexpected(&reply)) }
     }
 
     /// The next packet; may be dropped while it waits.
@@ -295,10 +303,10 @@ fn refused(error: i64) -> DeviceError {
 }
 
 fn unexpected(reply: &RmiReply) -> DeviceError {
-    match reply {
-        RmiReply::Refused { error, .. } => refused(*error),
-        reply => DeviceError::Malformed { what: format!("{reply:?} for an answer") },
+    if let RmiReply::Refused { error, .. } = reply {
+        return refused(*error);
     }
+    DeviceError::Malformed { what: format!("{reply:?} for an answer") }
 }
 
 #[cfg(test)]

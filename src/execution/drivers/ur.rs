@@ -189,23 +189,20 @@ struct Rtde {
 impl Rtde {
     /// Agrees on the protocol and the variables, and begins; returns the version of the controller.
     async fn greet(&mut self, rate_hz: f64) -> Result<[u32; 4], DeviceError> {
-        match self.ask(&RtdeRequest::Version(VERSION)).await? {
-            RtdeReply::Version(true) => {}
-            reply => return Err(refused("version 2 of RTDE", &reply)),
+        let reply = self.ask(&RtdeRequest::Version(VERSION)).await?;
+        if reply != RtdeReply::Version(true) {
+            return Err(refused("version 2 of RTDE", &reply));
         }
-        let version = match self.ask(&RtdeRequest::ControlVersion).await? {
-            RtdeReply::ControlVersion(version) => version,
-            reply => return Err(refused("its version", &reply)),
-        };
-        let types = OUTPUTS.map(|(_, kind)| kind).join(",");
-        match self.ask(&RtdeRequest::outputs(rate_hz)).await? {
-            RtdeReply::Outputs { recipe, types: found } if found == types => self.recipe = recipe,
-            reply => return Err(refused("the state of the arm", &reply)),
+        let reply = self.ask(&RtdeRequest::ControlVersion).await?;
+        let RtdeReply::ControlVersion(version) = reply else { return Err(refused("its version", &reply)) };
+        let (expected, reply) = (OUTPUTS.map(|(_, kind)| kind).join(","), self.ask(&RtdeRequest::outputs(rate_hz)).await?);
+        let RtdeReply::Outputs { recipe, types } = &reply else { return Err(refused("the state of the arm", &reply)) };
+        if *types != expected {
+            return Err(refused("the state of the arm", &reply));
         }
-        match self.ask(&RtdeRequest::Start).await? {
-            RtdeReply::Start(true) => Ok(version),
-            reply => Err(refused("to send", &reply)),
-        }
+        self.recipe = *recipe;
+        let reply = self.ask(&RtdeRequest::Start).await?;
+        if reply == RtdeReply::Start(true) { Ok(version) } else { Err(refused("to send", &reply)) }
     }
 
     /// Asks, and returns the first reply that is no message for people.
@@ -213,9 +210,9 @@ impl Rtde {
         self.connection.send(&request.encode()).await?;
         let answer = async {
             loop {
-                match self.next().await? {
-                    RtdeReply::Text(_) | RtdeReply::Data { .. } => {}
-                    reply => return Ok(reply),
+                let reply = self.next().await?;
+                if !matches!(reply, RtdeReply::Text(_) | RtdeReply::Data { .. }) {
+                    return Ok(reply);
                 }
             }
         };
@@ -237,11 +234,11 @@ impl Rtde {
     /// The latest state; may be dropped while it waits.
     async fn state(&mut self) -> Result<RtdeState, DeviceError> {
         loop {
-            match self.next().await? {
-                RtdeReply::Data { recipe, values } if recipe == self.recipe && !self.has_more()? => {
-                    return RtdeState::decode(&values);
-                }
-                _ => {}
+            if let RtdeReply::Data { recipe, values } = self.next().await?
+                && recipe == self.recipe
+                && !self.has_more()?
+            {
+                return RtdeState::decode(&values);
             }
         }
     }

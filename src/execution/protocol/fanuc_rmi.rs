@@ -74,8 +74,8 @@ pub struct RmiJointMotion {
 pub struct RmiJoints {
     /// Joints 1 to 6.
     pub arm_deg: [f64; 6],
-    /// Table, `J7`, where it is the controller's.
-    pub table_deg: Option<f64>,
+    /// Extended axes `J7` to `J9`, those that the controller has: the table is the first of them.
+    pub extended_deg: [Option<f64>; 3],
 }
 
 /// Speed of a joint move, given as its time.
@@ -121,22 +121,27 @@ impl RmiSpeed {
 
 impl RmiJoints {
     /// Joints of a program, radians, the table last if there is one, as the controller counts them: J₃ is q₃ − q₂ where q₃ is
-    /// counted from the upper arm.
+    /// counted from the upper arm. Other extended axes stay at `extended_deg`.
     #[must_use]
-    pub fn of_program<const N: usize>(joints_rad: &[f64; N], joint_3_from: JointThreeOrigin) -> Self {
+    pub fn of_program<const N: usize>(
+        joints_rad: &[f64; N],
+        joint_3_from: JointThreeOrigin,
+        mut extended_deg: [Option<f64>; 3],
+    ) -> Self {
         let mut arm_deg = std::array::from_fn(|joint| joints_rad.get(joint).copied().unwrap_or_default().to_degrees());
         arm_deg[2] -= Self::coupling(joint_3_from) * arm_deg[1];
-        Self { arm_deg, table_deg: joints_rad.get(6).map(|table| table.to_degrees()) }
+        extended_deg[0] = joints_rad.get(6).map(|table| table.to_degrees()).or(extended_deg[0]);
+        Self { arm_deg, extended_deg }
     }
 
     /// The joints as a program counts them, radians; `None` without a table that is asked for.
     #[must_use]
-    pub fn to_program<const N: usize>(&self, joint_3_from: JointThreeOrigin) -> Option<[f64; N]> {
+    pub fn to_program<const N: usize>(self, joint_3_from: JointThreeOrigin) -> Option<[f64; N]> {
         let mut arm_deg = self.arm_deg;
         arm_deg[2] += Self::coupling(joint_3_from) * arm_deg[1];
         let mut joints_rad = [0.0; N];
         for (joint, rad) in joints_rad.iter_mut().enumerate() {
-            *rad = arm_deg.get(joint).copied().or(self.table_deg)?.to_radians();
+            *rad = arm_deg.get(joint).copied().or(self.extended_deg[0])?.to_radians();
         }
         Some(joints_rad)
     }
@@ -148,12 +153,11 @@ impl RmiJoints {
         }
     }
 
-    /// `{"J1": …}`; all nine, for controllers that ask for all.
+    /// `{"J1": …}`, with the extended axes that there are.
     fn encode(&self) -> String {
-        let table = self.table_deg.unwrap_or(0.0);
-        let numbers = self.arm_deg.into_iter().chain([table, 0.0, 0.0]).enumerate();
-        let fields: Vec<String> = numbers.map(|(joint, deg)| format!("\"J{}\": {deg:.6}", joint + 1)).collect();
-        format!("{{{}}}", fields.join(", "))
+        let numbers = self.arm_deg.into_iter().map(Some).chain(self.extended_deg).enumerate();
+        let fields = numbers.filter_map(|(joint, deg)| deg.map(|deg| format!("\"J{}\": {deg:.6}", joint + 1)));
+        format!("{{{}}}", fields.collect::<Vec<_>>().join(", "))
     }
 
     fn decode(packet: &Packet) -> Result<Self, DeviceError> {
@@ -163,7 +167,7 @@ impl RmiJoints {
         for (index, deg) in arm_deg.iter_mut().enumerate() {
             *deg = joint(index + 1).ok_or_else(|| malformed(format!("joint angles without J{}", index + 1)))?;
         }
-        Ok(Self { arm_deg, table_deg: joint(7) })
+        Ok(Self { arm_deg, extended_deg: [joint(7), joint(8), joint(9)] })
     }
 }
 

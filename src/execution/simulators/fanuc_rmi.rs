@@ -182,10 +182,17 @@ impl RmiCell {
             RmiRequest::GetStatus => RmiReply::Status(self.status()),
             RmiRequest::ReadJointAngles { .. } => {
                 let [arm_deg @ .., table] = self.axes_deg();
-                RmiReply::Joints(RmiJoints { arm_deg, table_deg: Some(table) })
+                RmiReply::Joints(RmiJoints { arm_deg, extended_deg: [Some(table), Some(0.0), Some(0.0)] })
             }
             RmiRequest::ReadError => RmiReply::ErrorText(self.fault.unwrap_or("No Error").to_owned()),
-            ref command => match self.obey(command) {
+            command @ (RmiRequest::Connect
+            | RmiRequest::Disconnect
+            | RmiRequest::Initialize { .. }
+            | RmiRequest::SetOverRide(_)
+            | RmiRequest::Abort
+            | RmiRequest::Pause
+            | RmiRequest::Continue
+            | RmiRequest::Reset) => match self.obey(&command) {
                 Ok(()) => done(command.name()),
                 Err(error) => RmiReply::Refused { command: command.name().to_owned(), sequence: None, error },
             },
@@ -251,7 +258,7 @@ impl RmiCell {
         }
         self.axes_deg();
         self.next_sequence = if motion.sequence == MAX_SEQUENCE { 1 } else { motion.sequence + 1 };
-        let table = motion.joints.table_deg.unwrap_or(0.0);
+        let table = motion.joints.extended_deg[0].unwrap_or(self.points.at_rad()[6].to_degrees());
         let axes_deg = std::array::from_fn(|axis| motion.joints.arm_deg.get(axis).copied().unwrap_or(table));
         self.points.go(&Target {
             sequence: motion.sequence.into(),

@@ -237,16 +237,13 @@ impl UrCell {
 
     /// Where the joints are now, radians.
     pub fn joints_rad(&mut self) -> [f64; 6] {
-        let (now, before) = (Instant::now(), self.points.at_rad());
+        let (now, before, was_moving) = (Instant::now(), self.points.at_rad(), self.points.is_moving());
         let elapsed = now.duration_since(self.moved_at);
         self.moved_at = now;
         let after = self.points.advance(elapsed);
         let secs = elapsed.as_secs_f64().max(1e-4);
-        if self.points.is_moving() || after != before {
-            self.speeds_rad_s = std::array::from_fn(|joint| (after[joint] - before[joint]) / secs);
-        } else {
-            self.speeds_rad_s = [0.0; 6];
-        }
+        let speed = |joint: usize| if was_moving { (after[joint] - before[joint]) / secs } else { 0.0 };
+        self.speeds_rad_s = std::array::from_fn(speed);
         after
     }
 

@@ -6,14 +6,13 @@ use super::*;
 use crate::execution::protocol::mangled::each_mangled;
 
 const MOTION: &str = "{\"Instruction\": \"FRC_JointMotionJRep\", \"SequenceID\": 1, \"JointAngle\": {\"J1\": 5.000000, \
-    \"J2\": 0.000000, \"J3\": 0.000000, \"J4\": 0.000000, \"J5\": -90.000000, \"J6\": 0.000000, \"J7\": 0.000000, \
-    \"J8\": 0.000000, \"J9\": 0.000000}, \"SpeedType\": \"mSec\", \"Speed\": 1500, \"TermType\": \"FINE\", \
+    \"J2\": 0.000000, \"J3\": 0.000000, \"J4\": 0.000000, \"J5\": -90.000000, \"J6\": 0.000000}, \"SpeedType\": \"mSec\", \"Speed\": 1500, \"TermType\": \"FINE\", \
     \"TermValue\": 1}\r\n";
 const STATUS: &str = "{\"Command\" : \"FRC_GetStatus\", \"ErrorID\" : 0, \"ServoReady\" : 1, \"TPMode\" : 0, \"RMIMotionStatus\" : 1, \
     \"ProgramStatus\" : 1, \"SingleStepMode\" : 0, \"NumberUTool\" : 10, \"NextSequenceID\" : 7, \"NumberUFrame\" : 9, \"Override\" : 25 } \r\n";
 
 fn motion() -> RmiJointMotion {
-    let joints = RmiJoints { arm_deg: [5.0, 0.0, 0.0, 0.0, -90.0, 0.0], table_deg: None };
+    let joints = RmiJoints { arm_deg: [5.0, 0.0, 0.0, 0.0, -90.0, 0.0], extended_deg: [None; 3] };
     RmiJointMotion { sequence: 1, joints, speed: RmiSpeed::Milliseconds(1500) }
 }
 
@@ -57,14 +56,23 @@ fn replies_of_the_manual_are_read() {
 fn joint_3_is_counted_from_the_ground_on_the_wire() {
     // Upper arm leant by 30 degrees, forearm turned by 20 against it: over the ground the forearm is at -10.
     let program = [0.1, 30_f64.to_radians(), 20_f64.to_radians(), 0.2, 0.3, 0.4];
-    let coupled = RmiJoints::of_program(&program, JointThreeOrigin::UpperArm);
+    let coupled = RmiJoints::of_program(&program, JointThreeOrigin::UpperArm, [None; 3]);
     assert!((coupled.arm_deg[2] + 10.0).abs() < 1e-9 && (coupled.arm_deg[1] - 30.0).abs() < 1e-9);
-    let plain = RmiJoints::of_program(&program, JointThreeOrigin::Ground);
+    let plain = RmiJoints::of_program(&program, JointThreeOrigin::Ground, [None; 3]);
     assert!((plain.arm_deg[2] - 20.0).abs() < 1e-9);
     // A turn of joint 2 alone leaves the forearm's slope, and so the program's joint 3 turns against it.
     let back: [f64; 6] = coupled.to_program(JointThreeOrigin::UpperArm).expect("six joints");
     assert!(back.iter().zip(&program).all(|(back, there)| (back - there).abs() < 1e-12));
     assert_eq!(coupled.to_program::<7>(JointThreeOrigin::Ground), None, "no table");
+}
+
+#[test]
+fn extended_axes_that_are_not_the_table_stay() {
+    let rail = [Some(500.0), Some(7.0), None];
+    let six = RmiJoints::of_program(&[0.0; 6], JointThreeOrigin::Ground, rail);
+    assert_eq!(six.extended_deg, rail);
+    let seven = RmiJoints::of_program(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], JointThreeOrigin::Ground, rail);
+    assert_eq!(seven.extended_deg, [Some(1_f64.to_degrees()), Some(7.0), None]);
 }
 
 #[test]
@@ -89,7 +97,7 @@ proptest! {
     #[test]
     fn what_is_written_is_read(joints in prop::array::uniform7(-360_000_i32..360_000), sequence in 1..=MAX_SEQUENCE, ms in 1_u16..=32_767) {
         let deg = joints.map(|joint| f64::from(joint) / 1000.0);
-        let joints = RmiJoints { arm_deg: std::array::from_fn(|joint| deg[joint]), table_deg: Some(deg[6]) };
+        let joints = RmiJoints { arm_deg: std::array::from_fn(|joint| deg[joint]), extended_deg: [Some(deg[6]), None, None] };
         let request = RmiRequest::JointMotion(RmiJointMotion { sequence, joints, speed: RmiSpeed::Milliseconds(ms) });
         prop_assert_eq!(RmiRequest::decode(request.encode().as_bytes()), Ok(request));
         let replies = [
