@@ -4,6 +4,7 @@
 //! Replies come in the order of the requests, so a request that was given up leaves its reply to be thrown away, and nothing else.
 
 mod link;
+mod signals;
 
 use std::time::Duration;
 
@@ -11,6 +12,7 @@ use nalgebra::{Rotation3, Vector3};
 use tokio::time::{Instant, sleep};
 
 use self::link::TextLink;
+pub use self::signals::HansSignals;
 use super::stream::{Wiring, not_connected};
 use crate::cell::{HansSpec, Kinematics};
 use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};

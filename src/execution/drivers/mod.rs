@@ -13,6 +13,7 @@ pub(crate) mod set_points;
 pub mod stream;
 mod streamed;
 mod table_units;
+pub mod trigger;
 pub mod ur;
 
 pub use streamed::Streamed;

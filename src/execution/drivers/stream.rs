@@ -141,6 +141,11 @@ impl Connection {
         Ok(())
     }
 
+    /// The stream below, whose bytes are not logged from here on.
+    pub(super) fn into_stream(self) -> Box<dyn ByteStream> {
+        self.stream
+    }
+
     /// Says that nothing more will be sent, so that a controller with one client frees its place.
     pub async fn close(mut self) {
         // The other side may have gone first.

@@ -162,6 +162,18 @@ pub enum HansRequest {
         /// Joints, degrees.
         joints_deg: [f64; 6],
     },
+    /// Sets a digital output of the control box.
+    SetBoxDo {
+        /// Number of the output.
+        output: u8,
+        /// Level.
+        is_on: bool,
+    },
+    /// Reads a digital input of the control box.
+    ReadBoxDi {
+        /// Number of the input.
+        input: u8,
+    },
     /// Asks where the tool is at these joints.
     Acs2Pcs {
         /// Joints, degrees.
@@ -188,6 +200,8 @@ impl HansRequest {
             Self::MovePath { .. } => "MovePath",
             Self::StartServo { .. } => "StartServo",
             Self::PushServoJ { .. } => "PushServoJ",
+            Self::SetBoxDo { .. } => "SetBoxDO",
+            Self::ReadBoxDi { .. } => "ReadBoxDI",
             Self::Acs2Pcs { .. } => "ACS2PCS",
         }
     }
@@ -197,6 +211,7 @@ impl HansRequest {
     pub fn encode(&self) -> String {
         let robot = match self {
             Self::Plain(command) if !command.has_robot() => None,
+            Self::SetBoxDo { .. } | Self::ReadBoxDi { .. } => None,
             _ => Some("0".to_owned()),
         };
         message(self.name(), robot.into_iter().chain(self.arguments()))
@@ -215,6 +230,8 @@ impl HansRequest {
             Self::EndPushMovePath { name } | Self::ReadMovePathState { name } | Self::MovePath { name } => vec![name.clone()],
             Self::StartServo { argument, lookahead_secs } => numbers(&[*argument, *lookahead_secs]),
             Self::PushServoJ { joints_deg } => numbers(joints_deg),
+            Self::SetBoxDo { output, is_on } => vec![output.to_string(), u8::from(*is_on).to_string()],
+            Self::ReadBoxDi { input } => vec![input.to_string()],
             Self::Acs2Pcs { joints_deg, tool, user_frame } => numbers(&[*joints_deg, *tool, *user_frame].concat()),
         }
     }
@@ -245,6 +262,8 @@ impl HansRequest {
             "MovePath" => named(arguments).map(|(name, [])| Self::MovePath { name }),
             "StartServo" => reals(arguments).map(|[argument, lookahead_secs]| Self::StartServo { argument, lookahead_secs }),
             "PushServoJ" => reals(arguments).map(|joints_deg| Self::PushServoJ { joints_deg }),
+            "SetBoxDO" => box_output(rest),
+            "ReadBoxDI" => box_input(rest),
             "ACS2PCS" => acs2pcs(arguments),
             _ => return Err(HansSyntax::UnknownCommand((*name).to_owned())),
         };
@@ -256,6 +275,17 @@ impl HansRequest {
 fn named<const N: usize>(arguments: &[&str]) -> Option<(String, [f64; N])> {
     let (name, rest) = arguments.split_first()?;
     Some(((*name).to_owned(), reals(rest)?)).filter(|(name, _)| !name.is_empty())
+}
+
+fn box_output(rest: &[&str]) -> Option<HansRequest> {
+    let [output, level] = rest else { return None };
+    let is_on = ["0", "1"].iter().position(|known| known == level)? == 1;
+    Some(HansRequest::SetBoxDo { output: output.parse().ok()?, is_on })
+}
+
+fn box_input(rest: &[&str]) -> Option<HansRequest> {
+    let [input] = rest else { return None };
+    Some(HansRequest::ReadBoxDi { input: input.parse().ok()? })
 }
 
 fn acs2pcs(arguments: &[&str]) -> Option<HansRequest> {

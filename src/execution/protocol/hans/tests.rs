@@ -23,6 +23,8 @@ const GOLDEN: &[&str] = &[
     "MovePath,0,scan,;",
     "StartServo,0,8000,0.004,;",
     "PushServoJ,0,1,2,3,4,5.5,-6,;",
+    "SetBoxDO,3,1,;",
+    "ReadBoxDI,4,;",
 ];
 
 fn messages(stream: &[u8]) -> Vec<Result<String, HansSyntax>> {

@@ -10,6 +10,8 @@ use crate::execution::protocol::hans_state::HansRealtimeState;
 use crate::execution::simulators::faults::FaultState;
 use crate::execution::simulators::motion::MovingAxes;
 
+/// Time of a capture of the simulated scanner, s.
+const CAPTURE_SECS: f64 = 0.5;
 /// Codes of the maker's that this arm refuses with. What the controller says to a move while it is disabled is not documented.
 const ALREADY_MOVING: i64 = 20_004;
 const NOT_INITIALISED: i64 = 40_000;
@@ -50,6 +52,8 @@ pub(super) struct SimulatedArm {
     /// Points of a path under way that are still to come.
     ahead_deg: Vec<[f64; 6]>,
     servo_since: Option<f64>,
+    /// Level of each digital output that was set, and since when, s.
+    outputs: BTreeMap<u8, (bool, f64)>,
 }
 
 /// A path that was uploaded.
@@ -79,6 +83,7 @@ impl SimulatedArm {
             paths: BTreeMap::new(),
             ahead_deg: Vec::new(),
             servo_since: None,
+            outputs: BTreeMap::new(),
         }
     }
 
@@ -129,6 +134,11 @@ impl SimulatedArm {
         }
     }
 
+    /// Level of an input, to which a simulated scanner is wired: on a capture's time after the output of the same number.
+    fn acknowledges(&self, input: u8, now: f64) -> bool {
+        self.outputs.get(&input).is_some_and(|(is_on, since)| *is_on && now - since >= CAPTURE_SECS)
+    }
+
     fn is_moving(&self, now: f64) -> bool {
         self.axes.is_moving(now) || self.servo_since.is_some() || !self.ahead_deg.is_empty()
     }
@@ -141,6 +151,11 @@ impl SimulatedArm {
                 self.override_fraction = Some(*fraction).filter(|share| (0.01..=1.0).contains(share)).ok_or(PARAMETER_ERROR)?;
                 Ok(Vec::new())
             }
+            HansRequest::SetBoxDo { output, is_on } => {
+                self.outputs.insert(*output, (*is_on, now));
+                Ok(Vec::new())
+            }
+            HansRequest::ReadBoxDi { input } => Ok(vec![u8::from(self.acknowledges(*input, now)).to_string()]),
             HansRequest::WayPoint(point) => self.start(point, now),
             HansRequest::StartPushMovePath { name, speed_fraction, .. } => self.begin_path(name, *speed_fraction),
             HansRequest::PushMovePathJ { name, joints_deg } => self.push_point(name, joints_deg),

@@ -1,0 +1,76 @@
+//! Digital signals of the control box, over a connection of their own: a capture may take longer than the arm's state may be old.
+
+use std::time::Duration;
+
+use tokio::time::sleep;
+
+use super::link::TextLink;
+use crate::cell::HansSpec;
+use crate::execution::device::DeviceError;
+use crate::execution::drivers::stream::Wiring;
+use crate::execution::protocol::hans::HansRequest;
+
+/// Inputs and outputs of Han's control box.
+#[derive(Debug)]
+pub struct HansSignals {
+    spec: HansSpec,
+    wiring: Wiring,
+    link: Option<TextLink>,
+}
+
+impl HansSignals {
+    /// Signals of the controller at the address of its specification, not connected.
+    #[must_use]
+    pub fn new(spec: HansSpec, wiring: Wiring) -> Self {
+        Self { spec, wiring, link: None }
+    }
+
+    /// Sets a digital output.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn set_output(&mut self, output: u8, is_on: bool) -> Result<(), DeviceError> {
+        self.ask(&HansRequest::SetBoxDo { output, is_on }).await.map(drop)
+    }
+
+    /// Reads a digital input.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn input(&mut self, input: u8) -> Result<bool, DeviceError> {
+        let values = self.ask(&HansRequest::ReadBoxDi { input }).await?;
+        match values.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+            ["0"] => Ok(false),
+            ["1"] => Ok(true),
+            _ => Err(DeviceError::Malformed { what: format!("the level of input {input} as {values:?}") }),
+        }
+    }
+
+    /// Waits until a digital input is on.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub async fn wait_for_input(&mut self, input: u8) -> Result<(), DeviceError> {
+        while !self.input(input).await? {
+            sleep(Duration::from_millis(self.spec.poll_ms.into())).await;
+        }
+        Ok(())
+    }
+
+    async fn ask(&mut self, request: &HansRequest) -> Result<Vec<String>, DeviceError> {
+        let mut link = match self.link.take() {
+            Some(link) => link,
+            None => {
+                let patience = Duration::from_millis(self.spec.connect_timeout_ms.into());
+                let connection = self.wiring.connect(&self.spec.address, patience).await?;
+                TextLink::new(connection, Duration::from_millis(self.spec.reply_timeout_ms.into()))
+            }
+        };
+        let answer = link.ask(request).await;
+        // A link that failed, or whose answer nobody waited for, is not used again.
+        if answer.is_ok() {
+            self.link = Some(link);
+        }
+        answer
+    }
+}
