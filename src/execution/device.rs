@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
+use super::session::streamer::Jitter;
+
 /// What a controller says of itself, read at connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
@@ -121,11 +123,17 @@ pub trait MotionDevice<const N: usize>: Send {
     /// Feeds the device's watchdog; called at least every third of its time while armed.
     fn keep_alive(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
-    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again.
+    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again. From then on
+    /// no target is taken until the device is armed again, which a session does when a client resumes.
     fn stop(&mut self) -> impl Future<Output = Result<StopAcknowledged, DeviceError>> + Send;
 
     /// Gives the right to move back, where it was taken, and closes. Sends nothing that moves.
     fn release(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
+
+    /// Jitter of its set points so far, where it streams them.
+    fn jitter(&self) -> Option<Jitter> {
+        None
+    }
 
     /// Words of a fault that this device reports, where they are known.
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {

@@ -173,6 +173,17 @@ impl CollisionScene {
         scene
     }
 
+    /// The scene with a clearance of at most `clearance_mm`: for poses as they are measured, which are off the planned ones.
+    #[must_use]
+    pub fn at_most_clearance(&self, clearance_mm: f64) -> Self {
+        let mut scene = self.clone();
+        scene.clearance_mm = scene.clearance_mm.min(clearance_mm);
+        for pair in &mut scene.pairs {
+            pair.clearance_mm = pair.clearance_mm.min(clearance_mm);
+        }
+        scene
+    }
+
     /// The clearance that is kept.
     #[must_use]
     pub fn clearance_mm(&self) -> f64 {

@@ -1,5 +1,5 @@
-//! Codecs of controllers' protocols: pure functions, without sockets or clocks. Whatever a wire says, they return an error and hold a
-//! bounded number of bytes.
+//! Codecs of controllers' protocols: pure functions, without sockets or clocks. Whatever a wire says, they return an error
+//! and hold a bounded number of bytes.
 
 pub mod hans;
 pub mod hans_state;

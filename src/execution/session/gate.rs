@@ -1,0 +1,322 @@
+//! Conditions of motion: those of the devices, which hold all the time; those of a run, before it is armed; those of a target,
+//! before it goes out, from where the devices were measured. Pure functions.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+use super::machine::MachineState;
+use super::state::{Device, RunState, StopCause};
+use crate::cell::{Cell, CollisionScene, Configuration, Contact};
+use crate::execution::device::Target;
+use crate::program::{Expected, Finding, Program, check};
+
+/// Points of a segment at which the workspace is asked.
+const WORKSPACE_SAMPLES: u32 = 20;
+/// Numbers that went through degrees or a quotient differ by less, as a share.
+const ROUNDING: f64 = 1e-9;
+
+/// Limits that a session keeps; from the cell file alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Safeguards {
+    /// Time that the devices' own watchdogs are set to.
+    pub watchdog: Duration,
+    /// Age from which on a state is none.
+    pub state_max_age: Duration,
+    /// Largest distance of any axis from a target that is reached.
+    pub position_tolerance_rad: f64,
+    /// Largest distance of any axis from the way that a run or a segment begins on.
+    pub start_tolerance_rad: f64,
+    /// Largest distance of any axis from its straight way while moving.
+    pub path_tolerance_rad: f64,
+    /// Largest share of the program's speed on the first live run.
+    pub first_run_speed: f64,
+    /// Box that flange and scanner stay in, base frame.
+    pub workspace: Option<Workspace>,
+    /// States in a row in which a target has to be reached before the scanner is triggered.
+    pub in_position_cycles: u32,
+    /// Time beyond the predicted one in which a target has to be reached.
+    pub reach_timeout: Duration,
+    /// Time beyond the predicted one in which a capture has to be acknowledged.
+    pub trigger_timeout: Duration,
+    /// Time to connect.
+    pub connect_timeout: Duration,
+    /// Time that a request may take which is not a state.
+    pub request_timeout: Duration,
+    /// Time that a run may stay armed without being told to move.
+    pub arm_expiry: Duration,
+    /// Time without a heartbeat of the client after which a live run stops.
+    pub heartbeat_timeout: Duration,
+}
+
+impl Default for Safeguards {
+    fn default() -> Self {
+        Self {
+            watchdog: Duration::from_millis(200),
+            state_max_age: Duration::from_millis(100),
+            position_tolerance_rad: 0.1_f64.to_radians(),
+            start_tolerance_rad: 0.5_f64.to_radians(),
+            path_tolerance_rad: 5.0_f64.to_radians(),
+            first_run_speed: 0.25,
+            workspace: None,
+            in_position_cycles: 3,
+            reach_timeout: Duration::from_secs(5),
+            trigger_timeout: Duration::from_secs(2),
+            connect_timeout: Duration::from_secs(10),
+            request_timeout: Duration::from_secs(2),
+            arm_expiry: Duration::from_secs(60),
+            heartbeat_timeout: Duration::from_millis(500),
+        }
+    }
+}
+
+/// A box in the base frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Workspace {
+    /// Lowest corner.
+    pub min_mm: [f64; 3],
+    /// Highest corner.
+    pub max_mm: [f64; 3],
+}
+
+/// Hashes of what a run was approved with, and of what is in force.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Hashes {
+    /// SHA-256 of the plan.
+    pub plan: String,
+    /// SHA-256 of the cell.
+    pub cell: String,
+    /// SHA-256 of the compensation, where there is one.
+    pub compensation: Option<String>,
+}
+
+/// A program with the cell that it is for, which the linter found nothing in.
+#[derive(Clone, Debug)]
+pub struct RunJob {
+    pub(super) program: Arc<Program>,
+    pub(super) cell: Arc<Cell>,
+    pub(super) scene: Arc<CollisionScene>,
+    pub(super) approved: Hashes,
+    pub(super) present: Hashes,
+}
+
+impl RunJob {
+    /// Runs the linter; `scene` holds the part and the plan's clearance. On the way half of the clearance is kept, as
+    /// measured poses are off the planned ones.
+    ///
+    /// # Errors
+    /// Every finding of the linter.
+    pub fn new(
+        program: Program,
+        cell: Arc<Cell>,
+        scene: &CollisionScene,
+        expected: Option<&Expected>,
+        [approved, present]: [Hashes; 2],
+    ) -> Result<Self, Vec<Finding>> {
+        let findings = check(&program, &cell, scene, expected);
+        if !findings.is_empty() {
+            return Err(findings);
+        }
+        let scene = Arc::new(scene.at_most_clearance(0.5 * scene.clearance_mm()));
+        Ok(Self { program: Arc::new(program), cell, scene, approved, present })
+    }
+
+    /// The program.
+    #[must_use]
+    pub fn program(&self) -> &Program {
+        &self.program
+    }
+
+    /// The cell.
+    #[must_use]
+    pub fn cell(&self) -> &Cell {
+        &self.cell
+    }
+}
+
+/// Reason why a run may not begin, or a target may not go out.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Objection {
+    /// Approved with something else.
+    OtherHash {
+        /// `plan`, `cell` or `compensation`.
+        what: &'static str,
+        /// Hash that was approved.
+        approved: String,
+        /// Hash in force.
+        present: String,
+    },
+    /// No such step.
+    NoSuchStep {
+        /// Step asked for, from 0.
+        step: usize,
+        /// Number of steps.
+        steps: usize,
+    },
+    /// Override out of range.
+    Override(f64),
+    /// A device that moves already.
+    Moves(Device),
+    /// A number that is none.
+    NotFinite,
+    /// Beyond the limits of an axis.
+    OutsideLimits {
+        /// Axis, 1 to 6, or 7 for the table.
+        axis: usize,
+        /// Angle asked for, degrees.
+        angle_deg: f64,
+    },
+    /// Quicker than an axis may be.
+    TooFast {
+        /// Axis, 1 to 6, or 7 for the table.
+        axis: usize,
+    },
+    /// Measured too far from where the way begins.
+    OffStart {
+        /// Axis that is furthest from it, 1 to 6, or 7 for the table.
+        axis: usize,
+        /// Distance found, degrees.
+        off_deg: f64,
+        /// Distance allowed, degrees.
+        allowed_deg: f64,
+    },
+    /// Outside the box of the cell file.
+    OutsideWorkspace {
+        /// Point outside, base frame.
+        at_mm: [f64; 3],
+    },
+    /// Two bodies too close on the way from where the devices are.
+    Collision(Contact),
+}
+
+impl fmt::Display for Objection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OtherHash { what, approved, present } => {
+                write!(f, "the {what} in force ({present}) is not the one approved ({approved}); plan again, or approve it")
+            }
+            Self::NoSuchStep { step, steps } => write!(f, "there is no step {step}; the program has {steps}, from 0"),
+            Self::Override(value) => write!(f, "the speed override is {value}; allowed is 0.01 to 1"),
+            Self::Moves(device) => write!(f, "the {device} moves already; wait until it stands still"),
+            Self::NotFinite => write!(f, "a target has an angle that is no number"),
+            Self::OutsideLimits { axis, angle_deg } => write!(f, "axis {axis} would go to {angle_deg:.3}°, beyond its limits"),
+            Self::TooFast { axis } => write!(f, "axis {axis} would be quicker than it may be"),
+            Self::OffStart { axis, off_deg, allowed_deg } => write!(
+                f,
+                "axis {axis} stands {off_deg:.2}° off the program's way; allowed are {allowed_deg:.2}°: bring the cell there by \
+                 hand or by its own controller"
+            ),
+            Self::OutsideWorkspace { at_mm: [x, y, z] } => {
+                write!(f, "the way leads to [{x:.0}, {y:.0}, {z:.0}] mm, outside the workspace of the cell file")
+            }
+            Self::Collision(contact) => write!(f, "on the way from where the cell stands, {contact} come too close"),
+        }
+    }
+}
+
+/// Condition that forbids motion in this state of a run, the gravest first.
+pub(super) fn unfit(state: &MachineState, run: RunState, now: Instant, max_age: Duration) -> Option<StopCause> {
+    let conditions = state.conditions();
+    let first = |is: &dyn Fn(Device) -> Option<StopCause>| conditions.iter().find_map(|(device, _)| is(*device));
+    let of = |device: Device| conditions[usize::from(device == Device::Table)].1;
+    let age = |device: Device| now.saturating_duration_since(if device == Device::Table { state.table.at } else { state.arm.at });
+    first(&|device| of(device).emergency_stop.then_some(StopCause::EmergencyStop(device)))
+        .or_else(|| first(&|device| of(device).guard_open.then_some(StopCause::GuardOpen(device))))
+        .or_else(|| first(&|device| of(device).fault.map(|fault| StopCause::Fault { device, code: fault.0, text: None })))
+        .or_else(|| first(&|device| of(device).hand_guided.then_some(StopCause::HandGuided(device))))
+        .or_else(|| {
+            let is_held = |device| of(device).paused && run != RunState::Paused;
+            first(&|device| is_held(device).then_some(StopCause::HeldAtDevice(device)))
+        })
+        .or_else(|| {
+            let is_off = |device| run.is_armed() && !(of(device).powered && of(device).brakes_open);
+            first(&|device| is_off(device).then_some(StopCause::PowerLost(device)))
+        })
+        .or_else(|| {
+            let is_stale = |device| age(device) > max_age;
+            first(&|device| is_stale(device).then(|| StopCause::Stale { device, age: age(device) }))
+        })
+}
+
+/// Objections to a run as such, before anything is connected.
+pub(super) fn to_run(job: &RunJob, from_step: usize, speed_override: f64) -> Vec<Objection> {
+    let text = |hash: &Option<String>| hash.clone().unwrap_or_else(|| "none".to_owned());
+    let (approved, present) = (&job.approved, &job.present);
+    let pairs = [
+        ("plan", approved.plan.clone(), job.program.plan_sha256.clone()),
+        ("plan", approved.plan.clone(), present.plan.clone()),
+        ("cell", approved.cell.clone(), present.cell.clone()),
+        ("compensation", text(&approved.compensation), text(&present.compensation)),
+    ];
+    let other = pairs.into_iter().filter(|(_, approved, present)| approved != present);
+    let mut found: Vec<_> = other.map(|(what, approved, present)| Objection::OtherHash { what, approved, present }).collect();
+    let steps = job.program.steps.len();
+    if from_step >= steps.max(1) {
+        found.push(Objection::NoSuchStep { step: from_step, steps });
+    }
+    if !is_override(speed_override) {
+        found.push(Objection::Override(speed_override));
+    }
+    found
+}
+
+/// Returns true for a share of the speed that a client may ask for.
+pub(super) fn is_override(value: f64) -> bool {
+    (0.01..=1.0).contains(&value)
+}
+
+/// Objection to beginning at `measured` where the way passes `nearest`.
+pub(super) fn to_start(measured: &Configuration, nearest: &Configuration, safeguards: &Safeguards) -> Option<Objection> {
+    let (axis, off_rad) = furthest_axis(measured, nearest);
+    let allowed_deg = safeguards.start_tolerance_rad.to_degrees();
+    (off_rad > safeguards.start_tolerance_rad).then_some(Objection::OffStart { axis, off_deg: off_rad.to_degrees(), allowed_deg })
+}
+
+/// Objection to a target, from where the devices are measured. Costs a check of one segment for collisions.
+pub(super) fn to_target(
+    job: &RunJob,
+    measured: &Configuration,
+    target: &Target<7>,
+    safeguards: &Safeguards,
+) -> Option<Objection> {
+    let to = Configuration::from_axes_rad(target.positions_rad);
+    let numbers = target.positions_rad.iter().chain(&target.max_speed_rad_s).chain(&target.max_acceleration_rad_s2);
+    if numbers.chain(&measured.axes_rad()).any(|number| !number.is_finite()) {
+        return Some(Objection::NotFinite);
+    }
+    let axes = job.cell.axes();
+    let limits = axes.0.iter().zip(target.positions_rad).enumerate();
+    let outside = limits.clone().find(|(_, (axis, angle))| !axis.allows(*angle));
+    let is_fast = |speed: f64, max: f64| speed > max * (1.0 + ROUNDING);
+    let fast = axes.0.iter().enumerate().find(|(index, axis)| {
+        is_fast(target.max_speed_rad_s[*index], axis.max_speed_rad_per_s)
+            || is_fast(target.max_acceleration_rad_s2[*index], axis.max_acceleration_rad_per_s2)
+    });
+    outside
+        .map(|(index, (_, angle))| Objection::OutsideLimits { axis: index + 1, angle_deg: angle.to_degrees() })
+        .or_else(|| fast.map(|(index, _)| Objection::TooFast { axis: index + 1 }))
+        .or_else(|| outside_workspace(job, measured, &to, safeguards))
+        .or_else(|| job.scene.check_segment(measured, &to).map(Objection::Collision))
+}
+
+fn outside_workspace(job: &RunJob, from: &Configuration, to: &Configuration, safeguards: &Safeguards) -> Option<Objection> {
+    let workspace = safeguards.workspace?;
+    let is_outside = |at: &[f64; 3]| (0..3).any(|k| at[k] < workspace.min_mm[k] || at[k] > workspace.max_mm[k]);
+    let points = (0..=WORKSPACE_SAMPLES).flat_map(|sample| {
+        let joints_rad = from.toward(to, f64::from(sample) / f64::from(WORKSPACE_SAMPLES)).joints_rad;
+        let flange = job.cell.robot.base_from_flange(&joints_rad).origin_mm();
+        [flange, job.cell.base_from_scanner(&joints_rad).origin_mm()].map(<[f64; 3]>::from)
+    });
+    points.into_iter().find(is_outside).map(|at_mm| Objection::OutsideWorkspace { at_mm })
+}
+
+/// Axis that differs most, from 1, and by how much.
+pub(super) fn furthest_axis(a: &Configuration, b: &Configuration) -> (usize, f64) {
+    let turns = a.travel_rad(b).map(f64::abs).into_iter().enumerate();
+    turns.fold((1, 0.0), |most, (index, turn)| if turn > most.1 { (index + 1, turn) } else { most })
+}
+
+#[cfg(test)]
+mod tests;

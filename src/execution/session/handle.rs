@@ -1,0 +1,395 @@
+//! The steering of a run, for any number of clients; and the run's side of it. Stopping overtakes everything else.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio::time::Instant;
+
+use super::gate::is_override;
+use super::lease::{Fence, LeaseError, Leases};
+use super::live::{Live, LiveEvent};
+use super::state::{PauseCause, RunReason, RunState, RunStatus, StopCause};
+use crate::execution::record::RunRecord;
+use crate::geometry::{Part, Pose, Table};
+
+/// Commands that may wait to be heard.
+const COMMANDS: usize = 16;
+
+/// Reason why a command is not obeyed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CommandError {
+    /// The state does not allow it.
+    #[error("a run that is {} cannot be told to {command}", state.as_str())]
+    NotNow {
+        /// State of the run.
+        state: RunState,
+        /// Command, as a verb.
+        command: &'static str,
+    },
+    /// The token does not hold the cell's lease.
+    #[error(transparent)]
+    Lease(#[from] LeaseError),
+    /// Out of range.
+    #[error("the speed override is {0}; allowed is 0.01 to 1")]
+    Override(f64),
+}
+
+/// Lease that a live run needs; a simulated one needs none.
+#[derive(Clone, Debug)]
+pub struct Authority {
+    /// Leases of all cells.
+    pub leases: Leases,
+    /// Name of the cell.
+    pub cell: String,
+}
+
+#[derive(Debug)]
+pub(super) enum Order {
+    Arm(Fence),
+    Pause,
+    Resume(Option<Fence>),
+    Step(Option<Fence>),
+    Override(Option<Fence>, f64),
+    Located(Option<Fence>, Box<Pose<Table, Part>>),
+}
+
+impl Order {
+    const fn verb(&self) -> &'static str {
+        match self {
+            Self::Arm(_) => "arm",
+            Self::Pause => "pause",
+            Self::Resume(_) => "resume",
+            Self::Step(_) => "step",
+            Self::Override(..) => "change its speed",
+            Self::Located(..) => "take the pose of the part",
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Command {
+    order: Order,
+    answer: oneshot::Sender<Result<(), CommandError>>,
+}
+
+/// Request to stop.
+#[derive(Clone, Debug)]
+pub(super) struct StopRequest {
+    pub(super) cause: StopCause,
+    pub(super) at: Instant,
+}
+
+/// A run that was begun. Clones steer the same run; when the last is dropped, the run stops.
+#[derive(Clone, Debug)]
+pub struct RunHandle {
+    commands: mpsc::Sender<Command>,
+    stop: watch::Sender<Option<StopRequest>>,
+    live: Arc<Live>,
+    record: watch::Receiver<Option<Arc<RunRecord>>>,
+    heartbeat: Arc<Mutex<Instant>>,
+    authority: Option<Authority>,
+}
+
+impl RunHandle {
+    /// Status now.
+    #[must_use]
+    pub fn status(&self) -> RunStatus {
+        self.live.status()
+    }
+
+    /// Follows the status.
+    #[must_use]
+    pub fn watch_status(&self) -> watch::Receiver<RunStatus> {
+        self.live.watch_status()
+    }
+
+    /// Latest event.
+    #[must_use]
+    pub fn latest(&self) -> Option<LiveEvent> {
+        self.live.latest()
+    }
+
+    /// Events after a number, as far as they are kept, and a receiver of all that follow them; none is lost between the two.
+    #[must_use]
+    pub fn events_after(&self, id: u64) -> (Vec<LiveEvent>, broadcast::Receiver<LiveEvent>) {
+        self.live.events_after(id)
+    }
+
+    /// Gives a run that is ready the right to move.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub async fn arm(&self, token: Fence) -> Result<(), CommandError> {
+        self.order(Order::Arm(token)).await
+    }
+
+    /// Brings a running run to rest, until it is resumed. Needs no token.
+    ///
+    /// # Errors
+    /// [`CommandError::NotNow`].
+    pub async fn pause(&self) -> Result<(), CommandError> {
+        self.order(Order::Pause).await
+    }
+
+    /// Takes an armed or paused run on; no steps one by one any more. A live run needs its token.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub async fn resume(&self, token: Option<Fence>) -> Result<(), CommandError> {
+        self.order(Order::Resume(token)).await
+    }
+
+    /// Takes an armed or paused run one step on. A live run needs its token.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub async fn step(&self, token: Option<Fence>) -> Result<(), CommandError> {
+        self.order(Order::Step(token)).await
+    }
+
+    /// Scales the speed of targets that go out from now on. A live run needs its token.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub async fn set_override(&self, token: Option<Fence>, value: f64) -> Result<(), CommandError> {
+        self.order(Order::Override(token, value)).await
+    }
+
+    /// Tells a run that waits for it where the part lies. A live run needs its token.
+    ///
+    /// # Errors
+    /// [`CommandError`].
+    pub async fn located(&self, token: Option<Fence>, table_from_part: Pose<Table, Part>) -> Result<(), CommandError> {
+        self.order(Order::Located(token, Box::new(table_from_part))).await
+    }
+
+    /// Says that the client is there.
+    ///
+    /// # Errors
+    /// [`CommandError::Lease`].
+    pub fn heartbeat(&self, token: Option<Fence>) -> Result<(), CommandError> {
+        self.authority.as_ref().map_or(Ok(()), |authority| authority.check(token))?;
+        *self.heartbeat.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        Ok(())
+    }
+
+    /// Stops the run, whatever it does; the first cause counts. Needs no token. [`RunHandle::ended`] says how it went.
+    pub fn stop(&self, cause: StopCause) {
+        request(&self.stop, cause);
+    }
+
+    /// Waits for the end; the record tells all.
+    pub async fn ended(&self) -> Arc<RunRecord> {
+        let mut record = self.record.clone();
+        loop {
+            if let Some(record) = record.borrow_and_update().clone() {
+                return record;
+            }
+            if record.changed().await.is_err() {
+                return Arc::new(RunRecord::lost(self.status()));
+            }
+        }
+    }
+
+    /// The record, once the run has ended.
+    #[must_use]
+    pub fn record(&self) -> Option<Arc<RunRecord>> {
+        self.record.borrow().clone()
+    }
+
+    async fn order(&self, order: Order) -> Result<(), CommandError> {
+        let refused = CommandError::NotNow { state: self.status().state, command: order.verb() };
+        let (answer, answered) = oneshot::channel();
+        let ended = |state: RunState| if state.is_final() { Err(refused.clone()) } else { Ok(()) };
+        ended(self.status().state)?;
+        self.commands.send(Command { order, answer }).await.map_err(|_| refused.clone())?;
+        let not_now = |_| CommandError::NotNow { state: self.status().state, command: "do that" };
+        answered.await.map_err(not_now)?
+    }
+}
+
+impl Authority {
+    fn check(&self, token: Option<Fence>) -> Result<(), CommandError> {
+        let stranger = LeaseError::Stranger { cell: self.cell.clone(), token: Fence(0) };
+        Ok(self.leases.check(&self.cell, token.ok_or(stranger)?)?)
+    }
+}
+
+/// Reason why what was under way does not go on.
+#[derive(Clone, Debug)]
+pub(super) enum Halt {
+    Stop(StopRequest),
+    Pause(PauseCause),
+}
+
+impl Halt {
+    pub(super) fn stop(cause: StopCause) -> Self {
+        Self::Stop(StopRequest { cause, at: Instant::now() })
+    }
+}
+
+/// The run's side of its handles.
+#[derive(Debug)]
+pub(super) struct Control {
+    commands: mpsc::Receiver<Command>,
+    stop: watch::Receiver<Option<StopRequest>>,
+    record: watch::Sender<Option<Arc<RunRecord>>>,
+    heartbeat: Arc<Mutex<Instant>>,
+    authority: Option<Authority>,
+    live: Arc<Live>,
+    /// Token that the run was armed with.
+    token: Option<Fence>,
+    pub(super) speed_override: f64,
+    pub(super) single_step: bool,
+    pub(super) go_on: bool,
+    pub(super) located: Option<Pose<Table, Part>>,
+}
+
+fn request(stop: &watch::Sender<Option<StopRequest>>, cause: StopCause) {
+    stop.send_if_modified(|request| {
+        let is_first = request.is_none();
+        if is_first {
+            *request = Some(StopRequest { cause, at: Instant::now() });
+        }
+        is_first
+    });
+}
+
+/// Both sides of a new run.
+pub(super) fn handle_and_control(
+    live: &Arc<Live>,
+    authority: Option<Authority>,
+    speed_override: f64,
+    single_step: bool,
+) -> (RunHandle, Control) {
+    let (commands, orders) = mpsc::channel(COMMANDS);
+    let (stop, stopped) = watch::channel(None);
+    let (ended, record) = watch::channel(None);
+    let heartbeat = Arc::new(Mutex::new(Instant::now()));
+    let handle = RunHandle {
+        commands,
+        stop,
+        live: Arc::clone(live),
+        record,
+        heartbeat: Arc::clone(&heartbeat),
+        authority: authority.clone(),
+    };
+    let control = Control {
+        commands: orders,
+        stop: stopped,
+        record: ended,
+        heartbeat,
+        authority,
+        live: Arc::clone(live),
+        token: None,
+        speed_override,
+        single_step,
+        go_on: false,
+        located: None,
+    };
+    (handle, control)
+}
+
+impl Control {
+    /// The work's output, unless the run is stopped or paused first; the work is then dropped.
+    pub(super) async fn guard<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Halt> {
+        tokio::pin!(work);
+        loop {
+            tokio::select! {
+                biased;
+                request = stop_requested(&mut self.stop) => return Err(Halt::Stop(request)),
+                command = self.commands.recv() => match command {
+                    None => return Err(Halt::stop(StopCause::ServerGone)),
+                    Some(command) => self.take(command)?,
+                },
+                output = &mut work => return Ok(output),
+            }
+        }
+    }
+
+    /// Objection of lease or heartbeat to going on, once armed.
+    pub(super) fn lost_client(&self, timeout: Duration) -> Option<StopCause> {
+        let (authority, token) = (self.authority.as_ref()?, self.token?);
+        let after = self.heartbeat.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
+        match authority.leases.check(&authority.cell, token) {
+            Err(error) => Some(StopCause::LeaseLost(error)),
+            Ok(()) => (after > timeout).then_some(StopCause::HeartbeatLost { after }),
+        }
+    }
+
+    pub(super) fn needs_arm(&self) -> bool {
+        self.authority.is_some()
+    }
+
+    pub(super) fn is_armed_by_client(&self) -> bool {
+        self.token.is_some()
+    }
+
+    /// Publishes the record.
+    pub(super) fn end(&self, record: RunRecord) {
+        self.record.send_replace(Some(Arc::new(record)));
+    }
+
+    fn take(&mut self, command: Command) -> Result<(), Halt> {
+        let Command { order, answer } = command;
+        let verdict = self.may(&order);
+        let is_allowed = verdict.is_ok();
+        // Whoever asked may be gone.
+        let _ = answer.send(verdict);
+        if is_allowed { self.obey(order) } else { Ok(()) }
+    }
+
+    fn may(&self, order: &Order) -> Result<(), CommandError> {
+        let status = self.live.status();
+        let is_locating = status.reason == RunReason::Paused(PauseCause::Locating);
+        let is_between = matches!(status.state, RunState::Armed | RunState::Paused);
+        let (fits, token) = match order {
+            Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm(), Some(*token)),
+            Order::Pause => return self.fits(status.state == RunState::Running, order),
+            Order::Resume(token) | Order::Step(token) => (is_between && !is_locating, *token),
+            Order::Override(token, value) if is_override(*value) => (!status.state.is_final(), *token),
+            Order::Override(_, value) => return Err(CommandError::Override(*value)),
+            Order::Located(token, _) => (is_locating, *token),
+        };
+        self.fits(fits, order)?;
+        let Some(authority) = &self.authority else { return Ok(()) };
+        authority.check(token)?;
+        // A newer lease of the same cell does not take a run over.
+        match (self.token, token) {
+            (Some(own), Some(shown)) if own != shown => {
+                Err(LeaseError::Stranger { cell: authority.cell.clone(), token: shown }.into())
+            }
+            (Some(_) | None, Some(_) | None) => Ok(()),
+        }
+    }
+
+    fn fits(&self, fits: bool, order: &Order) -> Result<(), CommandError> {
+        let refused = || CommandError::NotNow { state: self.live.status().state, command: order.verb() };
+        if fits { Ok(()) } else { Err(refused()) }
+    }
+
+    fn obey(&mut self, order: Order) -> Result<(), Halt> {
+        match order {
+            Order::Arm(token) => {
+                self.token = Some(token);
+                *self.heartbeat.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+            }
+            Order::Pause => return Err(Halt::Pause(PauseCause::Client)),
+            Order::Resume(_) => (self.single_step, self.go_on) = (false, true),
+            Order::Step(_) => (self.single_step, self.go_on) = (true, true),
+            Order::Override(_, value) => {
+                self.speed_override = value;
+                self.live.at_override(value);
+            }
+            Order::Located(_, table_from_part) => self.located = Some(*table_from_part),
+        }
+        Ok(())
+    }
+}
+
+/// Waits for a request to stop.
+async fn stop_requested(stop: &mut watch::Receiver<Option<StopRequest>>) -> StopRequest {
+    let request = stop.wait_for(Option::is_some).await.ok().and_then(|request| request.clone());
+    request.unwrap_or_else(|| StopRequest { cause: StopCause::ServerGone, at: Instant::now() })
+}

@@ -1,0 +1,156 @@
+//! The right to move a cell: one holder at a time, for a stated time, with a token that only rises. Whoever lost the lease cannot
+//! move anything with the token of before.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+/// Fencing token: higher than every one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Fence(pub u64);
+
+/// Shortest time of a lease.
+pub const MIN_TTL: Duration = Duration::from_millis(200);
+/// Longest time of a lease.
+pub const MAX_TTL: Duration = Duration::from_secs(30);
+
+/// A lease that was given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lease {
+    /// Name of the cell.
+    pub cell: String,
+    /// Name of the holder.
+    pub holder: String,
+    /// Its token.
+    pub token: Fence,
+    /// Time from a renewal to its end.
+    pub ttl: Duration,
+    /// End, unless it is renewed.
+    pub expires_at: Instant,
+}
+
+/// Reason why a lease is not given, or no longer holds.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LeaseError {
+    /// Somebody else has it.
+    #[error("cell {cell} is leased to {holder} for another {} ms; wait, or ask them to give it back", remaining.as_millis())]
+    Held {
+        /// Name of the cell.
+        cell: String,
+        /// Name of the holder.
+        holder: String,
+        /// Time to its end, unless renewed.
+        remaining: Duration,
+    },
+    /// It ran out.
+    #[error("the lease of cell {cell} with token {} ran out; take a new one", token.0)]
+    Expired {
+        /// Name of the cell.
+        cell: String,
+        /// Token that was shown.
+        token: Fence,
+    },
+    /// A token of another lease.
+    #[error("token {} is not that of the lease of cell {cell}; take the lease first", token.0)]
+    Stranger {
+        /// Name of the cell.
+        cell: String,
+        /// Token that was shown.
+        token: Fence,
+    },
+    /// No such time.
+    #[error("a lease lasts {} to {} ms, not {} ms", MIN_TTL.as_millis(), MAX_TTL.as_millis(), .0.as_millis())]
+    Ttl(Duration),
+}
+
+/// Leases of all cells; cheap to clone, and the same for all clones.
+#[derive(Clone, Debug, Default)]
+pub struct Leases(Arc<Mutex<Book>>);
+
+#[derive(Debug, Default)]
+struct Book {
+    last: u64,
+    of_cell: BTreeMap<String, Lease>,
+}
+
+impl Leases {
+    /// Leases whose tokens are all above `last`, the highest that was ever given.
+    #[must_use]
+    pub fn after(last: Fence) -> Self {
+        Self(Arc::new(Mutex::new(Book { last: last.0, of_cell: BTreeMap::new() })))
+    }
+
+    /// Gives the lease of a cell.
+    ///
+    /// # Errors
+    /// [`LeaseError::Held`] by anybody, the same holder too, until it ran out or was given back; [`LeaseError::Ttl`].
+    pub fn acquire(&self, cell: &str, holder: &str, ttl: Duration) -> Result<Lease, LeaseError> {
+        if !(MIN_TTL..=MAX_TTL).contains(&ttl) {
+            return Err(LeaseError::Ttl(ttl));
+        }
+        let (mut book, now) = (self.book(), Instant::now());
+        if let Some(held) = book.of_cell.get(cell).filter(|held| now < held.expires_at) {
+            let (cell, holder, remaining) = (held.cell.clone(), held.holder.clone(), held.expires_at - now);
+            return Err(LeaseError::Held { cell, holder, remaining });
+        }
+        book.last += 1;
+        let (token, expires_at) = (Fence(book.last), now + ttl);
+        let lease = Lease { cell: cell.to_owned(), holder: holder.to_owned(), token, ttl, expires_at };
+        book.of_cell.insert(cell.to_owned(), lease.clone());
+        Ok(lease)
+    }
+
+    /// Puts the end of a lease off by its time, from now.
+    ///
+    /// # Errors
+    /// A lease that is not this token's any more, or has run out: it is not brought back to life.
+    pub fn renew(&self, cell: &str, token: Fence) -> Result<Lease, LeaseError> {
+        let (mut book, now) = (self.book(), Instant::now());
+        let lease = book.valid(cell, token, now)?;
+        lease.expires_at = now + lease.ttl;
+        Ok(lease.clone())
+    }
+
+    /// Gives a lease back.
+    ///
+    /// # Errors
+    /// A lease that is not this token's any more.
+    pub fn release(&self, cell: &str, token: Fence) -> Result<(), LeaseError> {
+        let mut book = self.book();
+        book.valid(cell, token, Instant::now())?;
+        book.of_cell.remove(cell);
+        Ok(())
+    }
+
+    /// Refuses a token that does not hold the lease of the cell now.
+    ///
+    /// # Errors
+    /// [`LeaseError::Expired`] and [`LeaseError::Stranger`].
+    pub fn check(&self, cell: &str, token: Fence) -> Result<(), LeaseError> {
+        self.book().valid(cell, token, Instant::now()).map(|_| ())
+    }
+
+    /// The lease of a cell that holds now.
+    #[must_use]
+    pub fn current(&self, cell: &str) -> Option<Lease> {
+        self.book().of_cell.get(cell).filter(|lease| Instant::now() < lease.expires_at).cloned()
+    }
+
+    fn book(&self) -> MutexGuard<'_, Book> {
+        // Every change is one assignment: what a panic leaves is whole.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Book {
+    fn valid(&mut self, cell: &str, token: Fence, now: Instant) -> Result<&mut Lease, LeaseError> {
+        let stranger = || LeaseError::Stranger { cell: cell.to_owned(), token };
+        let lease = self.of_cell.get_mut(cell).filter(|lease| lease.token == token).ok_or_else(stranger)?;
+        if now < lease.expires_at { Ok(lease) } else { Err(LeaseError::Expired { cell: cell.to_owned(), token }) }
+    }
+}
+
+#[cfg(test)]
+mod tests;

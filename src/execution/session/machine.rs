@@ -1,0 +1,323 @@
+//! Arm and table as one machine of seven axes, whether they have a controller each or share one. What can only be read
+//! ([`Watch`]) and what can be moved ([`Drive`]) are two traits: a dry run is written for the first alone.
+
+use std::time::Duration;
+
+use tokio::time::timeout;
+
+use super::state::Device;
+use super::streamer::Jitter;
+use crate::cell::Configuration;
+use crate::execution::device::{
+    ArmState, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Observed, StopAcknowledged, TableState,
+    Target,
+};
+
+/// States of both, read at once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MachineState {
+    /// The arm's.
+    pub arm: ArmState,
+    /// The table's.
+    pub table: TableState,
+}
+
+impl MachineState {
+    /// Measured configuration.
+    #[must_use]
+    pub fn configuration(&self) -> Configuration {
+        Configuration { joints_rad: self.arm.positions_rad, table_rad: self.table.positions_rad[0] }
+    }
+
+    /// Conditions, each with its device.
+    #[must_use]
+    pub fn conditions(&self) -> [(Device, Condition); 2] {
+        [(Device::Arm, self.arm.condition), (Device::Table, self.table.condition)]
+    }
+
+    /// Parts of a state of seven axes.
+    #[must_use]
+    pub fn of_seven(state: &DeviceState<7>) -> Self {
+        let [j1, j2, j3, j4, j5, j6, table] = state.positions_rad;
+        let (at, condition) = (state.at, state.condition);
+        Self {
+            arm: ArmState { at, positions_rad: [j1, j2, j3, j4, j5, j6], condition },
+            table: TableState { at, positions_rad: [table], condition },
+        }
+    }
+}
+
+/// Error of one of the devices.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{device}: {error}")]
+pub struct MachineError {
+    /// Device.
+    pub device: Device,
+    /// Its error.
+    pub error: DeviceError,
+}
+
+/// Identities of both.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Identities {
+    /// The arm's.
+    pub arm: Identity,
+    /// The table's; equal to the arm's where one controller has both.
+    pub table: Identity,
+}
+
+/// Answers of both to a stop.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StopAnswers {
+    /// The arm's.
+    pub arm: Result<StopAcknowledged, DeviceError>,
+    /// The table's.
+    pub table: Result<StopAcknowledged, DeviceError>,
+}
+
+/// Answers of both to being read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateAnswers {
+    /// The arm's.
+    pub arm: Result<ArmState, DeviceError>,
+    /// The table's.
+    pub table: Result<TableState, DeviceError>,
+}
+
+/// A machine that can be read.
+pub trait Watch: Send {
+    /// Connects to both.
+    fn connect(&mut self) -> impl Future<Output = Result<Identities, MachineError>> + Send;
+
+    /// Reads fresh states of both, each within that time and for itself.
+    fn states(&mut self, within: Duration) -> impl Future<Output = StateAnswers> + Send;
+
+    /// Reads fresh states of both, each within that time.
+    fn state(&mut self, within: Duration) -> impl Future<Output = Result<MachineState, MachineError>> + Send {
+        async move {
+            let StateAnswers { arm, table } = self.states(within).await;
+            both(arm, table).map(|(arm, table)| MachineState { arm, table })
+        }
+    }
+}
+
+/// A machine that can be moved.
+pub trait Drive: Watch {
+    /// Takes the right to move both.
+    fn arm(&mut self, watchdog: Duration) -> impl Future<Output = Result<(), MachineError>> + Send;
+
+    /// Starts those that the target moves.
+    fn start(&mut self, target: &Target<7>) -> impl Future<Output = Result<(), MachineError>> + Send;
+
+    /// Feeds the watchdogs.
+    fn keep_alive(&mut self) -> impl Future<Output = Result<(), MachineError>> + Send;
+
+    /// Asks both to stop, each within that time.
+    fn stop(&mut self, within: Duration) -> impl Future<Output = StopAnswers> + Send;
+
+    /// Gives the right to move back.
+    fn release(&mut self) -> impl Future<Output = Result<(), MachineError>> + Send;
+
+    /// Words of a fault.
+    fn fault_text(&self, device: Device, fault: FaultCode) -> Option<&'static str>;
+
+    /// Jitter of what is streamed, the arm's first.
+    fn jitter(&self) -> Option<Jitter>;
+}
+
+/// An arm and a table with a controller each.
+#[derive(Debug)]
+pub struct Pair<A, T> {
+    /// The arm.
+    pub arm: A,
+    /// The table.
+    pub table: T,
+}
+
+/// An arm whose controller turns the table as well.
+#[derive(Debug)]
+pub struct Joined<D>(pub D);
+
+impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for Pair<A, T> {
+    async fn connect(&mut self) -> Result<Identities, MachineError> {
+        let (arm, table) = tokio::join!(self.arm.connect(), self.table.connect());
+        both(arm, table).map(|(arm, table)| Identities { arm, table })
+    }
+
+    async fn states(&mut self, within: Duration) -> StateAnswers {
+        let (arm, table) = tokio::join!(in_time(within, self.arm.state()), in_time(within, self.table.state()));
+        StateAnswers { arm, table }
+    }
+}
+
+impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), MachineError> {
+        let (arm, table) = tokio::join!(self.arm.arm(watchdog), self.table.arm(watchdog));
+        both(arm, table).map(|_| ())
+    }
+
+    async fn start(&mut self, target: &Target<7>) -> Result<(), MachineError> {
+        let (arm, table) = halves(target);
+        let start_arm = async { if is_motion(&arm) { self.arm.start(&arm).await } else { Ok(()) } };
+        let start_table = async { if is_motion(&table) { self.table.start(&table).await } else { Ok(()) } };
+        let (arm, table) = tokio::join!(start_arm, start_table);
+        both(arm, table).map(|_| ())
+    }
+
+    async fn keep_alive(&mut self) -> Result<(), MachineError> {
+        let (arm, table) = tokio::join!(self.arm.keep_alive(), self.table.keep_alive());
+        both(arm, table).map(|_| ())
+    }
+
+    async fn stop(&mut self, within: Duration) -> StopAnswers {
+        let (arm, table) = tokio::join!(in_time(within, self.arm.stop()), in_time(within, self.table.stop()));
+        StopAnswers { arm, table }
+    }
+
+    async fn release(&mut self) -> Result<(), MachineError> {
+        let (arm, table) = tokio::join!(self.arm.release(), self.table.release());
+        both(arm, table).map(|_| ())
+    }
+
+    fn fault_text(&self, device: Device, fault: FaultCode) -> Option<&'static str> {
+        match device {
+            Device::Arm => self.arm.fault_text(fault),
+            Device::Table => self.table.fault_text(fault),
+            Device::Trigger => None,
+        }
+    }
+
+    fn jitter(&self) -> Option<Jitter> {
+        self.arm.jitter().or_else(|| self.table.jitter())
+    }
+}
+
+impl<D: MotionDevice<7>> Watch for Joined<D> {
+    async fn connect(&mut self) -> Result<Identities, MachineError> {
+        let identity = self.0.connect().await.map_err(of_arm)?;
+        Ok(Identities { arm: identity.clone(), table: identity })
+    }
+
+    async fn states(&mut self, within: Duration) -> StateAnswers {
+        let state = in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state));
+        StateAnswers { arm: state.clone().map(|state| state.arm), table: state.map(|state| state.table) }
+    }
+}
+
+impl<D: MotionDevice<7>> Drive for Joined<D> {
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), MachineError> {
+        self.0.arm(watchdog).await.map_err(of_arm)
+    }
+
+    async fn start(&mut self, target: &Target<7>) -> Result<(), MachineError> {
+        self.0.start(target).await.map_err(of_arm)
+    }
+
+    async fn keep_alive(&mut self) -> Result<(), MachineError> {
+        self.0.keep_alive().await.map_err(of_arm)
+    }
+
+    async fn stop(&mut self, within: Duration) -> StopAnswers {
+        let answer = in_time(within, self.0.stop()).await;
+        StopAnswers { arm: answer.clone(), table: answer }
+    }
+
+    async fn release(&mut self) -> Result<(), MachineError> {
+        self.0.release().await.map_err(of_arm)
+    }
+
+    fn fault_text(&self, _device: Device, fault: FaultCode) -> Option<&'static str> {
+        self.0.fault_text(fault)
+    }
+
+    fn jitter(&self) -> Option<Jitter> {
+        self.0.jitter()
+    }
+}
+
+/// An arm and a table that can only be read.
+#[derive(Debug)]
+pub struct ObservedPair<A, T> {
+    arm: Observed<A>,
+    table: Observed<T>,
+}
+
+impl<A, T> ObservedPair<A, T> {
+    /// Takes the way to move from both.
+    pub const fn new(arm: A, table: T) -> Self {
+        Self { arm: Observed::new(arm), table: Observed::new(table) }
+    }
+}
+
+/// An arm with the table on its controller that can only be read.
+#[derive(Debug)]
+pub struct ObservedJoined<D>(Observed<D>);
+
+impl<D> ObservedJoined<D> {
+    /// Takes the way to move from it.
+    pub const fn new(device: D) -> Self {
+        Self(Observed::new(device))
+    }
+}
+
+impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for ObservedPair<A, T> {
+    async fn connect(&mut self) -> Result<Identities, MachineError> {
+        let (arm, table) = tokio::join!(self.arm.connect(), self.table.connect());
+        both(arm, table).map(|(arm, table)| Identities { arm, table })
+    }
+
+    async fn states(&mut self, within: Duration) -> StateAnswers {
+        let (arm, table) = tokio::join!(in_time(within, self.arm.state()), in_time(within, self.table.state()));
+        StateAnswers { arm, table }
+    }
+}
+
+impl<D: MotionDevice<7>> Watch for ObservedJoined<D> {
+    async fn connect(&mut self) -> Result<Identities, MachineError> {
+        let identity = self.0.connect().await.map_err(of_arm)?;
+        Ok(Identities { arm: identity.clone(), table: identity })
+    }
+
+    async fn states(&mut self, within: Duration) -> StateAnswers {
+        let state = in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state));
+        StateAnswers { arm: state.clone().map(|state| state.arm), table: state.map(|state| state.table) }
+    }
+}
+
+/// The answer, or [`DeviceError::Silent`] where it takes longer.
+pub(super) async fn in_time<T>(within: Duration, answer: impl Future<Output = Result<T, DeviceError>>) -> Result<T, DeviceError> {
+    timeout(within, answer).await.unwrap_or(Err(DeviceError::Silent { waited: within }))
+}
+
+fn of_arm(error: DeviceError) -> MachineError {
+    MachineError { device: Device::Arm, error }
+}
+
+fn both<A, T>(arm: Result<A, DeviceError>, table: Result<T, DeviceError>) -> Result<(A, T), MachineError> {
+    let of_table = |error| MachineError { device: Device::Table, error };
+    Ok((arm.map_err(of_arm)?, table.map_err(of_table)?))
+}
+
+fn halves(target: &Target<7>) -> (Target<6>, Target<1>) {
+    let six = |[j1, j2, j3, j4, j5, j6, _]: [f64; 7]| [j1, j2, j3, j4, j5, j6];
+    let (sequence, duration) = (target.sequence, target.duration);
+    let arm = Target {
+        sequence,
+        positions_rad: six(target.positions_rad),
+        max_speed_rad_s: six(target.max_speed_rad_s),
+        max_acceleration_rad_s2: six(target.max_acceleration_rad_s2),
+        duration,
+    };
+    let table = Target {
+        sequence,
+        positions_rad: [target.positions_rad[6]],
+        max_speed_rad_s: [target.max_speed_rad_s[6]],
+        max_acceleration_rad_s2: [target.max_acceleration_rad_s2[6]],
+        duration,
+    };
+    (arm, table)
+}
+
+fn is_motion<const N: usize>(target: &Target<N>) -> bool {
+    target.max_speed_rad_s.iter().any(|speed| *speed > 0.0)
+}

@@ -1,0 +1,184 @@
+//! What goes on all the time while a run is connected: states are read and held against the conditions of motion, watchdogs are
+//! fed, lease, heartbeat and audit are looked at, and live events go out.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::gate::{Safeguards, unfit};
+use super::handle::{Control, Halt};
+use super::live::{Live, Measurement};
+use super::machine::{Drive, MachineError, MachineState, Watch};
+use super::state::{Device, RunEvent, RunStatus, StopCause};
+use super::way::off_segment;
+use crate::cell::{Cell, Configuration};
+use crate::execution::audit::AuditLog;
+use crate::execution::device::{DeviceError, FaultCode};
+
+/// Time between two states.
+const POLL: Duration = Duration::from_millis(20);
+/// Shortest time between two states where the twin's time runs quickly.
+const MIN_POLL: Duration = Duration::from_millis(1);
+/// Time between two events of live state.
+const TELL: Duration = Duration::from_millis(50);
+
+/// Watches a machine.
+pub(super) struct Watcher<M> {
+    pub(super) machine: M,
+    pub(super) control: Control,
+    pub(super) live: Arc<Live>,
+    pub(super) cell: Arc<Cell>,
+    pub(super) safeguards: Safeguards,
+    pub(super) audit: Option<Arc<AuditLog>>,
+    pub(super) poll: Duration,
+    /// Segment that is under way.
+    pub(super) segment: Option<(Configuration, Configuration)>,
+    pub(super) last: Option<MachineState>,
+    fed: Instant,
+    told: Option<Instant>,
+}
+
+impl<M: Watch> Watcher<M> {
+    pub(super) fn new(
+        machine: M,
+        control: Control,
+        live: Arc<Live>,
+        cell: Arc<Cell>,
+        safeguards: Safeguards,
+        audit: Option<Arc<AuditLog>>,
+        time_factor: f64,
+    ) -> Self {
+        // Watchdogs are fed after a state, and four times in their time.
+        let poll = POLL.min(safeguards.watchdog / 4).div_f64(time_factor).max(MIN_POLL);
+        let (segment, last, fed, told) = (None, None, Instant::now(), None);
+        Self { machine, control, live, cell, safeguards, audit, poll, segment, last, fed, told }
+    }
+
+    /// Reads a state and publishes it.
+    pub(super) async fn read(&mut self) -> Result<MachineState, Halt> {
+        let within = self.safeguards.state_max_age;
+        let state = self.control.guard(self.machine.state(within)).await?.map_err(|error| of_machine(error, within))?;
+        if state.configuration().axes_rad().iter().any(|angle| !angle.is_finite()) {
+            let is_arm = state.arm.positions_rad.iter().any(|angle| !angle.is_finite());
+            let device = if is_arm { Device::Arm } else { Device::Table };
+            let error = DeviceError::Malformed { what: "a position that is no number".into() };
+            return Err(Halt::stop(StopCause::Device { device, error }));
+        }
+        self.last = Some(state);
+        self.tell(&state);
+        Ok(state)
+    }
+
+    /// Takes the status further, and notes it among the bytes.
+    pub(super) fn happen(&self, event: RunEvent) {
+        if self.live.happen(event)
+            && let Some(audit) = &self.audit
+        {
+            let RunStatus { state, reason } = self.live.status();
+            audit.mark(&format!("{}: {reason}", state.as_str()));
+        }
+    }
+
+    /// Waits, and hears commands meanwhile.
+    pub(super) async fn rest(&mut self, duration: Duration) -> Result<(), Halt> {
+        self.control.guard(sleep(duration)).await
+    }
+
+    fn tell(&mut self, state: &MachineState) {
+        if self.told.is_some_and(|told| told.elapsed() < TELL) {
+            return;
+        }
+        self.told = Some(Instant::now());
+        let here = state.configuration();
+        let off_path_rad = self.segment.map(|(from, to)| off_segment(&from, &to, &here).1);
+        let base_from_scanner = Some(self.cell.base_from_scanner(&here.joints_rad));
+        self.live.measured(Measurement { measured: Some(here), base_from_scanner, off_path_rad });
+    }
+}
+
+impl<M: Drive> Watcher<M> {
+    /// Reads a state and holds it, and all else that motion needs, against the conditions.
+    pub(super) async fn tick(&mut self) -> Result<MachineState, Halt> {
+        let state = self.read().await?;
+        let cause = self.objection(&state);
+        if let Some(cause) = cause {
+            return Err(Halt::stop(self.with_words(cause)));
+        }
+        self.feed().await?;
+        Ok(state)
+    }
+
+    /// The work's output, while all else goes on. A state that is being read when the work ends is read to its end: a request
+    /// whose answer nobody waits for would have to be sorted out by the driver.
+    pub(super) async fn during<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Halt> {
+        tokio::pin!(work);
+        let mut done = None;
+        loop {
+            {
+                let tick = self.tick();
+                tokio::pin!(tick);
+                loop {
+                    tokio::select! {
+                        biased;
+                        output = &mut work, if done.is_none() => done = Some(output),
+                        ticked = &mut tick => break ticked?,
+                    }
+                }
+            }
+            if let Some(output) = done {
+                return Ok(output);
+            }
+            tokio::select! {
+                biased;
+                output = &mut work => return Ok(output),
+                rested = self.rest(self.poll) => rested?,
+            }
+        }
+    }
+
+    fn objection(&self, state: &MachineState) -> Option<StopCause> {
+        let run = self.live.status().state;
+        let lost = || if run.is_armed() { self.control.lost_client(self.safeguards.heartbeat_timeout) } else { None };
+        unfit(state, run, Instant::now(), self.safeguards.state_max_age)
+            .or_else(lost)
+            .or_else(|| self.audit.as_ref().and_then(|audit| audit.failure()).map(StopCause::Audit))
+            .or_else(|| self.off_path(state))
+    }
+
+    fn off_path(&self, state: &MachineState) -> Option<StopCause> {
+        let (from, to) = self.segment?;
+        let (axis, off_rad) = off_segment(&from, &to, &state.configuration());
+        let (off_deg, allowed_deg) = (off_rad.to_degrees(), self.safeguards.path_tolerance_rad.to_degrees());
+        (off_deg > allowed_deg).then_some(StopCause::OffPath { axis, off_deg, allowed_deg })
+    }
+
+    fn with_words(&self, cause: StopCause) -> StopCause {
+        if let StopCause::Fault { device, code, .. } = cause {
+            let text = self.machine.fault_text(device, FaultCode(code));
+            return StopCause::Fault { device, code, text };
+        }
+        cause
+    }
+
+    async fn feed(&mut self) -> Result<(), Halt> {
+        let is_due = self.fed.elapsed() * 4 >= self.safeguards.watchdog;
+        if !(is_due && self.live.status().state.is_armed()) {
+            return Ok(());
+        }
+        self.fed = Instant::now();
+        let within = self.safeguards.state_max_age;
+        let fed = self.control.guard(tokio::time::timeout(within, self.machine.keep_alive())).await?;
+        let silent = |_| Err(MachineError { device: Device::Arm, error: DeviceError::Silent { waited: within } });
+        fed.unwrap_or_else(silent).map_err(|error| of_machine(error, within))
+    }
+}
+
+/// A machine's error as the end of a run; silence longer than a state may be old is a stale state.
+pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: Duration) -> Halt {
+    Halt::stop(match error {
+        DeviceError::Silent { waited } if waited <= max_age => StopCause::Stale { device, age: waited },
+        DeviceError::Stale { age } => StopCause::Stale { device, age },
+        error => StopCause::Device { device, error },
+    })
+}
