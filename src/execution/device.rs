@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
+use super::session::streamer::Jitter;
+
 /// What a controller says of itself, read at connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
@@ -127,6 +129,11 @@ pub trait MotionDevice<const N: usize>: Send {
 
     /// Gives the right to move back, where it was taken, and closes. Sends nothing that moves.
     fn release(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
+
+    /// Jitter of its set points so far, where it streams them.
+    fn jitter(&self) -> Option<Jitter> {
+        None
+    }
 
     /// Words of a fault that this device reports, where they are known.
     fn fault_text(&self, fault: FaultCode) -> Option<&'static str> {

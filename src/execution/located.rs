@@ -1,9 +1,42 @@
 //! A part that a locating scan found elsewhere than planned: the program for it, with every view at its place on the part, or in
 //! words how to put the part right.
+//!
+//! Within bounds, each view's station is derived anew: the table takes the turn about its own axis where its limits let it, the
+//! arm the rest, in the posture and the winding of before. Ways keep their points, moved along with their ends where that is free,
+//! or unmoved. What comes out has passed the linter with the part where it lies, and the reference engine says what it measures.
 
-use crate::cell::CollisionScene;
-use crate::geometry::{Part, Pose, Table};
-use crate::program::Program;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::Vector3;
+
+use crate::cell::{Cell, CollisionScene, Configuration};
+use crate::geometry::{Mesh, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::planning::PlanInput;
+use crate::planning::certificate::recheck::{self, TakenView};
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::PlanParams;
+use crate::program::{Expected, Finding, Move, Program, Step, check, interlock, scan_configurations, scan_poses};
+
+/// Largest turn of a joint from the planned station to that of the part as it lies; beyond it the arm would stand differently.
+const MAX_TURN_RAD: f64 = std::f64::consts::FRAC_PI_4;
+/// Largest difference of coverage, share of the asked area.
+const MAX_COVERAGE_LOSS: f64 = 0.005;
+
+/// Bounds of what is corrected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocateBounds {
+    /// Largest angle, degrees.
+    pub max_deg: f64,
+    /// Largest distance of the part's middle, mm.
+    pub max_mm: f64,
+}
+
+impl Default for LocateBounds {
+    fn default() -> Self {
+        Self { max_deg: 5.0, max_mm: 15.0 }
+    }
+}
 
 /// A program for the part where it lies.
 #[derive(Clone, Debug)]
@@ -12,15 +45,60 @@ pub struct Relocated {
     pub program: Program,
     /// The cell with the part where it lies.
     pub scene: CollisionScene,
+    /// Shares of the asked area that the planned and the re-derived scans measure, where parameters were given.
+    pub coverage: Option<[f64; 2]>,
 }
 
 /// Reason why a program does not fit the part where it lies.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Misplaced {
     /// Further off than is corrected.
-    #[error("the part lies {mm:.1} mm and {deg:.1}° off; {how}")]
+    #[error("the part lies {mm:.1} mm and {deg:.1}° off, more than the {max_mm} mm and {max_deg}° that are corrected; {how}")]
     TooFar {
-        /// Distance.
+        /// Distance of its middle.
+        mm: f64,
+        /// Angle, degrees.
+        deg: f64,
+        /// Distance allowed.
+        max_mm: f64,
+        /// Angle allowed, degrees.
+        max_deg: f64,
+        /// Words for how to put it right.
+        how: String,
+    },
+    /// Out of reach.
+    #[error("viewpoint {view} is out of the arm's reach with the part {mm:.1} mm and {deg:.1}° off; {how}")]
+    Unreachable {
+        /// Number of the view.
+        view: u32,
+        /// Distance of its middle.
+        mm: f64,
+        /// Angle, degrees.
+        deg: f64,
+        /// Words for how to put it right.
+        how: String,
+    },
+    /// Not free, or not sound.
+    #[error("with the part {mm:.1} mm and {deg:.1}° off the program is not sound ({finding}); {how}")]
+    Unsound {
+        /// First finding of the linter.
+        finding: String,
+        /// Distance of its middle.
+        mm: f64,
+        /// Angle, degrees.
+        deg: f64,
+        /// Words for how to put it right.
+        how: String,
+    },
+    /// Less to be seen.
+    #[error("with the part {mm:.1} mm and {deg:.1}° off the scans measure {:.2} % of the asked area instead of {:.2} %; {how}",
+        100.0 * measured, 100.0 * planned)]
+    Coverage {
+        /// Share measured.
+        measured: f64,
+        /// Share planned.
+        planned: f64,
+        /// Distance of its middle.
         mm: f64,
         /// Angle, degrees.
         deg: f64,
@@ -31,9 +109,271 @@ pub enum Misplaced {
 
 /// Derives the program for a part from the pose that it was found in.
 pub trait Relocate: Send + Sync {
-    /// The program for the part at `table_from_part`.
+    /// The program for the part at `table_from_part`. Takes as long as the linter and an evaluation of coverage.
     ///
     /// # Errors
     /// [`Misplaced`].
     fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced>;
 }
+
+/// What a part is located with.
+#[derive(Clone, Debug)]
+pub struct Locating {
+    /// The cell.
+    pub cell: Arc<Cell>,
+    /// The part.
+    pub part: Arc<Mesh>,
+    /// What holds it, in part coordinates.
+    pub fixture: Option<Arc<Mesh>>,
+    /// Requirements of the plan on the program, with the part where it was planned.
+    pub planned: Expected,
+    /// Clearance of the plan.
+    pub clearance_mm: f64,
+    /// Bounds.
+    pub bounds: LocateBounds,
+    /// Parameters of the plan with the hash of the part, for coverage; `None` leaves it out.
+    pub coverage: Option<(PlanParams, String)>,
+}
+
+/// Distance of the part from where it was planned.
+struct Off {
+    mm: f64,
+    deg: f64,
+    how: String,
+}
+
+impl Relocate for Locating {
+    fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced> {
+        let off = self.off(table_from_part);
+        let LocateBounds { max_deg, max_mm } = self.bounds;
+        // A pose that is no number is not within.
+        if !(off.mm <= max_mm && off.deg <= max_deg) {
+            return Err(Misplaced::TooFar { mm: off.mm, deg: off.deg, max_mm, max_deg, how: off.how });
+        }
+        let stations = self.stations(program, table_from_part).map_err(|view| {
+            let Off { mm, deg, how } = self.off(table_from_part);
+            Misplaced::Unreachable { view, mm, deg, how }
+        })?;
+        let fixture = self.fixture.as_deref();
+        let scene = CollisionScene::new(&self.cell, &self.part, fixture, table_from_part, self.clearance_mm);
+        let program = self.sound(program, &stations, &scene, table_from_part).map_err(|finding| Misplaced::Unsound {
+            finding,
+            mm: off.mm,
+            deg: off.deg,
+            how: off.how.clone(),
+        })?;
+        let coverage = self.coverage_of(&program, table_from_part, off)?;
+        Ok(Relocated { program, scene, coverage })
+    }
+}
+
+impl Locating {
+    fn off(&self, located: &Pose<Table, Part>) -> Off {
+        let (planned, aabb) = (&self.planned.table_from_part, self.part.aabb());
+        let middle = nalgebra::center(&aabb.min, &aabb.max);
+        let moved = located.point(&middle) - planned.point(&middle);
+        let turned = located.isometry().rotation * planned.isometry().rotation.inverse();
+        let about_z = yaw(located, planned).to_degrees();
+        let tilt = turned.transform_vector(&Vector3::z()).angle(&Vector3::z()).to_degrees();
+        let side =
+            |value: f64, axis: &str| format!("{:.1} mm towards {}{axis}", value.abs(), if value > 0.0 { "−" } else { "+" });
+        let sense = if about_z > 0.0 { "clockwise" } else { "counter-clockwise" };
+        let mut how = format!(
+            "move it {} and {} of the plate, and turn it {:.1}° {sense} seen from above",
+            side(moved.x, "x"),
+            side(moved.y, "y"),
+            about_z.abs()
+        );
+        if moved.z.abs() > 1.0 || tilt > 0.5 {
+            how += &format!(
+                "; it lies {:.1} mm {} and tilted by {tilt:.1}°: see that it rests as planned",
+                moved.z.abs(),
+                if moved.z > 0.0 { "too high" } else { "too low" }
+            );
+        }
+        Off { mm: moved.norm(), deg: turned.angle().to_degrees(), how }
+    }
+
+    /// Station of each scan, or the view that has none.
+    fn stations(&self, program: &Program, located: &Pose<Table, Part>) -> Result<Vec<Configuration>, u32> {
+        let poses = scan_poses(program, &self.cell, &self.planned.table_from_part);
+        let views = program.steps.iter().filter_map(|step| match step {
+            Step::Scan { view, .. } => Some(*view),
+            Step::Move(_) | Step::Settle { .. } => None,
+        });
+        let turn_rad = yaw(located, &self.planned.table_from_part);
+        let scans = scan_configurations(program).into_iter().zip(poses).zip(views);
+        let station = |((planned, part_from_scanner), view): ((Configuration, Pose<Part, ScannerFrame>), _)| {
+            let plate_from_scanner = plate_from_placed(located) * part_from_scanner;
+            let angles = [planned.table_rad - turn_rad, planned.table_rad];
+            let mut stations = angles.into_iter().filter_map(|table_rad| self.station(&planned, table_rad, &plate_from_scanner));
+            stations.next().ok_or(view)
+        };
+        scans.map(station).collect::<Result<_, _>>().map_err(|view: crate::planning::plan::ViewId| view.0)
+    }
+
+    /// The station nearest to the planned one at a table angle.
+    fn station(
+        &self,
+        planned: &Configuration,
+        table_rad: f64,
+        plate_from_scanner: &Pose<Plate, ScannerFrame>,
+    ) -> Option<Configuration> {
+        let base_from_scanner = self.cell.base_from_plate(table_rad) * *plate_from_scanner;
+        let base_from_flange = base_from_scanner * self.cell.flange_from_scanner.inverse();
+        let wound = |joints: [f64; 6]| {
+            let joints_rad = std::array::from_fn(|joint| {
+                let turns = ((planned.joints_rad[joint] - joints[joint]) / std::f64::consts::TAU).round();
+                joints[joint] + std::f64::consts::TAU * turns
+            });
+            Configuration { joints_rad, table_rad }
+        };
+        let solutions = self.cell.robot.kinematics.ik_solutions(&base_from_flange).into_iter().map(wound);
+        let axes = self.cell.axes();
+        let turn = |station: &Configuration| {
+            let joints = planned.joints_rad.iter().zip(station.joints_rad);
+            joints.map(|(planned, joint)| (planned - joint).abs()).fold(0.0, f64::max)
+        };
+        let fits = |station: &Configuration| axes.allow(station) && turn(station) <= MAX_TURN_RAD;
+        solutions.filter(fits).min_by(|a, b| turn(a).total_cmp(&turn(b)))
+    }
+
+    /// The first of the programs over these stations that the linter finds nothing in, or the finding in the first.
+    fn sound(
+        &self,
+        program: &Program,
+        stations: &[Configuration],
+        scene: &CollisionScene,
+        located: &Pose<Table, Part>,
+    ) -> Result<Program, String> {
+        let expected = Expected { table_from_part: *located, ..self.planned.clone() };
+        let is_interlocked = expected.table_alone || moves_alone(program);
+        let mut first = None;
+        for points in [Points::Moved, Points::Kept, Points::PlannedStations] {
+            let derived = over(program, stations, points, &self.cell);
+            let derived = if is_interlocked { interlock(&derived, &self.cell, scene) } else { Ok(derived) };
+            let found = match derived {
+                Err(together) => together.to_string(),
+                Ok(derived) => match check(&derived, &self.cell, scene, Some(&expected)).first() {
+                    None => return Ok(derived),
+                    Some(finding) => Finding::to_string(finding),
+                },
+            };
+            first.get_or_insert(found);
+        }
+        Err(first.unwrap_or_default())
+    }
+
+    fn coverage_of(&self, program: &Program, located: &Pose<Table, Part>, off: Off) -> Result<Option<[f64; 2]>, Misplaced> {
+        let Some((params, part_sha256)) = &self.coverage else { return Ok(None) };
+        let input = PlanInput {
+            mesh: &self.part,
+            fixture: self.fixture.as_deref(),
+            part_sha256,
+            scanner: &self.cell.scanner,
+            cell: Some(&self.cell),
+            roadmaps: None,
+        };
+        let flag = AtomicBool::new(false);
+        let ctx = Context::new(&flag, &Silent);
+        let stations = scan_configurations(program);
+        let Off { mm, deg, how } = off;
+        let share = |table_from_part: &Pose<Table, Part>, views: &[TakenView]| {
+            let measured = recheck::measured_in_cell(&input, params, table_from_part, views, &ctx);
+            let measured = measured.map_err(|error| Misplaced::Unsound { finding: error.to_string(), mm, deg, how: how.clone() });
+            measured.map(|measured| measured.measured_mm2 / measured.asked_mm2)
+        };
+        let planned_views: Vec<TakenView> = (self.planned.views.iter())
+            .map(|(_, part_from_scanner)| TakenView { part_from_scanner: *part_from_scanner, table_rad: None })
+            .collect();
+        let views = scan_poses(program, &self.cell, located).into_iter().zip(stations);
+        let views: Vec<TakenView> =
+            views.map(|(part_from_scanner, here)| TakenView { part_from_scanner, table_rad: Some(here.table_rad) }).collect();
+        let (planned, measured) = (share(&self.planned.table_from_part, &planned_views)?, share(located, &views)?);
+        if planned - measured > MAX_COVERAGE_LOSS {
+            return Err(Misplaced::Coverage { measured, planned, mm, deg, how });
+        }
+        Ok(Some([planned, measured]))
+    }
+}
+
+/// Treatment of the points between stations.
+#[derive(Clone, Copy)]
+enum Points {
+    /// Moved along with the ends.
+    Moved,
+    /// As planned.
+    Kept,
+    /// As planned, with the planned stations at both ends.
+    PlannedStations,
+}
+
+/// The program with other stations for its scans.
+fn over(program: &Program, stations: &[Configuration], points: Points, cell: &Cell) -> Program {
+    let (axes, mut scans) = (cell.axes(), 0);
+    let (mut planned_here, mut here) = (program.home_rad, program.home_rad);
+    let mut steps = Vec::with_capacity(program.steps.len());
+    for (index, step) in program.steps.iter().enumerate() {
+        let Step::Move(step) = step else {
+            scans += usize::from(matches!(step, Step::Scan { .. }));
+            steps.push(step.clone());
+            continue;
+        };
+        let target_rad = if scans_next(&program.steps[index + 1..]) {
+            stations.get(scans).copied().unwrap_or(step.target_rad)
+        } else {
+            step.target_rad
+        };
+        let via_rad = between(step, [&planned_here, &here, &target_rad], points);
+        let mut derived = Move { via_rad, target_rad, ..step.clone() };
+        derived.duration_secs = derived.derived_secs(&here, &axes);
+        (planned_here, here) = (step.target_rad, target_rad);
+        steps.push(Step::Move(derived));
+    }
+    Program { cycle_secs: steps.iter().map(Step::secs).sum(), steps, ..program.clone() }
+}
+
+fn scans_next(steps: &[Step]) -> bool {
+    let next = steps.iter().find(|step| !matches!(step, Step::Settle { .. }));
+    matches!(next, Some(Step::Scan { .. }))
+}
+
+fn between(step: &Move, [planned_from, from, to]: [&Configuration; 3], points: Points) -> Vec<Configuration> {
+    let (at_start, at_end) = (planned_from.travel_rad(from), step.target_rad.travel_rad(to));
+    let count = step.via_rad.len() as f64 + 1.0;
+    let moved = |(index, via): (usize, &Configuration)| {
+        let share = (index as f64 + 1.0) / count;
+        via.along(&at_start, 1.0 - share).along(&at_end, share)
+    };
+    match points {
+        Points::Moved => step.via_rad.iter().enumerate().map(moved).collect(),
+        Points::Kept => step.via_rad.clone(),
+        Points::PlannedStations => {
+            let mut all = vec![*planned_from];
+            all.extend(&step.via_rad);
+            all.push(step.target_rad);
+            all
+        }
+    }
+}
+
+/// Returns true if no segment of the program moves arm and table together.
+fn moves_alone(program: &Program) -> bool {
+    let mut here = program.home_rad;
+    program.steps.iter().all(|step| {
+        let Step::Move(step) = step else { return true };
+        let points: Vec<_> = std::iter::once(here).chain(step.via_rad.iter().copied()).chain([step.target_rad]).collect();
+        here = step.target_rad;
+        points.windows(2).all(|ends| !(ends[0].turns_table(&ends[1]) && ends[0].moves_arm(&ends[1])))
+    })
+}
+
+/// Turn about the plate's axis from where the part was planned to where it lies.
+fn yaw(located: &Pose<Table, Part>, planned: &Pose<Table, Part>) -> f64 {
+    let turned = located.isometry().rotation * planned.isometry().rotation.inverse();
+    // The twist about z (swing-twist decomposition).
+    2.0 * (turned.k / turned.w).atan()
+}
+
+#[cfg(test)]
+mod tests;

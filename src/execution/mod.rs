@@ -8,3 +8,6 @@ pub mod profile;
 pub mod record;
 pub mod session;
 pub mod twin;
+
+#[cfg(test)]
+mod rehearsal;

@@ -3,6 +3,7 @@
 
 use std::time::Duration;
 
+use super::session::streamer::Jitter;
 use super::session::{Identities, Mode, RunReason, RunState, RunStatus, StopCause};
 use crate::cell::{Cell, Configuration};
 use crate::geometry::{Part, Plate, Pose, ScannerFrame, Table, plate_from_placed};
@@ -145,6 +146,8 @@ pub struct RunRecord {
     pub last_measured: Option<Configuration>,
     /// Pose of the part that a locating scan found.
     pub located: Option<Pose<Table, Part>>,
+    /// Jitter of streamed set points.
+    pub jitter: Option<Jitter>,
 }
 
 impl RunRecord {
@@ -167,6 +170,7 @@ impl RunRecord {
             objections: Vec::new(),
             last_measured: None,
             located: None,
+            jitter: None,
         }
     }
 

@@ -120,15 +120,13 @@ impl<const N: usize> Twin<N> {
     /// Waits as long as the planted fault says, and fails where it says so.
     async fn answer(&self) -> Result<(), DeviceError> {
         let planted = lock(&self.0).planted;
-        match planted {
-            Some(Planted::Silent) => std::future::pending().await,
-            Some(Planted::Late(by)) => {
-                sleep(by).await;
-                Ok(())
-            }
-            Some(Planted::Closed) => Err(DeviceError::Closed { reason: "planted".into() }),
-            _ => Ok(()),
+        if let Some(Planted::Late(by)) = planted {
+            sleep(by).await;
         }
+        if planted == Some(Planted::Silent) {
+            std::future::pending::<()>().await;
+        }
+        if planted == Some(Planted::Closed) { Err(DeviceError::Closed { reason: "planted".into() }) } else { Ok(()) }
     }
 }
 

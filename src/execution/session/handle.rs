@@ -6,10 +6,11 @@ use std::time::Duration;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 use tokio::time::Instant;
 
+use super::cause::{PauseCause, RunReason, StopCause};
 use super::gate::is_override;
 use super::lease::{Fence, LeaseError, Leases};
 use super::live::{Live, LiveEvent};
-use super::state::{PauseCause, RunReason, RunState, RunStatus, StopCause};
+use super::state::{RunState, RunStatus};
 use crate::execution::record::RunRecord;
 use crate::geometry::{Part, Pose, Table};
 

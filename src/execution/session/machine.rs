@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
-use super::state::Device;
+use super::cause::Device;
+use super::streamer::Jitter;
 use crate::cell::Configuration;
 use crate::execution::device::{
     ArmState, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Observed, StopAcknowledged, TableState,
@@ -74,13 +75,30 @@ pub struct StopAnswers {
     pub table: Result<StopAcknowledged, DeviceError>,
 }
 
+/// Answers of both to being read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StateAnswers {
+    /// The arm's.
+    pub arm: Result<ArmState, DeviceError>,
+    /// The table's.
+    pub table: Result<TableState, DeviceError>,
+}
+
 /// A machine that can be read.
 pub trait Watch: Send {
     /// Connects to both.
     fn connect(&mut self) -> impl Future<Output = Result<Identities, MachineError>> + Send;
 
+    /// Reads fresh states of both, each within that time and for itself.
+    fn states(&mut self, within: Duration) -> impl Future<Output = StateAnswers> + Send;
+
     /// Reads fresh states of both, each within that time.
-    fn state(&mut self, within: Duration) -> impl Future<Output = Result<MachineState, MachineError>> + Send;
+    fn state(&mut self, within: Duration) -> impl Future<Output = Result<MachineState, MachineError>> + Send {
+        async move {
+            let StateAnswers { arm, table } = self.states(within).await;
+            both(arm, table).map(|(arm, table)| MachineState { arm, table })
+        }
+    }
 }
 
 /// A machine that can be moved.
@@ -102,6 +120,9 @@ pub trait Drive: Watch {
 
     /// Words of a fault.
     fn fault_text(&self, device: Device, fault: FaultCode) -> Option<&'static str>;
+
+    /// Jitter of what is streamed, the arm's first.
+    fn jitter(&self) -> Option<Jitter>;
 }
 
 /// An arm and a table with a controller each.
@@ -123,9 +144,9 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for Pair<A, T> {
         both(arm, table).map(|(arm, table)| Identities { arm, table })
     }
 
-    async fn state(&mut self, within: Duration) -> Result<MachineState, MachineError> {
+    async fn states(&mut self, within: Duration) -> StateAnswers {
         let (arm, table) = tokio::join!(in_time(within, self.arm.state()), in_time(within, self.table.state()));
-        both(arm, table).map(|(arm, table)| MachineState { arm, table })
+        StateAnswers { arm, table }
     }
 }
 
@@ -165,6 +186,10 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
             Device::Trigger => None,
         }
     }
+
+    fn jitter(&self) -> Option<Jitter> {
+        self.arm.jitter().or_else(|| self.table.jitter())
+    }
 }
 
 impl<D: MotionDevice<7>> Watch for Joined<D> {
@@ -173,8 +198,9 @@ impl<D: MotionDevice<7>> Watch for Joined<D> {
         Ok(Identities { arm: identity.clone(), table: identity })
     }
 
-    async fn state(&mut self, within: Duration) -> Result<MachineState, MachineError> {
-        in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state)).map_err(of_arm)
+    async fn states(&mut self, within: Duration) -> StateAnswers {
+        let state = in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state));
+        StateAnswers { arm: state.clone().map(|state| state.arm), table: state.map(|state| state.table) }
     }
 }
 
@@ -202,6 +228,10 @@ impl<D: MotionDevice<7>> Drive for Joined<D> {
 
     fn fault_text(&self, _device: Device, fault: FaultCode) -> Option<&'static str> {
         self.0.fault_text(fault)
+    }
+
+    fn jitter(&self) -> Option<Jitter> {
+        self.0.jitter()
     }
 }
 
@@ -236,9 +266,9 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Watch for ObservedPair<A, T> {
         both(arm, table).map(|(arm, table)| Identities { arm, table })
     }
 
-    async fn state(&mut self, within: Duration) -> Result<MachineState, MachineError> {
+    async fn states(&mut self, within: Duration) -> StateAnswers {
         let (arm, table) = tokio::join!(in_time(within, self.arm.state()), in_time(within, self.table.state()));
-        both(arm, table).map(|(arm, table)| MachineState { arm, table })
+        StateAnswers { arm, table }
     }
 }
 
@@ -248,8 +278,9 @@ impl<D: MotionDevice<7>> Watch for ObservedJoined<D> {
         Ok(Identities { arm: identity.clone(), table: identity })
     }
 
-    async fn state(&mut self, within: Duration) -> Result<MachineState, MachineError> {
-        in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state)).map_err(of_arm)
+    async fn states(&mut self, within: Duration) -> StateAnswers {
+        let state = in_time(within, self.0.state()).await.map(|state| MachineState::of_seven(&state));
+        StateAnswers { arm: state.clone().map(|state| state.arm), table: state.map(|state| state.table) }
     }
 }
 

@@ -6,6 +6,8 @@
 //! No part of this is safety-rated. A stop from here is an operational stop of the kind of IEC 60204-1 category 2; emergency stops,
 //! guards and the protection of people are the cell's own.
 
+mod cause;
+mod dry_run;
 mod gate;
 mod handle;
 mod lease;
@@ -13,20 +15,23 @@ mod live;
 mod machine;
 mod runner;
 mod state;
+mod steps;
 mod stop;
+pub mod streamer;
 mod watcher;
 mod way;
 
 use std::sync::Arc;
 
+pub use cause::{Device, PauseCause, RunReason, StopCause};
 pub use gate::{Hashes, Objection, RunJob, Safeguards, Workspace};
 pub use handle::{Authority, CommandError, RunHandle};
 pub use lease::{Fence, Lease, LeaseError, Leases, MAX_TTL, MIN_TTL};
 pub use live::LiveEvent;
 pub use machine::{
-    Drive, Identities, Joined, MachineError, MachineState, ObservedJoined, ObservedPair, Pair, StopAnswers, Watch,
+    Drive, Identities, Joined, MachineError, MachineState, ObservedJoined, ObservedPair, Pair, StateAnswers, StopAnswers, Watch,
 };
-pub use state::{Device, PauseCause, RunEvent, RunReason, RunState, RunStatus, StopCause};
+pub use state::{RunEvent, RunState, RunStatus};
 
 use super::device::Trigger;
 use super::located::Relocate;
@@ -122,7 +127,7 @@ where
 pub fn dry_run<M: Watch + 'static>(job: RunJob, machine: M, options: RunOptions) -> RunHandle {
     let live = Arc::new(live::Live::new(job.program.steps.len(), options.speed_override));
     let (handle, control) = handle::handle_and_control(&live, None, options.speed_override, false);
-    tokio::spawn(runner::read(job, machine, control, live, options));
+    tokio::spawn(dry_run::read(job, machine, control, live, options));
     handle
 }
 

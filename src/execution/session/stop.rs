@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep, timeout};
 
-use super::machine::{Drive, StopAnswers};
-use crate::cell::Configuration;
+use super::machine::{Drive, StateAnswers, StopAnswers};
 use crate::execution::device::{DeviceError, StopAcknowledged};
 use crate::execution::record::DeviceStop;
 
@@ -21,8 +20,8 @@ const POLL: Duration = Duration::from_millis(20);
 /// Largest turn between two states of an axis at rest, radians.
 const STILL_RAD: f64 = 1e-4;
 
-/// Stops arm and table; times are since `asked`.
-pub(super) async fn stop<M: Drive>(machine: &mut M, asked: Instant, state_max_age: Duration) -> [DeviceStop; 2] {
+/// Stops arm and table; times are since `asked`. Also where they were found last.
+pub(super) async fn stop<M: Drive>(machine: &mut M, asked: Instant) -> ([DeviceStop; 2], [Option<Vec<f64>>; 2]) {
     let mut stops = [DeviceStop::default(), DeviceStop::default()];
     for _ in 0..ATTEMPTS {
         let StopAnswers { arm, table } = machine.stop(ATTEMPT).await;
@@ -32,8 +31,13 @@ pub(super) async fn stop<M: Drive>(machine: &mut M, asked: Instant, state_max_ag
             break;
         }
     }
-    verify(machine, &mut stops, asked, state_max_age).await;
-    stops
+    let mut found = [None, None];
+    let is_verified = timeout(REST, verify(machine, &mut stops, &mut found, asked)).await.is_ok();
+    for stop in stops.iter_mut().filter(|stop| !is_verified && stop.at_rest.is_none()) {
+        let words = format!("not verified at rest within {} s", REST.as_secs());
+        stop.error = Some(stop.error.take().map_or_else(|| words.clone(), |error| format!("{words}: {error}")));
+    }
+    (stops, found)
 }
 
 /// Returns true if both acknowledged the stop and are at rest.
@@ -53,35 +57,28 @@ fn note(stop: &mut DeviceStop, answer: Result<StopAcknowledged, DeviceError>, as
     }
 }
 
-async fn verify<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], asked: Instant, state_max_age: Duration) {
-    let verified = async {
-        let mut former: Option<Configuration> = None;
-        while stops.iter().any(|stop| stop.at_rest.is_none()) {
-            match machine.state(state_max_age).await {
-                Ok(state) => {
-                    let (here, now) = (state.configuration(), asked.elapsed());
-                    let moving = [state.arm.condition.moving, state.table.condition.moving];
-                    let still = former.map(|former| still(&former, &here));
-                    for (device, stop) in stops.iter_mut().enumerate() {
-                        let is_at_rest = !moving[device] && still.is_some_and(|still| still[device]);
-                        stop.at_rest = stop.at_rest.or(is_at_rest.then_some(now));
-                    }
-                    former = Some(here);
+/// Reads until both were found at rest in two states in a row, each for itself.
+async fn verify<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], found: &mut [Option<Vec<f64>>; 2], asked: Instant) {
+    while stops.iter().any(|stop| stop.at_rest.is_none()) {
+        let StateAnswers { arm, table } = machine.states(ATTEMPT).await;
+        let arm = arm.map(|state| (state.condition.moving, state.positions_rad.to_vec()));
+        let table = table.map(|state| (state.condition.moving, state.positions_rad.to_vec()));
+        for ((stop, former), answer) in stops.iter_mut().zip(found.iter_mut()).zip([arm, table]) {
+            match answer {
+                Ok((is_moving, here)) => {
+                    let is_still = former.replace(here.clone()).is_some_and(|former| is_still(&former, &here));
+                    let is_at_rest = is_still && !is_moving;
+                    stop.at_rest = stop.at_rest.or_else(|| is_at_rest.then(|| asked.elapsed()));
                 }
-                Err(error) => stops[usize::from(error.device == super::Device::Table)].error = Some(error.error.to_string()),
+                Err(error) => stop.error = Some(error.to_string()),
             }
-            sleep(POLL).await;
         }
-    };
-    if timeout(REST, verified).await.is_err() {
-        for stop in stops.iter_mut().filter(|stop| stop.at_rest.is_none()) {
-            let words = format!("not verified at rest within {} s", REST.as_secs());
-            stop.error = Some(stop.error.take().map_or_else(|| words.clone(), |error| format!("{words}: {error}")));
-        }
+        // A watchdog that is not fed would make a fault of a pause.
+        let _ = timeout(ATTEMPT, machine.keep_alive()).await;
+        sleep(POLL).await;
     }
 }
 
-fn still(former: &Configuration, here: &Configuration) -> [bool; 2] {
-    let turns = former.travel_rad(here).map(|turn| turn.abs() <= STILL_RAD);
-    [turns[..6].iter().all(|still| *still), turns[6]]
+fn is_still(former: &[f64], here: &[f64]) -> bool {
+    former.iter().zip(here).all(|(former, here)| (former - here).abs() <= STILL_RAD)
 }

@@ -1,1 +1,443 @@
+use std::sync::Arc;
+use std::time::Duration;
 
+use tokio::time::{Instant, sleep};
+
+use super::{
+    Authority, CommandError, Device, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair, PauseCause,
+    RunHandle, RunOptions, RunReason, RunState, StopCause, dry_run, live, simulate, simulate_with,
+};
+use crate::cell::Configuration;
+use crate::execution::audit::tests::log_on_full_disk;
+use crate::execution::device::{Direction, FaultCode, WireLog};
+use crate::execution::record::{RunRecord, StepKind};
+use crate::execution::rehearsal::{Twins, hashes, job, job_of, planned, safeguards, twins, until};
+use crate::execution::twin::Planted;
+
+const CELL: &str = "e05-transcan";
+
+/// A live run on twins, armed.
+async fn armed(options: RunOptions) -> (RunHandle, Twins, Leases, Lease) {
+    let (machine, trigger, access) = twins();
+    let leases = Leases::after(Fence(7));
+    let lease = leases.acquire(CELL, "operator", Duration::from_secs(2)).expect("free");
+    let authority = Authority { leases: leases.clone(), cell: CELL.into() };
+    let handle = live(job(), machine, trigger, authority, options);
+    assert_eq!(until(&handle, RunState::Ready).await, RunState::Ready);
+    handle.arm(lease.token).await.expect("may");
+    (handle, access, leases, lease)
+}
+
+/// Keeps lease and heartbeat alive.
+fn attend(handle: &RunHandle, leases: &Leases, token: Fence) -> tokio::task::JoinHandle<()> {
+    let (handle, leases) = (handle.clone(), leases.clone());
+    tokio::spawn(async move {
+        while handle.heartbeat(Some(token)).is_ok() && leases.renew(CELL, token).is_ok() {
+            sleep(Duration::from_millis(100)).await;
+        }
+    })
+}
+
+fn cause(record: &RunRecord) -> &StopCause {
+    let RunReason::Ended(cause) = &record.status.reason else { panic!("no stop: {:?}", record.status) };
+    cause
+}
+
+fn assert_all_steps(record: &RunRecord) {
+    assert_eq!(record.status.state, RunState::Done, "{}", record.status.reason);
+    let steps: Vec<usize> = record.steps.iter().map(|step| step.step).collect();
+    assert_eq!(steps, (0..planned().program.steps.len()).collect::<Vec<_>>());
+    let most = record.max_deviation();
+    assert!(most.optical_axis_deg < 1.0 && most.max_axis_deg <= 0.1, "{most:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_whole_part_runs_through_the_twin_in_the_planned_time() {
+    let record = simulate(job(), RunOptions::default()).ended().await;
+    assert_all_steps(&record);
+    assert_eq!(record.scans().count(), 3);
+    assert!(record.max_deviation().position_mm < 1e-6);
+    let (planned, real) = (planned().program.cycle_secs, record.real_secs);
+    assert!((record.planned_secs - planned).abs() < 1e-9);
+    assert!((real / planned - 1.0).abs() < 0.05, "planned {planned} s, took {real} s");
+    assert_eq!(record.stop, None);
+    assert_eq!(record.mode, Mode::Simulate);
+}
+
+#[tokio::test]
+async fn the_twins_time_can_run_quicker() {
+    let began = std::time::Instant::now();
+    let record = simulate(job(), RunOptions { time_factor: 20.0, ..RunOptions::default() }).ended().await;
+    assert_all_steps(&record);
+    let planned = planned().program.cycle_secs;
+    assert!(began.elapsed().as_secs_f64() < 0.5 * planned);
+    // On a busy machine a step may be noticed late: the figure is the paused clock's to hold.
+    assert!(record.real_secs > 0.98 * planned, "planned {planned} s, took {} s", record.real_secs);
+}
+
+#[tokio::test(start_paused = true)]
+async fn events_rise_by_one_replay_and_tell_where_it_is() {
+    let handle = simulate(job(), RunOptions::default());
+    handle.ended().await;
+    let (events, _) = handle.events_after(0);
+    assert!(events.windows(2).all(|pair| pair[1].id == pair[0].id + 1));
+    let (late, _) = handle.events_after(events[events.len() - 3].id);
+    assert_eq!(late[..], events[events.len() - 2..]);
+    let last = handle.latest().expect("told");
+    assert_eq!((last.status.state, last.step), (RunState::Done, Some(planned().program.steps.len() - 1)));
+    let rate = events.len() as f64 / last.secs;
+    assert!((10.0..50.0).contains(&rate) || events.len() == 1200, "{rate} Hz");
+}
+
+#[tokio::test(start_paused = true)]
+async fn pausing_rests_on_the_way_and_resuming_goes_on_from_there() {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(700)).await;
+    assert!(access.arm.is_moving());
+    handle.pause().await.expect("runs");
+    until(&handle, RunState::Paused).await;
+    assert_eq!(handle.status().reason, RunReason::Paused(PauseCause::Client));
+    let (arm, table) = (access.arm.positions_rad(), access.table.positions_rad());
+    sleep(Duration::from_secs(20)).await;
+    assert_eq!((access.arm.positions_rad(), access.table.positions_rad()), (arm, table));
+    assert_eq!(handle.pause().await, Err(CommandError::NotNow { state: RunState::Paused, command: "pause" }));
+    assert!(matches!(handle.resume(None).await, Err(CommandError::Lease(_))), "moving needs a token");
+    handle.resume(Some(lease.token)).await.expect("paused");
+    let record = handle.ended().await;
+    assert_all_steps(&record);
+    assert_eq!(record.steps[0].attempts, 2);
+    // The pause is no part of the step's time.
+    assert!(record.steps[0].real_secs < record.steps[0].planned_secs + 2.0);
+    assert_eq!((access.arm.asked().targets_unarmed, access.table.asked().targets_unarmed), (0, 0));
+}
+
+#[tokio::test(start_paused = true)]
+async fn single_steps_wait_for_each_other() {
+    let (handle, _access, leases, lease) = armed(RunOptions { single_step: true, ..RunOptions::default() }).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Armed).await;
+    sleep(Duration::from_secs(3)).await;
+    assert_eq!(handle.status().reason, RunReason::AwaitsStart);
+    for _ in 0..2 {
+        handle.step(Some(lease.token)).await.expect("waits");
+        until(&handle, RunState::Running).await;
+        until(&handle, RunState::Paused).await;
+        assert_eq!(handle.status().reason, RunReason::Paused(PauseCause::SingleStep));
+    }
+    handle.resume(Some(lease.token)).await.expect("paused");
+    let record = handle.ended().await;
+    assert_all_steps(&record);
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_armed_run_that_nobody_moves_expires() {
+    let (handle, access, leases, lease) = armed(RunOptions { single_step: true, ..RunOptions::default() }).await;
+    attend(&handle, &leases, lease.token);
+    let record = handle.ended().await;
+    assert_eq!((record.status.state, cause(&record)), (RunState::Stopped, &StopCause::ArmExpired));
+    assert_eq!(access.arm.asked().targets, 0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_override_scales_what_follows_and_the_first_live_run_is_capped() {
+    let secs = async |value: f64, is_first_live: bool| {
+        let (handle, _access, leases, lease) = armed(RunOptions { is_first_live, ..RunOptions::default() }).await;
+        attend(&handle, &leases, lease.token);
+        handle.set_override(Some(lease.token), value).await.expect("in range");
+        let record = handle.ended().await;
+        assert_all_steps(&record);
+        (
+            record.steps.iter().filter(|step| step.kind == StepKind::Move).map(|step| step.real_secs).sum::<f64>(),
+            record.speed_override,
+        )
+    };
+    let (whole, _) = secs(1.0, false).await;
+    let (half, _) = secs(0.5, false).await;
+    let (capped, in_force) = secs(1.0, true).await;
+    assert!(half > 1.4 * whole && half < 2.1 * whole, "{whole} s and {half} s");
+    assert!(capped > 2.0 * whole && in_force == 0.25, "{whole} s and {capped} s");
+    let (handle, _access, _leases, lease) = armed(RunOptions::default()).await;
+    assert_eq!(handle.set_override(Some(lease.token), 1.5).await, Err(CommandError::Override(1.5)));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_is_sent_acknowledged_and_verified_and_nothing_moves_after_it() {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(700)).await;
+    handle.stop(StopCause::Client);
+    handle.stop(StopCause::ServerGone);
+    let record = handle.ended().await;
+    assert_eq!((record.status.state, cause(&record)), (RunState::Stopped, &StopCause::Client), "the first cause counts");
+    let report = record.stop.as_ref().expect("stopped");
+    for stop in [report.arm.as_ref().expect("armed"), report.table.as_ref().expect("armed")] {
+        let [sent, acknowledged, at_rest] = [stop.sent, stop.acknowledged, stop.at_rest].map(|time| time.expect("told"));
+        assert!(sent <= acknowledged && acknowledged < at_rest, "{stop:?}");
+        assert!(sent < Duration::from_millis(10) && at_rest < Duration::from_secs(2), "{stop:?}");
+    }
+    let asked = access.arm.asked();
+    let here = access.arm.positions_rad();
+    sleep(Duration::from_secs(5)).await;
+    assert_eq!((access.arm.positions_rad(), access.arm.asked().targets), (here, asked.targets));
+    assert_eq!(handle.resume(Some(lease.token)).await, Err(CommandError::NotNow { state: RunState::Stopped, command: "resume" }));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stopped_run_is_taken_up_by_a_new_one_that_stands_on_its_way() {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    attend(&handle, &leases, lease.token);
+    while handle.latest().and_then(|event| event.step) != Some(3) {
+        sleep(Duration::from_millis(20)).await;
+    }
+    sleep(Duration::from_millis(500)).await;
+    handle.stop(StopCause::Client);
+    let record = handle.ended().await;
+    assert_eq!(record.next_step, 3);
+    let here = record.last_measured.expect("read");
+    let begin = |here: Configuration, from_step: usize| {
+        let machine = Pair {
+            arm: crate::execution::twin::Twin::at(here.joints_rad, 1.0),
+            table: crate::execution::twin::Twin::at([here.table_rad], 1.0),
+        };
+        let options = RunOptions { from_step, ..RunOptions::default() };
+        simulate_with(job(), machine, crate::execution::twin::TwinTrigger::new(1.0), options)
+    };
+    drop(access);
+    let taken_up = begin(here, 3).ended().await;
+    assert_eq!(taken_up.status.state, RunState::Done, "{}", taken_up.status.reason);
+    assert_eq!(taken_up.steps[0].step, 3);
+    // From elsewhere it does not move at all.
+    let refused = begin(here, 6).ended().await;
+    assert_eq!(refused.status.state, RunState::Failed);
+    assert!(matches!(cause(&refused), StopCause::Objections(found) if matches!(found[..], [Objection::OffStart { .. }])));
+    assert_eq!(refused.stop.as_ref().and_then(|stop| stop.arm.clone()), None, "nothing was armed");
+    let beyond = begin(here, 99).ended().await;
+    assert!(
+        matches!(cause(&beyond), StopCause::Objections(found) if matches!(found[..], [Objection::NoSuchStep { step: 99, .. }]))
+    );
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_client_that_falls_silent_stops_the_run() {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    let attendant = attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(700)).await;
+    attendant.abort();
+    let began = Instant::now();
+    let record = handle.ended().await;
+    assert!(matches!(cause(&record), StopCause::HeartbeatLost { .. }), "{:?}", record.status);
+    assert_eq!(record.status.state, RunState::Stopped);
+    assert!(began.elapsed() < Duration::from_secs(2));
+    assert!(!access.arm.is_moving());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lease_that_is_lost_stops_the_run() {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    let beats = handle.clone();
+    // Beats, but does not renew.
+    tokio::spawn(async move {
+        while beats.heartbeat(Some(lease.token)).is_ok() {
+            sleep(Duration::from_millis(100)).await;
+        }
+    });
+    let record = handle.ended().await;
+    assert!(matches!(cause(&record), StopCause::LeaseLost(LeaseError::Expired { .. })), "{:?}", record.status);
+    assert!(!access.arm.is_moving());
+    let next = leases.acquire(CELL, "another", Duration::from_secs(2)).expect("free again");
+    assert!(next.token > lease.token);
+    assert!(handle.heartbeat(Some(lease.token)).is_err());
+}
+
+#[tokio::test(start_paused = true)]
+async fn two_writers_are_one_too_many() {
+    let (handle, _access, leases, lease) = armed(RunOptions::default()).await;
+    attend(&handle, &leases, lease.token);
+    assert!(matches!(leases.acquire(CELL, "another", Duration::from_secs(1)), Err(LeaseError::Held { .. })));
+    let stranger = Some(Fence(lease.token.0 + 1));
+    assert!(matches!(handle.set_override(stranger, 0.5).await, Err(CommandError::Lease(LeaseError::Stranger { .. }))));
+    assert!(matches!(handle.arm(lease.token).await, Err(CommandError::NotNow { .. })));
+    // A second run on the cell cannot be armed with a token that is not the lease's.
+    let (machine, trigger, access) = twins();
+    let second = live(job(), machine, trigger, Authority { leases, cell: CELL.into() }, RunOptions::default());
+    until(&second, RunState::Ready).await;
+    assert!(matches!(second.arm(Fence(3)).await, Err(CommandError::Lease(LeaseError::Stranger { .. }))));
+    assert_eq!(access.arm.asked().arms, 0);
+}
+
+#[tokio::test(start_paused = true)]
+async fn other_hashes_than_the_approved_are_refused_before_anything_is_connected() {
+    let others = [
+        ("plan", Hashes { plan: "00".repeat(32), ..hashes() }),
+        ("cell", Hashes { cell: "00".repeat(32), ..hashes() }),
+        ("compensation", Hashes { compensation: Some("00".repeat(32)), ..hashes() }),
+    ];
+    for (wanted, present) in others {
+        let record = simulate(job_of([hashes(), present]), RunOptions::default()).ended().await;
+        let StopCause::Objections(found) = cause(&record) else { panic!("{:?}", record.status) };
+        assert!(matches!(found[..], [Objection::OtherHash { what, .. }] if what == wanted), "{found:?}");
+        assert_eq!((record.status.state, record.identities.clone()), (RunState::Failed, None));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_silent_trigger_holds_the_run_and_the_view_is_taken_again() {
+    let (handle, access, leases, lease) = armed(RunOptions::default()).await;
+    attend(&handle, &leases, lease.token);
+    access.trigger.silence(true);
+    until(&handle, RunState::Paused).await;
+    assert!(matches!(handle.status().reason, RunReason::Paused(PauseCause::Trigger { step: 2, .. })), "{:?}", handle.status());
+    sleep(Duration::from_secs(60)).await;
+    assert_eq!(handle.status().state, RunState::Paused, "never skipped, never resumed by itself");
+    access.trigger.silence(false);
+    handle.resume(Some(lease.token)).await.expect("paused");
+    let record = handle.ended().await;
+    assert_all_steps(&record);
+    assert_eq!(record.steps[2].attempts, 2);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_log_that_cannot_be_kept_stops_the_run() {
+    let audit = log_on_full_disk(2000);
+    let (handle, access, leases, lease) = armed(RunOptions { audit: Some(Arc::clone(&audit)), ..RunOptions::default() }).await;
+    attend(&handle, &leases, lease.token);
+    until(&handle, RunState::Running).await;
+    for _ in 0..100 {
+        audit.record("arm", Direction::Sent, &[0; 100]);
+    }
+    while audit.failure().is_none() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let record = handle.ended().await;
+    assert!(matches!(cause(&record), StopCause::Audit(_)), "{:?}", record.status);
+    assert_eq!(record.status.state, RunState::Stopped);
+    assert!(!access.arm.is_moving());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_dry_run_reads_and_tells_what_stands_against_motion() {
+    let (machine, _, access) = twins();
+    access.table.plant(Some(Planted::GuardOpen));
+    let record = dry_run(job(), ObservedPair::new(machine.arm, machine.table), RunOptions::default()).ended().await;
+    assert_eq!((record.status.state, record.mode), (RunState::Done, Mode::DryRun), "{:?}", record.status);
+    assert_eq!(record.objections, [StopCause::GuardOpen(Device::Table)]);
+    assert!(record.identities.is_some());
+    let asked = access.arm.asked();
+    assert_eq!((asked.arms, asked.targets, asked.stops, asked.keep_alives), (0, 0, 0, 0));
+    let (machine, _, access) = twins();
+    access.arm.plant(Some(Planted::Closed));
+    let record = dry_run(job(), ObservedPair::new(machine.arm, machine.table), RunOptions::default()).ended().await;
+    assert_eq!(record.status.state, RunState::Failed);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_run_whose_handles_are_gone_stops() {
+    let (machine, trigger, access) = twins();
+    let handle = simulate_with(job(), machine, trigger, RunOptions::default());
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(700)).await;
+    assert!(access.arm.is_moving());
+    drop(handle);
+    sleep(Duration::from_secs(2)).await;
+    assert!(!access.arm.is_moving());
+    assert!(access.arm.asked().stops > 0);
+}
+
+/// Every fault that can be planted, with the end that it leads to once armed.
+fn faults() -> Vec<(Planted, RunState)> {
+    vec![
+        (Planted::EmergencyStop, RunState::Stopped),
+        (Planted::GuardOpen, RunState::Stopped),
+        (Planted::HandGuided, RunState::Stopped),
+        (Planted::Held, RunState::Stopped),
+        (Planted::PowerLost, RunState::Stopped),
+        (Planted::BrakesClosed, RunState::Stopped),
+        (Planted::Fault(FaultCode(42)), RunState::Failed),
+        (Planted::Silent, RunState::Stopped),
+        (Planted::Late(Duration::from_millis(150)), RunState::Stopped),
+        (Planted::Aged(Duration::from_millis(150)), RunState::Stopped),
+        (Planted::Closed, RunState::Stopped),
+        (Planted::Refuses, RunState::Failed),
+        (Planted::Stuck, RunState::Failed),
+        (Planted::OffWay(0.2), RunState::Failed),
+        (Planted::NotANumber, RunState::Failed),
+    ]
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_fault_in_every_state_ends_as_documented_and_nothing_moves_after() {
+    for (planted, ends) in faults() {
+        for device in [Device::Arm, Device::Table] {
+            for state in [RunState::Preparing, RunState::Ready, RunState::Armed, RunState::Running, RunState::Paused] {
+                fault_in(planted, ends, device, state).await;
+            }
+        }
+    }
+}
+
+async fn fault_in(planted: Planted, ends: RunState, device: Device, state: RunState) {
+    let name = format!("{planted:?} of the {device} while {}", state.as_str());
+    let (machine, trigger, access) = twins();
+    let plant = |planted| match device {
+        Device::Arm => access.arm.plant(planted),
+        Device::Table | Device::Trigger => access.table.plant(planted),
+    };
+    let leases = Leases::default();
+    let lease = leases.acquire(CELL, "operator", Duration::from_secs(30)).expect("free");
+    if state == RunState::Preparing {
+        plant(Some(planted));
+    }
+    let options = RunOptions { single_step: state == RunState::Armed, ..RunOptions::default() };
+    let handle = live(job(), machine, trigger, Authority { leases: leases.clone(), cell: CELL.into() }, options);
+    let attendant = attend(&handle, &leases, lease.token);
+    if until(&handle, RunState::Ready).await == RunState::Ready {
+        if state == RunState::Ready {
+            plant(Some(planted));
+        }
+        let _ = handle.arm(lease.token).await;
+        if state == RunState::Armed && until(&handle, RunState::Armed).await == RunState::Armed {
+            plant(Some(planted));
+            let _ = handle.resume(Some(lease.token)).await;
+        } else if until(&handle, RunState::Running).await == RunState::Running {
+            sleep(Duration::from_millis(600)).await;
+            if state == RunState::Paused {
+                handle.pause().await.expect("runs");
+                until(&handle, RunState::Paused).await;
+            }
+            plant(Some(planted));
+            if state == RunState::Paused {
+                sleep(Duration::from_secs(1)).await;
+                let _ = handle.resume(Some(lease.token)).await;
+            }
+        }
+    }
+    let record = handle.ended().await;
+    attendant.abort();
+    let found = record.status.state;
+    // What does not hinder its device from here on, such as a refusal of targets that no further target meets, ends well.
+    let may_end_well = matches!(planted, Planted::Refuses | Planted::Stuck | Planted::Held);
+    let before_armed = matches!(state, RunState::Preparing | RunState::Ready);
+    let fits = found == ends || (before_armed && found == RunState::Failed) || (may_end_well && found == RunState::Done);
+    assert!(fits, "{name}: {found:?}, {}", record.status.reason);
+    assert_no_motion_after(&access, &name).await;
+}
+
+async fn assert_no_motion_after(access: &Twins, name: &str) {
+    access.arm.plant(None);
+    access.table.plant(None);
+    // A link that is cut leaves the device to its own watchdog.
+    sleep(safeguards().watchdog + Duration::from_secs(3)).await;
+    let before =
+        (access.arm.positions_rad(), access.table.positions_rad(), access.arm.asked().targets, access.table.asked().targets);
+    sleep(Duration::from_secs(10)).await;
+    let after =
+        (access.arm.positions_rad(), access.table.positions_rad(), access.arm.asked().targets, access.table.asked().targets);
+    assert_eq!(before, after, "{name}: moves after the end");
+    for asked in [access.arm.asked(), access.table.asked()] {
+        assert_eq!((asked.targets_unarmed, asked.targets_out_of_order), (0, 0), "{name}");
+    }
+}

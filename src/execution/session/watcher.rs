@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
+use super::cause::{Device, StopCause};
 use super::gate::{Safeguards, unfit};
 use super::handle::{Control, Halt};
 use super::live::{Live, Measurement};
 use super::machine::{Drive, MachineError, MachineState, Watch};
-use super::state::{Device, StopCause};
+use super::state::{RunEvent, RunStatus};
 use super::way::off_segment;
 use crate::cell::{Cell, Configuration};
 use crate::execution::audit::AuditLog;
@@ -70,6 +71,16 @@ impl<M: Watch> Watcher<M> {
         Ok(state)
     }
 
+    /// Takes the status further, and notes it among the bytes.
+    pub(super) fn happen(&self, event: RunEvent) {
+        if self.live.happen(event)
+            && let Some(audit) = &self.audit
+        {
+            let RunStatus { state, reason } = self.live.status();
+            audit.mark(&format!("{}: {reason}", state.as_str()));
+        }
+    }
+
     /// Waits, and hears commands meanwhile.
     pub(super) async fn rest(&mut self, duration: Duration) -> Result<(), Halt> {
         self.control.guard(sleep(duration)).await
@@ -99,25 +110,30 @@ impl<M: Drive> Watcher<M> {
         Ok(state)
     }
 
-    /// The work's output, while all else goes on.
+    /// The work's output, while all else goes on. A state that is being read when the work ends is read to its end: a request
+    /// whose answer nobody waits for would have to be sorted out by the driver.
     pub(super) async fn during<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Halt> {
         tokio::pin!(work);
-        tokio::select! {
-            biased;
-            output = &mut work => Ok(output),
-            halt = self.forever() => Err(halt),
-        }
-    }
-
-    async fn forever(&mut self) -> Halt {
+        let mut done = None;
         loop {
-            let tick = self.tick().await;
-            let rest = match tick {
-                Ok(_) => self.rest(self.poll).await,
-                Err(halt) => Err(halt),
-            };
-            if let Err(halt) = rest {
-                return halt;
+            {
+                let tick = self.tick();
+                tokio::pin!(tick);
+                loop {
+                    tokio::select! {
+                        biased;
+                        output = &mut work, if done.is_none() => done = Some(output),
+                        ticked = &mut tick => break ticked?,
+                    }
+                }
+            }
+            if let Some(output) = done {
+                return Ok(output);
+            }
+            tokio::select! {
+                biased;
+                output = &mut work => return Ok(output),
+                rested = self.rest(self.poll) => rested?,
             }
         }
     }

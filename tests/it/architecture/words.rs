@@ -8,8 +8,20 @@ use super::paths::{Token, tokens};
 use super::{is_test, sources};
 
 /// Rooms whose sources keep these rules.
-const ROOMS: &[&str] =
-    &["geometry/", "cell/", "planning/", "program/", "wire/", "check/", "report/", "service/", "http/", "settings/", "cli/"];
+const ROOMS: &[&str] = &[
+    "geometry/",
+    "cell/",
+    "planning/",
+    "program/",
+    "execution/",
+    "wire/",
+    "check/",
+    "report/",
+    "service/",
+    "http/",
+    "settings/",
+    "cli/",
+];
 /// Words with which no paragraph of a doc comment begins.
 const PARAGRAPH_OPENINGS: &[&str] = &["How", "Of", "See", "The same", "Those", "What", "Whether", "Which", "Who", "Why", "…"];
 /// Words with which no doc comment begins: it stands alone where an editor shows it, so it begins with a noun or a verb.

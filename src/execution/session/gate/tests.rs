@@ -1,1 +1,103 @@
+use std::time::Duration;
 
+use tokio::time::Instant;
+
+use super::{Objection, Safeguards, Workspace, to_run, to_start, to_target, unfit};
+use crate::cell::Configuration;
+use crate::execution::device::{ArmState, Condition, FaultCode, TableState};
+use crate::execution::profile::segment;
+use crate::execution::rehearsal::{job, planned};
+use crate::execution::session::{Device, MachineState, RunState, StopCause};
+
+const MAX_AGE: Duration = Duration::from_millis(100);
+
+fn state(arm: Condition, table: Condition) -> MachineState {
+    let at = Instant::now();
+    MachineState {
+        arm: ArmState { at, positions_rad: [0.0; 6], condition: arm },
+        table: TableState { at, positions_rad: [0.0], condition: table },
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn each_condition_of_each_device_forbids_motion() {
+    type Change = fn(&mut Condition);
+    let cases: [(Change, fn(Device) -> StopCause); 7] = [
+        (|c| c.emergency_stop = true, StopCause::EmergencyStop),
+        (|c| c.guard_open = true, StopCause::GuardOpen),
+        (|c| c.hand_guided = true, StopCause::HandGuided),
+        (|c| c.paused = true, StopCause::HeldAtDevice),
+        (|c| c.powered = false, StopCause::PowerLost),
+        (|c| c.brakes_open = false, StopCause::PowerLost),
+        (|c| c.fault = Some(FaultCode(9)), |device| StopCause::Fault { device, code: 9, text: None }),
+    ];
+    for (change, cause) in cases {
+        let mut changed = Condition::READY;
+        change(&mut changed);
+        for (device, state) in
+            [(Device::Arm, state(changed, Condition::READY)), (Device::Table, state(Condition::READY, changed))]
+        {
+            assert_eq!(unfit(&state, RunState::Running, Instant::now(), MAX_AGE), Some(cause(device)));
+        }
+    }
+    let ready = state(Condition::READY, Condition::READY);
+    assert_eq!(unfit(&ready, RunState::Running, Instant::now(), MAX_AGE), None);
+    assert_eq!(unfit(&ready, RunState::Running, ready.arm.at + MAX_AGE, MAX_AGE), None);
+    let late = ready.table.at + MAX_AGE + Duration::from_millis(1);
+    assert!(matches!(unfit(&ready, RunState::Running, late, MAX_AGE), Some(StopCause::Stale { device: Device::Arm, .. })));
+    // Drives are switched on by arming, and a pause may be held at the device.
+    let off = state(Condition { powered: false, ..Condition::READY }, Condition::READY);
+    assert_eq!(unfit(&off, RunState::Ready, Instant::now(), MAX_AGE), None);
+    let held = state(Condition { paused: true, ..Condition::READY }, Condition::READY);
+    assert_eq!(unfit(&held, RunState::Paused, Instant::now(), MAX_AGE), None);
+}
+
+#[test]
+fn a_target_is_refused_for_each_thing_that_is_wrong_with_it() {
+    let (job, safeguards) = (job(), Safeguards::default());
+    let (axes, home) = (planned().cell.axes(), planned().program.home_rad);
+    let to = |change: &dyn Fn(&mut Configuration)| {
+        let mut to = home;
+        change(&mut to);
+        segment(&axes, &home, &to, 1.0, 1).expect("moves")
+    };
+    let good = to(&|to| to.joints_rad[5] += 0.1);
+    assert_eq!(to_target(&job, &home, &good, &safeguards), None);
+    let objection = |change: &dyn Fn(&mut Configuration)| to_target(&job, &home, &to(change), &safeguards);
+    assert!(matches!(objection(&|to| to.joints_rad[3] = 10.0), Some(Objection::OutsideLimits { axis: 4, .. })));
+    assert!(matches!(objection(&|to| to.table_rad = 10.0), Some(Objection::OutsideLimits { axis: 7, .. })));
+    let into_table = [0.0, -110.0, 60.0, 0.0, 0.0, 0.0].map(f64::to_radians);
+    assert!(matches!(objection(&|to| to.joints_rad = into_table), Some(Objection::Collision(_))));
+    let mut fast = good.clone();
+    fast.max_speed_rad_s[5] = axes.0[5].max_speed_rad_per_s * 1.001;
+    assert_eq!(to_target(&job, &home, &fast, &safeguards), Some(Objection::TooFast { axis: 6 }));
+    let mut harsh = good.clone();
+    harsh.max_acceleration_rad_s2[5] = axes.0[5].max_acceleration_rad_per_s2 * 1.001;
+    assert_eq!(to_target(&job, &home, &harsh, &safeguards), Some(Objection::TooFast { axis: 6 }));
+    let mut nowhere = good.clone();
+    nowhere.positions_rad[2] = f64::NAN;
+    assert_eq!(to_target(&job, &home, &nowhere, &safeguards), Some(Objection::NotFinite));
+    let lost = Configuration { table_rad: f64::NAN, ..home };
+    assert_eq!(to_target(&job, &lost, &good, &safeguards), Some(Objection::NotFinite));
+    let workspace = Some(Workspace { min_mm: [-2000.0; 3], max_mm: [2000.0, 2000.0, 200.0] });
+    let low = Safeguards { workspace, ..safeguards };
+    assert!(matches!(to_target(&job, &home, &good, &low), Some(Objection::OutsideWorkspace { .. })));
+}
+
+#[test]
+fn a_start_is_refused_beyond_its_tolerance() {
+    let (safeguards, home) = (Safeguards::default(), planned().program.home_rad);
+    let off = |deg: f64| to_start(&Configuration { table_rad: home.table_rad + deg.to_radians(), ..home }, &home, &safeguards);
+    assert_eq!(off(0.49), None);
+    assert!(matches!(off(0.51), Some(Objection::OffStart { axis: 7, .. })));
+}
+
+#[test]
+fn options_out_of_range_are_refused() {
+    let job = job();
+    let steps = planned().program.steps.len();
+    assert_eq!(to_run(&job, steps - 1, 0.01), []);
+    assert_eq!(to_run(&job, steps, 1.0), [Objection::NoSuchStep { step: steps, steps }]);
+    assert_eq!(to_run(&job, 0, 0.0), [Objection::Override(0.0)]);
+    assert!(matches!(to_run(&job, 0, f64::NAN)[..], [Objection::Override(_)]));
+}

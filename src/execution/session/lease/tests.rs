@@ -1,1 +1,38 @@
+use std::time::Duration;
 
+use tokio::time::advance;
+
+use super::{Fence, LeaseError, Leases};
+
+const TTL: Duration = Duration::from_secs(2);
+
+#[tokio::test(start_paused = true)]
+async fn one_holder_at_a_time_with_tokens_that_rise() {
+    let leases = Leases::after(Fence(41));
+    let first = leases.acquire("a", "one", TTL).expect("free");
+    assert_eq!(first.token, Fence(42));
+    assert!(matches!(leases.acquire("a", "two", TTL), Err(LeaseError::Held { remaining, .. }) if remaining == TTL));
+    assert!(matches!(leases.acquire("a", "one", TTL), Err(LeaseError::Held { .. })), "not twice by one either");
+    assert_eq!(leases.acquire("b", "two", TTL).expect("another cell").token, Fence(43));
+    advance(TTL - Duration::from_millis(1)).await;
+    leases.renew("a", first.token).expect("in time");
+    advance(TTL - Duration::from_millis(1)).await;
+    leases.check("a", first.token).expect("renewed");
+    advance(Duration::from_millis(1)).await;
+    assert_eq!(leases.renew("a", first.token), Err(LeaseError::Expired { cell: "a".into(), token: first.token }));
+    assert_eq!(leases.current("a"), None);
+    let second = leases.acquire("a", "two", TTL).expect("free again");
+    assert!(second.token > first.token);
+    assert!(matches!(leases.check("a", first.token), Err(LeaseError::Stranger { .. })));
+    assert!(leases.release("a", first.token).is_err());
+    leases.release("a", second.token).expect("its own");
+    assert_eq!(leases.current("a"), None);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_lease_has_a_time_within_bounds() {
+    let leases = Leases::default();
+    for ttl in [Duration::from_millis(199), Duration::from_millis(30_001)] {
+        assert_eq!(leases.acquire("a", "one", ttl), Err(LeaseError::Ttl(ttl)));
+    }
+}

@@ -1,0 +1,91 @@
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::{LocateBounds, Locating, Misplaced, Relocate};
+use crate::execution::record::StepKind;
+use crate::execution::rehearsal::{job, planned, until};
+use crate::execution::session::{PauseCause, RunOptions, RunReason, RunState, StopCause, simulate};
+use crate::geometry::{Part, Pose, Table};
+use crate::planning::params::PlanParams;
+use crate::program::{Step, scan_poses};
+
+fn locating() -> Locating {
+    let planned = planned();
+    Locating {
+        cell: Arc::clone(&planned.cell),
+        part: Arc::clone(&planned.part),
+        fixture: None,
+        planned: planned.expected.clone(),
+        clearance_mm: 5.0,
+        bounds: LocateBounds::default(),
+        coverage: Some((PlanParams::default(), String::new())),
+    }
+}
+
+/// The part turned about the plate's axis, then moved, from where it was planned.
+fn off(x_mm: f64, y_mm: f64, deg: f64) -> Pose<Table, Part> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), deg.to_radians());
+    Pose::claim(Isometry3::from_parts(Translation3::new(x_mm, y_mm, 0.0), turn) * planned().expected.table_from_part.isometry())
+}
+
+#[test]
+fn a_part_three_degrees_and_eight_millimetres_off_is_scanned_where_it_lies() {
+    let (locating, program) = (locating(), &planned().program);
+    for located in [off(8.0, 0.0, 3.0), off(-5.0, 6.0, -3.0), off(0.0, 8.0, 0.0)] {
+        let relocated = locating.relocate(program, &located).expect("within bounds");
+        let poses = scan_poses(&relocated.program, &locating.cell, &located);
+        let wanted = scan_poses(program, &locating.cell, &locating.planned.table_from_part);
+        for (pose, wanted) in poses.iter().zip(wanted) {
+            assert!((pose.origin_mm() - wanted.origin_mm()).norm() < 1e-6);
+        }
+        let [planned, measured] = relocated.coverage.expect("asked for");
+        assert!((planned - measured).abs() < 0.005, "{planned} and {measured}");
+        let kinds = |steps: &[Step]| steps.iter().map(std::mem::discriminant).collect::<Vec<_>>();
+        assert_eq!(kinds(&relocated.program.steps), kinds(&program.steps), "step by step the same");
+    }
+}
+
+#[test]
+fn a_turn_about_the_plates_axis_is_the_tables_alone() {
+    let relocated = locating().relocate(&planned().program, &off(0.0, 0.0, 4.0)).expect("within bounds");
+    let stations = crate::program::scan_configurations(&relocated.program);
+    for (station, planned) in stations.iter().zip(crate::program::scan_configurations(&planned().program)) {
+        assert!((station.table_rad - planned.table_rad + 4.0_f64.to_radians()).abs() < 1e-9);
+        assert!(station.joints_rad.iter().zip(planned.joints_rad).all(|(a, b)| (a - b).abs() < 1e-6));
+    }
+}
+
+#[test]
+fn a_part_too_far_off_is_said_how_to_put_right() {
+    let refusal = |located| locating().relocate(&planned().program, &located).expect_err("too far").to_string();
+    let words = refusal(off(30.0, 0.0, 0.0));
+    assert!(words.contains("30.0 mm") && words.contains("move it 30.0 mm towards −x"), "{words}");
+    let words = refusal(off(0.0, 0.0, 6.0));
+    assert!(words.contains("6.0°") && words.contains("turn it 6.0° clockwise"), "{words}");
+    assert!(matches!(locating().relocate(&planned().program, &off(f64::NAN, 0.0, 0.0)), Err(Misplaced::TooFar { .. })));
+}
+
+#[tokio::test]
+async fn a_run_locates_the_part_and_goes_on_or_stops() {
+    for (located, ends) in [(off(8.0, 0.0, 3.0), RunState::Done), (off(30.0, 0.0, 0.0), RunState::Stopped)] {
+        let options = RunOptions { time_factor: 20.0, relocate: Some(Arc::new(locating())), ..RunOptions::default() };
+        let handle = simulate(job(), options);
+        until(&handle, RunState::Paused).await;
+        assert_eq!(handle.status().reason, RunReason::Paused(PauseCause::Locating));
+        assert!(handle.resume(None).await.is_err(), "it waits for the pose");
+        handle.located(None, located).await.expect("waits");
+        let record = handle.ended().await;
+        assert_eq!(record.status.state, ends, "{}", record.status.reason);
+        assert_eq!(record.steps.iter().filter(|step| step.kind == StepKind::Locate).count(), 1);
+        if ends == RunState::Done {
+            assert_eq!((record.scans().count(), record.located), (3, Some(located)));
+            let meant = scan_poses(&planned().program, &planned().cell, &planned().expected.table_from_part);
+            for (taken, meant) in record.taken_views(&planned().cell, &located).iter().zip(meant) {
+                assert!((taken.part_from_scanner.origin_mm() - meant.origin_mm()).norm() < 2.0);
+            }
+        } else {
+            assert!(matches!(record.status.reason, RunReason::Ended(StopCause::Misplaced(_))));
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! A small planned part that tests of this room run, and twins that they plant faults in.
+
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, OnceLock};
+
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
+
+use super::session::{Hashes, Pair, RunHandle, RunJob, RunState, Safeguards};
+use super::twin::{TriggerAccess, Twin, TwinAccess, TwinTrigger};
+use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame};
+use crate::planning::context::{Context, Silent};
+use crate::planning::params::PlanParams;
+use crate::planning::plan::ViewId;
+use crate::planning::sequence::order;
+use crate::planning::stations::solve;
+use crate::program::{Expected, Program, compile};
+use crate::testing::box_mesh;
+
+/// Three views of a box in the preset cell, from their poses to the program.
+pub(crate) struct Planned {
+    pub(crate) cell: Arc<Cell>,
+    pub(crate) part: Arc<Mesh>,
+    pub(crate) scene: CollisionScene,
+    pub(crate) program: Program,
+    pub(crate) expected: Expected,
+}
+
+fn view(polar: f64, azimuth: f64) -> Pose<Part, ScannerFrame> {
+    let out = Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos());
+    let x = Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0);
+    let axes = Rotation3::from_basis_unchecked(&[x, (-out).cross(&x), -out]);
+    Pose::from_parts(Vector3::new(0.0, 0.0, 50.0) + out * 520.0, UnitQuaternion::from_rotation_matrix(&axes))
+}
+
+/// The part, planned once for all tests.
+pub(crate) fn planned() -> &'static Planned {
+    static PLANNED: OnceLock<Planned> = OnceLock::new();
+    PLANNED.get_or_init(|| {
+        let cell = Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds");
+        let table_from_part = Pose::claim(Isometry3::identity());
+        let part = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 100.0]);
+        let scene = CollisionScene::new(&cell, &part, None, &table_from_part, 5.0);
+        let poses = [view(0.4, 0.2), view(0.9, 2.0), view(1.1, 4.5)];
+        let flag = AtomicBool::new(false);
+        let ctx = Context::new(&flag, &Silent);
+        let stations = solve(&poses, &cell, &scene, &table_from_part, &ctx).expect("not cancelled");
+        let listed: Vec<_> =
+            stations.iter().enumerate().map(|(i, found)| (ViewId::at(i), found.as_deref().expect("reached"))).collect();
+        let params = PlanParams::default();
+        let ordered = order(&listed, &cell, &scene, &params, None, false, &ctx).expect("not cancelled");
+        let plan_sha256 = "ab".repeat(32);
+        let program = compile(&ordered.sequence, 0, &cell, &plan_sha256, &params);
+        let views = poses.into_iter().enumerate().map(|(i, pose)| (ViewId::at(i), pose)).collect();
+        let expected = Expected { plan_sha256, table_from_part, table_alone: false, views };
+        Planned { cell: Arc::new(cell), part: Arc::new(part), scene, program, expected }
+    })
+}
+
+pub(crate) fn hashes() -> Hashes {
+    Hashes { plan: "ab".repeat(32), cell: "cd".repeat(32), compensation: None }
+}
+
+pub(crate) fn job() -> RunJob {
+    job_of([hashes(), hashes()])
+}
+
+pub(crate) fn job_of(hashes: [Hashes; 2]) -> RunJob {
+    let Planned { cell, scene, program, expected, .. } = planned();
+    RunJob::new(program.clone(), Arc::clone(cell), scene, Some(expected), hashes).expect("sound")
+}
+
+/// Twins at home, with the ways into them.
+pub(crate) struct Twins {
+    pub(crate) arm: TwinAccess<6>,
+    pub(crate) table: TwinAccess<1>,
+    pub(crate) trigger: TriggerAccess,
+}
+
+pub(crate) type TwinPair = Pair<Twin<6>, Twin<1>>;
+
+pub(crate) fn twins() -> (TwinPair, TwinTrigger, Twins) {
+    let home = planned().program.home_rad;
+    let (arm, table, trigger) = (Twin::at(home.joints_rad, 1.0), Twin::at([home.table_rad], 1.0), TwinTrigger::new(1.0));
+    let access = Twins { arm: arm.access(), table: table.access(), trigger: trigger.access() };
+    (Pair { arm, table }, trigger, access)
+}
+
+pub(crate) fn safeguards() -> Safeguards {
+    Safeguards::default()
+}
+
+/// Waits until the run is in a state, or in a final one.
+pub(crate) async fn until(handle: &RunHandle, state: RunState) -> RunState {
+    let mut status = handle.watch_status();
+    let found = status.wait_for(|status| status.state == state || status.state.is_final()).await;
+    found.map_or(RunState::Failed, |status| status.state)
+}
