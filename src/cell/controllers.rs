@@ -18,9 +18,9 @@ use utoipa::ToSchema;
 
 pub use abb_egm::AbbEgmSpec;
 pub use fanuc_rmi::FanucRmiSpec;
-pub use hans::HansSpec;
+pub use hans::{HansServoSpec, HansSpec};
 pub use kuka_rsi::KukaRsiSpec;
-pub use minas_a6::{MinasA6Spec, WordOrder};
+pub use minas_a6::{GatewayFraming, MinasA6Spec, SerialParity, WordOrder};
 pub use modbus_plc::ModbusPlcSpec;
 pub use trigger::{CommandTriggerSpec, DigitalTriggerSpec, HttpTriggerSpec, NoTriggerSpec, TriggerSpec};
 pub use universal_robots::UrControllerSpec;

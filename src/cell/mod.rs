@@ -34,9 +34,9 @@ pub(crate) use closed_list::closed_list;
 pub use closest::{closest, did_you_mean, with_suggestion};
 pub use collision::{CollisionScene, Contact, Farthest, Separation};
 pub use controllers::{
-    AbbEgmSpec, ArmControllerSpec, CommandTriggerSpec, ControllersSpec, DigitalTriggerSpec, FanucRmiSpec, HansSpec,
-    HttpTriggerSpec, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec, TableControllerSpec, TriggerSpec, UrControllerSpec,
-    WordOrder, WorkspaceSpec,
+    AbbEgmSpec, ArmControllerSpec, CommandTriggerSpec, ControllersSpec, DigitalTriggerSpec, FanucRmiSpec, GatewayFraming,
+    HansServoSpec, HansSpec, HttpTriggerSpec, KukaRsiSpec, MinasA6Spec, ModbusPlcSpec, NoTriggerSpec, SerialParity,
+    TableControllerSpec, TriggerSpec, UrControllerSpec, WordOrder, WorkspaceSpec,
 };
 pub(crate) use decode_message::{expected_value, found_value};
 pub use dialect::Dialect;

@@ -44,6 +44,7 @@ pub mod scanner;
 pub mod serve;
 mod set_value;
 mod signals;
+pub mod sim;
 pub mod study;
 mod summary;
 mod telemetry;
@@ -87,6 +88,7 @@ enum Command {
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
     Scanner(Box<scanner::ScannerArgs>),
+    Sim(sim::SimArgs),
     Cell(Box<cell::CellArgs>),
     Backup(backup::BackupArgs),
     Restore(backup::RestoreArgs),
@@ -221,6 +223,7 @@ impl Cli {
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
             Command::Scanner(args) => scanner::run(&args),
+            Command::Sim(args) => sim::run(&args),
             Command::Cell(args) => cell::run(&args),
             Command::Backup(args) => backup::run_backup(&args),
             Command::Restore(args) => backup::run_restore(&args),

@@ -3,10 +3,13 @@
 
 pub mod audit;
 pub mod device;
+pub mod drivers;
 pub mod located;
 pub mod profile;
+pub mod protocol;
 pub mod record;
 pub mod session;
+pub mod simulators;
 pub mod twin;
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ mod meshes;
 mod miss_report;
 mod oracle_client;
 mod oracle_collision;
+mod oracle_controllers;
 mod oracle_coverage;
 mod oracle_dialects;
 mod oracle_selection;

@@ -47,12 +47,16 @@ fn values_out_of_range_are_named_by_their_pointer() {
         ("/arm/address", json!("192.168.0.10:0")),
         ("/arm/address", json!(":10003")),
         ("/arm/address", json!("a b:10003")),
-        ("/arm/servo_period_ms", json!(0)),
+        ("/arm/reply_timeout_ms", json!(9)),
+        ("/arm/kinematics_tolerance_mm", json!(0.0)),
         ("/arm/tool", json!("a,b")),
         ("/table/address", json!("192.168.0.20:502")),
         ("/table/node", json!(0)),
         ("/table/units_per_turn", json!(999)),
         ("/table/gear_ratio", json!(513)),
+        ("/table/baud", json!(14400)),
+        ("/table/first_block", json!(249)),
+        ("/table/speed_number", json!(16)),
     ] {
         assert_eq!(refused(pointer, value.clone()), [pointer], "{value}");
     }

@@ -18,6 +18,7 @@ const COMMANDS: [&str; 17] = [
     "presets",
     "part",
     "robot",
+    "sim",
     "backup",
     "restore",
     "completions",

@@ -1,0 +1,236 @@
+//! `vantage sim`: simulated controllers on real sockets and pseudo terminals, to rehearse a whole cell without its hardware.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+use super::signals::on_signals;
+use super::{CliError, failed, output, serve};
+use crate::cell::{Presets, SpecKind, SpecLibrary, did_you_mean};
+use crate::execution::protocol::modbus::ModbusFraming;
+use crate::execution::simulators::faults::Faults;
+use crate::execution::simulators::hans::HansSimulator;
+use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
+
+/// Run a simulated controller.
+#[derive(Debug, clap::Args)]
+#[command(
+    arg_required_else_help = true,
+    after_help = "Examples:
+  vantage sim robot --listen 127.0.0.1:10003 --control 127.0.0.1:9003
+  vantage sim turntable --listen 127.0.0.1:1502 --speed 5
+  echo 'emergency_stop on' | nc -N 127.0.0.1 9003
+
+The section [controllers] that it prints goes into the cell file. Faults are set line by line on the control socket: \
+emergency_stop on|off, guard on|off, alarm NUMBER|off, late MS, silent on|off, word_order on|off, cut, clear, state. \
+Nothing simulated here is a proof that the real controller does the same."
+)]
+pub struct SimArgs {
+    #[command(subcommand)]
+    device: SimulatedDevice,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum SimulatedDevice {
+    Robot(RobotSimArgs),
+    Turntable(TurntableSimArgs),
+}
+
+/// Protocols of simulated robots.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum RobotProtocol {
+    /// Han's CPS.
+    Hans,
+}
+
+/// Protocols of simulated tables.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+#[value(rename_all = "snake_case")]
+enum TableProtocol {
+    /// Panasonic MINAS A6, block operation.
+    MinasA6,
+}
+
+/// What every simulator takes.
+#[derive(Debug, clap::Args)]
+struct CommonSimArgs {
+    /// Address and port to listen on; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// Address and port on which faults are set.
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    control: Option<SocketAddr>,
+    /// Simulated seconds a second, 0.1 to 100.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed)]
+    speed: f64,
+}
+
+/// Run a simulated robot controller.
+#[derive(Debug, clap::Args)]
+struct RobotSimArgs {
+    /// Protocol of the controller.
+    #[arg(long, value_enum, default_value_t = RobotProtocol::Hans)]
+    protocol: RobotProtocol,
+    /// Robot: name of a preset.
+    #[arg(long, default_value = "hans-e05")]
+    robot: String,
+    /// Joints at the beginning, degrees, comma-separated.
+    #[arg(long, value_delimiter = ',', num_args = 6, allow_negative_numbers = true, default_value = "0,-30,60,0,30,0")]
+    joints: Vec<f64>,
+    #[command(flatten)]
+    common: CommonSimArgs,
+}
+
+/// Run a simulated drive of a turntable.
+#[derive(Debug, clap::Args)]
+struct TurntableSimArgs {
+    /// Protocol of the drive.
+    #[arg(long, value_enum, default_value_t = TableProtocol::MinasA6)]
+    protocol: TableProtocol,
+    /// Pseudo terminal in place of a socket, as a serial line.
+    #[arg(long, conflicts_with = "listen")]
+    pty: bool,
+    /// Frames of Modbus TCP in place of those of a serial line.
+    #[arg(long, conflicts_with = "pty")]
+    modbus_tcp: bool,
+    /// Command units of one turn of the table.
+    #[arg(long, default_value_t = 1_600_000, value_parser = clap::value_parser!(u32).range(1000..=2_147_483_647))]
+    units_per_turn: u32,
+    /// Turns of the motor for one of the table.
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u16).range(1..=512))]
+    gear_ratio: u16,
+    /// Turns without end: positions repeat with every turn.
+    #[arg(long)]
+    infinite_rotation: bool,
+    #[command(flatten)]
+    common: CommonSimArgs,
+}
+
+/// Factor of time.
+fn speed(text: &str) -> Result<f64, String> {
+    let factor = text.trim_start_matches(['×', 'x']).parse::<f64>().map_err(|error| error.to_string())?;
+    if (0.1..=100.0).contains(&factor) { Ok(factor) } else { Err("is not from 0.1 to 100".into()) }
+}
+
+/// Addresses of a simulator, as `--json` prints them.
+#[derive(Debug, Serialize)]
+struct SimulatorAddress {
+    address: String,
+    control: Option<SocketAddr>,
+    controllers: Value,
+}
+
+/// Runs the command until SIGTERM or ctrl-c.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(args: &SimArgs) -> Result<(), CliError> {
+    serve::run_to_completion(async {
+        match &args.device {
+            SimulatedDevice::Robot(args) => run_robot(args).await,
+            SimulatedDevice::Turntable(args) => run_turntable(args).await,
+        }
+    })
+}
+
+async fn run_robot(args: &RobotSimArgs) -> Result<(), CliError> {
+    let RobotProtocol::Hans = args.protocol;
+    let known = Presets.names(SpecKind::Robot);
+    let unknown = |_| {
+        let meant = did_you_mean(&args.robot, known.iter().map(String::as_str));
+        CliError::BadInput(format!("--robot {}: unknown robot{meant}", args.robot))
+    };
+    let robot = Presets.robot(&args.robot).map_err(unknown)?.build();
+    let robot = robot.map_err(|found| CliError::Failed(format!("robot {}: {found:?}", args.robot)))?;
+    let joints_rad: [f64; 6] = <[f64; 6]>::try_from(args.joints.as_slice())
+        .map_err(|_| CliError::BadInput("--joints: takes six numbers".into()))?
+        .map(f64::to_radians);
+    if !robot.joints.iter().zip(joints_rad).all(|(joint, angle)| joint.allows(angle)) {
+        return Err(CliError::BadInput("--joints: are beyond the robot's limits".into()));
+    }
+    let address = args.common.listen.to_string();
+    let simulator = HansSimulator::listen(&address, robot, joints_rad, args.common.speed).await;
+    let simulator = simulator.map_err(|error| failed(&format!("--listen {address}"), &error))?;
+    let addresses = simulator.addresses().map_err(|error| failed("--listen", &error))?;
+    let control = control(&args.common, simulator.faults()).await?;
+    let text = addresses.text.to_string();
+    announce(text.clone(), control, arm_section(&text, &args.robot))?;
+    until_signal(simulator.serve()).await
+}
+
+async fn run_turntable(args: &TurntableSimArgs) -> Result<(), CliError> {
+    let TableProtocol::MinasA6 = args.protocol;
+    let simulator = MinasA6Simulator::new(&DriveSetup {
+        units_per_turn: args.units_per_turn,
+        gear_ratio: args.gear_ratio.into(),
+        has_infinite_rotation: args.infinite_rotation,
+        factor: args.common.speed,
+        ..DriveSetup::default()
+    });
+    let control = control(&args.common, simulator.faults()).await?;
+    if args.pty {
+        let line = MinasA6Simulator::pseudo_terminal().map_err(|error| failed("--pty", &error))?;
+        announce(line.path.clone(), control, table_section(&line.path, args))?;
+        return until_signal(simulator.serve_line(line.stream)).await;
+    }
+    let asked = args.common.listen.to_string();
+    let listening = MinasA6Simulator::listen(&asked).await;
+    let (listener, address) = listening.map_err(|error| failed(&format!("--listen {asked}"), &error))?;
+    let address = format!("tcp://{address}");
+    announce(address.clone(), control, table_section(&address, args))?;
+    let framing = if args.modbus_tcp { ModbusFraming::Tcp } else { ModbusFraming::Rtu };
+    until_signal(simulator.serve(listener, framing)).await
+}
+
+/// Section of a cell file for an arm.
+fn arm_section(address: &str, robot: &str) -> Value {
+    json!({ "arm": { "protocol": "hans", "address": address, "model": robot } })
+}
+
+/// Section of a cell file for a table.
+fn table_section(address: &str, args: &TurntableSimArgs) -> Value {
+    json!({ "table": {
+        "protocol": "minas_a6",
+        "address": address,
+        "framing": if args.modbus_tcp { "tcp" } else { "rtu" },
+        "units_per_turn": args.units_per_turn,
+        "gear_ratio": args.gear_ratio,
+        "has_infinite_rotation": args.infinite_rotation,
+    }})
+}
+
+/// Opens the control socket, if one is asked for, and serves it; its address.
+async fn control(args: &CommonSimArgs, faults: Arc<Faults>) -> Result<Option<SocketAddr>, CliError> {
+    let Some(asked) = args.control else { return Ok(None) };
+    let refused = |error: std::io::Error| failed(&format!("--control {asked}"), &error);
+    let listener = TcpListener::bind(asked).await.map_err(refused)?;
+    let address = listener.local_addr().map_err(refused)?;
+    tokio::spawn(async move { faults.serve(listener).await });
+    Ok(Some(address))
+}
+
+/// Prints where it listens, and the section of a cell file.
+fn announce(address: String, control: Option<SocketAddr>, controllers: Value) -> Result<(), CliError> {
+    let section = toml::to_string(&json!({ "controllers": controllers })).map_err(|error| failed("the section", &error))?;
+    let faults = control.map_or_else(String::new, |control| format!("Faults are set on {control}\n"));
+    let words = format!("Simulated controller listens on {address}\n{faults}For the cell file:\n\n{section}");
+    output::result(&SimulatorAddress { address, control, controllers }, words)
+}
+
+/// Serves until SIGTERM or ctrl-c.
+async fn until_signal(served: impl Future<Output = ()>) -> Result<(), CliError> {
+    let ends = CancellationToken::new();
+    let ended = ends.clone();
+    on_signals(move |_| ends.cancel(), None)?;
+    tokio::select! {
+        () = ended.cancelled() => Ok(()),
+        () = served => Err(CliError::Failed("the simulator's line or socket ended".into())),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,40 @@
+//! Tests of the printed sections.
+
+use clap::Parser;
+
+use super::*;
+use crate::cell::ControllersSpec;
+
+#[derive(Debug, Parser)]
+struct Line {
+    #[command(subcommand)]
+    device: SimulatedDevice,
+}
+
+fn turntable(words: &[&str]) -> TurntableSimArgs {
+    match Line::try_parse_from([&["sim", "turntable"], words].concat()).expect("arguments").device {
+        SimulatedDevice::Turntable(args) => args,
+        SimulatedDevice::Robot(args) => panic!("{args:?}"),
+    }
+}
+
+#[test]
+fn printed_sections_are_those_of_a_cell_file() {
+    for (words, address) in [
+        (&[][..], "tcp://127.0.0.1:1502"),
+        (&["--modbus-tcp", "--infinite-rotation"], "tcp://127.0.0.1:1502"),
+        (&["--pty", "--gear-ratio", "7", "--units-per-turn", "36000"], "/dev/pts/7"),
+    ] {
+        let sections = [arm_section("127.0.0.1:10003", "hans-e05"), table_section(address, &turntable(words))];
+        let texts = sections.map(|section| toml::to_string(&json!({ "controllers": section })).expect("TOML"));
+        let file: toml::Table = toml::from_str(&texts.concat().replacen("[controllers]\n", "", 9)).expect("both in one file");
+        let spec: ControllersSpec = file["controllers"].clone().try_into().expect("a section");
+        assert_eq!(spec.check(), Ok(()), "{words:?}");
+    }
+}
+
+#[test]
+fn factors_of_time_are_bounded() {
+    assert_eq!(["1", "×5", "x0.5"].map(|text| speed(text).ok()), [Some(1.0), Some(5.0), Some(0.5)]);
+    assert!(["0", "101", "nan", "fast"].iter().all(|text| speed(text).is_err()));
+}

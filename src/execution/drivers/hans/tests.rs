@@ -1,0 +1,211 @@
+//! The driver against the simulated controller, on sockets of this machine.
+
+use std::sync::Arc;
+
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+use super::*;
+use crate::cell::{Presets, Robot, SpecLibrary};
+use crate::execution::simulators::faults::{FaultCommand, Faults};
+use crate::execution::simulators::hans::HansSimulator;
+
+/// Joints where the simulated arm begins, degrees.
+const HOME_DEG: [f64; 6] = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0];
+const AWAY_DEG: [f64; 6] = [20.0, -10.0, 70.0, 15.0, 30.0, -25.0];
+const WATCHDOG: Duration = Duration::from_millis(200);
+
+struct Bench {
+    arm: HansArm,
+    faults: Arc<Faults>,
+    joints: Box<dyn Fn() -> [f64; 6] + Send>,
+    server: JoinHandle<()>,
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.server.abort();
+    }
+}
+
+fn robot(name: &str) -> Robot {
+    Presets.robot(name).expect("a preset").build().expect("a valid preset")
+}
+
+fn spec(address: String) -> HansSpec {
+    let spec = serde_json::json!({"address": address, "model": "HANS-E05", "reply_timeout_ms": 250});
+    serde_json::from_value(spec).expect("a specification")
+}
+
+async fn bench() -> Bench {
+    let home = HOME_DEG.map(f64::to_radians);
+    let simulator = HansSimulator::listen("127.0.0.1:0", robot("hans-e05"), home, 1.0).await.expect("a socket");
+    let address = simulator.addresses().expect("addresses").text.to_string();
+    let (faults, joints) = (simulator.faults(), Box::new(simulator.joints()));
+    let wiring = Wiring::over_tcp("arm", Arc::new(()));
+    let arm = HansArm::new(spec(address), robot("hans-e05").kinematics, wiring);
+    Bench { arm, faults, joints, server: tokio::spawn(simulator.serve()) }
+}
+
+fn target(sequence: u64, joints_deg: [f64; 6], speed_deg_s: f64) -> Target<6> {
+    Target {
+        sequence,
+        positions_rad: joints_deg.map(f64::to_radians),
+        max_speed_rad_s: [speed_deg_s.to_radians(); 6],
+        max_acceleration_rad_s2: [300_f64.to_radians(); 6],
+        duration: Duration::from_secs(1),
+    }
+}
+
+impl Bench {
+    async fn ready() -> Self {
+        let mut bench = bench().await;
+        bench.arm.connect().await.expect("a controller");
+        bench.arm.arm(WATCHDOG).await.expect("armed");
+        bench
+    }
+
+    /// Waits until the arm is in position.
+    async fn arrive(&mut self) -> ArmState {
+        let arrived = async {
+            loop {
+                let state = self.arm.state().await.expect("a state");
+                if state.condition.in_position {
+                    return state;
+                }
+                sleep(Duration::from_millis(5)).await;
+            }
+        };
+        timeout(Duration::from_secs(5), arrived).await.expect("in position")
+    }
+
+    /// Joints when they have been at rest, degrees.
+    async fn resting(&self) -> [f64; 6] {
+        sleep(Duration::from_millis(400)).await;
+        let joints = (self.joints)();
+        sleep(Duration::from_millis(300)).await;
+        assert_eq!((self.joints)(), joints, "nothing moves");
+        joints.map(f64::to_degrees)
+    }
+}
+
+#[tokio::test]
+async fn the_arm_goes_there_and_back() {
+    let mut bench = bench().await;
+    let identity = bench.arm.connect().await.expect("a controller");
+    assert_eq!((identity.maker.as_str(), identity.model.as_str()), ("Han's", "hans-e05"));
+    assert!(matches!(bench.arm.start(&target(1, AWAY_DEG, 90.0)).await, Err(DeviceError::NotReady { .. })), "not armed");
+    bench.arm.arm(WATCHDOG).await.expect("armed");
+    for (sequence, joints_deg) in [(1, AWAY_DEG), (2, HOME_DEG)] {
+        bench.arm.start(&target(sequence, joints_deg, 90.0)).await.expect("accepted");
+        let moving = bench.arm.state().await.expect("a state");
+        assert!(moving.condition.moving && !moving.condition.in_position);
+        let refused = bench.arm.start(&target(9, HOME_DEG, 90.0)).await;
+        assert_eq!(refused, Err(DeviceError::Refused { code: 20004, text: "the robot already moves".into() }));
+        let state = bench.arrive().await;
+        for ((measured, wanted), real) in state.positions_rad.iter().zip(joints_deg).zip((bench.joints)()) {
+            assert!((measured.to_degrees() - wanted).abs() < 1e-4 && (real - measured).abs() < 1e-6);
+        }
+        bench.arm.keep_alive().await.expect("alive");
+    }
+    bench.arm.release().await.expect("released");
+    assert!(matches!(bench.arm.state().await, Err(DeviceError::Closed { .. })));
+}
+
+#[tokio::test]
+async fn nothing_moves_after_a_stop_and_only_arming_starts_again() {
+    let mut bench = Bench::ready().await;
+    bench.arm.start(&target(1, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 45.0)).await.expect("accepted");
+    sleep(Duration::from_millis(400)).await;
+    let stop = bench.arm.stop().await.expect("acknowledged");
+    assert!(stop.acknowledged_at >= stop.sent_at);
+    let rest = bench.resting().await;
+    assert!((3.0..60.0).contains(&rest[0]), "stopped on the way: {rest:?}");
+    let state = bench.arm.state().await.expect("a state");
+    assert!(!state.condition.moving && !state.condition.in_position);
+    assert!(matches!(bench.arm.start(&target(2, HOME_DEG, 90.0)).await, Err(DeviceError::NotReady { .. })));
+    bench.arm.stop().await.expect("again");
+    bench.arm.arm(WATCHDOG).await.expect("armed");
+    bench.arm.start(&target(3, HOME_DEG, 90.0)).await.expect("accepted");
+    bench.arrive().await;
+}
+
+#[tokio::test]
+async fn faults_show_in_the_state_stop_the_arm_and_keep_it_from_being_armed() {
+    for (fault, shows) in [
+        (FaultCommand::EmergencyStop(true), (|condition| condition.emergency_stop) as fn(Condition) -> bool),
+        (FaultCommand::Guard(true), |condition| condition.guard_open),
+        (FaultCommand::Alarm(Some(40_034)), |condition| condition.fault == Some(FaultCode(40_034))),
+    ] {
+        let mut bench = Bench::ready().await;
+        bench.arm.start(&target(1, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 45.0)).await.expect("accepted");
+        sleep(Duration::from_millis(200)).await;
+        bench.faults.apply(fault);
+        let rest = bench.resting().await;
+        assert!(rest[0] < 60.0, "{fault:?}: {rest:?}");
+        let state = bench.arm.state().await.expect("a state");
+        assert!(shows(state.condition) && !state.condition.moving, "{fault:?}: {:?}", state.condition);
+        assert!(matches!(bench.arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })), "{fault:?}");
+        assert!(bench.arm.start(&target(2, HOME_DEG, 90.0)).await.is_err(), "{fault:?}");
+        assert_eq!(bench.resting().await, rest);
+    }
+}
+
+#[tokio::test]
+async fn silence_and_lateness_are_told_and_late_replies_are_not_taken_for_others() {
+    let mut bench = Bench::ready().await;
+    bench.faults.apply(FaultCommand::Silent(true));
+    assert_eq!(bench.arm.state().await, Err(DeviceError::Silent { waited: Duration::from_millis(250) }));
+    let mut bench = Bench::ready().await;
+    bench.faults.apply(FaultCommand::Late(Duration::from_millis(300)));
+    assert_eq!(bench.arm.state().await, Err(DeviceError::Silent { waited: Duration::from_millis(250) }));
+    // One more is asked and given up, then replies come in time: the two that are owed come first and are thrown away.
+    let given_up = timeout(Duration::from_millis(20), bench.arm.fsm()).await;
+    assert!(given_up.is_err());
+    bench.faults.apply(FaultCommand::Clear);
+    sleep(Duration::from_millis(700)).await;
+    let state = bench.arm.state().await.expect("a state");
+    assert!((state.positions_rad[1].to_degrees() - HOME_DEG[1]).abs() < 1e-4);
+}
+
+#[tokio::test]
+async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
+    let mut bench = Bench::ready().await;
+    bench.arm.start(&target(1, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 30.0)).await.expect("accepted");
+    sleep(Duration::from_millis(200)).await;
+    bench.faults.apply(FaultCommand::Cut);
+    assert!(matches!(bench.arm.state().await, Err(DeviceError::Closed { .. })));
+    assert!(matches!(bench.arm.keep_alive().await, Err(DeviceError::Closed { .. })), "it does not connect by itself");
+    bench.arm.stop().await.expect("acknowledged over a new connection");
+    let rest = bench.resting().await;
+    assert!(rest[0] < 45.0, "{rest:?}");
+}
+
+#[tokio::test]
+async fn another_robot_and_nobody_are_refused_at_connect() {
+    let mut other = bench().await;
+    other.arm.kinematics = robot("hans-elfin10").kinematics;
+    let error = other.arm.connect().await.expect_err("another arm");
+    assert!(matches!(&error, DeviceError::OtherDevice { found, .. } if found.contains("mm")), "{error}");
+    let mut other = bench().await;
+    other.arm.spec.model = Some("S30".into());
+    assert!(matches!(other.arm.connect().await, Err(DeviceError::OtherDevice { .. })));
+    let mut nobody = bench().await;
+    nobody.server.abort();
+    let _ = (&mut nobody.server).await;
+    nobody.arm.spec.connect_timeout_ms = 200;
+    assert!(matches!(nobody.arm.connect().await, Err(DeviceError::Unreachable { .. })));
+}
+
+#[tokio::test]
+async fn drives_that_are_disabled_are_enabled_by_arming_and_disabled_at_release() {
+    let mut bench = bench().await;
+    bench.arm.connect().await.expect("a controller");
+    bench.arm.command(HansCommand::GrpPowerOff).await.expect("off");
+    assert!(!bench.arm.state().await.expect("a state").condition.powered);
+    bench.arm.arm(WATCHDOG).await.expect("armed");
+    assert!(bench.arm.state().await.expect("a state").condition.powered);
+    bench.arm.release().await.expect("released");
+    bench.arm.connect().await.expect("again");
+    assert!(!bench.arm.state().await.expect("a state").condition.powered);
+}

@@ -1,0 +1,116 @@
+//! A target as blocks: speed and ramps in the drive's units, never above those asked for.
+
+use std::f64::consts::TAU;
+
+use tokio::time::{Instant, sleep};
+
+use super::{GOAL_SHARE, MinasA6Table, POLL, START_WAIT};
+use crate::execution::device::{DeviceError, Target};
+use crate::execution::protocol::minas_a6::{
+    BlockTravel, MAX_RAMP_MS, MoveBlock, RAMP_R_PER_MIN, coil, output, register, registers_of,
+};
+
+/// Blocks that one move may take.
+const MAX_BLOCKS: i64 = 8;
+/// Longest distance of one block where positions repeat with every turn, share of a turn: less than half, so that there is one way.
+const MAX_BLOCK_SHARE: f64 = 0.45;
+
+impl MinasA6Table {
+    /// Returns true if a position is the one of a target.
+    pub(super) fn is_near(&self, position: i64, goal: i64) -> bool {
+        (position - goal).abs() as f64 <= GOAL_SHARE * self.units.per_turn
+    }
+
+    /// Writes the blocks of a move, starts the first and waits until the drive has it.
+    pub(super) async fn start_blocks(&mut self, target: &Target<1>) -> Result<(), DeviceError> {
+        if self.is_busy().await? {
+            return Err(DeviceError::NotReady { reason: "a block runs".into() });
+        }
+        let goal = self.units.position(target.positions_rad[0])?;
+        let (demand, _) = self.positions().await?;
+        self.goal = Some(goal);
+        if goal == demand || target.max_speed_rad_s[0] <= 0.0 {
+            return Ok(());
+        }
+        let travels = self.travels(demand, goal)?;
+        self.write_rates(target).await?;
+        self.write_blocks(&travels).await?;
+        self.strobe(goal).await
+    }
+
+    /// Distances, or the position, that lead to the target.
+    fn travels(&self, demand: i64, goal: i64) -> Result<Vec<BlockTravel>, DeviceError> {
+        let too_far = || DeviceError::Unsupported { what: format!("turn by {} units at once", goal - demand) };
+        if !self.spec.has_infinite_rotation {
+            return Ok(vec![BlockTravel::Absolute(i32::try_from(goal).map_err(|_| too_far())?)]);
+        }
+        let distance = goal - demand;
+        let count = (distance.abs() as f64 / (MAX_BLOCK_SHARE * self.units.per_turn)).ceil().max(1.0) as i64;
+        if count > MAX_BLOCKS {
+            return Err(too_far());
+        }
+        let end = |block: i64| distance * block / count;
+        (0..count)
+            .map(|block| i32::try_from(end(block + 1) - end(block)).map(BlockTravel::Relative).map_err(|_| too_far()))
+            .collect()
+    }
+
+    /// Writes speed, acceleration and deceleration.
+    async fn write_rates(&mut self, target: &Target<1>) -> Result<(), DeviceError> {
+        let motor_r_per_min = |rad_s: f64| rad_s / TAU * 60.0 * self.spec.gear_ratio;
+        let speed = motor_r_per_min(target.max_speed_rad_s[0]);
+        let ramp_ms = (1e3 * RAMP_R_PER_MIN / motor_r_per_min(target.max_acceleration_rad_s2[0])).ceil();
+        if !(1.0..=f64::from(self.spec.max_motor_r_per_min)).contains(&speed) {
+            let max = self.spec.max_motor_r_per_min;
+            return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max}") });
+        }
+        if !(ramp_ms <= MAX_RAMP_MS) {
+            let what = format!("ramp as slowly as {ramp_ms} ms to 3000 r/min; allowed is {MAX_RAMP_MS}");
+            return Err(DeviceError::Unsupported { what });
+        }
+        let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.max(1.0) as u16);
+        for (first, value) in
+            [(register::SPEEDS, speed as u16), (register::ACCELERATIONS, ramp_ms), (register::DECELERATIONS, ramp_ms)]
+        {
+            self.link()?.set_register(first + number, value).await?;
+        }
+        Ok(())
+    }
+
+    async fn write_blocks(&mut self, travels: &[BlockTravel]) -> Result<(), DeviceError> {
+        let (first, number) = (self.spec.first_block, self.spec.speed_number);
+        for (index, travel) in travels.iter().enumerate() {
+            let is_followed = index + 1 < travels.len();
+            let block = MoveBlock { travel: *travel, speed: number, acceleration: number, deceleration: number, is_followed };
+            let registers = registers_of(&block.words(), self.spec.word_order);
+            self.link()?.set_registers(MoveBlock::register(first + index as u8), registers).await?;
+        }
+        self.link()?.set_register(register::BLOCK_NUMBER, first.into()).await
+    }
+
+    /// Raises the strobe, waits until the block runs or has run, and lowers it.
+    async fn strobe(&mut self, goal: i64) -> Result<(), DeviceError> {
+        self.link()?.set_coil(coil::STROBE, false).await?;
+        self.link()?.set_coil(coil::STROBE, true).await?;
+        let deadline = Instant::now() + START_WAIT;
+        let has_started = loop {
+            if self.is_busy().await? {
+                break true;
+            }
+            let (demand, _) = self.positions().await?;
+            if demand == goal && self.outputs().await?[output::IN_POSITION] {
+                break true;
+            }
+            if Instant::now() >= deadline {
+                break false;
+            }
+            sleep(POLL).await;
+        };
+        self.link()?.set_coil(coil::STROBE, false).await?;
+        if has_started {
+            return Ok(());
+        }
+        self.check_fault().await?;
+        Err(DeviceError::NotReady { reason: "the block did not start; a stop input may be on at the drive's connector".into() })
+    }
+}

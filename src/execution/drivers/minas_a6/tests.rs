@@ -1,0 +1,274 @@
+//! The driver against the simulated drive: on sockets of this machine, as a gateway has them, and on a pseudo terminal.
+
+use std::sync::Arc;
+
+use tokio::task::JoinHandle;
+use tokio::time::timeout;
+
+use super::*;
+use crate::execution::protocol::minas_a6::ERROR_TIMEOUT;
+use crate::execution::simulators::faults::{FaultCommand, Faults};
+use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
+
+const WATCHDOG: Duration = Duration::from_millis(200);
+
+struct Bench {
+    table: MinasA6Table,
+    faults: Arc<Faults>,
+    position: Box<dyn Fn() -> f64 + Send>,
+    server: JoinHandle<()>,
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.server.abort();
+    }
+}
+
+fn spec(address: &str) -> MinasA6Spec {
+    let spec = serde_json::json!({"address": address, "units_per_turn": 1_600_000, "gear_ratio": 40, "model": "MADLT15"});
+    serde_json::from_value(spec).expect("a specification")
+}
+
+async fn on_socket(framing: GatewayFraming, setup: DriveSetup) -> Bench {
+    let simulator = MinasA6Simulator::new(&setup);
+    let (listener, address) = MinasA6Simulator::listen("127.0.0.1:0").await.expect("a socket");
+    let (faults, position) = (simulator.faults(), Box::new(simulator.position()));
+    let served = match framing {
+        GatewayFraming::Rtu => ModbusFraming::Rtu,
+        GatewayFraming::Tcp => ModbusFraming::Tcp,
+    };
+    let mut spec = spec(&format!("tcp://{address}"));
+    (spec.framing, spec.has_infinite_rotation) = (framing, setup.has_infinite_rotation);
+    let table = MinasA6Table::new(spec, Wiring::over_tcp("table", Arc::new(())));
+    Bench { table, faults, position, server: tokio::spawn(simulator.serve(listener, served)) }
+}
+
+async fn ready(framing: GatewayFraming, setup: DriveSetup) -> Bench {
+    let mut bench = on_socket(framing, setup).await;
+    bench.table.connect().await.expect("a drive");
+    bench.table.arm(WATCHDOG).await.expect("armed");
+    bench
+}
+
+async fn usual() -> Bench {
+    ready(GatewayFraming::Rtu, DriveSetup::default()).await
+}
+
+fn target(sequence: u64, angle_deg: f64, speed_deg_s: f64) -> Target<1> {
+    Target {
+        sequence,
+        positions_rad: [angle_deg.to_radians()],
+        max_speed_rad_s: [speed_deg_s.to_radians()],
+        max_acceleration_rad_s2: [360_f64.to_radians()],
+        duration: Duration::from_secs(1),
+    }
+}
+
+impl Bench {
+    async fn arrive(&mut self) -> TableState {
+        let arrived = async {
+            loop {
+                let state = self.table.state().await.expect("a state");
+                if state.condition.in_position {
+                    return state;
+                }
+                sleep(Duration::from_millis(5)).await;
+            }
+        };
+        timeout(Duration::from_secs(8), arrived).await.expect("in position")
+    }
+
+    /// Turns to an angle and back; what the table really did is compared too.
+    async fn there_and_back(&mut self, angle_deg: f64) {
+        let home = (self.position)();
+        for (sequence, angle) in [(1, angle_deg), (2, 0.0)] {
+            self.table.start(&target(sequence, angle, 120.0)).await.expect("accepted");
+            let state = self.arrive().await;
+            assert!((state.positions_rad[0].to_degrees() - angle).abs() < 1e-3, "{state:?}");
+            let turned_deg = ((self.position)() - home) / 1_600_000.0 * 360.0;
+            assert!((turned_deg - angle).abs() < 1e-3, "{turned_deg}");
+        }
+    }
+
+    async fn resting(&self) -> f64 {
+        sleep(Duration::from_millis(400)).await;
+        let position = (self.position)();
+        sleep(Duration::from_millis(300)).await;
+        assert_eq!((self.position)(), position, "nothing moves");
+        position / 1_600_000.0 * 360.0
+    }
+}
+
+#[tokio::test]
+async fn the_table_goes_there_and_back_behind_either_gateway() {
+    for framing in GatewayFraming::ALL {
+        let mut bench = ready(framing, DriveSetup::default()).await;
+        bench.there_and_back(40.0).await;
+        bench.table.release().await.expect("released");
+        assert!(matches!(bench.table.state().await, Err(DeviceError::Closed { .. })));
+        // Given back: the servo is off and the time-out is that found.
+        let identity = bench.table.connect().await.expect("a drive");
+        assert_eq!((identity.maker.as_str(), identity.model.as_str()), ("Panasonic", "MADLT15SF"));
+        assert!(!bench.table.state().await.expect("a state").condition.powered);
+        assert_eq!(bench.table.value(COMMUNICATION_TIMEOUT).await, Ok(0));
+    }
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn the_table_goes_there_and_back_on_a_serial_line() {
+    let simulator = MinasA6Simulator::new(&DriveSetup::default());
+    let line = MinasA6Simulator::pseudo_terminal().expect("a pseudo terminal");
+    let (faults, position) = (simulator.faults(), Box::new(simulator.position()));
+    let mut spec = spec(&line.path);
+    spec.parity = crate::cell::SerialParity::None;
+    let table = MinasA6Table::new(spec, Wiring::over_tcp("table", Arc::new(())));
+    let mut bench = Bench { table, faults, position, server: tokio::spawn(simulator.serve_line(line.stream)) };
+    bench.table.connect().await.expect("a drive");
+    bench.table.arm(WATCHDOG).await.expect("armed");
+    bench.there_and_back(25.0).await;
+}
+
+#[tokio::test]
+async fn nothing_moves_after_a_stop_and_only_arming_starts_again() {
+    let mut bench = usual().await;
+    bench.table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
+    sleep(Duration::from_millis(150)).await;
+    bench.table.stop().await.expect("acknowledged");
+    let rest = bench.resting().await;
+    assert!((2.0..100.0).contains(&rest), "stopped on the way: {rest}");
+    assert!(matches!(bench.table.start(&target(2, 0.0, 60.0)).await, Err(DeviceError::NotReady { .. })));
+    // The stop coil holds even a start by somebody else. The time-out may have struck by now.
+    let link = bench.table.link().expect("open");
+    link.set_coil(coil::STROBE, true).await.expect("written");
+    assert_eq!(bench.resting().await, rest);
+}
+
+#[tokio::test]
+async fn a_stopped_table_is_armed_and_moved_again() {
+    let mut bench = usual().await;
+    bench.table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
+    bench.table.stop().await.expect("acknowledged");
+    while bench.table.state().await.expect("a state").condition.moving {}
+    bench.table.arm(WATCHDOG).await.expect("armed");
+    bench.table.start(&target(2, 0.0, 60.0)).await.expect("accepted");
+    let state = bench.arrive().await;
+    assert!(state.positions_rad[0].abs() < 1e-5);
+}
+
+#[tokio::test]
+async fn the_drive_stops_by_itself_when_messages_cease() {
+    let mut bench = usual().await;
+    bench.table.start(&target(1, 170.0, 30.0)).await.expect("accepted");
+    let before = (bench.position)();
+    // As if this process were gone: nothing is sent for a second.
+    sleep(Duration::from_secs(1)).await;
+    let turned = ((bench.position)() - before) / 1_600_000.0 * 360.0;
+    // 200 ms at 30 degrees a second, and the ramp.
+    assert!((1.0..8.0).contains(&turned), "{turned}");
+    let state = bench.table.state().await.expect("a state");
+    assert_eq!(state.condition.fault, Some(FaultCode(ERROR_TIMEOUT)));
+    assert!(!state.condition.moving && !state.condition.powered);
+    let error = bench.table.arm(WATCHDOG).await.expect_err("a fault");
+    assert!(matches!(&error, DeviceError::Fault { code: ERROR_TIMEOUT, text } if text.contains("Err80.0")), "{error}");
+}
+
+#[tokio::test]
+async fn faults_show_in_the_state_stop_the_table_and_keep_it_from_being_armed() {
+    for (fault, shows) in [
+        (FaultCommand::EmergencyStop(true), (|condition| condition.emergency_stop) as fn(Condition) -> bool),
+        (FaultCommand::Guard(true), |condition| condition.guard_open),
+        (FaultCommand::Alarm(Some(2400)), |condition| condition.fault == Some(FaultCode(2400))),
+    ] {
+        let mut bench = usual().await;
+        bench.table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
+        bench.faults.apply(fault);
+        let rest = bench.resting().await;
+        let state = bench.table.state().await.expect("a state");
+        assert!(shows(state.condition) && !state.condition.powered, "{fault:?}: {:?}", state.condition);
+        assert!(matches!(bench.table.arm(WATCHDOG).await, Err(DeviceError::Fault { .. })), "{fault:?}");
+        assert_eq!(bench.resting().await, rest);
+    }
+}
+
+#[tokio::test]
+async fn silence_and_lateness_are_told_and_a_late_answer_is_not_taken_for_another() {
+    for framing in GatewayFraming::ALL {
+        let mut bench = ready(framing, DriveSetup::default()).await;
+        bench.faults.apply(FaultCommand::Silent(true));
+        assert_eq!(bench.table.state().await, Err(DeviceError::Silent { waited: Duration::from_millis(100) }));
+        bench.faults.apply(FaultCommand::Late(Duration::from_millis(150)));
+        bench.faults.apply(FaultCommand::Silent(false));
+        assert!(matches!(bench.table.state().await, Err(DeviceError::Silent { .. })));
+        bench.faults.apply(FaultCommand::Clear);
+        sleep(Duration::from_millis(200)).await;
+        // Given up before anything came, and asked anew at once.
+        assert!(timeout(Duration::ZERO, bench.table.is_busy()).await.is_err());
+        let registers = bench.table.link().expect("open").registers(register::MODEL, 8).await.expect("registers");
+        assert_eq!(text_of(&registers), "MADLT15SF");
+    }
+}
+
+#[tokio::test]
+async fn the_other_order_of_words_is_found_at_connect_and_can_be_configured() {
+    let mut bench = on_socket(GatewayFraming::Rtu, DriveSetup::default()).await;
+    bench.faults.apply(FaultCommand::WordOrder(true));
+    let error = bench.table.connect().await.expect_err("swapped words");
+    assert!(matches!(&error, DeviceError::WordOrder { other, .. } if other == "high_first"), "{error}");
+    bench.table.spec.word_order = WordOrder::HighFirst;
+    bench.table.connect().await.expect("a drive");
+    bench.table.arm(WATCHDOG).await.expect("armed");
+    bench.there_and_back(15.0).await;
+}
+
+#[tokio::test]
+async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
+    let mut bench = usual().await;
+    bench.table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
+    bench.faults.apply(FaultCommand::Cut);
+    sleep(Duration::from_millis(20)).await;
+    assert!(matches!(bench.table.state().await, Err(DeviceError::Closed { .. })));
+    bench.table.stop().await.expect("acknowledged over a new connection");
+    let rest = bench.resting().await;
+    assert!(rest < 100.0, "{rest}");
+}
+
+#[tokio::test]
+async fn without_end_stops_a_move_is_the_one_asked_for_and_not_the_shorter() {
+    // Begins 10 degrees before the turn's end, as positions repeat: angle −10.
+    let setup = DriveSetup { has_infinite_rotation: true, position: 1_600_000 - 44_444, ..DriveSetup::default() };
+    let mut bench = ready(GatewayFraming::Tcp, setup).await;
+    let start = bench.table.state().await.expect("a state").positions_rad[0].to_degrees();
+    assert!((start + 10.0).abs() < 1e-3, "{start}");
+    for (sequence, angle, speed) in [(1, 300.0, 300.0), (2, -30.0, 300.0), (3, 20.0, 120.0)] {
+        let before = (bench.position)();
+        let from = bench.table.state().await.expect("a state").positions_rad[0].to_degrees();
+        bench.table.start(&target(sequence, angle, speed)).await.expect("accepted");
+        let state = bench.arrive().await;
+        assert!((state.positions_rad[0].to_degrees() - angle).abs() < 1e-3, "{state:?}");
+        let turned = ((bench.position)() - before) / 1_600_000.0 * 360.0;
+        assert!((turned - (angle - from)).abs() < 1e-2, "{turned} for {from} to {angle}");
+    }
+}
+
+#[tokio::test]
+async fn what_the_drive_cannot_do_and_how_it_is_not_set_up_is_refused() {
+    let mut bench = usual().await;
+    let unsupported = |result| assert!(matches!(result, Err(DeviceError::Unsupported { .. })), "{result:?}");
+    unsupported(bench.table.start(&target(1, 10.0, 0.1)).await);
+    unsupported(bench.table.start(&target(2, 10.0, 3600.0)).await);
+    unsupported(bench.table.start(&target(3, f64::NAN, 30.0)).await);
+    let mut slow = target(4, 10.0, 30.0);
+    slow.max_acceleration_rad_s2 = [0.001];
+    unsupported(bench.table.start(&slow).await);
+    let mut other = on_socket(GatewayFraming::Rtu, DriveSetup { has_infinite_rotation: true, ..DriveSetup::default() }).await;
+    other.table.spec.gear_ratio = 41.0;
+    let error = other.table.connect().await.expect_err("another gear");
+    assert!(matches!(&error, DeviceError::NotReady { reason } if reason.contains("Pr6.88")), "{error}");
+    other.table.spec.has_infinite_rotation = false;
+    let error = other.table.connect().await.expect_err("another mode");
+    assert!(matches!(&error, DeviceError::NotReady { reason } if reason.contains("Pr0.15")), "{error}");
+    other.table.spec.model = Some("MADLN".into());
+    assert!(matches!(other.table.connect().await, Err(DeviceError::OtherDevice { .. })));
+}

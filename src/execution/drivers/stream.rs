@@ -1,0 +1,177 @@
+//! Connections to controllers: streams of bytes with a log of everything on the wire. Who dials is a parameter, so that tests put
+//! a simulated network below a driver.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures_util::future::BoxFuture;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::{Instant, sleep, timeout, timeout_at};
+
+use crate::execution::device::{DeviceError, Direction, WireLog};
+
+/// Bytes read at once.
+const CHUNK: usize = 4096;
+/// Bytes that may wait for the wire: more than that, and nobody takes them.
+const MAX_UNSENT_BYTES: usize = 64 << 10;
+/// Pauses between attempts to connect.
+const FIRST_PAUSE: Duration = Duration::from_millis(50);
+const MAX_PAUSE: Duration = Duration::from_secs(1);
+
+/// Bytes both ways, over whatever carries them.
+pub trait ByteStream: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> ByteStream for T {}
+
+/// Opens streams to addresses.
+pub trait Dialer: Send + Sync {
+    /// Opens a stream to `host:port`.
+    fn dial<'a>(&'a self, address: &'a str) -> BoxFuture<'a, io::Result<Box<dyn ByteStream>>>;
+}
+
+/// TCP of this machine, small messages sent at once.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TcpDialer;
+
+impl Dialer for TcpDialer {
+    fn dial<'a>(&'a self, address: &'a str) -> BoxFuture<'a, io::Result<Box<dyn ByteStream>>> {
+        Box::pin(async move {
+            let stream = TcpStream::connect(address).await?;
+            stream.set_nodelay(true)?;
+            Ok(Box::new(stream) as Box<dyn ByteStream>)
+        })
+    }
+}
+
+/// Network of a device and the log of its bytes.
+#[derive(Clone)]
+pub struct Wiring {
+    /// Opens its streams.
+    pub dialer: Arc<dyn Dialer>,
+    /// Keeps its bytes.
+    pub log: Arc<dyn WireLog>,
+    /// Its name in the log: `arm`, `table` or `trigger`.
+    pub device: &'static str,
+}
+
+impl Wiring {
+    /// Wiring over this machine's TCP.
+    #[must_use]
+    pub fn over_tcp(device: &'static str, log: Arc<dyn WireLog>) -> Self {
+        Self { dialer: Arc::new(TcpDialer), log, device }
+    }
+
+    /// Connects, with further attempts after growing pauses, until `patience` is over.
+    ///
+    /// # Errors
+    /// [`DeviceError::Unreachable`] with the words of the last attempt.
+    pub async fn connect(&self, address: &str, patience: Duration) -> Result<Connection, DeviceError> {
+        let deadline = Instant::now() + patience;
+        let mut pause = FIRST_PAUSE;
+        loop {
+            let reason = match timeout_at(deadline, self.dialer.dial(address)).await {
+                Ok(Ok(stream)) => return Ok(self.connection(stream)),
+                Ok(Err(error)) => error.to_string(),
+                Err(_) => format!("no answer within {} ms", patience.as_millis()),
+            };
+            if Instant::now() + pause >= deadline {
+                return Err(DeviceError::Unreachable { address: address.to_owned(), reason });
+            }
+            sleep(pause).await;
+            pause = (2 * pause).min(MAX_PAUSE);
+        }
+    }
+
+    /// Connection over a stream that is open already, such as a serial line.
+    #[must_use]
+    pub fn connection(&self, stream: Box<dyn ByteStream>) -> Connection {
+        Connection { stream, wiring: self.clone(), unsent: Vec::new() }
+    }
+}
+
+impl std::fmt::Debug for Wiring {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wiring").field("device", &self.device).finish_non_exhaustive()
+    }
+}
+
+/// An open connection. Its futures may be dropped: a message that was begun is finished before the next one, and bytes that were
+/// received are not lost.
+pub struct Connection {
+    stream: Box<dyn ByteStream>,
+    wiring: Wiring,
+    unsent: Vec<u8>,
+}
+
+impl Connection {
+    /// Hands a message to the wire.
+    ///
+    /// # Errors
+    /// [`DeviceError::Closed`].
+    pub async fn send(&mut self, message: &[u8]) -> Result<(), DeviceError> {
+        if self.unsent.len() + message.len() > MAX_UNSENT_BYTES {
+            return Err(DeviceError::Closed { reason: "the controller takes no more bytes".to_owned() });
+        }
+        self.unsent.extend_from_slice(message);
+        while !self.unsent.is_empty() {
+            let written = self.stream.write(&self.unsent).await.map_err(|error| closed(&error))?;
+            if written == 0 {
+                return Err(DeviceError::Closed { reason: "the stream takes no more bytes".to_owned() });
+            }
+            self.wiring.log.record(self.wiring.device, Direction::Sent, &self.unsent[..written]);
+            self.unsent.drain(..written);
+        }
+        self.stream.flush().await.map_err(|error| closed(&error))
+    }
+
+    /// Waits for bytes and appends them to `into`, at most 4096.
+    ///
+    /// # Errors
+    /// [`DeviceError::Closed`].
+    pub async fn receive(&mut self, into: &mut Vec<u8>) -> Result<(), DeviceError> {
+        let mut chunk = [0; CHUNK];
+        let read = self.stream.read(&mut chunk).await.map_err(|error| closed(&error))?;
+        if read == 0 {
+            return Err(DeviceError::Closed { reason: "the other side closed it".to_owned() });
+        }
+        self.wiring.log.record(self.wiring.device, Direction::Received, &chunk[..read]);
+        into.extend_from_slice(&chunk[..read]);
+        Ok(())
+    }
+
+    /// Says that nothing more will be sent, so that a controller with one client frees its place.
+    pub async fn close(mut self) {
+        // The other side may have gone first.
+        let _ = self.stream.shutdown().await;
+    }
+}
+
+impl std::fmt::Debug for Connection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Connection")
+            .field("device", &self.wiring.device)
+            .field("unsent", &self.unsent.len())
+            .finish_non_exhaustive()
+    }
+}
+
+/// Waits for an answer at most so long.
+///
+/// # Errors
+/// Errors of `answer`, and [`DeviceError::Silent`].
+pub async fn within<T>(wait: Duration, answer: impl Future<Output = Result<T, DeviceError>>) -> Result<T, DeviceError> {
+    timeout(wait, answer).await.unwrap_or(Err(DeviceError::Silent { waited: wait }))
+}
+
+/// Error of a connection that ended.
+fn closed(error: &io::Error) -> DeviceError {
+    DeviceError::Closed { reason: error.to_string() }
+}
+
+/// Error of a device that is not connected, or no longer.
+#[must_use]
+pub fn not_connected() -> DeviceError {
+    DeviceError::Closed { reason: "it is not open".to_owned() }
+}

@@ -1,0 +1,175 @@
+//! Han's controller: text commands, pushed states and servo commands on sockets, one arm of the library behind them.
+
+mod arm;
+mod servo;
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{Instant, sleep};
+
+use self::arm::SimulatedArm;
+use super::faults::Faults;
+use crate::cell::Robot;
+use crate::execution::protocol::hans::{HansFrames, HansOutcome, HansReply, HansRequest, HansSyntax};
+
+/// Sockets of a simulated controller.
+#[derive(Debug)]
+pub struct HansSimulator {
+    text: TcpListener,
+    realtime: TcpListener,
+    servo: TcpListener,
+    shared: Arc<Shared>,
+}
+
+/// Arm, faults and time of a simulator.
+#[derive(Debug)]
+struct Shared {
+    arm: Mutex<SimulatedArm>,
+    faults: Arc<Faults>,
+    began: Instant,
+    factor: f64,
+}
+
+impl Shared {
+    /// The arm, and the simulated time, s.
+    fn arm(&self) -> (MutexGuard<'_, SimulatedArm>, f64) {
+        let mut arm = self.arm.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = self.began.elapsed().as_secs_f64() * self.factor;
+        arm.feel(&self.faults.state(), now);
+        (arm, now)
+    }
+}
+
+/// Addresses of a simulated controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HansAddresses {
+    /// Text commands, as port 10003.
+    pub text: SocketAddr,
+    /// Binary state, as port 8893.
+    pub realtime: SocketAddr,
+    /// Servo commands, as port 8892.
+    pub servo: SocketAddr,
+}
+
+impl HansSimulator {
+    /// Listens at an address for text commands, and beside it for the binary state and for servo commands. The arm stands at
+    /// `joints_rad`, enabled; its time runs `factor` times as quickly.
+    ///
+    /// # Errors
+    /// Errors of the operating system.
+    pub async fn listen(address: &str, robot: Robot, joints_rad: [f64; 6], factor: f64) -> io::Result<Self> {
+        let text = TcpListener::bind(address).await?;
+        let beside = SocketAddr::new(text.local_addr()?.ip(), 0);
+        let (realtime, servo) = (TcpListener::bind(beside).await?, TcpListener::bind(beside).await?);
+        let arm = Mutex::new(SimulatedArm::at(robot, joints_rad));
+        let shared = Shared { arm, faults: Arc::default(), began: Instant::now(), factor };
+        Ok(Self { text, realtime, servo, shared: Arc::new(shared) })
+    }
+
+    /// Addresses that it listens at.
+    ///
+    /// # Errors
+    /// Errors of the operating system.
+    pub fn addresses(&self) -> io::Result<HansAddresses> {
+        Ok(HansAddresses {
+            text: self.text.local_addr()?,
+            realtime: self.realtime.local_addr()?,
+            servo: self.servo.local_addr()?,
+        })
+    }
+
+    /// Its faults.
+    #[must_use]
+    pub fn faults(&self) -> Arc<Faults> {
+        Arc::clone(&self.shared.faults)
+    }
+
+    /// A look at its joints, whatever its connections do.
+    #[must_use]
+    pub fn joints(&self) -> impl Fn() -> [f64; 6] + Send + use<> {
+        let shared = Arc::clone(&self.shared);
+        move || {
+            let (arm, now) = shared.arm();
+            arm.joints_rad(now)
+        }
+    }
+
+    /// Serves connections until it is dropped, and they with it.
+    pub async fn serve(self) {
+        let servo = async {
+            // One client: the others wait.
+            while let Ok((stream, _)) = self.servo.accept().await {
+                servo::take_targets(stream, &self.shared).await;
+            }
+        };
+        tokio::join!(servo, self.serve_many());
+    }
+
+    /// Serves the ports that take many clients.
+    async fn serve_many(&self) {
+        let mut connections = JoinSet::new();
+        loop {
+            // Connections that ended are let go.
+            while connections.try_join_next().is_some() {}
+            let shared = Arc::clone(&self.shared);
+            tokio::select! {
+                Ok((stream, _)) = self.text.accept() => connections.spawn(async move { talk(stream, &shared).await }),
+                Ok((stream, _)) = self.realtime.accept() => connections.spawn(async move { servo::push_states(stream, &shared).await }),
+                else => return,
+            };
+        }
+    }
+}
+
+/// Answers the text commands of one client until it goes, or the connection is cut.
+async fn talk(stream: TcpStream, shared: &Shared) {
+    let cut = shared.faults.next_cut();
+    tokio::select! {
+        () = cut => {}
+        // Whoever goes away is not missed.
+        _ = answer(stream, shared) => {}
+    }
+}
+
+async fn answer(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    let (mut frames, mut chunk) = (HansFrames::default(), [0; 4096]);
+    loop {
+        let read = stream.read(&mut chunk).await?;
+        if read == 0 {
+            return Ok(());
+        }
+        frames.push(&chunk[..read]);
+        while let Some(message) = frames.next_message() {
+            let reply = reply(message, shared);
+            let faults = shared.faults.state();
+            sleep(faults.late).await;
+            if !faults.is_silent {
+                stream.write_all(reply.encode().as_bytes()).await?;
+            }
+        }
+    }
+}
+
+/// Code of a command whose format is wrong.
+const FORMAT_ERROR: i64 = 40_056;
+
+fn reply(message: Result<String, HansSyntax>, shared: &Shared) -> HansReply {
+    let refused = |command: String, code| HansReply { command, outcome: HansOutcome::Fail(code) };
+    match message.and_then(|message| HansRequest::parse(&message)) {
+        Ok(request) => {
+            let (mut arm, now) = shared.arm();
+            let outcome = arm.answer(&request, now).map_or_else(HansOutcome::Fail, HansOutcome::Done);
+            HansReply { command: request.name().to_owned(), outcome }
+        }
+        Err(HansSyntax::Arguments(command)) => refused(command, FORMAT_ERROR),
+        Err(HansSyntax::UnknownCommand(_) | HansSyntax::TooLong | HansSyntax::NotText) => {
+            HansReply { command: String::new(), outcome: HansOutcome::Unknown }
+        }
+    }
+}
