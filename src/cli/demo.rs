@@ -12,7 +12,7 @@ use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
 use crate::service::{App, Error, MeshUpload, Submission};
 use crate::settings::{Flags, Settings};
-use crate::wire::run::{RunRequest, RunState};
+use crate::wire::run::{ReportedState, RunRequest};
 use crate::wire::{Job, JobId, JobRequest, JobState};
 
 /// Approximate number of triangles of the sample part.
@@ -91,7 +91,7 @@ async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
     let request = RunRequest { time_factor: RUN_FACTOR, ..RunRequest::new(job) };
     let run = app.start_run(request, None, None).await.map_err(failed)?;
     let run = app.run_when_ended(run.id, Duration::from_secs(3600)).await.map_err(failed)?;
-    if run.state != RunState::Done {
+    if run.state != ReportedState::Done {
         return output::line(format_args!("The run is {}: {}", run.state.as_str(), run.detail.unwrap_or_default()));
     }
     let measured = run.coverage.map_or(0.0, |coverage| 100.0 * coverage.measured_of_asked);

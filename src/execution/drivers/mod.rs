@@ -7,3 +7,4 @@ pub mod modbus_plc;
 pub mod serial;
 pub mod stream;
 mod table_units;
+pub mod trigger;

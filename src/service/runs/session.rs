@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::cell::{ControllersSpec, WorkspaceSpec};
-use crate::execution::audit::AuditLog;
+use crate::execution::audit::{AuditLimits, AuditLog};
 use crate::execution::located::Relocate;
 use crate::execution::session::{self, Authority, RunHandle, RunJob, RunOptions, Safeguards, Workspace};
 use crate::wire::run::{RunMode, RunRequest};
@@ -91,6 +91,8 @@ fn safeguards(controllers: Option<&ControllersSpec>, heartbeat_timeout: Duration
 }
 
 /// Opens the log in its folder.
-fn open_audit(_place: &AuditPlace) -> Result<Arc<AuditLog>, String> {
-    Ok(Arc::new(AuditLog::default()))
+fn open_audit(place: &AuditPlace) -> Result<Arc<AuditLog>, String> {
+    let limits = AuditLimits { file_bytes: place.file_bytes, files: place.files };
+    AuditLog::open(&place.folder, limits)
+        .map_err(|error| format!("the audit log in {} cannot be begun: {error}", place.folder.display()))
 }

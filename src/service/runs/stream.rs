@@ -13,7 +13,7 @@ use crate::execution::session::{LiveEvent, RunHandle};
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::wire::RunId;
-use crate::wire::run::{RunEvent, RunSample};
+use crate::wire::run::{RunEventDocument, RunSample};
 
 /// Place in the stream of a run: the number of the last stored event, and of the last sample; `12` or `12.340`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl FromStr for RunCursor {
 #[derive(Clone, Debug)]
 pub enum RunMessage {
     /// A stored event.
-    Event(Arc<RunEvent>, RunCursor),
+    Event(Arc<RunEventDocument>, RunCursor),
     /// A sample of the measured state.
     Sample(Box<RunSample>, RunCursor),
 }
@@ -58,8 +58,8 @@ pub struct RunStream {
     app: App,
     run: RunId,
     at: RunCursor,
-    feed: broadcast::Receiver<Arc<RunEvent>>,
-    past: VecDeque<Arc<RunEvent>>,
+    feed: broadcast::Receiver<Arc<RunEventDocument>>,
+    past: VecDeque<Arc<RunEventDocument>>,
     samples: VecDeque<LiveEvent>,
     /// The session, once there is one; none for a run that has ended.
     session: Option<watch::Receiver<Option<RunHandle>>>,

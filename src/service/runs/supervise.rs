@@ -16,7 +16,7 @@ use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, Stop
 use crate::planning::context::Context;
 use crate::service::app::App;
 use crate::service::error::Error;
-use crate::wire::run::{Run, RunCoverage, RunEventKind, RunMode, RunReason, RunState, RunStepRecord};
+use crate::wire::run::{ReportedReason, ReportedState, Run, RunCoverage, RunEventKind, RunMode, RunStepRecord};
 
 /// A run's task; what it holds is given back when it is dropped, however the task ends.
 pub(super) struct Supervisor {
@@ -62,7 +62,7 @@ impl Supervisor {
         };
         let handle = match self.begin(&order, &checked).await {
             Ok(handle) => handle,
-            Err(reason) => return self.end_early((RunState::Failed, RunReason::NotAllowed, Some(reason))).await,
+            Err(reason) => return self.end_early((ReportedState::Failed, ReportedReason::NotAllowed, Some(reason))).await,
         };
         self.open.session.send_replace(Some(handle.clone()));
         self.follow(&handle).await;
@@ -78,13 +78,13 @@ impl Supervisor {
         let check = tokio::task::spawn_blocking(move || order.check(&cells, &|| raised.load(Ordering::Relaxed)));
         let checked = tokio::select! {
             checked = check => checked,
-            () = stop.cancelled() => return Err((RunState::Stopped, RunReason::ByClient, None)),
-            () = self.app.0.stopping.cancelled() => return Err((RunState::Stopped, RunReason::ServerGone, None)),
+            () = stop.cancelled() => return Err((ReportedState::Stopped, ReportedReason::ByClient, None)),
+            () = self.app.0.stopping.cancelled() => return Err((ReportedState::Stopped, ReportedReason::ServerGone, None)),
         };
         match checked {
             Ok(Ok(checked)) => Ok(checked),
-            Ok(Err(reason)) => Err((RunState::Failed, RunReason::ProgramRefused, Some(reason))),
-            Err(error) => Err((RunState::Failed, RunReason::Internal, Some(error.to_string()))),
+            Ok(Err(reason)) => Err((ReportedState::Failed, ReportedReason::ProgramRefused, Some(reason))),
+            Err(error) => Err((ReportedState::Failed, ReportedReason::Internal, Some(error.to_string()))),
         }
     }
 
@@ -102,7 +102,7 @@ impl Supervisor {
             authority,
             is_first: !was_completed.unwrap_or(false),
             heartbeat_timeout: options.lease_ttl,
-            relocate: None,
+            relocate: if order.request.locate { checked.locating() } else { None },
             audit: (self.run.mode != RunMode::Simulate).then(|| session::AuditPlace {
                 folder: options.audit_dir.join(self.run.id.to_string()),
                 file_bytes: options.audit_file_bytes,
@@ -194,7 +194,7 @@ impl Supervisor {
         self.run.coverage = self.coverage(checked, record).await;
         self.run.conclude(record);
         self.run.armed_by = self.open.armed_by();
-        if self.run.state == RunState::Done && self.run.mode == RunMode::Live {
+        if self.run.state == ReportedState::Done && self.run.mode == RunMode::Live {
             let noted = self.app.0.store.note_completed(&order.program_sha256, &order.cell_sha256).await;
             warn(&self.run, "noting that the program was completed", noted);
         }
@@ -205,7 +205,7 @@ impl Supervisor {
     /// Coverage at the measured poses, for a run that is done.
     async fn coverage(&self, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) -> Option<RunCoverage> {
         let (state, _) = words_of(&record.status);
-        if state != RunState::Done || record.scans().next().is_none() {
+        if state != ReportedState::Done || record.scans().next().is_none() {
             return None;
         }
         let (checked, record) = (Arc::clone(checked), Arc::clone(record));
@@ -245,11 +245,11 @@ impl Supervisor {
 }
 
 /// State, reason and words of a run that ended before its session began.
-type Ended = (RunState, RunReason, Option<String>);
+type Ended = (ReportedState, ReportedReason, Option<String>);
 
 /// A session's status in the words of the interfaces.
-fn words_of(status: &RunStatus) -> (RunState, RunReason) {
-    (status.state.into(), RunReason::of(&status.reason))
+fn words_of(status: &RunStatus) -> (ReportedState, ReportedReason) {
+    (status.state.into(), ReportedReason::of(&status.reason))
 }
 
 fn warn(run: &Run, what: &str, result: Result<(), Error>) {

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use super::{
-    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, Run, RunDevices, RunMode, RunReason, RunRequest, RunState, RunStepOp,
-    RunStepRecord, RunStop,
+    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, ReportedReason, ReportedState, Run, RunDevices, RunMode, RunRequest,
+    RunStepOp, RunStepRecord, RunStop,
 };
 use crate::execution::device::Identity;
 use crate::execution::record::{DeviceStop, RunRecord, StepKind, StepRecord, StopReport};
@@ -12,7 +12,7 @@ use crate::execution::session::{self, Identities, Mode};
 use crate::program::Program;
 use crate::wire::ids::{JobId, RunId};
 
-impl From<session::RunState> for RunState {
+impl From<session::RunState> for ReportedState {
     fn from(state: session::RunState) -> Self {
         match state {
             session::RunState::Preparing => Self::Preparing,
@@ -37,7 +37,7 @@ impl From<Mode> for RunMode {
     }
 }
 
-impl RunReason {
+impl ReportedReason {
     /// The reason by its name in the session; one that is not known here is internal.
     #[must_use]
     pub fn of(reason: &session::RunReason) -> Self {
@@ -51,8 +51,8 @@ impl Run {
     pub fn new(request: &RunRequest, job_id: Option<JobId>, cell: &str, program: &Program, program_sha256: &str) -> Self {
         Self {
             id: RunId::generate(),
-            state: RunState::Preparing,
-            reason: RunReason::Connecting,
+            state: ReportedState::Preparing,
+            reason: ReportedReason::Connecting,
             detail: None,
             mode: request.mode,
             job_id,
@@ -84,7 +84,7 @@ impl Run {
 
     /// Takes over how a session ended.
     pub fn conclude(&mut self, record: &RunRecord) {
-        (self.state, self.reason) = (record.status.state.into(), RunReason::of(&record.status.reason));
+        (self.state, self.reason) = (record.status.state.into(), ReportedReason::of(&record.status.reason));
         self.detail = Some(record.status.reason.to_string());
         (self.step, self.speed_override) = (record.next_step, record.speed_override);
         (self.scans, self.elapsed_secs) = (record.scans().count(), record.real_secs);
