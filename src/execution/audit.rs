@@ -56,7 +56,7 @@ pub struct AuditHead {
     pub sha256: String,
 }
 
-/// Where a chain is broken.
+/// Break of a chain.
 #[derive(Debug, thiserror::Error)]
 pub enum AuditBreach {
     /// Not to be read.

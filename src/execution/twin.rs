@@ -46,7 +46,7 @@ pub enum Planted {
     NotANumber,
 }
 
-/// What a twin was asked, for tests of what it must not be asked.
+/// Requests to a twin so far, for tests of what must not be asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Asked {
     /// Number of targets accepted.
@@ -162,7 +162,7 @@ impl<const N: usize> TwinAccess<N> {
         body.motion.is_some()
     }
 
-    /// What it was asked so far.
+    /// Requests so far.
     #[must_use]
     pub fn asked(&self) -> Asked {
         lock(&self.0).asked

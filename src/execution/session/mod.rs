@@ -3,6 +3,8 @@
 //!
 //! Begun by [`simulate`], [`dry_run`] or [`live`], each of which needs a tokio runtime and answers at once with a [`RunHandle`].
 //!
+//! Every point of a move is a stop, of moves that pass points without stopping too: such a run takes longer than planned.
+//!
 //! No part of this is safety-rated. A stop from here is an operational stop of the kind of IEC 60204-1 category 2; emergency stops,
 //! guards and the protection of people are the cell's own.
 
@@ -22,6 +24,7 @@ mod watcher;
 mod way;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 pub use cause::{Device, PauseCause, RunReason, StopCause};
 pub use gate::{Hashes, Objection, RunJob, Safeguards, Workspace};
@@ -38,6 +41,9 @@ use super::located::Relocate;
 use super::twin::{Twin, TwinTrigger};
 use crate::execution::audit::AuditLog;
 use runner::Runner;
+
+/// Watchdog of the devices of a simulated run.
+const TWIN_WATCHDOG: Duration = Duration::from_secs(60);
 
 /// Modes of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,7 +113,9 @@ pub fn simulate(job: RunJob, options: RunOptions) -> RunHandle {
     let factor = options.time_factor.clamp(1.0, 100.0);
     let here = way::commanded_before(&job.program, options.from_step);
     let machine = Pair { arm: Twin::at(here.joints_rad, factor), table: Twin::at([here.table_rad], factor) };
-    let options = RunOptions { time_factor: factor, ..options };
+    // A twin has nothing to guard: a machine that is busy planning may not stop it.
+    let safeguards = Safeguards { watchdog: TWIN_WATCHDOG, ..options.safeguards };
+    let options = RunOptions { time_factor: factor, safeguards, ..options };
     begin(Mode::Simulate, job, machine, TwinTrigger::new(factor), None, options)
 }
 

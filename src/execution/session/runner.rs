@@ -9,21 +9,20 @@ use std::time::Duration;
 use tokio::time::{Instant, timeout};
 
 use super::cause::{Device, PauseCause, StopCause};
-use super::gate::{self, Objection, RunJob, unfit};
+use super::gate::{self, Objection, RunJob};
 use super::handle::{Control, Halt, StopRequest};
 use super::live::Live;
 use super::machine::{Drive, Identities, MachineError, Watch};
-use super::state::{RunEvent, RunState};
+use super::state::RunEvent;
+use super::steps::Done;
 use super::watcher::{Watcher, of_machine};
 use super::way;
 use super::{Mode, RunOptions, stop};
 use crate::cell::Configuration;
-use crate::execution::device::{Capture, Captured, DeviceError, Trigger};
-use crate::execution::profile::segment;
+use crate::execution::device::{DeviceError, Trigger};
 use crate::execution::record::{DeviceStop, PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
 use crate::geometry::{Part, Pose, Table};
-use crate::planning::plan::ViewId;
-use crate::program::{Move, Step};
+use crate::program::Step;
 
 /// A run.
 pub(super) struct Runner<M, T> {
@@ -45,7 +44,7 @@ pub(super) struct Runner<M, T> {
     pub(super) located: Option<Pose<Table, Part>>,
     /// True if the next move leads straight to its target, from wherever the former program led.
     pub(super) rejoins: bool,
-    /// Where the devices were found after the stop that ended the run.
+    /// Configuration in which the devices were found after the stop that ended the run.
     pub(super) last_measured: Option<Configuration>,
 }
 
@@ -276,9 +275,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let report = match request {
             Some(StopRequest { cause, at }) => {
                 let asked_secs = at.saturating_duration_since(self.watcher.live.began()).as_secs_f64();
-                let max_age = self.options.safeguards.state_max_age;
-                let [arm, table] =
-                    if self.is_armed { stop::stop(&mut self.watcher.machine, at, max_age).await.map(Some) } else { [None, None] };
+                let [arm, table] = if self.is_armed { self.stop_both(at).await.map(Some) } else { [None, None] };
                 Some(StopReport { cause, asked_secs, arm, table })
             }
             None => None,
@@ -291,8 +288,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     async fn stop_both(&mut self, asked: Instant) -> [DeviceStop; 2] {
         let (stops, found) = stop::stop(&mut self.watcher.machine, asked).await;
         let [arm, table] = found.map(Option::unwrap_or_default);
-        if let (Ok(joints_rad), [table_rad]) = (arm.try_into(), table[..]) {
-            self.last_measured = Some(Configuration { joints_rad, table_rad });
+        if let (Ok(joints_rad), Some(table_rad)) = (arm.try_into(), table.first()) {
+            self.last_measured = Some(Configuration { joints_rad, table_rad: *table_rad });
         }
         stops
     }

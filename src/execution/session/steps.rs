@@ -150,7 +150,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 }
 
-/// Where a segment begins: where the devices are measured, save that one which has nowhere to go, and stands there within the
+/// Beginning of a segment: where the devices are measured, save that one which has nowhere to go, and stands there within the
 /// tolerance, is left alone.
 fn standing(from: &Configuration, to: &Configuration, here: &Configuration, tolerance_rad: f64) -> Configuration {
     let stays = |part: &Configuration| !from.moves_arm(part) && gate::furthest_axis(part, here).1 <= tolerance_rad;

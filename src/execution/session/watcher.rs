@@ -1,4 +1,4 @@
-//! What goes on all the time while a run is connected: states are read and held against the conditions of motion, watchdogs are
+//! Everything that goes on while a run is connected: states are read and held against the conditions of motion, watchdogs are
 //! fed, lease, heartbeat and audit are looked at, and live events go out.
 
 use std::sync::Arc;
@@ -123,7 +123,10 @@ impl<M: Drive> Watcher<M> {
                     tokio::select! {
                         biased;
                         output = &mut work, if done.is_none() => done = Some(output),
-                        ticked = &mut tick => break ticked?,
+                        ticked = &mut tick => {
+                            ticked?;
+                            break;
+                        }
                     }
                 }
             }
