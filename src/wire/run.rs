@@ -212,6 +212,8 @@ pub struct Run {
     pub devices: Option<RunDevices>,
     /// Conditions for motion that a dry run found not to be met.
     pub objections: Vec<String>,
+    /// Jitter of streamed set points; `null` where none were streamed.
+    pub jitter: Option<RunJitter>,
     /// Coverage at the measured poses beside the plan's, once the run is done.
     pub coverage: Option<RunCoverage>,
     /// Operator who armed it; `null` if nobody did.
@@ -270,6 +272,25 @@ pub struct DeviceIdentity {
     pub serial: Option<String>,
     /// Version of the firmware, if it is told.
     pub firmware: Option<String>,
+}
+
+/// Differences of the periods of streamed set points from the one asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RunJitter {
+    /// Period asked for, ms.
+    pub period_ms: f64,
+    /// Number of periods.
+    pub periods: u64,
+    /// Number of deadlines left out.
+    pub missed: u64,
+    /// Difference that half of the periods do not exceed, ms.
+    pub p50_ms: f64,
+    /// Difference that 99 % of the periods do not exceed, ms.
+    pub p99_ms: f64,
+    /// Difference that 99.9 % of the periods do not exceed, ms.
+    pub p999_ms: f64,
+    /// Largest difference, ms.
+    pub max_ms: f64,
 }
 
 /// A page of runs, newest first.

@@ -12,6 +12,7 @@ use super::OpenRun;
 use super::order::{CheckedOrder, RunOrder};
 use super::session::{self, SessionOrder};
 use crate::execution::record::RunRecord;
+use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, StopCause};
 use crate::planning::context::Context;
 use crate::service::app::App;
@@ -198,6 +199,7 @@ impl Supervisor {
             let noted = self.app.0.store.note_completed(&order.program_sha256, &order.cell_sha256).await;
             warn(&self.run, "noting that the program was completed", noted);
         }
+        record.jitter.iter().for_each(count_jitter);
         self.store(RunEventKind::State, &steps).await;
         self.count();
     }
@@ -242,6 +244,17 @@ impl Supervisor {
             }
         }
     }
+}
+
+/// Adds the jitter of streamed set points to the metrics, a hundredth of the periods at a time.
+fn count_jitter(jitter: &Jitter) {
+    const SHARES: u32 = 100;
+    let histogram = metrics::histogram!("vantage_run_jitter_seconds");
+    let count = usize::try_from(jitter.periods / u64::from(SHARES)).unwrap_or(usize::MAX);
+    for share in 0..SHARES {
+        histogram.record_many(jitter.quantile((f64::from(share) + 0.5) / f64::from(SHARES)).as_secs_f64(), count);
+    }
+    metrics::counter!("vantage_run_periods_missed_total").increment(jitter.missed);
 }
 
 /// State, reason and words of a run that ended before its session began.

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use super::{
-    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, ReportedReason, ReportedState, Run, RunDevices, RunMode, RunRequest,
-    RunStepOp, RunStepRecord, RunStop,
+    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, ReportedReason, ReportedState, Run, RunDevices, RunJitter, RunMode,
+    RunRequest, RunStepOp, RunStepRecord, RunStop,
 };
 use crate::execution::device::Identity;
 use crate::execution::record::{DeviceStop, RunRecord, StepKind, StepRecord, StopReport};
+use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{self, Identities, Mode};
 use crate::program::Program;
 use crate::wire::ids::{JobId, RunId};
@@ -73,6 +74,7 @@ impl Run {
             stop: None,
             devices: None,
             objections: Vec::new(),
+            jitter: None,
             coverage: None,
             armed_by: None,
             submitted_by: None,
@@ -91,6 +93,7 @@ impl Run {
         self.stop = record.stop.as_ref().map(Into::into);
         self.devices = record.identities.as_ref().map(Into::into);
         self.objections = record.objections.iter().map(ToString::to_string).collect();
+        self.jitter = record.jitter.as_ref().map(Into::into);
     }
 }
 
@@ -117,6 +120,14 @@ impl From<&DeviceStop> for DeviceStopDocument {
     fn from(stop: &DeviceStop) -> Self {
         let [sent_ms, acknowledged_ms, at_rest_ms] = [stop.sent, stop.acknowledged, stop.at_rest].map(|time| time.map(millis));
         Self { sent_ms, acknowledged_ms, at_rest_ms, error: stop.error.clone() }
+    }
+}
+
+impl From<&Jitter> for RunJitter {
+    fn from(jitter: &Jitter) -> Self {
+        let [p50_ms, p99_ms, p999_ms] = [0.5, 0.99, 0.999].map(|share| millis(jitter.quantile(share)));
+        let (period_ms, max_ms) = (millis(jitter.period), millis(jitter.max));
+        Self { period_ms, periods: jitter.periods, missed: jitter.missed, p50_ms, p99_ms, p999_ms, max_ms }
     }
 }
 
