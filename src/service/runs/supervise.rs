@@ -170,7 +170,7 @@ impl Supervisor {
         }
         let (state, reason) = words_of(&event.status);
         let step = event.step.unwrap_or(self.run.step);
-        self.run.elapsed_secs = event.secs;
+        self.run.elapsed_secs = event.secs * self.run.time_factor;
         let kind = match () {
             () if (state, reason) != (self.run.state, self.run.reason) => RunEventKind::State,
             () if step != self.run.step => RunEventKind::Step,

@@ -89,7 +89,8 @@ impl Run {
         (self.state, self.reason) = (record.status.state.into(), ReportedReason::of(&record.status.reason));
         self.detail = Some(record.status.reason.to_string());
         (self.step, self.speed_override) = (record.next_step, record.speed_override);
-        (self.scans, self.elapsed_secs) = (record.scans().count(), record.real_secs);
+        // Adding 0 turns −0, the sum of no steps, into 0.
+        (self.scans, self.elapsed_secs) = (record.scans().count(), record.real_secs + 0.0);
         self.stop = record.stop.as_ref().map(Into::into);
         self.devices = record.identities.as_ref().map(Into::into);
         self.objections = record.objections.iter().map(ToString::to_string).collect();

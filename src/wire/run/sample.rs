@@ -42,7 +42,7 @@ pub struct RunSample {
     pub sequence: u64,
     /// State of the run.
     pub state: ReportedState,
-    /// Time since the first step began, s; of the twin's clock in the mode `simulate`.
+    /// Time since the session began, s; of a real clock in every mode.
     pub elapsed_secs: f64,
     /// Step that it is at, from 0.
     pub step: usize,
