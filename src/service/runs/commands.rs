@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use super::OpenRun;
-use crate::execution::session::{CommandError, Fence, RunHandle};
+use crate::execution::session::{CommandError, Fence, RunHandle, RunState};
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::wire::RunId;
@@ -45,7 +45,11 @@ impl App {
     pub async fn pause_run(&self, id: RunId) -> Result<Run, Error> {
         let (_, session) = self.session(id, "paused").await?;
         if self.run(id).await?.state != ReportedState::Paused {
-            session.pause().await.map_err(|error| refused(id, "paused", error))?;
+            match session.pause().await {
+                // It came to rest by itself meanwhile.
+                Ok(()) | Err(CommandError::NotNow { state: RunState::Paused, .. }) => {}
+                Err(error) => return Err(refused(id, "paused", error)),
+            }
         }
         self.run_when(id, SETTLING, |run| run.state == ReportedState::Paused).await
     }

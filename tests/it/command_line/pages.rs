@@ -5,7 +5,7 @@ use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 17] = [
+const COMMANDS: [&str; 18] = [
     "serve",
     "demo",
     "plan",
