@@ -14,7 +14,7 @@ use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
 use crate::service::{App, MeshUpload, Submission};
 use crate::settings::{Flags, Settings};
-use crate::wire::run::RunState;
+use crate::wire::run::ReportedState;
 use crate::wire::{Job, JobId, JobRequest, JobState};
 
 /// Approximate number of triangles of the sample part.
@@ -91,7 +91,7 @@ async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
          sockets.",
     )?;
     let run = rehearsal::run(app, job).await.map_err(|error| CliError::Failed(format!("the run of the sample: {error}")))?;
-    if run.state != RunState::Done {
+    if run.state != ReportedState::Done {
         return output::line(format_args!("The run is {}: {}", run.state.as_str(), run.detail.unwrap_or_default()));
     }
     let measured = run.coverage.map_or(0.0, |coverage| 100.0 * coverage.measured_of_asked);
