@@ -11,7 +11,7 @@ use tokio_util::task::TaskTracker;
 use super::cells::KeptCells;
 use super::error::{Error, InternalError};
 use super::execute::{JobInput, Planner, execute};
-use super::jobs::{self, Runner};
+use super::jobs::{self, JobRunner};
 use super::maintenance::maintain;
 use super::options::Options;
 use super::runs::Runs;
@@ -31,7 +31,7 @@ pub struct App(pub(super) Arc<Inner>);
 pub(super) struct Inner {
     pub(super) store: Store,
     pub(super) options: Options,
-    pub(super) runner: Runner,
+    pub(super) runner: JobRunner,
     /// Cells built lately.
     pub(super) cells: Arc<KeptCells>,
     /// Limits the meshes parsed at the same time.
@@ -85,7 +85,7 @@ impl App {
         let sizer = sizer.unwrap_or_else(|| {
             Arc::new(move |input: &JobInput, stop: &dyn Fn() -> bool| size_of(input, &of_sizer, threads, stop))
         });
-        let runner = Runner::new(&options, planner, sizer)?;
+        let runner = JobRunner::new(&options, planner, sizer)?;
         let parsing = Arc::new(Semaphore::new(std::thread::available_parallelism().map_or(1, Into::into)));
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (uploads, resolving) =

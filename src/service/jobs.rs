@@ -52,7 +52,7 @@ pub const FAILURE_CODES: [(&str, &str); 8] = [
 ];
 
 /// The planning pool and its running jobs.
-pub(super) struct Runner {
+pub(super) struct JobRunner {
     pool: rayon::ThreadPool,
     planner: Planner,
     sizer: Sizer,
@@ -67,7 +67,7 @@ pub(super) struct Runner {
     limit: Option<Duration>,
 }
 
-impl Runner {
+impl JobRunner {
     pub(super) fn new(options: &Options, planner: Planner, sizer: Sizer) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool = planning_threads(options.planning_threads)?;
         let (memory_bytes, limit) = (options.job_memory_bytes, options.job_limit);

@@ -6,7 +6,7 @@ use super::Settings;
 use super::error::{MeshError, Position};
 use super::obj_groups::Groups;
 use super::pieces::{Pieces, next_logical_line, parse_round};
-use super::soup::{Sink, Soup, SoupPiece};
+use super::soup::{FacetSink, Soup, SoupPiece};
 use super::text::{Lines, Tokens, coordinates, excerpt, parse_token};
 use crate::geometry::FaceGroup;
 use crate::geometry::poll::Poll;
@@ -59,7 +59,7 @@ fn read_vertices(text: &[u8], soup: &mut Soup<'_>) -> Result<Vec<Before>, MeshEr
 }
 
 /// Adds every vertex to `sink`; returns the number of lines. A fourth coordinate (weight) or colours after the three are ignored.
-fn parse_vertices(text: &[u8], lines_before: u64, sink: &mut dyn Sink, poll: &Poll<'_>) -> Result<u64, MeshError> {
+fn parse_vertices(text: &[u8], lines_before: u64, sink: &mut dyn FacetSink, poll: &Poll<'_>) -> Result<u64, MeshError> {
     let mut lines = LogicalLines::new(text, lines_before, poll);
     while let Some((at, line)) = lines.next() {
         let mut words = words(line, poll);

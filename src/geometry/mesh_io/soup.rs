@@ -20,7 +20,7 @@ const MAX_COORDINATE_MM: f64 = 1e9;
 const VERTICES_OF_A_LIST: usize = 1024;
 
 /// Takes vertices and faces, in the order of the file.
-pub(super) trait Sink {
+pub(super) trait FacetSink {
     /// Adds a vertex at `xyz`, in units of the file.
     fn vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<(), MeshError>;
 
@@ -49,7 +49,7 @@ impl SoupPiece {
     }
 }
 
-impl Sink for SoupPiece {
+impl FacetSink for SoupPiece {
     fn vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<(), MeshError> {
         self.vertices_mm.push(millimetres(xyz, self.unit_mm, at)?);
         Ok(())
@@ -86,7 +86,7 @@ pub(super) struct Soup<'a> {
     whole: SoupPiece,
 }
 
-impl Sink for Soup<'_> {
+impl FacetSink for Soup<'_> {
     fn vertex(&mut self, xyz: [f64; 3], at: Position) -> Result<(), MeshError> {
         let vertex_mm = millimetres(xyz, self.settings.unit_mm(), at)?;
         let limit = self.max_vertices();

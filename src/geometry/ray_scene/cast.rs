@@ -7,7 +7,7 @@ use super::gather::{Packets, Rays};
 use super::lanes::{LANES, simd_max, simd_min};
 use super::origin::Origin;
 use super::packet::{NONE, Packet, RETIRED};
-use super::tree::{Child, Node, Target, Tree, WIDTH};
+use super::tree::{Child, ChildTarget, Node, Tree, WIDTH};
 use crate::geometry::simd::Kernel;
 
 /// A query of the rays.
@@ -74,8 +74,8 @@ impl View<'_> {
                 continue;
             }
             match waiting.target.target() {
-                Target::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, waiting.lanes, stack),
-                Target::Block(index) => {
+                ChildTarget::Node(index) => self.visit_node(&self.tree.nodes[index], &packet, waiting.lanes, stack),
+                ChildTarget::Block(index) => {
                     let block = &self.tree.blocks[index];
                     if Q::ANY_HIT {
                         packet.meet::<true>(block, &self.origin.parts, waiting.lanes);

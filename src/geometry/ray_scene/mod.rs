@@ -26,7 +26,7 @@ use super::simd::SimdLevel;
 use cast::{Cast, Query};
 use exact::Segment;
 use lanes::each;
-use tree::{Target, Tree};
+use tree::{ChildTarget, Tree};
 
 mod cast;
 mod exact;
@@ -163,7 +163,7 @@ impl RayScene {
 
     /// Triangles, in leaf order, whose boxes `segment` meets.
     fn near(&self, segment: &Segment) -> impl Iterator<Item = usize> {
-        let mut waiting = if self.faces.is_empty() { Vec::new() } else { vec![Target::Node(0)] };
+        let mut waiting = if self.faces.is_empty() { Vec::new() } else { vec![ChildTarget::Node(0)] };
         let mut block = (0_usize, 0_u32);
         std::iter::from_fn(move || {
             loop {
@@ -174,11 +174,11 @@ impl RayScene {
                     return Some(*first + slot);
                 }
                 match waiting.pop()? {
-                    Target::Block(index) => {
+                    ChildTarget::Block(index) => {
                         let leaf = &self.tree.blocks[index];
                         block = (leaf.first as usize, segment.meets_slots(leaf));
                     }
-                    Target::Node(index) => {
+                    ChildTarget::Node(index) => {
                         let node = &self.tree.nodes[index];
                         waiting.extend(each(segment.meets_children(node)).map(|child| node.children[child].target()));
                     }

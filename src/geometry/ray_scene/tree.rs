@@ -29,7 +29,7 @@ pub(super) struct Node {
 #[derive(Clone, Copy)]
 pub(super) struct Child(u32);
 
-pub(super) enum Target {
+pub(super) enum ChildTarget {
     Node(usize),
     Block(usize),
 }
@@ -40,9 +40,9 @@ impl Child {
     const NONE: Self = Self(Self::BLOCK);
 
     #[inline(always)]
-    pub(super) fn target(self) -> Target {
+    pub(super) fn target(self) -> ChildTarget {
         let index = (self.0 & !Self::BLOCK) as usize;
-        if self.0 & Self::BLOCK == 0 { Target::Node(index) } else { Target::Block(index) }
+        if self.0 & Self::BLOCK == 0 { ChildTarget::Node(index) } else { ChildTarget::Block(index) }
     }
 }
 
@@ -156,9 +156,9 @@ impl Tree {
         self.nodes.extend(other.nodes.into_iter().map(|mut node| {
             for child in &mut node.children {
                 *child = match child.target() {
-                    Target::Node(index) => Child(nodes + index as u32),
-                    Target::Block(0) => Child::NONE,
-                    Target::Block(index) => Child(Child::BLOCK | (blocks + index as u32)),
+                    ChildTarget::Node(index) => Child(nodes + index as u32),
+                    ChildTarget::Block(0) => Child::NONE,
+                    ChildTarget::Block(index) => Child(Child::BLOCK | (blocks + index as u32)),
                 };
             }
             node

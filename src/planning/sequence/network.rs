@@ -19,7 +19,7 @@ const MAX_CONNECTIONS: usize = 3;
 
 /// A free path from a station to a vertex of the roadmap, the table as at the station.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Connection {
+pub(super) struct RoadmapWay {
     /// The point beside the station that the path goes by, if any.
     retreat: Option<Configuration>,
     vertex: usize,
@@ -60,13 +60,13 @@ impl Network {
         Self { roadmap, scene, is_open, is_free }
     }
 
-    /// Connection of home, which is a vertex itself.
-    pub(super) fn home() -> Vec<Connection> {
-        vec![Connection { retreat: None, vertex: 0, secs: 0.0 }]
+    /// Way of home, which is a vertex itself.
+    pub(super) fn home() -> Vec<RoadmapWay> {
+        vec![RoadmapWay { retreat: None, vertex: 0, secs: 0.0 }]
     }
 
     /// The quickest free connections of a station, straight or through one of its retreats.
-    pub(super) fn connections(&self, station: &Configuration, retreats: &[Configuration], moves: &Moves<'_>) -> Vec<Connection> {
+    pub(super) fn connections(&self, station: &Configuration, retreats: &[Configuration], moves: &Moves<'_>) -> Vec<RoadmapWay> {
         let from = std::iter::once(None).chain(retreats.iter().copied().map(Some));
         let open = || (0..self.is_open.len()).filter(|vertex| self.is_open[*vertex]);
         let mut connections: Vec<_> = from
@@ -77,13 +77,13 @@ impl Network {
                         Some(point) => moves.straight_secs(station, &point) + moves.straight_secs(&point, &there),
                         None => moves.straight_secs(station, &there),
                     };
-                    Connection { retreat, vertex, secs }
+                    RoadmapWay { retreat, vertex, secs }
                 })
             })
             .collect();
         connections.sort_by(|a, b| a.secs.total_cmp(&b.secs));
         let mut segments = SegmentCache::new(moves);
-        let mut is_free = |connection: &Connection| {
+        let mut is_free = |connection: &RoadmapWay| {
             segments.is_free(&connection.retreat.unwrap_or(*station), &self.vertex(connection.vertex, station.table_rad))
         };
         connections.into_iter().take(MAX_CHECKED).filter(|connection| is_free(connection)).take(MAX_CONNECTIONS).collect()
@@ -93,8 +93,8 @@ impl Network {
     /// the one's angle to the other's.
     pub(super) fn path(
         &self,
-        (from, first): (&Configuration, &[Connection]),
-        (to, last): (&Configuration, &[Connection]),
+        (from, first): (&Configuration, &[RoadmapWay]),
+        (to, last): (&Configuration, &[RoadmapWay]),
         moves: &Moves<'_>,
     ) -> Option<Vec<Configuration>> {
         let (vertices, enter, leave) = self.shortest_path(first, last, moves)?;
@@ -111,10 +111,10 @@ impl Network {
     /// A* over the vertices; an edge is checked when the path to its end is the next best.
     fn shortest_path<'r>(
         &self,
-        first: &'r [Connection],
-        last: &'r [Connection],
+        first: &'r [RoadmapWay],
+        last: &'r [RoadmapWay],
         moves: &Moves<'_>,
-    ) -> Option<(Vec<usize>, &'r Connection, &'r Connection)> {
+    ) -> Option<(Vec<usize>, &'r RoadmapWay, &'r RoadmapWay)> {
         let secs_between = |a: usize, b: usize| moves.straight_secs(&self.roadmap.vertices[a], &self.roadmap.vertices[b]);
         let ahead = |vertex: usize| {
             last.iter().map(|connection| secs_between(vertex, connection.vertex) + connection.secs).fold(f64::INFINITY, f64::min)

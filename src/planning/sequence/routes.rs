@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::connect::{connect, shortened};
 use super::moves::{Moves, SegmentCache};
-use super::network::{Connection, Network};
+use super::network::{Network, RoadmapWay};
 use super::roadmap::Roadmaps;
 use crate::cell::{Cell, CollisionScene, Configuration};
 use crate::geometry::{Base, Pose, ScannerFrame};
@@ -44,7 +44,7 @@ pub(super) struct StationNode {
     /// Points beside it with a free straight move to it; found on first use.
     retreats: OnceLock<Vec<Configuration>>,
     /// Connections to the roadmap; found on first use.
-    connections: OnceLock<Vec<Connection>>,
+    connections: OnceLock<Vec<RoadmapWay>>,
 }
 
 impl StationNode {

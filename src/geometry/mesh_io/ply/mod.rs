@@ -13,7 +13,7 @@ use self::record_runs::{Parsed, RecordRun};
 use self::values::Values;
 use super::error::{MeshError, Position};
 use super::pieces::parse_round;
-use super::soup::{Sink, Soup, SoupPiece};
+use super::soup::{FacetSink, Soup, SoupPiece};
 use crate::geometry::poll::Poll;
 
 /// Reads the elements `vertex` and `face`; skips all others.
@@ -48,7 +48,7 @@ fn read_vertices(element: &Element, values: &mut Values<'_>, soup: &mut Soup<'_>
         let found = element.property_names();
         return Err(MeshError::Syntax { at: element.at, expected: "the properties x, y, z of vertex", found });
     };
-    let read_vertex = |values: &mut Values<'_>, sink: &mut dyn Sink| {
+    let read_vertex = |values: &mut Values<'_>, sink: &mut dyn FacetSink| {
         values.begin_record("a vertex")?;
         let at = values.at();
         let mut xyz = [0.0; 3];
@@ -72,7 +72,7 @@ fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>,
         let found = element.property_names();
         return Err(MeshError::Syntax { at: element.at, expected: "the list vertex_indices (or vertex_index) of face", found });
     }
-    let read_face = |values: &mut Values<'_>, sink: &mut dyn Sink| {
+    let read_face = |values: &mut Values<'_>, sink: &mut dyn FacetSink| {
         let mut corners = Vec::new();
         values.begin_record("a face")?;
         let at = values.at();
@@ -90,7 +90,7 @@ fn read_faces(element: &Element, values: &mut Values<'_>, vertices: &Range<u32>,
 }
 
 /// Reads one record into a sink.
-type ReadRecord<'a> = dyn Fn(&mut Values<'_>, &mut dyn Sink) -> Result<(), MeshError> + Sync + 'a;
+type ReadRecord<'a> = dyn Fn(&mut Values<'_>, &mut dyn FacetSink) -> Result<(), MeshError> + Sync + 'a;
 
 /// Reads all records of an element: stretches of them side by side, as long as nothing is wrong and all are of the element, then
 /// one after the other.

@@ -10,14 +10,14 @@ pub(super) struct NgSets {
     /// Groups that all others remember.
     pub(super) critical: Vec<usize>,
     /// Extension of memories between each two groups, row by row of the second.
-    pairs: Vec<Pair>,
+    pairs: Vec<NgPair>,
     /// Masks of each group: the sets of bits that matter to some other group, each once.
     pub(super) masks: Vec<Vec<u16>>,
 }
 
 /// Extension of memories from one group to another.
 #[derive(Clone)]
-pub(super) struct Pair {
+pub(super) struct NgPair {
     /// Index of the mask that holds the bits that matter.
     pub(super) mask: usize,
     /// Extended memory for the lower and the upper bits of a memory.
@@ -43,7 +43,7 @@ impl NgSets {
             })
         };
         let mask_of: Vec<_> = (0..count * count).map(|pair| mask_of(pair % count, pair / count)).collect();
-        let pair = |(pair, mask): (usize, usize)| Pair::new(&lists, pair % count, pair / count, mask);
+        let pair = |(pair, mask): (usize, usize)| NgPair::new(&lists, pair % count, pair / count, mask);
         let pairs = mask_of.into_par_iter().enumerate().map(pair).collect();
         Self { lists, critical, pairs, masks }
     }
@@ -60,7 +60,7 @@ impl NgSets {
     }
 
     #[inline(always)]
-    pub(super) fn pair(&self, from: usize, to: usize) -> &Pair {
+    pub(super) fn pair(&self, from: usize, to: usize) -> &NgPair {
         &self.pairs[to * self.lists.len() + from]
     }
 
@@ -79,7 +79,7 @@ impl NgSets {
     }
 }
 
-impl Pair {
+impl NgPair {
     fn new(lists: &[Vec<usize>], from: usize, to: usize, mask: usize) -> Self {
         let place = |group: &usize| lists[to].iter().position(|other| other == group);
         let itself = place(&from).map_or(0, |bit| 1 << bit);
