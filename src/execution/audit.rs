@@ -11,7 +11,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -56,7 +56,7 @@ pub struct AuditHead {
     pub sha256: String,
 }
 
-/// Where a chain is broken.
+/// Break of a chain.
 #[derive(Debug, thiserror::Error)]
 pub enum AuditBreach {
     /// Not to be read.
@@ -162,8 +162,7 @@ impl AuditLog {
             let waiting = self.state.waiting_bytes.fetch_add(bytes.len(), Ordering::Relaxed);
             let entry = Message::Entry { at, device, direction, bytes: bytes.to_vec() };
             let refused = match self.messages.try_send(entry) {
-                _ if waiting > WAITING_BYTES => Some("its disk does not keep up"),
-                Ok(()) => None,
+                Ok(()) => (waiting > WAITING_BYTES).then_some("its disk does not keep up"),
                 Err(TrySendError::Full(_)) => Some("its disk does not keep up"),
                 Err(TrySendError::Disconnected(_)) => Some("it is closed"),
             };
@@ -230,10 +229,7 @@ impl Chain {
                     state.fail(error.to_string());
                     has_failed = true;
                 }
-                message = match received.try_recv() {
-                    Ok(message) => Some(message),
-                    Err(TryRecvError::Empty | TryRecvError::Disconnected) => None,
-                };
+                message = received.try_recv().ok();
             }
             let is_closed = message.is_some();
             let kept = if is_closed { self.sink.sync() } else { self.sink.flush() };

@@ -6,7 +6,7 @@ use tokio::time::Instant;
 
 use super::session::streamer::Jitter;
 
-/// What a controller says of itself, read at connect.
+/// Name that a controller gives itself, read at connect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Maker.
@@ -82,7 +82,7 @@ pub struct FaultCode(pub u32);
 pub struct Target<const N: usize> {
     /// Number of the target in the run, strictly rising; correlates answers.
     pub sequence: u64,
-    /// Where it ends, radians.
+    /// Positions at its end, radians.
     pub positions_rad: [f64; N],
     /// Speed that each axis reaches at most, rad/s, override already applied: the axes' own shares of one synchronised motion; 0
     /// for an axis that stays.
@@ -296,9 +296,9 @@ pub enum DeviceError {
 /// Way of bytes on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// From here to the device.
+    /// Leaves here, for the device.
     Sent,
-    /// From the device to here.
+    /// Arrives here, from the device.
     Received,
 }
 

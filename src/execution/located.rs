@@ -116,14 +116,14 @@ pub trait Relocate: Send + Sync {
     fn relocate(&self, program: &Program, table_from_part: &Pose<Table, Part>) -> Result<Relocated, Misplaced>;
 }
 
-/// What a part is located with.
+/// All that a part is located with.
 #[derive(Clone, Debug)]
 pub struct Locating {
     /// The cell.
     pub cell: Arc<Cell>,
     /// The part.
     pub part: Arc<Mesh>,
-    /// What holds it, in part coordinates.
+    /// Fixture that holds it, in part coordinates.
     pub fixture: Option<Arc<Mesh>>,
     /// Requirements of the plan on the program, with the part where it was planned.
     pub planned: Expected,
@@ -302,9 +302,9 @@ impl Locating {
 enum Points {
     /// Moved along with the ends.
     Moved,
-    /// As planned.
+    /// Left as planned.
     Kept,
-    /// As planned, with the planned stations at both ends.
+    /// Left as planned, with the planned stations at both ends.
     PlannedStations,
 }
 

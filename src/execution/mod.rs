@@ -13,4 +13,6 @@ pub mod simulators;
 pub mod twin;
 
 #[cfg(test)]
+mod fault_table;
+#[cfg(test)]
 mod rehearsal;

@@ -5,9 +5,10 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
-use super::session::{Hashes, Pair, RunHandle, RunJob, RunState, Safeguards};
-use super::twin::{TriggerAccess, Twin, TwinAccess, TwinTrigger};
-use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use super::fault_table::FaultyCell;
+use super::session::{Device, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
+use super::twin::{Asked, Planted, TriggerAccess, Twin, TwinAccess, TwinTrigger};
+use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;
@@ -86,13 +87,51 @@ pub(crate) fn twins() -> (TwinPair, TwinTrigger, Twins) {
     (Pair { arm, table }, trigger, access)
 }
 
-pub(crate) fn safeguards() -> Safeguards {
-    Safeguards::default()
-}
-
 /// Waits until the run is in a state, or in a final one.
 pub(crate) async fn until(handle: &RunHandle, state: RunState) -> RunState {
     let mut status = handle.watch_status();
     let found = status.wait_for(|status| status.state == state || status.state.is_final()).await;
     found.map_or(RunState::Failed, |status| status.state)
+}
+
+/// Name of the cell in leases.
+pub(crate) const CELL: &str = "e05-transcan";
+
+/// Keeps lease and heartbeat alive.
+pub(crate) fn attend(handle: &RunHandle, leases: &Leases, token: Fence) -> tokio::task::JoinHandle<()> {
+    let (handle, leases) = (handle.clone(), leases.clone());
+    tokio::spawn(async move {
+        while handle.heartbeat(Some(token)).is_ok() && leases.renew(CELL, token).is_ok() {
+            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        }
+    })
+}
+
+impl FaultyCell for Twins {
+    type Machine = TwinPair;
+    type Trigger = TwinTrigger;
+
+    async fn begin() -> (TwinPair, TwinTrigger, Self) {
+        twins()
+    }
+
+    fn plant(&self, device: Device, planted: Option<Planted>) {
+        match device {
+            Device::Arm => self.arm.plant(planted),
+            Device::Table | Device::Trigger => self.table.plant(planted),
+        }
+    }
+
+    fn positions_rad(&self) -> [f64; 7] {
+        Configuration { joints_rad: self.arm.positions_rad(), table_rad: self.table.positions_rad()[0] }.axes_rad()
+    }
+
+    fn targets(&self) -> u64 {
+        self.arm.asked().targets + self.table.asked().targets
+    }
+
+    fn breaches(&self) -> u64 {
+        let breaches = |asked: Asked| asked.targets_unarmed + asked.targets_out_of_order;
+        breaches(self.arm.asked()) + breaches(self.table.asked())
+    }
 }

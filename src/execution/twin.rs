@@ -46,7 +46,7 @@ pub enum Planted {
     NotANumber,
 }
 
-/// What a twin was asked, for tests of what it must not be asked.
+/// Requests to a twin so far, for tests of what must not be asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Asked {
     /// Number of targets accepted.
@@ -120,15 +120,13 @@ impl<const N: usize> Twin<N> {
     /// Waits as long as the planted fault says, and fails where it says so.
     async fn answer(&self) -> Result<(), DeviceError> {
         let planted = lock(&self.0).planted;
-        match planted {
-            Some(Planted::Silent) => std::future::pending().await,
-            Some(Planted::Late(by)) => {
-                sleep(by).await;
-                Ok(())
-            }
-            Some(Planted::Closed) => Err(DeviceError::Closed { reason: "planted".into() }),
-            _ => Ok(()),
+        if let Some(Planted::Late(by)) = planted {
+            sleep(by).await;
         }
+        if planted == Some(Planted::Silent) {
+            std::future::pending::<()>().await;
+        }
+        if planted == Some(Planted::Closed) { Err(DeviceError::Closed { reason: "planted".into() }) } else { Ok(()) }
     }
 }
 
@@ -164,7 +162,7 @@ impl<const N: usize> TwinAccess<N> {
         body.motion.is_some()
     }
 
-    /// What it was asked so far.
+    /// Requests so far.
     #[must_use]
     pub fn asked(&self) -> Asked {
         lock(&self.0).asked

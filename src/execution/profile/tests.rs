@@ -23,7 +23,7 @@ fn a_segment_takes_the_time_that_the_program_was_planned_with() {
 #[test]
 fn limits_that_are_none_give_no_motion() {
     for (speed, acceleration) in [(0.0, 1.0), (1.0, 0.0), (f64::NAN, 1.0), (-1.0, 1.0)] {
-        assert_eq!(Trapezoid::within(&[1.0], &[speed], &[acceleration]).is_some(), false, "{speed} {acceleration}");
+        assert!(Trapezoid::within(&[1.0], &[speed], &[acceleration]).is_none(), "{speed} {acceleration}");
     }
 }
 

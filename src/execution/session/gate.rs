@@ -7,8 +7,9 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
+use super::cause::{Device, StopCause};
 use super::machine::MachineState;
-use super::state::{Device, RunState, StopCause};
+use super::state::RunState;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact};
 use crate::execution::device::Target;
 use crate::program::{Expected, Finding, Program, check};

@@ -6,10 +6,11 @@ use std::time::Duration;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 use tokio::time::Instant;
 
+use super::cause::{PauseCause, RunReason, StopCause};
 use super::gate::is_override;
 use super::lease::{Fence, LeaseError, Leases};
 use super::live::{Live, LiveEvent};
-use super::state::{PauseCause, RunReason, RunState, RunStatus, StopCause};
+use super::state::{RunState, RunStatus};
 use crate::execution::record::RunRecord;
 use crate::geometry::{Part, Pose, Table};
 
@@ -345,7 +346,7 @@ impl Control {
         let is_locating = status.reason == RunReason::Paused(PauseCause::Locating);
         let is_between = matches!(status.state, RunState::Armed | RunState::Paused);
         let (fits, token) = match order {
-            Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm(), Some(*token)),
+            Order::Arm(token) => (status.state == RunState::Ready && self.needs_arm() && self.token.is_none(), Some(*token)),
             Order::Pause => return self.fits(status.state == RunState::Running, order),
             Order::Resume(token) | Order::Step(token) => (is_between && !is_locating, *token),
             Order::Override(token, value) if is_override(*value) => (!status.state.is_final(), *token),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
-use super::state::Device;
+use super::cause::Device;
 use super::streamer::Jitter;
 use crate::cell::Configuration;
 use crate::execution::device::{

@@ -1,11 +1,15 @@
 //! A session: one run of one program on one cell, from connecting to its record. It holds the order of things (state machine), the
 //! conditions of motion, the right to move and the stop; it decides nothing about where to go.
 //!
-//! Begun by [`simulate`], [`dry_run`] or [`live`], each of which needs a tokio runtime and answers at once with a [`RunHandle`].
+//! Begun by [`simulate()`], [`dry_run()`] or [`live()`], each of which needs a tokio runtime and answers at once with a [`RunHandle`].
+//!
+//! Every point of a move is a stop, of moves that pass points without stopping too: such a run takes longer than planned.
 //!
 //! No part of this is safety-rated. A stop from here is an operational stop of the kind of IEC 60204-1 category 2; emergency stops,
 //! guards and the protection of people are the cell's own.
 
+mod cause;
+mod dry_run;
 mod gate;
 mod handle;
 mod lease;
@@ -13,13 +17,16 @@ mod live;
 mod machine;
 mod runner;
 mod state;
+mod steps;
 mod stop;
 pub mod streamer;
 mod watcher;
 mod way;
 
 use std::sync::Arc;
+use std::time::Duration;
 
+pub use cause::{Device, PauseCause, RunReason, StopCause};
 pub use gate::{Hashes, Objection, RunJob, Safeguards, Workspace};
 pub use handle::{Authority, CommandError, RunHandle};
 pub use lease::{Fence, Lease, LeaseError, Leases, MAX_TTL, MIN_TTL};
@@ -27,13 +34,16 @@ pub use live::LiveEvent;
 pub use machine::{
     Drive, Identities, Joined, MachineError, MachineState, ObservedJoined, ObservedPair, Pair, StateAnswers, StopAnswers, Watch,
 };
-pub use state::{Device, PauseCause, RunEvent, RunReason, RunState, RunStatus, StopCause};
+pub use state::{RunEvent, RunState, RunStatus};
 
 use super::device::Trigger;
 use super::located::Relocate;
 use super::twin::{Twin, TwinTrigger};
 use crate::execution::audit::AuditLog;
 use runner::Runner;
+
+/// Watchdog of the devices of a simulated run.
+const TWIN_WATCHDOG: Duration = Duration::from_secs(60);
 
 /// Modes of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,7 +113,9 @@ pub fn simulate(job: RunJob, options: RunOptions) -> RunHandle {
     let factor = options.time_factor.clamp(1.0, 100.0);
     let here = way::commanded_before(&job.program, options.from_step);
     let machine = Pair { arm: Twin::at(here.joints_rad, factor), table: Twin::at([here.table_rad], factor) };
-    let options = RunOptions { time_factor: factor, ..options };
+    // A twin has nothing to guard: a machine that is busy planning may not stop it.
+    let safeguards = Safeguards { watchdog: TWIN_WATCHDOG, ..options.safeguards };
+    let options = RunOptions { time_factor: factor, safeguards, ..options };
     begin(Mode::Simulate, job, machine, TwinTrigger::new(factor), None, options)
 }
 
@@ -123,7 +135,7 @@ where
 pub fn dry_run<M: Watch + 'static>(job: RunJob, machine: M, options: RunOptions) -> RunHandle {
     let live = Arc::new(live::Live::new(job.program.steps.len(), options.speed_override));
     let (handle, control) = handle::handle_and_control(&live, None, options.speed_override, false);
-    tokio::spawn(runner::read(job, machine, control, live, options));
+    tokio::spawn(dry_run::read(job, machine, control, live, options));
     handle
 }
 

@@ -8,49 +8,44 @@ use std::time::Duration;
 
 use tokio::time::{Instant, timeout};
 
-use super::gate::{self, Objection, RunJob, unfit};
+use super::cause::{Device, PauseCause, StopCause};
+use super::gate::{self, Objection, RunJob};
 use super::handle::{Control, Halt, StopRequest};
 use super::live::Live;
 use super::machine::{Drive, Identities, MachineError, Watch};
-use super::state::{Device, PauseCause, RunEvent, RunState, StopCause};
+use super::state::RunEvent;
+use super::steps::Done;
 use super::watcher::{Watcher, of_machine};
 use super::way;
 use super::{Mode, RunOptions, stop};
 use crate::cell::Configuration;
-use crate::execution::device::{Capture, Captured, DeviceError, Trigger};
-use crate::execution::profile::segment;
+use crate::execution::device::{DeviceError, Trigger};
 use crate::execution::record::{DeviceStop, PoseDeviation, RunRecord, StepKind, StepRecord, StopReport};
 use crate::geometry::{Part, Pose, Table};
-use crate::planning::plan::ViewId;
-use crate::program::{Move, Step};
-
-/// Time that a trigger is given beyond its own deadline.
-const LATE: Duration = Duration::from_millis(200);
-/// Time that a dry run reads.
-const READING: Duration = Duration::from_secs(1);
+use crate::program::Step;
 
 /// A run.
 pub(super) struct Runner<M, T> {
-    mode: Mode,
-    job: RunJob,
-    watcher: Watcher<M>,
-    trigger: T,
-    options: RunOptions,
-    identities: Option<Identities>,
+    pub(super) mode: Mode,
+    pub(super) job: RunJob,
+    pub(super) watcher: Watcher<M>,
+    pub(super) trigger: T,
+    pub(super) options: RunOptions,
+    pub(super) identities: Option<Identities>,
     /// Steps carried out.
-    steps: Vec<StepRecord>,
-    next_step: usize,
+    pub(super) steps: Vec<StepRecord>,
+    pub(super) next_step: usize,
     /// Number of the last target.
-    sequence: u64,
+    pub(super) sequence: u64,
     /// True once devices may hold the right to move.
-    is_armed: bool,
+    pub(super) is_armed: bool,
     /// True until the locating scan is taken.
-    has_to_locate: bool,
-    located: Option<Pose<Table, Part>>,
+    pub(super) has_to_locate: bool,
+    pub(super) located: Option<Pose<Table, Part>>,
     /// True if the next move leads straight to its target, from wherever the former program led.
-    rejoins: bool,
-    /// Where the devices were found after the stop that ended the run.
-    last_measured: Option<Configuration>,
+    pub(super) rejoins: bool,
+    /// Configuration in which the devices were found after the stop that ended the run.
+    pub(super) last_measured: Option<Configuration>,
 }
 
 impl<M: Drive, T: Trigger> Runner<M, T> {
@@ -247,126 +242,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         Ok(())
     }
 
-    async fn step(&mut self, index: usize) -> Result<Done, Halt> {
-        let program = Arc::clone(&self.job.program);
-        let Some(step) = program.steps.get(index) else { return Err(Halt::stop(StopCause::Internal("no such step".into()))) };
-        match step {
-            Step::Move(step) => self.travel(index, step).await,
-            Step::Settle { secs } => {
-                self.watcher.during(tokio::time::sleep(self.paced(*secs))).await?;
-                self.done(StepKind::Settle).await
-            }
-            Step::Scan { view, brightness, capture_secs } => {
-                let (run, expected) = (self.options.run.clone(), Duration::from_secs_f64(*capture_secs));
-                let deadline = expected + self.options.safeguards.trigger_timeout;
-                let capture = Capture { run, step: index, view: view.0, brightness: *brightness, expected, deadline };
-                self.scan(index, *view, &capture).await
-            }
-        }
-    }
-
-    /// Follows a polyline from wherever on it the devices stand.
-    async fn travel(&mut self, index: usize, step: &Move) -> Result<Done, Halt> {
-        let here = self.watcher.tick().await?.configuration();
-        let points =
-            if std::mem::take(&mut self.rejoins) { vec![here, step.target_rad] } else { way::points(&self.job.program, index) };
-        let (passed, nearest) = way::nearest(&points, &here);
-        refuse(gate::to_start(&here, &nearest, &self.options.safeguards).into_iter().collect())?;
-        for (number, to) in points.iter().enumerate().skip(passed + 1) {
-            let is_last = number + 1 == points.len();
-            let cycles = if is_last { self.options.safeguards.in_position_cycles.max(1) } else { 1 };
-            self.go(&points[number - 1], to, step.speed_fraction, cycles).await?;
-        }
-        self.done(StepKind::Move).await
-    }
-
-    /// One segment: checked from where the devices are measured, sent, and watched until it is reached.
-    async fn go(&mut self, from: &Configuration, to: &Configuration, speed_fraction: f64, cycles: u32) -> Result<(), Halt> {
-        let safeguards = self.options.safeguards.clone();
-        let here = self.watcher.tick().await?.configuration();
-        let begin = standing(from, to, &here, safeguards.position_tolerance_rad);
-        let speed = speed_fraction * self.speed_override();
-        let Some(target) = segment(&self.job.cell.axes(), &begin, to, speed, self.sequence + 1) else {
-            return self.reach(to, Duration::ZERO, cycles).await;
-        };
-        self.sequence += 1;
-        let (job, checked) = (self.job.clone(), target.clone());
-        let work = tokio::task::spawn_blocking(move || gate::to_target(&job, &here, &checked, &safeguards));
-        let objection = self.watcher.during(work).await?.map_err(|error| internal(&error))?;
-        refuse(objection.into_iter().collect())?;
-        let now_here = self.watcher.tick().await?.configuration();
-        refuse(gate::to_start(&now_here, &here, &self.options.safeguards).into_iter().collect())?;
-        self.watcher.segment = Some((here, *to));
-        let within = self.options.safeguards.request_timeout;
-        let Watcher { machine, control, .. } = &mut self.watcher;
-        let started = control.guard(timeout(within, machine.start(&target))).await?;
-        started.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))?;
-        self.reach(to, target.duration.div_f64(self.options.time_factor), cycles).await?;
-        self.watcher.segment = None;
-        Ok(())
-    }
-
-    /// Waits in position: so many fresh states in a row within the tolerance, at rest.
-    async fn reach(&mut self, to: &Configuration, predicted: Duration, cycles: u32) -> Result<(), Halt> {
-        let tolerance_rad = self.options.safeguards.position_tolerance_rad;
-        let due = Instant::now() + predicted;
-        let deadline = due + predicted / 2 + self.options.safeguards.reach_timeout;
-        let mut reached = 0;
-        loop {
-            let state = self.watcher.tick().await?;
-            let (axis, off_rad) = gate::furthest_axis(to, &state.configuration());
-            let is_at_rest = state.conditions().iter().all(|(_, condition)| condition.in_position && !condition.moving);
-            reached = if is_at_rest && off_rad <= tolerance_rad { reached + 1 } else { 0 };
-            if reached >= cycles {
-                return Ok(());
-            }
-            let now = Instant::now();
-            if now > deadline {
-                return Err(Halt::stop(StopCause::NotReached { axis, off_deg: off_rad.to_degrees() }));
-            }
-            // The first look after the predicted end is just behind it.
-            let until_due = due.saturating_duration_since(now);
-            let poll = self.watcher.poll;
-            self.watcher.rest(if until_due.is_zero() { poll } else { poll.min(until_due) }).await?;
-        }
-    }
-
-    async fn scan(&mut self, index: usize, view: ViewId, capture: &Capture) -> Result<Done, Halt> {
-        let to = way::commanded_before(&self.job.program, index);
-        let here = self.watcher.tick().await?.configuration();
-        refuse(gate::to_start(&here, &to, &self.options.safeguards).into_iter().collect())?;
-        let taken = self.capture(capture).await?;
-        let kind = if self.has_to_locate { StepKind::Locate } else { StepKind::Scan };
-        let done = Done { kind, view: Some(view), measured: here, taken: Some(taken) };
-        if std::mem::take(&mut self.has_to_locate) {
-            self.note(index, done, 1, Duration::ZERO);
-            return Err(Halt::Pause(PauseCause::Locating));
-        }
-        Ok(done)
-    }
-
-    async fn capture(&mut self, capture: &Capture) -> Result<Captured, Halt> {
-        let trigger = &mut self.trigger;
-        let deadline = capture.deadline;
-        let work = async {
-            trigger.set_brightness(capture.brightness).await?;
-            // The trigger's own deadline comes first; one that does not keep it is not waited for either.
-            let late = |_| Err(DeviceError::Silent { waited: deadline });
-            timeout(deadline + LATE, trigger.capture(capture)).await.unwrap_or_else(late)
-        };
-        let taken = self.watcher.during(timeout(deadline + 2 * LATE, work)).await?;
-        let taken = taken.unwrap_or(Err(DeviceError::Silent { waited: deadline }));
-        let (step, view) = (capture.step, capture.view);
-        taken.map_err(|error| Halt::Pause(PauseCause::Trigger { step, view, error }))
-    }
-
-    /// A step that ends where the devices stand now.
-    async fn done(&mut self, kind: StepKind) -> Result<Done, Halt> {
-        let measured = self.watcher.tick().await?.configuration();
-        Ok(Done { kind, view: None, measured, taken: None })
-    }
-
-    fn note(&mut self, index: usize, done: Done, attempts: u32, real: Duration) {
+    pub(super) fn note(&mut self, index: usize, done: Done, attempts: u32, real: Duration) {
         let commanded = way::commanded_before(&self.job.program, index + 1);
         let (capture_id, capture_took) = done.taken.map_or((None, None), |taken| (taken.id, Some(taken.took)));
         self.steps.push(StepRecord {
@@ -384,12 +260,12 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         });
     }
 
-    fn speed_override(&self) -> f64 {
+    pub(super) fn speed_override(&self) -> f64 {
         let cap = if self.options.is_first_live { self.options.safeguards.first_run_speed } else { 1.0 };
         self.watcher.control.speed_override.min(cap)
     }
 
-    fn paced(&self, secs: f64) -> Duration {
+    pub(super) fn paced(&self, secs: f64) -> Duration {
         Duration::from_secs_f64(secs / self.options.time_factor)
     }
 
@@ -399,9 +275,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let report = match request {
             Some(StopRequest { cause, at }) => {
                 let asked_secs = at.saturating_duration_since(self.watcher.live.began()).as_secs_f64();
-                let max_age = self.options.safeguards.state_max_age;
-                let [arm, table] =
-                    if self.is_armed { stop::stop(&mut self.watcher.machine, at, max_age).await.map(Some) } else { [None, None] };
+                let [arm, table] = if self.is_armed { self.stop_both(at).await.map(Some) } else { [None, None] };
                 Some(StopReport { cause, asked_secs, arm, table })
             }
             None => None,
@@ -414,8 +288,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     async fn stop_both(&mut self, asked: Instant) -> [DeviceStop; 2] {
         let (stops, found) = stop::stop(&mut self.watcher.machine, asked).await;
         let [arm, table] = found.map(Option::unwrap_or_default);
-        if let (Ok(joints_rad), [table_rad]) = (arm.try_into(), table[..]) {
-            self.last_measured = Some(Configuration { joints_rad, table_rad });
+        if let (Ok(joints_rad), Some(table_rad)) = (arm.try_into(), table.first()) {
+            self.last_measured = Some(Configuration { joints_rad, table_rad: *table_rad });
         }
         stops
     }
@@ -440,96 +314,30 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 }
 
-/// Outcome of a step.
-struct Done {
-    kind: StepKind,
-    view: Option<ViewId>,
-    measured: Configuration,
-    taken: Option<Captured>,
-}
-
-/// Reads the devices for a while and says what would stand against motion.
-pub(super) async fn read<M: Watch>(job: RunJob, machine: M, control: Control, live: Arc<Live>, options: RunOptions) {
-    let (cell, safeguards) = (Arc::clone(&job.cell), options.safeguards.clone());
-    let mut watcher = Watcher::new(machine, control, live, cell, safeguards, options.audit.clone(), 1.0);
-    let mut identities = None;
-    let mut objections = gate::to_run(&job, options.from_step, options.speed_override);
-    let work = async {
-        identities = Some(connect(&mut watcher, options.safeguards.connect_timeout).await?);
-        let began = Instant::now();
-        loop {
-            let state = watcher.read().await?;
-            if began.elapsed() >= READING {
-                return Ok(state);
-            }
-            watcher.rest(watcher.poll).await?;
-        }
-    };
-    let ended = unless_panicking(work).await.unwrap_or_else(|()| Err(Halt::Stop(stop_now("a panic"))));
-    let (event, mut found) = match ended {
-        Ok(state) => {
-            let here = state.configuration();
-            let (_, nearest) = way::nearest(&way::points(&job.program, options.from_step), &here);
-            objections.extend(gate::to_start(&here, &nearest, &options.safeguards));
-            // Judged as if it were to move now.
-            let unfit = unfit(&state, RunState::Armed, state.arm.at.max(state.table.at), options.safeguards.state_max_age);
-            (RunEvent::Read, unfit.into_iter().collect())
-        }
-        Err(Halt::Stop(request)) => (RunEvent::Stopped(request.cause), Vec::new()),
-        Err(Halt::Pause(_)) => (RunEvent::Stopped(StopCause::Client), Vec::new()),
-    };
-    if !objections.is_empty() {
-        found.push(StopCause::Objections(objections));
-    }
-    let status = watcher.live.status();
-    let record = RunRecord {
-        mode: Mode::DryRun,
-        identities,
-        next_step: options.from_step,
-        speed_override: options.speed_override,
-        objections: found,
-        last_measured: watcher.last.map(|state| state.configuration()),
-        ..RunRecord::lost(status.after(event.clone()).unwrap_or(status))
-    };
-    watcher.happen(event);
-    watcher.control.end(record);
-}
-
-async fn connect<M: Watch>(watcher: &mut Watcher<M>, within: Duration) -> Result<Identities, Halt> {
+pub(super) async fn connect<M: Watch>(watcher: &mut Watcher<M>, within: Duration) -> Result<Identities, Halt> {
     let Watcher { machine, control, .. } = watcher;
     let connected = control.guard(timeout(within, machine.connect())).await?;
     connected.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))
 }
 
-/// Where a segment begins: where the devices are measured, save that one which has nowhere to go, and stands there within the
-/// tolerance, is left alone.
-fn standing(from: &Configuration, to: &Configuration, here: &Configuration, tolerance_rad: f64) -> Configuration {
-    let stays = |part: &Configuration| !from.moves_arm(part) && gate::furthest_axis(part, here).1 <= tolerance_rad;
-    let arm_to = Configuration { joints_rad: to.joints_rad, table_rad: here.table_rad };
-    let joints_rad = if stays(&arm_to) { to.joints_rad } else { here.joints_rad };
-    let table_off = (to.table_rad - here.table_rad).abs();
-    let table_rad = if !from.turns_table(to) && table_off <= tolerance_rad { to.table_rad } else { here.table_rad };
-    Configuration { joints_rad, table_rad }
-}
-
-fn refuse(objections: Vec<Objection>) -> Result<(), Halt> {
+pub(super) fn refuse(objections: Vec<Objection>) -> Result<(), Halt> {
     if objections.is_empty() { Ok(()) } else { Err(Halt::stop(StopCause::Objections(objections))) }
 }
 
-fn silent(waited: Duration) -> MachineError {
+pub(super) fn silent(waited: Duration) -> MachineError {
     MachineError { device: Device::Arm, error: DeviceError::Silent { waited } }
 }
 
-fn internal(error: &tokio::task::JoinError) -> Halt {
+pub(super) fn internal(error: &tokio::task::JoinError) -> Halt {
     Halt::stop(StopCause::Internal(error.to_string()))
 }
 
-fn stop_now(what: &str) -> StopRequest {
+pub(super) fn stop_now(what: &str) -> StopRequest {
     StopRequest { cause: StopCause::Internal(what.to_owned()), at: Instant::now() }
 }
 
 /// The output of `work`, or an error where it panics: devices are stopped all the same.
-async fn unless_panicking<T>(work: impl Future<Output = T>) -> Result<T, ()> {
+pub(super) async fn unless_panicking<T>(work: impl Future<Output = T>) -> Result<T, ()> {
     let mut work = pin!(work);
     std::future::poll_fn(|cx| match catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(cx))) {
         Ok(Poll::Ready(output)) => Poll::Ready(Ok(output)),

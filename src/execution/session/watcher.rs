@@ -1,4 +1,4 @@
-//! What goes on all the time while a run is connected: states are read and held against the conditions of motion, watchdogs are
+//! Everything that goes on while a run is connected: states are read and held against the conditions of motion, watchdogs are
 //! fed, lease, heartbeat and audit are looked at, and live events go out.
 
 use std::sync::Arc;
@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
+use super::cause::{Device, StopCause};
 use super::gate::{Safeguards, unfit};
 use super::handle::{Control, Halt};
 use super::live::{Live, Measurement};
 use super::machine::{Drive, MachineError, MachineState, Watch};
-use super::state::{Device, RunEvent, RunStatus, StopCause};
+use super::state::{RunEvent, RunStatus};
 use super::way::off_segment;
 use crate::cell::{Cell, Configuration};
 use crate::execution::audit::AuditLog;
@@ -122,7 +123,10 @@ impl<M: Drive> Watcher<M> {
                     tokio::select! {
                         biased;
                         output = &mut work, if done.is_none() => done = Some(output),
-                        ticked = &mut tick => break ticked?,
+                        ticked = &mut tick => {
+                            ticked?;
+                            break;
+                        }
                     }
                 }
             }
@@ -176,9 +180,20 @@ impl<M: Drive> Watcher<M> {
 
 /// A machine's error as the end of a run; silence longer than a state may be old is a stale state.
 pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: Duration) -> Halt {
-    Halt::stop(match error {
-        DeviceError::Silent { waited } if waited <= max_age => StopCause::Stale { device, age: waited },
-        DeviceError::Stale { age } => StopCause::Stale { device, age },
-        error => StopCause::Device { device, error },
-    })
+    let age = match &error {
+        DeviceError::Silent { waited } if *waited <= max_age => Some(*waited),
+        DeviceError::Stale { age } => Some(*age),
+        DeviceError::Silent { .. }
+        | DeviceError::Unreachable { .. }
+        | DeviceError::Closed { .. }
+        | DeviceError::Malformed { .. }
+        | DeviceError::Refused { .. }
+        | DeviceError::Fault { .. }
+        | DeviceError::NotReady { .. }
+        | DeviceError::OtherDevice { .. }
+        | DeviceError::WordOrder { .. }
+        | DeviceError::Unsupported { .. } => None,
+    };
+    let device_error = StopCause::Device { device, error };
+    Halt::stop(age.map_or(device_error, |age| StopCause::Stale { device, age }))
 }

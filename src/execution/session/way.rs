@@ -6,11 +6,11 @@ use crate::program::{Program, Step};
 
 /// Commanded configuration before a step.
 pub(super) fn commanded_before(program: &Program, step: usize) -> Configuration {
-    let targets = program.steps.iter().take(step).filter_map(|step| match step {
+    let target = program.steps.iter().take(step).rev().find_map(|step| match step {
         Step::Move(step) => Some(step.target_rad),
         Step::Settle { .. } | Step::Scan { .. } => None,
     });
-    targets.last().unwrap_or(program.home_rad)
+    target.unwrap_or(program.home_rad)
 }
 
 /// Points of a step's way, from where it begins; alone that where the devices stand.

@@ -22,7 +22,8 @@ fn state(arm: Condition, table: Condition) -> MachineState {
 #[tokio::test(start_paused = true)]
 async fn each_condition_of_each_device_forbids_motion() {
     type Change = fn(&mut Condition);
-    let cases: [(Change, fn(Device) -> StopCause); 7] = [
+    type Cause = fn(Device) -> StopCause;
+    let cases: [(Change, Cause); 7] = [
         (|c| c.emergency_stop = true, StopCause::EmergencyStop),
         (|c| c.guard_open = true, StopCause::GuardOpen),
         (|c| c.hand_guided = true, StopCause::HandGuided),

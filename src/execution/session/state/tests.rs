@@ -1,8 +1,8 @@
 use std::time::Duration;
 
-use super::{Device, PauseCause, RunEvent, RunReason, RunState, RunStatus, StopCause};
+use super::{RunEvent, RunState, RunStatus};
 use crate::execution::device::DeviceError;
-use crate::execution::session::{Fence, LeaseError, Objection};
+use crate::execution::session::{Device, Fence, LeaseError, Objection, PauseCause, RunReason, StopCause};
 
 fn causes() -> Vec<StopCause> {
     let device = Device::Arm;
@@ -57,11 +57,8 @@ fn every_event_in_every_state_leads_where_the_drawing_says() {
                             | StopCause::Device { error: DeviceError::Refused { .. }, .. }
                     );
                     let before = matches!(state, Preparing | Ready);
-                    match state {
-                        Done | Stopped | Failed => None,
-                        _ if !by_hand && (fails || before) => Some(Failed),
-                        _ => Some(Stopped),
-                    }
+                    let end = if !by_hand && (fails || before) { Failed } else { Stopped };
+                    (!matches!(state, Done | Stopped | Failed)).then_some(end)
                 }
                 RunEvent::Prepared => (state == Preparing).then_some(Ready),
                 RunEvent::Armed => (state == Ready).then_some(Armed),

@@ -31,7 +31,7 @@ fn the_nearest_point_is_on_the_latest_segment_that_passes_it() {
     assert_eq!(nearest(&way, &at(1.0, 0.0)), (1, at(1.0, 0.0)));
     assert_eq!(nearest(&way, &at(0.5, 1.2)), (2, at(0.5, 1.0)));
     assert_eq!(nearest(&way[..1], &at(0.5, 1.2)), (0, at(0.0, 0.0)));
-    assert_eq!(nearest(&way, &at(-1.0, 0.0)).1, at(0.0, 0.0));
+    assert_eq!(nearest(&way, &at(-1.0, -0.5)).1, at(0.0, 0.0));
 }
 
 #[test]

@@ -1,0 +1,315 @@
+//! Causes of pauses and ends, and the reason of each state: closed lists, with a code each and words for people.
+
+use std::fmt;
+use std::time::Duration;
+
+use super::gate::Objection;
+use super::lease::LeaseError;
+use super::state::RunState;
+use crate::execution::device::DeviceError;
+
+/// Devices of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Device {
+    /// The arm.
+    Arm,
+    /// The table.
+    Table,
+    /// The scanner's trigger.
+    Trigger,
+}
+
+impl Device {
+    /// Name in interfaces and in the wire log.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Arm => "arm",
+            Self::Table => "table",
+            Self::Trigger => "trigger",
+        }
+    }
+}
+
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Cause of a pause.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PauseCause {
+    /// A client asked for it.
+    Client,
+    /// A step is done, and steps are taken one by one.
+    SingleStep,
+    /// The scanner did not acknowledge a capture; the view is not skipped.
+    Trigger {
+        /// Step of the program, from 0.
+        step: usize,
+        /// Number of the view.
+        view: u32,
+        /// Words of the trigger.
+        error: DeviceError,
+    },
+    /// The locating scan is taken, and the part's pose is awaited.
+    Locating,
+}
+
+/// Cause of an end before the last step.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StopCause {
+    /// A client asked for it.
+    Client,
+    /// No heartbeat of the client.
+    HeartbeatLost {
+        /// Time since the last.
+        after: Duration,
+    },
+    /// The lease ran out, or another has it.
+    LeaseLost(LeaseError),
+    /// Whoever held the run is gone: the server ends.
+    ServerGone,
+    /// Armed, and not told to move for too long.
+    ArmExpired,
+    /// Emergency stop.
+    EmergencyStop(Device),
+    /// Guard open.
+    GuardOpen(Device),
+    /// Guided by hand.
+    HandGuided(Device),
+    /// Paused at the device.
+    HeldAtDevice(Device),
+    /// Drives without power, or brakes closed.
+    PowerLost(Device),
+    /// State not read in time.
+    Stale {
+        /// Device.
+        device: Device,
+        /// Age of its last state.
+        age: Duration,
+    },
+    /// Log that can no longer be kept.
+    Audit(String),
+    /// Part too far from where it was planned.
+    Misplaced(String),
+    /// Link lost, or an answer that is none.
+    Device {
+        /// Device.
+        device: Device,
+        /// Its words.
+        error: DeviceError,
+    },
+    /// Fault that a device reports.
+    Fault {
+        /// Device.
+        device: Device,
+        /// Number.
+        code: u32,
+        /// Words, where they are known.
+        text: Option<&'static str>,
+    },
+    /// Conditions for motion that are not met.
+    Objections(Vec<Objection>),
+    /// Measured positions off the straight way.
+    OffPath {
+        /// Axis, 1 to 6, or 7 for the table.
+        axis: usize,
+        /// Distance found, degrees.
+        off_deg: f64,
+        /// Distance allowed, degrees.
+        allowed_deg: f64,
+    },
+    /// Target not reached in time.
+    NotReached {
+        /// Axis that is furthest from it, 1 to 6, or 7 for the table.
+        axis: usize,
+        /// Distance, degrees.
+        off_deg: f64,
+    },
+    /// A fault of this program's own.
+    Internal(String),
+}
+
+impl StopCause {
+    /// State that it ends in from another: what was never armed has failed, save on command.
+    #[must_use]
+    pub fn ends_in(&self, state: RunState) -> RunState {
+        let by_hand = matches!(self, Self::Client | Self::ServerGone | Self::ArmExpired);
+        if !by_hand && !state.is_armed() {
+            return RunState::Failed;
+        }
+        match self {
+            Self::Client
+            | Self::ServerGone
+            | Self::ArmExpired
+            | Self::HeartbeatLost { .. }
+            | Self::LeaseLost(_)
+            | Self::EmergencyStop(_)
+            | Self::GuardOpen(_)
+            | Self::HandGuided(_)
+            | Self::HeldAtDevice(_)
+            | Self::PowerLost(_)
+            | Self::Stale { .. }
+            | Self::Audit(_)
+            | Self::Misplaced(_) => RunState::Stopped,
+            Self::Device { error, .. } => {
+                if is_lost(error) {
+                    RunState::Stopped
+                } else {
+                    RunState::Failed
+                }
+            }
+            Self::Fault { .. } | Self::Objections(_) | Self::OffPath { .. } | Self::NotReached { .. } | Self::Internal(_) => {
+                RunState::Failed
+            }
+        }
+    }
+
+    /// Name in interfaces.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Client => "by_client",
+            Self::HeartbeatLost { .. } => "heartbeat_lost",
+            Self::LeaseLost(_) => "lease_lost",
+            Self::ServerGone => "server_gone",
+            Self::ArmExpired => "arm_expired",
+            Self::EmergencyStop(_) => "emergency_stop",
+            Self::GuardOpen(_) => "guard_open",
+            Self::HandGuided(_) => "hand_guided",
+            Self::HeldAtDevice(_) => "held_at_device",
+            Self::PowerLost(_) => "power_lost",
+            Self::Stale { .. } => "state_stale",
+            Self::Audit(_) => "audit_failed",
+            Self::Misplaced(_) => "part_misplaced",
+            Self::Device { .. } => "device_error",
+            Self::Fault { .. } => "device_fault",
+            Self::Objections(_) => "not_allowed",
+            Self::OffPath { .. } => "off_path",
+            Self::NotReached { .. } => "not_reached",
+            Self::Internal(_) => "internal",
+        }
+    }
+}
+
+/// Returns true if the link or its answers are gone, rather than a request refused.
+const fn is_lost(error: &DeviceError) -> bool {
+    matches!(
+        error,
+        DeviceError::Unreachable { .. } | DeviceError::Closed { .. } | DeviceError::Silent { .. } | DeviceError::Stale { .. }
+    )
+}
+
+impl fmt::Display for StopCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Client => write!(f, "a client asked for it"),
+            Self::HeartbeatLost { after } => write!(f, "no heartbeat of the client for {} ms", after.as_millis()),
+            Self::LeaseLost(error) => write!(f, "{error}"),
+            Self::ServerGone => write!(f, "the server ended; start a new run from the step that was reached"),
+            Self::ArmExpired => write!(f, "armed and not told to move; arm a new run when you are ready"),
+            Self::EmergencyStop(device) => write!(f, "emergency stop at the {device}; release and reset it there"),
+            Self::GuardOpen(device) => write!(f, "guard open at the {device}; close and reset it there"),
+            Self::HandGuided(device) => write!(f, "the {device} is guided by hand; leave that mode there"),
+            Self::HeldAtDevice(device) => write!(f, "the {device} is paused at its own controller; end that there"),
+            Self::PowerLost(device) => write!(f, "the {device} has no power or its brakes are closed; switch it on there"),
+            Self::Stale { device, age } => {
+                write!(f, "no state of the {device} for {} ms; check its network", age.as_millis())
+            }
+            Self::Audit(reason) => write!(f, "the audit log can no longer be written ({reason}); make room on its disk"),
+            Self::Misplaced(how) => write!(f, "{how}"),
+            Self::Device { device, error } => write!(f, "{device}: {error}"),
+            Self::Fault { device, code, text } => {
+                write!(f, "the {device} reports fault {code}{}; clear it there", Words(*text))
+            }
+            Self::Objections(objections) => write!(f, "{}", Listed(objections)),
+            Self::OffPath { axis, off_deg, allowed_deg } => {
+                write!(f, "axis {axis} is {off_deg:.2}° off its straight way; allowed are {allowed_deg:.2}°")
+            }
+            Self::NotReached { axis, off_deg } => write!(f, "axis {axis} stays {off_deg:.3}° off its target"),
+            Self::Internal(what) => write!(f, "a fault of this program's own: {what}; please report it"),
+        }
+    }
+}
+
+/// Words of a fault in brackets.
+struct Words(Option<&'static str>);
+
+impl fmt::Display for Words {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.map_or(Ok(()), |text| write!(f, " ({text})"))
+    }
+}
+
+/// Objections, one after another.
+struct Listed<'a>(&'a [Objection]);
+
+impl fmt::Display for Listed<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words: Vec<String> = self.0.iter().map(Objection::to_string).collect();
+        f.write_str(&words.join("; "))
+    }
+}
+
+/// Reason of the state that a run is in.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RunReason {
+    /// Preparing: connecting and checking.
+    Connecting,
+    /// Ready: an operator has to arm.
+    AwaitsArm,
+    /// Armed: the first step is awaited.
+    AwaitsStart,
+    /// Running: on its way.
+    UnderWay,
+    /// Paused.
+    Paused(PauseCause),
+    /// Done: every step.
+    AllSteps,
+    /// Done: devices were read, as a dry run does.
+    Read,
+    /// Stopped or failed.
+    Ended(StopCause),
+}
+
+impl RunReason {
+    /// Name in interfaces.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Connecting => "connecting",
+            Self::AwaitsArm => "awaits_arm",
+            Self::AwaitsStart => "awaits_start",
+            Self::UnderWay => "under_way",
+            Self::Paused(PauseCause::Client) => "by_client",
+            Self::Paused(PauseCause::SingleStep) => "single_step",
+            Self::Paused(PauseCause::Trigger { .. }) => "trigger_silent",
+            Self::Paused(PauseCause::Locating) => "locating",
+            Self::AllSteps => "all_steps",
+            Self::Read => "read",
+            Self::Ended(cause) => cause.code(),
+        }
+    }
+}
+
+impl fmt::Display for RunReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connecting => write!(f, "connects to the devices and checks the program"),
+            Self::AwaitsArm => write!(f, "waits for an operator to arm it"),
+            Self::AwaitsStart => write!(f, "is armed and waits for its first step"),
+            Self::UnderWay => write!(f, "carries out its steps"),
+            Self::Paused(PauseCause::Client) => write!(f, "a client asked for it; resume to go on"),
+            Self::Paused(PauseCause::SingleStep) => write!(f, "takes steps one by one; step or resume to go on"),
+            Self::Paused(PauseCause::Trigger { step, view, error }) => {
+                write!(f, "the capture of viewpoint {view} (step {step}) was not acknowledged: {error}; resume to take it again")
+            }
+            Self::Paused(PauseCause::Locating) => write!(f, "the locating scan is taken; tell where the part lies"),
+            Self::AllSteps => write!(f, "every step is done"),
+            Self::Read => write!(f, "the devices were read; nothing was moved"),
+            Self::Ended(cause) => write!(f, "{cause}"),
+        }
+    }
+}
