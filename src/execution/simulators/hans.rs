@@ -6,6 +6,7 @@ mod servo;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -16,6 +17,9 @@ use self::arm::SimulatedArm;
 use super::faults::Faults;
 use crate::cell::Robot;
 use crate::execution::protocol::hans::{HansFrames, HansOutcome, HansReply, HansRequest, HansSyntax};
+
+/// Interval at which faults and paths act by themselves.
+const TICK: Duration = Duration::from_millis(5);
 
 /// Sockets of a simulated controller.
 #[derive(Debug)]
@@ -107,7 +111,15 @@ impl HansSimulator {
                 servo::take_targets(stream, &self.shared).await;
             }
         };
-        tokio::join!(servo, self.serve_many());
+        tokio::join!(servo, self.serve_many(), self.keep_time());
+    }
+
+    /// Lets faults act when they come, and not when somebody looks.
+    async fn keep_time(&self) {
+        loop {
+            drop(self.shared.arm());
+            sleep(TICK).await;
+        }
     }
 
     /// Serves the ports that take many clients.

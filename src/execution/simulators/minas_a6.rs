@@ -18,6 +18,8 @@ use crate::execution::drivers::serial::{PseudoTerminal, open_pseudo_terminal};
 use crate::execution::drivers::stream::ByteStream;
 use crate::execution::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide};
 
+/// Interval at which time and faults act by themselves.
+const TICK: Duration = Duration::from_millis(5);
 /// Silence after which an incomplete frame is forgotten.
 const FRAME_SILENCE: Duration = Duration::from_millis(50);
 /// Exceptions: a function, a value that there is not.
@@ -72,6 +74,16 @@ impl Shared {
     }
 }
 
+impl Shared {
+    /// Lets faults act when they come, and not when somebody looks.
+    async fn keep_time(&self) {
+        loop {
+            drop(self.drive());
+            sleep(TICK).await;
+        }
+    }
+}
+
 impl MinasA6Simulator {
     /// A drive at rest, its servo off.
     #[must_use]
@@ -108,18 +120,25 @@ impl MinasA6Simulator {
 
     /// Serves connections of a listener until it is dropped, and they with it.
     pub async fn serve(self, listener: TcpListener, framing: ModbusFraming) {
-        let mut connections = JoinSet::new();
-        while let Ok((stream, _)) = listener.accept().await {
-            while connections.try_join_next().is_some() {}
-            let shared = Arc::clone(&self.shared);
-            connections.spawn(async move {
-                let cut = shared.faults.next_cut();
-                tokio::select! {
-                    () = cut => {}
-                    // Whoever goes away is not missed.
-                    _ = answer(Box::new(stream), framing, &shared) => {}
-                }
-            });
+        let accepting = async {
+            let mut connections = JoinSet::new();
+            while let Ok((stream, _)) = listener.accept().await {
+                // Connections that ended are let go.
+                while connections.try_join_next().is_some() {}
+                let shared = Arc::clone(&self.shared);
+                connections.spawn(async move {
+                    let cut = shared.faults.next_cut();
+                    tokio::select! {
+                        () = cut => {}
+                        // Whoever goes away is not missed.
+                        _ = answer(Box::new(stream), framing, &shared) => {}
+                    }
+                });
+            }
+        };
+        tokio::select! {
+            () = accepting => {}
+            () = self.shared.keep_time() => {}
         }
     }
 
@@ -137,6 +156,7 @@ impl MinasA6Simulator {
             let cut = self.shared.faults.next_cut();
             tokio::select! {
                 () = cut => sleep(Duration::from_secs(1)).await,
+                () = self.shared.keep_time() => {}
                 ended = answer(&mut *stream, ModbusFraming::Rtu, &self.shared) => {
                     if ended.is_err() {
                         return;
