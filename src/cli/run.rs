@@ -194,6 +194,8 @@ impl PreparedRun {
             let last = program.steps.len().saturating_sub(1);
             return Err(CliError::BadInput(format!("--from-step {}: the program has the steps 0 to {last}", args.from_step)));
         }
+        let program = session::program_for(program, (args.mode, controllers.as_ref()), (&cell, &scene))
+            .map_err(|together| CliError::BadInput(format!("{shown}: {together}")))?;
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [hashes.clone(), hashes])
             .map_err(|found| refused(&found))?;
         Ok(Self { run, job, cell, reference, controllers, request })

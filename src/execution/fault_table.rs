@@ -7,7 +7,7 @@ use tokio::time::sleep;
 
 use super::device::{FaultCode, Trigger};
 use super::rehearsal::{CELL, attend, job, until};
-use super::session::{Authority, Device, Drive, Leases, RunOptions, RunState, live};
+use super::session::{Authority, DeviceRole, Drive, Leases, RunOptions, RunState, live};
 use super::twin::Planted;
 
 /// Every fault, with the state that it ends in once a run is armed.
@@ -40,7 +40,7 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
     fn begin() -> impl Future<Output = (Self::Machine, Self::Trigger, Self)> + Send;
 
     /// Plants a fault in place of the last, or takes it away.
-    fn plant(&self, device: Device, planted: Option<Planted>);
+    fn plant(&self, device: DeviceRole, planted: Option<Planted>);
 
     /// Positions of all axes, without any error.
     fn positions_rad(&self) -> [f64; 7];
@@ -54,8 +54,8 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
     /// Asserts that nothing moves any more, and nothing was asked that was not to be.
     fn assert_rests(&self, name: &str) -> impl Future<Output = ()> + Send {
         async move {
-            self.plant(Device::Arm, None);
-            self.plant(Device::Table, None);
+            self.plant(DeviceRole::Arm, None);
+            self.plant(DeviceRole::Table, None);
             // A link that is cut leaves a device to its own watchdog.
             sleep(Duration::from_secs(4)).await;
             let before = (self.positions_rad(), self.targets());
@@ -67,7 +67,7 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
 }
 
 /// Runs the table.
-pub(crate) async fn fault_table<C: FaultyCell>(faults: &[(Planted, RunState)], devices: &[Device]) {
+pub(crate) async fn fault_table<C: FaultyCell>(faults: &[(Planted, RunState)], devices: &[DeviceRole]) {
     for (planted, ends) in faults {
         for device in devices {
             for state in [RunState::Preparing, RunState::Ready, RunState::Armed, RunState::Running, RunState::Paused] {
@@ -77,7 +77,7 @@ pub(crate) async fn fault_table<C: FaultyCell>(faults: &[(Planted, RunState)], d
     }
 }
 
-async fn fault_in<C: FaultyCell>(planted: Planted, ends: RunState, device: Device, state: RunState) {
+async fn fault_in<C: FaultyCell>(planted: Planted, ends: RunState, device: DeviceRole, state: RunState) {
     let name = format!("{planted:?} of the {device} while {}", state.as_str());
     let (machine, trigger, cell) = C::begin().await;
     let leases = Leases::default();

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
 use super::fault_table::FaultyCell;
-use super::session::{Device, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
+use super::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
 use super::twin::{Asked, Planted, TriggerAccess, Twin, TwinAccess, TwinTrigger};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame};
@@ -115,10 +115,10 @@ impl FaultyCell for Twins {
         twins()
     }
 
-    fn plant(&self, device: Device, planted: Option<Planted>) {
+    fn plant(&self, device: DeviceRole, planted: Option<Planted>) {
         match device {
-            Device::Arm => self.arm.plant(planted),
-            Device::Table | Device::Trigger => self.table.plant(planted),
+            DeviceRole::Arm => self.arm.plant(planted),
+            DeviceRole::Table | DeviceRole::Trigger => self.table.plant(planted),
         }
     }
 

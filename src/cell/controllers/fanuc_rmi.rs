@@ -10,9 +10,9 @@ use crate::cell::field_error::Findings;
 closed_list! {
     /// Link from which a program counts joint 3. The controller counts it from the ground.
     pub enum JointThreeOrigin {
-        /// From the ground, as the controller: nothing is converted. Robots with `joint_3_from_ground` are planned so.
+        /// Counted from the ground, as the controller does: nothing is converted. Robots with `joint_3_from_ground` are planned so.
         Ground = "ground",
-        /// From the upper arm: the controller's joint 3 is the program's less joint 2.
+        /// Counted from the upper arm: the controller's joint 3 is the program's less joint 2.
         UpperArm = "upper_arm",
     }
 }

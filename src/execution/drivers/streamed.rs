@@ -73,9 +73,9 @@ pub struct Step<const N: usize> {
 pub enum Order<const N: usize> {
     /// Go, from where the arm stands by its set points.
     Go {
-        /// Where to, and how fast.
+        /// Goal and speed of the move.
         target: Target<N>,
-        /// Where from, radians.
+        /// Positions at its beginning, radians.
         from_rad: [f64; N],
     },
     /// Stop by a ramp.
@@ -96,7 +96,7 @@ struct Shared<const N: usize> {
     cycles: watch::Sender<u64>,
 }
 
-/// Where the session and the thread leave word for each other.
+/// Words that the session and the thread leave for each other.
 #[derive(Debug, Default)]
 struct Desk<const N: usize> {
     identity: Option<Identity>,

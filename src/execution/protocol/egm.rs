@@ -43,7 +43,7 @@ pub enum EgmGuidance {
     /// Not said.
     #[default]
     Unknown,
-    /// In error.
+    /// Error.
     Error,
     /// Not following.
     Stopped,

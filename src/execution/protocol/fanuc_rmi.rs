@@ -63,7 +63,7 @@ pub enum RmiRequest {
 pub struct RmiJointMotion {
     /// Number of the instruction, consecutive from 1.
     pub sequence: u32,
-    /// Where it ends.
+    /// Joints at its end.
     pub joints: RmiJoints,
     /// Time that it takes.
     pub speed: RmiSpeed,

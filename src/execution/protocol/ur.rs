@@ -16,9 +16,9 @@ const MICRO: f64 = 1e6;
 pub enum UrCommand {
     /// Stay on: feeds the watchdog.
     KeepAlive,
-    /// Where to be now.
+    /// Joints to be at now.
     SetPoint([f64; 6]),
-    /// Where to go; acknowledged by its number.
+    /// Joints to go to; acknowledged by its number.
     Move {
         /// Number of the target, below 2³¹.
         sequence: u32,

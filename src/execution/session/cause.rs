@@ -10,7 +10,7 @@ use crate::execution::device::DeviceError;
 
 /// Devices of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Device {
+pub enum DeviceRole {
     /// The arm.
     Arm,
     /// The table.
@@ -19,7 +19,7 @@ pub enum Device {
     Trigger,
 }
 
-impl Device {
+impl DeviceRole {
     /// Name in interfaces and in the wire log.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
@@ -31,7 +31,7 @@ impl Device {
     }
 }
 
-impl fmt::Display for Device {
+impl fmt::Display for DeviceRole {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
     }
@@ -74,19 +74,19 @@ pub enum StopCause {
     /// Armed, and not told to move for too long.
     ArmExpired,
     /// Emergency stop.
-    EmergencyStop(Device),
+    EmergencyStop(DeviceRole),
     /// Guard open.
-    GuardOpen(Device),
+    GuardOpen(DeviceRole),
     /// Guided by hand.
-    HandGuided(Device),
+    HandGuided(DeviceRole),
     /// Paused at the device.
-    HeldAtDevice(Device),
+    HeldAtDevice(DeviceRole),
     /// Drives without power, or brakes closed.
-    PowerLost(Device),
+    PowerLost(DeviceRole),
     /// State not read in time.
     Stale {
         /// Device.
-        device: Device,
+        device: DeviceRole,
         /// Age of its last state.
         age: Duration,
     },
@@ -97,14 +97,14 @@ pub enum StopCause {
     /// Link lost, or an answer that is none.
     Device {
         /// Device.
-        device: Device,
+        device: DeviceRole,
         /// Its words.
         error: DeviceError,
     },
     /// Fault that a device reports.
     Fault {
         /// Device.
-        device: Device,
+        device: DeviceRole,
         /// Number.
         code: u32,
         /// Words, where they are known.

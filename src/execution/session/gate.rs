@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::cause::{Device, StopCause};
+use super::cause::{DeviceRole, StopCause};
 use super::machine::MachineState;
 use super::state::RunState;
 use crate::cell::{Cell, CollisionScene, Configuration, Contact};
@@ -159,7 +159,7 @@ pub enum Objection {
     /// Override out of range.
     Override(f64),
     /// A device that moves already.
-    Moves(Device),
+    Moves(DeviceRole),
     /// A number that is none.
     NotFinite,
     /// Beyond the limits of an axis.
@@ -220,9 +220,11 @@ impl fmt::Display for Objection {
 /// Condition that forbids motion in this state of a run, the gravest first.
 pub(super) fn unfit(state: &MachineState, run: RunState, now: Instant, max_age: Duration) -> Option<StopCause> {
     let conditions = state.conditions();
-    let first = |is: &dyn Fn(Device) -> Option<StopCause>| conditions.iter().find_map(|(device, _)| is(*device));
-    let of = |device: Device| conditions[usize::from(device == Device::Table)].1;
-    let age = |device: Device| now.saturating_duration_since(if device == Device::Table { state.table.at } else { state.arm.at });
+    let first = |is: &dyn Fn(DeviceRole) -> Option<StopCause>| conditions.iter().find_map(|(device, _)| is(*device));
+    let of = |device: DeviceRole| conditions[usize::from(device == DeviceRole::Table)].1;
+    let age = |device: DeviceRole| {
+        now.saturating_duration_since(if device == DeviceRole::Table { state.table.at } else { state.arm.at })
+    };
     first(&|device| of(device).emergency_stop.then_some(StopCause::EmergencyStop(device)))
         .or_else(|| first(&|device| of(device).guard_open.then_some(StopCause::GuardOpen(device))))
         .or_else(|| first(&|device| of(device).fault.map(|fault| StopCause::Fault { device, code: fault.0, text: None })))

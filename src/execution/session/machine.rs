@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
-use super::cause::Device;
+use super::cause::DeviceRole;
 use super::streamer::Jitter;
 use crate::cell::Configuration;
 use crate::execution::device::{
@@ -31,8 +31,8 @@ impl MachineState {
 
     /// Conditions, each with its device.
     #[must_use]
-    pub fn conditions(&self) -> [(Device, Condition); 2] {
-        [(Device::Arm, self.arm.condition), (Device::Table, self.table.condition)]
+    pub fn conditions(&self) -> [(DeviceRole, Condition); 2] {
+        [(DeviceRole::Arm, self.arm.condition), (DeviceRole::Table, self.table.condition)]
     }
 
     /// Parts of a state of seven axes.
@@ -52,7 +52,7 @@ impl MachineState {
 #[error("{device}: {error}")]
 pub struct MachineError {
     /// Device.
-    pub device: Device,
+    pub device: DeviceRole,
     /// Its error.
     pub error: DeviceError,
 }
@@ -119,7 +119,7 @@ pub trait Drive: Watch {
     fn release(&mut self) -> impl Future<Output = Result<(), MachineError>> + Send;
 
     /// Words of a fault.
-    fn fault_text(&self, device: Device, fault: FaultCode) -> Option<&'static str>;
+    fn fault_text(&self, device: DeviceRole, fault: FaultCode) -> Option<&'static str>;
 
     /// Jitter of what is streamed, the arm's first.
     fn jitter(&self) -> Option<Jitter>;
@@ -179,11 +179,11 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
         both(arm, table).map(|_| ())
     }
 
-    fn fault_text(&self, device: Device, fault: FaultCode) -> Option<&'static str> {
+    fn fault_text(&self, device: DeviceRole, fault: FaultCode) -> Option<&'static str> {
         match device {
-            Device::Arm => self.arm.fault_text(fault),
-            Device::Table => self.table.fault_text(fault),
-            Device::Trigger => None,
+            DeviceRole::Arm => self.arm.fault_text(fault),
+            DeviceRole::Table => self.table.fault_text(fault),
+            DeviceRole::Trigger => None,
         }
     }
 
@@ -226,7 +226,7 @@ impl<D: MotionDevice<7>> Drive for Joined<D> {
         self.0.release().await.map_err(of_arm)
     }
 
-    fn fault_text(&self, _device: Device, fault: FaultCode) -> Option<&'static str> {
+    fn fault_text(&self, _device: DeviceRole, fault: FaultCode) -> Option<&'static str> {
         self.0.fault_text(fault)
     }
 
@@ -290,11 +290,11 @@ pub(super) async fn in_time<T>(within: Duration, answer: impl Future<Output = Re
 }
 
 fn of_arm(error: DeviceError) -> MachineError {
-    MachineError { device: Device::Arm, error }
+    MachineError { device: DeviceRole::Arm, error }
 }
 
 fn both<A, T>(arm: Result<A, DeviceError>, table: Result<T, DeviceError>) -> Result<(A, T), MachineError> {
-    let of_table = |error| MachineError { device: Device::Table, error };
+    let of_table = |error| MachineError { device: DeviceRole::Table, error };
     Ok((arm.map_err(of_arm)?, table.map_err(of_table)?))
 }
 

@@ -26,7 +26,7 @@ mod way;
 use std::sync::Arc;
 use std::time::Duration;
 
-pub use cause::{Device, PauseCause, RunReason, StopCause};
+pub use cause::{DeviceRole, PauseCause, RunReason, StopCause};
 pub use gate::{Hashes, Objection, RunJob, Safeguards, Workspace};
 pub use handle::{Authority, CommandError, RunHandle};
 pub use lease::{Fence, Lease, LeaseError, Leases, MAX_TTL, MIN_TTL};

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, timeout};
 
-use super::cause::{Device, PauseCause, StopCause};
+use super::cause::{DeviceRole, PauseCause, StopCause};
 use super::gate::{self, Objection, RunJob};
 use super::handle::{Control, Halt, StopRequest};
 use super::live::Live;
@@ -205,7 +205,8 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let asked = Instant::now();
         let (stops, _) = stop::stop(&mut self.watcher.machine, asked).await;
         if !stop::is_complete(&stops) {
-            let device = if stops[0].acknowledged.is_some() && stops[0].at_rest.is_some() { Device::Table } else { Device::Arm };
+            let device =
+                if stops[0].acknowledged.is_some() && stops[0].at_rest.is_some() { DeviceRole::Table } else { DeviceRole::Arm };
             let reason = "it did not come to rest for a pause".to_owned();
             return Err(Halt::stop(StopCause::Device { device, error: DeviceError::NotReady { reason } }));
         }
@@ -325,7 +326,7 @@ pub(super) fn refuse(objections: Vec<Objection>) -> Result<(), Halt> {
 }
 
 pub(super) fn silent(waited: Duration) -> MachineError {
-    MachineError { device: Device::Arm, error: DeviceError::Silent { waited } }
+    MachineError { device: DeviceRole::Arm, error: DeviceError::Silent { waited } }
 }
 
 pub(super) fn internal(error: &tokio::task::JoinError) -> Halt {

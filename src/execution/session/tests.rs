@@ -5,8 +5,8 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::{
-    Authority, CommandError, Device, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair, PauseCause,
-    RunHandle, RunOptions, RunReason, RunState, StopCause, dry_run, live, simulate, simulate_with,
+    Authority, CommandError, DeviceRole, Fence, Hashes, Lease, LeaseError, Leases, Mode, Objection, ObservedPair, Pair,
+    PauseCause, RunHandle, RunOptions, RunReason, RunState, StopCause, dry_run, live, simulate, simulate_with,
 };
 use crate::cell::Configuration;
 use crate::execution::audit::tests::log_on_full_disk;
@@ -314,7 +314,7 @@ async fn a_dry_run_reads_and_tells_what_stands_against_motion() {
     access.table.plant(Some(Planted::GuardOpen));
     let record = dry_run(job(), ObservedPair::new(machine.arm, machine.table), RunOptions::default()).ended().await;
     assert_eq!((record.status.state, record.mode), (RunState::Done, Mode::DryRun), "{:?}", record.status);
-    assert_eq!(record.objections, [StopCause::GuardOpen(Device::Table)]);
+    assert_eq!(record.objections, [StopCause::GuardOpen(DeviceRole::Table)]);
     assert!(record.identities.is_some());
     let asked = access.arm.asked();
     assert_eq!((asked.arms, asked.targets, asked.stops, asked.keep_alives), (0, 0, 0, 0));
@@ -339,7 +339,7 @@ async fn a_run_whose_handles_are_gone_stops() {
 
 #[tokio::test(start_paused = true)]
 async fn every_fault_in_every_state_ends_as_documented_and_nothing_moves_after() {
-    fault_table::<Twins>(&FAULTS, &[Device::Arm, Device::Table]).await;
+    fault_table::<Twins>(&FAULTS, &[DeviceRole::Arm, DeviceRole::Table]).await;
 }
 
 /// SplitMix64 (G. Steele, D. Lea and C. Flood, 2014).

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::cause::{Device, StopCause};
+use super::cause::{DeviceRole, StopCause};
 use super::gate::{Safeguards, unfit};
 use super::handle::{Control, Halt};
 use super::live::{Live, Measurement};
@@ -62,7 +62,7 @@ impl<M: Watch> Watcher<M> {
         let state = self.control.guard(self.machine.state(within)).await?.map_err(|error| of_machine(error, within))?;
         if state.configuration().axes_rad().iter().any(|angle| !angle.is_finite()) {
             let is_arm = state.arm.positions_rad.iter().any(|angle| !angle.is_finite());
-            let device = if is_arm { Device::Arm } else { Device::Table };
+            let device = if is_arm { DeviceRole::Arm } else { DeviceRole::Table };
             let error = DeviceError::Malformed { what: "a position that is no number".into() };
             return Err(Halt::stop(StopCause::Device { device, error }));
         }
@@ -173,7 +173,7 @@ impl<M: Drive> Watcher<M> {
         self.fed = Instant::now();
         let within = self.safeguards.state_max_age;
         let fed = self.control.guard(tokio::time::timeout(within, self.machine.keep_alive())).await?;
-        let silent = |_| Err(MachineError { device: Device::Arm, error: DeviceError::Silent { waited: within } });
+        let silent = |_| Err(MachineError { device: DeviceRole::Arm, error: DeviceError::Silent { waited: within } });
         fed.unwrap_or_else(silent).map_err(|error| of_machine(error, within))
     }
 }

@@ -27,9 +27,9 @@ pub struct EgmController {
 /// Course of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EgmSession {
-    /// Where the joints are, degrees.
+    /// Joints as measured, degrees.
     pub joints_deg: [f64; 6],
-    /// Where the external axes are.
+    /// External axes as measured.
     pub external: ExternalAxes,
     /// Frames of guidance taken.
     pub guides: u64,

@@ -135,7 +135,7 @@ impl RmiCell {
         }
     }
 
-    /// Where joints and table are now, degrees, as the controller counts them.
+    /// Joints and table as they are now, degrees, as the controller counts them.
     pub fn axes_deg(&mut self) -> [f64; AXES] {
         let now = Instant::now();
         let elapsed = now.duration_since(self.moved_at);
@@ -154,7 +154,7 @@ impl RmiCell {
         self.fault = fault;
     }
 
-    /// When the move under way is over.
+    /// Time at which the move under way is over.
     fn ends_at(&mut self) -> Option<Instant> {
         self.axes_deg();
         let is_led = self.under_way.is_some() && self.program == RmiProgram::Running;

@@ -27,9 +27,9 @@ pub struct RsiController {
 /// Course of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RsiSession {
-    /// Where the axes are, degrees.
+    /// Axes as measured, degrees.
     pub axes_deg: [f64; 6],
-    /// Where external axis 1 is, degrees.
+    /// External axis 1 as measured, degrees.
     pub table_deg: f64,
     /// Answers taken.
     pub answers: u64,

@@ -178,7 +178,7 @@ async fn run_program(mut stream: TcpStream, cell: &Mutex<UrCell>) -> io::Result<
     outcome
 }
 
-/// Where the program connects to, and how long it waits for a command.
+/// Address that the program connects to, and its wait for a command.
 fn address_and_watchdog(text: &str) -> Option<(String, Duration)> {
     let (_, open) = text.split_once("socket_open(\"")?;
     let (host, rest) = open.split_once("\", ")?;
@@ -235,7 +235,7 @@ impl UrCell {
         }
     }
 
-    /// Where the joints are now, radians.
+    /// Joints as they are now, radians.
     pub fn joints_rad(&mut self) -> [f64; 6] {
         let (now, before, was_moving) = (Instant::now(), self.points.at_rad(), self.points.is_moving());
         let elapsed = now.duration_since(self.moved_at);

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
+use super::session::program_for;
 use crate::cell::{Cell, CellSpec, ControllersSpec};
 use crate::check::{Reference, field_errors, read_plan};
 use crate::execution::located::{LocateBounds, Locating, Relocate};
@@ -147,7 +148,8 @@ impl RunOrder {
         let scene = reference.scene(&cell, expected.as_ref());
         let approved = Hashes { plan: self.program.plan_sha256.clone(), cell: self.cell_sha256.clone(), compensation: None };
         let present = Hashes { plan: plan_sha256, cell: self.cell_sha256.clone(), compensation: None };
-        let job = RunJob::new(self.program.clone(), Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
+        let program = program_for(self.program.clone(), (self.request.mode, self.controllers.as_ref()), (&cell, &scene))?;
+        let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
             .map_err(|found| listed(field_errors(&found)))?;
         Ok(CheckedOrder { job, cell, reference })
     }

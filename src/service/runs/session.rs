@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::cell::{ControllersSpec, WorkspaceSpec};
+use crate::cell::{Cell, CollisionScene, ControllersSpec, TableControllerSpec, WorkspaceSpec};
 use crate::execution::audit::{AuditLimits, AuditLog};
 use crate::execution::located::Relocate;
 use crate::execution::session::{self, Authority, RunHandle, RunJob, RunOptions, Safeguards, Workspace};
+use crate::program::{Program, interlock};
 use crate::wire::run::{RunMode, RunRequest};
 
 use super::devices;
@@ -72,6 +73,23 @@ pub fn begin(order: SessionOrder<'_>) -> Result<RunHandle, String> {
             devices::live(controllers()?, order.job, authority, options)
         }
     }
+}
+
+/// Program for the devices of a run: two controllers do not keep in step with each other, so where arm and table have one each, they
+/// move one after the other, as in the languages of controllers without an external axis.
+///
+/// # Errors
+/// A sentence: they have to move together.
+pub fn program_for(
+    program: Program,
+    (mode, controllers): (RunMode, Option<&ControllersSpec>),
+    (cell, scene): (&Cell, &CollisionScene),
+) -> Result<Program, String> {
+    let has_one_each = controllers.is_some_and(|spec| !matches!(spec.table, TableControllerSpec::WithArm {}));
+    if mode == RunMode::Simulate || !has_one_each {
+        return Ok(program);
+    }
+    interlock(&program, cell, scene).map_err(|together| together.to_string())
 }
 
 /// Limits of the cell file.

@@ -65,11 +65,13 @@ impl MinasA6Table {
             let max = self.spec.max_motor_r_per_min;
             return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max}") });
         }
-        if !(ramp_ms <= MAX_RAMP_MS) {
+        // The table moves alone: a quicker ramp ends the move sooner, and changes its way by nothing.
+        let slowest_rad_s2 = RAMP_R_PER_MIN / (1e-3 * MAX_RAMP_MS) / self.spec.gear_ratio / 60.0 * TAU;
+        if !(ramp_ms <= MAX_RAMP_MS || slowest_rad_s2 <= self.spec.max_acceleration_deg_per_s2.to_radians()) {
             let what = format!("ramp as slowly as {ramp_ms} ms to 3000 r/min; allowed is {MAX_RAMP_MS}");
             return Err(DeviceError::Unsupported { what });
         }
-        let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.max(1.0) as u16);
+        let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.clamp(1.0, MAX_RAMP_MS) as u16);
         for (first, value) in
             [(register::SPEEDS, speed as u16), (register::ACCELERATIONS, ramp_ms), (register::DECELERATIONS, ramp_ms)]
         {

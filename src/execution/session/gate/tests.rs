@@ -7,7 +7,7 @@ use crate::cell::Configuration;
 use crate::execution::device::{ArmState, Condition, FaultCode, TableState};
 use crate::execution::profile::segment;
 use crate::execution::rehearsal::{job, planned};
-use crate::execution::session::{Device, MachineState, RunState, StopCause};
+use crate::execution::session::{DeviceRole, MachineState, RunState, StopCause};
 
 const MAX_AGE: Duration = Duration::from_millis(100);
 
@@ -22,7 +22,7 @@ fn state(arm: Condition, table: Condition) -> MachineState {
 #[tokio::test(start_paused = true)]
 async fn each_condition_of_each_device_forbids_motion() {
     type Change = fn(&mut Condition);
-    type Cause = fn(Device) -> StopCause;
+    type Cause = fn(DeviceRole) -> StopCause;
     let cases: [(Change, Cause); 7] = [
         (|c| c.emergency_stop = true, StopCause::EmergencyStop),
         (|c| c.guard_open = true, StopCause::GuardOpen),
@@ -36,7 +36,7 @@ async fn each_condition_of_each_device_forbids_motion() {
         let mut changed = Condition::READY;
         change(&mut changed);
         for (device, state) in
-            [(Device::Arm, state(changed, Condition::READY)), (Device::Table, state(Condition::READY, changed))]
+            [(DeviceRole::Arm, state(changed, Condition::READY)), (DeviceRole::Table, state(Condition::READY, changed))]
         {
             assert_eq!(unfit(&state, RunState::Running, Instant::now(), MAX_AGE), Some(cause(device)));
         }
@@ -45,7 +45,7 @@ async fn each_condition_of_each_device_forbids_motion() {
     assert_eq!(unfit(&ready, RunState::Running, Instant::now(), MAX_AGE), None);
     assert_eq!(unfit(&ready, RunState::Running, ready.arm.at + MAX_AGE, MAX_AGE), None);
     let late = ready.table.at + MAX_AGE + Duration::from_millis(1);
-    assert!(matches!(unfit(&ready, RunState::Running, late, MAX_AGE), Some(StopCause::Stale { device: Device::Arm, .. })));
+    assert!(matches!(unfit(&ready, RunState::Running, late, MAX_AGE), Some(StopCause::Stale { device: DeviceRole::Arm, .. })));
     // Drives are switched on by arming, and a pause may be held at the device.
     let off = state(Condition { powered: false, ..Condition::READY }, Condition::READY);
     assert_eq!(unfit(&off, RunState::Ready, Instant::now(), MAX_AGE), None);

@@ -2,10 +2,10 @@ use std::time::Duration;
 
 use super::{RunEvent, RunState, RunStatus};
 use crate::execution::device::DeviceError;
-use crate::execution::session::{Device, Fence, LeaseError, Objection, PauseCause, RunReason, StopCause};
+use crate::execution::session::{DeviceRole, Fence, LeaseError, Objection, PauseCause, RunReason, StopCause};
 
 fn causes() -> Vec<StopCause> {
-    let device = Device::Arm;
+    let device = DeviceRole::Arm;
     let lease = LeaseError::Expired { cell: "cell".into(), token: Fence(1) };
     vec![
         StopCause::Client,
