@@ -221,6 +221,9 @@ fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_ev
     let mut counted: BTreeMap<(RunState, &str), usize> = BTreeMap::new();
     for status in ends.iter().flatten() {
         assert!(!status.reason.to_string().is_empty());
+        if std::env::var_os("REASONS").is_some() {
+            println!("{:?} {}", status.state, status.reason);
+        }
         *counted.entry((status.state, status.reason.code())).or_default() += 1;
     }
     println!("{count} seeds, {:.1} s of processor time: {counted:?}", processor_secs() - before);
