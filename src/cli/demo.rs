@@ -1,4 +1,6 @@
-//! `vantage demo`: runs a server in a temporary folder and plans a sample part in it.
+//! `vantage demo`: runs a server in a temporary folder, plans a sample part in it, and runs its program on simulated controllers.
+
+mod rehearsal;
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -10,18 +12,15 @@ use super::{CliError, failed, open_files, output, telemetry};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, demo_parts};
 use crate::http::{ServeError, Server};
-use crate::service::{App, Error, MeshUpload, Submission};
+use crate::service::{App, MeshUpload, Submission};
 use crate::settings::{Flags, Settings};
-use crate::wire::run::{RunRequest, RunState};
+use crate::wire::run::ReportedState;
 use crate::wire::{Job, JobId, JobRequest, JobState};
 
 /// Approximate number of triangles of the sample part.
 const TRIANGLES: usize = 20_000;
 
-/// Speed of the twin's clock.
-const RUN_FACTOR: f64 = 10.0;
-
-/// Run a server with a sample part that is planned right away and run on a twin of the cell; nothing is kept.
+/// Run a server with a sample part that is planned right away and run on simulated controllers; nothing is kept.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Prints the address to open in a browser. Ctrl-C stops the server and deletes its temporary folder.
 
@@ -48,6 +47,7 @@ pub fn run(args: &DemoArgs) -> Result<(), CliError> {
     telemetry::start(&settings.telemetry)?;
     open_files::raise_limit(&mut settings);
     run_to_completion(async {
+        rehearsal::start_controllers(folder.path(), &mut settings.execution).await?;
         let server = bind(&mut settings).await?;
         let app = open(&settings).await?;
         let url = format!("http://{}", server.address());
@@ -84,21 +84,21 @@ async fn show(app: App) {
     }
 }
 
-/// Runs the program of the sample on the twin.
+/// Runs the program of the sample on the simulated controllers.
 async fn show_run(app: &App, job: JobId) -> Result<(), CliError> {
-    output::line("The sample part is planned; the page links its report. Its program runs on a twin of the cell now.")?;
-    let failed = |error: Error| CliError::Failed(format!("the run of the sample: {error}"));
-    let request = RunRequest { time_factor: RUN_FACTOR, ..RunRequest::new(job) };
-    let run = app.start_run(request, None, None).await.map_err(failed)?;
-    let run = app.run_when_ended(run.id, Duration::from_secs(3600)).await.map_err(failed)?;
-    if run.state != RunState::Done {
+    output::line(
+        "The sample part is planned; the page links its report. Its program runs on a simulated robot and turntable now, over \
+         sockets.",
+    )?;
+    let run = rehearsal::run(app, job).await.map_err(|error| CliError::Failed(format!("the run of the sample: {error}")))?;
+    if run.state != ReportedState::Done {
         return output::line(format_args!("The run is {}: {}", run.state.as_str(), run.detail.unwrap_or_default()));
     }
     let measured = run.coverage.map_or(0.0, |coverage| 100.0 * coverage.measured_of_asked);
     output::line(format_args!(
-        "The run is done: {} steps, {} scans, {:.0} s at {RUN_FACTOR} times real speed, {measured:.1} % of the asked area from the \
-         measured poses. Its record is at /api/v1/runs/{}/record.",
-        run.steps, run.scans, run.elapsed_secs, run.id
+        "The run is done: {} steps, {} scans, {:.0} s, {measured:.1} % of the asked area from the measured poses. Its record is at \
+         /api/v1/runs/{}/record, every byte exchanged with the controllers at /api/v1/runs/{}/audit.",
+        run.steps, run.scans, run.elapsed_secs, run.id, run.id
     ))
 }
 

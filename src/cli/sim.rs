@@ -55,7 +55,7 @@ enum TableProtocol {
     MinasA6,
 }
 
-/// What every simulator takes.
+/// Arguments that every simulator takes.
 #[derive(Debug, clap::Args)]
 struct CommonSimArgs {
     /// Address and port to listen on; port 0 takes a free one.

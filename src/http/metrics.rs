@@ -15,6 +15,9 @@ const RUN_SECONDS: [f64; 7] = [10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0];
 /// Upper bounds of the histogram buckets of stops, seconds.
 const STOP_SECONDS: [f64; 9] = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.2, 1.0, 5.0];
 
+/// Upper bounds of the histogram buckets of the jitter of streamed set points, seconds.
+const JITTER_SECONDS: [f64; 8] = [0.000_05, 0.000_1, 0.000_2, 0.000_5, 0.001, 0.002, 0.005, 0.02];
+
 /// Recorder of the process's metrics; the `metrics` crate has one per process.
 static RECORDER: OnceLock<Option<PrometheusHandle>> = OnceLock::new();
 
@@ -25,7 +28,8 @@ pub fn install() {
             .set_buckets_for_metric(Matcher::Full("vantage_http_seconds".to_owned()), &RESPONSE_SECONDS)
             .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_attempt_seconds".to_owned()), &ATTEMPT_SECONDS))
             .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_seconds".to_owned()), &RUN_SECONDS))
-            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_stop_seconds".to_owned()), &STOP_SECONDS));
+            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_stop_seconds".to_owned()), &STOP_SECONDS))
+            .and_then(|b| b.set_buckets_for_metric(Matcher::Full("vantage_run_jitter_seconds".to_owned()), &JITTER_SECONDS));
         builder.and_then(PrometheusBuilder::install_recorder).ok()
     });
 }

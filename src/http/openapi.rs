@@ -46,7 +46,7 @@ use crate::wire::{self, parameters};
         wire::Problem,
         wire::JobEvent,
         wire::JobSort,
-        wire::run::RunEvent,
+        wire::run::RunEventDocument,
         wire::run::RunSample,
         ProgramDialect
     ))
@@ -110,7 +110,7 @@ pub(super) struct RunEventText;
 
 impl PartialSchema for RunEventText {
     fn schema() -> RefOr<Schema> {
-        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind`, or `live`; `data`, a `RunEvent` as JSON, \
+        let about = "Server-sent events: `id`, for `Last-Event-ID`; `event`, a `RunEventKind`, or `live`; `data`, a `RunEventDocument` as JSON, \
                      or a `RunSample` for `live`.";
         ObjectBuilder::new().schema_type(SchemaType::AnyValue).description(Some(about)).into()
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::cell::FieldError;
-use crate::wire::run::{RunMode, RunState};
+use crate::wire::run::{ReportedState, RunMode};
 use crate::wire::{JobId, JobState, LeaseId, MeshId, RunId, SpecCollection};
 
 /// Reasons why the service did not do what a client asked for.
@@ -88,7 +88,7 @@ pub enum Error {
         /// The run.
         run: RunId,
         /// Its state.
-        state: RunState,
+        state: ReportedState,
     },
     /// The run's state does not allow it.
     #[error("run {run} is {}; it cannot be {deed}", state.as_str())]
@@ -96,7 +96,7 @@ pub enum Error {
         /// The run.
         run: RunId,
         /// Its state.
-        state: RunState,
+        state: ReportedState,
         /// Deed that was asked for, as a participle.
         deed: &'static str,
     },

@@ -14,8 +14,8 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use event::{RunEvent, RunEventKind};
-pub use lease::{HeldLease, Lease, LeaseList, LeaseRequest};
+pub use event::{RunEventDocument, RunEventKind};
+pub use lease::{HeldLease, LeaseDocument, LeaseList, LeaseRequest};
 pub use record::{RUN_RECORD_SCHEMA, RunCoverage, RunRecordDocument, RunStepOp, RunStepRecord};
 pub use request::{ArmRequest, LocatedRequest, OverrideRequest, RunRequest};
 pub use sample::{ConfigurationDocument, RunSample};
@@ -42,7 +42,7 @@ closed_list! {
 
 closed_list! {
     /// State of a run.
-    pub enum RunState {
+    pub enum ReportedState {
         /// Its program is checked, its devices are connected.
         Preparing = "preparing",
         /// Waits to be armed by the operator.
@@ -62,7 +62,7 @@ closed_list! {
     }
 }
 
-impl RunState {
+impl ReportedState {
     /// Returns true if the run has ended, in whichever way.
     #[must_use]
     pub fn is_ended(self) -> bool {
@@ -73,7 +73,7 @@ impl RunState {
     }
 }
 
-impl FromStr for RunState {
+impl FromStr for ReportedState {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -91,7 +91,7 @@ impl FromStr for RunMode {
 
 closed_list! {
     /// Reason for which a run is in its state.
-    pub enum RunReason {
+    pub enum ReportedReason {
         /// Preparing: connects to the devices and checks the program.
         Connecting = "connecting",
         /// Ready: an operator has to arm it.
@@ -155,7 +155,7 @@ closed_list! {
     }
 }
 
-impl FromStr for RunReason {
+impl FromStr for ReportedReason {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -169,9 +169,9 @@ pub struct Run {
     /// Id of the run.
     pub id: RunId,
     /// State of the run.
-    pub state: RunState,
+    pub state: ReportedState,
     /// Reason for its state.
-    pub reason: RunReason,
+    pub reason: ReportedReason,
     /// Reason in words, with what to do; `null` where there is nothing to add.
     pub detail: Option<String>,
     /// Things that it moves.
@@ -212,6 +212,8 @@ pub struct Run {
     pub devices: Option<RunDevices>,
     /// Conditions for motion that a dry run found not to be met.
     pub objections: Vec<String>,
+    /// Jitter of streamed set points; `null` where none were streamed.
+    pub jitter: Option<RunJitter>,
     /// Coverage at the measured poses beside the plan's, once the run is done.
     pub coverage: Option<RunCoverage>,
     /// Operator who armed it; `null` if nobody did.
@@ -272,6 +274,25 @@ pub struct DeviceIdentity {
     pub firmware: Option<String>,
 }
 
+/// Differences of the periods of streamed set points from the one asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RunJitter {
+    /// Period asked for, ms.
+    pub period_ms: f64,
+    /// Number of periods.
+    pub periods: u64,
+    /// Number of deadlines left out.
+    pub missed: u64,
+    /// Difference that half of the periods do not exceed, ms.
+    pub p50_ms: f64,
+    /// Difference that 99 % of the periods do not exceed, ms.
+    pub p99_ms: f64,
+    /// Difference that 99.9 % of the periods do not exceed, ms.
+    pub p999_ms: f64,
+    /// Largest difference, ms.
+    pub max_ms: f64,
+}
+
 /// A page of runs, newest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RunPage {
@@ -286,7 +307,7 @@ pub struct RunPage {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RunSelection {
     /// State.
-    pub state: Option<RunState>,
+    pub state: Option<ReportedState>,
     /// Mode.
     pub mode: Option<RunMode>,
     /// Name of the cell.

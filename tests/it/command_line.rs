@@ -4,6 +4,7 @@
 mod json;
 mod names;
 mod pages;
+mod rehearsal;
 mod runs;
 
 use std::io::pipe;

@@ -27,11 +27,12 @@ pub struct HansSpec {
     /// Override that the controller is set to when it is armed, 0.01 to 1. Default: the pendant's stays.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub override_fraction: Option<f64>,
-    /// True if arming may enable the drives of a robot that is disabled; what was enabled is disabled at release. Default true.
+    /// True if arming may enable the drives of a robot that is disabled; what was enabled is disabled at release. Default
+    /// true.
     #[serde(default = "default_enables_drives")]
     pub enables_drives: bool,
-    /// Largest distance between the flange where the controller has it and where the cell's kinematics have it, mm, 0.01 to 100.
-    /// Default 1.
+    /// Largest distance between the flange where the controller has it and where the cell's kinematics have it, mm, 0.01 to
+    /// 100. Default 1.
     #[serde(default = "default_kinematics_tolerance_mm")]
     pub kinematics_tolerance_mm: f64,
     /// Tool frame on the controller. Default `TCP`.

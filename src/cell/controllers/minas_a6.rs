@@ -84,7 +84,8 @@ pub struct MinasA6Spec {
     /// True if the drive turns against the table frame's +z. Default false.
     #[serde(default)]
     pub is_reversed: bool,
-    /// True if the drive turns without end (Pr0.15 = 4, Pr6.88 = gear ratio − 1): positions repeat with every turn. Default false.
+    /// True if the drive turns without end (Pr0.15 = 4, Pr6.88 = gear ratio − 1): positions repeat with every turn. Default
+    /// false.
     #[serde(default)]
     pub has_infinite_rotation: bool,
     /// Largest speed of the motor, r/min, 1 to 20000. Default 6000.

@@ -40,7 +40,8 @@ pub struct ModbusPlcSpec {
     /// Register of the acceleration, two words, units per second squared. Default: none; the PLC has its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acceleration_register: Option<u16>,
-    /// Register of the command: bit 0 start, which moves to the target when it rises; bit 1 stop, which holds while it is set.
+    /// Register of the command: bit 0 start, which moves to the target when it rises; bit 1 stop, which holds while it is
+    /// set.
     pub command_register: u16,
     /// Register of the state: bit 0 ready, 1 moving, 2 in position, 3 fault, 4 emergency stop, 5 guard open.
     pub state_register: u16,

@@ -12,7 +12,7 @@ use crate::planning::context::{Context, Silent};
 use crate::service::runs::coverage;
 use crate::wire::json_file_bytes;
 use crate::wire::run::{
-    DeviceStopDocument, RUN_RECORD_SCHEMA, Run, RunReason, RunRecordDocument, RunState, RunStepOp, RunStepRecord,
+    DeviceStopDocument, RUN_RECORD_SCHEMA, ReportedReason, ReportedState, Run, RunRecordDocument, RunStepOp, RunStepRecord,
 };
 
 /// File for the record.
@@ -49,7 +49,7 @@ impl RunOutcome {
     pub(super) fn new(mut run: Run, cell: &Cell, reference: &Reference, record: &RunRecord) -> Result<Self, CliError> {
         run.conclude(record);
         run.ended_at = Some(crate::cli::plan::now());
-        if run.state == RunState::Done {
+        if run.state == ReportedState::Done {
             let never = AtomicBool::new(false);
             let ctx = Context::new(&never, &Silent);
             let covered = tokio::task::block_in_place(|| coverage(reference, cell, run.setup, record, &ctx));
@@ -69,8 +69,8 @@ impl RunOutcome {
         let run = &self.document.run;
         let detail = run.detail.clone().unwrap_or_default();
         match (run.state, run.reason) {
-            (RunState::Done, _) => Ok(()),
-            (RunState::Stopped, RunReason::ByClient) => {
+            (ReportedState::Done, _) => Ok(()),
+            (ReportedState::Stopped, ReportedReason::ByClient) => {
                 Err(CliError::Cancelled(format!("stopped at step {} of {}", run.step, run.steps)))
             }
             (state, _) => Err(CliError::Failed(format!("{} at step {} of {}: {detail}", state.as_str(), run.step, run.steps))),

@@ -198,7 +198,7 @@ impl Session {
     async fn answer(&mut self, wait: Duration) -> Result<RmiReply, DeviceError> {
         let answer = async {
             loop {
-                let reply = self.next().await?;
+                let reply = self.next().await.inspect_err(|_| self.asked = None)?;
                 if self.asked.as_ref().is_some_and(|request| reply.answers(request)) {
                     self.asked = None;
                     return Ok(reply);

@@ -1,9 +1,12 @@
-//! Han's controllers in program mode (port 10003): one way point at a time, so that the arm holds at most one move when this process
-//! ends. The controller documents no stop for a lost client: what it was sent, it finishes.
+//! Han's controllers in program mode (port 10003): one way point at a time, so that the arm holds at most one move when this
+//! process ends. The controller documents no stop for a lost client: what it was sent, it finishes. With servo streaming
+//! configured, moves are streamed instead (port 8892) and end with the stream.
 //!
-//! Replies come in the order of the requests, so a request that was given up leaves its reply to be thrown away, and nothing else.
+//! Replies come in the order of the requests, so a request that was given up leaves its reply to be thrown away, and nothing
+//! else.
 
 mod link;
+mod servo;
 mod signals;
 
 use std::time::Duration;
@@ -12,21 +15,23 @@ use nalgebra::{Rotation3, Vector3};
 use tokio::time::{Instant, sleep};
 
 use self::link::TextLink;
+use self::servo::{ServoStream, realtime_state};
 pub use self::signals::HansSignals;
 use super::stream::{Wiring, not_connected};
-use crate::cell::{HansSpec, Kinematics};
+use crate::cell::{HansServoSpec, HansSpec, Kinematics};
 use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};
 use crate::execution::protocol::hans::{
     ActualPosition, FSM_DISABLED, FSM_STANDBY, HansCommand, HansRequest, HansWayPoint, RobotFlags, error_text, fsm_text,
     is_hand_guided_fsm, position_mm,
 };
+use crate::execution::session::streamer::Jitter;
 
 /// Longest wait for the drives to be enabled.
 const ENABLE_WAIT: Duration = Duration::from_secs(10);
 /// Distance within which the controller's "in position" is believed to be of the last target, degrees.
 const TARGET_TOLERANCE_DEG: f64 = 0.2;
-/// Joints at which the controller's kinematics are compared with the cell's, degrees. A constant turn about axis 1 between the two
-/// base frames is left; joint 6 does not show, for the flange's origin lies on its axis.
+/// Joints at which the controller's kinematics are compared with the cell's, degrees. A constant turn about axis 1 between
+/// the two base frames is left; joint 6 does not show, for the flange's origin lies on its axis.
 const PROBES_DEG: [[f64; 6]; 3] =
     [[0.0, -20.0, 70.0, 10.0, 40.0, 0.0], [40.0, 10.0, 60.0, -30.0, 50.0, 20.0], [-70.0, -40.0, 100.0, 60.0, -30.0, 90.0]];
 
@@ -40,13 +45,14 @@ pub struct HansArm {
     is_armed: bool,
     enabled_here: bool,
     goal_deg: Option<[f64; 6]>,
+    servo: Option<ServoStream>,
 }
 
 impl HansArm {
     /// An arm at the address of its specification, not connected.
     #[must_use]
     pub fn new(spec: HansSpec, kinematics: Kinematics, wiring: Wiring) -> Self {
-        Self { spec, kinematics, wiring, link: None, is_armed: false, enabled_here: false, goal_deg: None }
+        Self { spec, kinematics, wiring, link: None, is_armed: false, enabled_here: false, goal_deg: None, servo: None }
     }
 
     /// Values that a request is answered with. A link that failed is not used again.
@@ -118,8 +124,8 @@ impl HansArm {
         }
     }
 
-    /// The move as the controller takes it: speed and acceleration of the joint that turns furthest, with which the others keep
-    /// step.
+    /// The move as the controller takes it: speed and acceleration of the joint that turns furthest, with which the others
+    /// keep step.
     fn way_point(&self, target: &Target<6>) -> Result<HansWayPoint, DeviceError> {
         let joints_deg = target.positions_rad.map(f64::to_degrees);
         let max = |values: [f64; 6]| values.into_iter().fold(0.0, f64::max).to_degrees();
@@ -141,6 +147,29 @@ impl HansArm {
         })
     }
 
+    /// Begins to stream the joints where the arm stands, once the controller's cycle is the one configured.
+    async fn begin_servo(&mut self, spec: &HansServoSpec) -> Result<(), DeviceError> {
+        let cycle_ms = realtime_state(spec, &self.wiring, ms(self.spec.connect_timeout_ms)).await?.cycle_ms;
+        if i64::from(cycle_ms) != i64::from(spec.period_ms) {
+            let reason = format!("its cycle is {cycle_ms} ms and servo.period_ms is {}; set one to the other", spec.period_ms);
+            return Err(DeviceError::NotReady { reason });
+        }
+        let position = self.position().await?;
+        self.servo = Some(ServoStream::begin(spec, position.joints_deg, &self.wiring).await?);
+        Ok(())
+    }
+
+    async fn position(&mut self) -> Result<ActualPosition, DeviceError> {
+        let values = self.command(HansCommand::ReadActPos).await?;
+        ActualPosition::read(&values).ok_or_else(|| malformed("ReadActPos", &values))
+    }
+
+    /// Histogram of the period of servo streaming, while it streams.
+    #[must_use]
+    pub fn streaming_jitter(&self) -> Option<Jitter> {
+        self.servo.as_ref().map(ServoStream::jitter)
+    }
+
     /// Sends a stop over the link that there is.
     async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
         let link = self.link.as_mut().ok_or_else(not_connected)?;
@@ -154,7 +183,7 @@ impl HansArm {
 
 impl MotionDevice<6> for HansArm {
     async fn connect(&mut self) -> Result<Identity, DeviceError> {
-        (self.link, self.is_armed, self.goal_deg) = (None, false, None);
+        (self.link, self.is_armed, self.goal_deg, self.servo) = (None, false, None, None);
         self.open(ms(self.spec.connect_timeout_ms)).await?;
         let identity = self.identity().await?;
         self.check_kinematics().await?;
@@ -167,14 +196,19 @@ impl MotionDevice<6> for HansArm {
         let fsm = self.fsm().await?;
         // Measured later than this.
         let at = Instant::now();
-        let values = self.command(HansCommand::ReadActPos).await?;
-        let position = ActualPosition::read(&values).ok_or_else(|| malformed("ReadActPos", &values))?;
-        let condition = condition(&flags, fsm, is_at(&position.joints_deg, self.goal_deg.as_ref()));
+        let position = self.position().await?;
+        let is_at_goal = is_at(&position.joints_deg, self.goal_deg.as_ref());
+        let mut condition = condition(&flags, fsm, is_at_goal);
+        if let Some(servo) = &self.servo {
+            // To the controller, a stream that stands is a motion too.
+            condition.moving = servo.is_under_way() || !is_at_goal;
+            condition.in_position = !condition.moving;
+        }
         Ok(ArmState { at, positions_rad: position.joints_deg.map(f64::to_radians), condition })
     }
 
     async fn arm(&mut self, _watchdog: Duration) -> Result<(), DeviceError> {
-        self.goal_deg = None;
+        (self.goal_deg, self.servo) = (None, None);
         let mut fsm = self.fsm().await?;
         if fsm == FSM_DISABLED && self.spec.enables_drives {
             fsm = self.enable().await?;
@@ -186,6 +220,9 @@ impl MotionDevice<6> for HansArm {
         }
         if let Some(fraction) = self.spec.override_fraction {
             self.ask(&HansRequest::SetOverride { fraction }).await?;
+        }
+        if let Some(spec) = self.spec.servo.clone() {
+            self.begin_servo(&spec).await?;
         }
         self.is_armed = true;
         Ok(())
@@ -201,6 +238,9 @@ impl MotionDevice<6> for HansArm {
         if point.speed <= 0.0 {
             return Ok(());
         }
+        if let Some(servo) = &self.servo {
+            return servo.lead(target);
+        }
         let accepted = self.ask(&HansRequest::WayPoint(Box::new(point))).await;
         if matches!(accepted, Err(DeviceError::Refused { .. })) {
             self.goal_deg = previous;
@@ -210,11 +250,13 @@ impl MotionDevice<6> for HansArm {
 
     async fn keep_alive(&mut self) -> Result<(), DeviceError> {
         // The controller has no watchdog in program mode: this notices a lost link.
-        self.fsm().await.map(drop)
+        self.fsm().await?;
+        self.servo.as_ref().and_then(ServoStream::failure).map_or(Ok(()), Err)
     }
 
     async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        self.is_armed = false;
+        // Nothing is pushed from here on.
+        (self.is_armed, self.servo) = (false, None);
         let first = self.stop_once().await;
         if first.is_ok() {
             return first;
@@ -227,7 +269,7 @@ impl MotionDevice<6> for HansArm {
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
-        self.is_armed = false;
+        (self.is_armed, self.servo) = (false, None);
         let disabled = if std::mem::take(&mut self.enabled_here) && self.link.is_some() {
             self.command(HansCommand::GrpPowerOff).await.map(drop)
         } else {

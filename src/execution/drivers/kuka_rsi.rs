@@ -73,12 +73,16 @@ impl<const N: usize> KukaRsiLink<N> {
         Ok(axes_deg)
     }
 
-    /// Refuses a time stamp that tells of another start of RSI: its corrections are counted from other axes.
+    /// Skips a telegram that was overtaken, and refuses one of another start of RSI: its corrections are counted from other axes.
     fn follow(&mut self, ipoc: u64) -> Result<(), DeviceError> {
-        let before = std::mem::replace(&mut self.ipoc, ipoc);
-        if before > 0 && !(before..before.saturating_add(RESTARTED_MS)).contains(&ipoc) {
+        let before = self.ipoc;
+        if before > 0 && ipoc.abs_diff(before) > RESTARTED_MS {
             return Err(DeviceError::Closed { reason: format!("RSI was restarted: its time went from {before} to {ipoc}") });
         }
+        if ipoc < before {
+            return Err(DeviceError::Malformed { what: format!("a telegram of {ipoc} after that of {before}") });
+        }
+        self.ipoc = ipoc;
         Ok(())
     }
 }

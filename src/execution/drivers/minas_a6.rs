@@ -1,9 +1,10 @@
-//! A table on a Panasonic MINAS A6 drive: block operation over Modbus. The drive's own communication time-out (Pr5.40) is set when it
-//! is armed and stops it with Err80.0 when messages cease: the execution right, which is taken then, is what puts it in force.
+//! A table on a Panasonic MINAS A6 drive: block operation over Modbus. The drive's own communication time-out (Pr5.40) is set
+//! when it is armed and stops it with Err80.0 when messages cease: the execution right, which is taken then, is what puts it
+//! in force.
 //!
-//! A stop coil stays set after a stop, until the drive is armed again: nothing else starts it in between. With infinite rotation,
-//! where positions repeat with every turn and an absolute block takes the shorter way round, moves are distances, in blocks of less
-//! than half a turn.
+//! A stop coil stays set after a stop, until the drive is armed again: nothing else starts it in between. With infinite
+//! rotation, where positions repeat with every turn and an absolute block takes the shorter way round, moves are distances,
+//! in blocks of less than half a turn.
 
 mod moves;
 

@@ -1,5 +1,6 @@
-//! Modbus requests over one connection, RTU or TCP, one at a time. An answer that does not belong to the request ends the link: on a
-//! serial line nothing tells a late answer from the one awaited, so after a request that was given up its answer is waited out.
+//! Modbus requests over one connection, RTU or TCP, one at a time. An answer that does not belong to the request ends the
+//! link: on a serial line nothing tells a late answer from the one awaited, so after a request that was given up its answer
+//! is waited out.
 
 use std::time::Duration;
 
@@ -137,8 +138,8 @@ impl ModbusLink {
         }
     }
 
-    /// Waits for the answer to a request that was given up, as long as it may take, and throws it away. Frames of TCP have numbers
-    /// and need no waiting.
+    /// Waits for the answer to a request that was given up, as long as it may take, and throws it away. Frames of TCP have
+    /// numbers and need no waiting.
     async fn wait_out(&mut self) -> Result<(), DeviceError> {
         let Some(until) = self.owed_until.filter(|_| self.framing == ModbusFraming::Rtu) else { return Ok(()) };
         if let Ok(Err(closed @ DeviceError::Closed { .. })) = timeout_at(until, self.frame()).await {

@@ -1,5 +1,5 @@
-//! A table behind a PLC, Modbus TCP, by the register map of its specification. The PLC stops the table by itself when the heartbeat
-//! ceases, if it has one.
+//! A table behind a PLC, Modbus TCP, by the register map of its specification. The PLC stops the table by itself when the
+//! heartbeat ceases, if it has one.
 
 use std::time::Duration;
 

@@ -1,5 +1,5 @@
-//! Connections to controllers: streams of bytes with a log of everything on the wire. Who dials is a parameter, so that tests put
-//! a simulated network below a driver.
+//! Connections to controllers: streams of bytes with a log of everything on the wire. Who dials is a parameter, so that tests
+//! put a simulated network below a driver.
 
 use std::io;
 use std::sync::Arc;
@@ -99,8 +99,8 @@ impl std::fmt::Debug for Wiring {
     }
 }
 
-/// An open connection. Its futures may be dropped: a message that was begun is finished before the next one, and bytes that were
-/// received are not lost.
+/// An open connection. Its futures may be dropped: a message that was begun is finished before the next one, and bytes that
+/// were received are not lost.
 pub struct Connection {
     stream: Box<dyn ByteStream>,
     wiring: Wiring,

@@ -13,6 +13,7 @@ use hyper::{Request, StatusCode};
 use hyper_util::rt::TokioIo;
 use serde_json::{Value, json};
 use tokio::process::Command;
+use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
 use super::hans::HansSignals;
@@ -122,15 +123,11 @@ impl HttpTrigger {
         let stream = wiring.connect(&address, Duration::from_millis(self.spec.deadline_ms.into())).await?.into_stream();
         let (mut sender, connection) = handshake(TokioIo::new(stream)).await.map_err(|error| closed(&error))?;
         self.log.record(DEVICE, Direction::Sent, body.as_bytes());
-        let answered = async {
-            let response = sender.send_request(request).await.map_err(|error| closed(&error))?;
-            let status = response.status();
-            Ok((status, answer_of(response.into_body()).await?))
-        };
-        let (status, answer) = tokio::select! {
-            answered = answered => answered?,
-            ended = connection => return Err(ended.err().map_or_else(super::stream::not_connected, |error| closed(&error))),
-        };
+        let carried = AbortOnDrop(tokio::spawn(connection));
+        let response = sender.send_request(request).await.map_err(|error| closed(&error))?;
+        let status = response.status();
+        let answer = answer_of(response.into_body()).await?;
+        drop(carried);
         self.log.record(DEVICE, Direction::Received, format!("{status} ").as_bytes());
         self.log.record(DEVICE, Direction::Received, &answer);
         acknowledged(status, &answer)
@@ -140,6 +137,15 @@ impl HttpTrigger {
     fn parts(&self) -> (&str, &str) {
         let rest = self.spec.url.strip_prefix("http://").unwrap_or(&self.spec.url);
         rest.find('/').map_or((rest, "/"), |at| rest.split_at(at))
+    }
+}
+
+/// A task that ends with its owner.
+struct AbortOnDrop<T>(JoinHandle<T>);
+
+impl<T> Drop for AbortOnDrop<T> {
+    fn drop(&mut self) {
+        self.0.abort();
     }
 }
 

@@ -1,5 +1,6 @@
-//! Han's text commands (CPS, port 10003): ASCII, `Name,0,arg,…,;` and `Name,OK,value,…,;` or `Name,Fail,code,;`, ended by `;` without
-//! a line break. TCP is a stream: a message ends at its `;`, wherever a packet did. Angles are degrees here, lengths mm.
+//! Han's text commands (CPS, port 10003): ASCII, `Name,0,arg,…,;` and `Name,OK,value,…,;` or `Name,Fail,code,;`, ended by `;`
+//! without a line break. TCP is a stream: a message ends at its `;`, wherever a packet did. Angles are degrees here, lengths
+//! mm.
 //!
 //! Sources: the maker's Python SDK (`CPS.py`) and ROS 2 driver (huayan-robotics/HuaYan_ros_control).
 
@@ -48,7 +49,8 @@ impl HansFrames {
         self.held.extend_from_slice(bytes);
     }
 
-    /// Takes the next message, without its `;`; `None` if it is not complete yet. After an error the bytes that caused it are gone.
+    /// Takes the next message, without its `;`; `None` if it is not complete yet. After an error the bytes that caused it are
+    /// gone.
     pub fn next_message(&mut self) -> Option<Result<String, HansSyntax>> {
         let Some(end) = self.held.iter().position(|byte| *byte == END) else {
             return (self.held.len() > MAX_MESSAGE_BYTES).then(|| {

@@ -1,8 +1,8 @@
-//! States that Han's controllers push: binary frames of 1136 bytes (port 8893), each cycle of the controller, and JSON in a binary
-//! frame (port 10004). Both little endian, both begin with the same number. Angles are degrees here, lengths mm.
+//! States that Han's controllers push: binary frames of 1136 bytes (port 8893), each cycle of the controller, and JSON in a
+//! binary frame (port 10004). Both little endian, both begin with the same number. Angles are degrees here, lengths mm.
 //!
-//! Source: the maker's ROS 2 driver (huayan-robotics/HuaYan_ros_control, `controller_client.cpp`, `rt_info_client.cpp`). It leaves
-//! the last 192 bytes of the binary frame unread, and so does this.
+//! Source: the maker's ROS 2 driver (huayan-robotics/HuaYan_ros_control, `controller_client.cpp`, `rt_info_client.cpp`). It
+//! leaves the last 192 bytes of the binary frame unread, and so does this.
 
 use serde::Deserialize;
 

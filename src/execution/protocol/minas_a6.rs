@@ -30,7 +30,7 @@ pub mod output {
     pub const SERVO_READY: usize = 0;
     /// An alarm is on.
     pub const ALARM: usize = 1;
-    /// In position.
+    /// Position reached.
     pub const IN_POSITION: usize = 2;
     /// The brake is released.
     pub const BRAKE_RELEASED: usize = 3;

@@ -1,9 +1,9 @@
 //! Modbus: the six functions that drives and PLCs of tables need, for client and server, in frames of RTU and of TCP.
 //!
 //! Sources: Modbus Application Protocol 1.1b3, Modbus over Serial Line 1.02 and Modbus Messaging on TCP/IP 1.0b (Modbus
-//! Organization). The crate tokio-modbus was considered: its RTU client drops bytes until a checksum fits, takes a late reply to an
-//! earlier read for the one awaited, and its RTU server needs a library for serial ports; here a reply that does not belong to the
-//! request is an error, and the simulated drive shares the code.
+//! Organization). The crate tokio-modbus was considered: its RTU client drops bytes until a checksum fits, takes a late reply
+//! to an earlier read for the one awaited, and its RTU server needs a library for serial ports; here a reply that does not
+//! belong to the request is an error, and the simulated drive shares the code.
 
 mod frame;
 
@@ -229,7 +229,7 @@ fn packed(on: &[bool]) -> Vec<u8> {
     on.chunks(8).map(|eight| eight.iter().rev().fold(0, |byte, on| byte << 1 | u8::from(*on))).collect()
 }
 
-/// So many coils from their bytes; `None` if the bytes are not as many as these need.
+/// Coils from their bytes; `None` if the bytes are not as many as `count` coils need.
 fn unpacked(bytes: &[u8], count: u16) -> Option<Vec<bool>> {
     let fits = bytes.len() == usize::from(count).div_ceil(8) && (1..=MAX_READ_COILS).contains(&count);
     fits.then(|| (0..usize::from(count)).map(|coil| bytes[coil / 8] >> (coil % 8) & 1 == 1).collect())

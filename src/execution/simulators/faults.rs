@@ -1,4 +1,5 @@
-//! Faults of a simulated controller, set while it runs: by the tests that own it, or line by line over a socket or standard input.
+//! Faults of a simulated controller, set while it runs: by the tests that own it, or line by line over a socket or standard
+//! input.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

@@ -10,7 +10,7 @@ use crate::http::prefix::Prefix;
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::wire::LeaseId;
-use crate::wire::run::{Lease, LeaseList, LeaseRequest};
+use crate::wire::run::{LeaseDocument, LeaseList, LeaseRequest};
 
 /// Parses the lease id in a path. A malformed id is answered like an unknown one.
 fn lease_id(text: &str) -> Result<LeaseId, ApiError> {
@@ -30,7 +30,7 @@ fn lease_id(text: &str) -> Result<LeaseId, ApiError> {
     tag = "runs",
     operation_id = "take_lease",
     request_body = LeaseRequest,
-    responses((status = 201, description = "The lease.", body = Lease,
+    responses((status = 201, description = "The lease.", body = LeaseDocument,
         headers(("Location" = String, description = "Path of the lease."))))
 )]
 pub(in crate::http) async fn take(
@@ -38,7 +38,7 @@ pub(in crate::http) async fn take(
     prefix: Prefix,
     params: Params,
     Json(request): Json<LeaseRequest>,
-) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<Lease>), ApiError> {
+) -> Result<(StatusCode, [(HeaderName, String); 1], axum::Json<LeaseDocument>), ApiError> {
     params.deny_unknown()?;
     let lease = state.app.take_lease(request).await?;
     let location = prefix.at(&format!("/api/v1/leases/{}", lease.id));
@@ -54,13 +54,13 @@ pub(in crate::http) async fn take(
     tag = "runs",
     operation_id = "renew_lease",
     params(("id" = uuid::Uuid, Path, description = "Id of the lease.")),
-    responses((status = 200, description = "The lease, with its full time left.", body = Lease))
+    responses((status = 200, description = "The lease, with its full time left.", body = LeaseDocument))
 )]
 pub(in crate::http) async fn renew(
     State(state): State<ApiState>,
     Path(id): Path<String>,
     params: Params,
-) -> Result<axum::Json<Lease>, ApiError> {
+) -> Result<axum::Json<LeaseDocument>, ApiError> {
     params.deny_unknown()?;
     Ok(axum::Json(state.app.renew_lease(lease_id(&id)?)?))
 }

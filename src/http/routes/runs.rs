@@ -17,7 +17,7 @@ use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
 use crate::service::Submission;
 use crate::wire::RunId;
-use crate::wire::run::{Run, RunMode, RunPage, RunRecordDocument, RunRequest, RunSelection, RunState};
+use crate::wire::run::{ReportedState, Run, RunMode, RunPage, RunRecordDocument, RunRequest, RunSelection};
 
 /// Polling interval that responses suggest, seconds.
 const POLL_AFTER_SECS: &str = "1";
@@ -86,7 +86,7 @@ pub(in crate::http) async fn create(
     tag = "runs",
     operation_id = "list_runs",
     params(
-        ("state" = Option<RunState>, Query, description = "Only runs in this state."),
+        ("state" = Option<ReportedState>, Query, description = "Only runs in this state."),
         ("mode" = Option<RunMode>, Query, example = "simulate", description = "Only runs in this mode."),
         ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only runs in the cell of this name."),
         ("job" = Option<uuid::Uuid>, Query, description = "Only runs of the job of this id."),
@@ -99,7 +99,7 @@ pub(in crate::http) async fn create(
 )]
 pub(in crate::http) async fn list(State(state): State<ApiState>, mut params: Params) -> Result<axum::Json<RunPage>, ApiError> {
     const TIME: &str = "a time of RFC 3339, for example 2026-01-31T12:00:00Z";
-    let states = format!("one of {}", RunState::ALL.map(RunState::as_str).join(", "));
+    let states = format!("one of {}", ReportedState::ALL.map(ReportedState::as_str).join(", "));
     let modes = format!("one of {}", RunMode::ALL.map(RunMode::as_str).join(", "));
     let selection = RunSelection {
         state: params.value("state", &states)?,
@@ -144,7 +144,7 @@ pub(in crate::http) async fn get(
 /// Follow a run to its end
 ///
 /// Server-sent events, from the run's beginning or resumed after `Last-Event-ID`; the stream ends with the run. Events other than
-/// `live` are stored: `event` is a `RunEventKind`, `data` a `RunEvent` as JSON. `live` is the measured state, 10 to 50 times a second:
+/// `live` are stored: `event` is a `RunEventKind`, `data` a `RunEventDocument` as JSON. `live` is the measured state, 10 to 50 times a second:
 /// `data` is a `RunSample`; the latest of them are replayed too, and a reader that is slow loses some.
 #[utoipa::path(
     get,

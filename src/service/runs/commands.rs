@@ -4,11 +4,11 @@
 use std::time::Duration;
 
 use super::OpenRun;
-use crate::execution::session::{CommandError, Fence, RunHandle};
+use crate::execution::session::{CommandError, Fence, RunHandle, RunState};
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::wire::RunId;
-use crate::wire::run::{ArmRequest, LocatedRequest, OverrideRequest, Run, RunMode, RunState};
+use crate::wire::run::{ArmRequest, LocatedRequest, OverrideRequest, ReportedState, Run, RunMode};
 
 /// Longest wait for the state that a command leads to.
 const SETTLING: Duration = Duration::from_secs(2);
@@ -35,7 +35,7 @@ impl App {
         let token = self.check_token(&open.cell, token)?;
         open.set_armed_by(&request.operator);
         session.arm(token).await.map_err(|error| refused(id, "armed", error))?;
-        self.run_when(id, SETTLING, |run| run.state != RunState::Ready).await
+        self.run_when(id, SETTLING, |run| run.state != ReportedState::Ready).await
     }
 
     /// Pauses a run.
@@ -44,10 +44,14 @@ impl App {
     /// [`Error::RunNotFound`], [`Error::RunStateRefused`], [`Error::Internal`].
     pub async fn pause_run(&self, id: RunId) -> Result<Run, Error> {
         let (_, session) = self.session(id, "paused").await?;
-        if self.run(id).await?.state != RunState::Paused {
-            session.pause().await.map_err(|error| refused(id, "paused", error))?;
+        if self.run(id).await?.state != ReportedState::Paused {
+            match session.pause().await {
+                // It came to rest by itself meanwhile.
+                Ok(()) | Err(CommandError::NotNow { state: RunState::Paused, .. }) => {}
+                Err(error) => return Err(refused(id, "paused", error)),
+            }
         }
-        self.run_when(id, SETTLING, |run| run.state == RunState::Paused).await
+        self.run_when(id, SETTLING, |run| run.state == ReportedState::Paused).await
     }
 
     /// Resumes a paused run, or begins an armed one.
@@ -57,7 +61,7 @@ impl App {
     pub async fn resume_run(&self, id: RunId, token: Option<u64>) -> Result<Run, Error> {
         let (open, session) = self.session(id, "resumed").await?;
         session.resume(self.fence(&open, token)?).await.map_err(|error| refused(id, "resumed", error))?;
-        self.run_when(id, SETTLING, |run| !matches!(run.state, RunState::Armed | RunState::Paused)).await
+        self.run_when(id, SETTLING, |run| !matches!(run.state, ReportedState::Armed | ReportedState::Paused)).await
     }
 
     /// Takes a paused or armed run one step on.
@@ -96,7 +100,7 @@ impl App {
         let token = self.fence(&open, token)?;
         let pose = request.table_from_part.pose();
         session.located(token, pose).await.map_err(|error| refused(id, "told where the part lies", error))?;
-        self.run_when(id, SETTLING, |run| run.state != RunState::Paused).await
+        self.run_when(id, SETTLING, |run| run.state != ReportedState::Paused).await
     }
 
     /// Stops a run, whatever it does; an ended run is not changed.
@@ -117,7 +121,7 @@ impl App {
         let Some(open) = self.0.runs.get(id) else { return Err(self.ended_or_unknown(id, deed).await) };
         match open.session() {
             Some(session) => Ok((open, session)),
-            None => Err(Error::RunStateRefused { run: id, state: RunState::Preparing, deed }),
+            None => Err(Error::RunStateRefused { run: id, state: ReportedState::Preparing, deed }),
         }
     }
 

@@ -6,11 +6,11 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tokio::time::Instant;
 
-use crate::execution::session::{Fence, Lease as Held, LeaseError, Leases};
+use crate::execution::session::{Fence, Lease, LeaseError, Leases};
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::wire::LeaseId;
-use crate::wire::run::{HeldLease, Lease, LeaseList, LeaseRequest};
+use crate::wire::run::{HeldLease, LeaseDocument, LeaseList, LeaseRequest};
 
 /// Leases with their ids.
 pub(super) struct HeldLeases {
@@ -25,7 +25,7 @@ impl HeldLeases {
     }
 
     /// Names a new lease, and forgets the names of those that have ended.
-    fn name(&self, lease: &Held) -> LeaseId {
+    fn name(&self, lease: &Lease) -> LeaseId {
         let (mut ids, id) = (self.ids(), LeaseId::generate());
         ids.retain(|_, (cell, token)| self.leases.check(cell, *token).is_ok());
         ids.insert(id, (lease.cell.clone(), lease.token));
@@ -36,7 +36,7 @@ impl HeldLeases {
         self.ids().get(&id).cloned().ok_or(Error::LeaseNotFound(id))
     }
 
-    fn current(&self) -> Vec<Held> {
+    fn current(&self) -> Vec<Lease> {
         let mut cells: Vec<String> = self.ids().values().map(|(cell, _)| cell.clone()).collect();
         cells.sort();
         cells.dedup();
@@ -54,7 +54,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::Invalid`], [`Error::LeaseHeld`], [`Error::Draining`], [`Error::StorageBusy`], [`Error::Internal`].
-    pub async fn take_lease(&self, request: LeaseRequest) -> Result<Lease, Error> {
+    pub async fn take_lease(&self, request: LeaseRequest) -> Result<LeaseDocument, Error> {
         request.check().map_err(Error::Invalid)?;
         self.check_open()?;
         let (held, options) = (&self.0.runs.leases, &self.0.options.execution);
@@ -70,7 +70,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::LeaseNotFound`].
-    pub fn renew_lease(&self, id: LeaseId) -> Result<Lease, Error> {
+    pub fn renew_lease(&self, id: LeaseId) -> Result<LeaseDocument, Error> {
         let (cell, token) = self.0.runs.leases.get(id)?;
         let lease = self.0.runs.leases.leases.renew(&cell, token).map_err(|_| Error::LeaseNotFound(id))?;
         for session in self.0.runs.under_lease(&cell) {
@@ -93,7 +93,7 @@ impl App {
     #[must_use]
     pub fn leases(&self) -> LeaseList {
         let item =
-            |lease: &Held| HeldLease { cell: lease.cell.clone(), holder: lease.holder.clone(), expires_in_ms: left_ms(lease) };
+            |lease: &Lease| HeldLease { cell: lease.cell.clone(), holder: lease.holder.clone(), expires_in_ms: left_ms(lease) };
         LeaseList { items: self.0.runs.leases.current().iter().map(item).collect() }
     }
 
@@ -104,8 +104,8 @@ impl App {
         Ok(token)
     }
 
-    fn shown(&self, id: LeaseId, lease: &Held) -> Lease {
-        Lease {
+    fn shown(&self, id: LeaseId, lease: &Lease) -> LeaseDocument {
+        LeaseDocument {
             id,
             cell: lease.cell.clone(),
             holder: lease.holder.clone(),
@@ -117,7 +117,7 @@ impl App {
     }
 }
 
-fn left_ms(lease: &Held) -> u64 {
+fn left_ms(lease: &Lease) -> u64 {
     millis(lease.expires_at.saturating_duration_since(Instant::now()))
 }
 

@@ -27,7 +27,7 @@ use self::leases::HeldLeases;
 use super::error::Error;
 use crate::execution::session::RunHandle;
 use crate::wire::RunId;
-use crate::wire::run::{RunEvent, RunMode};
+use crate::wire::run::{RunEventDocument, RunMode};
 
 /// Events that a listener may fall behind before it has to read them from the database.
 const FEED_LENGTH: usize = 1024;
@@ -37,7 +37,7 @@ pub(super) struct Runs {
     carrier: Carrier,
     leases: HeldLeases,
     open: Mutex<HashMap<RunId, Arc<OpenRun>>>,
-    feed: broadcast::Sender<Arc<RunEvent>>,
+    feed: broadcast::Sender<Arc<RunEventDocument>>,
 }
 
 /// A run that has not ended in this process.
@@ -85,12 +85,12 @@ impl Runs {
         self.open().get(&id).cloned()
     }
 
-    fn publish(&self, event: Arc<RunEvent>) {
+    fn publish(&self, event: Arc<RunEventDocument>) {
         // Having no subscriber is not an error.
         let _ = self.feed.send(event);
     }
 
-    fn subscribe(&self) -> broadcast::Receiver<Arc<RunEvent>> {
+    fn subscribe(&self) -> broadcast::Receiver<Arc<RunEventDocument>> {
         self.feed.subscribe()
     }
 

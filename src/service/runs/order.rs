@@ -8,6 +8,7 @@ use sha2::{Digest, Sha256};
 
 use crate::cell::{Cell, CellSpec, ControllersSpec};
 use crate::check::{Reference, field_errors, read_plan};
+use crate::execution::located::{LocateBounds, Locating, Relocate};
 use crate::execution::record::RunRecord;
 use crate::execution::session::{Hashes, RunJob};
 use crate::planning::PlanInput;
@@ -153,6 +154,20 @@ impl RunOrder {
 }
 
 impl CheckedOrder {
+    /// Check of the program with the part where a locating scan finds it.
+    pub(super) fn locating(&self) -> Option<Arc<dyn Relocate>> {
+        let Reference { plan: Some((plan, _)), part: Some(part), fixture } = &self.reference else { return None };
+        Some(Arc::new(Locating {
+            cell: Arc::clone(&self.cell),
+            part: Arc::new(part.clone()),
+            fixture: fixture.clone().map(Arc::new),
+            planned: self.reference.expected(self.job.program().setup)?,
+            clearance_mm: plan.params.motion.clearance_mm,
+            bounds: LocateBounds::default(),
+            coverage: Some((plan.params.clone(), plan.part.sha256.clone())),
+        }))
+    }
+
     /// Coverage at the measured poses beside the plan's.
     pub(super) fn coverage(&self, record: &RunRecord, ctx: &Context<'_>) -> Result<Option<RunCoverage>, String> {
         coverage(&self.reference, &self.cell, self.job.program().setup, record, ctx)

@@ -12,7 +12,7 @@ use crate::service::app::App;
 use crate::service::error::Error;
 use crate::service::store::{Page, blocking};
 use crate::wire::RunId;
-use crate::wire::run::{RUN_RECORD_SCHEMA, Run, RunPage, RunRecordDocument, RunRequest, RunSelection, RunState};
+use crate::wire::run::{RUN_RECORD_SCHEMA, ReportedState, Run, RunPage, RunRecordDocument, RunRequest, RunSelection};
 
 /// Words of a run that an earlier process left open.
 const LEFT_OPEN: &str = "the server was restarted while the run was under way; start a new run from the step that was reached, once \
@@ -157,9 +157,9 @@ impl App {
     ///
     /// # Errors
     /// [`Error::Internal`].
-    pub async fn open_runs(&self) -> Result<Vec<(RunState, u64)>, Error> {
+    pub async fn open_runs(&self) -> Result<Vec<(ReportedState, u64)>, Error> {
         let mut counts = Vec::new();
-        for state in RunState::ALL.into_iter().filter(|state| !state.is_ended()) {
+        for state in ReportedState::ALL.into_iter().filter(|state| !state.is_ended()) {
             counts.push((state, self.0.store.count_runs(state).await?));
         }
         Ok(counts)

@@ -13,7 +13,7 @@ use crate::execution::session::{LiveEvent, RunHandle};
 use crate::service::app::App;
 use crate::service::error::Error;
 use crate::wire::RunId;
-use crate::wire::run::{RunEvent, RunSample};
+use crate::wire::run::{RunEventDocument, RunSample};
 
 /// Place in the stream of a run: the number of the last stored event, and of the last sample; `12` or `12.340`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl FromStr for RunCursor {
 #[derive(Clone, Debug)]
 pub enum RunMessage {
     /// A stored event.
-    Event(Arc<RunEvent>, RunCursor),
+    Event(Arc<RunEventDocument>, RunCursor),
     /// A sample of the measured state.
     Sample(Box<RunSample>, RunCursor),
 }
@@ -57,9 +57,12 @@ pub enum RunMessage {
 pub struct RunStream {
     app: App,
     run: RunId,
+    /// Place behind what was told last.
     at: RunCursor,
-    feed: broadcast::Receiver<Arc<RunEvent>>,
-    past: VecDeque<Arc<RunEvent>>,
+    /// Number of the last event that was read from the database.
+    through: i64,
+    feed: broadcast::Receiver<Arc<RunEventDocument>>,
+    past: VecDeque<Arc<RunEventDocument>>,
     samples: VecDeque<LiveEvent>,
     /// The session, once there is one; none for a run that has ended.
     session: Option<watch::Receiver<Option<RunHandle>>>,
@@ -79,7 +82,19 @@ impl App {
         let session = self.0.runs.get(run).map(|open| open.session.subscribe());
         let (past, samples) = (VecDeque::new(), VecDeque::new());
         let app = self.clone();
-        let mut stream = RunStream { app, run, at: after, feed, past, samples, session, live: None, behind: true, ended: false };
+        let mut stream = RunStream {
+            app,
+            run,
+            at: after,
+            through: after.event,
+            feed,
+            past,
+            samples,
+            session,
+            live: None,
+            behind: true,
+            ended: false,
+        };
         stream.catch_up().await?;
         Ok(stream)
     }
@@ -127,7 +142,10 @@ impl RunStream {
             tokio::select! {
                 () = stopping.cancelled() => return Ok(None),
                 event = self.feed.recv() => match event {
-                    Ok(event) if event.run_id == self.run && event.id > self.at.event => self.past.push_back(event),
+                    Ok(event) if event.run_id == self.run && event.id > self.through => {
+                        self.through = event.id;
+                        self.past.push_back(event);
+                    }
                     Ok(_) => {}
                     Err(RecvError::Lagged(_)) => self.behind = true,
                     Err(RecvError::Closed) => return Ok(None),
@@ -157,9 +175,9 @@ impl RunStream {
     }
 
     async fn catch_up(&mut self) -> Result<(), Error> {
-        let batch = self.app.0.store.run_events(self.run, self.at.event).await?;
+        let batch = self.app.0.store.run_events(self.run, self.through).await?;
         self.behind = batch.is_full;
-        self.at.event = batch.through.max(self.at.event);
+        self.through = batch.through;
         self.past.extend(batch.events.into_iter().map(Arc::new));
         Ok(())
     }

@@ -12,11 +12,12 @@ use super::OpenRun;
 use super::order::{CheckedOrder, RunOrder};
 use super::session::{self, SessionOrder};
 use crate::execution::record::RunRecord;
+use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, StopCause};
 use crate::planning::context::Context;
 use crate::service::app::App;
 use crate::service::error::Error;
-use crate::wire::run::{Run, RunCoverage, RunEventKind, RunMode, RunReason, RunState, RunStepRecord};
+use crate::wire::run::{ReportedReason, ReportedState, Run, RunCoverage, RunEventKind, RunMode, RunStepRecord};
 
 /// A run's task; what it holds is given back when it is dropped, however the task ends.
 pub(super) struct Supervisor {
@@ -62,7 +63,7 @@ impl Supervisor {
         };
         let handle = match self.begin(&order, &checked).await {
             Ok(handle) => handle,
-            Err(reason) => return self.end_early((RunState::Failed, RunReason::NotAllowed, Some(reason))).await,
+            Err(reason) => return self.end_early((ReportedState::Failed, ReportedReason::NotAllowed, Some(reason))).await,
         };
         self.open.session.send_replace(Some(handle.clone()));
         self.follow(&handle).await;
@@ -78,13 +79,13 @@ impl Supervisor {
         let check = tokio::task::spawn_blocking(move || order.check(&cells, &|| raised.load(Ordering::Relaxed)));
         let checked = tokio::select! {
             checked = check => checked,
-            () = stop.cancelled() => return Err((RunState::Stopped, RunReason::ByClient, None)),
-            () = self.app.0.stopping.cancelled() => return Err((RunState::Stopped, RunReason::ServerGone, None)),
+            () = stop.cancelled() => return Err((ReportedState::Stopped, ReportedReason::ByClient, None)),
+            () = self.app.0.stopping.cancelled() => return Err((ReportedState::Stopped, ReportedReason::ServerGone, None)),
         };
         match checked {
             Ok(Ok(checked)) => Ok(checked),
-            Ok(Err(reason)) => Err((RunState::Failed, RunReason::ProgramRefused, Some(reason))),
-            Err(error) => Err((RunState::Failed, RunReason::Internal, Some(error.to_string()))),
+            Ok(Err(reason)) => Err((ReportedState::Failed, ReportedReason::ProgramRefused, Some(reason))),
+            Err(error) => Err((ReportedState::Failed, ReportedReason::Internal, Some(error.to_string()))),
         }
     }
 
@@ -102,7 +103,7 @@ impl Supervisor {
             authority,
             is_first: !was_completed.unwrap_or(false),
             heartbeat_timeout: options.lease_ttl,
-            relocate: None,
+            relocate: if order.request.locate { checked.locating() } else { None },
             audit: (self.run.mode != RunMode::Simulate).then(|| session::AuditPlace {
                 folder: options.audit_dir.join(self.run.id.to_string()),
                 file_bytes: options.audit_file_bytes,
@@ -169,7 +170,7 @@ impl Supervisor {
         }
         let (state, reason) = words_of(&event.status);
         let step = event.step.unwrap_or(self.run.step);
-        self.run.elapsed_secs = event.secs;
+        self.run.elapsed_secs = event.secs * self.run.time_factor;
         let kind = match () {
             () if (state, reason) != (self.run.state, self.run.reason) => RunEventKind::State,
             () if step != self.run.step => RunEventKind::Step,
@@ -194,10 +195,11 @@ impl Supervisor {
         self.run.coverage = self.coverage(checked, record).await;
         self.run.conclude(record);
         self.run.armed_by = self.open.armed_by();
-        if self.run.state == RunState::Done && self.run.mode == RunMode::Live {
+        if self.run.state == ReportedState::Done && self.run.mode == RunMode::Live {
             let noted = self.app.0.store.note_completed(&order.program_sha256, &order.cell_sha256).await;
             warn(&self.run, "noting that the program was completed", noted);
         }
+        record.jitter.iter().for_each(count_jitter);
         self.store(RunEventKind::State, &steps).await;
         self.count();
     }
@@ -205,7 +207,7 @@ impl Supervisor {
     /// Coverage at the measured poses, for a run that is done.
     async fn coverage(&self, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) -> Option<RunCoverage> {
         let (state, _) = words_of(&record.status);
-        if state != RunState::Done || record.scans().next().is_none() {
+        if state != ReportedState::Done || record.scans().next().is_none() {
             return None;
         }
         let (checked, record) = (Arc::clone(checked), Arc::clone(record));
@@ -244,12 +246,23 @@ impl Supervisor {
     }
 }
 
+/// Adds the jitter of streamed set points to the metrics, a hundredth of the periods at a time.
+fn count_jitter(jitter: &Jitter) {
+    const SHARES: u32 = 100;
+    let histogram = metrics::histogram!("vantage_run_jitter_seconds");
+    let count = usize::try_from(jitter.periods / u64::from(SHARES)).unwrap_or(usize::MAX);
+    for share in 0..SHARES {
+        histogram.record_many(jitter.quantile((f64::from(share) + 0.5) / f64::from(SHARES)).as_secs_f64(), count);
+    }
+    metrics::counter!("vantage_run_periods_missed_total").increment(jitter.missed);
+}
+
 /// State, reason and words of a run that ended before its session began.
-type Ended = (RunState, RunReason, Option<String>);
+type Ended = (ReportedState, ReportedReason, Option<String>);
 
 /// A session's status in the words of the interfaces.
-fn words_of(status: &RunStatus) -> (RunState, RunReason) {
-    (status.state.into(), RunReason::of(&status.reason))
+fn words_of(status: &RunStatus) -> (ReportedState, ReportedReason) {
+    (status.state.into(), ReportedReason::of(&status.reason))
 }
 
 fn warn(run: &Run, what: &str, result: Result<(), Error>) {

@@ -10,7 +10,9 @@ use super::pages::Place;
 use super::stored::{VERSION, read_leniently};
 use super::{Page, Store, now};
 use crate::service::error::{Error, InternalError};
-use crate::wire::run::{Run, RunEvent, RunEventKind, RunPage, RunReason, RunSelection, RunState, RunStepRecord};
+use crate::wire::run::{
+    ReportedReason, ReportedState, Run, RunEventDocument, RunEventKind, RunPage, RunSelection, RunStepRecord,
+};
 use crate::wire::{RunId, UtcTime};
 
 /// Events of a run read at a time.
@@ -25,7 +27,7 @@ macro_rules! not_ended {
 
 /// Events of a run, in order.
 pub(crate) struct RunEventBatch {
-    pub events: Vec<RunEvent>,
+    pub events: Vec<RunEventDocument>,
     /// Number of the last event read.
     pub through: i64,
     /// True if there may be more.
@@ -34,7 +36,7 @@ pub(crate) struct RunEventBatch {
 
 impl Store {
     /// Inserts a run with its first event, unless so many have not ended; `created_at` becomes the store's time.
-    pub(crate) async fn insert_run(&self, run: &Run, max_open: usize) -> Result<(Run, Arc<RunEvent>), Error> {
+    pub(crate) async fn insert_run(&self, run: &Run, max_open: usize) -> Result<(Run, Arc<RunEventDocument>), Error> {
         let mut tx = self.writer.begin().await?;
         let open: i64 = sqlx::query_scalar(concat!("SELECT count(*) FROM run WHERE ", not_ended!())).fetch_one(&mut *tx).await?;
         if open.unsigned_abs() >= max_open as u64 {
@@ -63,7 +65,7 @@ impl Store {
         run: &mut Run,
         kind: RunEventKind,
         steps: &[RunStepRecord],
-    ) -> Result<Option<Arc<RunEvent>>, Error> {
+    ) -> Result<Option<Arc<RunEventDocument>>, Error> {
         let mut tx = self.writer.begin().await?;
         if state_of(&mut tx, run.id).await?.is_ended() {
             return Ok(None);
@@ -121,14 +123,14 @@ impl Store {
     }
 
     /// Number of runs in a state.
-    pub(crate) async fn count_runs(&self, state: RunState) -> Result<u64, Error> {
+    pub(crate) async fn count_runs(&self, state: ReportedState) -> Result<u64, Error> {
         let count: i64 =
             sqlx::query_scalar("SELECT count(*) FROM run WHERE state = ?1").bind(state.as_str()).fetch_one(&self.reader).await?;
         Ok(count.unsigned_abs())
     }
 
     /// Deletes an ended run with its record; its last event tells so.
-    pub(crate) async fn delete_run(&self, id: RunId) -> Result<Arc<RunEvent>, Error> {
+    pub(crate) async fn delete_run(&self, id: RunId) -> Result<Arc<RunEventDocument>, Error> {
         let mut tx = self.writer.begin().await?;
         let state = state_of(&mut tx, id).await?;
         if !state.is_ended() {
@@ -153,7 +155,8 @@ impl Store {
                 sqlx::query("UPDATE run SET state = 'failed' WHERE id = ?1").bind(id).execute(&mut *tx).await?;
                 continue;
             };
-            (run.state, run.reason, run.detail) = (RunState::Stopped, RunReason::ServerRestarted, Some(detail.to_owned()));
+            (run.state, run.reason, run.detail) =
+                (ReportedState::Stopped, ReportedReason::ServerRestarted, Some(detail.to_owned()));
             run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
             write(&mut tx, &run).await?;
             append(&mut tx, &run, RunEventKind::State).await?;
@@ -206,10 +209,10 @@ impl Store {
 }
 
 /// State of a run. An unreadable one counts as failed, so that the run can be deleted.
-async fn state_of(tx: &mut SqliteConnection, id: RunId) -> Result<RunState, Error> {
+async fn state_of(tx: &mut SqliteConnection, id: RunId) -> Result<ReportedState, Error> {
     let state: Option<String> =
         sqlx::query_scalar("SELECT state FROM run WHERE id = ?1").bind(id.to_string()).fetch_optional(tx).await?;
-    Ok(state.ok_or(Error::RunNotFound(id))?.parse().unwrap_or(RunState::Failed))
+    Ok(state.ok_or(Error::RunNotFound(id))?.parse().unwrap_or(ReportedState::Failed))
 }
 
 async fn write(tx: &mut SqliteConnection, run: &Run) -> Result<(), Error> {
@@ -233,8 +236,8 @@ async fn insert_step(tx: &mut SqliteConnection, id: RunId, number: usize, step: 
     Ok(())
 }
 
-async fn append(tx: &mut SqliteConnection, run: &Run, kind: RunEventKind) -> Result<Arc<RunEvent>, Error> {
-    let mut event = RunEvent {
+async fn append(tx: &mut SqliteConnection, run: &Run, kind: RunEventKind) -> Result<Arc<RunEventDocument>, Error> {
+    let mut event = RunEventDocument {
         id: 0,
         run_id: run.id,
         kind,
@@ -261,8 +264,8 @@ fn read<T: serde::de::DeserializeOwned>(row: &SqliteRow) -> Result<T, Error> {
     Ok(document)
 }
 
-fn read_event(row: &SqliteRow) -> Result<RunEvent, Error> {
-    let mut event: RunEvent = read(row)?;
+fn read_event(row: &SqliteRow) -> Result<RunEventDocument, Error> {
+    let mut event: RunEventDocument = read(row)?;
     (event.id, event.at) = (row.try_get("id")?, row.try_get("at")?);
     Ok(event)
 }

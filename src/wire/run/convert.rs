@@ -3,16 +3,17 @@
 use std::time::Duration;
 
 use super::{
-    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, Run, RunDevices, RunMode, RunReason, RunRequest, RunState, RunStepOp,
-    RunStepRecord, RunStop,
+    DeviceIdentity, DeviceStopDocument, NOT_SAFETY_RATED, ReportedReason, ReportedState, Run, RunDevices, RunJitter, RunMode,
+    RunRequest, RunStepOp, RunStepRecord, RunStop,
 };
 use crate::execution::device::Identity;
 use crate::execution::record::{DeviceStop, RunRecord, StepKind, StepRecord, StopReport};
+use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{self, Identities, Mode};
 use crate::program::Program;
 use crate::wire::ids::{JobId, RunId};
 
-impl From<session::RunState> for RunState {
+impl From<session::RunState> for ReportedState {
     fn from(state: session::RunState) -> Self {
         match state {
             session::RunState::Preparing => Self::Preparing,
@@ -37,7 +38,7 @@ impl From<Mode> for RunMode {
     }
 }
 
-impl RunReason {
+impl ReportedReason {
     /// The reason by its name in the session; one that is not known here is internal.
     #[must_use]
     pub fn of(reason: &session::RunReason) -> Self {
@@ -51,8 +52,8 @@ impl Run {
     pub fn new(request: &RunRequest, job_id: Option<JobId>, cell: &str, program: &Program, program_sha256: &str) -> Self {
         Self {
             id: RunId::generate(),
-            state: RunState::Preparing,
-            reason: RunReason::Connecting,
+            state: ReportedState::Preparing,
+            reason: ReportedReason::Connecting,
             detail: None,
             mode: request.mode,
             job_id,
@@ -73,6 +74,7 @@ impl Run {
             stop: None,
             devices: None,
             objections: Vec::new(),
+            jitter: None,
             coverage: None,
             armed_by: None,
             submitted_by: None,
@@ -84,13 +86,15 @@ impl Run {
 
     /// Takes over how a session ended.
     pub fn conclude(&mut self, record: &RunRecord) {
-        (self.state, self.reason) = (record.status.state.into(), RunReason::of(&record.status.reason));
+        (self.state, self.reason) = (record.status.state.into(), ReportedReason::of(&record.status.reason));
         self.detail = Some(record.status.reason.to_string());
         (self.step, self.speed_override) = (record.next_step, record.speed_override);
-        (self.scans, self.elapsed_secs) = (record.scans().count(), record.real_secs);
+        // Adding 0 turns −0, the sum of no steps, into 0.
+        (self.scans, self.elapsed_secs) = (record.scans().count(), record.real_secs + 0.0);
         self.stop = record.stop.as_ref().map(Into::into);
         self.devices = record.identities.as_ref().map(Into::into);
         self.objections = record.objections.iter().map(ToString::to_string).collect();
+        self.jitter = record.jitter.as_ref().map(Into::into);
     }
 }
 
@@ -117,6 +121,14 @@ impl From<&DeviceStop> for DeviceStopDocument {
     fn from(stop: &DeviceStop) -> Self {
         let [sent_ms, acknowledged_ms, at_rest_ms] = [stop.sent, stop.acknowledged, stop.at_rest].map(|time| time.map(millis));
         Self { sent_ms, acknowledged_ms, at_rest_ms, error: stop.error.clone() }
+    }
+}
+
+impl From<&Jitter> for RunJitter {
+    fn from(jitter: &Jitter) -> Self {
+        let [p50_ms, p99_ms, p999_ms] = [0.5, 0.99, 0.999].map(|share| millis(jitter.quantile(share)));
+        let (period_ms, max_ms) = (millis(jitter.period), millis(jitter.max));
+        Self { period_ms, periods: jitter.periods, missed: jitter.missed, p50_ms, p99_ms, p999_ms, max_ms }
     }
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{RunReason, RunState, RunStop};
+use super::{ReportedReason, ReportedState, RunStop};
 use crate::cell::closed_list;
 use crate::wire::ids::RunId;
 
@@ -23,7 +23,7 @@ closed_list! {
 
 /// An event of a run. Ids increase over the events of all runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RunEvent {
+pub struct RunEventDocument {
     /// Number of the event.
     pub id: i64,
     /// Id of the run.
@@ -34,9 +34,9 @@ pub struct RunEvent {
     #[schema(format = DateTime)]
     pub at: String,
     /// State of the run after the event.
-    pub state: RunState,
+    pub state: ReportedState,
     /// Reason for the state.
-    pub reason: RunReason,
+    pub reason: ReportedReason,
     /// Reason in words; absent where there is nothing to add.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
@@ -49,7 +49,7 @@ pub struct RunEvent {
     pub stop: Option<RunStop>,
 }
 
-impl RunEvent {
+impl RunEventDocument {
     /// Returns true if no event of the run follows, but its deletion.
     #[must_use]
     pub fn is_last(&self) -> bool {

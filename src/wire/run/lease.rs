@@ -36,7 +36,7 @@ impl LeaseRequest {
 
 /// Lease of a cell: the right of one client to move it. It ends unless it is renewed in time, and a live run then stops.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Lease {
+pub struct LeaseDocument {
     /// Id of the lease; only its holder knows it.
     pub id: LeaseId,
     /// Name of the cell.

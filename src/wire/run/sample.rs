@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::RunState;
+use super::ReportedState;
 use crate::cell::{Configuration, PoseSpec};
 use crate::wire::angle::degrees;
 use crate::wire::ids::RunId;
@@ -41,8 +41,8 @@ pub struct RunSample {
     /// Number of the sample in the run, from 1.
     pub sequence: u64,
     /// State of the run.
-    pub state: RunState,
-    /// Time since the first step began, s; of the twin's clock in the mode `simulate`.
+    pub state: ReportedState,
+    /// Time since the session began, s; of a real clock in every mode.
     pub elapsed_secs: f64,
     /// Step that it is at, from 0.
     pub step: usize,

@@ -45,9 +45,9 @@ fn fields_out_of_range_are_named() {
 
 #[test]
 fn every_state_reads_back_and_three_of_them_are_ends() {
-    for state in RunState::ALL {
+    for state in ReportedState::ALL {
         assert_eq!(state.as_str().parse(), Ok(state));
     }
-    let ends: Vec<RunState> = RunState::ALL.into_iter().filter(|state| state.is_ended()).collect();
-    assert_eq!(ends, [RunState::Done, RunState::Stopped, RunState::Failed]);
+    let ends: Vec<ReportedState> = ReportedState::ALL.into_iter().filter(|state| state.is_ended()).collect();
+    assert_eq!(ends, [ReportedState::Done, ReportedState::Stopped, ReportedState::Failed]);
 }

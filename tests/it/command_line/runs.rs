@@ -26,7 +26,7 @@ const QUICK: [&str; 12] = [
 ];
 
 /// Plans a part in the default cell; the paths of part and plan.
-fn planned(folder: &Path) -> [String; 2] {
+pub(super) fn planned(folder: &Path) -> [String; 2] {
     let [part, ..] = inputs(folder);
     let plan = folder.join("plan").display().to_string();
     let ended = run(&[&["plan", &part, "--unit", "mm", "--out", &plan][..], &QUICK].concat());

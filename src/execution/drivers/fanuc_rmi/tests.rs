@@ -105,3 +105,18 @@ async fn a_dropped_question_leaves_the_next_answer_right() {
     arm.state().await.expect("a state");
     arm.stop().await.expect("stopped");
 }
+
+#[tokio::test]
+async fn an_answer_that_is_none_does_not_hold_up_the_next_question() {
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+    let (mut here, there) = tokio::io::duplex(4096);
+    let wiring = Wiring::over_tcp("arm", Kept::new());
+    let mut session = Session::over(wiring.connection(Box::new(there)));
+    here.write_all(b"{\"Command\": \"FRC_GetStatus\", \"ErrorID\": 0}\r\n").await.expect("written");
+    assert!(matches!(session.status().await, Err(DeviceError::Malformed { .. })));
+    here.write_all(b"{\"Command\": \"FRC_Abort\", \"ErrorID\": 0}\r\n").await.expect("written");
+    session.done(&RmiRequest::Abort).await.expect("done");
+    let mut sent = vec![0; 1024];
+    let length = here.read(&mut sent).await.expect("read");
+    assert!(String::from_utf8_lossy(&sent[..length]).contains("FRC_Abort"));
+}

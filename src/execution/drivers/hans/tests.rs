@@ -8,7 +8,7 @@ use tokio::time::timeout;
 use super::*;
 use crate::cell::{Presets, Robot, SpecLibrary};
 use crate::execution::simulators::faults::{FaultCommand, Faults};
-use crate::execution::simulators::hans::HansSimulator;
+use crate::execution::simulators::hans::{HansAddresses, HansSimulator};
 
 /// Joints where the simulated arm begins, degrees.
 const HOME_DEG: [f64; 6] = [0.0, -30.0, 60.0, 0.0, 30.0, 0.0];
@@ -17,6 +17,7 @@ const WATCHDOG: Duration = Duration::from_millis(200);
 
 struct Bench {
     arm: HansArm,
+    addresses: HansAddresses,
     faults: Arc<Faults>,
     joints: Box<dyn Fn() -> [f64; 6] + Send>,
     server: JoinHandle<()>,
@@ -40,11 +41,11 @@ fn spec(address: String) -> HansSpec {
 async fn bench() -> Bench {
     let home = HOME_DEG.map(f64::to_radians);
     let simulator = HansSimulator::listen("127.0.0.1:0", robot("hans-e05"), home, 1.0).await.expect("a socket");
-    let address = simulator.addresses().expect("addresses").text.to_string();
+    let addresses = simulator.addresses().expect("addresses");
     let (faults, joints) = (simulator.faults(), Box::new(simulator.joints()));
     let wiring = Wiring::over_tcp("arm", Arc::new(()));
-    let arm = HansArm::new(spec(address), robot("hans-e05").kinematics, wiring);
-    Bench { arm, faults, joints, server: tokio::spawn(simulator.serve()) }
+    let arm = HansArm::new(spec(addresses.text.to_string()), robot("hans-e05").kinematics, wiring);
+    Bench { arm, addresses, faults, joints, server: tokio::spawn(simulator.serve()) }
 }
 
 fn target(sequence: u64, joints_deg: [f64; 6], speed_deg_s: f64) -> Target<6> {
@@ -146,7 +147,7 @@ async fn faults_show_in_the_state_stop_the_arm_and_keep_it_from_being_armed() {
         let state = bench.arm.state().await.expect("a state");
         assert!(shows(state.condition) && !state.condition.moving, "{fault:?}: {:?}", state.condition);
         assert!(matches!(bench.arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })), "{fault:?}");
-        assert!(matches!(bench.arm.start(&target(2, HOME_DEG, 90.0)).await, Err(_)), "{fault:?}");
+        assert!(bench.arm.start(&target(2, HOME_DEG, 90.0)).await.is_err(), "{fault:?}");
         assert_eq!(bench.resting().await, rest);
     }
 }
@@ -208,4 +209,44 @@ async fn drives_that_are_disabled_are_enabled_by_arming_and_disabled_at_release(
     bench.arm.release().await.expect("released");
     bench.arm.connect().await.expect("again");
     assert!(!bench.arm.state().await.expect("a state").condition.powered);
+}
+
+fn servo(addresses: HansAddresses, period_ms: u32) -> Option<HansServoSpec> {
+    let (address, state_address) = (addresses.servo.to_string(), addresses.realtime.to_string());
+    Some(HansServoSpec { address, state_address, period_ms, start_argument: 8000.0, lookahead_secs: 0.004 })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn joints_are_streamed_there_and_back_and_stand_after_a_stop() {
+    let mut bench = bench().await;
+    bench.arm.spec.servo = servo(bench.addresses, 4);
+    bench.arm.connect().await.expect("a controller");
+    bench.arm.arm(WATCHDOG).await.expect("armed");
+    for (sequence, joints_deg) in [(1, AWAY_DEG), (2, HOME_DEG)] {
+        bench.arm.start(&target(sequence, joints_deg, 60.0)).await.expect("accepted");
+        assert!(bench.arm.state().await.expect("a state").condition.moving);
+        bench.arrive().await;
+        bench.arm.keep_alive().await.expect("alive");
+        sleep(Duration::from_millis(20)).await;
+        for (real, wanted) in (bench.joints)().iter().zip(joints_deg) {
+            assert!((real.to_degrees() - wanted).abs() < 1e-4, "{real} {wanted}");
+        }
+    }
+    let jitter = bench.arm.streaming_jitter().expect("a histogram");
+    assert!(jitter.periods > 100, "{}", jitter.periods);
+    bench.arm.start(&target(3, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 45.0)).await.expect("accepted");
+    sleep(Duration::from_millis(400)).await;
+    bench.arm.stop().await.expect("acknowledged");
+    let rest = bench.resting().await;
+    assert!((3.0..60.0).contains(&rest[0]), "stopped on the way: {rest:?}");
+    assert!(matches!(bench.arm.start(&target(4, HOME_DEG, 60.0)).await, Err(DeviceError::NotReady { .. })));
+}
+
+#[tokio::test]
+async fn another_cycle_than_the_controller_s_is_not_streamed_at() {
+    let mut bench = bench().await;
+    bench.arm.spec.servo = servo(bench.addresses, 20);
+    bench.arm.connect().await.expect("a controller");
+    let error = bench.arm.arm(WATCHDOG).await.expect_err("4 ms");
+    assert!(matches!(&error, DeviceError::NotReady { reason } if reason.contains("4 ms")), "{error}");
 }

@@ -12,7 +12,8 @@ use crate::execution::protocol::minas_a6::{
 
 /// Blocks that one move may take.
 const MAX_BLOCKS: i64 = 8;
-/// Longest distance of one block where positions repeat with every turn, share of a turn: less than half, so that there is one way.
+/// Longest distance of one block where positions repeat with every turn, share of a turn: less than half, so that there is
+/// one way.
 const MAX_BLOCK_SHARE: f64 = 0.45;
 
 impl MinasA6Table {

@@ -207,3 +207,28 @@ async fn a_silent_controller_is_told_as_such() {
     });
     assert!(matches!(arm.connect().await, Err(DeviceError::Malformed { .. })));
 }
+
+#[tokio::test]
+async fn a_restart_of_rsi_ends_the_session_and_an_overtaken_telegram_does_not() {
+    let address = format!("127.0.0.1:{}", free_port());
+    let spec: KukaRsiSpec = serde_json::from_value(serde_json::json!({"address": address})).expect("a specification");
+    let mut arm: KukaArm<6> = KukaRsi::arm(&spec, Arc::new(()));
+    let (ipoc, mut next) = tokio::sync::watch::channel(5_000_u64);
+    tokio::spawn(async move {
+        let socket = tokio::net::UdpSocket::bind("127.0.0.1:0").await.expect("a socket");
+        loop {
+            let report =
+                crate::execution::protocol::kuka_rsi::RsiReport { ipoc: *next.borrow_and_update(), ..Default::default() };
+            let _ = socket.send_to(report.encode().as_bytes(), &address).await;
+            sleep(Duration::from_millis(10)).await;
+        }
+    });
+    arm.connect().await.expect("connected");
+    ipoc.send_replace(4_900);
+    sleep(Duration::from_millis(50)).await;
+    ipoc.send_replace(5_010);
+    arm.state().await.expect("it goes on");
+    ipoc.send_replace(100);
+    sleep(Duration::from_millis(50)).await;
+    assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })));
+}

@@ -2,8 +2,8 @@
 
 use super::{HansSyntax, fields, message, number, real, reals};
 
-/// Declares the commands without arguments, with their names and with what stands before the arguments of the others: the number of
-/// the robot, or nothing.
+/// Declares the commands without arguments, with their names and with what stands before the arguments of the others: the
+/// number of the robot, or nothing.
 macro_rules! commands {
     ($($(#[$meta:meta])* $variant:ident = $name:literal, $has_robot:literal;)*) => {
         /// A command without arguments.

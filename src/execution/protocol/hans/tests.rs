@@ -120,7 +120,7 @@ fn a_million_inputs_neither_panic_nor_pile_up() {
         }
         assert!(frames.held.len() <= MAX_MESSAGE_BYTES);
     });
-    assert!(understood > 100_000, "{understood}");
+    assert!(understood > 10_000, "{understood}");
 }
 
 prop_compose! {

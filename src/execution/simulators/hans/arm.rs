@@ -12,7 +12,8 @@ use crate::execution::simulators::motion::MovingAxes;
 
 /// Time of a capture of the simulated scanner, s.
 const CAPTURE_SECS: f64 = 0.5;
-/// Codes of the maker's that this arm refuses with. What the controller says to a move while it is disabled is not documented.
+/// Codes of the maker's that this arm refuses with. What the controller says to a move while it is disabled is not
+/// documented.
 const ALREADY_MOVING: i64 = 20_004;
 const NOT_INITIALISED: i64 = 40_000;
 const PARAMETER_ERROR: i64 = 40_034;
@@ -31,8 +32,10 @@ const MAX_PATHS: usize = 16;
 const MAX_PATH_POINTS: usize = 4096;
 /// Fewest points of a path.
 const MIN_PATH_POINTS: usize = 5;
-/// Largest speed of servo targets, of the rated: beyond it the arm is in error.
+/// Largest speed of servo targets, of the rated, over the time since the last and what the network may bunch together: beyond
+/// it the arm is in error.
 const MAX_SERVO_SPEED: f64 = 1.5;
+const SERVO_BUNCH_SECS: f64 = 0.02;
 
 /// A simulated arm.
 #[derive(Debug)]
@@ -310,11 +313,10 @@ impl SimulatedArm {
     fn push_servo(&mut self, joints_deg: &[f64; 6], now: f64) -> Answer {
         let since = self.servo_since.ok_or(NOT_INITIALISED)?;
         let target = joints_deg.map(f64::to_radians);
-        let secs = (now - since).max(1e-3);
+        let secs = now - since + SERVO_BUNCH_SECS;
         let here = self.axes.positions(now);
         let mut joints = self.robot.joints.iter().zip(here.iter().zip(target));
-        let is_near =
-            joints.all(|(joint, (here, to))| (to - here).abs() <= MAX_SERVO_SPEED * joint.max_speed_rad_per_s * secs + 1e-4);
+        let is_near = joints.all(|(joint, (here, to))| (to - here).abs() <= MAX_SERVO_SPEED * joint.max_speed_rad_per_s * secs);
         if !is_near || !self.allows(joints_deg) {
             self.halt(now);
             self.error_code = PARAMETER_ERROR;

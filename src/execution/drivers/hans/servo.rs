@@ -1,0 +1,151 @@
+//! Servo streaming (port 8892): joints pushed at the controller's own cycle from a thread with absolute deadlines, the rest
+//! position too while nothing moves. The port has no replies and takes one client; the way to stop is to push no more and say
+//! so on the text port.
+
+use std::io::{self, Write as _};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use crate::cell::HansServoSpec;
+use crate::execution::device::{DeviceError, Direction, Target};
+use crate::execution::drivers::stream::{Connection, Wiring, within};
+use crate::execution::profile::Trapezoid;
+use crate::execution::protocol::hans::HansRequest;
+use crate::execution::protocol::hans_state::{HansRealtimeState, take_realtime};
+use crate::execution::session::streamer::{Beat, Jitter, Streamer};
+
+/// Longest wait for the servo port to connect and to take a message.
+const SERVO_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// A stream of joints.
+#[derive(Debug)]
+pub(super) struct ServoStream {
+    streamer: Streamer,
+    course: Arc<Mutex<Course>>,
+}
+
+/// Joints as a function of the beat.
+#[derive(Debug)]
+struct Course {
+    from_deg: [f64; 6],
+    to_deg: [f64; 6],
+    way: Option<Trapezoid>,
+    began: Option<Duration>,
+    failure: Option<String>,
+}
+
+impl Course {
+    /// Joints at a beat; a way begins with the first beat that sees it, and is over when the beat reaches its end.
+    fn at(&mut self, due: Duration) -> [f64; 6] {
+        let Some(way) = self.way else { return self.to_deg };
+        let began = *self.began.get_or_insert(due);
+        let share = way.share((due - began).as_secs_f64());
+        if share >= 1.0 {
+            (self.way, self.began) = (None, None);
+            return self.to_deg;
+        }
+        std::array::from_fn(|axis| self.from_deg[axis] + share * (self.to_deg[axis] - self.from_deg[axis]))
+    }
+}
+
+impl ServoStream {
+    /// Connects to the servo port and streams the joints where the arm stands.
+    pub(super) async fn begin(spec: &HansServoSpec, joints_deg: [f64; 6], wiring: &Wiring) -> Result<Self, DeviceError> {
+        let address = spec.address.clone();
+        let unreachable = |reason: String| DeviceError::Unreachable { address: spec.address.clone(), reason };
+        let connected = tokio::task::spawn_blocking(move || connect(&address)).await;
+        let mut stream =
+            connected.map_err(|error| unreachable(error.to_string()))?.map_err(|error| unreachable(error.to_string()))?;
+        let start = HansRequest::StartServo { argument: spec.start_argument, lookahead_secs: spec.lookahead_secs };
+        push(&mut stream, &start, wiring).map_err(|error| unreachable(error.to_string()))?;
+        let course =
+            Arc::new(Mutex::new(Course { from_deg: joints_deg, to_deg: joints_deg, way: None, began: None, failure: None }));
+        let (shared, wiring) = (Arc::clone(&course), wiring.clone());
+        let beat = move |Beat { due, .. }: Beat| {
+            let joints_deg = lock(&shared).at(due);
+            match push(&mut stream, &HansRequest::PushServoJ { joints_deg }, &wiring) {
+                Ok(()) => ControlFlow::Continue(()),
+                Err(error) => {
+                    lock(&shared).failure = Some(error.to_string());
+                    ControlFlow::Break(())
+                }
+            }
+        };
+        let streamer = Streamer::start("hans-servo", Duration::from_millis(spec.period_ms.into()), beat);
+        Ok(Self { streamer: streamer.map_err(|error| unreachable(error.to_string()))?, course })
+    }
+
+    /// Leads the joints to a target.
+    pub(super) fn lead(&self, target: &Target<6>) -> Result<(), DeviceError> {
+        let mut course = lock(&self.course);
+        if let Some(reason) = course.failure.clone() {
+            return Err(DeviceError::Closed { reason });
+        }
+        if course.way.is_some() {
+            return Err(DeviceError::NotReady { reason: "a target is under way".into() });
+        }
+        let to_deg = target.positions_rad.map(f64::to_degrees);
+        let travel = std::array::from_fn(|axis| (to_deg[axis] - course.to_deg[axis]).to_radians());
+        (course.from_deg, course.to_deg, course.began) = (course.to_deg, to_deg, None);
+        course.way = Trapezoid::within(&travel, &target.max_speed_rad_s, &target.max_acceleration_rad_s2);
+        Ok(())
+    }
+
+    /// Returns true while a target is under way.
+    pub(super) fn is_under_way(&self) -> bool {
+        lock(&self.course).way.is_some()
+    }
+
+    /// Error that ended the stream.
+    pub(super) fn failure(&self) -> Option<DeviceError> {
+        lock(&self.course).failure.clone().map(|reason| DeviceError::Closed { reason })
+    }
+
+    /// Histogram of the period.
+    pub(super) fn jitter(&self) -> Jitter {
+        self.streamer.jitter()
+    }
+}
+
+/// Cycle and state of the controller, from its binary feed.
+pub(super) async fn realtime_state(
+    spec: &HansServoSpec,
+    wiring: &Wiring,
+    wait: Duration,
+) -> Result<HansRealtimeState, DeviceError> {
+    let mut connection = wiring.connect(&spec.state_address, wait).await?;
+    let state = within(wait, first_state(&mut connection)).await?;
+    connection.close().await;
+    Ok(state)
+}
+
+async fn first_state(connection: &mut Connection) -> Result<HansRealtimeState, DeviceError> {
+    let mut held = Vec::new();
+    loop {
+        if let Some(state) = take_realtime(&mut held).map_err(|error| DeviceError::Malformed { what: error.to_string() })? {
+            return Ok(state);
+        }
+        connection.receive(&mut held).await?;
+    }
+}
+
+fn connect(address: &str) -> io::Result<TcpStream> {
+    let resolved = address.to_socket_addrs()?.next().ok_or_else(|| io::Error::other("the name has no address"))?;
+    let stream = TcpStream::connect_timeout(&resolved, SERVO_TIMEOUT)?;
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(SERVO_TIMEOUT))?;
+    Ok(stream)
+}
+
+fn push(stream: &mut TcpStream, request: &HansRequest, wiring: &Wiring) -> io::Result<()> {
+    let message = request.encode();
+    stream.write_all(message.as_bytes())?;
+    wiring.log.record(wiring.device, Direction::Sent, message.as_bytes());
+    Ok(())
+}
+
+fn lock(course: &Mutex<Course>) -> MutexGuard<'_, Course> {
+    course.lock().unwrap_or_else(PoisonError::into_inner)
+}
