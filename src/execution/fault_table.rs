@@ -1,14 +1,22 @@
 //! The table of faults: each fault, of each device, in each state of a run, with the state that it has to end in, for whatever devices
 //! implement [`FaultyCell`]. Nothing moves after the end, and nothing was ever asked to that was not armed.
 
+use std::fmt::Debug;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
+use super::audit::AuditLog;
+use super::audit::tests::log_on_full_disk;
 use super::device::{FaultCode, Trigger};
 use super::rehearsal::{CELL, attend, job, until};
-use super::session::{Authority, DeviceRole, Drive, Leases, RunOptions, RunState, live};
+use super::session::{Authority, Drive, Fence, Leases, RunHandle, RunJob, RunOptions, RunState, RunStatus, live};
 use super::twin::Planted;
+
+/// Bytes that the disk of the audit log has room for.
+pub(crate) const ROOM: usize = 1 << 20;
 
 /// Every fault, with the state that it ends in once a run is armed.
 pub(crate) const FAULTS: [(Planted, RunState); 15] = [
@@ -29,8 +37,26 @@ pub(crate) const FAULTS: [(Planted, RunState); 15] = [
     (Planted::NotANumber, RunState::Failed),
 ];
 
+/// A run that a fault comes upon.
+pub(crate) struct Stage {
+    /// The run; taken away, nobody holds it any more.
+    pub(crate) handle: Mutex<Option<RunHandle>>,
+    pub(crate) leases: Leases,
+    pub(crate) token: Fence,
+    pub(crate) attendant: JoinHandle<()>,
+    pub(crate) audit: Arc<AuditLog>,
+}
+
+impl Stage {
+    pub(crate) fn handle(&self) -> RunHandle {
+        self.handle.lock().expect("whole").clone().expect("held")
+    }
+}
+
 /// Devices of a cell, at home, with a way to plant faults in them.
 pub(crate) trait FaultyCell: Send + Sync + Sized {
+    /// Fault.
+    type Fault: Copy + Debug + Send + Sync;
     /// The session's side of arm and table.
     type Machine: Drive + 'static;
     /// The session's side of the trigger.
@@ -39,8 +65,16 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
     /// New devices.
     fn begin() -> impl Future<Output = (Self::Machine, Self::Trigger, Self)> + Send;
 
-    /// Plants a fault in place of the last, or takes it away.
-    fn plant(&self, device: DeviceRole, planted: Option<Planted>);
+    /// Job of a run that the fault comes upon.
+    fn job(_fault: Self::Fault) -> RunJob {
+        job()
+    }
+
+    /// Plants a fault in place of the last.
+    fn plant(&self, fault: Self::Fault, stage: &Stage) -> impl Future<Output = ()> + Send;
+
+    /// Takes all faults away.
+    fn heal(&self);
 
     /// Positions of all axes, without any error.
     fn positions_rad(&self) -> [f64; 7];
@@ -54,9 +88,8 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
     /// Asserts that nothing moves any more, and nothing was asked that was not to be.
     fn assert_rests(&self, name: &str) -> impl Future<Output = ()> + Send {
         async move {
-            self.plant(DeviceRole::Arm, None);
-            self.plant(DeviceRole::Table, None);
-            // A link that is cut leaves a device to its own watchdog.
+            self.heal();
+            // A link that is cut leaves a device to its own watchdog, or to the end of its move.
             sleep(Duration::from_secs(4)).await;
             let before = (self.positions_rad(), self.targets());
             sleep(Duration::from_secs(10)).await;
@@ -66,58 +99,84 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
     }
 }
 
-/// Runs the table.
-pub(crate) async fn fault_table<C: FaultyCell>(faults: &[(Planted, RunState)], devices: &[DeviceRole]) {
-    for (planted, ends) in faults {
-        for device in devices {
-            for state in [RunState::Preparing, RunState::Ready, RunState::Armed, RunState::Running, RunState::Paused] {
-                fault_in::<C>(*planted, *ends, *device, state).await;
-            }
-        }
+/// States that faults come in.
+pub(crate) const STATES: [RunState; 5] =
+    [RunState::Preparing, RunState::Ready, RunState::Armed, RunState::Running, RunState::Paused];
+
+/// Runs one row of the table: the end in each state.
+pub(crate) async fn fault_in_each_state<C: FaultyCell>(fault: C::Fault, ends: RunState, may_end_well: bool) -> Vec<RunStatus> {
+    let mut row = Vec::new();
+    for state in STATES {
+        let name = format!("{fault:?} while {}", state.as_str());
+        let status = fault_in::<C>(fault, state, &name).await;
+        let was_armed = !matches!(state, RunState::Preparing | RunState::Ready);
+        let found = status.state;
+        let fits = found == ends || (!was_armed && found == RunState::Failed) || (may_end_well && found == RunState::Done);
+        assert!(fits, "{name}: {found:?}, {}", status.reason);
+        row.push(status);
     }
+    row
 }
 
-async fn fault_in<C: FaultyCell>(planted: Planted, ends: RunState, device: DeviceRole, state: RunState) {
-    let name = format!("{planted:?} of the {device} while {}", state.as_str());
+async fn fault_in<C: FaultyCell>(fault: C::Fault, state: RunState, name: &str) -> RunStatus {
     let (machine, trigger, cell) = C::begin().await;
     let leases = Leases::default();
-    let lease = leases.acquire(CELL, "operator", Duration::from_secs(30)).expect("free");
-    let token = Some(lease.token);
+    let token = leases.acquire(CELL, "operator", Duration::from_secs(30)).expect("free").token;
+    let audit = log_on_full_disk(ROOM);
+    let options = RunOptions { single_step: state == RunState::Armed, audit: Some(Arc::clone(&audit)), ..RunOptions::default() };
+    let handle = live(C::job(fault), machine, trigger, Authority { leases: leases.clone(), cell: CELL.into() }, options);
+    let attendant = attend(&handle, &leases, token);
+    let mut status = handle.watch_status();
+    let stage = Stage { handle: Mutex::new(Some(handle)), leases, token, attendant, audit };
+    lead_into(&cell, fault, state, &stage).await;
+    let resuming = async {
+        loop {
+            sleep(Duration::from_secs(2)).await;
+            let handle = stage.handle.lock().expect("whole").clone();
+            if let Some(handle) = handle {
+                // A run that a silent scanner holds goes on when it is told to; others refuse.
+                let _ = handle.resume(Some(token)).await;
+            }
+        }
+    };
+    let found = tokio::select! {
+        found = status.wait_for(|status| status.state.is_final()) => found.expect("told").clone(),
+        () = resuming => unreachable!("it never ends"),
+    };
+    stage.attendant.abort();
+    cell.assert_rests(name).await;
+    found
+}
+
+/// Takes a run into a state and plants the fault there.
+async fn lead_into<C: FaultyCell>(cell: &C, fault: C::Fault, state: RunState, stage: &Stage) {
+    let (handle, token) = (stage.handle(), stage.token);
     if state == RunState::Preparing {
-        cell.plant(device, Some(planted));
+        cell.plant(fault, stage).await;
     }
-    let options = RunOptions { single_step: state == RunState::Armed, ..RunOptions::default() };
-    let handle = live(job(), machine, trigger, Authority { leases: leases.clone(), cell: CELL.into() }, options);
-    let attendant = attend(&handle, &leases, lease.token);
-    if until(&handle, RunState::Ready).await == RunState::Ready {
-        if state == RunState::Ready {
-            cell.plant(device, Some(planted));
+    if until(&handle, RunState::Ready).await != RunState::Ready {
+        return;
+    }
+    if state == RunState::Ready {
+        cell.plant(fault, stage).await;
+    }
+    // A run that has ended by now refuses.
+    let _ = handle.arm(token).await;
+    if state == RunState::Armed && until(&handle, RunState::Armed).await == RunState::Armed {
+        cell.plant(fault, stage).await;
+        let _ = handle.resume(Some(token)).await;
+    } else if until(&handle, RunState::Running).await == RunState::Running {
+        sleep(Duration::from_millis(600)).await;
+        if state == RunState::Paused {
+            handle.pause().await.expect("runs");
+            until(&handle, RunState::Paused).await;
         }
-        // A run that has ended by now refuses.
-        let _ = handle.arm(lease.token).await;
-        if state == RunState::Armed && until(&handle, RunState::Armed).await == RunState::Armed {
-            cell.plant(device, Some(planted));
-            let _ = handle.resume(token).await;
-        } else if until(&handle, RunState::Running).await == RunState::Running {
-            sleep(Duration::from_millis(600)).await;
-            if state == RunState::Paused {
-                handle.pause().await.expect("runs");
-                until(&handle, RunState::Paused).await;
-            }
-            cell.plant(device, Some(planted));
-            if state == RunState::Paused {
-                sleep(Duration::from_secs(1)).await;
-                let _ = handle.resume(token).await;
-            }
+        if matches!(state, RunState::Running | RunState::Paused) {
+            cell.plant(fault, stage).await;
+        }
+        if state == RunState::Paused {
+            sleep(Duration::from_secs(1)).await;
+            let _ = handle.resume(Some(token)).await;
         }
     }
-    let record = handle.ended().await;
-    attendant.abort();
-    let found = record.status.state;
-    // A refusal of targets that no further target meets hinders nothing.
-    let may_end_well = matches!(planted, Planted::Refuses | Planted::Stuck);
-    let was_armed = !matches!(state, RunState::Preparing | RunState::Ready);
-    let fits = found == ends || (!was_armed && found == RunState::Failed) || (may_end_well && found == RunState::Done);
-    assert!(fits, "{name}: {found:?}, {}", record.status.reason);
-    cell.assert_rests(&name).await;
 }

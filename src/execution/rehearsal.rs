@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
-use super::fault_table::FaultyCell;
+use super::fault_table::{FaultyCell, Stage};
 use super::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
 use super::twin::{Asked, Planted, TriggerAccess, Twin, TwinAccess, TwinTrigger};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
@@ -15,7 +15,7 @@ use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;
 use crate::planning::sequence::order;
 use crate::planning::stations::solve;
-use crate::program::{Expected, Program, compile};
+use crate::program::{Expected, Move, Program, Step, compile};
 use crate::testing::box_mesh;
 
 /// Three views of a box in the preset cell, from their poses to the program.
@@ -66,6 +66,23 @@ pub(crate) fn job() -> RunJob {
     job_of([hashes(), hashes()])
 }
 
+/// A program of a second or two: one view, near home.
+pub(crate) fn short_job() -> RunJob {
+    let Planned { cell, scene, program, .. } = planned();
+    let (home, axes, speed_fraction) = (program.home_rad, cell.axes(), 0.5);
+    let away = Configuration { joints_rad: home.joints_rad.map(|joint| joint - 0.1), table_rad: home.table_rad + 0.2 };
+    let move_to = |from: Configuration, target_rad: Configuration| {
+        let mut step = Move { via_rad: Vec::new(), target_rad, speed_fraction, duration_secs: 0.0, passed_within_rad: None };
+        step.duration_secs = step.derived_secs(&from, &axes);
+        Step::Move(step)
+    };
+    let scan = Step::Scan { view: ViewId::at(0), brightness: 5, capture_secs: 0.2 };
+    let steps = vec![move_to(home, away), Step::Settle { secs: 0.1 }, scan, move_to(away, home)];
+    let cycle_secs = steps.iter().map(Step::secs).sum();
+    let program = Program { steps, cycle_secs, ..program.clone() };
+    RunJob::new(program, Arc::clone(cell), scene, None, [hashes(), hashes()]).expect("sound")
+}
+
 pub(crate) fn job_of(hashes: [Hashes; 2]) -> RunJob {
     let Planned { cell, scene, program, expected, .. } = planned();
     RunJob::new(program.clone(), Arc::clone(cell), scene, Some(expected), hashes).expect("sound")
@@ -94,6 +111,24 @@ pub(crate) async fn until(handle: &RunHandle, state: RunState) -> RunState {
     found.map_or(RunState::Failed, |status| status.state)
 }
 
+/// Numbers of chance: SplitMix64 (G. Steele, D. Lea and C. Flood, 2014).
+#[derive(Clone, Debug)]
+pub(crate) struct Chance(pub(crate) u64);
+
+impl Chance {
+    pub(crate) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// A number below `of`.
+    pub(crate) fn of(&mut self, of: u64) -> u64 {
+        self.next() % of
+    }
+}
+
 /// Name of the cell in leases.
 pub(crate) const CELL: &str = "e05-transcan";
 
@@ -108,6 +143,7 @@ pub(crate) fn attend(handle: &RunHandle, leases: &Leases, token: Fence) -> tokio
 }
 
 impl FaultyCell for Twins {
+    type Fault = (DeviceRole, Planted);
     type Machine = TwinPair;
     type Trigger = TwinTrigger;
 
@@ -115,11 +151,16 @@ impl FaultyCell for Twins {
         twins()
     }
 
-    fn plant(&self, device: DeviceRole, planted: Option<Planted>) {
+    async fn plant(&self, (device, planted): (DeviceRole, Planted), _stage: &Stage) {
         match device {
-            DeviceRole::Arm => self.arm.plant(planted),
-            DeviceRole::Table | DeviceRole::Trigger => self.table.plant(planted),
+            DeviceRole::Arm => self.arm.plant(Some(planted)),
+            DeviceRole::Table | DeviceRole::Trigger => self.table.plant(Some(planted)),
         }
+    }
+
+    fn heal(&self) {
+        self.arm.plant(None);
+        self.table.plant(None);
     }
 
     fn positions_rad(&self) -> [f64; 7] {

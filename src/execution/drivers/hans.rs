@@ -261,7 +261,9 @@ impl MotionDevice<6> for HansArm {
         if first.is_ok() {
             return first;
         }
-        // The arm may be moving on a link that is gone: the stop alone is worth a new one.
+        // The arm may be moving on a link that is gone: the stop alone is worth a new one. The old one is given up first, so that
+        // nothing which waits on it comes after the stop.
+        self.link = None;
         self.open(ms(self.spec.reply_timeout_ms)).await?;
         self.stop_once().await
     }

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
-use tokio::time::Instant;
+use tokio::time::{Instant, timeout};
 
 use super::cause::{PauseCause, RunReason, StopCause};
 use super::gate::is_override;
@@ -16,6 +16,8 @@ use crate::geometry::{Part, Pose, Table};
 
 /// Commands that may wait to be heard.
 const COMMANDS: usize = 16;
+/// Time between two looks at lease and heartbeat.
+const LOOK: Duration = Duration::from_millis(20);
 
 /// Reason why a command is not obeyed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -305,6 +307,24 @@ impl Control {
                     Some(command) => self.take(command)?,
                 },
                 output = &mut work => return Ok(output),
+            }
+        }
+    }
+
+    /// [`Control::guard`] of work that takes or uses the right to move: lease and heartbeat are looked at all the while, for
+    /// on a slow network the work outlasts them.
+    pub(super) async fn guard_motion<T>(
+        &mut self,
+        heartbeat_timeout: Duration,
+        work: impl Future<Output = T>,
+    ) -> Result<T, Halt> {
+        tokio::pin!(work);
+        loop {
+            if let Some(cause) = self.lost_client(heartbeat_timeout) {
+                return Err(Halt::stop(cause));
+            }
+            if let Ok(output) = self.guard(timeout(LOOK, &mut work)).await? {
+                return Ok(output);
             }
         }
     }

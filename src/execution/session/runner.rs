@@ -144,8 +144,9 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
     async fn take_right(&mut self) -> Result<(), Halt> {
         let (watchdog, within) = (self.options.safeguards.watchdog, self.options.safeguards.request_timeout);
+        let heartbeat = self.options.safeguards.heartbeat_timeout;
         let Watcher { machine, control, .. } = &mut self.watcher;
-        let armed = control.guard(timeout(within, machine.arm(watchdog))).await?;
+        let armed = control.guard_motion(heartbeat, timeout(within, machine.arm(watchdog))).await?;
         armed.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))
     }
 

@@ -80,9 +80,9 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let now_here = self.watcher.tick().await?.configuration();
         refuse(gate::to_start(&now_here, &here, &self.options.safeguards).into_iter().collect())?;
         self.watcher.segment = Some((here, *to));
-        let within = self.options.safeguards.request_timeout;
+        let (within, heartbeat) = (self.options.safeguards.request_timeout, self.options.safeguards.heartbeat_timeout);
         let Watcher { machine, control, .. } = &mut self.watcher;
-        let started = control.guard(timeout(within, machine.start(&target))).await?;
+        let started = control.guard_motion(heartbeat, timeout(within, machine.start(&target))).await?;
         started.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))?;
         self.reach(to, target.duration.div_f64(self.options.time_factor), cycles).await?;
         self.watcher.segment = None;

@@ -9,26 +9,31 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep};
 
 use self::arm::SimulatedArm;
 use super::faults::Faults;
 use crate::cell::Robot;
+use crate::execution::drivers::stream::ByteStream;
 use crate::execution::protocol::hans::{HansFrames, HansOutcome, HansReply, HansRequest, HansSyntax};
 
 /// Interval at which faults and paths act by themselves.
 const TICK: Duration = Duration::from_millis(5);
 
-/// Sockets of a simulated controller.
+/// A simulated controller on sockets.
 #[derive(Debug)]
 pub struct HansSimulator {
     text: TcpListener,
     realtime: TcpListener,
     servo: TcpListener,
-    shared: Arc<Shared>,
+    controller: HansController,
 }
+
+/// A simulated controller, whatever its connections run over. Clones are the same one.
+#[derive(Clone, Debug)]
+pub struct HansController(Arc<Shared>);
 
 /// Arm, faults and time of a simulator.
 #[derive(Debug)]
@@ -60,6 +65,39 @@ pub struct HansAddresses {
     pub servo: SocketAddr,
 }
 
+impl HansController {
+    /// A controller whose arm stands at `joints_rad`, enabled; its time runs `factor` times as quickly.
+    #[must_use]
+    pub fn new(robot: Robot, joints_rad: [f64; 6], factor: f64) -> Self {
+        let arm = Mutex::new(SimulatedArm::at(robot, joints_rad));
+        Self(Arc::new(Shared { arm, faults: Arc::default(), began: Instant::now(), factor }))
+    }
+
+    /// Its faults.
+    #[must_use]
+    pub fn faults(&self) -> Arc<Faults> {
+        Arc::clone(&self.0.faults)
+    }
+
+    /// A look at its joints, whatever its connections do.
+    #[must_use]
+    pub fn joints_rad(&self) -> [f64; 6] {
+        let (arm, now) = self.0.arm();
+        arm.joints_rad(now)
+    }
+
+    /// Answers the text commands of one client until it goes, or the connection is cut.
+    pub async fn talk(&self, mut stream: impl ByteStream) {
+        let cut = self.0.faults.next_cut();
+        tokio::select! {
+            biased;
+            () = cut => {}
+            // Whoever goes away is not missed.
+            _ = answer(&mut stream, &self.0) => {}
+        }
+    }
+}
+
 impl HansSimulator {
     /// Listens at an address for text commands, and beside it for the binary state and for servo commands. The arm stands at
     /// `joints_rad`, enabled; its time runs `factor` times as quickly.
@@ -70,9 +108,7 @@ impl HansSimulator {
         let text = TcpListener::bind(address).await?;
         let beside = SocketAddr::new(text.local_addr()?.ip(), 0);
         let (realtime, servo) = (TcpListener::bind(beside).await?, TcpListener::bind(beside).await?);
-        let arm = Mutex::new(SimulatedArm::at(robot, joints_rad));
-        let shared = Shared { arm, faults: Arc::default(), began: Instant::now(), factor };
-        Ok(Self { text, realtime, servo, shared: Arc::new(shared) })
+        Ok(Self { text, realtime, servo, controller: HansController::new(robot, joints_rad, factor) })
     }
 
     /// Addresses that it listens at.
@@ -90,17 +126,14 @@ impl HansSimulator {
     /// Its faults.
     #[must_use]
     pub fn faults(&self) -> Arc<Faults> {
-        Arc::clone(&self.shared.faults)
+        self.controller.faults()
     }
 
     /// A look at its joints, whatever its connections do.
     #[must_use]
     pub fn joints(&self) -> impl Fn() -> [f64; 6] + Send + use<> {
-        let shared = Arc::clone(&self.shared);
-        move || {
-            let (arm, now) = shared.arm();
-            arm.joints_rad(now)
-        }
+        let controller = self.controller.clone();
+        move || controller.joints_rad()
     }
 
     /// Serves connections until it is dropped, and they with it.
@@ -108,7 +141,7 @@ impl HansSimulator {
         let servo = async {
             // One client: the others wait.
             while let Ok((stream, _)) = self.servo.accept().await {
-                servo::take_targets(stream, &self.shared).await;
+                servo::take_targets(stream, &self.controller.0).await;
             }
         };
         tokio::join!(servo, self.serve_many(), self.keep_time());
@@ -117,7 +150,7 @@ impl HansSimulator {
     /// Lets faults act when they come, and not when somebody looks.
     async fn keep_time(&self) {
         loop {
-            drop(self.shared.arm());
+            drop(self.controller.0.arm());
             sleep(TICK).await;
         }
     }
@@ -128,28 +161,23 @@ impl HansSimulator {
         loop {
             // Connections that ended are let go.
             while connections.try_join_next().is_some() {}
-            let shared = Arc::clone(&self.shared);
+            let controller = self.controller.clone();
             tokio::select! {
-                Ok((stream, _)) = self.text.accept() => connections.spawn(async move { talk(stream, &shared).await }),
-                Ok((stream, _)) = self.realtime.accept() => connections.spawn(async move { servo::push_states(stream, &shared).await }),
+                Ok((stream, _)) = self.text.accept() => connections.spawn(async move {
+                    // Whoever goes away is not missed, be it at once.
+                    let _ = stream.set_nodelay(true);
+                    controller.talk(stream).await;
+                }),
+                Ok((stream, _)) = self.realtime.accept() => {
+                    connections.spawn(async move { servo::push_states(stream, &controller.0).await })
+                }
                 else => return,
             };
         }
     }
 }
 
-/// Answers the text commands of one client until it goes, or the connection is cut.
-async fn talk(stream: TcpStream, shared: &Shared) {
-    let cut = shared.faults.next_cut();
-    tokio::select! {
-        () = cut => {}
-        // Whoever goes away is not missed.
-        _ = answer(stream, shared) => {}
-    }
-}
-
-async fn answer(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
-    stream.set_nodelay(true)?;
+async fn answer(stream: &mut impl ByteStream, shared: &Shared) -> io::Result<()> {
     let (mut frames, mut chunk) = (HansFrames::default(), [0; 4096]);
     loop {
         let read = stream.read(&mut chunk).await?;

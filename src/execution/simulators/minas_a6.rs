@@ -49,8 +49,8 @@ impl Default for DriveSetup {
     }
 }
 
-/// A simulated drive.
-#[derive(Debug)]
+/// A simulated drive. Clones are the same one.
+#[derive(Clone, Debug)]
 pub struct MinasA6Simulator {
     shared: Arc<Shared>,
 }
@@ -125,20 +125,24 @@ impl MinasA6Simulator {
             while let Ok((stream, _)) = listener.accept().await {
                 // Connections that ended are let go.
                 while connections.try_join_next().is_some() {}
-                let shared = Arc::clone(&self.shared);
-                connections.spawn(async move {
-                    let cut = shared.faults.next_cut();
-                    tokio::select! {
-                        () = cut => {}
-                        // Whoever goes away is not missed.
-                        _ = answer(Box::new(stream), framing, &shared) => {}
-                    }
-                });
+                let drive = self.clone();
+                connections.spawn(async move { drive.talk(stream, framing).await });
             }
         };
         tokio::select! {
             () = accepting => {}
             () = self.shared.keep_time() => {}
+        }
+    }
+
+    /// Answers one client until it goes, or the connection is cut.
+    pub async fn talk(&self, stream: impl ByteStream, framing: ModbusFraming) {
+        let cut = self.shared.faults.next_cut();
+        tokio::select! {
+            biased;
+            () = cut => {}
+            // Whoever goes away is not missed.
+            _ = answer(stream, framing, &self.shared) => {}
         }
     }
 
