@@ -11,7 +11,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::device::Trigger;
-use super::rehearsal::{CELL, Chance, attend, planned, short_job, until};
+use super::rehearsal::{CELL, Chance, attend, hashes, in_simulated_time, on_deep_stacks, planned, short_job, until};
 use super::rough_cell::{RoughCell, Seen};
 use super::session::{Authority, DeviceRole, Leases, RunHandle, RunOptions, RunState, RunStatus, StopCause, live};
 use super::simulated_network::{Passage, Weather};
@@ -21,8 +21,6 @@ use super::twin::{TriggerAccess, TwinTrigger};
 const SEEDS: u64 = 2000;
 /// Time in which something may happen.
 const ROUGH: Duration = Duration::from_millis(2500);
-/// Stack of a thread that runs seeds.
-const STACK_BYTES: usize = 32 << 20;
 /// Longest time from healing to the end.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -77,7 +75,7 @@ impl Scene {
 
     fn run<T: Trigger + 'static>(&self, machine: super::rough_cell::RoughPair, trigger: T, options: RunOptions) -> RunHandle {
         let authority = Authority { leases: self.leases.clone(), cell: CELL.into() };
-        live(short_job(), machine, trigger, authority, options)
+        live(short_job(0.5, [hashes(), hashes()]), machine, trigger, authority, options)
     }
 
     /// Goes on with whatever is paused, until it ends.
@@ -190,9 +188,7 @@ async fn runs_of(seed: u64) -> Vec<RunStatus> {
 }
 
 fn simulated(seed: u64) -> Vec<RunStatus> {
-    let mut runtime = tokio::runtime::Builder::new_current_thread();
-    let runtime = runtime.enable_time().start_paused(true).max_blocking_threads(1).build().expect("a runtime");
-    runtime.block_on(runs_of(seed))
+    in_simulated_time(runs_of(seed))
 }
 
 fn processor_secs() -> f64 {
@@ -208,10 +204,8 @@ fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_ev
     };
     planned();
     let before = processor_secs();
-    // Without optimisation the futures of a run take megabytes of stack while they are made.
-    let pool = rayon::ThreadPoolBuilder::new().stack_size(STACK_BYTES).build().expect("threads");
     let found: Vec<_> =
-        pool.install(|| (first..first + count).into_par_iter().map(|seed| catch_unwind(|| simulated(seed))).collect());
+        on_deep_stacks(|| (first..first + count).into_par_iter().map(|seed| catch_unwind(|| simulated(seed))).collect());
     let failed: Vec<u64> = (first..).zip(&found).filter(|(_, ends)| ends.is_err()).map(|(seed, _)| seed).collect();
     assert!(failed.is_empty(), "{} seeds fail; SEED=number runs one alone: {failed:?}", failed.len());
     let ends: Vec<Vec<RunStatus>> = found.into_iter().flatten().collect();
@@ -234,10 +228,5 @@ fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_ev
 #[test]
 fn a_seed_gives_the_same_run_each_time() {
     planned();
-    let twice = || {
-        for seed in 0..20 {
-            assert_eq!(simulated(seed), simulated(seed), "seed {seed}");
-        }
-    };
-    rayon::ThreadPoolBuilder::new().num_threads(1).stack_size(STACK_BYTES).build().expect("a thread").install(twice);
+    on_deep_stacks(|| (0..20).into_par_iter().for_each(|seed| assert_eq!(simulated(seed), simulated(seed), "seed {seed}")));
 }

@@ -66,10 +66,10 @@ pub(crate) fn job() -> RunJob {
     job_of([hashes(), hashes()])
 }
 
-/// A program of a second or two: one view, near home.
-pub(crate) fn short_job() -> RunJob {
+/// A program of one view near home, a second or two at half the rated speed.
+pub(crate) fn short_job(speed_fraction: f64, hashes: [Hashes; 2]) -> RunJob {
     let Planned { cell, scene, program, .. } = planned();
-    let (home, axes, speed_fraction) = (program.home_rad, cell.axes(), 0.5);
+    let (home, axes) = (program.home_rad, cell.axes());
     let away = Configuration { joints_rad: home.joints_rad.map(|joint| joint - 0.1), table_rad: home.table_rad + 0.2 };
     let move_to = |from: Configuration, target_rad: Configuration| {
         let mut step = Move { via_rad: Vec::new(), target_rad, speed_fraction, duration_secs: 0.0, passed_within_rad: None };
@@ -80,7 +80,7 @@ pub(crate) fn short_job() -> RunJob {
     let steps = vec![move_to(home, away), Step::Settle { secs: 0.1 }, scan, move_to(away, home)];
     let cycle_secs = steps.iter().map(Step::secs).sum();
     let program = Program { steps, cycle_secs, ..program.clone() };
-    RunJob::new(program, Arc::clone(cell), scene, None, [hashes(), hashes()]).expect("sound")
+    RunJob::new(program, Arc::clone(cell), scene, None, hashes).expect("sound")
 }
 
 pub(crate) fn job_of(hashes: [Hashes; 2]) -> RunJob {
@@ -127,6 +127,18 @@ impl Chance {
     pub(crate) fn of(&mut self, of: u64) -> u64 {
         self.next() % of
     }
+}
+
+/// The output of work on a clock that is paused, and a thread of its own.
+pub(crate) fn in_simulated_time<T>(work: impl Future<Output = T>) -> T {
+    let mut runtime = tokio::runtime::Builder::new_current_thread();
+    let runtime = runtime.enable_all().start_paused(true).max_blocking_threads(1).build().expect("a runtime");
+    runtime.block_on(work)
+}
+
+/// Runs work on all cores. Without optimisation the futures of a run take megabytes of stack while they are made.
+pub(crate) fn on_deep_stacks<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().stack_size(32 << 20).build().expect("threads").install(work)
 }
 
 /// Name of the cell in leases.

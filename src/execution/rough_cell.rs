@@ -17,7 +17,7 @@ use super::fault_table::{FaultyCell, ROOM, Stage};
 use super::protocol::hans::{HansFrames, HansRequest};
 use super::protocol::minas_a6::coil;
 use super::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusRequest, ModbusSide};
-use super::rehearsal::{CELL, hashes, job, job_of, planned};
+use super::rehearsal::{CELL, hashes, planned, short_job};
 use super::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunJob, RunState, RunStatus, StopCause};
 use super::simulated_network::{Network, NetworkDialer, Passage, Weather};
 use super::simulators::faults::FaultCommand;
@@ -358,12 +358,13 @@ impl FaultyCell for RoughCell {
 
     fn job(fault: RoughFault) -> RunJob {
         let other = || "00".repeat(32);
-        match fault {
-            RoughFault::OtherPlan => job_of([hashes(), Hashes { plan: other(), ..hashes() }]),
-            RoughFault::OtherCell => job_of([hashes(), Hashes { cell: other(), ..hashes() }]),
-            RoughFault::OtherCompensation => job_of([hashes(), Hashes { compensation: Some(other()), ..hashes() }]),
-            _ => job(),
-        }
+        let present = match fault {
+            RoughFault::OtherPlan => Hashes { plan: other(), ..hashes() },
+            RoughFault::OtherCell => Hashes { cell: other(), ..hashes() },
+            RoughFault::OtherCompensation => Hashes { compensation: Some(other()), ..hashes() },
+            _ => hashes(),
+        };
+        short_job(0.1, [hashes(), present])
     }
 
     async fn plant(&self, fault: RoughFault, stage: &Stage) {
@@ -377,7 +378,14 @@ impl FaultyCell for RoughCell {
             RoughFault::NetOfBoth(passage) => self.networks.iter().for_each(|network| network.set_passage(passage)),
             RoughFault::Pendant(command) => self.at_the_pendant(command),
             RoughFault::Coil(address, on) => self.by_another_master(address, on).await,
-            RoughFault::ScannerSilent => self.trigger.as_ref().expect("begun").silence(true),
+            RoughFault::ScannerSilent => {
+                let trigger = self.trigger.clone().expect("begun");
+                trigger.silence(true);
+                tokio::spawn(async move {
+                    sleep(Duration::from_secs(30)).await;
+                    trigger.silence(false);
+                });
+            }
             RoughFault::ClientGone => stage.attendant.abort(),
             RoughFault::LeaseGivenBack => stage.leases.release(CELL, stage.token).expect("held"),
             RoughFault::LeaseToAnother => {

@@ -91,10 +91,6 @@ pub struct MinasA6Spec {
     /// Largest speed of the motor, r/min, 1 to 20000. Default 6000.
     #[serde(default = "default_max_motor_r_per_min")]
     pub max_motor_r_per_min: u32,
-    /// Largest acceleration of the table, degrees per second squared, 0.1 to 100000. Default 90. A program that accelerates more slowly
-    /// than the drive can (its slowest ramp takes 10 s to 3000 r/min) is carried out with that ramp, up to this acceleration.
-    #[serde(default = "default_max_acceleration")]
-    pub max_acceleration_deg_per_s2: f64,
     /// First of eight blocks that moves are written to, 0 to 248. Default 0.
     #[serde(default)]
     pub first_block: u8,
@@ -134,10 +130,6 @@ fn default_word_order() -> WordOrder {
     WordOrder::LowFirst
 }
 
-fn default_max_acceleration() -> f64 {
-    90.0
-}
-
 fn default_max_motor_r_per_min() -> u32 {
     6000
 }
@@ -166,8 +158,6 @@ impl MinasA6Spec {
             format!("{pointer}/gear_ratio"),
             || format!("is {}; infinite rotation needs a whole number", self.gear_ratio),
         );
-        let acceleration = self.max_acceleration_deg_per_s2;
-        findings.range(format!("{pointer}/max_acceleration_deg_per_s2"), acceleration, 0.1, 1e5, "°/s²");
         findings.range(format!("{pointer}/max_motor_r_per_min"), self.max_motor_r_per_min.into(), 1.0, 20_000.0, "r/min");
         findings.range(format!("{pointer}/first_block"), self.first_block.into(), 0.0, MAX_FIRST_BLOCK, "");
         findings.range(format!("{pointer}/speed_number"), self.speed_number.into(), 0.0, 15.0, "");

@@ -22,12 +22,16 @@ pub(super) fn points(program: &Program, step: usize) -> Vec<Configuration> {
     }
 }
 
-/// Point of a straight segment that is nearest to a configuration.
+/// Point of a straight segment that is nearest to a configuration, for arm and table each on its own: two controllers that begin and
+/// brake by themselves are not in step on the way.
 pub(super) fn nearest_on(from: &Configuration, to: &Configuration, here: &Configuration) -> Configuration {
     let (way, gone) = (from.travel_rad(to), from.travel_rad(here));
-    let length: f64 = way.iter().map(|turn| turn * turn).sum();
-    let along: f64 = way.iter().zip(gone).map(|(way, gone)| way * gone).sum();
-    if length > 0.0 { from.along(&way, (along / length).clamp(0.0, 1.0)) } else { *from }
+    let along = |axes: std::ops::Range<usize>| {
+        let length: f64 = way[axes.clone()].iter().map(|turn| turn * turn).sum();
+        let along: f64 = axes.map(|axis| way[axis] * gone[axis]).sum();
+        if length > 0.0 { from.along(&way, (along / length).clamp(0.0, 1.0)) } else { *from }
+    };
+    Configuration { joints_rad: along(0..6).joints_rad, table_rad: along(6..7).table_rad }
 }
 
 /// Point of a polyline that is nearest to a configuration, with the number of points passed before it; the latest of equals.
@@ -42,16 +46,9 @@ pub(super) fn nearest(points: &[Configuration], here: &Configuration) -> (usize,
     (best.0, best.1)
 }
 
-/// Largest distance of an axis from a segment, of arm and table each on its own: they may not be in step.
+/// Largest distance of an axis from a segment, of arm and table each on its own.
 pub(super) fn off_segment(from: &Configuration, to: &Configuration, here: &Configuration) -> (usize, f64) {
-    let of_arm = |configuration: &Configuration| Configuration { table_rad: 0.0, ..*configuration };
-    let of_table = |configuration: &Configuration| Configuration { joints_rad: [0.0; 6], ..*configuration };
-    let off = |part: fn(&Configuration) -> Configuration| -> (usize, f64) {
-        let (from, to, here) = (part(from), part(to), part(here));
-        furthest_axis(&nearest_on(&from, &to, &here), &here)
-    };
-    let (arm, table) = (off(of_arm), off(of_table));
-    if arm.1 >= table.1 { arm } else { table }
+    furthest_axis(&nearest_on(from, to, here), here)
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ impl MinasA6Table {
             return Ok(());
         }
         let travels = self.travels(demand, goal)?;
-        self.write_rates(target).await?;
+        self.write_rates(target, goal - demand).await?;
         self.write_blocks(&travels).await?;
         self.strobe(goal).await
     }
@@ -56,20 +56,20 @@ impl MinasA6Table {
             .collect()
     }
 
-    /// Writes speed, acceleration and deceleration.
-    async fn write_rates(&mut self, target: &Target<1>) -> Result<(), DeviceError> {
+    /// Writes speed, acceleration and deceleration. Where the drive knows no ramp so slow, as for the small turn of a long move, it
+    /// has its slowest, and the lower speed that takes the predicted time all the same.
+    async fn write_rates(&mut self, target: &Target<1>, distance: i64) -> Result<(), DeviceError> {
         let motor_r_per_min = |rad_s: f64| rad_s / TAU * 60.0 * self.spec.gear_ratio;
-        let speed = motor_r_per_min(target.max_speed_rad_s[0]);
-        let ramp_ms = (1e3 * RAMP_R_PER_MIN / motor_r_per_min(target.max_acceleration_rad_s2[0])).ceil();
+        let mut speed = motor_r_per_min(target.max_speed_rad_s[0]);
+        let mut ramp_ms = (1e3 * RAMP_R_PER_MIN / motor_r_per_min(target.max_acceleration_rad_s2[0])).ceil();
         if !(1.0..=f64::from(self.spec.max_motor_r_per_min)).contains(&speed) {
             let max = self.spec.max_motor_r_per_min;
             return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max}") });
         }
-        // The table moves alone: a quicker ramp ends the move sooner, and changes its way by nothing.
-        let slowest_rad_s2 = RAMP_R_PER_MIN / (1e-3 * MAX_RAMP_MS) / self.spec.gear_ratio / 60.0 * TAU;
-        if !(ramp_ms <= MAX_RAMP_MS || slowest_rad_s2 <= self.spec.max_acceleration_deg_per_s2.to_radians()) {
-            let what = format!("ramp as slowly as {ramp_ms} ms to 3000 r/min; allowed is {MAX_RAMP_MS}");
-            return Err(DeviceError::Unsupported { what });
+        if !(ramp_ms <= MAX_RAMP_MS) {
+            let turns = distance.abs() as f64 / self.units.per_turn * self.spec.gear_ratio;
+            speed = speed.min(60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).max(1.0);
+            ramp_ms = MAX_RAMP_MS;
         }
         let (number, ramp_ms) = (u16::from(self.spec.speed_number), ramp_ms.clamp(1.0, MAX_RAMP_MS) as u16);
         for (first, value) in
@@ -116,4 +116,11 @@ impl MinasA6Table {
         self.check_fault().await?;
         Err(DeviceError::NotReady { reason: "the block did not start; a stop input may be on at the drive's connector".into() })
     }
+}
+
+/// Speed of the motor that takes it through so many turns in that time with the slowest ramps; infinite where they are too slow.
+fn cruise_r_per_s(turns: f64, secs: f64) -> f64 {
+    let change_r_per_s2 = RAMP_R_PER_MIN / 60.0 / (1e-3 * MAX_RAMP_MS);
+    let under_root = secs * secs - 4.0 * turns / change_r_per_s2;
+    if under_root >= 0.0 { 2.0 * turns / (secs + under_root.sqrt()) } else { f64::INFINITY }
 }

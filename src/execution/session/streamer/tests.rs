@@ -1,6 +1,9 @@
+use std::num::NonZero;
 use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
-use std::thread::sleep;
+use std::thread::{available_parallelism, sleep, spawn};
 use std::time::Duration;
 
 use super::{Jitter, Streamer};
@@ -57,4 +60,28 @@ fn quantiles_are_those_of_what_was_added() {
     assert_eq!(jitter.quantile(0.5), Duration::from_micros(20));
     assert_eq!(jitter.quantile(0.99), Duration::from_micros(510));
     assert_eq!(jitter.quantile(1.0), PERIOD * 99);
+}
+
+#[test]
+fn jitter_while_all_cores_are_busy_is_measured() {
+    let is_over = Arc::new(AtomicBool::new(false));
+    let busy = (0..available_parallelism().map_or(1, NonZero::get)).map(|_| {
+        let is_over = Arc::clone(&is_over);
+        spawn(move || while !is_over.load(Ordering::Relaxed) {})
+    });
+    let busy: Vec<_> = busy.collect();
+    for period in [Duration::from_millis(4), Duration::from_millis(20)] {
+        let streamer = Streamer::start("test", period, |_| ControlFlow::Continue(())).expect("starts");
+        sleep(Duration::from_millis(1500));
+        let jitter = streamer.jitter();
+        let [half, most, nearly_all] = [0.5, 0.99, 0.999].map(|share| jitter.quantile(share));
+        println!(
+            "{period:?}, all cores busy: p50 {half:?}, p99 {most:?}, p99.9 {nearly_all:?}, {} of {} left out",
+            jitter.missed, jitter.periods
+        );
+        // Times are this machine's; that every period is counted is not.
+        assert!(jitter.periods > 0 && half <= most && most <= nearly_all && nearly_all <= jitter.max);
+    }
+    is_over.store(true, Ordering::Relaxed);
+    busy.into_iter().for_each(|thread| thread.join().expect("ends"));
 }

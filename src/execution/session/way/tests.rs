@@ -38,6 +38,8 @@ fn the_nearest_point_is_on_the_latest_segment_that_passes_it() {
 fn arm_and_table_may_be_out_of_step_but_not_off_their_ways() {
     let (from, to) = (at(0.0, 0.0), at(1.0, 1.0));
     assert!(off_segment(&from, &to, &at(0.2, 0.9)).1 < 1e-12);
+    // Paused there, it goes on from there.
+    assert_eq!(nearest(&[from, to], &at(0.2, 0.9)), (0, at(0.2, 0.9)));
     assert_eq!(off_segment(&from, &to, &at(0.2, 1.5)), (7, 0.5));
     let aside = Configuration { joints_rad: [0.5, 0.2, 0.0, 0.0, 0.0, 0.0], table_rad: 0.0 };
     let (axis, off) = off_segment(&from, &to, &aside);
