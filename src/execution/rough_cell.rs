@@ -18,7 +18,7 @@ use super::protocol::hans::{HansFrames, HansRequest};
 use super::protocol::minas_a6::coil;
 use super::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusRequest, ModbusSide};
 use super::rehearsal::{CELL, hashes, planned, short_job};
-use super::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunJob, RunState, RunStatus, StopCause};
+use super::session::{DeviceRole, Fence, Leases, Pair, RunJob, RunState, RunStatus, StopCause};
 use super::simulated_network::{Network, NetworkDialer, Passage, Weather};
 use super::simulators::faults::FaultCommand;
 use super::simulators::hans::HansController;
@@ -358,12 +358,16 @@ impl FaultyCell for RoughCell {
 
     fn job(fault: RoughFault) -> RunJob {
         let other = || "00".repeat(32);
-        let present = match fault {
-            RoughFault::OtherPlan => Hashes { plan: other(), ..hashes() },
-            RoughFault::OtherCell => Hashes { cell: other(), ..hashes() },
-            RoughFault::OtherCompensation => Hashes { compensation: Some(other()), ..hashes() },
-            _ => hashes(),
-        };
+        let mut present = hashes();
+        if fault == RoughFault::OtherPlan {
+            present.plan = other();
+        }
+        if fault == RoughFault::OtherCell {
+            present.cell = other();
+        }
+        if fault == RoughFault::OtherCompensation {
+            present.compensation = Some(other());
+        }
         short_job(0.1, [hashes(), present])
     }
 

@@ -43,7 +43,7 @@ impl RunWatch {
     }
 
     /// Watches until the run has ended.
-    pub(super) async fn to_the_end(mut self) {
+    pub(super) async fn until_the_end(mut self) {
         let (kept, mut live) = self.handle.events_after(0);
         kept.iter().for_each(|event| self.show(event));
         let mut is_stopping = false;

@@ -39,7 +39,9 @@ impl ModbusLink {
     pub async fn coils(&mut self, address: u16, count: u16) -> Result<Vec<bool>, DeviceError> {
         match self.ask(&ModbusRequest::ReadCoils { address, count }).await? {
             ModbusReply::Coils(on) => Ok(on),
-            reply => Err(malformed(&format!("{reply:?}"))),
+            reply @ (ModbusReply::Registers(_) | ModbusReply::Written | ModbusReply::Exception(_)) => {
+                Err(malformed(&format!("{reply:?}")))
+            }
         }
     }
 
@@ -50,7 +52,9 @@ impl ModbusLink {
     pub async fn registers(&mut self, address: u16, count: u16) -> Result<Vec<u16>, DeviceError> {
         match self.ask(&ModbusRequest::ReadRegisters { address, count }).await? {
             ModbusReply::Registers(values) => Ok(values),
-            reply => Err(malformed(&format!("{reply:?}"))),
+            reply @ (ModbusReply::Coils(_) | ModbusReply::Written | ModbusReply::Exception(_)) => {
+                Err(malformed(&format!("{reply:?}")))
+            }
         }
     }
 
@@ -110,7 +114,7 @@ impl ModbusLink {
             ModbusReply::Exception(code) => {
                 Err(DeviceError::Refused { code: code.into(), text: exception_text(code).to_owned() })
             }
-            reply => Ok(reply),
+            reply @ (ModbusReply::Coils(_) | ModbusReply::Registers(_) | ModbusReply::Written) => Ok(reply),
         }
     }
 

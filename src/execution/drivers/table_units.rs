@@ -30,7 +30,7 @@ impl TableUnits {
     pub(super) fn position(&self, angle_rad: f64) -> Result<i64, DeviceError> {
         let units = (angle_rad * self.per_rad()).round();
         // Half of what 64 bits hold: differences of two positions fit as well.
-        if !(units.abs() < 4e18) {
+        if units.is_nan() || units.abs() >= 4e18 {
             return Err(DeviceError::Unsupported { what: format!("turn to {angle_rad} rad") });
         }
         Ok(self.home + units as i64)

@@ -30,7 +30,7 @@ const MAX_ANSWER_BYTES: usize = 64 << 10;
 #[derive(Debug)]
 pub enum ScannerTrigger {
     /// Digital signals of the arm's controller.
-    Digital(DigitalTriggerSpec, HansSignals),
+    Digital(DigitalTriggerSpec, Box<HansSignals>),
     /// A request to the scanner's software.
     Http(HttpTrigger),
     /// A program.
@@ -47,7 +47,7 @@ impl ScannerTrigger {
     pub fn new(controllers: &ControllersSpec, log: Arc<dyn WireLog>) -> Result<Self, String> {
         match (&controllers.trigger, &controllers.arm) {
             (TriggerSpec::Digital(spec), ArmControllerSpec::Hans(arm)) => {
-                Ok(Self::Digital(spec.clone(), HansSignals::new(arm.clone(), Wiring::over_tcp(DEVICE, log))))
+                Ok(Self::Digital(spec.clone(), Box::new(HansSignals::new(arm.clone(), Wiring::over_tcp(DEVICE, log)))))
             }
             (TriggerSpec::Digital(_), arm) => {
                 Err(format!("the driver of {} has no digital signals; trigger the scanner by http or by a command", arm.name()))

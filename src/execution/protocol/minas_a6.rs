@@ -216,7 +216,7 @@ pub const fn error_number(register: u16) -> u32 {
 /// Register of an error.
 #[must_use]
 pub const fn error_register(number: u32) -> u16 {
-    ((number / 100) << 8 | number % 100) as u16
+    (((number / 100) << 8) | (number % 100)) as u16
 }
 
 /// Error of the communication time-out.

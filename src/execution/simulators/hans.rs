@@ -130,7 +130,6 @@ impl HansSimulator {
     }
 
     /// A look at its joints, whatever its connections do.
-    #[must_use]
     pub fn joints(&self) -> impl Fn() -> [f64; 6] + Send + use<> {
         let controller = self.controller.clone();
         move || controller.joints_rad()

@@ -99,7 +99,6 @@ impl MinasA6Simulator {
     }
 
     /// A look at its position, turns counted, units, whatever its connections do.
-    #[must_use]
     pub fn position(&self) -> impl Fn() -> f64 + Send + use<> {
         let shared = Arc::clone(&self.shared);
         move || {

@@ -80,6 +80,9 @@ pub(super) fn poses<'p>(
     Ok(fewest.into_iter().map(|pose| pool[pose]).collect())
 }
 
+/// Ways in which a part may lie, and those that it is planned in.
+pub(super) type PoolAndStanding<'a> = (&'a [Pose<Table, Part>], &'a [Pose<Table, Part>]);
+
 /// One more pose to plan in.
 pub(super) struct FurtherPose {
     pub(super) table_from_part: Pose<Table, Part>,
@@ -98,7 +101,7 @@ pub(super) struct FurtherPose {
 pub(super) fn further(
     input: &PlanInput<'_>,
     params: &PlanParams,
-    (pool, standing): (&[Pose<Table, Part>], &[Pose<Table, Part>]),
+    (pool, standing): PoolAndStanding<'_>,
     part: &Occluders,
     ctx: &Context<'_>,
 ) -> Result<Option<FurtherPose>, PlanError> {

@@ -85,7 +85,7 @@ impl App {
         let (open, session) = self.session(id, "changed in speed").await?;
         let token = self.fence(&open, token)?;
         session.set_override(token, request.speed_override).await.map_err(|error| refused(id, "changed in speed", error))?;
-        self.run_when(id, SETTLING, |run| run.speed_override == request.speed_override).await
+        self.run_when(id, SETTLING, |run| run.speed_override.total_cmp(&request.speed_override).is_eq()).await
     }
 
     /// Tells a run where the part lies.

@@ -98,6 +98,7 @@ fn joined(spec: &ArmControllerSpec, log: &Arc<dyn WireLog>) -> Result<JoinedDevi
 macro_rules! one_of {
     ($(#[$doc:meta])* $name:ident <$axes:literal> { $($variant:ident($device:ty)),+ $(,)? }) => {
         $(#[$doc])*
+        #[allow(clippy::large_enum_variant, reason = "one lives a run, and moves once; not all are large")]
         enum $name {
             $($variant($device)),+
         }

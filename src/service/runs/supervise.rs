@@ -174,7 +174,7 @@ impl Supervisor {
         let kind = match () {
             () if (state, reason) != (self.run.state, self.run.reason) => RunEventKind::State,
             () if step != self.run.step => RunEventKind::Step,
-            () if event.speed_override != self.run.speed_override => RunEventKind::Override,
+            () if event.speed_override.total_cmp(&self.run.speed_override).is_ne() => RunEventKind::Override,
             () => return false,
         };
         (self.run.state, self.run.reason, self.run.detail) = (state, reason, Some(event.status.reason.to_string()));

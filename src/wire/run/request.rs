@@ -73,7 +73,7 @@ impl RunRequest {
         findings.range("/speed_override", self.speed_override, 0.01, 1.0, "");
         findings.range("/time_factor", self.time_factor, 1.0, 100.0, "");
         findings.range("/from_step", self.from_step as f64, 0.0, MAX_STEPS, "");
-        let is_real = self.time_factor == 1.0 || self.mode == RunMode::Simulate;
+        let is_real = self.time_factor.total_cmp(&1.0).is_eq() || self.mode == RunMode::Simulate;
         findings.require(is_real, "/time_factor", || {
             format!("is {}; allowed is 1 in the mode {}, whose clock is real", self.time_factor, self.mode.as_str())
         });

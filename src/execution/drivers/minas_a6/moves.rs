@@ -66,7 +66,7 @@ impl MinasA6Table {
             let max = self.spec.max_motor_r_per_min;
             return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max}") });
         }
-        if !(ramp_ms <= MAX_RAMP_MS) {
+        if ramp_ms > MAX_RAMP_MS || ramp_ms.is_nan() {
             let turns = distance.abs() as f64 / self.units.per_turn * self.spec.gear_ratio;
             speed = speed.min(60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).max(1.0);
             ramp_ms = MAX_RAMP_MS;

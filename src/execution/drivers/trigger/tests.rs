@@ -74,7 +74,7 @@ async fn signals_are_exchanged_with_the_arms_controller() {
 fn signals_of_arms_without_them_are_refused() {
     let arm = json!({"protocol": "fanuc_rmi", "address": "127.0.0.1:16001"});
     let digital = json!({"protocol": "digital", "output": 3, "input": 3});
-    let refused = ScannerTrigger::new(&controllers(&arm, &digital), Arc::new(())).err().expect("refused");
+    let refused = ScannerTrigger::new(&controllers(&arm, &digital), Arc::new(())).expect_err("refused");
     assert!(refused.contains("fanuc_rmi") && refused.contains("http"), "{refused}");
 }
 

@@ -212,7 +212,17 @@ impl HansRequest {
         let robot = match self {
             Self::Plain(command) if !command.has_robot() => None,
             Self::SetBoxDo { .. } | Self::ReadBoxDi { .. } => None,
-            _ => Some("0".to_owned()),
+            Self::Plain(_)
+            | Self::SetOverride { .. }
+            | Self::WayPoint(_)
+            | Self::StartPushMovePath { .. }
+            | Self::PushMovePathJ { .. }
+            | Self::EndPushMovePath { .. }
+            | Self::ReadMovePathState { .. }
+            | Self::MovePath { .. }
+            | Self::StartServo { .. }
+            | Self::PushServoJ { .. }
+            | Self::Acs2Pcs { .. } => Some("0".to_owned()),
         };
         message(self.name(), robot.into_iter().chain(self.arguments()))
     }

@@ -321,8 +321,8 @@ impl SimulatedDrive {
                     *self.rates.get_mut(usize::from(address - register::SPEEDS) + place).ok_or(NO_ADDRESS)? = *value;
                 }
             }
-            (0x3000..=0x3FFF, [_, _]) if address % 2 == 0 => drop(self.parameters.insert(address, whole[0])),
-            (register::BLOCKS..=0x4BFF, values) if address % 2 == 0 && values.len() % 2 == 0 => {
+            (0x3000..=0x3FFF, [_, _]) if address.is_multiple_of(2) => drop(self.parameters.insert(address, whole[0])),
+            (register::BLOCKS..=0x4BFF, values) if address.is_multiple_of(2) && values.len() % 2 == 0 => {
                 let first = usize::from(address - register::BLOCKS) / 2;
                 for (place, value) in whole.into_iter().enumerate() {
                     let block = self.blocks.get_mut((first + place) / 2).ok_or(NO_ADDRESS)?;
