@@ -24,7 +24,7 @@ const POLL_AFTER_SECS: &str = "1";
 /// Media type of a record as a table.
 const CSV: &str = "text/csv; charset=utf-8";
 /// Media type of an audit log: JSON, an object a line.
-const JSON_LINES: &str = "application/jsonl";
+const JSON_LINES: &str = "text/plain; charset=utf-8";
 
 /// Parses the run id in a path. A malformed id is answered like an unknown one.
 pub(super) fn run_id(text: &str) -> Result<RunId, ApiError> {
@@ -233,7 +233,7 @@ fn csv(record: &RunRecordDocument) -> Response {
     tag = "runs",
     operation_id = "get_run_audit",
     params(("id" = uuid::Uuid, Path, description = "Id of the run.")),
-    responses((status = 200, description = "The log.", content_type = "application/jsonl", body = String))
+    responses((status = 200, description = "The log.", content_type = "text/plain", body = String))
 )]
 pub(in crate::http) async fn audit(
     State(state): State<ApiState>,
