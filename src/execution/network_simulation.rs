@@ -95,11 +95,7 @@ impl Scene {
     async fn rage(&self, mut chance: Chance) {
         let began = Instant::now();
         for network in &self.cell.networks {
-            network.set_weather(Weather {
-                max_delay_ms: 1 + chance.of(8),
-                max_pieces: 1 + chance.of(4),
-                ..Weather::FAIR
-            });
+            network.set_weather(Weather { max_delay_ms: 1 + chance.of(8), max_pieces: 1 + chance.of(4), ..Weather::FAIR });
         }
         // A quarter of the seeds has slow networks and two clients alone.
         let is_quiet = chance.of(4) == 0;
@@ -208,7 +204,8 @@ fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_ev
     };
     planned();
     let before = processor_secs();
-    let found: Vec<_> = on_deep_stacks(|| (first..first + count).into_par_iter().map(|seed| catch_unwind(|| simulated(seed))).collect());
+    let found: Vec<_> =
+        on_deep_stacks(|| (first..first + count).into_par_iter().map(|seed| catch_unwind(|| simulated(seed))).collect());
     let failed: Vec<u64> = (first..).zip(&found).filter(|(_, ends)| ends.is_err()).map(|(seed, _)| seed).collect();
     assert!(failed.is_empty(), "{} seeds fail; SEED=number runs one alone: {failed:?}", failed.len());
     let ends: Vec<Vec<RunStatus>> = found.into_iter().flatten().collect();

@@ -8,9 +8,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 use tokio::sync::watch;
 use tokio::time::{Instant, sleep};
 
-use super::device::{
-    DeviceError, DeviceState, Direction, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog,
-};
+use super::device::{DeviceError, DeviceState, Direction, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog};
 use super::drivers::hans::HansArm;
 use super::drivers::minas_a6::MinasA6Table;
 use super::drivers::modbus_link::ModbusLink;
@@ -430,4 +428,3 @@ impl FaultyCell for RoughCell {
         self.seen.breaches().len() as u64
     }
 }
-

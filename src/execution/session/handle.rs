@@ -313,7 +313,11 @@ impl Control {
 
     /// [`Control::guard`] of work that takes or uses the right to move: lease and heartbeat are looked at all the while, for
     /// on a slow network the work outlasts them.
-    pub(super) async fn guard_motion<T>(&mut self, heartbeat_timeout: Duration, work: impl Future<Output = T>) -> Result<T, Halt> {
+    pub(super) async fn guard_motion<T>(
+        &mut self,
+        heartbeat_timeout: Duration,
+        work: impl Future<Output = T>,
+    ) -> Result<T, Halt> {
         tokio::pin!(work);
         loop {
             if let Some(cause) = self.lost_client(heartbeat_timeout) {
