@@ -40,7 +40,7 @@ pub(crate) const FAULTS: [(Planted, RunState); 15] = [
 ];
 
 /// A run that a fault comes upon.
-pub(crate) struct Stage {
+pub(crate) struct FaultStage {
     /// The run; taken away, nobody holds it any more.
     pub(crate) handle: Mutex<Option<RunHandle>>,
     pub(crate) leases: Leases,
@@ -49,7 +49,7 @@ pub(crate) struct Stage {
     pub(crate) audit: Arc<AuditLog>,
 }
 
-impl Stage {
+impl FaultStage {
     pub(crate) fn handle(&self) -> RunHandle {
         self.handle.lock().expect("whole").clone().expect("held")
     }
@@ -73,7 +73,7 @@ pub(crate) trait FaultyCell: Send + Sync + Sized {
     }
 
     /// Plants a fault in place of the last.
-    fn plant(&self, fault: Self::Fault, stage: &Stage) -> impl Future<Output = ()> + Send;
+    fn plant(&self, fault: Self::Fault, stage: &FaultStage) -> impl Future<Output = ()> + Send;
 
     /// Takes all faults away.
     fn heal(&self);
@@ -130,7 +130,7 @@ async fn fault_in<C: FaultyCell>(fault: C::Fault, state: RunState, name: &str) -
     let handle = live(C::job(fault), machine, trigger, Authority { leases: leases.clone(), cell: CELL.into() }, options);
     let attendant = attend(&handle, &leases, token);
     let mut status = handle.watch_status();
-    let stage = Stage { handle: Mutex::new(Some(handle)), leases, token, attendant, audit };
+    let stage = FaultStage { handle: Mutex::new(Some(handle)), leases, token, attendant, audit };
     lead_into(&cell, fault, state, &stage).await;
     let resuming = async {
         loop {
@@ -153,7 +153,7 @@ async fn fault_in<C: FaultyCell>(fault: C::Fault, state: RunState, name: &str) -
 }
 
 /// Takes a run into a state and plants the fault there.
-async fn lead_into<C: FaultyCell>(cell: &C, fault: C::Fault, state: RunState, stage: &Stage) {
+async fn lead_into<C: FaultyCell>(cell: &C, fault: C::Fault, state: RunState, stage: &FaultStage) {
     let (handle, token) = (stage.handle(), stage.token);
     if state == RunState::Preparing {
         cell.plant(fault, stage).await;

@@ -12,7 +12,7 @@ use tokio::time::{Instant, sleep, timeout};
 
 use super::device::Trigger;
 use super::rehearsal::{CELL, Chance, attend, hashes, in_simulated_time, on_deep_stacks, planned, short_job, until};
-use super::rough_cell::{RoughCell, Seen};
+use super::rough_cell::{RoughCell, SeenBytes};
 use super::session::{Authority, DeviceRole, Leases, RunHandle, RunOptions, RunState, RunStatus, StopCause, live};
 use super::simulated_network::{Passage, Weather};
 use super::simulators::faults::FaultCommand;
@@ -29,7 +29,7 @@ struct Scene {
     seed: u64,
     cell: RoughCell,
     leases: Leases,
-    seen: Mutex<Vec<Arc<Seen>>>,
+    seen: Mutex<Vec<Arc<SeenBytes>>>,
     triggers: Mutex<Vec<TriggerAccess>>,
 }
 

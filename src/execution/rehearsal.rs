@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
-use super::fault_table::{FaultyCell, Stage};
+use super::fault_table::{FaultStage, FaultyCell};
 use super::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
 use super::twin::{Asked, Planted, TriggerAccess, Twin, TwinAccess, TwinTrigger};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
@@ -163,7 +163,7 @@ impl FaultyCell for Twins {
         twins()
     }
 
-    async fn plant(&self, (device, planted): (DeviceRole, Planted), _stage: &Stage) {
+    async fn plant(&self, (device, planted): (DeviceRole, Planted), _stage: &FaultStage) {
         match device {
             DeviceRole::Arm => self.arm.plant(Some(planted)),
             DeviceRole::Table | DeviceRole::Trigger => self.table.plant(Some(planted)),

@@ -13,13 +13,13 @@ use super::drivers::hans::HansArm;
 use super::drivers::minas_a6::MinasA6Table;
 use super::drivers::modbus_link::ModbusLink;
 use super::drivers::stream::Wiring;
-use super::fault_table::{FaultyCell, ROOM, Stage};
+use super::fault_table::{FaultStage, FaultyCell, ROOM};
 use super::protocol::hans::{HansFrames, HansRequest};
 use super::protocol::minas_a6::coil;
 use super::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusRequest, ModbusSide};
 use super::rehearsal::{CELL, hashes, planned, short_job};
 use super::session::{DeviceRole, Fence, Leases, Pair, RunJob, RunState, RunStatus, StopCause};
-use super::simulated_network::{Network, NetworkDialer, Passage, Weather};
+use super::simulated_network::{NetworkDialer, Passage, RoughNetwork, Weather};
 use super::simulators::faults::FaultCommand;
 use super::simulators::hans::HansController;
 use super::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
@@ -35,7 +35,7 @@ const GRACE: Duration = Duration::from_millis(25);
 
 /// Deeds of one run, and whatever it must not have done.
 #[derive(Default)]
-pub(crate) struct Seen {
+pub(crate) struct SeenBytes {
     inner: Mutex<Deeds>,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Seen {
 struct Deeds {
     breaches: Vec<String>,
     targets: u64,
-    /// Of arm and table.
+    /// Bytes of arm and table.
     is_armed: [bool; 2],
     stopped_at: [Option<Instant>; 2],
     sequence: [u64; 2],
@@ -55,7 +55,7 @@ struct Deeds {
     held_at: Option<Instant>,
 }
 
-impl Seen {
+impl SeenBytes {
     /// Watches the run's state from here on, and its lease.
     pub(crate) fn follow(&self, status: watch::Receiver<RunStatus>, leases: Leases, token: Fence) {
         let mut deeds = self.deeds();
@@ -130,7 +130,7 @@ impl Deeds {
     }
 }
 
-impl WireLog for Seen {
+impl WireLog for SeenBytes {
     fn record(&self, device: &'static str, direction: Direction, bytes: &[u8]) {
         match (direction, device) {
             (Direction::Sent, "arm") => self.deeds().sent_to_arm(bytes),
@@ -143,7 +143,7 @@ impl WireLog for Seen {
 /// A driver that is watched.
 pub(crate) struct Watched<D> {
     driver: D,
-    seen: Arc<Seen>,
+    seen: Arc<SeenBytes>,
     place: usize,
 }
 
@@ -205,10 +205,10 @@ pub(crate) type RoughPair = Pair<Watched<HansArm>, Watched<MinasA6Table>>;
 pub(crate) struct RoughCell {
     pub(crate) controller: HansController,
     pub(crate) drive: MinasA6Simulator,
-    pub(crate) networks: [Arc<Network>; 2],
+    pub(crate) networks: [Arc<RoughNetwork>; 2],
     home_units: i32,
     trigger: Option<TriggerAccess>,
-    seen: Arc<Seen>,
+    seen: Arc<SeenBytes>,
 }
 
 impl RoughCell {
@@ -220,11 +220,11 @@ impl RoughCell {
         let controller = HansController::new(planned().cell.robot.clone(), home.joints_rad, 1.0);
         let drive = MinasA6Simulator::new(&DriveSetup { position, ..DriveSetup::default() });
         let (arm, table) = (controller.clone(), drive.clone());
-        let to_arm = Network::new(seed, move |end| {
+        let to_arm = RoughNetwork::new(seed, move |end| {
             let arm = arm.clone();
             tokio::spawn(async move { arm.talk(end).await });
         });
-        let to_table = Network::new(!seed, move |end| {
+        let to_table = RoughNetwork::new(!seed, move |end| {
             let table = table.clone();
             tokio::spawn(async move { table.talk(end, ModbusFraming::Rtu).await });
         });
@@ -232,9 +232,9 @@ impl RoughCell {
     }
 
     /// Drivers of a run, and the watch over them.
-    pub(crate) fn drivers(&self) -> (RoughPair, Arc<Seen>) {
-        let seen = Arc::<Seen>::default();
-        let wiring = |device, network: &Arc<Network>| Wiring {
+    pub(crate) fn drivers(&self) -> (RoughPair, Arc<SeenBytes>) {
+        let seen = Arc::<SeenBytes>::default();
+        let wiring = |device, network: &Arc<RoughNetwork>| Wiring {
             dialer: Arc::new(NetworkDialer(Arc::clone(network))),
             log: Arc::clone(&seen) as Arc<dyn WireLog>,
             device,
@@ -255,7 +255,7 @@ impl RoughCell {
         Configuration { joints_rad: self.controller.joints_rad(), table_rad: units / UNITS_PER_TURN * std::f64::consts::TAU }
     }
 
-    pub(crate) fn network(&self, device: DeviceRole) -> &Arc<Network> {
+    pub(crate) fn network(&self, device: DeviceRole) -> &Arc<RoughNetwork> {
         &self.networks[usize::from(device == DeviceRole::Table)]
     }
 
@@ -307,7 +307,7 @@ impl RoughCell {
 /// Faults of the cell and around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum RoughFault {
-    /// Of the simulated device.
+    /// Fault of the simulated device.
     Of(DeviceRole, FaultCommand),
     /// Connections cut once.
     Cut(DeviceRole),
@@ -371,7 +371,7 @@ impl FaultyCell for RoughCell {
         short_job(0.1, [hashes(), present])
     }
 
-    async fn plant(&self, fault: RoughFault, stage: &Stage) {
+    async fn plant(&self, fault: RoughFault, stage: &FaultStage) {
         match fault {
             RoughFault::Of(device, fault) => self.apply(device, fault),
             RoughFault::Cut(device) => self.network(device).cut(),

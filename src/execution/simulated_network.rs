@@ -18,7 +18,7 @@ use tokio::time::{Instant, Sleep, sleep};
 use super::drivers::stream::{ByteStream, Dialer};
 use super::rehearsal::Chance;
 
-/// What a network does with connections.
+/// Treatment of connections by a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Passage {
     /// Bytes pass.
@@ -48,7 +48,7 @@ impl Weather {
 }
 
 /// The network of one device.
-pub(crate) struct Network {
+pub(crate) struct RoughNetwork {
     weather: watch::Sender<Weather>,
     /// Both directions of each connection.
     pipes: Mutex<Vec<Arc<Mutex<Pipe>>>>,
@@ -76,14 +76,14 @@ impl Pipe {
 
 /// One end of a connection.
 pub(crate) struct NetworkEnd {
-    network: Arc<Network>,
+    network: Arc<RoughNetwork>,
     reads: Arc<Mutex<Pipe>>,
     writes: Arc<Mutex<Pipe>>,
     chance: Chance,
     alarm: Pin<Box<Sleep>>,
 }
 
-impl Network {
+impl RoughNetwork {
     /// A network in which `serve` gets the device's end of each connection.
     pub(crate) fn new(seed: u64, serve: impl Fn(NetworkEnd) + Send + Sync + 'static) -> Arc<Self> {
         let (weather, chance) = (watch::Sender::new(Weather::FAIR), Mutex::new(Chance(seed)));
@@ -139,7 +139,7 @@ impl Network {
 }
 
 /// Dials into a network, whatever the address.
-pub(crate) struct NetworkDialer(pub(crate) Arc<Network>);
+pub(crate) struct NetworkDialer(pub(crate) Arc<RoughNetwork>);
 
 impl Dialer for NetworkDialer {
     fn dial<'a>(&'a self, _address: &'a str) -> BoxFuture<'a, io::Result<Box<dyn ByteStream>>> {
@@ -249,8 +249,8 @@ mod tests {
     use super::*;
 
     /// A network that echoes.
-    fn echo(seed: u64) -> Arc<Network> {
-        Network::new(seed, |end| {
+    fn echo(seed: u64) -> Arc<RoughNetwork> {
+        RoughNetwork::new(seed, |end| {
             tokio::spawn(async move {
                 let (mut reads, mut writes) = tokio::io::split(end);
                 tokio::io::copy(&mut reads, &mut writes).await

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::datagrams::Datagrams;
-use super::streamed::{Step, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
+use super::streamed::{StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
 use crate::cell::AbbEgmSpec;
 use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmRapid, EgmReport, ExternalAxes};
@@ -87,7 +87,7 @@ impl<const N: usize> StreamedLink<N> for AbbEgmLink {
         Ok(())
     }
 
-    async fn answer(&mut self, step: &Step<N>) -> Result<(), DeviceError> {
+    async fn answer(&mut self, step: &StreamStep<N>) -> Result<(), DeviceError> {
         self.sequence = self.sequence.wrapping_add(1);
         let mut external = self.external.unwrap_or_default();
         let index = self.table_index();

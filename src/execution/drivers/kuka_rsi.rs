@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::datagrams::Datagrams;
-use super::streamed::{Step, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
+use super::streamed::{StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
 use crate::cell::KukaRsiSpec;
 use crate::execution::device::{Condition, DeviceError, Identity, WireLog};
 use crate::execution::protocol::kuka_rsi::{RsiCorrection, RsiNames, RsiReport};
@@ -108,7 +108,7 @@ impl<const N: usize> StreamedLink<N> for KukaRsiLink<N> {
         Ok(())
     }
 
-    async fn answer(&mut self, step: &Step<N>) -> Result<(), DeviceError> {
+    async fn answer(&mut self, step: &StreamStep<N>) -> Result<(), DeviceError> {
         let Some(base_deg) = self.base_deg else { return Ok(()) };
         let correction_deg = |axis: usize| Some(step.set_point_rad.get(axis)?.to_degrees() - base_deg.get(axis)?);
         let correction = RsiCorrection {

@@ -42,7 +42,7 @@ pub trait StreamedLink<const N: usize> {
     fn arm(&mut self, watchdog: Duration) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// Answers the report.
-    fn answer(&mut self, step: &Step<N>) -> impl Future<Output = Result<(), DeviceError>>;
+    fn answer(&mut self, step: &StreamStep<N>) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// Gives the right to move back and closes.
     fn close(self) -> impl Future<Output = ()>;
@@ -61,16 +61,16 @@ pub struct StreamedReport<const N: usize> {
 
 /// Answer to a report.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step<const N: usize> {
+pub struct StreamStep<const N: usize> {
     /// Set point of this cycle, radians.
     pub set_point_rad: [f64; N],
     /// Word that was left since the last cycle.
-    pub order: Option<Order<N>>,
+    pub order: Option<StreamOrder<N>>,
 }
 
 /// Word for a controller that leads the way itself; one that follows set points has it in them.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Order<const N: usize> {
+pub enum StreamOrder<const N: usize> {
     /// Go, from where the arm stands by its set points.
     Go {
         /// Goal and speed of the move.
@@ -102,7 +102,7 @@ struct Desk<const N: usize> {
     identity: Option<Identity>,
     report: Option<(StreamedReport<N>, Instant)>,
     points: Option<SetPoints<N>>,
-    order: Option<Order<N>>,
+    order: Option<StreamOrder<N>>,
     /// Time between reports, while a way is led.
     jitter: Option<Jitter>,
     /// Watchdog that the thread is to arm with, once.
@@ -291,7 +291,7 @@ impl<const N: usize> Desk<N> {
             return refuse("it is not where it was led; see what holds it, and arm again");
         }
         points.go(target);
-        self.order = Some(Order::Go { target: target.clone(), from_rad });
+        self.order = Some(StreamOrder::Go { target: target.clone(), from_rad });
         Ok(())
     }
 
@@ -299,11 +299,11 @@ impl<const N: usize> Desk<N> {
         if let Some(points) = &mut self.points {
             points.ramp_down();
         }
-        self.order = self.armed.map(|_| Order::Stop);
+        self.order = self.armed.map(|_| StreamOrder::Stop);
     }
 
     /// Takes a report, and gives the answer.
-    fn step(&mut self, report: StreamedReport<N>, cycle: Duration) -> Step<N> {
+    fn step(&mut self, report: StreamedReport<N>, cycle: Duration) -> StreamStep<N> {
         let now = Instant::now();
         if self.armed.is_some_and(|armed| now.duration_since(armed.fed_at) > armed.watchdog) {
             self.ramp_down();
@@ -322,7 +322,7 @@ impl<const N: usize> Desk<N> {
         }
         let set_point_rad = points.advance(cycle);
         (self.report, self.malformed) = (Some((report, now)), None);
-        Step { set_point_rad, order: self.order.take() }
+        StreamStep { set_point_rad, order: self.order.take() }
     }
 }
 

@@ -16,9 +16,9 @@ const SETTLE: Duration = Duration::from_millis(50);
 
 /// A log in memory.
 #[derive(Default)]
-pub(super) struct Kept(Mutex<Vec<(Direction, Vec<u8>)>>);
+pub(super) struct KeptBytes(Mutex<Vec<(Direction, Vec<u8>)>>);
 
-impl Kept {
+impl KeptBytes {
     pub(super) fn new() -> Arc<Self> {
         Arc::default()
     }
@@ -30,7 +30,7 @@ impl Kept {
     }
 }
 
-impl WireLog for Kept {
+impl WireLog for KeptBytes {
     fn record(&self, _device: &'static str, direction: Direction, bytes: &[u8]) {
         self.0.lock().expect("a log").push((direction, bytes.to_vec()));
     }

@@ -9,7 +9,7 @@ use tokio::time::timeout;
 
 use super::set_points::Rates;
 use super::stream::{Connection, Wiring, within};
-use super::streamed::{Order, Step, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
+use super::streamed::{StreamOrder, StreamStep, Streamed, StreamedLink, StreamedProtocol, StreamedReport};
 use crate::cell::{UrControllerSpec, UrMotion};
 use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, Target};
 use crate::execution::protocol::ur::rtde::{OUTPUTS, RtdeFrame, RtdeReply, RtdeRequest, RtdeState, VERSION};
@@ -92,11 +92,11 @@ impl StreamedLink<6> for UrLink {
         self.rtde.catch_up().await
     }
 
-    async fn answer(&mut self, step: &Step<6>) -> Result<(), DeviceError> {
+    async fn answer(&mut self, step: &StreamStep<6>) -> Result<(), DeviceError> {
         match (self.protocol.spec.motion, &step.order) {
             (UrMotion::Servoj, _) => self.send(UrCommand::SetPoint(step.set_point_rad)).await,
             (UrMotion::Movej, None) => self.send(UrCommand::KeepAlive).await,
-            (UrMotion::Movej, Some(Order::Go { target, from_rad })) => {
+            (UrMotion::Movej, Some(StreamOrder::Go { target, from_rad })) => {
                 let Some((speed_rad_s, acceleration_rad_s2)) = leading(target, from_rad) else {
                     return self.send(UrCommand::KeepAlive).await;
                 };
@@ -105,7 +105,7 @@ impl StreamedLink<6> for UrLink {
                 self.send(UrCommand::Move { sequence, joints_rad, speed_rad_s, acceleration_rad_s2 }).await?;
                 self.acknowledged(sequence).await
             }
-            (UrMotion::Movej, Some(Order::Stop)) => {
+            (UrMotion::Movej, Some(StreamOrder::Stop)) => {
                 let sequence = self.next_sequence();
                 self.send(UrCommand::Stop { sequence, acceleration_rad_s2: self.stop_rad_s2 }).await?;
                 self.acknowledged(sequence).await

@@ -3,7 +3,7 @@
 
 mod protobuf;
 
-use protobuf::{Fields, Value, Writer};
+use protobuf::{Value, WireFields, WireWriter};
 
 use crate::execution::device::DeviceError;
 
@@ -105,7 +105,7 @@ impl EgmReport {
     pub fn decode(frame: &[u8]) -> Result<Self, DeviceError> {
         let mut report = Self::default();
         let mut joints = ExternalAxes::default();
-        for field in Fields::of(limited(frame)?) {
+        for field in WireFields::of(limited(frame)?) {
             match field? {
                 (1, Value::Bytes(header)) => (report.sequence, report.time_ms) = read_header(header)?,
                 (2, Value::Bytes(feedback)) => (joints, report.external) = read_positions(feedback)?,
@@ -123,7 +123,7 @@ impl EgmReport {
     /// Writes the frame, as a controller does.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
-        let mut frame = Writer::default();
+        let mut frame = WireWriter::default();
         frame.message(1, &header(self.sequence, self.time_ms, DATA));
         frame.message(2, &positions(&self.joints_deg, &self.external));
         frame.message(
@@ -164,7 +164,7 @@ impl EgmGuide {
     pub fn decode(frame: &[u8]) -> Result<Self, DeviceError> {
         let mut guide = Self::default();
         let mut joints = ExternalAxes::default();
-        for field in Fields::of(limited(frame)?) {
+        for field in WireFields::of(limited(frame)?) {
             match field? {
                 (1, Value::Bytes(header)) => (guide.sequence, guide.time_ms) = read_header(header)?,
                 (2, Value::Bytes(planned)) => (joints, guide.external) = read_positions(planned)?,
@@ -178,7 +178,7 @@ impl EgmGuide {
     /// Writes the frame.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
-        let mut frame = Writer::default();
+        let mut frame = WireWriter::default();
         frame.message(1, &header(self.sequence, self.time_ms, CORRECTION));
         frame.message(2, &positions(&self.joints_deg, &self.external));
         frame.bytes
@@ -196,7 +196,7 @@ fn malformed(what: impl Into<String>) -> DeviceError {
 /// Sequence number and clock.
 fn read_header(header: &[u8]) -> Result<(u32, u32), DeviceError> {
     let mut read = (0, 0);
-    for field in Fields::of(header) {
+    for field in WireFields::of(header) {
         match field? {
             (1, Value::Varint(sequence)) => read.0 = sequence as u32,
             (2, Value::Varint(time_ms)) => read.1 = time_ms as u32,
@@ -207,7 +207,7 @@ fn read_header(header: &[u8]) -> Result<(u32, u32), DeviceError> {
 }
 
 fn header(sequence: u32, time_ms: u32, kind: u64) -> Vec<u8> {
-    let mut header = Writer::default();
+    let mut header = WireWriter::default();
     header.varint(1, sequence.into());
     header.varint(2, time_ms.into());
     header.varint(3, kind);
@@ -217,7 +217,7 @@ fn header(sequence: u32, time_ms: u32, kind: u64) -> Vec<u8> {
 /// Joints and external axes of `EgmFeedBack` or `EgmPlanned`.
 fn read_positions(positions: &[u8]) -> Result<(ExternalAxes, ExternalAxes), DeviceError> {
     let mut read = (ExternalAxes::default(), ExternalAxes::default());
-    for field in Fields::of(positions) {
+    for field in WireFields::of(positions) {
         match field? {
             (1, Value::Bytes(joints)) => read.0 = read_axes(joints)?,
             (3, Value::Bytes(external)) => read.1 = read_axes(external)?,
@@ -228,7 +228,7 @@ fn read_positions(positions: &[u8]) -> Result<(ExternalAxes, ExternalAxes), Devi
 }
 
 fn positions(joints_deg: &[f64], external: &ExternalAxes) -> Vec<u8> {
-    let mut positions = Writer::default();
+    let mut positions = WireWriter::default();
     positions.message(1, &axes(joints_deg));
     if let Some(deg @ [_, ..]) = external.deg.get(..external.count) {
         positions.message(3, &axes(deg));
@@ -239,7 +239,7 @@ fn positions(joints_deg: &[f64], external: &ExternalAxes) -> Vec<u8> {
 /// `EgmJoints`: up to six numbers, each in a field or packed together.
 fn read_axes(message: &[u8]) -> Result<ExternalAxes, DeviceError> {
     let mut axes = ExternalAxes::default();
-    for field in Fields::of(message) {
+    for field in WireFields::of(message) {
         match field? {
             (1, Value::Fixed64(bytes)) => axes.push(bytes)?,
             (1, Value::Bytes(packed)) => {
@@ -254,7 +254,7 @@ fn read_axes(message: &[u8]) -> Result<ExternalAxes, DeviceError> {
 }
 
 fn axes(deg: &[f64]) -> Vec<u8> {
-    let mut joints = Writer::default();
+    let mut joints = WireWriter::default();
     deg.iter().for_each(|deg| joints.double(1, *deg));
     joints.bytes
 }
@@ -276,7 +276,7 @@ fn six(joints: &ExternalAxes) -> Result<[f64; JOINTS], DeviceError> {
 /// The number in a message of one enumeration.
 fn enumeration(message: &[u8]) -> Result<u64, DeviceError> {
     let mut number = 0;
-    for field in Fields::of(message) {
+    for field in WireFields::of(message) {
         if let (1, Value::Varint(found)) = field? {
             number = found;
         }
@@ -285,7 +285,7 @@ fn enumeration(message: &[u8]) -> Result<u64, DeviceError> {
 }
 
 fn state(number: u64) -> Vec<u8> {
-    let mut message = Writer::default();
+    let mut message = WireWriter::default();
     message.varint(1, number);
     message.bytes
 }

@@ -9,7 +9,7 @@ mod reply;
 use std::time::Duration;
 
 pub use errors::{RmiFault, error_text};
-use packet::{Packet, malformed};
+use packet::{RmiPacket, malformed};
 pub use reply::{RmiProgram, RmiReply, RmiStatus};
 use serde_json::Value;
 
@@ -160,7 +160,7 @@ impl RmiJoints {
         format!("{{{}}}", fields.collect::<Vec<_>>().join(", "))
     }
 
-    fn decode(packet: &Packet) -> Result<Self, DeviceError> {
+    fn decode(packet: &RmiPacket) -> Result<Self, DeviceError> {
         let joints = packet.0.get("JointAngle").and_then(Value::as_object);
         let joint = |index: usize| joints?.get(&format!("J{index}"))?.as_f64();
         let mut arm_deg = [0.0; 6];
@@ -213,7 +213,7 @@ impl RmiRequest {
     /// # Errors
     /// [`DeviceError::Malformed`]: no packet of this module.
     pub fn decode(line: &[u8]) -> Result<Self, DeviceError> {
-        let packet = Packet::read(line)?;
+        let packet = RmiPacket::read(line)?;
         let (_, name) = packet.name()?;
         Ok(match name {
             "FRC_Connect" => Self::Connect,
@@ -248,7 +248,7 @@ impl RmiJointMotion {
         )
     }
 
-    fn decode(packet: &Packet) -> Result<Self, DeviceError> {
+    fn decode(packet: &RmiPacket) -> Result<Self, DeviceError> {
         let speed = packet.number("Speed")?;
         let speed = match packet.0.get("SpeedType").and_then(Value::as_str) {
             Some("mSec") => RmiSpeed::Milliseconds(speed),

@@ -6,7 +6,7 @@ use tokio::time::sleep;
 
 use super::*;
 use crate::cell::JointThreeOrigin;
-use crate::execution::drivers::there_and_back::{Kept, WATCHDOG, arrive, target, there_and_back};
+use crate::execution::drivers::there_and_back::{KeptBytes, WATCHDOG, arrive, target, there_and_back};
 use crate::execution::simulators::fanuc_rmi::{RmiCell, RmiController};
 
 async fn simulator() -> (String, Arc<Mutex<RmiCell>>) {
@@ -16,7 +16,7 @@ async fn simulator() -> (String, Arc<Mutex<RmiCell>>) {
     (address.to_string(), cell)
 }
 
-fn arm<const N: usize>(address: &str, joint_3_from: JointThreeOrigin, log: Arc<Kept>) -> FanucArm<N> {
+fn arm<const N: usize>(address: &str, joint_3_from: JointThreeOrigin, log: Arc<KeptBytes>) -> FanucArm<N> {
     let spec = FanucRmiSpec { address: address.to_owned(), joint_3_from, group_mask: None };
     FanucArm::new(&spec, Wiring::over_tcp("arm", log))
 }
@@ -24,7 +24,7 @@ fn arm<const N: usize>(address: &str, joint_3_from: JointThreeOrigin, log: Arc<K
 #[tokio::test]
 async fn arm_and_table_go_there_and_back() {
     let (address, _) = simulator().await;
-    let mut arm: FanucArm<7> = arm(&address, JointThreeOrigin::Ground, Kept::new());
+    let mut arm: FanucArm<7> = arm(&address, JointThreeOrigin::Ground, KeptBytes::new());
     let identity = arm.connect().await.expect("connected");
     assert_eq!((identity.maker.as_str(), identity.firmware.as_deref()), ("FANUC", Some("RMI 7.1")));
     arm.arm(WATCHDOG).await.expect("armed");
@@ -37,7 +37,7 @@ async fn arm_and_table_go_there_and_back() {
 #[tokio::test]
 async fn a_joint_3_from_the_upper_arm_is_converted_both_ways() {
     let (address, cell) = simulator().await;
-    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::UpperArm, Kept::new());
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::UpperArm, KeptBytes::new());
     arm.connect().await.expect("connected");
     arm.arm(WATCHDOG).await.expect("armed");
     let goal = [0.0, 0.3, 0.5, 0.0, 0.0, 0.0];
@@ -51,7 +51,7 @@ async fn a_joint_3_from_the_upper_arm_is_converted_both_ways() {
 #[tokio::test]
 async fn a_stop_ends_the_move_and_nothing_goes_on() {
     let (address, cell) = simulator().await;
-    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, Kept::new());
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, KeptBytes::new());
     arm.connect().await.expect("connected");
     assert!(arm.start(&target(1, [0.1; 6], Duration::from_secs(1))).await.is_err(), "not armed");
     arm.arm(WATCHDOG).await.expect("armed");
@@ -74,7 +74,7 @@ async fn a_stop_ends_the_move_and_nothing_goes_on() {
 #[tokio::test]
 async fn an_emergency_stop_is_seen_and_arming_refused() {
     let (address, cell) = simulator().await;
-    let log = Kept::new();
+    let log = KeptBytes::new();
     let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, log.clone());
     arm.connect().await.expect("connected");
     let state = arm.state().await.expect("a state");
@@ -93,7 +93,7 @@ async fn an_emergency_stop_is_seen_and_arming_refused() {
 #[tokio::test]
 async fn a_dropped_question_leaves_the_next_answer_right() {
     let (address, _) = simulator().await;
-    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, Kept::new());
+    let mut arm: FanucArm<6> = arm(&address, JointThreeOrigin::Ground, KeptBytes::new());
     arm.connect().await.expect("connected");
     for _ in 0..50 {
         tokio::select! {
@@ -110,7 +110,7 @@ async fn a_dropped_question_leaves_the_next_answer_right() {
 async fn an_answer_that_is_none_does_not_hold_up_the_next_question() {
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
     let (mut here, there) = tokio::io::duplex(4096);
-    let wiring = Wiring::over_tcp("arm", Kept::new());
+    let wiring = Wiring::over_tcp("arm", KeptBytes::new());
     let mut session = Session::over(wiring.connection(Box::new(there)));
     here.write_all(b"{\"Command\": \"FRC_GetStatus\", \"ErrorID\": 0}\r\n").await.expect("written");
     assert!(matches!(session.status().await, Err(DeviceError::Malformed { .. })));

@@ -11,9 +11,9 @@ use crate::execution::simulators::hans::HansSimulator;
 
 /// Log that keeps its texts.
 #[derive(Default)]
-struct Kept(Mutex<Vec<String>>);
+struct KeptBytes(Mutex<Vec<String>>);
 
-impl WireLog for Kept {
+impl WireLog for KeptBytes {
     fn record(&self, device: &'static str, _direction: Direction, bytes: &[u8]) {
         assert_eq!(device, DEVICE);
         self.0.lock().expect("no panic").push(String::from_utf8_lossy(bytes).into_owned());
@@ -41,7 +41,7 @@ fn capture(deadline_ms: u64) -> Capture {
 }
 
 async fn taken(trigger: &Value, deadline_ms: u64) -> (Result<Captured, DeviceError>, Vec<String>) {
-    let log = Arc::new(Kept::default());
+    let log = Arc::new(KeptBytes::default());
     let controllers = controllers(&hans_at("127.0.0.1:1"), trigger);
     let mut trigger = ScannerTrigger::new(&controllers, Arc::clone(&log) as Arc<dyn WireLog>).expect("a trigger");
     trigger.set_brightness(5).await.expect("set");

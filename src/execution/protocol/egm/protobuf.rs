@@ -17,11 +17,11 @@ pub(super) enum Value<'a> {
 }
 
 /// Fields of a message, in order; ends after the first error.
-pub(super) struct Fields<'a> {
+pub(super) struct WireFields<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> Fields<'a> {
+impl<'a> WireFields<'a> {
     pub(super) fn of(message: &'a [u8]) -> Self {
         Self { rest: message }
     }
@@ -63,7 +63,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-impl<'a> Iterator for Fields<'a> {
+impl<'a> Iterator for WireFields<'a> {
     type Item = Result<(u64, Value<'a>), DeviceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -84,11 +84,11 @@ fn cut() -> DeviceError {
 
 /// Fields of a message, written one after the other.
 #[derive(Default)]
-pub(super) struct Writer {
+pub(super) struct WireWriter {
     pub(super) bytes: Vec<u8>,
 }
 
-impl Writer {
+impl WireWriter {
     pub(super) fn varint(&mut self, field: u64, value: u64) {
         self.raw(field << 3);
         self.raw(value);

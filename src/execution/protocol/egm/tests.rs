@@ -48,7 +48,7 @@ fn a_guide_is_that_of_protobuf_byte_for_byte() {
 #[test]
 fn frames_without_six_finite_joints_are_refused() {
     let guide = |joints: &[f64]| {
-        let mut frame = Writer::default();
+        let mut frame = WireWriter::default();
         frame.message(2, &positions(joints, &ExternalAxes::default()));
         EgmGuide::decode(&frame.bytes)
     };

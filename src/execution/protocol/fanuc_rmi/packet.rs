@@ -6,9 +6,9 @@ use super::MAX_LINE_BYTES;
 use crate::execution::device::DeviceError;
 
 /// One line as an object.
-pub(super) struct Packet(pub(super) Map<String, Value>);
+pub(super) struct RmiPacket(pub(super) Map<String, Value>);
 
-impl Packet {
+impl RmiPacket {
     pub(super) fn read(line: &[u8]) -> Result<Self, DeviceError> {
         if line.len() > MAX_LINE_BYTES {
             return Err(malformed(format!("a line of {} bytes", line.len())));

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::packet::{Packet, malformed};
+use super::packet::{RmiPacket, malformed};
 use super::{RmiJoints, RmiRequest};
 use crate::execution::device::DeviceError;
 
@@ -100,7 +100,7 @@ impl RmiReply {
     /// # Errors
     /// [`DeviceError::Malformed`]: no packet of this protocol.
     pub fn decode(line: &[u8]) -> Result<Self, DeviceError> {
-        let packet = Packet::read(line)?;
+        let packet = RmiPacket::read(line)?;
         let (kind, name) = packet.name()?;
         match name {
             "FRC_Terminate" => return Ok(Self::Terminated),
@@ -166,7 +166,7 @@ impl RmiReply {
 }
 
 impl RmiStatus {
-    fn decode(packet: &Packet) -> Result<Self, DeviceError> {
+    fn decode(packet: &RmiPacket) -> Result<Self, DeviceError> {
         Ok(Self {
             servo_ready: packet.number::<u8>("ServoReady")? == 1,
             pendant_enabled: packet.number::<u8>("TPMode")? != 0,
