@@ -1,4 +1,4 @@
-//! A target as blocks: speed and ramps in the drive's units, never above those asked for.
+//! A target as blocks: speed and ramps in the drive's units, never above those asked for, save where the drive knows no ramp so slow.
 
 use std::f64::consts::TAU;
 
