@@ -200,7 +200,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         exclude: vec![Region::HalfSpace { point_mm: [0.0, 0.8 * RADIUS_MM, 0.0], normal: [0.0, -1.0, 0.0] }],
         ..RegionParams::default()
     };
-    let surface = surface::sample(mesh, &part, &regions, 0).expect("a surface");
+    let surface = std::sync::Arc::new(surface::sample(mesh, &part, &regions, 0).expect("a surface"));
     let params = PlanParams { part, regions, ..PlanParams::default() };
     let sides =
         [(Vector3::x(), Label::Right), (-Vector3::y(), Label::Front), (-Vector3::x(), Label::Left), (Vector3::z(), Label::Top)];
@@ -247,15 +247,7 @@ fn sphere_outcome(mesh: &Mesh) -> Outcome {
         chosen_on: ChosenOn::default(),
         coverage,
     };
-    Outcome {
-        plan,
-        surface: surface.into(),
-        verdicts,
-        measured_by_view: rows,
-        pixel_views: None,
-        candidates: None,
-        scenes: Vec::new(),
-    }
+    Outcome { plan, surface, verdicts, measured_by_view: rows, pixel_views: None, candidates: None, scenes: Vec::new() }
 }
 
 fn page(mesh: &Mesh, outcome: &Outcome, part_name: &str, echo: &Echo) -> String {
