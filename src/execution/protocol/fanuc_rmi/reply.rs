@@ -38,7 +38,7 @@ pub enum RmiReply {
         command: String,
         /// Number of the instruction, where it is one.
         sequence: Option<u32>,
-        /// `ErrorID`; [`error_text`] has its words.
+        /// `ErrorID`; [`super::error_text`] has its words.
         error: i64,
     },
     /// The program is held by a fault.
