@@ -27,6 +27,12 @@ pub enum Flange {}
 /// The scanner: origin = the viewpoint, +z = viewing axis, +x along the baseline from the left to the right camera.
 #[derive(Clone, Copy, Debug)]
 pub enum ScannerFrame {}
+/// The clouds of the scanner as its vendor delivers them; named by the scanner's specification, seldom the scanner's own frame.
+#[derive(Clone, Copy, Debug)]
+pub enum Cloud {}
+/// A calibration board, in the coordinates that its maker prints.
+#[derive(Clone, Copy, Debug)]
+pub enum Board {}
 /// One optical device of the scanner: origin = optical centre, +z = its optical axis, +x right and +y down in the image.
 #[derive(Clone, Copy, Debug)]
 pub enum Device {}

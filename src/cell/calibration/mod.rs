@@ -1,0 +1,12 @@
+//! Calibration of the cell: scanner on the flange, axis of the table, where the part lies; from observations to poses with their
+//! covariance, and a check before use. Pure: no files, no clock. Equation of the chain: [`data`].
+
+pub mod chi_squared;
+pub mod data;
+pub mod leave_one_out;
+pub mod refine;
+pub mod screening;
+pub mod se3;
+pub mod start;
+#[cfg(test)]
+mod tests;
