@@ -1,0 +1,239 @@
+//! Faults of the observations themselves: found before the adjustment in what was given, and after it in what was dropped.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::data::{Estimate, Sighting};
+use super::findings::{Figures, Finding, FindingCode, Severity};
+use super::refine::Refined;
+use super::se3::{log, mean_pose, rotation_of, translation_of};
+use super::start::park_martin;
+
+/// Poses nearer to each other are the same: 0.01 mm and 0.001°.
+const SAME_MM: f64 = 0.01;
+const SAME_RAD: f64 = 2e-5;
+/// Ratio of lengths that no motion of an arm explains: between 1000 and what a board near or far makes of it.
+const UNIT_RATIO: f64 = 100.0;
+/// Factor by which another reading of the data has to fit better.
+const CLEARLY: f64 = 5.0;
+/// Residual beyond which another reading is looked for, mm.
+const POOR_MM: f64 = 3.0;
+/// Turn within which a board counts as turned by half a turn, rad (3°).
+const HALF_TURN_RAD: f64 = 0.052;
+/// Smallest correlation of residuals with a joint that is worth a remark, and the fewest observations that can tell.
+const MIN_CORRELATION: f64 = 0.7;
+const MIN_FOR_CORRELATION: usize = 12;
+
+/// Observations that are given twice, and those whose lengths are in another unit.
+#[must_use]
+pub(super) fn before(sightings: &[Sighting], best_mm: f64) -> Vec<Finding> {
+    let mut found = duplicates(sightings);
+    found.extend(units(sightings, best_mm));
+    found
+}
+
+fn duplicates(sightings: &[Sighting]) -> Vec<Finding> {
+    let is_same = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
+        let by = log(&(a.inverse() * b));
+        translation_of(&by).norm() < SAME_MM && rotation_of(&by).norm() < SAME_RAD
+    };
+    let mut found = Vec::new();
+    for (index, each) in sightings.iter().enumerate() {
+        let twin = sightings[..index].iter().find(|other| {
+            is_same(&other.robot, &each.robot)
+                && is_same(&other.seen, &each.seen)
+                && (other.table_rad - each.table_rad).abs() < SAME_RAD
+        });
+        if let Some(twin) = twin {
+            let figures = Figures { length_mm: Some(SAME_MM), ..Figures::default() };
+            let about = [each.id.clone(), twin.id.clone()];
+            found.push(Finding::new(FindingCode::DuplicatePose, Severity::Warning).about(about).with(figures));
+        }
+    }
+    found
+}
+
+/// Distances that are a thousandth of the others, or of the scanner's best focus where all are.
+fn units(sightings: &[Sighting], best_mm: f64) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for lengths in [
+        sightings.iter().map(|each| each.seen.translation.vector.norm()).collect::<Vec<_>>(),
+        sightings.iter().map(|each| each.robot.translation.vector.norm()).collect(),
+    ] {
+        let mut sorted = lengths.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        // A scanner sees nothing nearer than a tenth of its best focus, and no arm holds its flange in its own foot.
+        let (reference, is_all) = if median < best_mm / UNIT_RATIO { (best_mm, true) } else { (median, false) };
+        let is_off = |length: f64| length < reference / UNIT_RATIO || length > reference * UNIT_RATIO;
+        let off: Vec<usize> = (0..lengths.len()).filter(|index| is_off(lengths[*index])).collect();
+        if off.is_empty() {
+            continue;
+        }
+        let ratio = reference / lengths[off[0]].max(f64::MIN_POSITIVE);
+        let figures = Figures { ratio: Some(ratio), count: is_all.then_some(off.len()), ..Figures::default() };
+        let about: Vec<_> = off.iter().map(|index| sightings[*index].id.clone()).collect();
+        let severity = if is_all { Severity::Error } else { Severity::Warning };
+        found.push(Finding::new(FindingCode::UnitMismatch, severity).about(about).with(figures));
+    }
+    found
+}
+
+/// Another reading of the data: what it is called, and the data so read.
+type Reading = (FindingCode, fn(&Sighting) -> Sighting);
+
+/// Readings that people mix up, tried on observations that fit badly: the first that fits clearly better.
+#[must_use]
+pub(super) fn other_reading(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> Option<Finding> {
+    let readings: [Reading; 4] = [
+        (FindingCode::Inverted, |each| Sighting { seen: each.seen.inverse(), ..each.clone() }),
+        (FindingCode::OtherSetup, |each| Sighting { robot: each.robot.inverse(), ..each.clone() }),
+        (FindingCode::Transposed, |each| Sighting {
+            seen: Isometry3::from_parts(each.seen.translation, each.seen.rotation.inverse()),
+            ..each.clone()
+        }),
+        (FindingCode::Transposed, |each| Sighting {
+            robot: Isometry3::from_parts(each.robot.translation, each.robot.rotation.inverse()),
+            ..each.clone()
+        }),
+    ];
+    let as_given_mm = misfit_mm(sightings, base_from_plate);
+    if as_given_mm < POOR_MM {
+        return None;
+    }
+    let tried = readings.into_iter().map(|(code, read)| {
+        let read: Vec<Sighting> = sightings.iter().map(read).collect();
+        (misfit_mm(&read, base_from_plate), code)
+    });
+    let (other_mm, code) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let figures = Figures { length_mm: Some(as_given_mm), other_length_mm: Some(other_mm), ..Figures::default() };
+    (other_mm * CLEARLY < as_given_mm).then(|| Finding::new(code, Severity::Error).with(figures))
+}
+
+/// Median distance of the boards from their mean, mm, with the closed form of the hand-eye.
+fn misfit_mm(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> f64 {
+    let frames: Vec<_> = sightings.iter().map(|each| base_from_plate(each.table_rad).inverse() * each.robot).collect();
+    let seen: Vec<_> = sightings.iter().map(|each| each.seen).collect();
+    let Some(hand_eye) = park_martin(&frames, &seen) else { return f64::INFINITY };
+    let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * hand_eye * seen).collect();
+    let mean = mean_pose(&boards);
+    let mut off: Vec<f64> = boards
+        .iter()
+        .map(|board| {
+            let by = log(&(mean.inverse() * board));
+            translation_of(&by).norm() + 300.0 * rotation_of(&by).norm()
+        })
+        .collect();
+    off.sort_by(f64::total_cmp);
+    off.get(off.len() / 2).copied().unwrap_or(f64::INFINITY)
+}
+
+/// Board turned by half a turn about its normal, in its middle: as one without a mark for its orientation is seen.
+#[must_use]
+pub(super) fn half_turn(middle_mm: &Vector3<f64>) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+    Isometry3::from_parts(Translation3::from(middle_mm - turn * middle_mm), turn)
+}
+
+/// What became of the observations that were dropped: flipped, swapped, moved together, or just bad.
+#[must_use]
+pub(super) fn dropped(refined: &Refined, sightings: &[Sighting], is_used: &[bool]) -> Vec<Finding> {
+    let mut open: Vec<usize> = (0..sightings.len()).filter(|index| !is_used[*index]).collect();
+    let mut found = Vec::new();
+    open.retain(|index| match flipped(&refined.estimate, &sightings[*index]) {
+        true => {
+            found.push(Finding::new(FindingCode::Flipped, Severity::Warning).about([sightings[*index].id.clone()]));
+            false
+        }
+        false => true,
+    });
+    found.extend(swapped(refined, sightings, &mut open));
+    found.extend(moved_together(refined, sightings, &mut open));
+    for index in open {
+        let residual = refined.estimate.residual(&sightings[index]);
+        let figures = Figures {
+            turn_rad: Some(rotation_of(&residual).norm()),
+            length_mm: Some(translation_of(&residual).norm()),
+            ..Figures::default()
+        };
+        found.push(Finding::new(FindingCode::BadPose, Severity::Warning).about([sightings[index].id.clone()]).with(figures));
+    }
+    found
+}
+
+/// Returns true if the residual is half a turn about the board's normal within the board's plane.
+fn flipped(at: &Estimate, sighting: &Sighting) -> bool {
+    let off = sighting.seen.inverse() * at.predicted(sighting);
+    let up = off.rotation * Vector3::z();
+    let is_half_turn = (off.rotation.angle() - std::f64::consts::PI).abs() < HALF_TURN_RAD;
+    is_half_turn && up.z > HALF_TURN_RAD.cos() && off.translation.vector.z.abs() < POOR_MM
+}
+
+/// Pairs whose boards fit when they are exchanged.
+fn swapped(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Vec<Finding> {
+    let fits = |robot: usize, seen: usize| {
+        let exchanged = Sighting { seen: sightings[seen].seen, ..sightings[robot].clone() };
+        refined.chi2_of_other(&exchanged) < super::chi_squared::quantile(0.0005, 6)
+    };
+    let mut found = Vec::new();
+    for (place, a) in open.clone().into_iter().enumerate() {
+        let partner = open.clone().into_iter().skip(place + 1).find(|b| fits(a, *b) && fits(*b, a));
+        if let Some(b) = partner.filter(|_| open.contains(&a)) {
+            let about = [sightings[a].id.clone(), sightings[b].id.clone()];
+            found.push(Finding::new(FindingCode::Swapped, Severity::Warning).about(about));
+            open.retain(|index| *index != a && *index != b);
+        }
+    }
+    found
+}
+
+/// Three or more that agree with each other on another place of the board.
+fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Option<Finding> {
+    if open.len() < 3 {
+        return None;
+    }
+    let at = &refined.estimate;
+    let board = |index: &usize| {
+        let each = &sightings[*index];
+        at.base_from_plate(each.table_rad).inverse() * each.robot * at.hand_eye * each.seen
+    };
+    let other = Estimate { board: mean_pose(&open.iter().map(board).collect::<Vec<_>>()), ..*at };
+    let bound = super::chi_squared::quantile(0.0005, 6);
+    let of_other = Refined { estimate: other, ..refined.clone() };
+    if !open.iter().all(|index| of_other.chi2_of_other(&sightings[*index]) < bound) {
+        return None;
+    }
+    let by = log(&(at.board.inverse() * other.board));
+    let figures = Figures {
+        length_mm: Some(translation_of(&by).norm()),
+        turn_rad: Some(rotation_of(&by).norm()),
+        ..Figures::default()
+    };
+    let about: Vec<_> = open.drain(..).map(|index| sightings[index].id.clone()).collect();
+    Some(Finding::new(FindingCode::Moved, Severity::Error).about(about).with(figures))
+}
+
+/// Joint with whose angle the residuals grow: correlation of their lengths with its distance from its mean, or with itself.
+#[must_use]
+pub(super) fn arm_model(residuals_mm: &[f64], joints_rad: &[[f64; 6]]) -> Option<Finding> {
+    if residuals_mm.len() < MIN_FOR_CORRELATION || residuals_mm.len() != joints_rad.len() {
+        return None;
+    }
+    let of_joint = |joint: usize| {
+        let angles: Vec<f64> = joints_rad.iter().map(|joints| joints[joint]).collect();
+        let mean = angles.iter().sum::<f64>() / angles.len() as f64;
+        let distance: Vec<f64> = angles.iter().map(|angle| (angle - mean).abs()).collect();
+        correlation(residuals_mm, &angles).abs().max(correlation(residuals_mm, &distance))
+    };
+    let (joint, ratio) = (0..6).map(|joint| (joint, of_joint(joint))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let figures = Figures { joint: Some(joint + 1), ratio: Some(ratio), ..Figures::default() };
+    (ratio > MIN_CORRELATION).then(|| Finding::new(FindingCode::ArmModel, Severity::Note).with(figures))
+}
+
+/// Pearson's correlation; 0 where one of the two does not change.
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let (mean_a, mean_b) = (mean(a), mean(b));
+    let pairs = || a.iter().zip(b).map(|(x, y)| (x - mean_a, y - mean_b));
+    let (xy, xx, yy) = pairs().fold((0.0, 0.0, 0.0), |(xy, xx, yy), (x, y)| (xy + x * y, xx + x * x, yy + y * y));
+    if xx * yy > 0.0 { xy / (xx * yy).sqrt() } else { 0.0 }
+}

@@ -1,0 +1,142 @@
+//! Judgement of how well observations determine the unknowns. Two axes of turn are needed, so the middle spread of the relative
+//! rotation vectors goes with the error; but no angle decides: the predicted standard deviations do.
+
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Vector3};
+
+use crate::cell::closed_list;
+
+/// Fewest observations that determine anything.
+pub const MIN_OBSERVATIONS: usize = 3;
+/// Middle spread below which there are no two axes of turn, rad (1°).
+const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 180.0;
+
+/// Largest standard deviations that a calibration may have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Of a shift along any axis: beyond it the motion was degenerate.
+    pub max_mm: f64,
+    /// Of a turn about any axis.
+    pub max_rad: f64,
+    /// Of a shift: beyond it a warning is due.
+    pub warn_mm: f64,
+}
+
+impl Default for Limits {
+    /// Half the grade that a scan of 0.05 mm asks for is lost at 0.5 mm or 0.05°.
+    fn default() -> Self {
+        Self { max_mm: 0.5, max_rad: 0.05_f64.to_radians(), warn_mm: 0.2 }
+    }
+}
+
+closed_list! {
+    /// Kind of a freedom of a rigid body.
+    pub enum Freedom {
+        /// Turn about an axis.
+        Turn = "turn",
+        /// Shift along an axis.
+        Shift = "shift",
+    }
+}
+
+/// Direction that is known least.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weakest {
+    /// Turn or shift, whichever is the larger part at the depth of best focus.
+    pub freedom: Freedom,
+    /// Unit vector, in the cloud.
+    pub axis: Vector3<f64>,
+    /// Standard deviation of it: rad for a turn, mm for a shift.
+    pub sd: f64,
+}
+
+/// Judgement of observations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observability {
+    /// Roots of the eigenvalues of the mean of v·vᵀ, v the relative rotation vectors of the flange, ascending, rad.
+    pub spread_rad: [f64; 3],
+    /// Axis that the motions turn about most, in the flange.
+    pub main_axis: Vector3<f64>,
+    /// Direction that is known least; none if the observations leave an unknown open altogether.
+    pub weakest: Option<Weakest>,
+    /// Largest standard deviation of a turn about an axis, rad; infinite if open.
+    pub turn_sd_rad: f64,
+    /// Largest standard deviation of a shift along an axis, mm.
+    pub shift_sd_mm: f64,
+}
+
+impl Observability {
+    /// Judges observations whose flange was at `frames` seen from the board's rest (base, or plate), with the covariance of the
+    /// scanner's pose that they lead to, if they lead to one. `lever_mm` is the depth of best focus.
+    #[must_use]
+    pub fn new(frames: &[Isometry3<f64>], covariance: Option<&Matrix6<f64>>, lever_mm: f64) -> Self {
+        let (spread_rad, main_axis) = spread(frames);
+        let worst = |first: usize| {
+            covariance.map_or(f64::INFINITY, |all| (first..first + 3).map(|axis| all[(axis, axis)].sqrt()).fold(0.0, f64::max))
+        };
+        Self {
+            spread_rad,
+            main_axis,
+            weakest: covariance.map(|covariance| weakest(covariance, lever_mm)),
+            turn_sd_rad: worst(0),
+            shift_sd_mm: worst(3),
+        }
+    }
+
+    /// Returns true if the motions leave a freedom open, by these limits.
+    #[must_use]
+    pub fn is_degenerate(&self, limits: &Limits) -> bool {
+        let is_known = self.turn_sd_rad <= limits.max_rad && self.shift_sd_mm <= limits.max_mm;
+        self.spread_rad[1] < MIN_SPREAD_RAD || !is_known
+    }
+
+    /// Returns true if a warning is due.
+    #[must_use]
+    pub fn is_weak(&self, limits: &Limits) -> bool {
+        self.shift_sd_mm > limits.warn_mm
+    }
+
+    /// Turns about this axis alone: the shift along it cannot be told. None if there are turns about two axes, or none at all.
+    #[must_use]
+    pub fn single_axis(&self) -> Option<Vector3<f64>> {
+        (self.spread_rad[1] < MIN_SPREAD_RAD && self.spread_rad[2] >= MIN_SPREAD_RAD).then_some(self.main_axis)
+    }
+}
+
+/// Spread of the relative rotation vectors, ascending, and the axis of the largest.
+fn spread(frames: &[Isometry3<f64>]) -> ([f64; 3], Vector3<f64>) {
+    let (mut sum, mut count) = (Matrix3::zeros(), 0.0_f64);
+    for (index, a) in frames.iter().enumerate() {
+        for b in &frames[..index] {
+            let turn = (b.rotation.inverse() * a.rotation).scaled_axis();
+            sum += turn * turn.transpose();
+            count += 1.0;
+        }
+    }
+    let eigen = (sum / count.max(1.0)).symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    (order.map(|index| eigen.eigenvalues[index].max(0.0).sqrt()), eigen.eigenvectors.column(order[2]).into_owned())
+}
+
+/// Eigenvector of the largest variance, turns times the lever.
+fn weakest(covariance: &Matrix6<f64>, lever_mm: f64) -> Weakest {
+    let scale = |axis: usize| if axis < 3 { lever_mm } else { 1.0 };
+    let scaled = Matrix6::from_fn(|row, column| covariance[(row, column)] * scale(row) * scale(column));
+    let eigen = scaled.symmetric_eigen();
+    let vector = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let (turn, shift) = (vector.fixed_rows::<3>(0).into_owned(), vector.fixed_rows::<3>(3).into_owned());
+    let (freedom, first, axis) =
+        if turn.norm() > shift.norm() { (Freedom::Turn, 0, turn.normalize()) } else { (Freedom::Shift, 3, shift.normalize()) };
+    let block = covariance.fixed_view::<3, 3>(first, first);
+    Weakest { freedom, axis, sd: (block * axis).dot(&axis).max(0.0).sqrt() }
+}
+
+/// Standard deviation of a scanned point, root of the sum over three axes, mm: of the point `in_cloud_mm` carried by a pose with
+/// this covariance.
+#[must_use]
+pub fn point_sd_mm(covariance: &Matrix6<f64>, in_cloud_mm: &Vector3<f64>) -> f64 {
+    let mut rows = SMatrix::<f64, 3, 6>::zeros();
+    rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&-in_cloud_mm.cross_matrix());
+    rows.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
+    (rows * covariance * rows.transpose()).trace().max(0.0).sqrt()
+}

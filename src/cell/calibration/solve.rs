@@ -1,0 +1,369 @@
+//! One calibration, from observations to a result that says how far it can be trusted: faults of the data, start, screening,
+//! refinement, prediction of what was left out, judgement.
+
+use nalgebra::{Isometry3, Matrix6, Vector3};
+
+use super::chi_squared::{exceedance, quantile};
+use super::data::{Estimate, Setup, Sigma, Sighting, Solve, Weighting};
+use super::diagnosis;
+use super::findings::{Figures, Finding, FindingCode, Severity};
+use super::leave_one_out::{LeftOut, leave_one_out};
+use super::observability::{Limits, MIN_OBSERVATIONS, Observability, point_sd_mm};
+use super::refine::{Free, Problem, Refined};
+use super::screening::{Screened, Screening, sigma_or_default};
+use super::se3::Twist;
+use super::start::{start_fixed, start_joint, start_table};
+
+/// Observations below which none can be told to be bad.
+const MIN_FOR_SCREENING: usize = 6;
+/// Share of the observations that must agree.
+const MIN_AGREEING: f64 = 0.5;
+/// Deviation of the table's ratio from 1 that is worth a finding.
+const SCALE_TOLERANCE: f64 = 1e-3;
+/// Probability with which a good observation that was held out is said to disagree.
+const HELD_OUT_FALSE_ALARM: f64 = 0.001;
+/// Turn of the table over all observations below which its axis cannot be told, rad (10°).
+const MIN_TABLE_TURN_RAD: f64 = 0.174;
+
+/// What is to be calibrated.
+#[derive(Clone, Debug)]
+pub struct Task {
+    /// Observations; the last `hold_out` are kept out.
+    pub sightings: Vec<Sighting>,
+    /// Joints of the observations, where they are known.
+    pub joints_rad: Vec<[f64; 6]>,
+    /// Unknowns.
+    pub solve: Solve,
+    /// Place of the scanner.
+    pub setup: Setup,
+    /// Deviations; none: they are estimated.
+    pub sigma: Option<Sigma>,
+    /// The cell as it was specified: flange_from_cloud and base_from_table count.
+    pub nominal: Estimate,
+    /// Observations to hold out.
+    pub hold_out: usize,
+    /// Point of best focus in the cloud, mm.
+    pub best_in_cloud_mm: Vector3<f64>,
+    /// Middle of the board, where its size is known, mm.
+    pub board_middle_mm: Option<Vector3<f64>>,
+    /// Largest uncertainty.
+    pub limits: Limits,
+}
+
+/// Part that an observation had.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It was used.
+    Used,
+    /// It was dropped; the findings say why.
+    Dropped,
+    /// It was held out.
+    HeldOut,
+}
+
+/// Outcome.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// Refined unknowns with covariance and deviations.
+    pub refined: Refined,
+    /// Deviations were estimated from the residuals.
+    pub is_sigma_estimated: bool,
+    /// Observations as used: with boards turned back.
+    pub sightings: Vec<Sighting>,
+    /// Part of each observation.
+    pub roles: Vec<Role>,
+    /// Residual of each observation, used or not.
+    pub residuals: Vec<Twist>,
+    /// Whitened square of each: of those not used with the uncertainty of the unknowns.
+    pub whitened: Vec<f64>,
+    /// Prediction of each used observation from the others, in the order of the observations.
+    pub left_out: Vec<Option<LeftOut>>,
+    /// Probability of residuals as large or larger.
+    pub chi2_p: f64,
+    /// Judgement of the motions.
+    pub observability: Observability,
+    /// Standard deviation of a scanned point at best focus, mm.
+    pub point_sd_mm: f64,
+    /// Remarks; none of them an error.
+    pub findings: Vec<Finding>,
+}
+
+impl Task {
+    fn free(&self) -> Free {
+        match self.solve {
+            Solve::HandEye => Free::HAND_EYE,
+            Solve::Table => Free::TABLE,
+            Solve::Joint => Free::JOINT,
+        }
+    }
+
+    fn start(&self, sightings: &[Sighting]) -> Option<Estimate> {
+        match self.solve {
+            Solve::HandEye => start_fixed(sightings),
+            Solve::Table => start_table(sightings, &self.nominal.hand_eye, &self.nominal.table),
+            Solve::Joint => start_joint(sightings, &self.nominal.table),
+        }
+    }
+
+    fn weighting(&self) -> Weighting {
+        Weighting { setup: self.setup, sigma: sigma_or_default(self.sigma) }
+    }
+
+    /// The plate in the base by the nominal table; the identity where the board stands still.
+    fn nominal_plate(&self, table_rad: f64) -> Isometry3<f64> {
+        let is_still = self.solve == Solve::HandEye;
+        if is_still { Isometry3::identity() } else { self.nominal.base_from_plate(table_rad) }
+    }
+
+    /// Flange seen from where the board rests.
+    fn frames(&self) -> Vec<Isometry3<f64>> {
+        self.sightings.iter().map(|each| self.nominal_plate(each.table_rad).inverse() * each.robot).collect()
+    }
+
+    /// Calibrates.
+    ///
+    /// # Errors
+    /// Every finding, if one of them is an error.
+    pub fn calibrate(&self) -> Result<Calibration, Vec<Finding>> {
+        let mut findings = diagnosis::before(&self.sightings, self.best_in_cloud_mm.norm());
+        let task = self.prepared(&mut findings)?;
+        let screened = task.screened(&mut findings)?;
+        let (task, screened) = task.flipped_back(screened, &mut findings)?;
+        task.assemble(&screened, findings)
+    }
+
+    /// The task without duplicates, if its motions and readings allow one.
+    fn prepared(&self, findings: &mut Vec<Finding>) -> Result<Self, Vec<Finding>> {
+        refuse(findings)?;
+        let is_duplicate = |index: usize| {
+            let of = |finding: &&Finding| finding.code == FindingCode::DuplicatePose;
+            findings.iter().filter(of).any(|finding| finding.observations.first() == Some(&self.sightings[index].id))
+        };
+        let kept: Vec<usize> = (0..self.sightings.len()).filter(|index| !is_duplicate(*index)).collect();
+        let sightings: Vec<_> = kept.iter().map(|index| self.sightings[*index].clone()).collect();
+        let joints_rad = kept.iter().filter_map(|index| self.joints_rad.get(*index).copied()).collect();
+        let task = Self { sightings, joints_rad, ..self.clone() };
+        let count = task.sightings.len().saturating_sub(task.hold_out);
+        if count < MIN_OBSERVATIONS {
+            let figures = Figures { count: Some(count), ..Figures::default() };
+            findings.push(Finding::new(FindingCode::TooFew, Severity::Error).with(figures));
+        } else {
+            task.check_motion(findings);
+        }
+        refuse(findings)?;
+        if let Some(finding) = diagnosis::other_reading(&task.sightings, &|angle| task.nominal_plate(angle))
+            && task.solve != Solve::Table
+        {
+            findings.push(finding);
+        }
+        refuse(findings)?;
+        Ok(task)
+    }
+
+    /// Motions that cannot tell the unknowns, whatever the noise.
+    fn check_motion(&self, findings: &mut Vec<Finding>) {
+        let turned = |sign: f64| self.sightings.iter().map(|each| sign * each.table_rad).fold(f64::NEG_INFINITY, f64::max);
+        if self.solve != Solve::HandEye && turned(1.0) + turned(-1.0) < MIN_TABLE_TURN_RAD {
+            let figures = Figures { turn_rad: Some(turned(1.0) + turned(-1.0)), ..Figures::default() };
+            findings.push(Finding::new(FindingCode::TableStill, Severity::Error).with(figures));
+        }
+        let frames = self.frames();
+        let motion = Observability::new(&frames, Some(&Matrix6::zeros()), 1.0);
+        if self.solve != Solve::Table && motion.is_degenerate(&self.limits) {
+            let open = Observability::new(&frames, None, 1.0);
+            findings.push(self.degenerate(&open, FindingCode::DegenerateMotion, Severity::Error));
+        }
+    }
+
+    fn degenerate(&self, motion: &Observability, code: FindingCode, severity: Severity) -> Finding {
+        let finite = |value: f64| value.is_finite().then_some(value);
+        let figures = Figures {
+            turn_rad: Some(motion.spread_rad[1]),
+            other_turn_rad: finite(motion.turn_sd_rad),
+            length_mm: finite(motion.shift_sd_mm),
+            vector: motion.single_axis().or(motion.weakest.map(|weakest| weakest.axis)),
+            ..Figures::default()
+        };
+        Finding::new(code, severity).with(figures)
+    }
+
+    /// Observations to use: all but those held out.
+    fn fitted(&self) -> &[Sighting] {
+        &self.sightings[..self.sightings.len().saturating_sub(self.hold_out)]
+    }
+
+    fn screened(&self, findings: &mut Vec<Finding>) -> Result<Screened, Vec<Finding>> {
+        let (sightings, free, start) = (self.fitted(), self.free(), |some: &[Sighting]| self.start(some));
+        let estimate_sigma = self.sigma.is_none();
+        let screened = if sightings.len() < MIN_FOR_SCREENING {
+            let problem = Problem { sightings, free, prior: None };
+            let refined = self.start(sightings).and_then(|at| problem.refine(&at, &self.weighting()));
+            refined.map(|refined| Screened { refined, is_used: vec![true; sightings.len()], sigma_scale: 1.0 })
+        } else {
+            Screening { sightings, free, start: &start, weighting: self.weighting(), estimate_sigma }.screen()
+        };
+        let Some(screened) = screened else {
+            let open = Observability::new(&self.frames(), None, 1.0);
+            findings.push(self.degenerate(&open, FindingCode::DegenerateMotion, Severity::Error));
+            return Err(std::mem::take(findings));
+        };
+        Ok(screened)
+    }
+
+    /// Boards that were seen half a turn round are turned back where the board's middle is known, and all is screened again.
+    fn flipped_back(&self, screened: Screened, findings: &mut Vec<Finding>) -> Result<(Self, Screened), Vec<Finding>> {
+        let found = diagnosis::dropped(&screened.refined, self.fitted(), &screened.is_used);
+        let flipped: Vec<String> = found
+            .iter()
+            .filter(|finding| finding.code == FindingCode::Flipped)
+            .flat_map(|finding| finding.observations.clone())
+            .collect();
+        let Some(middle_mm) = self.board_middle_mm.filter(|_| !flipped.is_empty()) else {
+            findings.extend(found);
+            return Ok((self.clone(), screened));
+        };
+        let mut task = self.clone();
+        for each in task.sightings.iter_mut().filter(|each| flipped.contains(&each.id)) {
+            each.seen *= diagnosis::half_turn(&middle_mm);
+        }
+        findings.push(Finding::new(FindingCode::Flipped, Severity::Note).about(flipped));
+        let screened = task.screened(findings)?;
+        findings.extend(diagnosis::dropped(&screened.refined, task.fitted(), &screened.is_used));
+        Ok((task, screened))
+    }
+
+    fn assemble(&self, screened: &Screened, mut findings: Vec<Finding>) -> Result<Calibration, Vec<Finding>> {
+        let refined = &screened.refined;
+        let used: Vec<Sighting> = self.chosen(&screened.is_used);
+        let residuals: Vec<Twist> = self.sightings.iter().map(|each| refined.estimate.residual(each)).collect();
+        let roles = self.roles(&screened.is_used);
+        let mut of_used = (refined.chi2.iter().copied(), leave_one_out(refined, &used).into_iter());
+        let (mut whitened, mut left_out) = (Vec::new(), Vec::new());
+        for (sighting, role) in self.sightings.iter().zip(&roles) {
+            let own = if *role == Role::Used { of_used.0.next() } else { None };
+            whitened.push(own.unwrap_or_else(|| refined.chi2_of_other(sighting)));
+            left_out.push(if *role == Role::Used { of_used.1.next().flatten() } else { None });
+        }
+        let covariance = self.judged_covariance(refined);
+        let lever_mm = self.best_in_cloud_mm.norm();
+        let observability = Observability::new(&self.frames(), Some(&covariance), lever_mm);
+        self.judge(screened, &observability, &residuals, &whitened, &roles, &mut findings);
+        refuse(&findings)?;
+        Ok(Calibration {
+            refined: refined.clone(),
+            is_sigma_estimated: self.sigma.is_none(),
+            sightings: self.sightings.clone(),
+            chi2_p: exceedance(refined.chi2.iter().sum(), refined.freedom()),
+            point_sd_mm: point_sd_mm(&covariance, &self.best_in_cloud_mm),
+            roles,
+            residuals,
+            whitened,
+            left_out,
+            observability,
+            findings,
+        })
+    }
+
+    /// Covariance of the scanner's pose; where it was held, of the table's.
+    fn judged_covariance(&self, refined: &Refined) -> Matrix6<f64> {
+        if self.solve != Solve::Table {
+            return refined.hand_eye_covariance();
+        }
+        let table = refined.table_covariance();
+        let mut covariance = Matrix6::zeros();
+        for (row, to_row) in [0, 1, 3, 4].into_iter().enumerate() {
+            for (column, to_column) in [0, 1, 3, 4].into_iter().enumerate() {
+                covariance[(to_row, to_column)] = table[(row, column)];
+            }
+        }
+        covariance
+    }
+
+    fn chosen(&self, is_used: &[bool]) -> Vec<Sighting> {
+        self.fitted().iter().zip(is_used).filter(|(_, used)| **used).map(|(each, _)| each.clone()).collect()
+    }
+
+    fn roles(&self, is_used: &[bool]) -> Vec<Role> {
+        let role = |index: usize| match is_used.get(index) {
+            Some(true) => Role::Used,
+            Some(false) => Role::Dropped,
+            None => Role::HeldOut,
+        };
+        (0..self.sightings.len()).map(role).collect()
+    }
+
+    fn judge(
+        &self,
+        screened: &Screened,
+        observability: &Observability,
+        residuals: &[Twist],
+        whitened: &[f64],
+        roles: &[Role],
+        findings: &mut Vec<Finding>,
+    ) {
+        let agreeing = screened.is_used.iter().filter(|used| **used).count();
+        if (agreeing as f64) < MIN_AGREEING * screened.is_used.len() as f64 {
+            let figures = Figures { count: Some(agreeing), ..Figures::default() };
+            findings.push(Finding::new(FindingCode::NoConsensus, Severity::Error).with(figures));
+        }
+        let is_poor = match self.solve {
+            Solve::Table => observability.shift_sd_mm > self.limits.max_mm || observability.turn_sd_rad > self.limits.max_rad,
+            Solve::HandEye | Solve::Joint => observability.is_degenerate(&self.limits),
+        };
+        if is_poor {
+            findings.push(self.degenerate(observability, FindingCode::DegenerateMotion, Severity::Error));
+        } else if observability.is_weak(&self.limits) {
+            findings.push(self.degenerate(observability, FindingCode::WeakMotion, Severity::Warning));
+        }
+        if screened.sigma_scale > 1.0 {
+            let figures = Figures { ratio: Some(screened.sigma_scale), ..Figures::default() };
+            findings.push(Finding::new(FindingCode::SigmaTooSmall, Severity::Warning).with(figures));
+        }
+        self.judge_table(screened, findings);
+        let bound = quantile(HELD_OUT_FALSE_ALARM, 6);
+        for index in (0..roles.len()).filter(|index| roles[*index] == Role::HeldOut && whitened[*index] > bound) {
+            let residual = &residuals[index];
+            let figures = Figures {
+                turn_rad: Some(super::se3::rotation_of(residual).norm()),
+                length_mm: Some(super::se3::translation_of(residual).norm()),
+                ..Figures::default()
+            };
+            let about = [self.sightings[index].id.clone()];
+            findings.push(Finding::new(FindingCode::HeldOutDisagrees, Severity::Warning).about(about).with(figures));
+        }
+        let of_used = |index: &usize| roles[*index] == Role::Used;
+        let used: Vec<usize> = (0..roles.len()).filter(of_used).collect();
+        let lengths: Vec<f64> = used.iter().map(|index| super::se3::translation_of(&residuals[*index]).norm()).collect();
+        let joints: Vec<[f64; 6]> = used.iter().filter_map(|index| self.joints_rad.get(*index).copied()).collect();
+        findings.extend(diagnosis::arm_model(&lengths, &joints));
+    }
+
+    /// Sign and ratio of the table's turn.
+    fn judge_table(&self, screened: &Screened, findings: &mut Vec<Finding>) {
+        if self.solve == Solve::HandEye {
+            return;
+        }
+        let refined = &screened.refined;
+        if refined.estimate.scale < 0.0 {
+            let asked = self.sightings.iter().map(|each| each.table_rad).fold(0.0, f64::max);
+            let figures = Figures { turn_rad: Some(asked), other_turn_rad: Some(-asked), ..Figures::default() };
+            findings.push(Finding::new(FindingCode::TableSign, Severity::Warning).with(figures));
+        }
+        let used = self.chosen(&screened.is_used);
+        let problem = Problem { sightings: &used, free: Free { scale: true, ..self.free() }, prior: None };
+        if let Some(with_scale) = problem.refine(&refined.estimate, &refined.weighting) {
+            let off = with_scale.estimate.scale.abs() - 1.0;
+            let sd = with_scale.covariance[(16, 16)].sqrt();
+            if off.abs() > SCALE_TOLERANCE && off.abs() > 4.0 * sd {
+                let figures = Figures { ratio: Some(with_scale.estimate.scale), ..Figures::default() };
+                findings.push(Finding::new(FindingCode::TableScale, Severity::Warning).with(figures));
+            }
+        }
+    }
+}
+
+/// Ends with the findings if one is an error.
+fn refuse(findings: &[Finding]) -> Result<(), Vec<Finding>> {
+    let is_error = findings.iter().any(|finding| finding.severity == Severity::Error);
+    if is_error { Err(findings.to_vec()) } else { Ok(()) }
+}
