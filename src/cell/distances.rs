@@ -78,6 +78,7 @@ impl CellDistances {
             home_deg: self.home_deg.unwrap_or_default(),
             obstacles: self.pedestal_body().into_iter().collect(),
             floor_mm: self.floor_mm,
+            calibrated: None,
         };
         if self.home_deg.is_none() {
             let home = spec.assemble(library)?.free_home();

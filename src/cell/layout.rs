@@ -14,6 +14,7 @@ use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::field_error::{FieldError, Findings};
 use super::library::{Named, NotFound, SpecKind, SpecLibrary};
 use super::pose_spec::{PoseInput, PoseSpec};
+use super::provenance::CalibrationProvenance;
 use super::robot::{LinkCapsule, Robot, RobotSpec};
 use super::scanner::{Scanner, ScannerSpec};
 use super::shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
@@ -64,6 +65,9 @@ pub struct CellSpec {
     /// Height of the floor in the base frame, mm, -10000 to 10000; nothing moves below it. Default: no floor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor_mm: Option<f64>,
+    /// Calibration that `base_from_table` and `flange_from_scanner` were taken from. Default: none; they were typed in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<CalibrationProvenance>,
 }
 
 /// A cell, checked and in radians. Made from a [`CellSpec`].
@@ -99,6 +103,8 @@ pub struct Cell {
     pub obstacles: Vec<Body>,
     /// Height of the floor in the base frame.
     pub floor_mm: Option<f64>,
+    /// Calibration of its poses.
+    pub calibrated: Option<CalibrationProvenance>,
 }
 
 impl CellSpec {
@@ -162,6 +168,7 @@ impl CellSpec {
             table_bodies,
             obstacles,
             floor_mm: self.floor_mm,
+            calibrated: self.calibrated.clone(),
         })
     }
 
@@ -183,6 +190,9 @@ impl CellSpec {
         }
         if let Some(height_mm) = self.floor_mm {
             findings.range("/floor_mm", height_mm, -10_000.0, 10_000.0, "mm");
+        }
+        if let Some(calibrated) = &self.calibrated {
+            calibrated.check("/calibrated", findings);
         }
     }
 }

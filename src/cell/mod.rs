@@ -7,6 +7,7 @@ mod body_meshes;
 mod body_surface;
 mod closed_list;
 mod closest;
+pub mod calibration;
 pub mod collision;
 mod controllers;
 mod decode_message;
@@ -20,6 +21,7 @@ mod layout;
 mod library;
 mod mounting;
 mod pose_spec;
+mod provenance;
 mod robot;
 mod scanner;
 mod shape_spec;
@@ -47,9 +49,10 @@ pub use layout::{Cell, CellSpec};
 pub use library::{Named, NotFound, Presets, SpecKind, SpecLibrary, preset_text};
 pub use mounting::HousingFace;
 pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
+pub use provenance::CalibrationProvenance;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
-    BoardPoseSpec, BoardPosesSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
+    BoardPoseSpec, BoardPosesSpec, CloudFrame, CloudFrameSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
     OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};

@@ -4,6 +4,7 @@
 
 mod angle;
 mod bulk;
+pub mod calibration;
 pub mod candidates;
 mod check;
 pub mod coverage;

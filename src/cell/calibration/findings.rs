@@ -104,6 +104,8 @@ pub struct Figures {
     pub vector: Option<Vector3<f64>>,
     /// Joint, 1 to 6.
     pub joint: Option<usize>,
+    /// Temperatures now and at the calibration, °C.
+    pub temperatures_c: Option<[f64; 2]>,
 }
 
 impl Finding {

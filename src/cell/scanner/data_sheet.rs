@@ -105,6 +105,7 @@ impl DataSheet {
             right: camera(half),
             projector: self.device(self.projector_mm, self.projector_px, self.projector_incidence_deg, None),
             board_poses: None,
+            scanner_from_cloud: None,
             mass_kg: self.mass_kg,
             centre_of_mass_mm: None,
             body: vec![self.housing()],

@@ -1,5 +1,6 @@
 //! The structured-light scanner: two cameras and a projector, a working depth, a body ([`crate::planning::method::scanner`]).
 
+mod cloud_frame;
 mod data_sheet;
 mod depth_of_field;
 mod device;
@@ -12,6 +13,7 @@ mod tests;
 
 use nalgebra::{Point3, Vector3};
 
+pub use cloud_frame::{CloudFrame, CloudFrameSpec};
 pub use data_sheet::DataSheet;
 pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
@@ -35,6 +37,8 @@ pub struct Scanner {
     pub far_mm: f64,
     /// Cameras and projector.
     pub devices: PerDevice<OpticalDevice>,
+    /// Frame of the clouds, if it is known.
+    pub cloud_frame: Option<CloudFrameSpec>,
     /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass, scanner frame, mm, if it is known.

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::cloud_frame::CloudFrameSpec;
 use super::device::{DeviceName, Lens, OpticalDevice};
 use super::per_device::PerDevice;
 use crate::cell::field_error::{FieldError, Findings};
@@ -36,6 +37,10 @@ pub struct ScannerSpec {
     /// Poses of a calibration board seen by both cameras, instead of `scanner_from_device` on each camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub board_poses: Option<BoardPosesSpec>,
+    /// Frame that its clouds are in: `scanner`, `left`, `right`, `projector`, or the pose of that frame in the scanner. The
+    /// calibration of a cell asks for it. Default: not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scanner_from_cloud: Option<CloudFrameSpec>,
     /// Mass, kg, 0.01 to 100.
     pub mass_kg: f64,
     /// Centre of mass, scanner frame, mm, -2000 to 2000 each. Default: the mean of the centres of its bodies.
@@ -152,6 +157,7 @@ impl ScannerSpec {
             best_mm: self.depth_mm.best,
             far_mm: self.depth_mm.far,
             devices,
+            cloud_frame: self.scanner_from_cloud,
             mass_kg: self.mass_kg,
             centre_of_mass_mm: self.centre_of_mass_mm,
             body: self.body.clone(),
@@ -214,6 +220,9 @@ impl ScannerSpec {
         }
         if let Some(boards) = &self.board_poses {
             boards.check(findings);
+        }
+        if let Some(frame) = &self.scanner_from_cloud {
+            frame.check("/scanner_from_cloud", findings);
         }
         findings.range("/mass_kg", self.mass_kg, 0.01, 100.0, "kg");
         for (axis, value) in self.centre_of_mass_mm.iter().flatten().enumerate() {

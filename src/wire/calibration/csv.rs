@@ -1,0 +1,122 @@
+//! Observations as a table: one row each, the columns named. `id`, `j1_deg` to `j6_deg`, `table_angle_deg`, `flange_x`, `flange_y`,
+//! `flange_z` with `flange_r1` to `flange_r3` or `flange_r4` in the convention of the controller, and `board_x`, `board_y`, `board_z` with
+//! `board_qx`, `board_qy`, `board_qz`, `board_qw`. Either joints or flange may be left out.
+
+use super::data::{CalibrationData, ObservationDocument};
+use super::foreign::{RobotPoseKind, of_observations};
+use super::pose::ObservedPose;
+use crate::cell::calibration::data::Setup;
+use crate::cell::{FieldError, Findings, did_you_mean};
+
+/// Columns that are read.
+const COLUMNS: [&str; 22] = [
+    "id", "j1_deg", "j2_deg", "j3_deg", "j4_deg", "j5_deg", "j6_deg", "table_angle_deg", "flange_x", "flange_y", "flange_z",
+    "flange_r1", "flange_r2", "flange_r3", "flange_r4", "board_x", "board_y", "board_z", "board_qx", "board_qy", "board_qz",
+    "board_qw",
+];
+/// Rows that a table may have.
+const MAX_ROWS: usize = 5000;
+
+/// How a table is read.
+#[derive(Clone, Copy, Debug)]
+pub struct CsvOptions {
+    /// Convention of the flange's rotation.
+    pub robot_pose: RobotPoseKind,
+    /// Millimetres in a unit of its lengths.
+    pub unit_mm: f64,
+    /// Place of the scanner.
+    pub setup: Setup,
+}
+
+/// Reads a table; commas, semicolons or tabs separate.
+///
+/// # Errors
+/// Every column that is unknown and every cell that is not a number, by row and column.
+pub fn from_csv(text: &str, options: &CsvOptions) -> Result<CalibrationData, Vec<FieldError>> {
+    let mut findings = Findings::default();
+    let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
+    let mut lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let header = lines.next().unwrap_or_default();
+    let separator = [';', '\t'].into_iter().find(|separator| header.contains(*separator)).unwrap_or(',');
+    let names: Vec<&str> = header.split(separator).map(str::trim).collect();
+    for name in names.iter().filter(|name| !COLUMNS.contains(name)) {
+        findings.push("", format!("unknown column {name:?}{}; known are {}", did_you_mean(name, COLUMNS), COLUMNS.join(", ")));
+    }
+    findings.into_result()?;
+    let mut findings = Findings::default();
+    let mut observations = Vec::new();
+    for (row, line) in lines.enumerate().take(MAX_ROWS + 1) {
+        let cells: Vec<&str> = line.split(separator).map(str::trim).collect();
+        let table = Row { names: &names, cells: &cells, row };
+        findings.require(cells.len() == names.len(), format!("/{row}"), || {
+            format!("has {} cells; the header has {}", cells.len(), names.len())
+        });
+        observations.extend(table.observation(options, &mut findings));
+    }
+    findings.require(observations.len() <= MAX_ROWS, "", || format!("has more than {MAX_ROWS} rows"));
+    findings.into_result()?;
+    Ok(of_observations(observations, options.setup))
+}
+
+struct Row<'a> {
+    names: &'a [&'a str],
+    cells: &'a [&'a str],
+    row: usize,
+}
+
+impl Row<'_> {
+    fn cell(&self, name: &str) -> Option<&str> {
+        let column = self.names.iter().position(|known| *known == name)?;
+        self.cells.get(column).copied().filter(|cell| !cell.is_empty())
+    }
+
+    /// Number in a column, if the table has the column and the cell is not empty.
+    fn number(&self, name: &str, findings: &mut Findings) -> Option<f64> {
+        let cell = self.cell(name)?;
+        let number = cell.parse::<f64>().ok().filter(|number| number.is_finite());
+        findings.require(number.is_some(), format!("/{}/{name}", self.row), || format!("is {cell:?}; a finite number is needed"));
+        number
+    }
+
+    /// Numbers of columns: all, or none of them.
+    fn numbers<const COUNT: usize>(&self, names: [&str; COUNT], findings: &mut Findings) -> Option<[f64; COUNT]> {
+        let numbers = names.map(|name| self.number(name, findings));
+        let given = numbers.iter().filter(|number| number.is_some()).count();
+        findings.require(given == 0 || given == COUNT, format!("/{}", self.row), || {
+            format!("gives {given} of {}", names.join(", "))
+        });
+        let all: Vec<f64> = numbers.into_iter().flatten().collect();
+        all.try_into().ok()
+    }
+
+    fn observation(&self, options: &CsvOptions, findings: &mut Findings) -> Option<ObservationDocument> {
+        let joints_deg = self.numbers(["j1_deg", "j2_deg", "j3_deg", "j4_deg", "j5_deg", "j6_deg"], findings);
+        let table_angle_deg = self.number("table_angle_deg", findings).unwrap_or(0.0);
+        let place = self.numbers(["flange_x", "flange_y", "flange_z"], findings);
+        let first = self.numbers(["flange_r1", "flange_r2", "flange_r3"], findings);
+        let fourth = self.number("flange_r4", findings);
+        let rotation: Vec<f64> = first.into_iter().flatten().chain(fourth).collect();
+        let base_from_flange = place.and_then(|place| {
+            let pose = options.robot_pose.pose(place.map(|length| length * options.unit_mm), &rotation);
+            findings.require(pose.is_some(), format!("/{}/flange_r1", self.row), || {
+                let (count, kind) = (options.robot_pose.count(), options.robot_pose.as_str());
+                format!("with its columns is {rotation:?}; {kind} has {count} numbers, a quaternion of norm 1")
+            });
+            pose.as_ref().map(ObservedPose::of)
+        });
+        let place = self.numbers(["board_x", "board_y", "board_z"], findings);
+        let quaternion = self.numbers(["board_qx", "board_qy", "board_qz", "board_qw"], findings);
+        let translation_mm = place?.map(|length| length * options.unit_mm);
+        let cloud_from_board = ObservedPose { translation_mm, quaternion_xyzw: quaternion, ..ObservedPose::default() };
+        let id = self.cell("id").map_or_else(|| format!("p{:02}", self.row + 1), str::to_owned);
+        let cloud_from_board = Some(cloud_from_board);
+        Some(ObservationDocument {
+            id,
+            joints_deg,
+            table_angle_deg,
+            base_from_flange,
+            cloud_from_board,
+            ..ObservationDocument::default()
+        })
+    }
+}

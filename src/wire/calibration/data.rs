@@ -1,0 +1,362 @@
+//! `vantage.calibration_data/1`: observations of a board from many poses of arm and table.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::pose::ObservedPose;
+use crate::cell::calibration::data::{Estimate, Setup, Sigma, Sighting, Solve};
+use crate::cell::calibration::findings::Finding;
+use crate::cell::calibration::observability::Limits;
+use crate::cell::calibration::placement::{self, Placement};
+use crate::cell::calibration::solve::Task;
+use crate::cell::calibration::witness::{self, Witnessed};
+use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings};
+use crate::wire::UtcTime;
+
+/// Name and version of the shape.
+pub const CALIBRATION_DATA_SCHEMA: &str = "vantage.calibration_data/1";
+/// Observations that a calibration may have, and points that one of them may have.
+const MAX_OBSERVATIONS: usize = 5000;
+const MAX_POINTS: usize = 20_000;
+/// Standard deviation of a point where none is given, mm: a structured-light scanner's at best focus.
+const POINT_SIGMA_MM: f64 = 0.02;
+
+/// Observations. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct CalibrationData {
+    /// `vantage.calibration_data/1`.
+    pub schema: String,
+    /// Cell that was observed; a note.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
+    /// Place of the scanner: `eye_in_hand`, on the flange (the default), or `eye_to_hand`, in the cell with the board on the flange.
+    #[serde(default = "in_hand")]
+    pub setup: Setup,
+    /// Frame of the clouds, instead of the scanner specification's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cloud_frame: Option<CloudFrameSpec>,
+    /// Time of the observations, RFC 3339.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub taken_at: Option<UtcTime>,
+    /// Temperature in the cell, °C, -50 to 100.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// The board.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<BoardDocument>,
+    /// Standard deviations of arm and board. Default: estimated from the observations.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma: Option<SigmaDocument>,
+    /// Observations, 1 to 5000.
+    pub observations: Vec<ObservationDocument>,
+}
+
+fn in_hand() -> Setup {
+    Setup::EyeInHand
+}
+
+/// A calibration board. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields, expecting = "an object")]
+pub enum BoardDocument {
+    /// Chessboard; its origin is its first inner corner.
+    Chessboard {
+        /// Inner corners along x.
+        columns: u32,
+        /// Inner corners along y.
+        rows: u32,
+        /// Edge of a square, mm.
+        square_mm: f64,
+    },
+    /// Chessboard with markers, which has an orientation; its origin is its corner.
+    Charuco {
+        /// Squares along x.
+        columns: u32,
+        /// Squares along y.
+        rows: u32,
+        /// Edge of a square, mm.
+        square_mm: f64,
+    },
+    /// Grid of circles; its origin is the centre of the first.
+    Circles {
+        /// Circles along x.
+        columns: u32,
+        /// Circles along y.
+        rows: u32,
+        /// Distance between centres, mm.
+        spacing_mm: f64,
+    },
+    /// Spheres with names, whose centres are given with the observations.
+    Spheres {},
+}
+
+impl BoardDocument {
+    /// Middle of a board without a mark for its orientation, mm; none for one that has such a mark.
+    #[must_use]
+    pub fn middle_mm(&self) -> Option<Vector3<f64>> {
+        let middle = |columns: u32, rows: u32, pitch_mm: f64| {
+            Vector3::new(f64::from(columns) - 1.0, f64::from(rows) - 1.0, 0.0) * (0.5 * pitch_mm)
+        };
+        match self {
+            Self::Chessboard { columns, rows, square_mm } => Some(middle(*columns, *rows, *square_mm)),
+            Self::Circles { columns, rows, spacing_mm } => Some(middle(*columns, *rows, *spacing_mm)),
+            Self::Charuco { .. } | Self::Spheres {} => None,
+        }
+    }
+}
+
+/// Standard deviations for each axis. Unknown fields are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct SigmaDocument {
+    /// Turn of the flange, degrees, 0.00001 to 5.
+    pub robot_deg: f64,
+    /// Place of the flange, mm, 0.0001 to 50.
+    pub robot_mm: f64,
+    /// Turn of the board in the cloud, degrees, 0.00001 to 5.
+    pub board_deg: f64,
+    /// Place of the board in the cloud, mm, 0.0001 to 50.
+    pub board_mm: f64,
+}
+
+impl From<SigmaDocument> for Sigma {
+    fn from(document: SigmaDocument) -> Self {
+        Self {
+            robot_rad: document.robot_deg.to_radians(),
+            robot_mm: document.robot_mm,
+            board_rad: document.board_deg.to_radians(),
+            board_mm: document.board_mm,
+        }
+    }
+}
+
+impl From<Sigma> for SigmaDocument {
+    fn from(sigma: Sigma) -> Self {
+        Self {
+            robot_deg: sigma.robot_rad.to_degrees(),
+            robot_mm: sigma.robot_mm,
+            board_deg: sigma.board_rad.to_degrees(),
+            board_mm: sigma.board_mm,
+        }
+    }
+}
+
+/// One observation: the flange by `joints_deg`, `base_from_flange` or both, and the board by `cloud_from_board`, `points` or
+/// `spheres`. Unknown fields are refused.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ObservationDocument {
+    /// Name, unique.
+    pub id: String,
+    /// Joints 1 to 6, degrees, -3600 to 3600 each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 6, max_items = 6)]
+    pub joints_deg: Option<[f64; 6]>,
+    /// Angle of the table, degrees, -3600 to 3600. Default 0.
+    #[serde(default)]
+    pub table_angle_deg: f64,
+    /// Flange as the controller reported it, without a tool: beside `joints_deg` a second witness, else the pose itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_from_flange: Option<ObservedPose>,
+    /// Board in the cloud.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cloud_from_board: Option<ObservedPose>,
+    /// Points of the board that were found in the cloud, three or more.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub points: Vec<PointPairDocument>,
+    /// Centres of spheres that were found in the cloud, three or more.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub spheres: Vec<SphereDocument>,
+}
+
+/// A point of the board and where it is in the cloud. Unknown fields are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct PointPairDocument {
+    /// On the board, mm.
+    #[schema(min_items = 3, max_items = 3)]
+    pub board_mm: [f64; 3],
+    /// In the cloud, mm.
+    #[schema(min_items = 3, max_items = 3)]
+    pub cloud_mm: [f64; 3],
+}
+
+/// A sphere in the cloud. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct SphereDocument {
+    /// Name.
+    pub name: String,
+    /// Centre in the cloud, mm.
+    #[schema(min_items = 3, max_items = 3)]
+    pub centre_mm: [f64; 3],
+}
+
+/// Observations read and checked, with what their comparison with the arm's model shows.
+#[derive(Clone, Debug)]
+pub struct ReadObservations {
+    /// Observations.
+    pub sightings: Vec<Sighting>,
+    /// Joints of those that give some; all or none.
+    pub joints_rad: Vec<[f64; 6]>,
+    /// Findings of the comparison.
+    pub findings: Vec<Finding>,
+}
+
+impl CalibrationData {
+    /// What is to be calibrated, by these observations of a cell.
+    ///
+    /// # Errors
+    /// Every field that is out of range.
+    pub fn task(&self, cell: &Cell, solve: Solve, hold_out: usize) -> Result<(Task, Vec<Finding>), Vec<FieldError>> {
+        let read = self.read(cell, solve)?;
+        let scanner_from_cloud = *self.cloud_frame(cell).scanner_from_cloud(&cell.scanner.devices).isometry();
+        let best = Point3::new(0.0, 0.0, cell.scanner.best_mm);
+        let task = Task {
+            sightings: read.sightings,
+            joints_rad: read.joints_rad,
+            solve,
+            setup: self.setup,
+            sigma: self.sigma.map(Sigma::from),
+            nominal: Estimate {
+                hand_eye: cell.flange_from_scanner.isometry() * scanner_from_cloud,
+                table: *cell.base_from_table.isometry(),
+                board: Isometry3::identity(),
+                scale: 1.0,
+            },
+            hold_out,
+            best_in_cloud_mm: (scanner_from_cloud.inverse() * best).coords,
+            board_middle_mm: self.board.as_ref().and_then(BoardDocument::middle_mm),
+            limits: Limits::default(),
+        };
+        Ok((task, read.findings))
+    }
+
+    /// Frame of the clouds: by the data, else by the scanner's specification, else the scanner's own.
+    #[must_use]
+    pub fn cloud_frame(&self, cell: &Cell) -> CloudFrameSpec {
+        self.cloud_frame.or(cell.scanner.cloud_frame).unwrap_or(CloudFrameSpec::Named(CloudFrame::Scanner))
+    }
+
+    /// Reads and checks every observation.
+    ///
+    /// # Errors
+    /// Every field that is out of range.
+    pub fn read(&self, cell: &Cell, solve: Solve) -> Result<ReadObservations, Vec<FieldError>> {
+        let mut findings = Findings::default();
+        self.check_head(&mut findings);
+        let forward = |joints: &[f64; 6]| *cell.robot.base_from_flange(joints).isometry();
+        let (mut sightings, mut joints_rad, mut witnessed) = (Vec::new(), Vec::new(), Vec::new());
+        let constellation = self.constellation();
+        for (index, each) in self.observations.iter().enumerate() {
+            let pointer = format!("/observations/{index}");
+            each.check(&pointer, &self.observations[..index], &mut findings);
+            let joints = each.joints_deg.map(|joints| joints.map(f64::to_radians));
+            let reported = each.base_from_flange.as_ref().and_then(|pose| {
+                pose.pose(&format!("{pointer}/base_from_flange"), &mut findings)
+            });
+            let seen = each.seen(&constellation, &pointer, self.board_sigma_mm(), &mut findings);
+            if let (Some(joints_rad), Some(base_from_flange)) = (joints, reported) {
+                witnessed.push(Witnessed { id: &each.id, joints_rad, base_from_flange });
+            }
+            joints_rad.extend(joints);
+            let flange = joints.map(|joints| forward(&joints)).or(reported);
+            let (Some(flange), Some((seen, seen_covariance, points_mm))) = (flange, seen) else { continue };
+            let robot = if self.setup == Setup::EyeToHand { flange.inverse() } else { flange };
+            let table_rad = if solve == Solve::HandEye { 0.0 } else { each.table_angle_deg.to_radians() };
+            sightings.push(Sighting { id: each.id.clone(), robot, table_rad, seen, seen_covariance, points_mm });
+        }
+        findings.into_result()?;
+        if joints_rad.len() != sightings.len() {
+            joints_rad.clear();
+        }
+        Ok(ReadObservations { sightings, joints_rad, findings: witness::compare(&witnessed, &forward) })
+    }
+
+    fn board_sigma_mm(&self) -> f64 {
+        self.sigma.map_or(POINT_SIGMA_MM, |sigma| sigma.board_mm)
+    }
+
+    fn check_head(&self, findings: &mut Findings) {
+        findings.require(self.schema == CALIBRATION_DATA_SCHEMA, "/schema", || {
+            format!("is {:?}; this version reads {CALIBRATION_DATA_SCHEMA:?}", self.schema)
+        });
+        if let Some(temperature) = self.temperature_c {
+            findings.range("/temperature_c", temperature, -50.0, 100.0, "°C");
+        }
+        if let Some(CloudFrameSpec::Pose(pose)) = &self.cloud_frame {
+            pose.check("/cloud_frame", findings);
+        }
+        if let Some(sigma) = &self.sigma {
+            findings.range("/sigma/robot_deg", sigma.robot_deg, 1e-5, 5.0, "°");
+            findings.range("/sigma/robot_mm", sigma.robot_mm, 1e-4, 50.0, "mm");
+            findings.range("/sigma/board_deg", sigma.board_deg, 1e-5, 5.0, "°");
+            findings.range("/sigma/board_mm", sigma.board_mm, 1e-4, 50.0, "mm");
+        }
+        let count = self.observations.len();
+        findings.require((1..=MAX_OBSERVATIONS).contains(&count), "/observations", || {
+            format!("has {count} observations; allowed are 1 to {MAX_OBSERVATIONS}")
+        });
+    }
+
+    /// Centres of the spheres as the first observation with all of them has them: the board's frame is that cloud's.
+    fn constellation(&self) -> Vec<SphereDocument> {
+        let most = self.observations.iter().map(|each| each.spheres.len()).max().unwrap_or(0);
+        self.observations.iter().find(|each| each.spheres.len() == most).map_or_else(Vec::new, |each| each.spheres.clone())
+    }
+}
+
+/// A board in the cloud, with covariance and points where it was fitted to some.
+type Seen = (Isometry3<f64>, Option<nalgebra::Matrix6<f64>>, Vec<[Point3<f64>; 2]>);
+
+impl ObservationDocument {
+    fn check(&self, pointer: &str, before: &[Self], findings: &mut Findings) {
+        findings.require(!self.id.is_empty(), format!("{pointer}/id"), || "is empty; name the observation".into());
+        findings.require(before.iter().all(|other| other.id != self.id), format!("{pointer}/id"), || {
+            format!("{:?} is the name of another observation", self.id)
+        });
+        findings.range(format!("{pointer}/table_angle_deg"), self.table_angle_deg, -3600.0, 3600.0, "°");
+        for (joint, angle) in self.joints_deg.iter().flatten().enumerate() {
+            findings.range(format!("{pointer}/joints_deg/{joint}"), *angle, -3600.0, 3600.0, "°");
+        }
+        let has_flange = self.joints_deg.is_some() || self.base_from_flange.is_some();
+        findings.require(has_flange, pointer, || "has no pose of the arm; give joints_deg, base_from_flange or both".into());
+        let forms = [self.cloud_from_board.is_some(), !self.points.is_empty(), !self.spheres.is_empty()];
+        findings.require(forms.into_iter().filter(|given| *given).count() == 1, pointer, || {
+            "has to give the board in one form: cloud_from_board, points or spheres".into()
+        });
+        let points = self.points.len().max(self.spheres.len());
+        findings.require(points <= MAX_POINTS, pointer, || format!("has {points} points; allowed are {MAX_POINTS}"));
+    }
+
+    fn seen(&self, constellation: &[SphereDocument], pointer: &str, sigma_mm: f64, findings: &mut Findings) -> Option<Seen> {
+        if let Some(pose) = &self.cloud_from_board {
+            let seen = pose.pose(&format!("{pointer}/cloud_from_board"), findings)?;
+            return Some((seen, None, Vec::new()));
+        }
+        let of_sphere = |sphere: &SphereDocument| {
+            let known = constellation.iter().find(|known| known.name == sphere.name)?;
+            Some([known.centre_mm, sphere.centre_mm].map(Point3::from))
+        };
+        let field = if self.points.is_empty() { "spheres" } else { "points" };
+        let mut pairs: Vec<[Point3<f64>; 2]> =
+            self.points.iter().map(|pair| [pair.board_mm, pair.cloud_mm].map(Point3::from)).collect();
+        pairs.extend(self.spheres.iter().filter_map(of_sphere));
+        if pairs.is_empty() {
+            return None;
+        }
+        if pairs.iter().flatten().any(|point| point.iter().any(|value| !value.is_finite() || value.abs() > 1e5)) {
+            findings.push(format!("{pointer}/{field}"), "has a coordinate that is not a number within ±100000 mm");
+            return None;
+        }
+        match placement::from_points(&pairs, Some(sigma_mm)) {
+            Ok(Placement { pose, covariance, .. }) => Some((pose, covariance, pairs)),
+            Err(error) => {
+                findings.push(format!("{pointer}/{field}"), error.to_string());
+                None
+            }
+        }
+    }
+}

@@ -1,0 +1,27 @@
+//! Documents of calibration: observations that users bring (`vantage.calibration_data/1`, CSV, and what other programs write),
+//! results (`vantage.calibration/1`), checks before use (`vantage.calibration_check/1`), and the sentences of their findings.
+
+mod check;
+mod csv;
+mod data;
+mod foreign;
+mod placement;
+mod pose;
+mod poses;
+mod result;
+#[cfg(test)]
+mod tests;
+mod words;
+
+pub use check::{CALIBRATION_CHECK_SCHEMA, CalibrationCheckDocument, CompensationDocument};
+pub use csv::{CsvOptions, from_csv};
+pub use data::{
+    BoardDocument, CALIBRATION_DATA_SCHEMA, CalibrationData, ObservationDocument, PointPairDocument, SigmaDocument,
+    SphereDocument,
+};
+pub use foreign::{RobotPoseKind, from_pose_samples};
+pub use placement::{PLACEMENT_SCHEMA, PlacementData, PlacementDocument};
+pub use pose::ObservedPose;
+pub use poses::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
+pub use result::{CALIBRATION_SCHEMA, CalibrationDocument, FindingDocument};
+pub use words::sentence;

@@ -1,0 +1,427 @@
+//! `vantage.calibration/1`: a calibration as a document.
+
+use nalgebra::{Isometry3, Matrix6};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::data::{CalibrationData, SigmaDocument};
+use super::words::sentence;
+use crate::cell::calibration::data::{Estimate, Setup, Sigma, Solve, Weighting};
+use crate::cell::calibration::findings::{Finding, FindingCode, Severity};
+use crate::cell::calibration::leave_one_out::Spread;
+use crate::cell::calibration::observability::Freedom;
+use crate::cell::calibration::refine::Square;
+use crate::cell::calibration::se3::{Twist, rotation_of, translation_of};
+use crate::cell::calibration::solve::{Calibration, Role};
+use crate::cell::calibration::table::runout;
+use crate::cell::{Cell, CloudFrameSpec, FieldError, Findings, PoseSpec};
+use crate::geometry::{Cloud, Pose, ScannerFrame};
+use crate::wire::UtcTime;
+
+/// Name and version of the shape.
+pub const CALIBRATION_SCHEMA: &str = "vantage.calibration/1";
+/// Order of covariances.
+const ORDER: &str = "rx ry rz tx ty tz, body, rad mm; joint: hand_eye 6, table rx ry tx ty, board 6";
+/// Unknowns of the joint covariance.
+const JOINT: usize = 16;
+
+/// A calibration. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct CalibrationDocument {
+    /// `vantage.calibration/1`.
+    pub schema: String,
+    /// SHA-256 of this document with an empty id.
+    pub id: String,
+    /// Unknowns that were solved for: `hand_eye`, `table` or `joint`.
+    pub kind: Solve,
+    /// Name of the cell.
+    pub cell: String,
+    /// Place of the scanner.
+    pub setup: Setup,
+    /// SHA-256 of the observations.
+    pub data_sha256: String,
+    /// Time of the observations, else of the calibration.
+    pub taken_at: UtcTime,
+    /// Temperature, °C; `null` if not known.
+    pub temperature_c: Option<f64>,
+    /// Pose of the scanner on the flange; of the scanner in the base with the setup `eye_to_hand`.
+    pub flange_from_scanner: PoseSpec,
+    /// Frame of the clouds.
+    pub scanner_from_cloud: CloudFrameSpec,
+    /// Pose that was solved for: X of the chain.
+    pub flange_from_cloud: PoseSpec,
+    /// The table; `null` where the board stood still.
+    pub base_from_table: Option<PoseSpec>,
+    /// The board on the plate; with the kind `hand_eye` in the base, and on the flange with the setup `eye_to_hand`.
+    pub plate_from_board: PoseSpec,
+    /// Sense of the table's turn: 1, or -1 where it turns against its reported angle.
+    pub table_sense: f64,
+    /// Covariances.
+    pub covariance: CovarianceDocument,
+    /// Standard deviations of arm and board.
+    pub sigma: SigmaDocument,
+    /// They were estimated from the residuals.
+    pub sigma_estimated: bool,
+    /// Every observation.
+    pub residuals: Vec<ResidualDocument>,
+    /// Residuals of those used.
+    pub summary: ResidualSummary,
+    /// Prediction of each used observation from the others.
+    pub leave_one_out: LeaveOneOutDocument,
+    /// Observations held out; `null` without any.
+    pub held_out: Option<ResidualSpread>,
+    /// How well the motions determine the result.
+    pub observability: ObservabilityDocument,
+    /// Runout of the table as harmonics of its angle; empty for fewer than 15 observations.
+    pub table_runout: Vec<HarmonicDocument>,
+    /// Standard deviation of a scanned point at the depth of best focus, root of the sum over three axes, mm.
+    pub point_at_best_focus_sd_mm: f64,
+    /// Remarks.
+    pub findings: Vec<FindingDocument>,
+}
+
+/// Covariances of body increments.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct CovarianceDocument {
+    /// Order of the rows, and units.
+    pub order: String,
+    /// Of X.
+    pub hand_eye: Vec<Vec<f64>>,
+    /// Of the table: turns about x and y, shifts along x and y.
+    pub table: Vec<Vec<f64>>,
+    /// Of all unknowns together; zero for what was held.
+    pub joint: Vec<Vec<f64>>,
+}
+
+/// Residual of one observation: from the board that was seen to the one predicted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ResidualDocument {
+    /// Name of the observation.
+    pub id: String,
+    /// Turn, degrees.
+    pub rotation_deg: f64,
+    /// Shift, mm.
+    pub translation_mm: f64,
+    /// Shift along the axes of the board, mm.
+    pub shift_mm: [f64; 3],
+    /// Whitened square; 6 is its mean.
+    pub whitened: f64,
+    /// Angle of the table, degrees.
+    pub table_angle_deg: f64,
+    /// It was used.
+    pub used: bool,
+    /// It was held out.
+    pub held_out: bool,
+    /// Reason for which it was dropped.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dropped_because: Option<FindingCode>,
+    /// Shift by which the others predict it wrongly, mm; absent if it was not used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub predicted_translation_mm: Option<f64>,
+}
+
+/// Root mean square, largest and median residual.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ResidualSpread {
+    /// Root mean square of the turns, degrees.
+    pub rms_rotation_deg: f64,
+    /// Root mean square of the shifts, mm.
+    pub rms_translation_mm: f64,
+    /// Largest turn, degrees.
+    pub max_rotation_deg: f64,
+    /// Largest shift, mm.
+    pub max_translation_mm: f64,
+    /// Median of the turns, degrees.
+    pub median_rotation_deg: f64,
+    /// Median of the shifts, mm.
+    pub median_translation_mm: f64,
+}
+
+impl From<Spread> for ResidualSpread {
+    fn from(spread: Spread) -> Self {
+        Self {
+            rms_rotation_deg: spread.rms_rad.to_degrees(),
+            rms_translation_mm: spread.rms_mm,
+            max_rotation_deg: spread.max_rad.to_degrees(),
+            max_translation_mm: spread.max_mm,
+            median_rotation_deg: spread.median_rad.to_degrees(),
+            median_translation_mm: spread.median_mm,
+        }
+    }
+}
+
+/// Residuals together, with their test.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ResidualSummary {
+    /// Observations that were used.
+    pub used: usize,
+    /// Observations that were dropped.
+    pub dropped: usize,
+    /// Spread of the residuals.
+    pub spread: ResidualSpread,
+    /// Mean of the whitened squares for a degree of freedom: 1 where the standard deviations are right.
+    pub variance_factor: f64,
+    /// Probability of residuals as large or larger.
+    pub chi2_p: f64,
+}
+
+/// Prediction of each used observation from the others.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct LeaveOneOutDocument {
+    /// Spread of the prediction's errors.
+    pub spread: ResidualSpread,
+    /// Largest turn of X when one observation is left out, degrees.
+    pub max_hand_eye_rotation_deg: f64,
+    /// Largest shift of X when one observation is left out, mm.
+    pub max_hand_eye_translation_mm: f64,
+}
+
+/// How well the motions determine the result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct ObservabilityDocument {
+    /// Spread of the relative turns about three axes, degrees, ascending; the middle one decides.
+    pub spread_deg: [f64; 3],
+    /// Direction that is known least.
+    pub weakest: Option<WeakestDocument>,
+    /// Largest standard deviation of a turn, degrees.
+    pub rotation_sd_deg: f64,
+    /// Largest standard deviation of a shift, mm.
+    pub translation_sd_mm: f64,
+}
+
+/// Direction that is known least.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct WeakestDocument {
+    /// `turn` about the axis or `shift` along it.
+    pub freedom: Freedom,
+    /// Unit vector, in the cloud.
+    pub axis: [f64; 3],
+    /// Standard deviation, degrees for a turn; else `null`.
+    pub sd_deg: Option<f64>,
+    /// Standard deviation, mm for a shift; else `null`.
+    pub sd_mm: Option<f64>,
+}
+
+/// One harmonic of the table's runout.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct HarmonicDocument {
+    /// Periods a turn; 1 is wobble.
+    pub order: usize,
+    /// Amplitude across the axis, mm.
+    pub radial_mm: f64,
+    /// Amplitude along the axis, mm.
+    pub axial_mm: f64,
+    /// Standard deviation of an amplitude, mm.
+    pub sd_mm: f64,
+}
+
+/// A finding.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct FindingDocument {
+    /// Code.
+    pub code: FindingCode,
+    /// Weight.
+    pub severity: Severity,
+    /// Observations that it is about.
+    pub observations: Vec<String>,
+    /// Sentence.
+    pub detail: String,
+}
+
+impl From<&Finding> for FindingDocument {
+    fn from(finding: &Finding) -> Self {
+        Self {
+            code: finding.code,
+            severity: finding.severity,
+            observations: finding.observations.clone(),
+            detail: sentence(finding),
+        }
+    }
+}
+
+fn rows<const N: usize>(at: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>> {
+    (0..N).map(|row| (0..N).map(|column| at(row, column)).collect()).collect()
+}
+
+fn pose(isometry: &Isometry3<f64>) -> PoseSpec {
+    PoseSpec::from(&Pose::<ScannerFrame, Cloud>::claim(*isometry))
+}
+
+impl CalibrationDocument {
+    /// Document of a calibration; `data_sha256` is that of the observations' bytes. Its id is empty.
+    #[must_use]
+    pub fn new(found: &Calibration, solve: Solve, data: &CalibrationData, cell: &Cell, [data_sha256, now]: [&str; 2]) -> Self {
+        let (estimate, covariance) = (&found.refined.estimate, &found.refined.covariance);
+        let frame = data.cloud_frame(cell);
+        let scanner_from_cloud = frame.scanner_from_cloud(&cell.scanner.devices);
+        let of_role = |role: Role| found.roles.iter().filter(|each| **each == role).count();
+        let chosen = |role: Role| found.residuals.iter().zip(&found.roles).filter(move |(_, r)| **r == role).map(|(e, _)| *e);
+        let held_out = (of_role(Role::HeldOut) > 0).then(|| Spread::of(chosen(Role::HeldOut)).into());
+        let taken_at = data.taken_at.clone().or_else(|| now.parse().ok());
+        Self {
+            schema: CALIBRATION_SCHEMA.to_owned(),
+            id: String::new(),
+            kind: solve,
+            cell: cell.name.clone(),
+            setup: data.setup,
+            data_sha256: data_sha256.to_owned(),
+            taken_at: taken_at.unwrap_or_else(epoch),
+            temperature_c: data.temperature_c,
+            flange_from_scanner: pose(&(estimate.hand_eye * scanner_from_cloud.isometry().inverse())),
+            scanner_from_cloud: frame,
+            flange_from_cloud: pose(&estimate.hand_eye),
+            base_from_table: (solve != Solve::HandEye).then(|| pose(&estimate.table)),
+            plate_from_board: pose(&estimate.board),
+            table_sense: estimate.scale.signum(),
+            covariance: CovarianceDocument {
+                order: ORDER.to_owned(),
+                hand_eye: rows::<6>(|row, column| covariance[(row, column)]),
+                table: rows::<4>(|row, column| covariance[(6 + row, 6 + column)]),
+                joint: rows::<JOINT>(|row, column| covariance[(row, column)]),
+            },
+            sigma: found.refined.weighting.sigma.into(),
+            sigma_estimated: found.is_sigma_estimated,
+            residuals: residuals(found),
+            summary: ResidualSummary {
+                used: of_role(Role::Used),
+                dropped: of_role(Role::Dropped),
+                spread: Spread::of(chosen(Role::Used)).into(),
+                variance_factor: found.refined.variance_factor(),
+                chi2_p: found.chi2_p,
+            },
+            leave_one_out: left_out(found),
+            held_out,
+            observability: observability(found),
+            table_runout: harmonics(found, solve),
+            point_at_best_focus_sd_mm: found.point_sd_mm,
+            findings: found.findings.iter().map(FindingDocument::from).collect(),
+        }
+    }
+
+    /// Checks what structure alone does not tell.
+    ///
+    /// # Errors
+    /// Every field that is out of range.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        let mut findings = Findings::default();
+        findings.require(self.schema == CALIBRATION_SCHEMA, "/schema", || {
+            format!("is {:?}; this version reads {CALIBRATION_SCHEMA:?}", self.schema)
+        });
+        self.flange_from_cloud.check("/flange_from_cloud", &mut findings);
+        self.plate_from_board.check("/plate_from_board", &mut findings);
+        if let Some(table) = &self.base_from_table {
+            table.check("/base_from_table", &mut findings);
+        }
+        let joint = &self.covariance.joint;
+        let is_square = joint.len() == JOINT && joint.iter().all(|row| row.len() == JOINT && row.iter().all(|v| v.is_finite()));
+        findings.require(is_square, "/covariance/joint", || format!("is not {JOINT} rows of {JOINT} finite numbers"));
+        findings.into_result()
+    }
+
+    /// Unknowns and their covariance, as they were found.
+    #[must_use]
+    pub fn estimate(&self) -> (Estimate, Square, Weighting) {
+        let isometry = |spec: &PoseSpec| *spec.pose::<ScannerFrame, Cloud>().isometry();
+        let estimate = Estimate {
+            hand_eye: isometry(&self.flange_from_cloud),
+            table: self.base_from_table.as_ref().map_or_else(Isometry3::identity, isometry),
+            board: isometry(&self.plate_from_board),
+            scale: self.table_sense,
+        };
+        let of = |row: usize, column: usize| self.covariance.joint.get(row).and_then(|row| row.get(column)).copied();
+        let covariance = Square::from_fn(|row, column| of(row, column).unwrap_or(0.0));
+        (estimate, covariance, Weighting { setup: self.setup, sigma: Sigma::from(self.sigma) })
+    }
+
+    /// Covariance of X.
+    #[must_use]
+    pub fn hand_eye_covariance(&self) -> Matrix6<f64> {
+        self.estimate().1.fixed_view::<6, 6>(0, 0).into_owned()
+    }
+}
+
+/// Time of a document whose clock cannot be read.
+fn epoch() -> UtcTime {
+    "1970-01-01T00:00:00Z".parse().unwrap_or_else(|_| unreachable!("a time in RFC 3339"))
+}
+
+fn residuals(found: &Calibration) -> Vec<ResidualDocument> {
+    let dropped = |id: &String| {
+        let named = found.findings.iter().find(|finding| finding.observations.contains(id));
+        named.map_or(FindingCode::BadPose, |finding| finding.code)
+    };
+    let each = |index: usize| {
+        let (residual, sighting): (&Twist, _) = (&found.residuals[index], &found.sightings[index]);
+        let role = found.roles[index];
+        ResidualDocument {
+            id: sighting.id.clone(),
+            rotation_deg: rotation_of(residual).norm().to_degrees(),
+            translation_mm: translation_of(residual).norm(),
+            shift_mm: translation_of(residual).into(),
+            whitened: found.whitened[index],
+            table_angle_deg: sighting.table_rad.to_degrees(),
+            used: role == Role::Used,
+            held_out: role == Role::HeldOut,
+            dropped_because: (role == Role::Dropped).then(|| dropped(&sighting.id)),
+            predicted_translation_mm: found.left_out[index].map(|left| translation_of(&left.residual).norm()),
+        }
+    };
+    (0..found.sightings.len()).map(each).collect()
+}
+
+fn left_out(found: &Calibration) -> LeaveOneOutDocument {
+    let all = || found.left_out.iter().flatten();
+    let moved = Spread::of(all().map(|left| left.hand_eye_shift));
+    LeaveOneOutDocument {
+        spread: Spread::of(all().map(|left| left.residual)).into(),
+        max_hand_eye_rotation_deg: moved.max_rad.to_degrees(),
+        max_hand_eye_translation_mm: moved.max_mm,
+    }
+}
+
+fn observability(found: &Calibration) -> ObservabilityDocument {
+    let judged = &found.observability;
+    ObservabilityDocument {
+        spread_deg: judged.spread_rad.map(f64::to_degrees),
+        weakest: judged.weakest.map(|weakest| WeakestDocument {
+            freedom: weakest.freedom,
+            axis: weakest.axis.into(),
+            sd_deg: (weakest.freedom == Freedom::Turn).then(|| weakest.sd.to_degrees()),
+            sd_mm: (weakest.freedom == Freedom::Shift).then_some(weakest.sd),
+        }),
+        rotation_sd_deg: judged.turn_sd_rad.to_degrees(),
+        translation_sd_mm: judged.shift_sd_mm,
+    }
+}
+
+fn harmonics(found: &Calibration, solve: Solve) -> Vec<HarmonicDocument> {
+    if solve == Solve::HandEye {
+        return Vec::new();
+    }
+    let used: Vec<_> = found
+        .sightings
+        .iter()
+        .zip(&found.roles)
+        .filter(|(_, role)| **role == Role::Used)
+        .map(|(each, _)| each.clone())
+        .collect();
+    let of = runout(&found.refined.estimate, &used);
+    of.into_iter()
+        .map(|each| HarmonicDocument {
+            order: each.order,
+            radial_mm: each.radial_mm,
+            axial_mm: each.axial_mm,
+            sd_mm: each.sd_mm,
+        })
+        .collect()
+}

@@ -1,0 +1,1 @@
+//! Documents of calibration: what is read, what is refused and how it is said.

@@ -1,0 +1,131 @@
+//! Sentences of the findings: what the data look like, and what to do.
+
+use crate::cell::calibration::findings::{Figures, Finding, FindingCode};
+
+/// The finding as a sentence.
+#[must_use]
+pub fn sentence(finding: &Finding) -> String {
+    let about = finding.observations.join(", ");
+    let figures = &finding.figures;
+    match finding.code {
+        FindingCode::DegenerateMotion | FindingCode::WeakMotion => of_motion(finding.code, figures),
+        FindingCode::ToolActive | FindingCode::WrongRobotModel | FindingCode::JointOrder | FindingCode::AngleUnit | FindingCode::OutOfStep => {
+            of_arm(finding.code, figures)
+        }
+        FindingCode::Inverted | FindingCode::OtherSetup | FindingCode::Transposed => of_reading(finding.code, figures),
+        FindingCode::TableSign | FindingCode::TableScale | FindingCode::TableStill => of_table(finding.code, figures),
+        FindingCode::BadPose | FindingCode::Moved | FindingCode::Swapped | FindingCode::Flipped | FindingCode::DuplicatePose | FindingCode::HeldOutDisagrees => {
+            of_poses(finding.code, &about, figures)
+        }
+        FindingCode::TooFew => {
+            let count = figures.count.unwrap_or(0);
+            format!("{count} observations; at least 3 are needed, better 12, with turns of the arm about two axes")
+        }
+        FindingCode::UnitMismatch => {
+            let ratio = figures.ratio.unwrap_or(f64::NAN);
+            let size = if ratio >= 1.0 { format!("{ratio:.0} × smaller") } else { format!("{:.0} × larger", ratio.recip()) };
+            let than = if figures.count.is_some() { "than the scanner's distance" } else { "than the others" };
+            format!("translations of {about} are {size} {than}: metres for millimetres?")
+        }
+        FindingCode::SigmaTooSmall => format!(
+            "the observations scatter {:.1} × more than the sigmas given: leave sigma out to have it estimated",
+            figures.ratio.unwrap_or(f64::NAN)
+        ),
+        FindingCode::ArmModel => format!(
+            "residuals grow with joint {} (r = {:.1}): the arm's own calibration, not the hand-eye",
+            figures.joint.unwrap_or(0),
+            figures.ratio.unwrap_or(f64::NAN)
+        ),
+        FindingCode::Stale => of_age(figures),
+        FindingCode::NoConsensus => format!(
+            "only {} observations agree with each other: check robot model, board and order of the observations",
+            figures.count.unwrap_or(0)
+        ),
+    }
+}
+
+fn of_motion(code: FindingCode, figures: &Figures) -> String {
+    let spread = figures.turn_rad.unwrap_or(0.0).to_degrees();
+    let axis = figures.vector.map_or_else(String::new, |axis| format!(" {}", near_axis(axis.into())));
+    let known = match (figures.length_mm, figures.other_turn_rad) {
+        (Some(mm), Some(rad)) => format!("the shift along{axis} is known to ±{mm:.2} mm, turns to ±{:.3}°", rad.to_degrees()),
+        _ if axis.is_empty() => "the scanner's pose stays open".to_owned(),
+        _ => format!("all turns are about{axis}: the shift along it stays open"),
+    };
+    let advice = if code == FindingCode::WeakMotion { "more tilt or more poses would help" } else { "tilt the arm by 20° or more" };
+    format!("turns spread only {spread:.1}° across their main axis: {known}; {advice}")
+}
+
+/// Axis by name where it is within 15° of one, else its direction.
+fn near_axis(axis: [f64; 3]) -> String {
+    let named = ["x", "y", "z"].into_iter().zip(axis).find(|(_, component)| component.abs() > 0.966);
+    named.map_or_else(|| format!("({:.2} {:.2} {:.2})", axis[0], axis[1], axis[2]), |(name, _)| name.to_owned())
+}
+
+fn of_arm(code: FindingCode, figures: &Figures) -> String {
+    let (mm, deg) = (figures.length_mm.unwrap_or(0.0), figures.turn_rad.unwrap_or(0.0).to_degrees());
+    let differ = format!("FK(joints) and base_from_flange differ by up to {mm:.1} mm and {deg:.2}°");
+    match code {
+        FindingCode::ToolActive => {
+            let [x, y, z] = figures.vector.map_or([0.0; 3], Into::into);
+            format!(
+                "FK(joints) and base_from_flange differ by a constant {x:.1}, {y:.1}, {z:.1} mm and {deg:.2}°: a tool is active in the \
+                 controller; export the flange, or set the tool to zero"
+            )
+        }
+        FindingCode::JointOrder => format!("{differ} as given, and agree with the joints in another order or sense"),
+        FindingCode::AngleUnit => format!("{differ} as given, and agree with degrees and radians exchanged"),
+        FindingCode::OutOfStep => format!("{differ} as given, and agree one observation apart: the records are out of step"),
+        _ => format!("{differ}, and not by a constant: the cell's robot is not this arm"),
+    }
+}
+
+fn of_reading(code: FindingCode, figures: &Figures) -> String {
+    let (given, other) = (figures.length_mm.unwrap_or(f64::NAN), figures.other_length_mm.unwrap_or(f64::NAN));
+    let reading = match code {
+        FindingCode::Inverted => "with cloud_from_board inverted: board_from_cloud was given",
+        FindingCode::OtherSetup => {
+            "with the arm's poses inverted: the scanner stands in the cell (eye_to_hand) where eye_in_hand is given, the reverse, or \
+             flange_from_base was given"
+        }
+        _ => "with a rotation transposed: columns were written as rows",
+    };
+    format!("the boards disagree by {given:.1} mm as given, and by {other:.2} mm {reading}")
+}
+
+fn of_table(code: FindingCode, figures: &Figures) -> String {
+    let (asked, found) = (figures.turn_rad.unwrap_or(0.0).to_degrees(), figures.other_turn_rad.unwrap_or(0.0).to_degrees());
+    match code {
+        FindingCode::TableSign => format!("the board turned {found:.2}° for {asked:+.2}°: invert the table's axis"),
+        FindingCode::TableScale => {
+            format!("the table turns {:.5} of the angle that it reports: check its gear ratio", figures.ratio.unwrap_or(f64::NAN))
+        }
+        _ => format!("the table turned by {asked:.1}° in all; its axis needs 10°, better a full turn"),
+    }
+}
+
+fn of_poses(code: FindingCode, about: &str, figures: &Figures) -> String {
+    let (mm, deg) = (figures.length_mm.unwrap_or(0.0), figures.turn_rad.unwrap_or(0.0).to_degrees());
+    match code {
+        FindingCode::Moved => format!(
+            "{about} agree with each other and not with the others ({mm:.1} mm, {deg:.2}°): the board or the scanner moved in between"
+        ),
+        FindingCode::Swapped => format!("{about}: each fits the board of the other: exchanged"),
+        FindingCode::Flipped => format!("{about} fits turned by 180°: a board without orientation"),
+        FindingCode::DuplicatePose => format!("{about} are the same within {mm} mm: the first is left out"),
+        FindingCode::HeldOutDisagrees => {
+            format!("{about} was held out, and is {mm:.2} mm and {deg:.3}° off: the calibration does not hold there")
+        }
+        _ => format!("{about} does not agree with the others ({mm:.2} mm, {deg:.3}°) and was dropped"),
+    }
+}
+
+fn of_age(figures: &Figures) -> String {
+    match (figures.temperatures_c, figures.ratio) {
+        (Some([now, then]), _) => {
+            format!("taken at {now:.1} °C, calibration at {then:.1} °C: {:.1} K, over 5 K: calibrate again", (now - then).abs())
+        }
+        (None, Some(hours)) => format!("the calibration is {hours:.0} hours old: check it again"),
+        (None, None) => "the calibration is stale: check it again".to_owned(),
+    }
+}
