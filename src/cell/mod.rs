@@ -5,9 +5,9 @@ mod axis;
 mod body;
 mod body_meshes;
 mod body_surface;
+pub mod calibration;
 mod closed_list;
 mod closest;
-pub mod calibration;
 pub mod collision;
 mod controllers;
 mod decode_message;
@@ -52,8 +52,8 @@ pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
 pub use provenance::CalibrationProvenance;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
-    BoardPoseSpec, BoardPosesSpec, CloudFrame, CloudFrameSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
-    OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
+    BoardPoseSpec, BoardPosesSpec, CloudFrame, CloudFrameSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field,
+    Lens, MeasurementVolume, OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};

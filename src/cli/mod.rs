@@ -16,6 +16,7 @@ use self::signals::on_signals;
 use crate::wire::{VERSION_LINE, Version};
 
 pub mod backup;
+pub mod calibrate;
 pub mod cell;
 pub mod check;
 mod completions;
@@ -89,6 +90,7 @@ enum Command {
     Robot(robot::RobotArgs),
     Scanner(Box<scanner::ScannerArgs>),
     Sim(sim::SimArgs),
+    Calibrate(Box<calibrate::CalibrateArgs>),
     Cell(Box<cell::CellArgs>),
     Backup(backup::BackupArgs),
     Restore(backup::RestoreArgs),
@@ -115,6 +117,9 @@ pub enum CliError {
     /// Plan with regions below their targets, where that is asked to be an error.
     #[error("{0}")]
     RegionsUnmet(String),
+    /// Calibration that does not hold any more.
+    #[error("{0}")]
+    NotCalibrated(String),
     /// Interruption by the user.
     #[error("{0}")]
     Cancelled(String),
@@ -147,7 +152,7 @@ impl CliError {
         match self {
             Self::Failed(_) => 1,
             Self::BadInput(_) | Self::Findings(_) => 2,
-            Self::NoPlan(_) | Self::RegionsUnmet(_) => 3,
+            Self::NoPlan(_) | Self::RegionsUnmet(_) | Self::NotCalibrated(_) => 3,
             Self::Cancelled(_) => 4,
         }
     }
@@ -160,6 +165,7 @@ impl CliError {
             Self::Findings(_) => ("invalid_fields", "Fields of the input are invalid"),
             Self::NoPlan(_) => ("no_plan", "No plan is possible"),
             Self::RegionsUnmet(_) => ("regions_unmet", "Regions are below their targets"),
+            Self::NotCalibrated(_) => ("not_calibrated", "The calibration does not hold"),
             Self::Cancelled(_) => ("cancelled", "The command was interrupted"),
         }
     }
@@ -224,6 +230,7 @@ impl Cli {
             Command::Robot(args) => robot::run(&args),
             Command::Scanner(args) => scanner::run(&args),
             Command::Sim(args) => sim::run(&args),
+            Command::Calibrate(args) => calibrate::run(&args),
             Command::Cell(args) => cell::run(&args),
             Command::Backup(args) => backup::run_backup(&args),
             Command::Restore(args) => backup::run_restore(&args),

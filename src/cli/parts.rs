@@ -133,6 +133,7 @@ impl PartRow {
             Some(CliError::RegionsUnmet(_)) => "regions below target",
             Some(CliError::BadInput(_) | CliError::Findings(_)) => "bad input",
             Some(CliError::Failed(_)) => "system error",
+            Some(CliError::NotCalibrated(_)) => "not calibrated",
             Some(CliError::Cancelled(_)) => "interrupted",
         }
     }
@@ -197,14 +198,14 @@ fn worst(rows: &[PartRow]) -> Result<(), CliError> {
         rows.iter().filter(|row| row.error.is_some()).map(|row| format!("{} ({})", row.mesh.display(), row.result())).collect();
     let detail = format!("{} of {} parts failed: {}", failed.len(), rows.len(), failed.join(", "));
     let worst = rows.iter().filter_map(|row| row.error.as_ref()).max_by_key(|error| match error {
-        CliError::NoPlan(_) | CliError::RegionsUnmet(_) => 0,
+        CliError::NoPlan(_) | CliError::RegionsUnmet(_) | CliError::NotCalibrated(_) => 0,
         CliError::BadInput(_) | CliError::Findings(_) => 1,
         CliError::Failed(_) => 2,
         CliError::Cancelled(_) => 3,
     });
     Err(match worst {
         None => return Ok(()),
-        Some(CliError::NoPlan(_) | CliError::RegionsUnmet(_)) => CliError::NoPlan(detail),
+        Some(CliError::NoPlan(_) | CliError::RegionsUnmet(_) | CliError::NotCalibrated(_)) => CliError::NoPlan(detail),
         Some(CliError::BadInput(_) | CliError::Findings(_)) => CliError::BadInput(detail),
         Some(CliError::Failed(_)) => CliError::Failed(detail),
         Some(CliError::Cancelled(_)) => CliError::Cancelled(detail),

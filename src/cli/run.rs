@@ -189,14 +189,23 @@ impl PreparedRun {
         let run = Run::new(&request, None, &cell.name, &program, &hex(&Sha256::digest(&bytes)));
         let expected = reference.expected(program.setup);
         let scene = reference.scene(&cell, expected.as_ref());
-        let hashes = Hashes { plan: program.plan_sha256.clone(), cell: files::cell_sha256_of(&spec)?, compensation: None };
+        let compensation = cell.calibrated.as_ref().and_then(|calibrated| calibrated.compensation_sha256.clone());
+        let present = Hashes { plan: program.plan_sha256.clone(), cell: files::cell_sha256_of(&spec)?, compensation };
+        let planned_in = reference.plan.as_ref().and_then(|(plan, _)| plan.cell.as_ref());
+        let approved = planned_in.map_or_else(
+            || present.clone(),
+            |planned| {
+                let compensation = planned.calibrated.as_ref().and_then(|calibrated| calibrated.compensation_sha256.clone());
+                Hashes { compensation, ..present.clone() }
+            },
+        );
         if args.from_step >= program.steps.len().max(1) {
             let last = program.steps.len().saturating_sub(1);
             return Err(CliError::BadInput(format!("--from-step {}: the program has the steps 0 to {last}", args.from_step)));
         }
         let program = session::program_for(program, (args.mode, controllers.as_ref()), (&cell, &scene))
             .map_err(|together| CliError::BadInput(format!("{shown}: {together}")))?;
-        let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [hashes.clone(), hashes])
+        let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
             .map_err(|found| refused(&found))?;
         Ok(Self { run, job, cell, reference, controllers, request })
     }

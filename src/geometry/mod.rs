@@ -23,7 +23,9 @@ mod unit;
 pub use adjacency::components_sharing;
 pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
 pub use face_lists::FaceLists;
-pub use frames::{Base, Board, Cloud, Device, Flange, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed, table_from_plate};
+pub use frames::{
+    Base, Board, Cloud, Device, Flange, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed, table_from_plate,
+};
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, each_inner_edge, is_closed, outward_faces};
 pub use poll::{Interrupted, Poll};

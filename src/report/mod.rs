@@ -1,5 +1,6 @@
 //! Pages, pictures, charts and text about a plan, made for people. Nothing here decides anything.
 
+pub mod calibration;
 pub mod html;
 mod no_plan_text;
 pub mod sketch;

@@ -407,6 +407,7 @@ impl PlanJob<'_> {
             flange_from_scanner: PoseSpec::from(&cell.flange_from_scanner),
             robot: cell.robot.name.clone(),
             turntable: cell.turntable.name.clone(),
+            calibrated: cell.calibrated.clone(),
         })
     }
 }

@@ -28,7 +28,7 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 use super::angle::degrees;
 use super::echo::Echo;
 use super::warnings::{self, FieldWarning};
-use crate::cell::{OpticalDevice, PoseSpec, Scanner};
+use crate::cell::{CalibrationProvenance, OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Bound, Cause, ChosenOn, Outcome, Plan, PlannedView, SetupId, SetupPlan};
 
@@ -193,6 +193,9 @@ pub struct CellDocument {
     pub robot: String,
     /// Name of the turntable specification.
     pub turntable: String,
+    /// Calibration that the poses were taken from; absent where they were typed in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<CalibrationProvenance>,
 }
 
 /// Views and area of one setup.

@@ -35,7 +35,9 @@ mod tests {
     /// Values of Abramowitz & Stegun, table 26.8.
     #[test]
     fn quantiles_are_those_of_the_tables() {
-        for (probability, freedom, value) in [(0.05, 2, 5.991), (0.01, 6, 16.812), (0.0005, 6, 24.103), (0.5, 6, 5.348), (0.01, 100, 135.807)] {
+        for (probability, freedom, value) in
+            [(0.05, 2, 5.991), (0.01, 6, 16.812), (0.0005, 6, 24.103), (0.5, 6, 5.348), (0.01, 100, 135.807)]
+        {
             assert!((quantile(probability, freedom) - value).abs() < 1e-3, "{probability} {freedom}");
         }
         assert!((exceedance(0.0, 6) - 1.0).abs() < 1e-15 && exceedance(1e6, 6) < 1e-12);

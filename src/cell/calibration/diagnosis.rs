@@ -203,11 +203,8 @@ fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usiz
         return None;
     }
     let by = log(&(at.board.inverse() * other.board));
-    let figures = Figures {
-        length_mm: Some(translation_of(&by).norm()),
-        turn_rad: Some(rotation_of(&by).norm()),
-        ..Figures::default()
-    };
+    let figures =
+        Figures { length_mm: Some(translation_of(&by).norm()), turn_rad: Some(rotation_of(&by).norm()), ..Figures::default() };
     let about: Vec<_> = open.drain(..).map(|index| sightings[index].id.clone()).collect();
     Some(Finding::new(FindingCode::Moved, Severity::Error).about(about).with(figures))
 }

@@ -9,12 +9,13 @@ pub mod findings;
 pub mod leave_one_out;
 pub mod observability;
 pub mod placement;
+pub mod poses;
 pub mod refine;
 pub mod screening;
 pub mod se3;
 pub mod solve;
 pub mod start;
 pub mod table;
-pub mod witness;
 #[cfg(test)]
 mod tests;
+pub mod witness;

@@ -92,11 +92,8 @@ pub fn from_points(pairs_mm: &[[Point3<f64>; 2]], sigma_mm: Option<f64>) -> Resu
 /// Refuses points on a line.
 fn check_shape(pairs_mm: &[[Point3<f64>; 2]], centres: &[Vector3<f64>; 2]) -> Result<(), PlacementError> {
     for side in [0, 1] {
-        let scatter: Matrix3<f64> = pairs_mm
-            .iter()
-            .map(|pair| pair[side].coords - centres[side])
-            .map(|off| off * off.transpose())
-            .sum();
+        let scatter: Matrix3<f64> =
+            pairs_mm.iter().map(|pair| pair[side].coords - centres[side]).map(|off| off * off.transpose()).sum();
         let mut extents: Vec<f64> = scatter.symmetric_eigenvalues().iter().map(|value| value.max(0.0).sqrt()).collect();
         extents.sort_by(f64::total_cmp);
         if extents[1] <= COLLINEAR * extents[2].max(1e-9) {
@@ -114,8 +111,7 @@ fn check_handedness(
     scatter: f64,
 ) -> Result<(), PlacementError> {
     let mirror = |pair: &[Point3<f64>; 2]| -(pair[0].coords - centres[0]);
-    let moments: Matrix3<f64> =
-        pairs_mm.iter().map(|pair| (pair[1].coords - centres[1]) * mirror(pair).transpose()).sum();
+    let moments: Matrix3<f64> = pairs_mm.iter().map(|pair| (pair[1].coords - centres[1]) * mirror(pair).transpose()).sum();
     let Some(rotation) = nearest_rotation(&moments) else { return Ok(()) };
     let squares = pairs_mm.iter().map(|pair| (rotation * mirror(pair) - (pair[1].coords - centres[1])).norm_squared());
     let mirrored_mm = (squares.sum::<f64>() / pairs_mm.len() as f64).sqrt();
@@ -138,7 +134,11 @@ pub fn covariance(pairs_mm: &[[Point3<f64>; 2]], sigma_mm: f64) -> Option<Matrix
 
 /// table_from_part from a cloud that was registered to the part: the chain, read to the part.
 #[must_use]
-pub fn from_cloud(base_from_plate: &Isometry3<f64>, base_from_cloud: &Isometry3<f64>, cloud_from_part: &Isometry3<f64>) -> Isometry3<f64> {
+pub fn from_cloud(
+    base_from_plate: &Isometry3<f64>,
+    base_from_cloud: &Isometry3<f64>,
+    cloud_from_part: &Isometry3<f64>,
+) -> Isometry3<f64> {
     base_from_plate.inverse() * base_from_cloud * cloud_from_part
 }
 

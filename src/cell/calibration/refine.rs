@@ -6,7 +6,7 @@
 
 use nalgebra::{Isometry3, Matrix6, SMatrix, SVector, Vector3};
 
-use super::data::{Estimate, Sigma, Sighting, Weighting};
+use super::data::{Estimate, Sighting, Sigma, Weighting};
 use super::se3::{Twist, adjoint, exp, log, right_jacobian_inverse};
 
 /// Columns of the unknowns: hand-eye 6, table 4 (turns about x and y, shifts along x and y: the rest is gauge), board 6, scale.
@@ -337,8 +337,7 @@ impl Refined {
     #[must_use]
     pub fn chi2_of_other(&self, sighting: &Sighting) -> f64 {
         let (residual, rows) = linearised(&self.estimate, sighting);
-        let covariance =
-            self.weighting.covariance(&self.estimate, sighting) + rows * self.covariance * rows.transpose();
+        let covariance = self.weighting.covariance(&self.estimate, sighting) + rows * self.covariance * rows.transpose();
         covariance.cholesky().map_or(f64::INFINITY, |cholesky| residual.dot(&cholesky.solve(&residual)))
     }
 

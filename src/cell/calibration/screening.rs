@@ -3,7 +3,7 @@
 //! three times. A loss that bounds outliers alone was measured not to be enough. Costs 60 small refinements.
 
 use super::chi_squared::quantile;
-use super::data::{Estimate, Sigma, Sighting, Weighting};
+use super::data::{Estimate, Sighting, Sigma, Weighting};
 use super::refine::{Free, Problem, Refined};
 
 /// Sets of four that are tried: with three good observations of four, all 60 contain a bad one in 1 of 10⁹ cases.
@@ -112,8 +112,7 @@ impl Screening<'_> {
             let mut squares: Vec<f64> = self.sightings.iter().map(|each| refined.chi2_of_other(each)).collect();
             squares.sort_by(f64::total_cmp);
             let median = squares[count / 2];
-            let cost =
-                if self.estimate_sigma { median } else { squares.iter().map(|square| square.min(bound)).sum::<f64>() };
+            let cost = if self.estimate_sigma { median } else { squares.iter().map(|square| square.min(bound)).sum::<f64>() };
             // Of sets that all fail the bound the median decides.
             let spread = refined.covariance.fixed_view::<6, 6>(0, 0).trace() + refined.covariance.trace();
             spread.is_finite().then_some((cost, median, set))

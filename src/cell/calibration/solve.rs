@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Matrix6, Vector3};
 
 use super::chi_squared::{exceedance, quantile};
-use super::data::{Estimate, Setup, Sigma, Sighting, Solve, Weighting};
+use super::data::{Estimate, Setup, Sighting, Sigma, Solve, Weighting};
 use super::diagnosis;
 use super::findings::{Figures, Finding, FindingCode, Severity};
 use super::leave_one_out::{LeftOut, leave_one_out};

@@ -216,8 +216,7 @@ pub fn start_joint(sightings: &[Sighting], nominal: &Isometry3<f64>) -> Option<E
         let board = Isometry3::identity();
         let mut at = Estimate { hand_eye: Isometry3::identity(), table: *nominal, board, scale };
         for _ in 0..3 {
-            let frames: Vec<_> =
-                sightings.iter().map(|each| at.base_from_plate(each.table_rad).inverse() * each.robot).collect();
+            let frames: Vec<_> = sightings.iter().map(|each| at.base_from_plate(each.table_rad).inverse() * each.robot).collect();
             at.hand_eye = park_martin(&frames, &seen)?;
             // The axis is told by the turns of the table alone; without any the nominal one stays.
             if let Some(next) = start_table(sightings, &at.hand_eye, nominal).filter(|next| next.scale * scale > 0.0) {

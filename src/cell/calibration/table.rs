@@ -84,8 +84,7 @@ pub fn plate_face(points_mm: &[Point3<f64>]) -> Option<PlateFace> {
         return None;
     }
     let centre = points_mm.iter().map(|point| point.coords).sum::<Vector3<f64>>() / points_mm.len() as f64;
-    let scatter: Matrix3<f64> =
-        points_mm.iter().map(|point| (point.coords - centre) * (point.coords - centre).transpose()).sum();
+    let scatter: Matrix3<f64> = points_mm.iter().map(|point| (point.coords - centre) * (point.coords - centre).transpose()).sum();
     let eigen = scatter.symmetric_eigen();
     let mut order = [0, 1, 2];
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::data::{Estimate, Setup, Sigma, Sighting, Weighting};
+use super::data::{Estimate, Setup, Sighting, Sigma, Weighting};
 use super::leave_one_out::leave_one_out;
 use super::refine::{Free, Problem};
 use super::screening::Screening;
@@ -238,8 +238,7 @@ fn bad_poses_are_named() {
                 disturb(&mut sightings, &level, &mut noise);
                 let mut bad = vec![2, 9];
                 bad.truncate(if per_spoil == 2 { 2 } else { count });
-                let good: Vec<_> =
-                    (0..15).filter(|index| !bad.contains(index)).map(|index| sightings[index].clone()).collect();
+                let good: Vec<_> = (0..15).filter(|index| !bad.contains(index)).map(|index| sightings[index].clone()).collect();
                 bad.iter().take(count).for_each(|index| spoil(&mut sightings, *index));
                 let screening = |sightings: &[Sighting]| {
                     let weighting = in_hand(level);
@@ -257,7 +256,10 @@ fn bad_poses_are_named() {
             }
             let bad = if per_spoil == 2 { 2 } else { count };
             let (good, ratio) = ((15 - bad) * runs as usize, quantile_of(ratio, 0.5));
-            println!("C8 {name} × {count}: {named} of {} named, {dropped} of {good} good dropped, error × {ratio:.3}", bad * runs as usize);
+            println!(
+                "C8 {name} × {count}: {named} of {} named, {dropped} of {good} good dropped, error × {ratio:.3}",
+                bad * runs as usize
+            );
             assert!(named == bad * runs as usize && dropped * 100 <= good && ratio <= 1.2, "{name}");
         }
     }
@@ -272,8 +274,13 @@ fn leaving_one_out_is_quick_and_right() {
     disturb(&mut sightings, &levels()[1], &mut noise);
     let began = std::time::Instant::now();
     let start = |some: &[Sighting]| start_joint(some, &truth.table);
-    let screening =
-        Screening { sightings: &sightings, free: Free::JOINT, start: &start, weighting: in_hand(levels()[1]), estimate_sigma: true };
+    let screening = Screening {
+        sightings: &sightings,
+        free: Free::JOINT,
+        start: &start,
+        weighting: in_hand(levels()[1]),
+        estimate_sigma: true,
+    };
     let screened = screening.screen().expect("screens");
     let left_out = leave_one_out(&screened.refined, &sightings);
     println!("C14 50 poses, screened, deviations estimated, each left out: {:?}", began.elapsed());

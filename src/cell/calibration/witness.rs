@@ -66,9 +66,8 @@ fn offset(
         witnessed.iter().map(|each| forward(&change(each.joints_rad)).inverse() * each.base_from_flange).collect();
     let mean = mean_pose(&tools);
     let off = tools.iter().map(|tool| log(&(mean.inverse() * tool)));
-    let (worst_mm, worst_rad) = off.fold((0.0, 0.0), |(mm, rad): (f64, f64), by| {
-        (mm.max(translation_of(&by).norm()), rad.max(rotation_of(&by).norm()))
-    });
+    let (worst_mm, worst_rad) =
+        off.fold((0.0, 0.0), |(mm, rad): (f64, f64), by| (mm.max(translation_of(&by).norm()), rad.max(rotation_of(&by).norm())));
     (mean, worst_mm, worst_rad)
 }
 

@@ -142,12 +142,15 @@ impl RunOrder {
         let listed = |errors: Vec<crate::cell::FieldError>| errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
         let plan = read_plan(plan).map_err(listed)?;
         let plan_sha256 = hex(&Sha256::digest(&self.plan));
+        let planned_with = plan.cell.as_ref().and_then(|cell| cell.calibrated.as_ref()?.compensation_sha256.clone());
         let reference = Reference { plan: Some((plan, plan_sha256.clone())), part: Some(mesh), fixture };
         reference.owns(&self.program).map_err(|finding| finding.to_string())?;
         let expected = reference.expected(self.program.setup);
         let scene = reference.scene(&cell, expected.as_ref());
-        let approved = Hashes { plan: self.program.plan_sha256.clone(), cell: self.cell_sha256.clone(), compensation: None };
-        let present = Hashes { plan: plan_sha256, cell: self.cell_sha256.clone(), compensation: None };
+        let approved =
+            Hashes { plan: self.program.plan_sha256.clone(), cell: self.cell_sha256.clone(), compensation: planned_with };
+        let compensation = cell.calibrated.as_ref().and_then(|calibrated| calibrated.compensation_sha256.clone());
+        let present = Hashes { plan: plan_sha256, cell: self.cell_sha256.clone(), compensation };
         let program = program_for(self.program.clone(), (self.request.mode, self.controllers.as_ref()), (&cell, &scene))?;
         let job = RunJob::new(program, Arc::clone(&cell), &scene, expected.as_ref(), [approved, present])
             .map_err(|found| listed(field_errors(&found)))?;

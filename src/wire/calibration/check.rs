@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::result::{CalibrationDocument, FindingDocument};
+use crate::cell::PoseSpec;
 use crate::cell::calibration::check::{CheckLimits, CheckVerdict, Checked};
 use crate::cell::calibration::findings::{Figures, Finding, FindingCode, Severity};
 use crate::cell::calibration::se3::{rotation_of, translation_of};
-use crate::cell::PoseSpec;
 use crate::geometry::{Cloud, Flange, Pose, ScannerFrame};
 use crate::wire::UtcTime;
 
@@ -124,6 +124,5 @@ impl CalibrationCheckDocument {
 fn stale(then_c: Option<f64>, now_c: Option<f64>) -> Option<Finding> {
     let (then, now) = (then_c?, now_c?);
     let figures = Figures { temperatures_c: Some([now, then]), ..Figures::default() };
-    ((now - then).abs() > MAX_TEMPERATURE_CHANGE_K)
-        .then(|| Finding::new(FindingCode::Stale, Severity::Warning).with(figures))
+    ((now - then).abs() > MAX_TEMPERATURE_CHANGE_K).then(|| Finding::new(FindingCode::Stale, Severity::Warning).with(figures))
 }

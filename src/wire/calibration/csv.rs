@@ -10,8 +10,27 @@ use crate::cell::{FieldError, Findings, did_you_mean};
 
 /// Columns that are read.
 const COLUMNS: [&str; 22] = [
-    "id", "j1_deg", "j2_deg", "j3_deg", "j4_deg", "j5_deg", "j6_deg", "table_angle_deg", "flange_x", "flange_y", "flange_z",
-    "flange_r1", "flange_r2", "flange_r3", "flange_r4", "board_x", "board_y", "board_z", "board_qx", "board_qy", "board_qz",
+    "id",
+    "j1_deg",
+    "j2_deg",
+    "j3_deg",
+    "j4_deg",
+    "j5_deg",
+    "j6_deg",
+    "table_angle_deg",
+    "flange_x",
+    "flange_y",
+    "flange_z",
+    "flange_r1",
+    "flange_r2",
+    "flange_r3",
+    "flange_r4",
+    "board_x",
+    "board_y",
+    "board_z",
+    "board_qx",
+    "board_qy",
+    "board_qz",
     "board_qw",
 ];
 /// Rows that a table may have.
@@ -82,9 +101,8 @@ impl Row<'_> {
     fn numbers<const COUNT: usize>(&self, names: [&str; COUNT], findings: &mut Findings) -> Option<[f64; COUNT]> {
         let numbers = names.map(|name| self.number(name, findings));
         let given = numbers.iter().filter(|number| number.is_some()).count();
-        findings.require(given == 0 || given == COUNT, format!("/{}", self.row), || {
-            format!("gives {given} of {}", names.join(", "))
-        });
+        findings
+            .require(given == 0 || given == COUNT, format!("/{}", self.row), || format!("gives {given} of {}", names.join(", ")));
         let all: Vec<f64> = numbers.into_iter().flatten().collect();
         all.try_into().ok()
     }

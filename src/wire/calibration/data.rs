@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
-use crate::cell::calibration::data::{Estimate, Setup, Sigma, Sighting, Solve};
+use crate::cell::calibration::data::{Estimate, Setup, Sighting, Sigma, Solve};
 use crate::cell::calibration::findings::Finding;
 use crate::cell::calibration::observability::Limits;
 use crate::cell::calibration::placement::{self, Placement};
@@ -254,9 +254,8 @@ impl CalibrationData {
             let pointer = format!("/observations/{index}");
             each.check(&pointer, &self.observations[..index], &mut findings);
             let joints = each.joints_deg.map(|joints| joints.map(f64::to_radians));
-            let reported = each.base_from_flange.as_ref().and_then(|pose| {
-                pose.pose(&format!("{pointer}/base_from_flange"), &mut findings)
-            });
+            let reported =
+                each.base_from_flange.as_ref().and_then(|pose| pose.pose(&format!("{pointer}/base_from_flange"), &mut findings));
             let seen = each.seen(&constellation, &pointer, self.board_sigma_mm(), &mut findings);
             if let (Some(joints_rad), Some(base_from_flange)) = (joints, reported) {
                 witnessed.push(Witnessed { id: &each.id, joints_rad, base_from_flange });

@@ -23,5 +23,5 @@ pub use foreign::{RobotPoseKind, from_pose_samples};
 pub use placement::{PLACEMENT_SCHEMA, PlacementData, PlacementDocument};
 pub use pose::ObservedPose;
 pub use poses::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
-pub use result::{CALIBRATION_SCHEMA, CalibrationDocument, FindingDocument};
+pub use result::{CALIBRATION_SCHEMA, CalibrationDocument, FindingDocument, ResidualDocument};
 pub use words::sentence;

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
 use crate::cell::calibration::placement::{Seat, from_cloud, from_points, from_seat};
-use crate::cell::{Cell, CloudFrameSpec, CloudFrame, FieldError, Findings, PoseSpec};
+use crate::cell::{Cell, CloudFrame, CloudFrameSpec, FieldError, Findings, PoseSpec};
 use crate::geometry::{Part, Pose, Table, table_from_plate};
 
 /// Name and version of the shape.
@@ -111,8 +111,8 @@ impl PlacementData {
                 });
                 findings.into_result()?;
                 let frame = cell.scanner.cloud_frame.unwrap_or(CloudFrameSpec::Named(CloudFrame::Scanner));
-                let base_from_cloud = cell.base_from_scanner(&joints_deg.map(f64::to_radians))
-                    * frame.scanner_from_cloud(&cell.scanner.devices);
+                let base_from_cloud =
+                    cell.base_from_scanner(&joints_deg.map(f64::to_radians)) * frame.scanner_from_cloud(&cell.scanner.devices);
                 let plate = cell.base_from_plate(table_angle_deg.to_radians());
                 let pose = cloud_from_part.map(|part| from_cloud(plate.isometry(), base_from_cloud.isometry(), &part));
                 Ok(document(&pose.unwrap_or_else(Isometry3::identity)))
@@ -159,15 +159,10 @@ fn of_points(points: &[PlacedPoint], sigma_mm: Option<f64>, cell: &Cell) -> Resu
     findings.into_result()?;
     let placed = from_points(&pairs, sigma_mm)
         .map_err(|error| vec![FieldError { pointer: "/points".into(), detail: error.to_string() }])?;
-    let covariance = placed.covariance.map_or_else(Vec::new, |all| {
-        (0..6).map(|row| (0..6).map(|column| all[(row, column)]).collect()).collect()
-    });
-    Ok(PlacementDocument {
-        residuals_mm: placed.residuals_mm,
-        rms_mm: Some(placed.rms_mm),
-        covariance,
-        ..document(&placed.pose)
-    })
+    let covariance = placed
+        .covariance
+        .map_or_else(Vec::new, |all| (0..6).map(|row| (0..6).map(|column| all[(row, column)]).collect()).collect());
+    Ok(PlacementDocument { residuals_mm: placed.residuals_mm, rms_mm: Some(placed.rms_mm), covariance, ..document(&placed.pose) })
 }
 
 fn of_seat(seats: &[SeatDocument], name: &str, part_from_seat: &ObservedPose) -> Result<PlacementDocument, Vec<FieldError>> {

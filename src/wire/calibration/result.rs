@@ -408,20 +408,10 @@ fn harmonics(found: &Calibration, solve: Solve) -> Vec<HarmonicDocument> {
     if solve == Solve::HandEye {
         return Vec::new();
     }
-    let used: Vec<_> = found
-        .sightings
-        .iter()
-        .zip(&found.roles)
-        .filter(|(_, role)| **role == Role::Used)
-        .map(|(each, _)| each.clone())
-        .collect();
+    let used: Vec<_> =
+        found.sightings.iter().zip(&found.roles).filter(|(_, role)| **role == Role::Used).map(|(each, _)| each.clone()).collect();
     let of = runout(&found.refined.estimate, &used);
     of.into_iter()
-        .map(|each| HarmonicDocument {
-            order: each.order,
-            radial_mm: each.radial_mm,
-            axial_mm: each.axial_mm,
-            sd_mm: each.sd_mm,
-        })
+        .map(|each| HarmonicDocument { order: each.order, radial_mm: each.radial_mm, axial_mm: each.axial_mm, sd_mm: each.sd_mm })
         .collect()
 }

@@ -9,14 +9,19 @@ pub fn sentence(finding: &Finding) -> String {
     let figures = &finding.figures;
     match finding.code {
         FindingCode::DegenerateMotion | FindingCode::WeakMotion => of_motion(finding.code, figures),
-        FindingCode::ToolActive | FindingCode::WrongRobotModel | FindingCode::JointOrder | FindingCode::AngleUnit | FindingCode::OutOfStep => {
-            of_arm(finding.code, figures)
-        }
+        FindingCode::ToolActive
+        | FindingCode::WrongRobotModel
+        | FindingCode::JointOrder
+        | FindingCode::AngleUnit
+        | FindingCode::OutOfStep => of_arm(finding.code, figures),
         FindingCode::Inverted | FindingCode::OtherSetup | FindingCode::Transposed => of_reading(finding.code, figures),
         FindingCode::TableSign | FindingCode::TableScale | FindingCode::TableStill => of_table(finding.code, figures),
-        FindingCode::BadPose | FindingCode::Moved | FindingCode::Swapped | FindingCode::Flipped | FindingCode::DuplicatePose | FindingCode::HeldOutDisagrees => {
-            of_poses(finding.code, &about, figures)
-        }
+        FindingCode::BadPose
+        | FindingCode::Moved
+        | FindingCode::Swapped
+        | FindingCode::Flipped
+        | FindingCode::DuplicatePose
+        | FindingCode::HeldOutDisagrees => of_poses(finding.code, &about, figures),
         FindingCode::TooFew => {
             let count = figures.count.unwrap_or(0);
             format!("{count} observations; at least 3 are needed, better 12, with turns of the arm about two axes")
@@ -52,7 +57,8 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
         _ if axis.is_empty() => "the scanner's pose stays open".to_owned(),
         _ => format!("all turns are about{axis}: the shift along it stays open"),
     };
-    let advice = if code == FindingCode::WeakMotion { "more tilt or more poses would help" } else { "tilt the arm by 20° or more" };
+    let advice =
+        if code == FindingCode::WeakMotion { "more tilt or more poses would help" } else { "tilt the arm by 20° or more" };
     format!("turns spread only {spread:.1}° across their main axis: {known}; {advice}")
 }
 

@@ -1,0 +1,135 @@
+//! `vantage calibrate`: from raw observations to a cell that can be trusted, with residuals, uncertainty and a check before use.
+
+mod cell;
+mod check;
+mod part;
+mod poses;
+
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+
+use super::{CliError, FileFinding, files};
+use crate::cell::FieldError;
+use crate::cell::calibration::data::Setup;
+use crate::cell::calibration::findings::Finding;
+use crate::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples, sentence};
+use crate::wire::json_file_bytes;
+
+/// Largest file of observations, bytes.
+const MAX_BYTES: u64 = 256 << 20;
+
+/// Calibrate a cell from observations of a board, check it before use, plan the poses for it, place the part.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  vantage calibrate poses --cell my-cell.toml --count 15 --board 11x8x15 --out poses.json
+  vantage calibrate cell data.json --cell my-cell.toml --hold-out 2 \\
+      --out calibration.json --write-cell calibrated.toml
+  vantage calibrate check check.json --cell calibrated.toml --calibration calibration.json
+  vantage calibrate part points.json --cell calibrated.toml
+
+Exit codes: 0 success, 1 system error, 2 bad input, 3 the check does not pass.")]
+pub struct CalibrateArgs {
+    #[command(subcommand)]
+    command: CalibrateCommand,
+}
+
+#[derive(Clone, Debug, clap::Subcommand)]
+enum CalibrateCommand {
+    Cell(cell::CellArgs),
+    Check(check::CheckArgs),
+    Poses(poses::PosesArgs),
+    Part(part::PartArgs),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`CliError`].
+pub fn run(args: &CalibrateArgs) -> Result<(), CliError> {
+    match &args.command {
+        CalibrateCommand::Cell(args) => cell::run(args),
+        CalibrateCommand::Check(args) => check::run(args),
+        CalibrateCommand::Poses(args) => poses::run(args),
+        CalibrateCommand::Part(args) => part::run(args),
+    }
+}
+
+/// How files of other programs are read.
+#[derive(Clone, Copy, Debug, clap::Args)]
+struct ReadArgs {
+    /// Place of the scanner in files that do not say it: eye_in_hand or eye_to_hand.
+    #[arg(long, default_value = "eye_in_hand", value_parser = setup)]
+    setup: Setup,
+    /// Rotation of the flange in CSV files: urscript, kuka_abc, abb_quat, fanuc_wpr, staubli, hans_rpy or quaternion.
+    #[arg(long, value_name = "KIND", default_value = "quaternion", value_parser = robot_pose)]
+    robot_pose: RobotPoseKind,
+    /// Unit of lengths in CSV files: mm, cm, m or inch.
+    #[arg(long, default_value = "mm")]
+    unit: crate::geometry::LengthUnit,
+}
+
+fn setup(text: &str) -> Result<Setup, String> {
+    one_of(text, &Setup::ALL, Setup::as_str)
+}
+
+fn robot_pose(text: &str) -> Result<RobotPoseKind, String> {
+    one_of(text, &RobotPoseKind::ALL, RobotPoseKind::as_str)
+}
+
+/// Value of a closed list by its name.
+fn one_of<T: Copy>(text: &str, all: &[T], name: impl Fn(T) -> &'static str) -> Result<T, String> {
+    let found = all.iter().copied().find(|value| name(*value) == text);
+    found.ok_or_else(|| format!("use one of {}", all.iter().map(|value| name(*value)).collect::<Vec<_>>().join(", ")))
+}
+
+/// Observations of a file, with the SHA-256 of its bytes: CSV by the file's name, pairs of poses by a list, else our own shape.
+fn observations(path: &Path, read: &ReadArgs) -> Result<(CalibrationData, String), CliError> {
+    let shown = path.display().to_string();
+    let refuse = |error: String| CliError::BadInput(format!("{shown}: {error}"));
+    let length = std::fs::metadata(path).map_err(|error| refuse(error.to_string()))?.len();
+    if length > MAX_BYTES {
+        return Err(refuse(format!("has {length} bytes; allowed are {MAX_BYTES}")));
+    }
+    let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+    let digest = sha256(&bytes);
+    let below = |errors: Vec<FieldError>| files::findings(&shown, &errors);
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
+        let text = String::from_utf8(bytes).map_err(|_| refuse("not a text in UTF-8".to_owned()))?;
+        let unit_mm = read.unit.mm();
+        let options = CsvOptions { robot_pose: read.robot_pose, unit_mm, setup: read.setup };
+        return Ok((from_csv(&text, &options).map_err(below)?, digest));
+    }
+    let value: Value = if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
+        serde_json::from_slice(&bytes).map_err(|error| refuse(error.to_string()))?
+    } else {
+        files::value(path)?
+    };
+    let data = match &value {
+        Value::Array(_) => from_pose_samples(&value, read.setup).map_err(below)?,
+        _ => files::from_value(value, &shown)?,
+    };
+    Ok((data, digest))
+}
+
+/// Lower-case hexadecimal SHA-256.
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// SHA-256 of a document as a file has it.
+fn digest_of(document: &impl Serialize) -> String {
+    sha256(&json_file_bytes(document))
+}
+
+/// Error that lists findings, each with its code.
+fn refused(path: &Path, findings: &[Finding]) -> CliError {
+    let finding = |finding: &Finding| FileFinding {
+        file: path.display().to_string(),
+        pointer: String::new(),
+        detail: format!("{}: {}", finding.code.as_str(), sentence(finding)),
+    };
+    CliError::Findings(findings.iter().map(finding).collect())
+}

@@ -1,0 +1,157 @@
+//! `vantage calibrate cell`: scanner on the flange and axis of the table from observations.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use super::{ReadArgs, digest_of, observations, one_of, refused};
+use crate::cell::calibration::data::{Setup, Solve};
+use crate::cell::calibration::findings::Severity;
+use crate::cell::{CalibrationProvenance, Cell, CellSpec};
+use crate::cli::files::{self, FileLibrary};
+use crate::cli::plan::now;
+use crate::cli::{CliError, output};
+use crate::report::calibration::calibration_html;
+use crate::wire::calibration::CalibrationDocument;
+use crate::wire::{VERSION_LINE, json_file_bytes};
+
+/// Solve for scanner and table, screen the observations, and say how well the result is known.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct CellArgs {
+    /// Observations: vantage.calibration_data/1, CSV with named columns, or pairs of 4 × 4 matrices as MoveIt writes them.
+    data: PathBuf,
+    /// Cell that was observed: name of a preset, or a TOML or JSON file.
+    #[arg(long, default_value = "e05-transcan")]
+    cell: String,
+    /// Unknowns: hand_eye (the board stands still), table (the scanner is known) or joint (the board turns with the plate).
+    #[arg(long, default_value = "joint", value_parser = solve)]
+    solve: Solve,
+    /// Observations at the end that are kept out and predicted, 0 to 1000.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    hold_out: u16,
+    /// JSON file to write the calibration to [default: standard output with --json].
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// TOML file to write the cell to, with the poses found and where they are from.
+    #[arg(long, value_name = "FILE.toml")]
+    write_cell: Option<PathBuf>,
+    /// HTML file to write a report to.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    read: ReadArgs,
+}
+
+fn solve(text: &str) -> Result<Solve, String> {
+    one_of(text, &Solve::ALL, Solve::as_str)
+}
+
+/// Calibrates.
+pub(super) fn run(args: &CellArgs) -> Result<(), CliError> {
+    let (spec, _) = files::cell(&args.cell)?;
+    let cell = spec.build(&FileLibrary).map_err(|errors| files::findings(&args.cell, &errors))?;
+    let (data, digest) = observations(&args.data, &args.read)?;
+    let shown = args.data.display().to_string();
+    let read = data.task(&cell, args.solve, usize::from(args.hold_out));
+    let (task, witness) = read.map_err(|errors| files::findings(&shown, &errors))?;
+    if witness.iter().any(|finding| finding.severity == Severity::Error) {
+        return Err(refused(&args.data, &witness));
+    }
+    let found = task.calibrate().map_err(|findings| refused(&args.data, &findings))?;
+    let mut document = CalibrationDocument::new(&found, args.solve, &data, &cell, [&digest, &now()]);
+    document.id = digest_of(&document);
+    if let Some(path) = &args.out {
+        files::write(path, &json_file_bytes(&document))?;
+    }
+    if let Some(path) = &args.report {
+        files::write(path, calibration_html(&document).as_bytes())?;
+    }
+    if let Some(path) = &args.write_cell {
+        write_cell(path, spec, &document)?;
+    }
+    for finding in &document.findings {
+        output::warning(&shown, "", &format!("{}: {}", finding.code.as_str(), finding.detail), remedy(finding.severity));
+    }
+    output::result(&document, text(&document, &cell))
+}
+
+fn remedy(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Error => "the calibration cannot be used",
+        Severity::Warning => "look at the observations named, and take them again",
+        Severity::Note => "for your information",
+    }
+}
+
+/// Writes the cell with the calibrated poses.
+fn write_cell(path: &Path, mut spec: CellSpec, document: &CalibrationDocument) -> Result<(), CliError> {
+    if document.setup == Setup::EyeToHand {
+        return Err(CliError::BadInput(
+            "--write-cell: a cell has its scanner on the flange; the data have it in the cell".into(),
+        ));
+    }
+    spec.flange_from_scanner = document.flange_from_scanner;
+    spec.base_from_table = document.base_from_table.unwrap_or(spec.base_from_table);
+    spec.calibrated = Some(provenance(document));
+    spec.build(&FileLibrary).map_err(|errors| files::findings("--write-cell", &errors))?;
+    let toml = toml::to_string_pretty(&spec).map_err(|error| CliError::Failed(error.to_string()))?;
+    let head = "# By `vantage calibrate cell`: flange_from_scanner and base_from_table as calibrated, the rest as it was.\n\
+                # A section [controllers] is not copied.\n\n";
+    files::write(path, format!("{head}{toml}").as_bytes())
+}
+
+fn provenance(document: &CalibrationDocument) -> CalibrationProvenance {
+    CalibrationProvenance {
+        by: format!("vantage {VERSION_LINE}"),
+        at: document.taken_at.to_string(),
+        calibration_id: document.id.clone(),
+        data_sha256: document.data_sha256.clone(),
+        rms_rotation_deg: document.summary.spread.rms_rotation_deg,
+        rms_translation_mm: document.summary.spread.rms_translation_mm,
+        point_sd_mm: document.point_at_best_focus_sd_mm,
+        rotation_sd_deg: document.observability.rotation_sd_deg,
+        translation_sd_mm: document.observability.translation_sd_mm,
+        temperature_c: document.temperature_c,
+        compensation_sha256: None,
+    }
+}
+
+/// Summary for people.
+fn text(document: &CalibrationDocument, cell: &Cell) -> String {
+    let spread = &document.summary.spread;
+    let mut text = format!("cell {}: {} of {} observations used\n", cell.name, document.summary.used, document.residuals.len());
+    let mut line = |label: &str, value: String| {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "  {label:<22} {value}");
+    };
+    let [x, y, z] = document.flange_from_scanner.translation_mm;
+    line("flange from scanner", format!("{x:.3} {y:.3} {z:.3} mm"));
+    if let Some(table) = &document.base_from_table {
+        let [x, y, z] = table.translation_mm;
+        line("base from table", format!("{x:.3} {y:.3} {z:.3} mm"));
+    }
+    line(
+        "residuals",
+        format!(
+            "rms {:.3} mm, {:.4}°; worst {:.3} mm, {:.4}°",
+            spread.rms_translation_mm, spread.rms_rotation_deg, spread.max_translation_mm, spread.max_rotation_deg
+        ),
+    );
+    let left_out = &document.leave_one_out.spread;
+    line("predicted by the rest", format!("rms {:.3} mm, {:.4}°", left_out.rms_translation_mm, left_out.rms_rotation_deg));
+    if let Some(held_out) = &document.held_out {
+        line("held out", format!("rms {:.3} mm, {:.4}°", held_out.rms_translation_mm, held_out.rms_rotation_deg));
+    }
+    line("a scanned point", format!("± {:.3} mm (one standard deviation) at best focus", document.point_at_best_focus_sd_mm));
+    if let Some(weakest) = &document.observability.weakest {
+        let [x, y, z] = weakest.axis;
+        let sd = weakest
+            .sd_deg
+            .map_or_else(|| format!("{:.3} mm", weakest.sd_mm.unwrap_or(f64::NAN)), |sd_deg| format!("{sd_deg:.4}°"));
+        line("known least", format!("{} along ({x:.2} {y:.2} {z:.2}) of the cloud: ± {sd}", weakest.freedom.as_str()));
+    }
+    let sigma = &document.sigma;
+    let source = if document.sigma_estimated { "estimated" } else { "as given" };
+    line("arm", format!("{:.4}°, {:.3} mm for each axis, {source}", sigma.robot_deg, sigma.robot_mm));
+    line("board", format!("{:.4}°, {:.3} mm for each axis, {source}", sigma.board_deg, sigma.board_mm));
+    text
+}

@@ -1,0 +1,41 @@
+//! `vantage calibrate part`: where the part lies on the table.
+
+use std::path::PathBuf;
+
+use crate::cli::check::cell;
+use crate::cli::files;
+use crate::cli::{CliError, output};
+use crate::wire::calibration::{PlacementData, PlacementDocument};
+use crate::wire::json_file_bytes;
+
+/// Find the pose of the part on the table from points, a registered cloud or a seat of a fixture.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct PartArgs {
+    /// Data: {"method": "points" | "cloud" | "fixture", …}, TOML or JSON.
+    data: PathBuf,
+    /// Cell: name of a preset, or a TOML or JSON file.
+    #[arg(long, default_value = "e05-transcan")]
+    cell: String,
+    /// JSON file to write [default: standard output].
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+/// Places the part.
+pub(super) fn run(args: &PartArgs) -> Result<(), CliError> {
+    let shown = args.data.display().to_string();
+    let data: PlacementData = files::from_value(files::value(&args.data)?, &shown)?;
+    let placed = data.place(&cell(&args.cell)?).map_err(|errors| files::findings(&shown, &errors))?;
+    if let Some(path) = &args.out {
+        files::write(path, &json_file_bytes(&placed))?;
+    }
+    output::result(&placed, text(&placed))
+}
+
+fn text(placed: &PlacementDocument) -> String {
+    let ([x, y, z], [qx, qy, qz, qw]) = (placed.table_from_part.translation_mm, placed.table_from_part.quaternion_xyzw);
+    let rms = placed.rms_mm.map_or_else(String::new, |rms| format!("rms of the points {rms:.3} mm\n"));
+    format!(
+        "{rms}--set part.table_from_part='{{\"translation_mm\":[{x:.4},{y:.4},{z:.4}],\"quaternion_xyzw\":[{qx},{qy},{qz},{qw}]}}'\n"
+    )
+}

@@ -1,0 +1,126 @@
+//! `vantage calibrate poses`: the poses from which observations tell most.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use crate::cell::calibration::data::Sigma;
+use crate::cell::calibration::poses::{PlannedBoard, PlannedPose, PosePlan, PosePlanner, board_on_plate};
+use crate::cell::{Cell, CloudFrame, CloudFrameSpec, PoseSpec};
+use crate::cli::check::cell;
+use crate::cli::files;
+use crate::cli::{CliError, output};
+use crate::geometry::{Board, Plate, Pose};
+use crate::planning::params::MotionParams;
+use crate::wire::calibration::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};
+use crate::wire::json_file_bytes;
+
+/// Plan calibration poses: reachable, free of collisions, the board in view, the most informative first.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct PosesArgs {
+    /// Cell: name of a preset, or a TOML or JSON file.
+    #[arg(long, default_value = "e05-transcan")]
+    cell: String,
+    /// Poses to calibrate from, 4 to 200; 12 or more are advised.
+    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u16).range(4..=200))]
+    count: u16,
+    /// Poses to hold out, 0 to 50.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(0..=50))]
+    hold_out: u16,
+    /// Board: COLUMNSxROWSxSQUARE, inner corners and edge of a square in mm.
+    #[arg(long, value_name = "CxRxMM", default_value = "11x8x15")]
+    board: BoardSize,
+    /// Height of the board above the plate, mm, 0 to 1000.
+    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    height: f64,
+    /// Distance that bodies keep, mm [default: that of plans].
+    #[arg(long, value_name = "MM")]
+    clearance: Option<f64>,
+    /// JSON file to write [default: standard output].
+    #[arg(long)]
+    out: Option<PathBuf>,
+}
+
+/// Extent of a board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct BoardSize([f64; 2]);
+
+impl FromStr for BoardSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let numbers: Option<Vec<f64>> = text.split(['x', 'X', '×']).map(|number| number.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some([columns, rows, edge]) if *columns >= 3.0 && *rows >= 3.0 && *edge > 0.0 && columns * edge < 2000.0 => {
+                Ok(Self([(columns - 1.0) * edge, (rows - 1.0) * edge]))
+            }
+            _ => Err(format!("{text:?}: give COLUMNSxROWSxSQUARE, as in 11x8x15")),
+        }
+    }
+}
+
+/// Plans the poses.
+pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
+    if !(0.0..=1000.0).contains(&args.height) {
+        return Err(CliError::BadInput(format!("--height: is {} mm; allowed is 0 to 1000 mm", args.height)));
+    }
+    let cell = cell(&args.cell)?;
+    let BoardSize(size_mm) = args.board;
+    let frame = cell.scanner.cloud_frame.unwrap_or(CloudFrameSpec::Named(CloudFrame::Scanner));
+    let planner = PosePlanner {
+        cell: &cell,
+        board: PlannedBoard { size_mm, plate_from_board: board_on_plate(size_mm, args.height) },
+        sigma: Sigma::CALIBRATED_ARM,
+        clearance_mm: args.clearance.unwrap_or(MotionParams::default().clearance_mm),
+        scanner_from_cloud: frame.scanner_from_cloud(&cell.scanner.devices),
+    };
+    let candidates = planner.candidates();
+    let (count, hold_out) = (usize::from(args.count), usize::from(args.hold_out));
+    let plan = planner.choose(&candidates, count, hold_out).ok_or_else(|| {
+        CliError::NoPlan(format!(
+            "the arm takes {} poses with the whole board in view, and {} are needed: take a smaller board, move it, or ask for fewer",
+            candidates.len(),
+            count + hold_out
+        ))
+    })?;
+    let document = document(&plan, &planner, &cell, hold_out);
+    if let Some(path) = &args.out {
+        files::write(path, &json_file_bytes(&document))?;
+    }
+    output::result(&document, text(&document))
+}
+
+fn document(plan: &PosePlan, planner: &PosePlanner<'_>, cell: &Cell, hold_out: usize) -> CalibrationPosesDocument {
+    let used = plan.poses.len() - hold_out;
+    let sd = |columns: [usize; 3]| columns.into_iter().map(|column| plan.covariance[(column, column)].sqrt()).fold(0.0, f64::max);
+    let pose = |(index, planned): (usize, &PlannedPose)| PlannedPoseDocument {
+        id: format!("p{:02}", index + 1),
+        joints_deg: planned.configuration.joints_rad.map(f64::to_degrees),
+        table_angle_deg: planned.configuration.table_rad.to_degrees(),
+        scanner_from_board: PoseSpec::from(&planned.scanner_from_board),
+        hold_out: index >= used,
+    };
+    CalibrationPosesDocument {
+        schema: CALIBRATION_POSES_SCHEMA.to_owned(),
+        cell: cell.name.clone(),
+        plate_from_board: PoseSpec::from(&Pose::<Plate, Board>::claim(planner.board.plate_from_board)),
+        poses: plan.poses.iter().enumerate().map(pose).collect(),
+        hold_out,
+        candidates: plan.candidates,
+        rotation_sd_deg: sd([0, 1, 2]).to_degrees(),
+        translation_sd_mm: sd([3, 4, 5]),
+        axis_sd_mm: plan.covariance[(8, 8)].sqrt().max(plan.covariance[(9, 9)].sqrt()),
+    }
+}
+
+fn text(document: &CalibrationPosesDocument) -> String {
+    format!(
+        "{} poses of {} candidates, {} of them to hold out; with a calibrated arm the scanner will be known to ± {:.3} mm and ± {:.4}°, \
+         the axis to ± {:.3} mm\n",
+        document.poses.len(),
+        document.candidates,
+        document.hold_out,
+        document.translation_sd_mm,
+        document.rotation_sd_deg,
+        document.axis_sd_mm
+    )
+}
