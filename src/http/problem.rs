@@ -74,6 +74,7 @@ codes! {
     JobNotFound "job_not_found" NOT_FOUND "No such job" "No job has this id.";
     SpecNotFound "spec_not_found" NOT_FOUND "No such specification" "Neither a preset nor a stored specification has this name.";
     RunNotFound "run_not_found" NOT_FOUND "No such run" "No run has this id.";
+    CalibrationNotFound "calibration_not_found" NOT_FOUND "No such calibration" "No calibration has this id.";
     LeaseNotFound "lease_not_found" NOT_FOUND "No such lease" "No lease has this id: it was given back or not renewed in time. Take a new one.";
     ResultNotFound "result_not_found" NOT_FOUND "The job has no such result" "The job succeeded but has no such file; without a cell, for example, there is no program.";
     MethodNotAllowed "method_not_allowed" METHOD_NOT_ALLOWED "The method is not allowed" "The path does not support this method; `Allow` lists the methods that it does.";
@@ -91,6 +92,9 @@ codes! {
     NoControllers "no_controllers" CONFLICT "The cell has no controllers" "No cell file of the operator's (`execution.cells`) names the controllers of this cell; run the program in the mode `simulate`.";
     OtherCell "other_cell" CONFLICT "The cell is not the one that was planned in" "The operator's cell has other dimensions than the job's; plan the part again in the cell as it is.";
     NoProgram "no_program" CONFLICT "The job has no such program" "The job was planned without a cell, or has fewer setups.";
+    CalibrationNotEnded "calibration_not_ended" CONFLICT "The calibration has not ended" "Only an ended calibration can be deleted; cancel it first, or wait.";
+    CalibrationNotQueued "calibration_not_queued" CONFLICT "The calibration does not wait in the queue" "Only a queued calibration can be cancelled; one that is being computed ends by itself within seconds.";
+    NoCalibration "no_calibration" CONFLICT "The calibration has no result" "The calibration has not succeeded, or cannot be written into a cell; `detail` says which.";
     RunNotEnded "run_not_ended" CONFLICT "The run has not ended" "Only an ended run can be deleted; stop it first.";
     RunStateRefused "run_state_refused" CONFLICT "The run's state does not allow it" "`detail` states where the run stands: only a ready run can be armed, only a paused one resumed.";
     RunRefused "run_refused" CONFLICT "The run refuses" "A condition for motion is not met; `detail` says which, and what to do.";
@@ -206,6 +210,10 @@ impl From<Error> for ApiError {
             Error::NoControllers { .. } => Self::at(Code::NoControllers, "/mode", detail),
             Error::OtherCell { .. } => Self::new(Code::OtherCell, detail),
             Error::NoProgram { .. } => Self::new(Code::NoProgram, detail),
+            Error::CalibrationNotFound(_) => Self::new(Code::CalibrationNotFound, detail),
+            Error::CalibrationNotEnded { .. } => Self::new(Code::CalibrationNotEnded, detail),
+            Error::CalibrationNotQueued { .. } => Self::new(Code::CalibrationNotQueued, detail),
+            Error::NoCalibration { .. } | Error::NotOnFlange(_) => Self::new(Code::NoCalibration, detail),
             Error::RunNotEnded { .. } => Self::new(Code::RunNotEnded, detail),
             Error::RunStateRefused { .. } => Self::new(Code::RunStateRefused, detail),
             Error::RunRefused(_) => Self::new(Code::RunRefused, detail),

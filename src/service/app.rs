@@ -8,6 +8,7 @@ use tokio::sync::{Mutex, Semaphore};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use super::calibrations::Calibrations;
 use super::cells::KeptCells;
 use super::error::{Error, InternalError};
 use super::execute::{JobInput, Planner, execute};
@@ -44,6 +45,8 @@ pub(super) struct Inner {
     pub(super) drawing: Mutex<()>,
     /// Runs that have not ended, and leases.
     pub(super) runs: Runs,
+    /// Turn and changes of calibrations.
+    pub(super) calibrations: Calibrations,
     /// Time and result of the last probe of the store.
     probed: Mutex<Option<(Instant, bool)>>,
     pub(super) stopping: CancellationToken,
@@ -92,10 +95,26 @@ impl App {
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
         let (drawing, probed) = (Mutex::default(), Mutex::default());
         let runs = Runs::new(store.last_fence().await?).map_err(OpenError::Carrier)?;
-        let inner = Inner { store, options, runner, cells, parsing, resolving, uploads, drawing, runs, probed, stopping, tasks };
+        let calibrations = Calibrations::default();
+        let inner = Inner {
+            store,
+            options,
+            runner,
+            cells,
+            parsing,
+            resolving,
+            uploads,
+            drawing,
+            runs,
+            calibrations,
+            probed,
+            stopping,
+            tasks,
+        };
         let app = Self(Arc::new(inner));
         app.recover().await?;
         app.recover_runs().await?;
+        app.recover_calibrations().await?;
         app.0.tasks.spawn(jobs::dispatch(app.clone()));
         app.0.tasks.spawn(maintain(app.clone()));
         Ok(app)

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use crate::cell::FieldError;
+use crate::wire::calibration::CalibrationState;
 use crate::wire::run::{ReportedState, RunMode};
-use crate::wire::{JobId, JobState, LeaseId, MeshId, RunId, SpecCollection};
+use crate::wire::{CalibrationId, JobId, JobState, LeaseId, MeshId, RunId, SpecCollection};
 
 /// Reasons why the service did not do what a client asked for.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -42,6 +43,36 @@ pub enum Error {
     /// The run does not exist.
     #[error("there is no run {0}")]
     RunNotFound(RunId),
+    /// The calibration does not exist.
+    #[error("there is no calibration {0}")]
+    CalibrationNotFound(CalibrationId),
+    /// The calibration has not ended.
+    #[error("calibration {calibration} is {}; cancel it, or wait until it has ended", state.as_str())]
+    CalibrationNotEnded {
+        /// The calibration.
+        calibration: CalibrationId,
+        /// Its state.
+        state: CalibrationState,
+    },
+    /// The calibration is being computed or has ended.
+    #[error("calibration {calibration} is {}; only one that is queued can be cancelled", state.as_str())]
+    CalibrationNotQueued {
+        /// The calibration.
+        calibration: CalibrationId,
+        /// Its state.
+        state: CalibrationState,
+    },
+    /// The calibration has no result.
+    #[error("calibration {calibration} is {}; only one that succeeded has a result", state.as_str())]
+    NoCalibration {
+        /// The calibration.
+        calibration: CalibrationId,
+        /// Its state.
+        state: CalibrationState,
+    },
+    /// The calibration cannot be written into a cell.
+    #[error("calibration {0} has its scanner in the cell (eye_to_hand); a cell has it on the flange")]
+    NotOnFlange(CalibrationId),
     /// The lease does not exist, or has ended.
     #[error("there is no lease {0}; it was given back or not renewed in time")]
     LeaseNotFound(LeaseId),

@@ -4,6 +4,7 @@
 //! own, parsing and hashing on threads that may block; the threads that answer requests do neither.
 
 mod app;
+mod calibrations;
 mod cells;
 mod checks;
 mod drawing;

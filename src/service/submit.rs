@@ -248,12 +248,16 @@ pub(super) struct Lookup<'a> {
     errors: &'a mut Vec<FieldError>,
     used: BTreeSet<MeshId>,
     /// The cell that was found, built.
-    built_cell: Option<Arc<BuiltCell>>,
+    pub(super) built_cell: Option<Arc<BuiltCell>>,
 }
 
 impl<'a> Lookup<'a> {
     pub(super) fn new(library: &'a Library, errors: &'a mut Vec<FieldError>) -> Self {
         Self { library, errors, used: BTreeSet::new(), built_cell: None }
+    }
+
+    pub(super) fn errors(&self) -> &[FieldError] {
+        self.errors
     }
 
     pub(super) fn refuse(&mut self, pointer: &str, detail: String) {
@@ -302,7 +306,7 @@ impl<'a> Lookup<'a> {
     }
 
     /// The cell with its devices inlined; `None` for `"none"`, and if an error was recorded.
-    fn cell(&mut self, named: &Named<CellSpec>) -> Option<CellSpec> {
+    pub(super) fn cell(&mut self, named: &Named<CellSpec>) -> Option<CellSpec> {
         if matches!(named, Named::Name(name) if name == "none") {
             return None;
         }

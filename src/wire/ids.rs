@@ -52,6 +52,10 @@ typed_id! {
     RunId
 }
 typed_id! {
+    /// Id of a calibration that the server keeps.
+    CalibrationId
+}
+typed_id! {
     /// Id of a lease of a cell.
     LeaseId
 }

@@ -44,7 +44,7 @@ pub mod words;
 pub use bulk::{DeletedJobs, JobBatch, JobBatchRequest, JobSelection, JobUpdate};
 pub use check::{CheckReport, CheckRequest, DocumentKind};
 pub use event::{EventKind, JobEvent};
-pub use ids::{JobId, LeaseId, MeshId, RunId};
+pub use ids::{CalibrationId, JobId, LeaseId, MeshId, RunId};
 pub use job::{Job, JobFile, JobListItem, JobPage, JobRequest, JobState, LabelsRequest};
 pub use job_sort::{JobSort, JobSortKey};
 pub use json::{ParseError, parse, parse_document, pointer_of};

@@ -7,6 +7,7 @@
 mod artifacts;
 mod attempts;
 mod backup;
+mod calibrations;
 mod events;
 mod files;
 mod idempotency;
@@ -38,6 +39,7 @@ use tokio::sync::broadcast;
 pub use artifacts::PartNames;
 pub(crate) use artifacts::{FileEncoding, ResultFile};
 pub(crate) use attempts::{Attempt, AttemptOutcome};
+pub(crate) use calibrations::CalibrationInput;
 pub use backup::{BackupError, BackupReport, backup, restore};
 pub(crate) use files::{Files, Received, hex};
 pub(crate) use idempotency::IdempotencyKey;
@@ -242,6 +244,7 @@ fn migrator() -> Migrator {
         migration(4, "summary", include_str!("migrations/0004_summary.sql")),
         migration(5, "sender", include_str!("migrations/0005_sender.sql")),
         migration(6, "runs", include_str!("migrations/0006_runs.sql")),
+        migration(7, "calibrations", include_str!("migrations/0007_calibrations.sql")),
     ])
 }
 

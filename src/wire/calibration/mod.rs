@@ -5,6 +5,7 @@ mod check;
 mod csv;
 mod data;
 mod foreign;
+mod order;
 mod placement;
 mod pose;
 mod poses;
@@ -20,6 +21,7 @@ pub use data::{
     SphereDocument,
 };
 pub use foreign::{RobotPoseKind, from_pose_samples};
+pub use order::{CalibrationError, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection, CalibrationState};
 pub use placement::{PLACEMENT_SCHEMA, PlacementData, PlacementDocument};
 pub use pose::ObservedPose;
 pub use poses::{CALIBRATION_POSES_SCHEMA, CalibrationPosesDocument, PlannedPoseDocument};

@@ -1,0 +1,286 @@
+//! Calibrations: accepted like jobs, computed one after another beside them, and kept as they came out. One that an earlier process
+//! left is computed anew, from the cell as it was then.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use sha2::{Digest, Sha256};
+use tokio::sync::{Mutex, Notify};
+use tokio::time::{Instant, timeout_at};
+
+use super::app::App;
+use super::cells::BuiltCell;
+use super::error::{Error, InternalError};
+use super::jobs::failure;
+use super::library::Library;
+use super::store::{CalibrationInput, Page, hex};
+use super::submit::{Lookup, Submission};
+use crate::cell::{CellSpec, FieldError};
+use crate::report::calibration::calibration_html;
+use crate::wire::calibration::{
+    CalibrationDocument, CalibrationError, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection,
+    CalibrationState, FindingDocument,
+};
+use crate::wire::{CalibrationId, JobProblem, ProblemField};
+
+/// Max number of calibrations that wait.
+const MAX_QUEUED: u64 = 1000;
+
+/// What calibrations share.
+#[derive(Default)]
+pub(super) struct Calibrations {
+    /// Held while one is computed.
+    turn: Mutex<()>,
+    /// One of them has changed.
+    changed: Notify,
+}
+
+/// Outcome of a computation.
+type Computed = Result<CalibrationDocument, CalibrationError>;
+
+impl App {
+    /// Accepts a calibration. Its cell is resolved and its observations are read first.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`], [`Error::StorageFull`],
+    /// [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn submit_calibration(&self, request: CalibrationRequest, submission: Submission) -> Result<CalibrationJob, Error> {
+        self.check_open()?;
+        self.check_space(0)?;
+        let resolve = move |library: &Library| resolved(request, library).map_err(Error::Invalid);
+        let (request, cell) = self.with_library(submission.limit, resolve).await?;
+        let data = serde_json::to_vec(&request.data)?;
+        let job = CalibrationJob {
+            id: CalibrationId::generate(),
+            state: CalibrationState::Queued,
+            cell: cell.name.clone(),
+            solve: request.solve,
+            hold_out: request.hold_out,
+            observations: request.data.observations.len(),
+            data_sha256: hex(&Sha256::digest(data)),
+            submitted_by: submission.submitted_by,
+            created_at: String::new(),
+            ended_at: None,
+            summary: None,
+            point_at_best_focus_sd_mm: None,
+            findings: Vec::new(),
+            problem: None,
+        };
+        let input = CalibrationInput { cell, data: request.data };
+        let app = self.clone();
+        self.run_to_completion(async move {
+            let job = app.0.store.insert_calibration(&job, &input, MAX_QUEUED).await?;
+            app.0.tasks.spawn(app.clone().carry_out_calibration(job.id));
+            Ok(job)
+        })
+        .await
+    }
+
+    /// One calibration.
+    ///
+    /// # Errors
+    /// [`Error::CalibrationNotFound`], [`Error::Internal`].
+    pub async fn calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
+        self.0.store.calibration(id).await
+    }
+
+    /// Waits until a calibration has ended, at most for `wait`; returns it as it is then.
+    ///
+    /// # Errors
+    /// [`Error::CalibrationNotFound`], [`Error::Internal`].
+    pub async fn calibration_when_ended(&self, id: CalibrationId, wait: Duration) -> Result<CalibrationJob, Error> {
+        let until = Instant::now() + wait;
+        loop {
+            // Made before the calibration is read, so that no change is missed in between.
+            let changed = self.0.calibrations.changed.notified();
+            let job = self.calibration(id).await?;
+            if job.state.is_ended() {
+                return Ok(job);
+            }
+            tokio::select! {
+                () = self.0.stopping.cancelled() => return self.calibration(id).await,
+                in_time = timeout_at(until, changed) => if in_time.is_err() {
+                    return self.calibration(id).await;
+                },
+            }
+        }
+    }
+
+    /// A page of calibrations, newest first.
+    ///
+    /// # Errors
+    /// [`Error::BadPageToken`], [`Error::Internal`].
+    pub async fn calibrations(
+        &self,
+        selection: &CalibrationSelection,
+        page_size: u32,
+        page_token: Option<&str>,
+    ) -> Result<CalibrationPage, Error> {
+        let filters = format!("calibrations {}", serde_json::to_string(selection)?);
+        self.0.store.calibrations(selection, &Page::new(page_size, page_token, &filters)?).await
+    }
+
+    /// Result of a calibration.
+    ///
+    /// # Errors
+    /// [`Error::CalibrationNotFound`], [`Error::NoCalibration`], [`Error::Internal`].
+    pub async fn calibration_result(&self, id: CalibrationId) -> Result<CalibrationDocument, Error> {
+        let job = self.calibration(id).await?;
+        let found = self.0.store.calibration_result(id).await?;
+        found.ok_or(Error::NoCalibration { calibration: id, state: job.state })
+    }
+
+    /// Report of a calibration, a page.
+    ///
+    /// # Errors
+    /// Those of [`App::calibration_result`].
+    pub async fn calibration_report(&self, id: CalibrationId) -> Result<String, Error> {
+        self.calibration_result(id).await.map(|document| calibration_html(&document))
+    }
+
+    /// The cell of a calibration with the poses that it found.
+    ///
+    /// # Errors
+    /// Those of [`App::calibration_result`], [`Error::NotOnFlange`].
+    pub async fn calibrated_cell(&self, id: CalibrationId) -> Result<CellSpec, Error> {
+        let document = self.calibration_result(id).await?;
+        let input = self.0.store.calibration_input(id).await?;
+        document.calibrated(input.cell).ok_or(Error::NotOnFlange(id))
+    }
+
+    /// Cancels a calibration that waits.
+    ///
+    /// # Errors
+    /// [`Error::CalibrationNotFound`], [`Error::CalibrationNotQueued`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn cancel_calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
+        let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
+        let job = self.change_calibration(id, &[CalibrationState::Queued], cancel, None).await?;
+        match job.state {
+            CalibrationState::Cancelled => Ok(job),
+            CalibrationState::Queued | CalibrationState::Running | CalibrationState::Succeeded | CalibrationState::Failed => {
+                Err(Error::CalibrationNotQueued { calibration: id, state: job.state })
+            }
+        }
+    }
+
+    /// Deletes an ended calibration.
+    ///
+    /// # Errors
+    /// [`Error::CalibrationNotFound`], [`Error::CalibrationNotEnded`], [`Error::StorageBusy`], [`Error::Internal`].
+    pub async fn delete_calibration(&self, id: CalibrationId) -> Result<(), Error> {
+        let app = self.clone();
+        self.run_to_completion(async move { app.0.store.delete_calibration(id).await }).await
+    }
+
+    /// Begins again what an earlier process left.
+    pub(super) async fn recover_calibrations(&self) -> Result<(), Error> {
+        for id in self.0.store.open_calibrations().await? {
+            let again = |job: &mut CalibrationJob| job.state = CalibrationState::Queued;
+            self.change_calibration(id, &[CalibrationState::Running], again, None).await?;
+            self.0.tasks.spawn(self.clone().carry_out_calibration(id));
+        }
+        Ok(())
+    }
+
+    async fn change_calibration(
+        &self,
+        id: CalibrationId,
+        from: &'static [CalibrationState],
+        change: impl FnOnce(&mut CalibrationJob) + Send + 'static,
+        result: Option<CalibrationDocument>,
+    ) -> Result<CalibrationJob, Error> {
+        let app = self.clone();
+        let changed = self
+            .run_to_completion(async move { app.0.store.change_calibration(id, from, change, result.as_ref()).await })
+            .await;
+        self.0.calibrations.changed.notify_waiters();
+        changed
+    }
+
+    /// Computes a calibration when its turn comes. What the service's stop leaves is computed by the next process.
+    async fn carry_out_calibration(self, id: CalibrationId) {
+        let _turn = tokio::select! {
+            turn = self.0.calibrations.turn.lock() => turn,
+            () = self.0.stopping.cancelled() => return,
+        };
+        if let Err(error) = self.compute_calibration(id).await {
+            tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "a calibration cannot be computed");
+            let problem = failure("internal", error.to_string(), Vec::new());
+            let fail = move |job: &mut CalibrationJob| (job.state, job.problem) = (CalibrationState::Failed, Some(problem));
+            if let Err(error) = self.change_calibration(id, &OPEN, fail, None).await {
+                tracing::error!(calibration = %id, error = &error as &dyn std::error::Error, "its failure cannot be stored");
+            }
+        }
+    }
+
+    async fn compute_calibration(&self, id: CalibrationId) -> Result<(), Error> {
+        let run = |job: &mut CalibrationJob| job.state = CalibrationState::Running;
+        let job = self.change_calibration(id, &[CalibrationState::Queued], run, None).await?;
+        if job.state != CalibrationState::Running {
+            return Ok(());
+        }
+        let input = self.0.store.calibration_input(id).await?;
+        let spec = input.cell.clone();
+        let cell = self.with_library(None, move |library| library.built(&spec).map_err(Error::Invalid)).await?;
+        let (how, digest, at) = ((job.solve, usize::from(job.hold_out)), job.data_sha256.clone(), job.created_at.clone());
+        let compute = move |_: &_| -> Computed {
+            let BuiltCell { cell, .. } = &*cell;
+            CalibrationDocument::solved(&input.data, cell, how, [&digest, &at])
+        };
+        let computed = self.0.runner.compute(Arc::new(AtomicBool::new(false)), compute).await;
+        let ended = ended(computed);
+        let result = ended.as_ref().ok().cloned();
+        let end = move |job: &mut CalibrationJob| match ended {
+            Ok(document) => {
+                (job.state, job.summary) = (CalibrationState::Succeeded, Some(document.summary));
+                job.point_at_best_focus_sd_mm = Some(document.point_at_best_focus_sd_mm);
+                job.findings = document.findings;
+            }
+            Err((problem, findings)) => {
+                (job.state, job.problem, job.findings) = (CalibrationState::Failed, Some(problem), findings);
+            }
+        };
+        self.change_calibration(id, &[CalibrationState::Running], end, result).await.map(drop)
+    }
+}
+
+/// States before the end.
+const OPEN: [CalibrationState; 2] = [CalibrationState::Queued, CalibrationState::Running];
+
+/// The request and its cell with the devices inlined.
+fn resolved(request: CalibrationRequest, library: &Library) -> Result<(CalibrationRequest, CellSpec), Vec<FieldError>> {
+    let mut errors = request.check().err().unwrap_or_default();
+    let mut lookup = Lookup::new(library, &mut errors);
+    let spec = lookup.cell(&request.cell);
+    if spec.is_none() && lookup.errors().is_empty() {
+        lookup.refuse("/cell", "is \"none\"; a calibration needs the cell that was observed".to_owned());
+    }
+    if let Some(built) = lookup.built_cell.take()
+        && let Err(found) = request.data.task(&built.cell, request.solve, usize::from(request.hold_out))
+    {
+        errors.extend(found.into_iter().map(|error| error.below("/data")));
+    }
+    match spec {
+        Some(spec) if errors.is_empty() => Ok((request, spec)),
+        _ => Err(errors),
+    }
+}
+
+/// Result of a computation, or the problem that it ended with.
+fn ended(computed: Result<Computed, String>) -> Result<CalibrationDocument, (JobProblem, Vec<FindingDocument>)> {
+    match computed {
+        Ok(Ok(document)) => Ok(document),
+        Ok(Err(CalibrationError::Fields(errors))) => {
+            let detail = "the observations cannot be read".to_owned();
+            let errors = errors.into_iter().map(|error| ProblemField::from(error.below("/data"))).collect();
+            Err((failure("job_input_invalid", detail, errors), Vec::new()))
+        }
+        Ok(Err(CalibrationError::Findings(findings))) => {
+            let findings: Vec<FindingDocument> = findings.iter().map(FindingDocument::from).collect();
+            let detail = findings.iter().map(|finding| finding.detail.clone()).collect::<Vec<_>>().join("; ");
+            Err((failure("no_calibration_possible", detail, Vec::new()), findings))
+        }
+        Err(panic) => Err((failure("job_panicked", format!("internal error: {panic}"), Vec::new()), Vec::new())),
+    }
+}

@@ -1,0 +1,206 @@
+//! Calibrations over HTTP: the request, and the calibration as a resource.
+
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use utoipa::ToSchema;
+
+use super::data::CalibrationData;
+use super::result::{CalibrationDocument, FindingDocument, ResidualSummary};
+use crate::cell::calibration::data::{Setup, Solve};
+use crate::cell::calibration::findings::{Finding, Severity};
+use crate::cell::{CalibrationProvenance, Cell, CellSpec, FieldError, Named, closed_list};
+use crate::wire::{CalibrationId, JobProblem, VERSION_LINE, json_file_bytes};
+
+/// Largest number of observations that may be held out.
+const MAX_HELD_OUT: u16 = 1000;
+
+closed_list! {
+    /// State of a calibration.
+    pub enum CalibrationState {
+        /// Waits for its turn.
+        Queued = "queued",
+        /// Is being computed.
+        Running = "running",
+        /// Has a result.
+        Succeeded = "succeeded",
+        /// Has none; `problem` says why.
+        Failed = "failed",
+        /// Was cancelled before it was computed.
+        Cancelled = "cancelled",
+    }
+}
+
+impl CalibrationState {
+    /// Returns true for a state that does not change any more.
+    #[must_use]
+    pub fn is_ended(self) -> bool {
+        match self {
+            Self::Succeeded | Self::Failed | Self::Cancelled => true,
+            Self::Queued | Self::Running => false,
+        }
+    }
+}
+
+impl FromStr for CalibrationState {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|state| state.as_str() == text);
+        found.ok_or_else(|| format!("unknown state of a calibration {text:?}"))
+    }
+}
+
+fn default_cell() -> Named<CellSpec> {
+    Named::Name("e05-transcan".into())
+}
+
+fn default_solve() -> Solve {
+    Solve::Joint
+}
+
+/// Request for a calibration. Unknown fields are refused.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object")]
+pub struct CalibrationRequest {
+    /// Cell that was observed: name of a stored one, or a specification. Default `e05-transcan`.
+    #[serde(default = "default_cell")]
+    pub cell: Named<CellSpec>,
+    /// Unknowns. Default `joint`.
+    #[serde(default = "default_solve")]
+    pub solve: Solve,
+    /// Number of observations at the end that are kept out and predicted, 0 to 1000. Default 0.
+    #[serde(default)]
+    #[schema(maximum = 1000)]
+    pub hold_out: u16,
+    /// Observations.
+    pub data: CalibrationData,
+}
+
+impl CalibrationRequest {
+    /// Checks what the shape alone does not.
+    ///
+    /// # Errors
+    /// Fields that are out of range.
+    pub fn check(&self) -> Result<(), Vec<FieldError>> {
+        if self.hold_out <= MAX_HELD_OUT {
+            return Ok(());
+        }
+        let detail = format!("is {}; allowed is 0 to {MAX_HELD_OUT}", self.hold_out);
+        Err(vec![FieldError { pointer: "/hold_out".to_owned(), detail }])
+    }
+}
+
+/// A calibration as the server keeps it. It never changes once it has ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CalibrationJob {
+    /// Id.
+    pub id: CalibrationId,
+    /// State.
+    pub state: CalibrationState,
+    /// Name of the cell.
+    pub cell: String,
+    /// Unknowns.
+    pub solve: Solve,
+    /// Number of observations that are held out.
+    pub hold_out: u16,
+    /// Number of observations.
+    pub observations: usize,
+    /// SHA-256 of the observations, as compact JSON.
+    pub data_sha256: String,
+    /// Name of the key that its sender presented; `null` without keys.
+    pub submitted_by: Option<String>,
+    /// Time at which it was accepted.
+    pub created_at: String,
+    /// Time at which it ended.
+    pub ended_at: Option<String>,
+    /// Residuals of the observations used; `null` without a result.
+    pub summary: Option<ResidualSummary>,
+    /// Standard deviation of a scanned point at the depth of best focus, mm; `null` without a result.
+    pub point_at_best_focus_sd_mm: Option<f64>,
+    /// Remarks on the observations.
+    pub findings: Vec<FindingDocument>,
+    /// Reason for a failure.
+    pub problem: Option<JobProblem>,
+}
+
+/// A page of calibrations, newest first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CalibrationPage {
+    /// Calibrations on this page.
+    pub items: Vec<CalibrationJob>,
+    /// Token of the next page; absent on the last one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_page_token: Option<String>,
+}
+
+/// Calibrations that all of the given fields fit.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct CalibrationSelection {
+    /// State.
+    pub state: Option<CalibrationState>,
+    /// Name of the cell.
+    pub cell: Option<String>,
+}
+
+/// Reasons for which observations have no calibration.
+#[derive(Clone, Debug)]
+pub enum CalibrationError {
+    /// Fields of the observations that cannot be read.
+    Fields(Vec<FieldError>),
+    /// Findings, one of which is an error.
+    Findings(Vec<Finding>),
+}
+
+impl CalibrationDocument {
+    /// Calibrates a cell from observations, whose bytes have the digest `data_sha256`, at the time `now` (RFC 3339). The last
+    /// `hold_out` observations are kept out and predicted.
+    ///
+    /// # Errors
+    /// [`CalibrationError`].
+    pub fn solved(
+        data: &CalibrationData,
+        cell: &Cell,
+        (solve, hold_out): (Solve, usize),
+        [data_sha256, now]: [&str; 2],
+    ) -> Result<Self, CalibrationError> {
+        let (task, witness) = data.task(cell, solve, hold_out).map_err(CalibrationError::Fields)?;
+        if witness.iter().any(|finding| finding.severity == Severity::Error) {
+            return Err(CalibrationError::Findings(witness));
+        }
+        let found = task.calibrate().map_err(CalibrationError::Findings)?;
+        let document = Self::new(&found, solve, data, cell, [data_sha256, now]);
+        let digest = Sha256::digest(json_file_bytes(&document));
+        Ok(Self { id: digest.iter().map(|byte| format!("{byte:02x}")).collect(), ..document })
+    }
+
+    /// The cell with the calibrated poses and their provenance; `None` with the setup `eye_to_hand`, since a cell has its scanner on
+    /// the flange.
+    #[must_use]
+    pub fn calibrated(&self, mut spec: CellSpec) -> Option<CellSpec> {
+        if self.setup == Setup::EyeToHand {
+            return None;
+        }
+        spec.flange_from_scanner = self.flange_from_scanner;
+        spec.base_from_table = self.base_from_table.unwrap_or(spec.base_from_table);
+        spec.calibrated = Some(self.provenance());
+        Some(spec)
+    }
+
+    fn provenance(&self) -> CalibrationProvenance {
+        CalibrationProvenance {
+            by: format!("vantage {VERSION_LINE}"),
+            at: self.taken_at.to_string(),
+            calibration_id: self.id.clone(),
+            data_sha256: self.data_sha256.clone(),
+            rms_rotation_deg: self.summary.spread.rms_rotation_deg,
+            rms_translation_mm: self.summary.spread.rms_translation_mm,
+            point_sd_mm: self.point_at_best_focus_sd_mm,
+            rotation_sd_deg: self.observability.rotation_sd_deg,
+            translation_sd_mm: self.observability.translation_sd_mm,
+            temperature_c: self.temperature_c,
+            compensation_sha256: None,
+        }
+    }
+}
