@@ -79,7 +79,7 @@ struct RobotSimArgs {
     #[arg(long, default_value = "hans-e05")]
     robot: String,
     /// Joints at the beginning, degrees, comma-separated.
-    #[arg(long, value_delimiter = ',', num_args = 6, allow_negative_numbers = true, default_value = "0,-30,60,0,30,0")]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "0,-30,60,0,30,0")]
     joints: Vec<f64>,
     #[command(flatten)]
     common: CommonSimArgs,

@@ -7,12 +7,12 @@ use std::time::Duration;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::fault_table::{STATES, fault_in_each_state};
-use super::protocol::minas_a6::coil;
 use super::rehearsal::{in_simulated_time, on_deep_stacks, planned};
 use super::rough_cell::{RoughCell, RoughFault};
-use super::session::{DeviceRole, RunState, RunStatus};
 use super::simulated_network::Passage;
-use super::simulators::faults::FaultCommand;
+use crate::execution::protocol::minas_a6::coil;
+use crate::execution::session::{DeviceRole, RunState, RunStatus};
+use crate::execution::simulators::faults::FaultCommand;
 
 /// A fault: in words, the states that it may end in once armed.
 type Row = (&'static str, RoughFault, &'static [RunState]);

@@ -8,12 +8,12 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
-use super::audit::AuditLog;
-use super::audit::tests::log_on_full_disk;
-use super::device::{FaultCode, Trigger};
 use super::rehearsal::{CELL, attend, job, until};
-use super::session::{Authority, Drive, Fence, Leases, RunHandle, RunJob, RunOptions, RunState, RunStatus, live};
-use super::twin::Planted;
+use crate::execution::audit::AuditLog;
+use crate::execution::audit::tests::log_on_full_disk;
+use crate::execution::device::{FaultCode, Trigger};
+use crate::execution::session::{Authority, Drive, Fence, Leases, RunHandle, RunJob, RunOptions, RunState, RunStatus, live};
+use crate::execution::twin::Planted;
 
 /// Longest time of a run.
 const PATIENCE: Duration = Duration::from_secs(90);

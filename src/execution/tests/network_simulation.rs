@@ -10,13 +10,13 @@ use std::time::Duration;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use tokio::time::{Instant, sleep, timeout};
 
-use super::device::Trigger;
 use super::rehearsal::{CELL, Chance, attend, hashes, in_simulated_time, on_deep_stacks, planned, short_job, until};
 use super::rough_cell::{RoughCell, SeenBytes};
-use super::session::{Authority, DeviceRole, Leases, RunHandle, RunOptions, RunState, RunStatus, StopCause, live};
 use super::simulated_network::{Passage, Weather};
-use super::simulators::faults::FaultCommand;
-use super::twin::{TriggerAccess, TwinTrigger};
+use crate::execution::device::Trigger;
+use crate::execution::session::{Authority, DeviceRole, Leases, RunHandle, RunOptions, RunState, RunStatus, StopCause, live};
+use crate::execution::simulators::faults::FaultCommand;
+use crate::execution::twin::{TriggerAccess, TwinTrigger};
 
 const SEEDS: u64 = 2000;
 /// Time in which something may happen.
@@ -79,7 +79,7 @@ impl Scene {
     }
 
     /// Goes on with whatever is paused, until it ends.
-    async fn see_to_its_end(&self, handle: &RunHandle, token: Option<super::session::Fence>) -> RunStatus {
+    async fn see_to_its_end(&self, handle: &RunHandle, token: Option<crate::execution::session::Fence>) -> RunStatus {
         let (mut status, began) = (handle.watch_status(), Instant::now());
         loop {
             let ended = timeout(Duration::from_millis(500), status.wait_for(|status| status.state.is_final())).await;
