@@ -95,7 +95,7 @@ async fn stops(count: u32) {
         let table = serde_json::from_value(table).expect("sound");
         let machine = Pair {
             arm: HansArm::new(arm, cell.robot.kinematics.clone(), wiring("arm")),
-            table: MinasA6Table::new(table, wiring("table")),
+            table: MinasA6Table::new(table, cell.turntable.axis.max_acceleration_rad_per_s2, wiring("table")),
         };
         let leases = Leases::default();
         let token = leases.acquire(CELL, "bench", Duration::from_secs(30)).expect("free").token;
@@ -136,7 +136,8 @@ async fn watchdog(setting: Duration) {
     let position = drive.position();
     let server = tokio::spawn(drive.serve(listener, ModbusFraming::Rtu));
     let spec = json!({"address": format!("tcp://{address}"), "units_per_turn": UNITS_PER_TURN, "gear_ratio": 40});
-    let mut table = MinasA6Table::new(serde_json::from_value(spec).expect("sound"), Wiring::over_tcp("table", Arc::new(())));
+    let spec = serde_json::from_value(spec).expect("sound");
+    let mut table = MinasA6Table::new(spec, std::f64::consts::PI, Wiring::over_tcp("table", Arc::new(())));
     table.connect().await.expect("a drive");
     table.arm(setting).await.expect("armed");
     let target = Target {
