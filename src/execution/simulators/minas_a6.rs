@@ -124,6 +124,8 @@ impl MinasA6Simulator {
             while let Ok((stream, _)) = listener.accept().await {
                 // Connections that ended are let go.
                 while connections.try_join_next().is_some() {}
+                // Where that cannot be set, answers are late.
+                let _ = stream.set_nodelay(true);
                 let drive = self.clone();
                 connections.spawn(async move { drive.talk(stream, framing).await });
             }

@@ -108,7 +108,6 @@ fn markdown(rows: &[(&str, Vec<RunStatus>)]) -> String {
 }
 
 #[test]
-#[ignore = "the ends of its lease, server and audit rows are not settled"]
 fn every_fault_of_the_real_drivers_ends_as_documented_and_nothing_moves_after() {
     let rows: Vec<Row> = OF_DEVICES.into_iter().chain(OF_NETWORKS).chain(AROUND).collect();
     let in_each_state = |(name, fault, ends): Row| (name, in_simulated_time(fault_in_each_state::<RoughCell>(fault, ends)));
