@@ -13,7 +13,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout};
 
 use self::drive::SimulatedDrive;
-use super::faults::Faults;
+use super::faults::{DeviceLook, Faults};
 use crate::execution::drivers::serial::{PseudoTerminal, open_pseudo_terminal};
 use crate::execution::drivers::stream::ByteStream;
 use crate::execution::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide};
@@ -104,6 +104,15 @@ impl MinasA6Simulator {
         move || {
             let (drive, now) = shared.drive();
             drive.position(now)
+        }
+    }
+
+    /// A look at it, whatever its connections do.
+    pub fn look(&self) -> impl Fn() -> DeviceLook + Send + Sync + use<> {
+        let shared = Arc::clone(&self.shared);
+        move || {
+            let (drive, now) = shared.drive();
+            drive.look(now)
         }
     }
 

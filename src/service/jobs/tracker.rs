@@ -33,7 +33,7 @@ pub(super) async fn persist_progress(app: App, id: JobId, mut updates: mpsc::Unb
 }
 
 /// Seconds spent in each finished stage, the start of the current one, and how far the whole is.
-pub(super) struct StageTimes {
+pub(super) struct AttemptTimes {
     began: Instant,
     seconds: BTreeMap<String, f64>,
     now: Option<(Stage, Instant)>,
@@ -43,7 +43,7 @@ pub(super) struct StageTimes {
     sent: Option<Instant>,
 }
 
-impl StageTimes {
+impl AttemptTimes {
     fn close(&mut self) {
         if let Some((stage, began)) = self.now.take() {
             // Repetitions of a stage add up.
@@ -60,17 +60,17 @@ impl StageTimes {
 /// The observer of one attempt.
 pub(super) struct Tracker {
     updates: mpsc::UnboundedSender<Update>,
-    pub(super) times: Arc<Mutex<StageTimes>>,
+    pub(super) times: Arc<Mutex<AttemptTimes>>,
 }
 
 impl Tracker {
     pub(super) fn new(updates: mpsc::UnboundedSender<Update>, course: &Course) -> Self {
         let (began, overall) = (Instant::now(), Overall::new(course));
-        let times = StageTimes { began, seconds: BTreeMap::new(), now: None, overall, outer: None, sent: None };
+        let times = AttemptTimes { began, seconds: BTreeMap::new(), now: None, overall, outer: None, sent: None };
         Self { updates, times: Arc::new(Mutex::new(times)) }
     }
 
-    fn send(&self, times: &mut StageTimes, stage: Stage) {
+    fn send(&self, times: &mut AttemptTimes, stage: Stage) {
         times.sent = Some(Instant::now());
         let fraction = times.overall.fraction(times.began.elapsed().as_secs_f64());
         let update = Update { stage, fraction, timings: times.seconds.clone() };
@@ -78,7 +78,7 @@ impl Tracker {
         let _ = self.updates.send(update);
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, StageTimes> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, AttemptTimes> {
         self.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
