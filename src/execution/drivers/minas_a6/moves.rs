@@ -110,7 +110,7 @@ impl MinasA6Table {
 
     /// Raises the strobe, waits until the block runs or has run, and lowers it.
     async fn strobe(&mut self, goal: i64) -> Result<(), DeviceError> {
-        self.link()?.set_coil(coil::STROBE, false).await?;
+        // It was lowered by arming, or behind the last start.
         self.link()?.set_coil(coil::STROBE, true).await?;
         let deadline = Instant::now() + START_WAIT;
         let has_started = loop {
