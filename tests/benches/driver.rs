@@ -1,6 +1,6 @@
 //! Times of the driver against the simulated controllers on loopback sockets: `cargo bench --bench driver`, or with `-- --brief` in
 //! a tenth of the time. From a stop that a client asks for to its bytes on the wire; from the last message to the table's own stop;
-//! and the jitter of set points while all cores are busy.
+//! and the jitter of set points while all cores are busy at the priority of planning threads.
 
 use std::num::NonZero;
 use std::ops::ControlFlow;
@@ -173,7 +173,11 @@ fn jitter(period: Duration, over: Duration) {
     let is_over = Arc::new(AtomicBool::new(false));
     let busy = (0..available_parallelism().map_or(1, NonZero::get)).map(|_| {
         let is_over = Arc::clone(&is_over);
-        spawn(move || while !is_over.load(Ordering::Relaxed) {})
+        spawn(move || {
+            // As the server's planning threads.
+            rustix::process::setpriority_process(Some(rustix::thread::gettid()), 10).expect("a lower priority");
+            while !is_over.load(Ordering::Relaxed) {}
+        })
     });
     let busy: Vec<_> = busy.collect();
     let streamer = Streamer::start("bench", period, |_| ControlFlow::Continue(())).expect("starts");

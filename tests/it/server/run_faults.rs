@@ -178,7 +178,12 @@ impl Moving {
 #[test]
 fn a_killed_server_leaves_the_table_to_its_watchdog_and_the_arm_to_one_move() {
     let mut live = live_run();
-    live.beside[1].wait(true, Duration::from_secs(60));
+    let step = |live: &Moving| live.server.get(&format!("/api/v1/runs/{}", live.run)).expect("the run")["step"].as_u64();
+    let until = Instant::now() + Duration::from_secs(60);
+    while step(&live) == Some(0) || !live.beside.iter_mut().any(Beside::is_moving) {
+        assert!(Instant::now() < until, "nothing moves after the first step");
+        sleep(Duration::from_millis(20));
+    }
     live.server.signal("KILL");
     live.table_stops_by_itself(Instant::now());
     live.server.end(Duration::from_secs(10));
