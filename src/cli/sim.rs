@@ -12,7 +12,7 @@ use super::signals::on_signals;
 use super::{CliError, failed, output, serve};
 use crate::cell::{Presets, SpecKind, SpecLibrary, did_you_mean};
 use crate::execution::protocol::modbus::ModbusFraming;
-use crate::execution::simulators::faults::Faults;
+use crate::execution::simulators::faults::{DeviceLook, Faults};
 use crate::execution::simulators::hans::HansSimulator;
 use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
 
@@ -61,7 +61,7 @@ struct CommonSimArgs {
     /// Address and port to listen on; port 0 takes a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     listen: SocketAddr,
-    /// Address and port on which faults are set.
+    /// Address and port on which faults are set, and `state` answers where it stands.
     #[arg(long, value_name = "ADDRESS:PORT")]
     control: Option<SocketAddr>,
     /// Simulated seconds a second, 0.1 to 100.
@@ -79,7 +79,7 @@ struct RobotSimArgs {
     #[arg(long, default_value = "hans-e05")]
     robot: String,
     /// Joints at the beginning, degrees, comma-separated.
-    #[arg(long, value_delimiter = ',', num_args = 6, allow_negative_numbers = true, default_value = "0,-30,60,0,30,0")]
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, default_value = "0,-30,60,0,30,0")]
     joints: Vec<f64>,
     #[command(flatten)]
     common: CommonSimArgs,
@@ -156,7 +156,7 @@ async fn run_robot(args: &RobotSimArgs) -> Result<(), CliError> {
     let simulator = HansSimulator::listen(&address, robot, joints_rad, args.common.speed).await;
     let simulator = simulator.map_err(|error| failed(&format!("--listen {address}"), &error))?;
     let addresses = simulator.addresses().map_err(|error| failed("--listen", &error))?;
-    let control = control(&args.common, simulator.faults()).await?;
+    let control = control(&args.common, simulator.faults(), simulator.look()).await?;
     let text = addresses.text.to_string();
     announce(text.clone(), control, arm_section(&text, &args.robot))?;
     until_signal(simulator.serve()).await
@@ -171,7 +171,7 @@ async fn run_turntable(args: &TurntableSimArgs) -> Result<(), CliError> {
         factor: args.common.speed,
         ..DriveSetup::default()
     });
-    let control = control(&args.common, simulator.faults()).await?;
+    let control = control(&args.common, simulator.faults(), simulator.look()).await?;
     if args.pty {
         let line = MinasA6Simulator::pseudo_terminal().map_err(|error| failed("--pty", &error))?;
         announce(line.path.clone(), control, table_section(&line.path, args))?;
@@ -204,12 +204,16 @@ fn table_section(address: &str, args: &TurntableSimArgs) -> Value {
 }
 
 /// Opens the control socket, if one is asked for, and serves it; its address.
-async fn control(args: &CommonSimArgs, faults: Arc<Faults>) -> Result<Option<SocketAddr>, CliError> {
+async fn control(
+    args: &CommonSimArgs,
+    faults: Arc<Faults>,
+    look: impl Fn() -> DeviceLook + Send + Sync + 'static,
+) -> Result<Option<SocketAddr>, CliError> {
     let Some(asked) = args.control else { return Ok(None) };
     let refused = |error: std::io::Error| failed(&format!("--control {asked}"), &error);
     let listener = TcpListener::bind(asked).await.map_err(refused)?;
     let address = listener.local_addr().map_err(refused)?;
-    tokio::spawn(async move { faults.serve(listener).await });
+    tokio::spawn(async move { faults.serve(listener, look).await });
     Ok(Some(address))
 }
 

@@ -13,14 +13,4 @@ pub mod simulators;
 pub mod twin;
 
 #[cfg(test)]
-mod documented_faults;
-#[cfg(test)]
-mod fault_table;
-#[cfg(test)]
-mod network_simulation;
-#[cfg(test)]
-mod rehearsal;
-#[cfg(test)]
-mod rough_cell;
-#[cfg(test)]
-mod simulated_network;
+mod tests;

@@ -17,8 +17,8 @@ use super::options::ServerOptions;
 use super::pacer::Pacer;
 use super::quotas::{self, Quotas};
 use super::routes::{
-    cells, checks, events, jobs, leases, meshes, results, robots, run_commands, runs, scanners, session, storage, system,
-    turntables,
+    calibrations, cells, checks, events, jobs, leases, meshes, results, robots, run_commands, runs, scanners, session, storage,
+    system, turntables,
 };
 use super::sessions::Sessions;
 use super::{auth, dashboard, docs, hosts, layers, openapi};
@@ -62,6 +62,12 @@ fn quick() -> OpenApiRouter<ApiState> {
         .routes(routes!(events::all))
         .routes(routes!(events::of_job))
         .merge(execution())
+        .routes(routes!(calibrations::list))
+        .routes(routes!(calibrations::delete))
+        .routes(routes!(calibrations::cancel))
+        .routes(routes!(calibrations::result))
+        .routes(routes!(calibrations::cell))
+        .routes(routes!(calibrations::report))
         .routes(routes!(session::begin, session::end))
         .routes(routes!(system::openapi))
         .merge(stored())
@@ -123,6 +129,7 @@ fn slow() -> OpenApiRouter<ApiState> {
         .routes(routes!(jobs::create_batch))
         .routes(routes!(jobs::delete_selected))
         .routes(routes!(checks::check))
+        .routes(routes!(calibrations::create))
         .routes(routes!(storage::retention, storage::apply_retention))
 }
 
@@ -133,7 +140,7 @@ fn uploads() -> OpenApiRouter<ApiState> {
 
 /// Routes that may wait for a job or a run.
 fn waits() -> OpenApiRouter<ApiState> {
-    OpenApiRouter::new().routes(routes!(jobs::get)).routes(routes!(runs::get))
+    OpenApiRouter::new().routes(routes!(jobs::get)).routes(routes!(runs::get)).routes(routes!(calibrations::get))
 }
 
 /// Routes that need no key.

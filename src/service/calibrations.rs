@@ -191,9 +191,8 @@ impl App {
         result: Option<CalibrationDocument>,
     ) -> Result<CalibrationJob, Error> {
         let app = self.clone();
-        let changed = self
-            .run_to_completion(async move { app.0.store.change_calibration(id, from, change, result.as_ref()).await })
-            .await;
+        let changed =
+            self.run_to_completion(async move { app.0.store.change_calibration(id, from, change, result.as_ref()).await }).await;
         self.0.calibrations.changed.notify_waiters();
         changed
     }

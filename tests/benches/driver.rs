@@ -1,6 +1,6 @@
 //! Times of the driver against the simulated controllers on loopback sockets: `cargo bench --bench driver`, or with `-- --brief` in
 //! a tenth of the time. From a stop that a client asks for to its bytes on the wire; from the last message to the table's own stop;
-//! and the jitter of set points while all cores are busy.
+//! and the jitter of set points while all cores are busy at the priority of planning threads.
 
 use std::num::NonZero;
 use std::ops::ControlFlow;
@@ -95,7 +95,7 @@ async fn stops(count: u32) {
         let table = serde_json::from_value(table).expect("sound");
         let machine = Pair {
             arm: HansArm::new(arm, cell.robot.kinematics.clone(), wiring("arm")),
-            table: MinasA6Table::new(table, wiring("table")),
+            table: MinasA6Table::new(table, cell.turntable.axis.max_acceleration_rad_per_s2, wiring("table")),
         };
         let leases = Leases::default();
         let token = leases.acquire(CELL, "bench", Duration::from_secs(30)).expect("free").token;
@@ -136,7 +136,8 @@ async fn watchdog(setting: Duration) {
     let position = drive.position();
     let server = tokio::spawn(drive.serve(listener, ModbusFraming::Rtu));
     let spec = json!({"address": format!("tcp://{address}"), "units_per_turn": UNITS_PER_TURN, "gear_ratio": 40});
-    let mut table = MinasA6Table::new(serde_json::from_value(spec).expect("sound"), Wiring::over_tcp("table", Arc::new(())));
+    let spec = serde_json::from_value(spec).expect("sound");
+    let mut table = MinasA6Table::new(spec, std::f64::consts::PI, Wiring::over_tcp("table", Arc::new(())));
     table.connect().await.expect("a drive");
     table.arm(setting).await.expect("armed");
     let target = Target {
@@ -172,7 +173,11 @@ fn jitter(period: Duration, over: Duration) {
     let is_over = Arc::new(AtomicBool::new(false));
     let busy = (0..available_parallelism().map_or(1, NonZero::get)).map(|_| {
         let is_over = Arc::clone(&is_over);
-        spawn(move || while !is_over.load(Ordering::Relaxed) {})
+        spawn(move || {
+            // As the server's planning threads.
+            rustix::process::setpriority_process(Some(rustix::thread::gettid()), 10).expect("a lower priority");
+            while !is_over.load(Ordering::Relaxed) {}
+        })
     });
     let busy: Vec<_> = busy.collect();
     let streamer = Streamer::start("bench", period, |_| ControlFlow::Continue(())).expect("starts");

@@ -4,7 +4,7 @@
 mod json;
 mod names;
 mod pages;
-mod rehearsal;
+pub(crate) mod rehearsal;
 mod runs;
 
 use std::io::pipe;

@@ -86,7 +86,8 @@ fn the_table_s_driver_moves_a_device_of_pymodbus_there_and_back() {
     for framing in GatewayFraming::ALL {
         let device = Device::start(&python, framing);
         block_on(async {
-            let mut table = MinasA6Table::new(spec(device.port, framing), Wiring::over_tcp("table", Arc::new(())));
+            let wiring = Wiring::over_tcp("table", Arc::new(()));
+            let mut table = MinasA6Table::new(spec(device.port, framing), std::f64::consts::PI, wiring);
             let identity = table.connect().await.expect("a drive");
             assert_eq!(identity.model, "MADLT15SF");
             table.arm(Duration::from_millis(500)).await.expect("armed");

@@ -12,6 +12,7 @@
 //! neighbourhood (conservative advancement; F. Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking
 //! for single and multiple articulated robots in complex environments", IEEE Trans. Robotics 21(3), 2005).
 
+mod pairs;
 mod scene_body;
 mod separation;
 mod solid;
@@ -24,6 +25,7 @@ use nalgebra::{Isometry3, Point3};
 use parry3d::bounding_volume::{Aabb, BoundingVolume};
 use parry3d::math::Pose as ParryPose;
 
+use self::pairs::{BodyPair, TABLE_AXIS, body_pairs};
 use self::scene_body::{ParentLink, SceneBody, assemble, attach};
 pub use self::separation::{Farthest, Separation};
 use self::solid::{near, parry_pose};
@@ -39,8 +41,6 @@ const STEP_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 pub const MIN_CLEARANCE_MM: f64 = 1.0;
 /// Configurations at which a pair must touch to be taken as touching by construction.
 const ALLOWED_PAIR_SAMPLES: u32 = 200;
-/// Place of the table among the axes.
-const TABLE_AXIS: usize = 6;
 /// A point that is moved less by a turn is on its axis, mm.
 const ON_AXIS_MM: f64 = 1e-3;
 /// Largest depth of what stands on the plate in what stands below, mm: it may lie on it, as on a floor level with the plate.
@@ -77,18 +77,7 @@ pub struct CollisionScene {
     base_from_table: Pose<Base, Table>,
     table_axis: Axis,
     bodies: Vec<SceneBody>,
-    pairs: Vec<Pair>,
-    clearance_mm: f64,
-}
-
-/// Two bodies that are tested against each other.
-#[derive(Clone, Debug)]
-struct Pair {
-    a: usize,
-    b: usize,
-    /// Upper bound on how far they move against each other for each radian of each axis, mm.
-    motion_bound_mm: [f64; 7],
-    /// Distance that they keep.
+    pairs: Vec<BodyPair>,
     clearance_mm: f64,
 }
 
@@ -128,7 +117,7 @@ impl CollisionScene {
         let first = scene.bodies.len();
         let attached = std::iter::once(("part", part)).chain(fixture.map(|mesh| ("fixture", mesh)));
         scene.bodies.extend(attach(attached, table_from_part));
-        let added = pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
+        let added = body_pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
         scene.pairs.extend(added);
         scene
     }
@@ -143,7 +132,7 @@ impl CollisionScene {
         let moved: Vec<SceneBody> = scene.bodies.drain(first..).map(|body| body.moved(&plate_from_before)).collect();
         scene.pairs.retain(|pair| pair.a.max(pair.b) < first);
         scene.bodies.extend(moved);
-        let added = pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
+        let added = body_pairs(&scene.bodies, first, &scene.kinematics, scene.clearance_mm, SceneBody::may_meet);
         scene.pairs.extend(added);
         scene
     }
@@ -152,7 +141,7 @@ impl CollisionScene {
     #[must_use]
     pub fn without_part(cell: &Cell, clearance_mm: f64) -> Self {
         let bodies = assemble(cell);
-        let pairs = pairs(&bodies, 0, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
+        let pairs = body_pairs(&bodies, 0, &cell.robot.kinematics, clearance_mm, SceneBody::may_meet);
         let mut scene = Self {
             kinematics: cell.robot.kinematics.clone(),
             base_from_table: cell.base_from_table,
@@ -172,15 +161,15 @@ impl CollisionScene {
     pub fn at_every_table_angle(&self) -> Self {
         let mut scene = self.clone();
         for attached in (0..self.bodies.len()).filter(|body| self.bodies[*body].is_attached()) {
-            let of_attached = |pair: &Pair| pair.a == attached || pair.b == attached;
-            let moving = |pair: &&Pair| !self.bodies[pair.a].parent.is_still() && !self.bodies[pair.b].parent.is_still();
-            let own: Vec<Pair> = scene.pairs.extract_if(.., |pair| of_attached(pair)).collect();
+            let of_attached = |pair: &BodyPair| pair.a == attached || pair.b == attached;
+            let moving = |pair: &&BodyPair| !self.bodies[pair.a].parent.is_still() && !self.bodies[pair.b].parent.is_still();
+            let own: Vec<BodyPair> = scene.pairs.extract_if(.., |pair| of_attached(pair)).collect();
             for ring in self.bodies[attached].turned_all_around() {
                 let place = |body: usize| if body == attached { scene.bodies.len() } else { body };
                 scene.pairs.extend(own.iter().filter(moving).map(|pair| {
                     let mut motion_bound_mm = pair.motion_bound_mm;
                     motion_bound_mm[TABLE_AXIS] = 0.0;
-                    Pair { a: place(pair.a), b: place(pair.b), motion_bound_mm, ..*pair }
+                    BodyPair { a: place(pair.a), b: place(pair.b), motion_bound_mm, ..*pair }
                 }));
                 scene.bodies.push(ring);
             }
@@ -236,7 +225,7 @@ impl CollisionScene {
     }
 
     /// Pairs of what the flange carries and what the table carries.
-    fn pairs_of_view(&self) -> impl Iterator<Item = &Pair> {
+    fn pairs_of_view(&self) -> impl Iterator<Item = &BodyPair> {
         let is_held = |body: usize| self.bodies[body].parent == ParentLink::Link(6);
         let turns = |body: usize| self.bodies[body].parent == ParentLink::Plate;
         self.pairs.iter().filter(move |pair| is_held(pair.a) && turns(pair.b) || is_held(pair.b) && turns(pair.a))
@@ -286,8 +275,8 @@ impl CollisionScene {
     /// Proves a segment free. Pieces are looked at coarse to fine, all of one length before any shorter one: a contact
     /// mostly shows early. A pair that is far enough apart for its whole piece is done with; for the others the piece is
     /// halved.
-    fn check_inside(&self, segment: &Segment<'_>, steps: f64, all: Vec<&Pair>) -> Result<(), Contact> {
-        let mut pieces: Vec<(f64, Vec<&Pair>)> =
+    fn check_inside(&self, segment: &Segment<'_>, steps: f64, all: Vec<&BodyPair>) -> Result<(), Contact> {
+        let mut pieces: Vec<(f64, Vec<&BodyPair>)> =
             (0..steps as u64).map(|step| ((step as f64 + 0.5) / steps, all.clone())).collect();
         let mut half = 0.5 / steps;
         while !pieces.is_empty() {
@@ -310,11 +299,11 @@ impl CollisionScene {
         segment: &Segment<'_>,
         middle: f64,
         half: f64,
-        pairs: &[&'a Pair],
-    ) -> Result<Vec<&'a Pair>, Contact> {
+        pairs: &[&'a BodyPair],
+    ) -> Result<Vec<&'a BodyPair>, Contact> {
         let sweep_rad = segment.travel_rad.map(|angle| half * angle.abs());
         let placement = self.place(&segment.at(middle));
-        let mut open: Vec<&Pair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep_rad)).copied().collect();
+        let mut open: Vec<&BodyPair> = pairs.iter().filter(|pair| self.is_near(pair, &placement, &sweep_rad)).copied().collect();
         if let Some(pair) = open.iter().find(|pair| self.is_near(pair, &placement, &[0.0; 7])) {
             return Err(self.contact_of(pair));
         }
@@ -344,16 +333,16 @@ impl CollisionScene {
         Placement { poses, boxes }
     }
 
-    fn contact_of(&self, pair: &Pair) -> Contact {
+    fn contact_of(&self, pair: &BodyPair) -> Contact {
         Contact { a: Arc::clone(&self.bodies[pair.a].name), b: Arc::clone(&self.bodies[pair.b].name) }
     }
 
     /// Returns true if the two may come closer than their clearance while every axis moves by up to `sweep_rad`.
-    fn is_near(&self, pair: &Pair, placement: &Placement, sweep_rad: &[f64; 7]) -> bool {
+    fn is_near(&self, pair: &BodyPair, placement: &Placement, sweep_rad: &[f64; 7]) -> bool {
         self.is_closer(pair, placement, pair.clearance_mm + pair.motion_mm(sweep_rad))
     }
 
-    fn is_closer(&self, pair: &Pair, placement: &Placement, distance_mm: f64) -> bool {
+    fn is_closer(&self, pair: &BodyPair, placement: &Placement, distance_mm: f64) -> bool {
         let margin = distance_mm as f32;
         placement.boxes[pair.a].loosened(margin).intersects(&placement.boxes[pair.b])
             && near(
@@ -365,7 +354,7 @@ impl CollisionScene {
     }
 
     /// Confirms nearness by the surfaces inside, where the two bodies only envelop them.
-    fn is_confirmed(&self, pair: &Pair, placement: &Placement, margin: f32) -> bool {
+    fn is_confirmed(&self, pair: &BodyPair, placement: &Placement, margin: f32) -> bool {
         let (a, b) = (&self.bodies[pair.a], &self.bodies[pair.b]);
         !(a.is_envelope() || b.is_envelope())
             || a.placed(&placement.poses[pair.a]).any(|(in_a, pose_a)| {
@@ -432,7 +421,7 @@ impl CollisionScene {
         }
         let with = |stands: fn(&SceneBody) -> bool| {
             let meet = move |a: &SceneBody, b: &SceneBody| (a.is_attached() && stands(b)) || (b.is_attached() && stands(a));
-            let pairs = pairs(&lifted.bodies, 0, &lifted.kinematics, 0.5 * LYING_MM, meet);
+            let pairs = body_pairs(&lifted.bodies, 0, &lifted.kinematics, 0.5 * LYING_MM, meet);
             Self { pairs, ..lifted.clone() }
         };
         let Axis { min_rad, max_rad, .. } = self.table_axis;
@@ -442,61 +431,12 @@ impl CollisionScene {
     }
 }
 
-impl Pair {
-    fn motion_mm(&self, sweep_rad: &[f64; 7]) -> f64 {
-        self.motion_bound_mm.iter().zip(sweep_rad).map(|(bound, angle)| bound * angle).sum()
-    }
-}
-
 /// One of configurations that are spread evenly over the ranges of all axes; `sample` counts from 1.
 fn spread_configuration(axes: &Axes, sample: u32) -> Configuration {
     Configuration::from_axes_rad(std::array::from_fn(|axis| {
         let axis_limits = &axes.0[axis];
         axis_limits.min_rad + (axis_limits.max_rad - axis_limits.min_rad) * halton(sample, PRIMES[axis])
     }))
-}
-
-/// Every two bodies that `may_meet`, one of which is the body `first` or a later one.
-fn pairs(
-    bodies: &[SceneBody],
-    first: usize,
-    kinematics: &Kinematics,
-    clearance_mm: f64,
-    may_meet: impl Fn(&SceneBody, &SceneBody) -> bool,
-) -> Vec<Pair> {
-    let frames = kinematics.link_frames(&[0.0; 6]);
-    let between: [f64; 6] =
-        std::array::from_fn(|link| (frames[link + 1].translation.vector - frames[link].translation.vector).norm());
-    let mut pairs = Vec::new();
-    for b in first..bodies.len() {
-        for a in 0..b {
-            if may_meet(&bodies[a], &bodies[b]) {
-                pairs.push(Pair {
-                    a,
-                    b,
-                    motion_bound_mm: relative_motion_bound_mm(&bodies[a], &bodies[b], &between, kinematics),
-                    clearance_mm,
-                });
-            }
-        }
-    }
-    pairs
-}
-
-/// Farthest distance of a point of the outer body from each axis, 0 for axes that move both or neither.
-fn relative_motion_bound_mm(a: &SceneBody, b: &SceneBody, between_mm: &[f64; 6], kinematics: &Kinematics) -> [f64; 7] {
-    let (inner, outer) = if a.parent.link() <= b.parent.link() { (a, b) } else { (b, a) };
-    // A flange beside axis 6 is nearer to axis 5 in some postures than it is at zero.
-    let off_axis_mm = if outer.parent.link() == 6 { 2.0 * kinematics.flange_off_axis_mm() } else { 0.0 };
-    let mut motion_bound_mm = [0.0; 7];
-    for joint in inner.parent.link()..outer.parent.link() {
-        // Joint `joint + 1` turns frame `joint + 1`, from whose origin the chain leads out to the body.
-        motion_bound_mm[joint] =
-            between_mm[joint + 1..outer.parent.link()].iter().sum::<f64>() + outer.motion_bound_mm + off_axis_mm;
-    }
-    motion_bound_mm[TABLE_AXIS] =
-        [a, b].iter().filter(|body| body.parent == ParentLink::Plate).map(|body| body.motion_bound_mm).sum();
-    kinematics.of_vendor_joints(motion_bound_mm)
 }
 
 #[cfg(test)]

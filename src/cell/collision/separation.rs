@@ -6,8 +6,9 @@ use parry3d::math::Pose as ParryPose;
 use parry3d::query::{self, ClosestPoints};
 use parry3d::shape::{Capsule, Shape};
 
+use super::pairs::BodyPair;
 use super::solid::Solid;
-use super::{CollisionScene, Contact, Pair, Placement, Segment, spread_configuration};
+use super::{CollisionScene, Contact, Placement, Segment, spread_configuration};
 use crate::cell::axis::Configuration;
 use crate::cell::layout::Cell;
 
@@ -70,7 +71,7 @@ impl CollisionScene {
     #[must_use]
     pub fn nearest(&self, configuration: &Configuration, farthest: &Farthest, within_mm: f64) -> Option<Separation> {
         let placement = self.place(configuration);
-        let may_be_near = |pair: &Pair| pair.clearance_mm >= self.clearance_mm && self.is_closer(pair, &placement, within_mm);
+        let may_be_near = |pair: &BodyPair| pair.clearance_mm >= self.clearance_mm && self.is_closer(pair, &placement, within_mm);
         let pairs = self.pairs.iter().zip(&farthest.apart_mm).filter(|(pair, _)| may_be_near(pair));
         let separations = pairs.filter_map(|(pair, farthest_mm)| {
             let separation = self.separation(pair, &placement, within_mm)?;
@@ -91,7 +92,7 @@ impl CollisionScene {
         separations.min_by(|a, b| a.1.distance_mm.total_cmp(&b.1.distance_mm))
     }
 
-    fn separation(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Separation> {
+    fn separation(&self, pair: &BodyPair, placement: &Placement, within_mm: f64) -> Option<Separation> {
         let ((a, pose_a), (b, pose_b)) = (self.placed(pair.a, placement), self.placed(pair.b, placement));
         let (a, b) = (a.shape(), b.shape());
         let (distance_mm, place) = match query::closest_points(&pose_a, a, &pose_b, b, within_mm as f32).ok()? {
@@ -113,7 +114,7 @@ impl CollisionScene {
     /// The distance of what is in the two bodies where they only envelop it, by halving; `None` where they are farther apart
     /// than `within_mm`, and within that where only the envelopes can tell how deep they are in each other.
     #[expect(clippy::option_option, reason = "too far apart, and told by the envelopes, are not the same")]
-    fn surface_distance_mm(&self, pair: &Pair, placement: &Placement, within_mm: f64) -> Option<Option<f64>> {
+    fn surface_distance_mm(&self, pair: &BodyPair, placement: &Placement, within_mm: f64) -> Option<Option<f64>> {
         let is_within = |mm: f64| self.is_confirmed(pair, placement, mm as f32);
         if !is_within(within_mm) {
             return None;

@@ -37,6 +37,8 @@ const GOAL_SHARE: f64 = 0.2 / 360.0;
 #[derive(Debug)]
 pub struct MinasA6Table {
     spec: MinasA6Spec,
+    /// Acceleration that the table is rated for.
+    max_acceleration_rad_s2: f64,
     units: TableUnits,
     wiring: Wiring,
     link: Option<ModbusLink>,
@@ -50,13 +52,24 @@ pub struct MinasA6Table {
 }
 
 impl MinasA6Table {
-    /// A table at the address of its specification, not connected.
+    /// A table at the address of its specification, not connected; no ramp is above `max_acceleration_rad_s2`.
     #[must_use]
-    pub fn new(spec: MinasA6Spec, wiring: Wiring) -> Self {
+    pub fn new(spec: MinasA6Spec, max_acceleration_rad_s2: f64, wiring: Wiring) -> Self {
         let home = i64::from(spec.home_units);
         let units = TableUnits { per_turn: spec.units_per_turn.into(), home, is_reversed: spec.is_reversed };
         let (link, goal, is_armed, switched_on_here, found_timeout_ms) = (None, None, false, false, None);
-        Self { spec, units, wiring, link, position: home, goal, is_armed, switched_on_here, found_timeout_ms }
+        Self {
+            spec,
+            max_acceleration_rad_s2,
+            units,
+            wiring,
+            link,
+            position: home,
+            goal,
+            is_armed,
+            switched_on_here,
+            found_timeout_ms,
+        }
     }
 
     fn link(&mut self) -> Result<&mut ModbusLink, DeviceError> {

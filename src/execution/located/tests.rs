@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::{LocateBounds, Locating, Misplaced, Relocate};
 use crate::execution::record::StepKind;
-use crate::execution::rehearsal::{job, planned, until};
 use crate::execution::session::{PauseCause, RunOptions, RunReason, RunState, StopCause, simulate};
+use crate::execution::tests::rehearsal::{job, planned, until};
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::params::PlanParams;
 use crate::program::{Step, scan_poses};

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::{Trapezoid, segment};
 use crate::cell::Configuration;
-use crate::execution::rehearsal::planned;
+use crate::execution::tests::rehearsal::planned;
 
 #[test]
 fn a_segment_takes_the_time_that_the_program_was_planned_with() {

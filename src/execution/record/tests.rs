@@ -2,8 +2,8 @@ use std::sync::atomic::AtomicBool;
 
 use super::PoseDeviation;
 use crate::cell::Configuration;
-use crate::execution::rehearsal::{job, planned, twins};
 use crate::execution::session::{RunOptions, RunState, simulate_with};
+use crate::execution::tests::rehearsal::{job, planned, twins};
 use crate::planning::PlanInput;
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;

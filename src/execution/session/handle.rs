@@ -11,7 +11,7 @@ use super::gate::is_override;
 use super::lease::{Fence, LeaseError, Leases};
 use super::live::{Live, LiveEvent};
 use super::state::{RunState, RunStatus};
-use crate::execution::record::RunRecord;
+use crate::execution::record::{RunRecord, StepRecord};
 use crate::geometry::{Part, Pose, Table};
 
 /// Commands that may wait to be heard.
@@ -117,6 +117,12 @@ impl RunHandle {
     #[must_use]
     pub fn events_after(&self, id: u64) -> (Vec<LiveEvent>, broadcast::Receiver<LiveEvent>) {
         self.live.events_after(id)
+    }
+
+    /// Records of the steps carried out so far, from the `first` on.
+    #[must_use]
+    pub fn steps_from(&self, first: usize) -> Vec<StepRecord> {
+        self.live.steps_from(first)
     }
 
     /// Gives a run that is ready the right to move.

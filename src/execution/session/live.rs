@@ -8,6 +8,7 @@ use tokio::time::Instant;
 
 use super::state::{RunEvent, RunStatus};
 use crate::cell::Configuration;
+use crate::execution::record::StepRecord;
 use crate::geometry::{Base, Pose, ScannerFrame};
 
 /// Events that are kept for replay: a minute at 20 Hz.
@@ -51,6 +52,8 @@ struct Last {
     step: Option<usize>,
     speed_override: f64,
     measurement: Measurement,
+    /// Steps carried out.
+    done: Vec<StepRecord>,
 }
 
 /// The live side of a run, shared by the run and its handles.
@@ -65,7 +68,8 @@ pub(super) struct Live {
 
 impl Live {
     pub(super) fn new(steps: usize, speed_override: f64) -> Self {
-        let last = Last { events: VecDeque::new(), next_id: 1, step: None, speed_override, measurement: Measurement::default() };
+        let (events, measurement, done) = (VecDeque::new(), Measurement::default(), Vec::new());
+        let last = Last { events, next_id: 1, step: None, speed_override, measurement, done };
         let live = Self {
             began: Instant::now(),
             steps,
@@ -100,6 +104,16 @@ impl Live {
 
     pub(super) fn at_step(&self, step: usize) {
         self.tell(|last| last.step = Some(step));
+    }
+
+    /// Notes a step that was carried out.
+    pub(super) fn note(&self, step: StepRecord) {
+        self.last().done.push(step);
+    }
+
+    /// Steps carried out, from the `first` on.
+    pub(super) fn steps_from(&self, first: usize) -> Vec<StepRecord> {
+        self.last().done.get(first..).unwrap_or_default().to_vec()
     }
 
     pub(super) fn at_override(&self, speed_override: f64) {

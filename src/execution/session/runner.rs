@@ -32,8 +32,6 @@ pub(super) struct Runner<M, T> {
     pub(super) trigger: T,
     pub(super) options: RunOptions,
     pub(super) identities: Option<Identities>,
-    /// Steps carried out.
-    pub(super) steps: Vec<StepRecord>,
     pub(super) next_step: usize,
     /// Number of the last target.
     pub(super) sequence: u64,
@@ -68,7 +66,6 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
             trigger,
             options,
             identities: None,
-            steps: Vec::new(),
             next_step,
             sequence: 0,
             is_armed: false,
@@ -247,7 +244,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     pub(super) fn note(&mut self, index: usize, done: Done, attempts: u32, real: Duration) {
         let commanded = way::commanded_before(&self.job.program, index + 1);
         let (capture_id, capture_took) = done.taken.map_or((None, None), |taken| (taken.id, Some(taken.took)));
-        self.steps.push(StepRecord {
+        self.watcher.live.note(StepRecord {
             step: index,
             kind: done.kind,
             view: done.view,
@@ -297,14 +294,14 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     }
 
     fn record(&self, event: &RunEvent, stop: Option<StopReport>) -> RunRecord {
-        let status = self.watcher.live.status();
+        let (status, steps) = (self.watcher.live.status(), self.watcher.live.steps_from(0));
         RunRecord {
             status: status.after(event.clone()).unwrap_or(status),
             mode: self.mode,
             identities: self.identities.clone(),
-            planned_secs: self.steps.iter().filter(|step| step.kind != StepKind::Locate).map(|step| step.planned_secs).sum(),
-            real_secs: self.steps.iter().map(|step| step.real_secs).sum(),
-            steps: self.steps.clone(),
+            planned_secs: steps.iter().filter(|step| step.kind != StepKind::Locate).map(|step| step.planned_secs).sum(),
+            real_secs: steps.iter().map(|step| step.real_secs).sum(),
+            steps,
             next_step: self.next_step,
             speed_override: self.speed_override(),
             stop,

@@ -29,6 +29,16 @@ pub(super) struct Done {
     pub(super) measured: Configuration,
     pub(super) taken: Option<Captured>,
 }
+
+/// One straight piece of a move.
+struct Segment<'a> {
+    from: &'a Configuration,
+    to: &'a Configuration,
+    speed_fraction: f64,
+    /// States in position that end it.
+    cycles: u32,
+}
+
 impl<M: Drive, T: Trigger> Runner<M, T> {
     pub(super) async fn step(&mut self, index: usize) -> Result<Done, Halt> {
         let program = Arc::clone(&self.job.program);
@@ -50,7 +60,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
 
     /// Follows a polyline from wherever on it the devices stand.
     async fn travel(&mut self, index: usize, step: &Move) -> Result<Done, Halt> {
-        let here = self.watcher.tick().await?.configuration();
+        let mut here = self.watcher.tick().await?.configuration();
         let points =
             if std::mem::take(&mut self.rejoins) { vec![here, step.target_rad] } else { way::points(&self.job.program, index) };
         let (passed, nearest) = way::nearest(&points, &here);
@@ -58,19 +68,19 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         for (number, to) in points.iter().enumerate().skip(passed + 1) {
             let is_last = number + 1 == points.len();
             let cycles = if is_last { self.options.safeguards.in_position_cycles.max(1) } else { 1 };
-            self.go(&points[number - 1], to, step.speed_fraction, cycles).await?;
+            let segment = Segment { from: &points[number - 1], to, speed_fraction: step.speed_fraction, cycles };
+            here = self.go(here, segment).await?;
         }
-        self.done(StepKind::Move).await
+        Ok(Done { kind: StepKind::Move, view: None, measured: here, taken: None })
     }
 
-    /// One segment: checked from where the devices are measured, sent, and watched until it is reached.
-    async fn go(&mut self, from: &Configuration, to: &Configuration, speed_fraction: f64, cycles: u32) -> Result<(), Halt> {
-        let safeguards = self.options.safeguards.clone();
-        let here = self.watcher.tick().await?.configuration();
-        let begin = standing(from, to, &here, safeguards.position_tolerance_rad);
-        let speed = speed_fraction * self.speed_override();
+    /// One segment: checked from where the devices were just measured, sent, and watched until it is reached; where they are then.
+    async fn go(&mut self, here: Configuration, way: Segment<'_>) -> Result<Configuration, Halt> {
+        let (safeguards, to) = (self.options.safeguards.clone(), way.to);
+        let begin = standing(way.from, to, &here, safeguards.position_tolerance_rad);
+        let speed = way.speed_fraction * self.speed_override();
         let Some(target) = segment(&self.job.cell.axes(), &begin, to, speed, self.sequence + 1) else {
-            return self.reach(to, Duration::ZERO, cycles).await;
+            return self.reach(to, Duration::ZERO, way.cycles).await;
         };
         self.sequence += 1;
         let (job, checked) = (self.job.clone(), target.clone());
@@ -84,35 +94,36 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         let Watcher { machine, control, .. } = &mut self.watcher;
         let started = control.guard_motion(heartbeat, timeout(within, machine.start(&target))).await?;
         started.unwrap_or_else(|_| Err(silent(within))).map_err(|error| of_machine(error, Duration::ZERO))?;
-        self.reach(to, target.duration.div_f64(self.options.time_factor), cycles).await?;
+        let reached = self.reach(to, target.duration.div_f64(self.options.time_factor), way.cycles).await?;
         self.watcher.segment = None;
-        Ok(())
+        Ok(reached)
     }
 
-    /// Waits in position: so many fresh states in a row within the tolerance, at rest.
-    async fn reach(&mut self, to: &Configuration, predicted: Duration, cycles: u32) -> Result<(), Halt> {
+    /// Waits in position: so many fresh states in a row within the tolerance, at rest; the last of them.
+    async fn reach(&mut self, to: &Configuration, predicted: Duration, cycles: u32) -> Result<Configuration, Halt> {
         let tolerance_rad = self.options.safeguards.position_tolerance_rad;
         let due = Instant::now() + predicted;
         let deadline = due + predicted / 2 + self.options.safeguards.reach_timeout;
         let mut reached = 0;
         loop {
             let state = self.watcher.tick().await?;
-            let (axis, off_rad) = gate::furthest_axis(to, &state.configuration());
+            let here = state.configuration();
+            let (axis, off_rad) = gate::furthest_axis(to, &here);
             let is_at_rest = state.conditions().iter().all(|(_, condition)| condition.in_position && !condition.moving);
             // A device that has accepted a short way may not say yet that it moves.
             let is_due = Instant::now() >= due;
             reached = if is_due && is_at_rest && off_rad <= tolerance_rad { reached + 1 } else { 0 };
             if reached >= cycles {
-                return Ok(());
+                return Ok(here);
             }
             let now = Instant::now();
             if now > deadline {
                 return Err(Halt::stop(StopCause::NotReached { axis, off_deg: off_rad.to_degrees() }));
             }
-            // The first look after the predicted end is just behind it.
+            // The first look after the predicted end is just behind it, and the others follow twice as quickly.
             let until_due = due.saturating_duration_since(now);
             let poll = self.watcher.poll;
-            self.watcher.rest(if until_due.is_zero() { poll } else { poll.min(until_due) }).await?;
+            self.watcher.rest(if until_due.is_zero() { poll / 2 } else { poll.min(until_due) }).await?;
         }
     }
 

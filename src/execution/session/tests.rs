@@ -11,9 +11,9 @@ use super::{
 use crate::cell::Configuration;
 use crate::execution::audit::tests::log_on_full_disk;
 use crate::execution::device::{Direction, WireLog};
-use crate::execution::fault_table::{FAULTS, FaultyCell, fault_in_each_state};
 use crate::execution::record::{RunRecord, StepKind};
-use crate::execution::rehearsal::{CELL, Chance, Twins, attend, hashes, job, job_of, planned, twins, until};
+use crate::execution::tests::fault_table::{FAULTS, FaultyCell, fault_in_each_state};
+use crate::execution::tests::rehearsal::{CELL, Chance, Twins, attend, hashes, job, job_of, planned, twins, until};
 use crate::execution::twin::Planted;
 
 /// A live run on twins, armed.

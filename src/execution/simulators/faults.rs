@@ -1,9 +1,10 @@
-//! Faults of a simulated controller, set while it runs: by the tests that own it, or line by line over a socket or standard
-//! input.
+//! Faults of a simulated controller, set while it runs: by the tests that own it, or line by line over a socket, where it is
+//! also asked for where it stands.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use serde::Serialize;
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
@@ -13,8 +14,27 @@ const MAX_LINE_BYTES: u64 = 256;
 /// Longest delay of replies.
 const MAX_LATE: Duration = Duration::from_secs(60);
 
+/// A look at a simulated device from beside it, whatever its connections do.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DeviceLook {
+    /// Position of each axis.
+    pub positions_deg: Vec<f64>,
+    /// It moves.
+    pub is_moving: bool,
+    /// Error that it is in.
+    pub error: Option<u32>,
+}
+
+/// Answer to `state`.
+#[derive(Debug, Serialize)]
+struct LookAnswer {
+    #[serde(flatten)]
+    look: DeviceLook,
+    faults: FaultState,
+}
+
 /// Faults in force.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FaultState {
     /// The emergency stop is pressed.
     pub is_emergency_stop: bool,
@@ -23,6 +43,7 @@ pub struct FaultState {
     /// The device is in this error.
     pub alarm: Option<u32>,
     /// Delay of every reply.
+    #[serde(rename = "late_secs", serialize_with = "in_secs")]
     pub late: Duration,
     /// No request is answered.
     pub is_silent: bool,
@@ -128,15 +149,20 @@ impl Faults {
     }
 
     /// Takes commands from a listener, one client after another.
-    pub async fn serve(&self, listener: TcpListener) {
+    pub async fn serve(&self, listener: TcpListener, look: impl Fn() -> DeviceLook) {
         while let Ok((mut stream, _)) = listener.accept().await {
             let (reader, writer) = stream.split();
-            self.obey(reader, writer).await;
+            self.obey(reader, writer, &look).await;
         }
     }
 
     /// Takes commands line by line and answers each, until the input ends.
-    pub async fn obey(&self, reader: impl AsyncRead + Unpin, mut writer: impl AsyncWrite + Unpin) {
+    pub async fn obey(
+        &self,
+        reader: impl AsyncRead + Unpin,
+        mut writer: impl AsyncWrite + Unpin,
+        look: &impl Fn() -> DeviceLook,
+    ) {
         let mut lines = BufReader::new(reader);
         loop {
             let mut line = String::new();
@@ -146,7 +172,8 @@ impl Faults {
             }
             let answer = match line.trim() {
                 "" => continue,
-                "state" => format!("{:?}", self.state()),
+                "state" => serde_json::to_string(&LookAnswer { look: look(), faults: self.state() })
+                    .unwrap_or_else(|error| format!("error: {error}")),
                 line => match FaultCommand::parse(line) {
                     Ok(command) => {
                         self.apply(command);
@@ -166,6 +193,10 @@ impl Faults {
     }
 }
 
+fn in_secs<S: serde::Serializer>(duration: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_f64(duration.as_secs_f64())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -174,8 +205,14 @@ mod tests {
     async fn lines_set_faults_and_unknown_ones_are_answered_with_what_there_is() {
         let faults = Faults::default();
         let mut answers = Vec::new();
-        faults.obey(&b"emergency_stop on\nlate 250\nalarm 2400\nfly\n\nalarm 0\n"[..], &mut answers).await;
-        let answers = String::from_utf8(answers).expect("text");
+        let look = || DeviceLook { positions_deg: vec![12.5], is_moving: true, error: Some(16) };
+        let lines = b"emergency_stop on\nlate 250\nalarm 2400\nfly\n\nalarm 0\nstate\n";
+        faults.obey(&lines[..], &mut answers, &look).await;
+        let mut answers = String::from_utf8(answers).expect("text");
+        let state: serde_json::Value = serde_json::from_str(answers.lines().last().expect("a line")).expect("JSON");
+        let told = (&state["positions_deg"][0], &state["is_moving"], &state["error"], &state["faults"]["late_secs"]);
+        assert_eq!(told, (&12.5.into(), &true.into(), &16.into(), &0.25.into()));
+        answers.truncate(answers.find('{').expect("the state"));
         let firsts: Vec<&str> = answers.lines().map(|line| line.split(':').next().expect("a word")).collect();
         assert_eq!(firsts, ["ok", "ok", "ok", "error", "error"]);
         let expected =

@@ -14,7 +14,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep};
 
 use self::arm::SimulatedArm;
-use super::faults::Faults;
+use super::faults::{DeviceLook, Faults};
 use crate::cell::Robot;
 use crate::execution::drivers::stream::ByteStream;
 use crate::execution::protocol::hans::{HansFrames, HansOutcome, HansReply, HansRequest, HansSyntax};
@@ -86,6 +86,12 @@ impl HansController {
         arm.joints_rad(now)
     }
 
+    fn look(&self) -> DeviceLook {
+        let (arm, now) = self.0.arm();
+        let positions_deg = arm.joints_rad(now).map(f64::to_degrees).to_vec();
+        DeviceLook { positions_deg, is_moving: arm.is_moving(now), error: arm.error() }
+    }
+
     /// Answers the text commands of one client until it goes, or the connection is cut.
     pub async fn talk(&self, mut stream: impl ByteStream) {
         let cut = self.0.faults.next_cut();
@@ -133,6 +139,12 @@ impl HansSimulator {
     pub fn joints(&self) -> impl Fn() -> [f64; 6] + Send + use<> {
         let controller = self.controller.clone();
         move || controller.joints_rad()
+    }
+
+    /// A look at it, whatever its connections do.
+    pub fn look(&self) -> impl Fn() -> DeviceLook + Send + Sync + use<> {
+        let controller = self.controller.clone();
+        move || controller.look()
     }
 
     /// Serves connections until it is dropped, and they with it.

@@ -13,7 +13,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep, timeout};
 
 use self::drive::SimulatedDrive;
-use super::faults::Faults;
+use super::faults::{DeviceLook, Faults};
 use crate::execution::drivers::serial::{PseudoTerminal, open_pseudo_terminal};
 use crate::execution::drivers::stream::ByteStream;
 use crate::execution::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide};
@@ -107,6 +107,15 @@ impl MinasA6Simulator {
         }
     }
 
+    /// A look at it, whatever its connections do.
+    pub fn look(&self) -> impl Fn() -> DeviceLook + Send + Sync + use<> {
+        let shared = Arc::clone(&self.shared);
+        move || {
+            let (drive, now) = shared.drive();
+            drive.look(now)
+        }
+    }
+
     /// Listens at an address; its address.
     ///
     /// # Errors
@@ -124,6 +133,8 @@ impl MinasA6Simulator {
             while let Ok((stream, _)) = listener.accept().await {
                 // Connections that ended are let go.
                 while connections.try_join_next().is_some() {}
+                // Where that cannot be set, answers are late.
+                let _ = stream.set_nodelay(true);
                 let drive = self.clone();
                 connections.spawn(async move { drive.talk(stream, framing).await });
             }

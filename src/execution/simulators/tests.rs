@@ -15,8 +15,8 @@ use crate::execution::drivers::hans::HansArm;
 use crate::execution::drivers::minas_a6::MinasA6Table;
 use crate::execution::drivers::stream::Wiring;
 use crate::execution::protocol::modbus::ModbusFraming;
-use crate::execution::rehearsal::{job, planned, until};
 use crate::execution::session::{Authority, Fence, Leases, Pair, RunHandle, RunOptions, RunState, live};
+use crate::execution::tests::rehearsal::{job, planned, until};
 use crate::execution::twin::TwinTrigger;
 
 const CELL: &str = "e05-transcan";
@@ -51,7 +51,11 @@ async fn rehearsal() -> Rehearsal {
     let table_spec: MinasA6Spec = serde_json::from_value(table_spec).expect("a specification");
     let machine = Pair {
         arm: HansArm::new(arm_spec, robot.kinematics, Wiring::over_tcp("arm", Arc::new(()))),
-        table: MinasA6Table::new(table_spec, Wiring::over_tcp("table", Arc::new(()))),
+        table: MinasA6Table::new(
+            table_spec,
+            planned().cell.turntable.axis.max_acceleration_rad_per_s2,
+            Wiring::over_tcp("table", Arc::new(())),
+        ),
     };
     let leases = Leases::default();
     let token = leases.acquire(CELL, "operator", Duration::from_secs(2)).expect("free").token;

@@ -1,5 +1,6 @@
 //! Handlers, one file per resource: read the request, call the service, write the response.
 
+pub(super) mod calibrations;
 pub(super) mod checks;
 pub(super) mod events;
 pub(super) mod jobs;

@@ -36,7 +36,7 @@ const HTML: &str = "text/html; charset=utf-8";
 const TEXT: &str = "text/plain; charset=utf-8";
 const BYTES: &str = "application/octet-stream";
 /// Content security policy of a report, a single file with embedded images and styles: it loads nothing and runs nothing.
-const REPORT_POLICY: HeaderValue =
+pub(super) const REPORT_POLICY: HeaderValue =
     HeaderValue::from_static("default-src 'none'; img-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'; sandbox");
 
 const fn representation(name: &'static str, media_type: &'static str, file: &'static str) -> Representation {

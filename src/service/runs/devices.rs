@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::cell::{ArmControllerSpec, ControllersSpec, Kinematics, TableControllerSpec};
+use crate::cell::{ArmControllerSpec, Cell, ControllersSpec, Kinematics, TableControllerSpec};
 use crate::execution::device::{DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog};
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::drivers::fanuc_rmi::FanucArm;
@@ -22,7 +22,7 @@ use crate::execution::session::{self, Authority, Joined, ObservedJoined, Observe
 /// A table on a controller whose driver has no external axis.
 pub(super) fn dry_run(controllers: &ControllersSpec, job: RunJob, options: RunOptions) -> Result<RunHandle, String> {
     let log = log_of(&options);
-    Ok(match table(controllers, &log) {
+    Ok(match table(controllers, job.cell(), &log) {
         Some(table) => {
             let arm = arm(&controllers.arm, &job.cell().robot.kinematics, &log);
             session::dry_run(job, ObservedPair::new(arm, table), options)
@@ -43,7 +43,7 @@ pub(super) fn live(
 ) -> Result<RunHandle, String> {
     let log = log_of(&options);
     let trigger = ScannerTrigger::new(controllers, Arc::clone(&log))?;
-    Ok(match table(controllers, &log) {
+    Ok(match table(controllers, job.cell(), &log) {
         Some(table) => {
             let arm = arm(&controllers.arm, &job.cell().robot.kinematics, &log);
             session::live(job, Pair { arm, table }, trigger, authority, options)
@@ -71,10 +71,13 @@ fn arm(spec: &ArmControllerSpec, kinematics: &Kinematics, log: &Arc<dyn WireLog>
 }
 
 /// The table's own controller; `None` if the arm's turns it.
-fn table(controllers: &ControllersSpec, log: &Arc<dyn WireLog>) -> Option<TableDevice> {
+fn table(controllers: &ControllersSpec, cell: &Cell, log: &Arc<dyn WireLog>) -> Option<TableDevice> {
     let wiring = Wiring::over_tcp("table", Arc::clone(log));
     match &controllers.table {
-        TableControllerSpec::MinasA6(spec) => Some(TableDevice::MinasA6(MinasA6Table::new(spec.clone(), wiring))),
+        TableControllerSpec::MinasA6(spec) => {
+            let rated = cell.turntable.axis.max_acceleration_rad_per_s2;
+            Some(TableDevice::MinasA6(MinasA6Table::new(spec.clone(), rated, wiring)))
+        }
         TableControllerSpec::ModbusPlc(spec) => Some(TableDevice::Plc(PlcTable::new(spec.clone(), wiring))),
         TableControllerSpec::WithArm {} => None,
     }

@@ -35,7 +35,7 @@ impl App {
         self.run_to_completion(async move {
             let open = app.0.runs.enter(run.id, &run.cell, run.mode)?;
             // From here on the entry is given back by the supervisor, whatever comes.
-            let mut supervisor = Supervisor { app: app.clone(), run, open };
+            let mut supervisor = Supervisor { app: app.clone(), run, open, stored_steps: 0 };
             let (run, event) = app.0.store.insert_run(&supervisor.run, app.0.options.execution.max_runs).await?;
             supervisor.run = run.clone();
             app.0.runs.publish(event);

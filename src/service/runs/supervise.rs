@@ -1,5 +1,5 @@
-//! The task of a run: checks its program, begins its session, stores what the session tells, and at the end its record. What the
-//! session measures many times a second goes to those who follow the run, never to the database.
+//! The task of a run: checks its program, begins its session, stores what the session tells and each step that is done, and at the
+//! end its record. What the session measures many times a second goes to those who follow the run, never to the database.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 use super::OpenRun;
 use super::order::{CheckedOrder, RunOrder};
 use super::session::{self, SessionOrder};
-use crate::execution::record::RunRecord;
+use crate::execution::record::{RunRecord, StepRecord};
 use crate::execution::session::streamer::Jitter;
 use crate::execution::session::{Authority, LiveEvent, RunHandle, RunStatus, StopCause};
 use crate::planning::context::Context;
@@ -24,6 +24,8 @@ pub(super) struct Supervisor {
     pub(super) app: App,
     pub(super) run: Run,
     pub(super) open: Arc<OpenRun>,
+    /// Steps of its record that are in the database.
+    pub(super) stored_steps: usize,
 }
 
 impl Drop for Supervisor {
@@ -136,7 +138,7 @@ impl Supervisor {
             match told {
                 Ok(event) => {
                     last_id = event.id;
-                    if self.hear(&event).await {
+                    if self.hear(handle, &event).await {
                         return;
                     }
                 }
@@ -156,7 +158,7 @@ impl Supervisor {
     async fn replayed(&mut self, handle: &RunHandle, after: u64) -> (bool, broadcast::Receiver<LiveEvent>) {
         let (kept, live) = handle.events_after(after);
         for event in kept {
-            if self.hear(&event).await {
+            if self.hear(handle, &event).await {
                 return (true, live);
             }
         }
@@ -164,7 +166,7 @@ impl Supervisor {
     }
 
     /// Stores what is new in an event; true if the run has ended, of which the record tells more.
-    async fn hear(&mut self, event: &LiveEvent) -> bool {
+    async fn hear(&mut self, handle: &RunHandle, event: &LiveEvent) -> bool {
         if event.status.state.is_final() {
             return true;
         }
@@ -179,7 +181,7 @@ impl Supervisor {
         };
         (self.run.state, self.run.reason, self.run.detail) = (state, reason, Some(event.status.reason.to_string()));
         (self.run.step, self.run.speed_override, self.run.armed_by) = (step, event.speed_override, self.open.armed_by());
-        self.store(kind, &[]).await;
+        self.store(kind, &handle.steps_from(self.stored_steps)).await;
         false
     }
 
@@ -191,7 +193,6 @@ impl Supervisor {
 
     /// Stores the record and how the run ended.
     async fn end(&mut self, order: &Arc<RunOrder>, checked: &Arc<CheckedOrder>, record: &Arc<RunRecord>) {
-        let steps: Vec<RunStepRecord> = record.steps.iter().map(RunStepRecord::from).collect();
         self.run.coverage = self.coverage(checked, record).await;
         self.run.conclude(record);
         self.run.armed_by = self.open.armed_by();
@@ -200,7 +201,7 @@ impl Supervisor {
             warn(&self.run, "noting that the program was completed", noted);
         }
         record.jitter.iter().for_each(count_jitter);
-        self.store(RunEventKind::State, &steps).await;
+        self.store(RunEventKind::State, record.steps.get(self.stored_steps..).unwrap_or_default()).await;
         self.count();
     }
 
@@ -224,9 +225,13 @@ impl Supervisor {
     }
 
     /// Stores the run as it stands, and tells those who follow it.
-    async fn store(&mut self, kind: RunEventKind, steps: &[RunStepRecord]) {
-        match self.app.0.store.update_run(&mut self.run, kind, steps).await {
-            Ok(Some(event)) => self.app.0.runs.publish(event),
+    async fn store(&mut self, kind: RunEventKind, steps: &[StepRecord]) {
+        let rows: Vec<RunStepRecord> = steps.iter().map(RunStepRecord::from).collect();
+        match self.app.0.store.update_run(&mut self.run, kind, (self.stored_steps, &rows)).await {
+            Ok(Some(event)) => {
+                self.stored_steps += rows.len();
+                self.app.0.runs.publish(event);
+            }
             Ok(None) => {}
             Err(error) => warn(&self.run, "storing the run", Err(error)),
         }

@@ -84,19 +84,15 @@ impl Store {
 
     /// One calibration.
     pub(crate) async fn calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
-        let row = sqlx::query("SELECT body FROM calibration WHERE id = ?1")
-            .bind(id.to_string())
-            .fetch_optional(&self.reader)
-            .await?;
+        let row =
+            sqlx::query("SELECT body FROM calibration WHERE id = ?1").bind(id.to_string()).fetch_optional(&self.reader).await?;
         read(&row.ok_or(Error::CalibrationNotFound(id))?, "body")
     }
 
     /// Input of a calibration.
     pub(crate) async fn calibration_input(&self, id: CalibrationId) -> Result<CalibrationInput, Error> {
-        let row = sqlx::query("SELECT input FROM calibration WHERE id = ?1")
-            .bind(id.to_string())
-            .fetch_optional(&self.reader)
-            .await?;
+        let row =
+            sqlx::query("SELECT input FROM calibration WHERE id = ?1").bind(id.to_string()).fetch_optional(&self.reader).await?;
         read(&row.ok_or(Error::CalibrationNotFound(id))?, "input")
     }
 
@@ -119,10 +115,9 @@ impl Store {
 
     /// Ids of the calibrations that an earlier process left, oldest first.
     pub(crate) async fn open_calibrations(&self) -> Result<Vec<CalibrationId>, Error> {
-        let ids: Vec<String> =
-            sqlx::query_scalar("SELECT id FROM calibration WHERE state IN ('queued', 'running') ORDER BY id")
-                .fetch_all(&self.reader)
-                .await?;
+        let ids: Vec<String> = sqlx::query_scalar("SELECT id FROM calibration WHERE state IN ('queued', 'running') ORDER BY id")
+            .fetch_all(&self.reader)
+            .await?;
         Ok(ids.iter().filter_map(|id| id.parse().ok()).collect())
     }
 

@@ -59,12 +59,13 @@ impl Store {
         Ok((run, event))
     }
 
-    /// Stores a run as it stands now, steps that it completed, and the event of the change. An ended run is not changed any more.
+    /// Stores a run as it stands now, steps that it completed, numbered from `first`, and the event of the change. An ended run is
+    /// not changed any more.
     pub(crate) async fn update_run(
         &self,
         run: &mut Run,
         kind: RunEventKind,
-        steps: &[RunStepRecord],
+        (first, steps): (usize, &[RunStepRecord]),
     ) -> Result<Option<Arc<RunEventDocument>>, Error> {
         let mut tx = self.writer.begin().await?;
         if state_of(&mut tx, run.id).await?.is_ended() {
@@ -75,7 +76,7 @@ impl Store {
         }
         write(&mut tx, run).await?;
         for (number, step) in steps.iter().enumerate() {
-            insert_step(&mut tx, run.id, number, step).await?;
+            insert_step(&mut tx, run.id, first + number, step).await?;
         }
         let event = append(&mut tx, run, kind).await?;
         tx.commit().await?;

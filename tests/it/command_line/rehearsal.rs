@@ -1,6 +1,7 @@
 //! A planned part on simulated controllers on sockets: `vantage sim` twice, then `vantage run`, live.
 
 use std::io::{BufRead, BufReader};
+use std::net::SocketAddr;
 use std::path::Path;
 use std::process::{Child, Stdio};
 
@@ -11,20 +12,28 @@ use super::{Ended, run};
 use crate::server::process::vantage;
 
 /// A simulated controller, ended when dropped.
-struct Simulator {
-    child: Child,
+pub(crate) struct Simulator {
+    pub(crate) child: Child,
+    /// Address on which faults are set, where one was asked for.
+    pub(crate) control: Option<SocketAddr>,
     /// Section of the cell file.
-    section: String,
+    pub(crate) section: String,
 }
 
 impl Simulator {
     /// Starts one, and waits until it listens.
-    fn start(arguments: &[&str]) -> Self {
+    pub(crate) fn start(arguments: &[&str]) -> Self {
         let mut child = vantage().arg("sim").args(arguments).stdout(Stdio::piped()).spawn().expect("a process");
         let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines().map(|line| line.expect("text"));
         assert!(lines.next().expect("a line").contains("listens on"));
-        let mut section = String::new();
-        for line in lines.by_ref().skip_while(|line| !line.starts_with('[')) {
+        let (mut section, mut control) = (String::new(), None);
+        for line in lines.by_ref() {
+            if let Some(address) = line.strip_prefix("Faults are set on ") {
+                control = Some(address.parse().expect("an address"));
+            }
+            if section.is_empty() && !line.starts_with('[') {
+                continue;
+            }
             let is_last = line.starts_with("protocol");
             section += &line;
             section.push('\n');
@@ -34,7 +43,7 @@ impl Simulator {
             }
         }
         std::thread::spawn(move || lines.for_each(drop));
-        Self { child, section }
+        Self { child, control, section }
     }
 }
 
@@ -46,11 +55,13 @@ impl Drop for Simulator {
     }
 }
 
-fn cell_file(folder: &Path, simulators: &[&Simulator]) -> String {
+/// Cell file of the preset with these controllers.
+pub(crate) fn cell_file(folder: &Path, simulators: &[&Simulator], first_run_speed: f64) -> String {
     let preset = run(&["presets", "e05-transcan"]).out;
     let sections: String = simulators.iter().map(|simulator| simulator.section.as_str()).collect();
     let path = folder.join("rehearsal.toml");
-    std::fs::write(&path, format!("{preset}\n[controllers]\nfirst_run_speed = 1.0\n{sections}")).expect("a file");
+    std::fs::write(&path, format!("{preset}\n[controllers]\nfirst_run_speed = {first_run_speed:.2}\n{sections}"))
+        .expect("a file");
     path.display().to_string()
 }
 
@@ -67,7 +78,7 @@ fn a_planned_part_is_run_on_simulated_controllers() {
     let home: Vec<String> = program["home_deg"].as_array().expect("angles").iter().map(Value::to_string).collect();
     let robot = Simulator::start(&["robot", "--robot", "hans-e05", "--joints", &home[..6].join(",")]);
     let table = Simulator::start(&["turntable"]);
-    let cell = cell_file(folder.path(), &[&robot, &table]);
+    let cell = cell_file(folder.path(), &[&robot, &table], 1.0);
     let base = ["run", &plan, "--cell", &cell, "--mesh", &part, "--unit", "mm"];
     let read = run(&[&base[..], &["--mode", "dry_run"]].concat());
     assert_eq!(read.code, Some(0), "{}{}", read.out, read.err);

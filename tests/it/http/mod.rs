@@ -4,6 +4,7 @@
 pub(crate) mod api;
 mod auth;
 mod bulk;
+mod calibrations;
 mod checks;
 mod contract;
 mod cross_origin;

@@ -16,6 +16,7 @@ mod oracle_schemathesis;
 mod prefix_proxy;
 pub(crate) mod process;
 mod rows;
+mod run_faults;
 mod runs;
 mod shortage;
 mod summary;

@@ -41,6 +41,11 @@ impl Server {
         Self::listening(spawn(vantage(), data, environment))
     }
 
+    /// Starts a server with a file of settings.
+    pub(super) fn start_configured(data: &Path, config: &str) -> Self {
+        Self::listening(spawn_with(vantage(), data, &[], &["--config", config]))
+    }
+
     /// Starts a server that may have only so many files open, as the shell's `ulimit` takes it.
     pub(super) fn start_with_open_files(ulimit: &str, data: &Path, environment: &[(&str, &str)]) -> Self {
         let program = vantage();
@@ -211,9 +216,13 @@ impl Server {
     }
 }
 
-fn spawn(mut command: Command, data: &Path, environment: &[(&str, &str)]) -> (Child, NamedTempFile) {
+fn spawn(command: Command, data: &Path, environment: &[(&str, &str)]) -> (Child, NamedTempFile) {
+    spawn_with(command, data, environment, &[])
+}
+
+fn spawn_with(mut command: Command, data: &Path, environment: &[(&str, &str)], arguments: &[&str]) -> (Child, NamedTempFile) {
     let log = NamedTempFile::new().expect("a file");
-    command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
+    command.args(["serve", "--listen", "127.0.0.1:0", "--data"]).arg(data).args(arguments);
     command.env("VANTAGE_PLANNING__THREADS", "1").envs(environment.iter().copied());
     command.stdout(Stdio::piped()).stderr(log.reopen().expect("the log"));
     (command.spawn().expect("a process"), log)

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::process::{QUICK, Server};
 
-fn program(server: &Server) -> String {
+pub(super) fn program(server: &Server) -> String {
     let mesh = server.upload().expect("a mesh");
     let body = format!(r#"{{"mesh_id": {}, "cell": "e05-transcan", "params": {QUICK}}}"#, mesh["id"]);
     let job = server.post("/api/v1/jobs", &body).expect("a job");
@@ -15,7 +15,7 @@ fn program(server: &Server) -> String {
     job["id"].as_str().expect("an id").to_owned()
 }
 
-fn running(server: &Server, run: &str) {
+pub(super) fn running(server: &Server, run: &str) {
     let until = Instant::now() + Duration::from_secs(60);
     while server.get(&format!("/api/v1/runs/{run}")).expect("the run")["state"] != "running" {
         assert!(Instant::now() < until, "{run} does not run");

@@ -1,4 +1,5 @@
-//! A target as blocks: speed and ramps in the drive's units, never above those asked for, save where the drive knows no ramp so slow.
+//! A target as blocks: speed and ramps in the drive's units, never above those asked for, save where the drive knows no ramp so slow:
+//! there its slowest, if the table is rated for it.
 
 use std::f64::consts::TAU;
 
@@ -15,6 +16,9 @@ const MAX_BLOCKS: i64 = 8;
 /// Longest distance of one block where positions repeat with every turn, share of a turn: less than half, so that there is
 /// one way.
 const MAX_BLOCK_SHARE: f64 = 0.45;
+
+/// Acceleration of the motor on the drive's slowest ramp.
+const SLOWEST_RAMP_R_PER_S2: f64 = RAMP_R_PER_MIN / 60.0 / (1e-3 * MAX_RAMP_MS);
 
 impl MinasA6Table {
     /// Returns true if a position is the one of a target.
@@ -67,6 +71,7 @@ impl MinasA6Table {
             return Err(DeviceError::Unsupported { what: format!("turn the motor at {speed:.1} r/min; allowed is 1 to {max}") });
         }
         if ramp_ms > MAX_RAMP_MS || ramp_ms.is_nan() {
+            self.check_slowest_ramp()?;
             let turns = distance.abs() as f64 / self.units.per_turn * self.spec.gear_ratio;
             speed = speed.min(60.0 * cruise_r_per_s(turns, target.duration.as_secs_f64())).max(1.0);
             ramp_ms = MAX_RAMP_MS;
@@ -78,6 +83,18 @@ impl MinasA6Table {
             self.link()?.set_register(first + number, value).await?;
         }
         Ok(())
+    }
+
+    /// Error unless the table is rated for the drive's slowest ramp.
+    fn check_slowest_ramp(&self) -> Result<(), DeviceError> {
+        let slowest_rad_s2 = SLOWEST_RAMP_R_PER_S2 * TAU / self.spec.gear_ratio;
+        if slowest_rad_s2 <= self.max_acceleration_rad_s2 {
+            return Ok(());
+        }
+        let [slowest, rated] = [slowest_rad_s2, self.max_acceleration_rad_s2].map(f64::to_degrees);
+        let gear = self.spec.gear_ratio;
+        let what = format!("accelerate below {slowest:.1}°/s² at gear ratio {gear}; the table is rated for {rated:.1}°/s²");
+        Err(DeviceError::Unsupported { what })
     }
 
     async fn write_blocks(&mut self, travels: &[BlockTravel]) -> Result<(), DeviceError> {
@@ -93,7 +110,7 @@ impl MinasA6Table {
 
     /// Raises the strobe, waits until the block runs or has run, and lowers it.
     async fn strobe(&mut self, goal: i64) -> Result<(), DeviceError> {
-        self.link()?.set_coil(coil::STROBE, false).await?;
+        // It was lowered by arming, or behind the last start.
         self.link()?.set_coil(coil::STROBE, true).await?;
         let deadline = Instant::now() + START_WAIT;
         let has_started = loop {
@@ -120,7 +137,6 @@ impl MinasA6Table {
 
 /// Speed of the motor that takes it through so many turns in that time with the slowest ramps; infinite where they are too slow.
 fn cruise_r_per_s(turns: f64, secs: f64) -> f64 {
-    let change_r_per_s2 = RAMP_R_PER_MIN / 60.0 / (1e-3 * MAX_RAMP_MS);
-    let under_root = secs * secs - 4.0 * turns / change_r_per_s2;
+    let under_root = secs * secs - 4.0 * turns / SLOWEST_RAMP_R_PER_S2;
     if under_root >= 0.0 { 2.0 * turns / (secs + under_root.sqrt()) } else { f64::INFINITY }
 }

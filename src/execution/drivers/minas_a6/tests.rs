@@ -11,6 +11,8 @@ use crate::execution::simulators::faults::{FaultCommand, Faults};
 use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
 
 const WATCHDOG: Duration = Duration::from_millis(200);
+/// 180°/s², the rating of the table that the presets describe.
+const RATED_RAD_S2: f64 = std::f64::consts::PI;
 
 struct Bench {
     table: MinasA6Table,
@@ -40,7 +42,7 @@ async fn on_socket(framing: GatewayFraming, setup: DriveSetup) -> Bench {
     };
     let mut spec = spec(&format!("tcp://{address}"));
     (spec.framing, spec.has_infinite_rotation) = (framing, setup.has_infinite_rotation);
-    let table = MinasA6Table::new(spec, Wiring::over_tcp("table", Arc::new(())));
+    let table = MinasA6Table::new(spec, RATED_RAD_S2, Wiring::over_tcp("table", Arc::new(())));
     Bench { table, faults, position, server: tokio::spawn(simulator.serve(listener, served)) }
 }
 
@@ -123,7 +125,7 @@ async fn the_table_goes_there_and_back_on_a_serial_line() {
     let (faults, position) = (simulator.faults(), Box::new(simulator.position()));
     let mut spec = spec(&line.path);
     spec.parity = crate::cell::SerialParity::None;
-    let table = MinasA6Table::new(spec, Wiring::over_tcp("table", Arc::new(())));
+    let table = MinasA6Table::new(spec, RATED_RAD_S2, Wiring::over_tcp("table", Arc::new(())));
     let mut bench = Bench { table, faults, position, server: tokio::spawn(simulator.serve_line(line.stream)) };
     bench.table.connect().await.expect("a drive");
     bench.table.arm(WATCHDOG).await.expect("armed");
@@ -286,4 +288,19 @@ async fn what_the_drive_cannot_do_and_how_it_is_not_set_up_is_refused() {
     assert!(matches!(&error, DeviceError::NotReady { reason } if reason.contains("Pr0.15")), "{error}");
     other.table.spec.model = Some("MADLN".into());
     assert!(matches!(other.table.connect().await, Err(DeviceError::OtherDevice { .. })));
+}
+
+/// The slowest ramp is 10 s to 3000 r/min, 45°/s² at a gear ratio of 40: within the rating of one table and beyond another's.
+#[tokio::test]
+async fn a_ramp_slower_than_the_drive_knows_is_its_slowest_where_the_table_is_rated_for_it() {
+    let mut bench = usual().await;
+    let slow = |sequence| Target { max_acceleration_rad_s2: [20_f64.to_radians()], ..target(sequence, 10.0, 20.0) };
+    bench.table.start(&slow(1)).await.expect("45°/s² is within 180°/s²");
+    assert!((bench.arrive().await.positions_rad[0].to_degrees() - 10.0).abs() < 0.05);
+    bench.table.max_acceleration_rad_s2 = 44_f64.to_radians();
+    let refused = bench.table.start(&Target { positions_rad: [0.0], ..slow(2) }).await;
+    let text = refused.expect_err("beyond the rating").to_string();
+    assert!(text.contains("45.0°/s²") && text.contains("44.0°/s²"), "{text}");
+    let at_deg = bench.table.state().await.expect("a state").positions_rad[0].to_degrees();
+    assert!((at_deg - 10.0).abs() < 0.05, "it turned to {at_deg}");
 }

@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::execution::protocol::mangled::each_mangled;
 
 #[test]
 fn addresses_of_parameters_follow_the_manual_s_formula() {
@@ -55,4 +56,32 @@ proptest! {
         }
         prop_assert_eq!(error_number(error_register(100 * main + sub)), 100 * main + sub);
     }
+}
+
+/// Registers of any bytes: nothing panics, texts are printable and no longer than their registers, what is read as a block is that block
+/// again, and values come back in either order of words.
+#[test]
+fn a_million_mangled_inputs_are_read_or_refused() {
+    let block =
+        MoveBlock { travel: BlockTravel::Relative(-400_000), speed: 3, acceleration: 2, deceleration: 1, is_followed: true };
+    let known = [registers_of(&block.words(), WordOrder::LowFirst), registers_of_text("MADLT15SF", 8)];
+    let known = known.map(|registers| registers.into_iter().flat_map(u16::to_be_bytes).collect::<Vec<u8>>());
+    let mut blocks = 0_u32;
+    each_mangled(&known, |input| {
+        let registers: Vec<u16> = input.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect();
+        let text = text_of(&registers);
+        assert!(text.len() <= 2 * registers.len() && text.bytes().all(|byte| (b' '..=b'~').contains(&byte)));
+        for order in WordOrder::ALL {
+            let values = values_of(&registers, order);
+            assert_eq!(registers_of(&values, order), registers[..2 * values.len()]);
+            if let Some(words) = values.first_chunk()
+                && let Some(block) = MoveBlock::read(*words)
+            {
+                assert_eq!(block.words(), *words);
+                blocks += 1;
+            }
+        }
+        registers.iter().for_each(|register| assert!(!error_text(error_number(*register)).is_empty()));
+    });
+    assert!(blocks > 1000, "{blocks} blocks are read");
 }

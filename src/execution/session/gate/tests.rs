@@ -6,8 +6,8 @@ use super::{Objection, Safeguards, Workspace, to_run, to_start, to_target, unfit
 use crate::cell::Configuration;
 use crate::execution::device::{ArmState, Condition, FaultCode, TableState};
 use crate::execution::profile::segment;
-use crate::execution::rehearsal::{job, planned};
 use crate::execution::session::{DeviceRole, MachineState, RunState, StopCause};
+use crate::execution::tests::rehearsal::{job, planned};
 
 const MAX_AGE: Duration = Duration::from_millis(100);
 

@@ -1,6 +1,6 @@
 use super::{commanded_before, nearest, off_segment, points};
 use crate::cell::Configuration;
-use crate::execution::rehearsal::planned;
+use crate::execution::tests::rehearsal::planned;
 use crate::program::Step;
 
 fn at(first: f64, table_rad: f64) -> Configuration {

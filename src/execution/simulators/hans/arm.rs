@@ -94,6 +94,11 @@ impl SimulatedArm {
         self.axes.positions(now)
     }
 
+    /// Error that the controller is in.
+    pub(super) fn error(&self) -> Option<u32> {
+        u32::try_from(self.error_code).ok().filter(|code| *code != 0)
+    }
+
     /// Lets faults act, and a path go on.
     pub(super) fn feel(&mut self, faults: &FaultState, now: f64) {
         if faults.is_emergency_stop || faults.is_guard_open || faults.alarm.is_some() {
@@ -142,7 +147,7 @@ impl SimulatedArm {
         self.outputs.get(&input).is_some_and(|(is_on, since)| *is_on && now - since >= CAPTURE_SECS)
     }
 
-    fn is_moving(&self, now: f64) -> bool {
+    pub(super) fn is_moving(&self, now: f64) -> bool {
         self.axes.is_moving(now) || self.servo_since.is_some() || !self.ahead_deg.is_empty()
     }
 

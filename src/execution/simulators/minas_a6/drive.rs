@@ -10,7 +10,7 @@ use crate::execution::protocol::minas_a6::{
     error_register, output, register, registers_of, registers_of_text, values_of,
 };
 use crate::execution::protocol::modbus::{ModbusReply, ModbusRequest};
-use crate::execution::simulators::faults::FaultState;
+use crate::execution::simulators::faults::{DeviceLook, FaultState};
 use crate::execution::simulators::motion::MovingAxes;
 
 /// Exceptions: an address, a value that there is not.
@@ -79,6 +79,12 @@ impl SimulatedDrive {
 
     pub(super) fn position(&self, now: f64) -> f64 {
         self.axis.positions(now)[0]
+    }
+
+    pub(super) fn look(&self, now: f64) -> DeviceLook {
+        let turns = self.position(now) / f64::from(self.setup.units_per_turn);
+        let error = (self.error != 0).then_some(self.error);
+        DeviceLook { positions_deg: vec![360.0 * turns], is_moving: self.axis.is_moving(now), error }
     }
 
     fn order(&self) -> WordOrder {

@@ -15,8 +15,8 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::watch;
 use tokio::time::{Instant, Sleep, sleep};
 
-use super::drivers::stream::{ByteStream, Dialer};
 use super::rehearsal::Chance;
+use crate::execution::drivers::stream::{ByteStream, Dialer};
 
 /// Treatment of connections by a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,13 +10,13 @@ use std::time::Duration;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use tokio::time::{Instant, sleep, timeout};
 
-use super::device::Trigger;
-use super::rehearsal::{CELL, Chance, attend, hashes, in_simulated_time, on_deep_stacks, planned, short_job, until};
+use super::rehearsal::{CELL, Chance, attend, hashes, in_simulated_time, job, on_deep_stacks, planned, short_job, until};
 use super::rough_cell::{RoughCell, SeenBytes};
-use super::session::{Authority, DeviceRole, Leases, RunHandle, RunOptions, RunState, RunStatus, StopCause, live};
 use super::simulated_network::{Passage, Weather};
-use super::simulators::faults::FaultCommand;
-use super::twin::{TriggerAccess, TwinTrigger};
+use crate::execution::device::Trigger;
+use crate::execution::session::{Authority, DeviceRole, Leases, RunHandle, RunOptions, RunState, RunStatus, StopCause, live};
+use crate::execution::simulators::faults::FaultCommand;
+use crate::execution::twin::{TriggerAccess, TwinTrigger};
 
 const SEEDS: u64 = 2000;
 /// Time in which something may happen.
@@ -79,7 +79,7 @@ impl Scene {
     }
 
     /// Goes on with whatever is paused, until it ends.
-    async fn see_to_its_end(&self, handle: &RunHandle, token: Option<super::session::Fence>) -> RunStatus {
+    async fn see_to_its_end(&self, handle: &RunHandle, token: Option<crate::execution::session::Fence>) -> RunStatus {
         let (mut status, began) = (handle.watch_status(), Instant::now());
         loop {
             let ended = timeout(Duration::from_millis(500), status.wait_for(|status| status.state.is_final())).await;
@@ -229,4 +229,35 @@ fn on_a_network_of_chance_only_what_is_armed_moves_in_order_within_limits_and_ev
 fn a_seed_gives_the_same_run_each_time() {
     planned();
     on_deep_stacks(|| (0..20).into_par_iter().for_each(|seed| assert_eq!(simulated(seed), simulated(seed), "seed {seed}")));
+}
+
+/// The planned part through both drivers, on a network that is up to 2 ms late: its real cycle time is the plan's within 5 %, whatever
+/// else the machine does.
+#[test]
+fn a_planned_part_takes_its_planned_time() {
+    planned();
+    let record = on_deep_stacks(|| {
+        in_simulated_time(async {
+            let cell = RoughCell::new(1);
+            cell.networks.iter().for_each(|network| network.set_weather(Weather { max_delay_ms: 2, ..Weather::FAIR }));
+            let (machine, _) = cell.drivers();
+            let leases = Leases::default();
+            let token = leases.acquire(CELL, "operator", Duration::from_secs(5)).expect("free").token;
+            let authority = Authority { leases: leases.clone(), cell: CELL.into() };
+            let handle = live(job(), machine, TwinTrigger::new(1.0), authority, RunOptions::default());
+            let attendant = attend(&handle, &leases, token);
+            assert_eq!(until(&handle, RunState::Ready).await, RunState::Ready, "{}", handle.status().reason);
+            handle.arm(token).await.expect("may");
+            let record = handle.ended().await;
+            attendant.abort();
+            record
+        })
+    });
+    assert_eq!(record.status.state, RunState::Done, "{}", record.status.reason);
+    let (planned, real) = (record.planned_secs, record.real_secs);
+    println!("planned {planned:.3} s, took {real:.3} s: {:.4}", real / planned);
+    for step in &record.steps {
+        println!("{:?} planned {:.3} took {:.3}", step.kind, step.planned_secs, step.real_secs);
+    }
+    assert!((real / planned - 1.0).abs() < 0.05, "{real} {planned}");
 }

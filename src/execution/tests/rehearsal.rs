@@ -6,9 +6,9 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
 use super::fault_table::{FaultStage, FaultyCell};
-use super::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
-use super::twin::{Asked, Planted, TriggerAccess, Twin, TwinAccess, TwinTrigger};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
+use crate::execution::session::{DeviceRole, Fence, Hashes, Leases, Pair, RunHandle, RunJob, RunState};
+use crate::execution::twin::{Asked, Planted, TriggerAccess, Twin, TwinAccess, TwinTrigger};
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame};
 use crate::planning::context::{Context, Silent};
 use crate::planning::params::PlanParams;

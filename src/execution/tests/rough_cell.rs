@@ -8,23 +8,25 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 use tokio::sync::watch;
 use tokio::time::{Instant, sleep};
 
-use super::device::{DeviceError, DeviceState, Direction, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog};
-use super::drivers::hans::HansArm;
-use super::drivers::minas_a6::MinasA6Table;
-use super::drivers::modbus_link::ModbusLink;
-use super::drivers::stream::Wiring;
 use super::fault_table::{FaultStage, FaultyCell, ROOM};
-use super::protocol::hans::{HansFrames, HansRequest};
-use super::protocol::minas_a6::coil;
-use super::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusRequest, ModbusSide};
 use super::rehearsal::{CELL, hashes, planned, short_job};
-use super::session::{DeviceRole, Fence, Leases, Pair, RunJob, RunState, RunStatus, StopCause};
 use super::simulated_network::{NetworkDialer, Passage, RoughNetwork, Weather};
-use super::simulators::faults::FaultCommand;
-use super::simulators::hans::HansController;
-use super::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
-use super::twin::{TriggerAccess, TwinTrigger};
 use crate::cell::Configuration;
+use crate::execution::device::{
+    DeviceError, DeviceState, Direction, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog,
+};
+use crate::execution::drivers::hans::HansArm;
+use crate::execution::drivers::minas_a6::MinasA6Table;
+use crate::execution::drivers::modbus_link::ModbusLink;
+use crate::execution::drivers::stream::Wiring;
+use crate::execution::protocol::hans::{HansFrames, HansRequest};
+use crate::execution::protocol::minas_a6::coil;
+use crate::execution::protocol::modbus::{ModbusAdu, ModbusFraming, ModbusRequest, ModbusSide};
+use crate::execution::session::{DeviceRole, Fence, Leases, Pair, RunJob, RunState, RunStatus, StopCause};
+use crate::execution::simulators::faults::FaultCommand;
+use crate::execution::simulators::hans::HansController;
+use crate::execution::simulators::minas_a6::{DriveSetup, MinasA6Simulator};
+use crate::execution::twin::{TriggerAccess, TwinTrigger};
 
 /// Command units of a turn of the table.
 const UNITS_PER_TURN: f64 = 1_600_000.0;
@@ -244,7 +246,11 @@ impl RoughCell {
             "home_units": self.home_units});
         let (arm, table) = (serde_json::from_value(arm).expect("sound"), serde_json::from_value(table).expect("sound"));
         let arm = HansArm::new(arm, planned().cell.robot.kinematics.clone(), wiring("arm", &self.networks[0]));
-        let table = MinasA6Table::new(table, wiring("table", &self.networks[1]));
+        let table = MinasA6Table::new(
+            table,
+            planned().cell.turntable.axis.max_acceleration_rad_per_s2,
+            wiring("table", &self.networks[1]),
+        );
         let arm = Watched { driver: arm, seen: Arc::clone(&seen), place: 0 };
         let table = Watched { driver: table, seen: Arc::clone(&seen), place: 1 };
         (Pair { arm, table }, seen)

@@ -8,12 +8,12 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
-use super::audit::AuditLog;
-use super::audit::tests::log_on_full_disk;
-use super::device::{FaultCode, Trigger};
 use super::rehearsal::{CELL, attend, job, until};
-use super::session::{Authority, Drive, Fence, Leases, RunHandle, RunJob, RunOptions, RunState, RunStatus, live};
-use super::twin::Planted;
+use crate::execution::audit::AuditLog;
+use crate::execution::audit::tests::log_on_full_disk;
+use crate::execution::device::{FaultCode, Trigger};
+use crate::execution::session::{Authority, Drive, Fence, Leases, RunHandle, RunJob, RunOptions, RunState, RunStatus, live};
+use crate::execution::twin::Planted;
 
 /// Longest time of a run.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -129,7 +129,7 @@ async fn fault_in<C: FaultyCell>(fault: C::Fault, state: RunState, name: &str) -
     let options = RunOptions { single_step: state == RunState::Armed, audit: Some(Arc::clone(&audit)), ..RunOptions::default() };
     let handle = live(C::job(fault), machine, trigger, Authority { leases: leases.clone(), cell: CELL.into() }, options);
     let attendant = attend(&handle, &leases, token);
-    let mut status = handle.watch_status();
+    let (mut status, last) = (handle.watch_status(), handle.watch_status());
     let stage = FaultStage { handle: Mutex::new(Some(handle)), leases, token, attendant, audit };
     lead_into(&cell, fault, state, &stage).await;
     let resuming = async {
@@ -145,7 +145,7 @@ async fn fault_in<C: FaultyCell>(fault: C::Fault, state: RunState, name: &str) -
     let found = tokio::select! {
         found = status.wait_for(|status| status.state.is_final()) => found.expect("told").clone(),
         () = resuming => unreachable!("it never ends"),
-        () = sleep(PATIENCE) => stage.handle().status(),
+        () = sleep(PATIENCE) => last.borrow().clone(),
     };
     stage.attendant.abort();
     cell.assert_rests(name).await;

@@ -1,0 +1,215 @@
+//! Calibrations: submit, read, wait, list, cancel, delete; their results as a document, a cell and a report.
+
+use axum::extract::{Path, State};
+use axum::http::header::{CONTENT_SECURITY_POLICY, CONTENT_TYPE, LOCATION, RETRY_AFTER};
+use axum::http::{HeaderName, StatusCode};
+use axum::response::{IntoResponse, Response};
+
+use super::jobs::duration;
+use super::results::REPORT_POLICY;
+use crate::cell::CellSpec;
+use crate::http::extract::{Json, Params};
+use crate::http::prefix::Prefix;
+use crate::http::problem::{ApiError, Code};
+use crate::http::router::ApiState;
+use crate::service::Submission;
+use crate::wire::CalibrationId;
+use crate::wire::calibration::{
+    CalibrationDocument, CalibrationJob, CalibrationPage, CalibrationRequest, CalibrationSelection, CalibrationState,
+};
+
+/// Polling interval that responses suggest, seconds.
+const POLL_AFTER_SECS: &str = "1";
+/// Media type of a report.
+const HTML: &str = "text/html; charset=utf-8";
+
+/// Parses the calibration id in a path. A malformed id is answered like an unknown one.
+fn calibration_id(text: &str) -> Result<CalibrationId, ApiError> {
+    text.parse().map_err(|_| ApiError::new(Code::CalibrationNotFound, format!("{text:?} is not the id of a calibration")))
+}
+
+/// Calibrate a cell
+///
+/// Solves for the scanner on the flange, the axis of the table and the board from observations of a board, names the observations that
+/// do not fit, and says how well the result is known. Calibrations are computed one after another, and take seconds at most. Put the
+/// cell of `GET /calibrations/{id}/cell` in place with `PUT /cells/{name}`.
+#[utoipa::path(
+    post,
+    path = "/calibrations",
+    tag = "calibrations",
+    operation_id = "create_calibration",
+    request_body = CalibrationRequest,
+    responses(
+        (status = 202, description = "The calibration was accepted.", body = CalibrationJob,
+            headers(("Location" = String, description = "Path of the calibration."),
+                    ("Retry-After" = String, description = "Seconds to wait before polling the calibration."))),
+    )
+)]
+pub(in crate::http) async fn create(
+    State(state): State<ApiState>,
+    submission: Submission,
+    prefix: Prefix,
+    params: Params,
+    Json(request): Json<CalibrationRequest>,
+) -> Result<(StatusCode, [(HeaderName, String); 2], axum::Json<CalibrationJob>), ApiError> {
+    params.deny_unknown()?;
+    let job = state.app.submit_calibration(request, submission).await?;
+    let location = prefix.at(&format!("/api/v1/calibrations/{}", job.id));
+    Ok((StatusCode::ACCEPTED, [(LOCATION, location), (RETRY_AFTER, POLL_AFTER_SECS.to_owned())], axum::Json(job)))
+}
+
+/// List calibrations
+///
+/// Newest first. All given filters must fit.
+#[utoipa::path(
+    get,
+    path = "/calibrations",
+    tag = "calibrations",
+    operation_id = "list_calibrations",
+    params(
+        ("state" = Option<CalibrationState>, Query, description = "Only calibrations in this state."),
+        ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only calibrations of the cell of this name."),
+        ("page_size" = Option<u32>, Query, description = "Largest number of entries on the page; 50 by default.", minimum = 1, maximum = 1000),
+        ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page; filters must be the same."),
+    ),
+    responses((status = 200, description = "A page of calibrations.", body = CalibrationPage))
+)]
+pub(in crate::http) async fn list(
+    State(state): State<ApiState>,
+    mut params: Params,
+) -> Result<axum::Json<CalibrationPage>, ApiError> {
+    let states = format!("one of {}", CalibrationState::ALL.map(CalibrationState::as_str).join(", "));
+    let selection = CalibrationSelection { state: params.value("state", &states)?, cell: params.text("cell") };
+    let (page_size, page_token) = params.page()?;
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.calibrations(&selection, page_size, page_token.as_deref()).await?))
+}
+
+/// Get a calibration, or wait for its end
+#[utoipa::path(
+    get,
+    path = "/calibrations/{id}",
+    tag = "calibrations",
+    operation_id = "get_calibration",
+    params(
+        ("id" = uuid::Uuid, Path, description = "Id of the calibration."),
+        ("wait" = Option<String>, Query, pattern = "^([0-9]|[1-5][0-9]|60)s?$", example = "5s",
+            description = "Respond when the calibration has ended, or after this time: up to 60 seconds, for example `30s`."),
+    ),
+    responses((status = 200, description = "The calibration.", body = CalibrationJob))
+)]
+pub(in crate::http) async fn get(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    mut params: Params,
+) -> Result<axum::Json<CalibrationJob>, ApiError> {
+    let wait = params.text("wait").as_deref().map(duration).transpose()?;
+    params.deny_unknown()?;
+    let id = calibration_id(&id)?;
+    Ok(axum::Json(match wait {
+        Some(wait) => state.app.calibration_when_ended(id, wait).await?,
+        None => state.app.calibration(id).await?,
+    }))
+}
+
+/// Cancel a calibration that waits
+///
+/// One that is being computed ends by itself within seconds.
+#[utoipa::path(
+    post,
+    path = "/calibrations/{id}/cancel",
+    tag = "calibrations",
+    operation_id = "cancel_calibration",
+    params(("id" = uuid::Uuid, Path, description = "Id of the calibration.")),
+    responses((status = 200, description = "The calibration, cancelled.", body = CalibrationJob))
+)]
+pub(in crate::http) async fn cancel(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<axum::Json<CalibrationJob>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.cancel_calibration(calibration_id(&id)?).await?))
+}
+
+/// Delete an ended calibration
+#[utoipa::path(
+    delete,
+    path = "/calibrations/{id}",
+    tag = "calibrations",
+    operation_id = "delete_calibration",
+    params(("id" = uuid::Uuid, Path, description = "Id of the calibration.")),
+    responses((status = 204, description = "The calibration was deleted."))
+)]
+pub(in crate::http) async fn delete(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<StatusCode, ApiError> {
+    params.deny_unknown()?;
+    state.app.delete_calibration(calibration_id(&id)?).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Get the result of a calibration
+///
+/// Poses, covariances, the residual of every observation, and what the observations look like. It never changes.
+#[utoipa::path(
+    get,
+    path = "/calibrations/{id}/result",
+    tag = "calibrations",
+    operation_id = "get_calibration_result",
+    params(("id" = uuid::Uuid, Path, description = "Id of the calibration.")),
+    responses((status = 200, description = "The result.", body = CalibrationDocument))
+)]
+pub(in crate::http) async fn result(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<axum::Json<CalibrationDocument>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.calibration_result(calibration_id(&id)?).await?))
+}
+
+/// Get the calibrated cell
+///
+/// The cell that was observed with the poses that were found and their provenance, for `PUT /cells/{name}`.
+#[utoipa::path(
+    get,
+    path = "/calibrations/{id}/cell",
+    tag = "calibrations",
+    operation_id = "get_calibrated_cell",
+    params(("id" = uuid::Uuid, Path, description = "Id of the calibration.")),
+    responses((status = 200, description = "The cell.", body = CellSpec))
+)]
+pub(in crate::http) async fn cell(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<axum::Json<CellSpec>, ApiError> {
+    params.deny_unknown()?;
+    Ok(axum::Json(state.app.calibrated_cell(calibration_id(&id)?).await?))
+}
+
+/// Get the report of a calibration
+///
+/// One page for people: residuals, error ellipses, every observation.
+#[utoipa::path(
+    get,
+    path = "/calibrations/{id}/report",
+    tag = "calibrations",
+    operation_id = "get_calibration_report",
+    params(("id" = uuid::Uuid, Path, description = "Id of the calibration.")),
+    responses((status = 200, description = "The report.", content_type = "text/html", body = String))
+)]
+pub(in crate::http) async fn report(
+    State(state): State<ApiState>,
+    Path(id): Path<String>,
+    params: Params,
+) -> Result<Response, ApiError> {
+    params.deny_unknown()?;
+    let page = state.app.calibration_report(calibration_id(&id)?).await?;
+    let mut response = ([(CONTENT_TYPE, HTML)], page).into_response();
+    response.headers_mut().insert(CONTENT_SECURITY_POLICY, REPORT_POLICY);
+    Ok(response)
+}

@@ -1,0 +1,70 @@
+//! Failures of attempts as problems of their jobs.
+
+use std::any::Any;
+use std::time::Duration;
+
+use super::super::error::Error;
+use super::super::execute::JobError;
+use crate::wire::{JobProblem, ProblemField, problem_type};
+
+/// Problem codes of failed jobs, with their titles.
+pub const FAILURE_CODES: [(&str, &str); 9] = [
+    ("job_input_invalid", "This input cannot be planned"),
+    ("job_too_long", "Planning took too long"),
+    ("no_plan", "No plan is possible"),
+    ("no_calibration_possible", "The observations do not give a calibration"),
+    ("job_panicked", "Planning crashed"),
+    ("job_attempts_exhausted", "The server crashed in every attempt at this job"),
+    ("job_unreadable", "The stored job cannot be read by this version"),
+    ("file_damaged", "A stored file is damaged"),
+    ("internal", "The server is at fault"),
+];
+
+/// Reasons why an attempt ended without result files.
+pub(super) enum AttemptError {
+    Job(JobError),
+    Panicked(String),
+    /// The time limit.
+    TimedOut(Duration),
+}
+
+pub(super) fn panic_text(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "without a message".to_owned())
+}
+
+pub(super) fn job_problem(error: AttemptError) -> JobProblem {
+    match error {
+        AttemptError::Panicked(text) => failure("job_panicked", format!("internal error: {text}"), Vec::new()),
+        AttemptError::TimedOut(limit) => failure("job_too_long", too_long(limit), Vec::new()),
+        AttemptError::Job(error @ JobError::BadInput(_)) => {
+            let detail = error.to_string();
+            let JobError::BadInput(errors) = error else { return failure("job_input_invalid", detail, Vec::new()) };
+            failure("job_input_invalid", detail, errors.into_iter().map(ProblemField::from).collect())
+        }
+        AttemptError::Job(JobError::NoPlan { reasons, .. }) => failure("no_plan", reasons, Vec::new()),
+        AttemptError::Job(JobError::Damaged(reason)) => failure("file_damaged", reason, Vec::new()),
+        AttemptError::Job(error @ (JobError::Unavailable(_) | JobError::Cancelled)) => {
+            failure("internal", error.to_string(), Vec::new())
+        }
+    }
+}
+
+fn too_long(limit: Duration) -> String {
+    format!(
+        "planning took longer than the {} s that limits.job_secs allows; simplify the mesh, choose a larger part.patch_edge_mm \
+         or fewer candidates (larger candidates.step_small_deg, fewer rolls_deg), or raise the setting",
+        limit.as_secs_f64()
+    )
+}
+
+pub(super) fn internal(error: &Error) -> JobProblem {
+    tracing::error!(error = error as &dyn std::error::Error, "a job failed with an internal error");
+    failure("internal", error.to_string(), Vec::new())
+}
+
+/// The problem of a failed job, with the title of its code.
+pub(in crate::service) fn failure(code: &str, detail: String, errors: Vec<ProblemField>) -> JobProblem {
+    let title = FAILURE_CODES.iter().find(|(known, _)| *known == code).map_or("", |(_, title)| title);
+    JobProblem { kind: problem_type(code), title: title.to_owned(), detail, code: code.to_owned(), errors }
+}
