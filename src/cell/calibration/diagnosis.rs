@@ -79,41 +79,43 @@ fn units(sightings: &[Sighting], best_mm: f64) -> Vec<Finding> {
 }
 
 /// Another reading of the data: what it is called, and the data so read.
-type Reading = (FindingCode, fn(&Sighting) -> Sighting);
+type Reading<'a> = (FindingCode, &'a dyn Fn(&Sighting) -> Sighting);
 
-/// Readings that people mix up, tried on observations that fit badly: the first that fits clearly better.
+/// Readings that people mix up, tried on observations that fit badly: one that fits clearly better. Inverted boards and inverted arms
+/// fit alike, as G·X·C = Y is G⁻¹·Y·C⁻¹ = X; of readings that fit alike the one is meant whose scanner is nearest to the nominal one.
 #[must_use]
-pub(super) fn other_reading(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> Option<Finding> {
-    let readings: [Reading; 4] = [
-        (FindingCode::Inverted, |each| Sighting { seen: each.seen.inverse(), ..each.clone() }),
-        (FindingCode::OtherSetup, |each| Sighting { robot: each.robot.inverse(), ..each.clone() }),
-        (FindingCode::Transposed, |each| Sighting {
-            seen: Isometry3::from_parts(each.seen.translation, each.seen.rotation.inverse()),
-            ..each.clone()
-        }),
-        (FindingCode::Transposed, |each| Sighting {
-            robot: Isometry3::from_parts(each.robot.translation, each.robot.rotation.inverse()),
-            ..each.clone()
-        }),
+pub(super) fn other_reading(
+    sightings: &[Sighting],
+    nominal_hand_eye: &Isometry3<f64>,
+    base_from_plate: &dyn Fn(f64) -> Isometry3<f64>,
+) -> Option<Finding> {
+    let transposed = |pose: &Isometry3<f64>| Isometry3::from_parts(pose.translation, pose.rotation.inverse());
+    let readings: [Reading<'_>; 4] = [
+        (FindingCode::Inverted, &|each| Sighting { seen: each.seen.inverse(), ..each.clone() }),
+        (FindingCode::OtherSetup, &|each| Sighting { robot: each.robot.inverse(), ..each.clone() }),
+        (FindingCode::Transposed, &|each| Sighting { seen: transposed(&each.seen), ..each.clone() }),
+        (FindingCode::Transposed, &|each| Sighting { robot: transposed(&each.robot), ..each.clone() }),
     ];
-    let as_given_mm = misfit_mm(sightings, base_from_plate);
+    let (as_given_mm, _) = misfit(sightings, base_from_plate)?;
     if as_given_mm < POOR_MM {
         return None;
     }
-    let tried = readings.into_iter().map(|(code, read)| {
+    let tried = readings.into_iter().filter_map(|(code, read)| {
         let read: Vec<Sighting> = sightings.iter().map(read).collect();
-        (misfit_mm(&read, base_from_plate), code)
+        let (other_mm, hand_eye) = misfit(&read, base_from_plate)?;
+        let away_mm = (hand_eye.translation.vector - nominal_hand_eye.translation.vector).norm();
+        (other_mm * CLEARLY < as_given_mm).then_some((away_mm, other_mm, code))
     });
-    let (other_mm, code) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (_, other_mm, code) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let figures = Figures { length_mm: Some(as_given_mm), other_length_mm: Some(other_mm), ..Figures::default() };
-    (other_mm * CLEARLY < as_given_mm).then(|| Finding::new(code, Severity::Error).with(figures))
+    Some(Finding::new(code, Severity::Error).with(figures))
 }
 
-/// Median distance of the boards from their mean, mm, with the closed form of the hand-eye.
-fn misfit_mm(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> f64 {
+/// Median distance of the boards from their mean, mm, with the closed form of the hand-eye, and that.
+fn misfit(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> Option<(f64, Isometry3<f64>)> {
     let frames: Vec<_> = sightings.iter().map(|each| base_from_plate(each.table_rad).inverse() * each.robot).collect();
     let seen: Vec<_> = sightings.iter().map(|each| each.seen).collect();
-    let Some(hand_eye) = park_martin(&frames, &seen) else { return f64::INFINITY };
+    let hand_eye = park_martin(&frames, &seen)?;
     let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * hand_eye * seen).collect();
     let mean = mean_pose(&boards);
     let mut off: Vec<f64> = boards
@@ -124,7 +126,7 @@ fn misfit_mm(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<
         })
         .collect();
     off.sort_by(f64::total_cmp);
-    off.get(off.len() / 2).copied().unwrap_or(f64::INFINITY)
+    Some((off.get(off.len() / 2).copied()?, hand_eye))
 }
 
 /// Board turned by half a turn about its normal, in its middle: as one without a mark for its orientation is seen.

@@ -151,7 +151,8 @@ impl Task {
             task.check_motion(findings);
         }
         refuse(findings)?;
-        if let Some(finding) = diagnosis::other_reading(&task.sightings, &|angle| task.nominal_plate(angle))
+        if let Some(finding) =
+            diagnosis::other_reading(&task.sightings, &task.nominal.hand_eye, &|angle| task.nominal_plate(angle))
             && task.solve != Solve::Table
         {
             findings.push(finding);
