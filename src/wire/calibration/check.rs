@@ -14,7 +14,7 @@ use crate::wire::UtcTime;
 /// Name and version of the shape.
 pub const CALIBRATION_CHECK_SCHEMA: &str = "vantage.calibration_check/1";
 /// Change of temperature beyond which a calibration is stale, K: 800 mm of aluminium arm grow by 0.09 mm.
-pub const MAX_TEMPERATURE_CHANGE_K: f64 = 5.0;
+const MAX_TEMPERATURE_CHANGE_K: f64 = 5.0;
 
 /// A check before use. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
