@@ -5,10 +5,10 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde_json::json;
 use vantage::cell::calibration::check::{Check, CheckLimits};
-use vantage::cell::calibration::data::{Estimate, Setup, Sighting, Sigma, Solve, Weighting};
+use vantage::cell::calibration::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
 use vantage::cell::calibration::leave_one_out::{Spread, leave_one_out};
 use vantage::cell::calibration::poses::{PlannedBoard, PosePlanner, board_on_plate};
-use vantage::cell::calibration::refine::{Free, Problem, Square};
+use vantage::cell::calibration::refine::{Adjustment, Free, Square};
 use vantage::cell::calibration::se3::{Twist, exp, log, rotation_of, translation_of, twist};
 use vantage::cell::calibration::start::{daniilidis, park_martin, start_fixed};
 use vantage::cell::{Cell, CollisionScene, Presets, SpecLibrary};
@@ -58,7 +58,7 @@ fn moveit() -> Option<Vec<Sighting>> {
 fn the_fifty_poses_of_moveit_give_the_known_answer() {
     let Some(sightings) = moveit() else { return };
     let began = Instant::now();
-    let problem = Problem { sightings: &sightings, free: Free::HAND_EYE, prior: None };
+    let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
     let weighting = Weighting { setup: Setup::EyeToHand, sigma: Sigma::CALIBRATED_ARM };
     let start = start_fixed(&sightings).expect("a start");
     let refined = problem.refine_with_sigma(&start, &weighting).expect("refines");
@@ -130,7 +130,7 @@ fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
         meet(0, apart(&park_martin(&frames, &seen).expect("found"), &from_rows(&answer["park"])));
         meet(1, apart(&daniilidis(&frames, &seen).expect("found"), &from_rows(&answer["daniilidis"])));
         if !answer["refined"].is_null() {
-            let problem = Problem { sightings, free: Free::HAND_EYE, prior: None };
+            let problem = Adjustment { sightings, free: Free::HAND_EYE, prior: None };
             let weighting = Weighting { setup: *setup, sigma };
             let mut refined = problem.refine(&start_fixed(sightings).expect("a start"), &weighting).expect("refines");
             for _ in 0..3 {
@@ -192,7 +192,7 @@ fn a_cell_with_hidden_errors_is_calibrated() {
         let (turn, shift) = (noise.vector().normalize() * f64::to_radians(deg), noise.vector().normalize() * mm);
         exp(&twist(&turn, &shift))
     };
-    let truth = Estimate {
+    let truth = ChainEstimate {
         hand_eye: cell.flange_from_scanner.isometry() * error(1.0, 3.0),
         table: cell.base_from_table.isometry() * error(0.5, 2.0),
         board: planner.board.plate_from_board * error(1.0, 5.0),
@@ -226,7 +226,7 @@ fn a_cell_with_hidden_errors_is_calibrated() {
         let (joints, angle) = (&planned.configuration.joints_rad, planned.configuration.table_rad);
         let flange = *cell.robot.base_from_flange(joints).isometry();
         // A point of the plate at best focus, seen through the true chain and through the calibrated one.
-        let plate_from_scanner = |chain: &Estimate| chain.base_from_plate(angle).inverse() * flange * chain.hand_eye;
+        let plate_from_scanner = |chain: &ChainEstimate| chain.base_from_plate(angle).inverse() * flange * chain.hand_eye;
         let by = plate_from_scanner(&truth).inverse() * plate_from_scanner(at);
         let axis = (by.rotation * Vector3::z()).angle(&Vector3::z());
         worst_deg = worst_deg.max(axis.to_degrees());
@@ -234,7 +234,7 @@ fn a_cell_with_hidden_errors_is_calibrated() {
         let gauge = at.table.inverse() * truth.table;
         let height = Vector3::new(0.0, 0.0, gauge.translation.z);
         let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * rotation_of(&log(&gauge)).z);
-        let same = |chain: &Estimate, is_true: bool| {
+        let same = |chain: &ChainEstimate, is_true: bool| {
             let point = plate_from_scanner(chain) * nalgebra::Point3::new(0.0, 0.0, cell.scanner.best_mm);
             if is_true { turn * point.coords + height } else { point.coords }
         };
@@ -252,7 +252,7 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
     let cell = demo_cell();
     let planner = planner(&cell);
     let plan = planner.choose(&planner.candidates(), 4, 0).expect("enough candidates");
-    let nominal = Estimate {
+    let nominal = ChainEstimate {
         hand_eye: *cell.flange_from_scanner.isometry(),
         table: *cell.base_from_table.isometry(),
         board: planner.board.plate_from_board,
@@ -271,7 +271,7 @@ fn a_compensation_alone_brings_the_axis_within_a_degree() {
             let (turn, shift) = (noise.vector().normalize() * f64::to_radians(deg), noise.vector().normalize() * mm);
             exp(&twist(&turn, &shift))
         };
-        let truth = Estimate {
+        let truth = ChainEstimate {
             hand_eye: nominal.hand_eye * error(1.0, 3.0),
             table: nominal.table * error(0.5, 2.0),
             board: nominal.board * error(0.0, 1.0),

@@ -4,11 +4,11 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::check::{Check, CheckLimits, CheckVerdict};
-use super::data::{Estimate, Setup, Sighting, Sigma, Solve, Weighting};
+use super::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
 use super::findings::FindingCode;
 use super::leave_one_out::leave_one_out;
-use super::observability::Limits;
-use super::refine::{Free, Problem};
+use super::observability::UncertaintyLimits;
+use super::refine::{Adjustment, Free};
 use super::screening::Screening;
 use super::se3::{self, Twist, exp, rotation_of, translation_of, twist};
 use super::solve::Task;
@@ -56,8 +56,8 @@ fn pose(x: f64, y: f64, z: f64, [roll, pitch, yaw]: [f64; 3]) -> Isometry3<f64> 
 }
 
 /// The cell as it is: hand-eye like the default cell's, table 500 mm in front of the arm.
-pub(super) fn truth() -> Estimate {
-    Estimate {
+pub(super) fn truth() -> ChainEstimate {
+    ChainEstimate {
         hand_eye: pose(12.0, -3.0, 95.0, [1.0, -2.0, 91.0]),
         table: pose(560.0, 15.0, 120.0, [0.4, -0.3, 2.0]),
         board: pose(20.0, -10.0, 25.0, [2.0, -1.0, 30.0]),
@@ -67,7 +67,7 @@ pub(super) fn truth() -> Estimate {
 
 /// Observations without noise: the board 450 to 510 mm in front, tilted up to `tilt_deg`, every direction of its
 /// normal in that cone alike, rolled up to 60°.
-pub(super) fn exact(at: &Estimate, count: usize, tilt_deg: f64, turns: bool, noise: &mut Noise) -> Vec<Sighting> {
+pub(super) fn exact(at: &ChainEstimate, count: usize, tilt_deg: f64, turns: bool, noise: &mut Noise) -> Vec<Sighting> {
     (0..count)
         .map(|index| {
             let table_rad = if turns { (index as f64 * 360.0 / count as f64 - 180.0).to_radians() } else { 0.0 };
@@ -111,15 +111,15 @@ pub(super) fn in_hand(sigma: Sigma) -> Weighting {
 #[test]
 fn without_noise_the_truth_is_found() {
     let (truth, mut noise) = (truth(), Noise(1));
-    let fixed = Estimate { table: Isometry3::identity(), ..truth };
+    let fixed = ChainEstimate { table: Isometry3::identity(), ..truth };
     let still = exact(&fixed, 12, 40.0, false, &mut noise);
     let (frames, seen): (Vec<_>, Vec<_>) = still.iter().map(|each| (each.robot, each.seen)).unzip();
     let nominal = pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]);
     let turned = exact(&truth, 12, 40.0, true, &mut noise);
     let weighting = in_hand(levels()[1]);
-    let problem = Problem { sightings: &turned, free: Free::JOINT, prior: None };
+    let problem = Adjustment { sightings: &turned, free: Free::JOINT, prior: None };
     let joint = problem.refine(&start_joint(&turned, &nominal).expect("a start"), &weighting).expect("refines");
-    let table = Problem { free: Free::TABLE, ..problem };
+    let table = Adjustment { free: Free::TABLE, ..problem };
     let table = table.refine(&start_table(&turned, &truth.hand_eye, &nominal).expect("a start"), &weighting).expect("refines");
     let fixed = start_fixed(&still).expect("a start");
     let park = park_martin(&frames, &seen).expect("found");
@@ -148,7 +148,7 @@ pub(super) fn axis_off(found: &Isometry3<f64>, truth: &Isometry3<f64>) -> (f64, 
 /// Rows C5 and C6 for the hand-eye: median errors of 20 poses, and the mean of the normalised estimation error squared.
 #[test]
 fn errors_at_three_levels_are_as_small_as_stated_and_their_covariance_is_true() {
-    let truth = Estimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     let goals = [(0.020, 0.003), (0.070, 0.007), (0.36, 0.035)];
     for (level, (goal_mm, goal_deg)) in levels().into_iter().zip(goals) {
         let (mut degrees, mut lengths, mut park, mut nees) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
@@ -157,7 +157,7 @@ fn errors_at_three_levels_are_as_small_as_stated_and_their_covariance_is_true() 
             let mut sightings = exact(&truth, 20, 40.0, false, &mut noise);
             disturb(&mut sightings, &level, &mut noise);
             let start = start_fixed(&sightings).expect("a start");
-            let problem = Problem { sightings: &sightings, free: Free::HAND_EYE, prior: None };
+            let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
             let refined = problem.refine(&start, &in_hand(level)).expect("refines");
             let (deg, mm) = off(&refined.estimate.hand_eye, &truth.hand_eye);
             degrees.push(deg);
@@ -189,7 +189,7 @@ fn the_axis_is_found_from_fifteen_poses() {
         let mut noise = Noise(5000 + run);
         let mut sightings = exact(&truth, 15, 40.0, true, &mut noise);
         disturb(&mut sightings, &level, &mut noise);
-        let problem = Problem { sightings: &sightings, free: Free::JOINT, prior: None };
+        let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
         let start = start_joint(&sightings, &nominal).expect("a start");
         let refined = problem.refine(&start, &in_hand(level)).expect("refines");
         let (deg, mm) = axis_off(&refined.estimate.table, &truth.table);
@@ -210,17 +210,17 @@ fn the_axis_is_found_from_fifteen_poses() {
 }
 
 /// Increment to the truth in the gauge of the estimate: height and zero of the table as the estimate has them.
-fn truth_increment(at: &Estimate, truth: &Estimate) -> super::refine::Increment {
+fn truth_increment(at: &ChainEstimate, truth: &ChainEstimate) -> super::refine::Increment {
     let seen = at.table.inverse() * truth.table;
     let gauge = twist(&Vector3::new(0.0, 0.0, -se3::log(&seen).z), &Vector3::new(0.0, 0.0, -seen.translation.z));
-    let same = Estimate { table: truth.table * exp(&gauge), board: exp(&-gauge) * truth.board, ..*truth };
+    let same = ChainEstimate { table: truth.table * exp(&gauge), board: exp(&-gauge) * truth.board, ..*truth };
     super::refine::increment(at, &same)
 }
 
 /// Row C8: bad poses are named, good ones kept, and the result is as good as without them.
 #[test]
 fn bad_poses_are_named() {
-    let truth = Estimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
     type Spoil = fn(&mut [Sighting], usize);
     let spoils: [(&str, usize, Spoil); 3] = [
@@ -253,7 +253,7 @@ fn bad_poses_are_named() {
                 named += bad.iter().filter(|index| !screened.is_used[**index]).count();
                 dropped += (0..15).filter(|index| !bad.contains(index) && !screened.is_used[*index]).count();
                 let clean = start_fixed(&good).expect("a start");
-                let problem = Problem { sightings: &good, free: Free::HAND_EYE, prior: None };
+                let problem = Adjustment { sightings: &good, free: Free::HAND_EYE, prior: None };
                 let clean = problem.refine(&clean, &in_hand(level)).expect("refines");
                 let found = off(&screened.refined.estimate.hand_eye, &truth.hand_eye).1;
                 ratio.push(found / off(&clean.estimate.hand_eye, &truth.hand_eye).1);
@@ -289,7 +289,7 @@ fn leaving_one_out_is_quick_and_right() {
     let left_out = leave_one_out(&screened.refined, &sightings);
     println!("C14 50 poses, screened, deviations estimated, each left out: {:?}", began.elapsed());
     let others: Vec<_> = sightings[1..].to_vec();
-    let problem = Problem { sightings: &others, free: Free::JOINT, prior: None };
+    let problem = Adjustment { sightings: &others, free: Free::JOINT, prior: None };
     let without = problem.refine(&screened.refined.estimate, &screened.refined.weighting).expect("refines");
     let (slow, quick) = (without.estimate.residual(&sightings[0]), left_out[0].expect("predicted").residual);
     println!("left out: {} by refinement, {} by one step", translation_of(&slow).norm(), translation_of(&quick).norm());
@@ -299,7 +299,7 @@ fn leaving_one_out_is_quick_and_right() {
 /// Row C9: motions that leave a freedom open are refused and the freedom named; predicted and actual spread agree elsewhere.
 #[test]
 fn degenerate_motion_is_refused_with_the_freedom_that_is_missing() {
-    let truth = Estimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
     let refused = |sightings: Vec<Sighting>| {
         let findings = task(sightings, Solve::HandEye, Some(level)).calibrate().expect_err("refused");
@@ -338,7 +338,7 @@ fn degenerate_motion_is_refused_with_the_freedom_that_is_missing() {
             let mut noise = Noise(700 + run);
             let mut sightings = exact(&truth, 12, tilt_deg, false, &mut noise);
             disturb(&mut sightings, &level, &mut noise);
-            let problem = Problem { sightings: &sightings, free: Free::HAND_EYE, prior: None };
+            let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
             let refined = problem.refine(&start_fixed(&sightings).expect("a start"), &in_hand(level)).expect("refines");
             squares += off(&refined.estimate.hand_eye, &truth.hand_eye).1.powi(2) / 60.0;
             predicted += refined.hand_eye_covariance().fixed_view::<3, 3>(3, 3).trace() / 60.0;
@@ -356,11 +356,11 @@ fn task(sightings: Vec<Sighting>, solve: Solve, sigma: Option<Sigma>) -> Task {
         solve,
         setup: Setup::EyeInHand,
         sigma,
-        nominal: Estimate { table: pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]), ..truth() },
+        nominal: ChainEstimate { table: pose(562.0, 13.0, 119.0, [0.0, 0.0, 2.0]), ..truth() },
         hold_out: 0,
         best_in_cloud_mm: Vector3::new(0.0, 0.0, 480.0),
         board_middle_mm: Some(Vector3::new(75.0, 52.5, 0.0)),
-        limits: Limits::default(),
+        limits: UncertaintyLimits::default(),
     }
 }
 
@@ -376,11 +376,11 @@ fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
             let mut noise = Noise(40_000 + run);
             let mut sightings = exact(&truth, 20, 40.0, true, &mut noise);
             disturb(&mut sightings, &level, &mut noise);
-            let problem = Problem { sightings: &sightings, free: Free::JOINT, prior: None };
+            let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
             let refined = problem.refine(&start_joint(&sightings, &nominal).expect("a start"), &in_hand(level)).expect("refines");
             let mut direction = || Vector3::new(noise.normal(), noise.normal(), noise.normal()).normalize();
             let drift = twist(&(direction() * f64::to_radians(drift_deg)), &(direction() * drift_mm));
-            let drifted = Estimate { hand_eye: truth.hand_eye * exp(&drift), ..truth };
+            let drifted = ChainEstimate { hand_eye: truth.hand_eye * exp(&drift), ..truth };
             let mut seen = exact(&drifted, 4, 30.0, true, &mut noise);
             disturb(&mut seen, &level, &mut noise);
             let check = Check {
@@ -410,7 +410,7 @@ fn a_drift_is_found_and_compensated_and_none_is_seldom_claimed() {
 /// Faults that people bring, each with its code.
 #[test]
 fn faults_of_the_data_are_named() {
-    let truth = Estimate { table: Isometry3::identity(), ..truth() };
+    let truth = ChainEstimate { table: Isometry3::identity(), ..truth() };
     let level = levels()[1];
     let codes = |spoil: &dyn Fn(&mut Vec<Sighting>)| -> Vec<FindingCode> {
         let mut noise = Noise(11);
@@ -452,7 +452,7 @@ fn sense_and_ratio_of_the_table_are_told() {
     let (truth, level) = (truth(), levels()[1]);
     for (scale, code) in [(-1.0, FindingCode::TableSign), (1.01, FindingCode::TableScale)] {
         let mut noise = Noise(21);
-        let mut sightings = exact(&Estimate { scale, ..truth }, 16, 40.0, true, &mut noise);
+        let mut sightings = exact(&ChainEstimate { scale, ..truth }, 16, 40.0, true, &mut noise);
         disturb(&mut sightings, &level, &mut noise);
         let found = task(sightings, Solve::Joint, None).calibrate();
         let codes: Vec<_> =
