@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 use super::{CliError, FileFinding, files};
 use crate::cell::FieldError;
 use crate::cell::calibration::data::Setup;
-use crate::cell::calibration::findings::Finding;
+use crate::cell::calibration::findings::CalibrationFinding;
 use crate::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples, sentence};
 use crate::wire::json_file_bytes;
 
@@ -125,8 +125,8 @@ fn digest_of(document: &impl Serialize) -> String {
 }
 
 /// Error that lists findings, each with its code.
-fn refused(path: &Path, findings: &[Finding]) -> CliError {
-    let finding = |finding: &Finding| FileFinding {
+fn refused(path: &Path, findings: &[CalibrationFinding]) -> CliError {
+    let finding = |finding: &CalibrationFinding| FileFinding {
         file: path.display().to_string(),
         pointer: String::new(),
         detail: format!("{}: {}", finding.code.as_str(), sentence(finding)),

@@ -6,6 +6,7 @@ mod advice;
 mod architecture;
 mod arms;
 mod bounds;
+mod calibration;
 mod candidate_listing;
 mod candidate_rounds;
 mod candidate_study;

@@ -5,8 +5,8 @@
 use nalgebra::Matrix6;
 
 use super::chi_squared::{exceedance, quantile};
-use super::data::{Estimate, Sighting, Weighting};
-use super::refine::{BOARD_COLUMN, COLUMNS, Free, Prior, Problem, Square, TABLE_COLUMN, scaled_inverse};
+use super::data::{ChainEstimate, Sighting, Weighting};
+use super::refine::{Adjustment, BOARD_COLUMN, COLUMNS, Free, Prior, Square, TABLE_COLUMN, scaled_inverse};
 use super::se3::{Twist, log, rotation_of, translation_of};
 use crate::cell::closed_list;
 
@@ -49,7 +49,7 @@ pub struct Check<'a> {
     /// Observations of the board where it stood.
     pub sightings: &'a [Sighting],
     /// Calibrated unknowns.
-    pub calibrated: Estimate,
+    pub calibrated: ChainEstimate,
     /// Their covariance, zero for what was held.
     pub covariance: &'a Square,
     /// Deviations.
@@ -72,7 +72,7 @@ pub struct Checked {
     /// Drift as a body increment of the scanner's pose.
     pub drift: Twist,
     /// Drifted unknowns: what a compensation puts into force.
-    pub compensated: Estimate,
+    pub compensated: ChainEstimate,
     /// Covariance of the compensated scanner's pose.
     pub covariance: Matrix6<f64>,
     /// Probability of residuals as large or larger after compensation.
@@ -105,9 +105,9 @@ impl Check<'_> {
         Some(Checked { verdict, statistic, threshold, p, drift, compensated: with.estimate, covariance, residual_p })
     }
 
-    fn problem<'p>(&'p self, prior: &'p Prior) -> Problem<'p> {
+    fn problem<'p>(&'p self, prior: &'p Prior) -> Adjustment<'p> {
         let free = Free { hand_eye: true, table: self.is_known(TABLE_COLUMN), board: true, scale: false };
-        Problem { sightings: self.sightings, free, prior: Some(prior) }
+        Adjustment { sightings: self.sightings, free, prior: Some(prior) }
     }
 
     fn is_known(&self, column: usize) -> bool {

@@ -91,7 +91,7 @@ impl Sigma {
 
 /// Values of the unknowns.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
+pub struct ChainEstimate {
     /// flange_from_cloud, or base_from_cloud with the scanner standing still.
     pub hand_eye: Isometry3<f64>,
     /// base_from_table; the identity without a table.
@@ -102,7 +102,7 @@ pub struct Estimate {
     pub scale: f64,
 }
 
-impl Estimate {
+impl ChainEstimate {
     /// Plate after the table reports `table_rad`.
     #[must_use]
     pub fn base_from_plate(&self, table_rad: f64) -> Isometry3<f64> {
@@ -134,7 +134,7 @@ pub struct Weighting {
 impl Weighting {
     /// Propagates an error of the arm to the residual: the adjoint of the flange seen from the board, times a sign.
     #[must_use]
-    pub fn arm_jacobian(&self, at: &Estimate, sighting: &Sighting) -> Matrix6<f64> {
+    pub fn arm_jacobian(&self, at: &ChainEstimate, sighting: &Sighting) -> Matrix6<f64> {
         match self.setup {
             Setup::EyeInHand => adjoint(&(at.hand_eye * sighting.seen).inverse()),
             Setup::EyeToHand => -adjoint(&(sighting.robot * at.hand_eye * sighting.seen).inverse()),
@@ -144,7 +144,7 @@ impl Weighting {
     /// Derivatives of the residual's covariance by the four variances. A board whose points tell its covariance has that,
     /// whatever the figures of the board say.
     #[must_use]
-    pub fn parts(&self, at: &Estimate, sighting: &Sighting) -> [Matrix6<f64>; 4] {
+    pub fn parts(&self, at: &ChainEstimate, sighting: &Sighting) -> [Matrix6<f64>; 4] {
         let jacobian = self.arm_jacobian(at, sighting);
         let of = |first: usize| {
             let columns = jacobian.fixed_view::<6, 3>(0, first);
@@ -162,7 +162,7 @@ impl Weighting {
 
     /// Covariance of a residual: S = J Σ_arm Jᵀ + Σ_board.
     #[must_use]
-    pub fn covariance(&self, at: &Estimate, sighting: &Sighting) -> Matrix6<f64> {
+    pub fn covariance(&self, at: &ChainEstimate, sighting: &Sighting) -> Matrix6<f64> {
         let parts = self.parts(at, sighting);
         let variances = self.sigma.components().map(|sigma| sigma * sigma);
         let sum: Matrix6<f64> = parts.iter().zip(variances).map(|(part, variance)| part * variance).sum();

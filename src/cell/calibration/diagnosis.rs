@@ -2,8 +2,8 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::data::{Estimate, Sighting};
-use super::findings::{Figures, Finding, FindingCode, Severity};
+use super::data::{ChainEstimate, Sighting};
+use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::refine::Refined;
 use super::se3::{log, mean_pose, rotation_of, translation_of};
 use super::start::park_martin;
@@ -25,13 +25,13 @@ const MIN_FOR_CORRELATION: usize = 12;
 
 /// Observations that are given twice, and those whose lengths are in another unit.
 #[must_use]
-pub(super) fn before(sightings: &[Sighting], best_mm: f64) -> Vec<Finding> {
+pub(super) fn before(sightings: &[Sighting], best_mm: f64) -> Vec<CalibrationFinding> {
     let mut found = duplicates(sightings);
     found.extend(units(sightings, best_mm));
     found
 }
 
-fn duplicates(sightings: &[Sighting]) -> Vec<Finding> {
+fn duplicates(sightings: &[Sighting]) -> Vec<CalibrationFinding> {
     let is_same = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
         let by = log(&(a.inverse() * b));
         translation_of(&by).norm() < SAME_MM && rotation_of(&by).norm() < SAME_RAD
@@ -46,14 +46,14 @@ fn duplicates(sightings: &[Sighting]) -> Vec<Finding> {
         if let Some(twin) = twin {
             let figures = Figures { length_mm: Some(SAME_MM), ..Figures::default() };
             let about = [each.id.clone(), twin.id.clone()];
-            found.push(Finding::new(FindingCode::DuplicatePose, Severity::Warning).about(about).with(figures));
+            found.push(CalibrationFinding::new(FindingCode::DuplicatePose, Severity::Warning).about(about).with(figures));
         }
     }
     found
 }
 
 /// Distances that are a thousandth of the others, or of the scanner's best focus where all are.
-fn units(sightings: &[Sighting], best_mm: f64) -> Vec<Finding> {
+fn units(sightings: &[Sighting], best_mm: f64) -> Vec<CalibrationFinding> {
     let mut found = Vec::new();
     for lengths in [
         sightings.iter().map(|each| each.seen.translation.vector.norm()).collect::<Vec<_>>(),
@@ -73,47 +73,49 @@ fn units(sightings: &[Sighting], best_mm: f64) -> Vec<Finding> {
         let figures = Figures { ratio: Some(ratio), count: is_all.then_some(off.len()), ..Figures::default() };
         let about: Vec<_> = off.iter().map(|index| sightings[*index].id.clone()).collect();
         let severity = if is_all { Severity::Error } else { Severity::Warning };
-        found.push(Finding::new(FindingCode::UnitMismatch, severity).about(about).with(figures));
+        found.push(CalibrationFinding::new(FindingCode::UnitMismatch, severity).about(about).with(figures));
     }
     found
 }
 
 /// Another reading of the data: what it is called, and the data so read.
-type Reading = (FindingCode, fn(&Sighting) -> Sighting);
+type Reading<'a> = (FindingCode, &'a dyn Fn(&Sighting) -> Sighting);
 
-/// Readings that people mix up, tried on observations that fit badly: the first that fits clearly better.
+/// Readings that people mix up, tried on observations that fit badly: one that fits clearly better. Inverted boards and inverted arms
+/// fit alike, as G·X·C = Y is G⁻¹·Y·C⁻¹ = X; of readings that fit alike the one is meant whose scanner is nearest to the nominal one.
 #[must_use]
-pub(super) fn other_reading(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> Option<Finding> {
-    let readings: [Reading; 4] = [
-        (FindingCode::Inverted, |each| Sighting { seen: each.seen.inverse(), ..each.clone() }),
-        (FindingCode::OtherSetup, |each| Sighting { robot: each.robot.inverse(), ..each.clone() }),
-        (FindingCode::Transposed, |each| Sighting {
-            seen: Isometry3::from_parts(each.seen.translation, each.seen.rotation.inverse()),
-            ..each.clone()
-        }),
-        (FindingCode::Transposed, |each| Sighting {
-            robot: Isometry3::from_parts(each.robot.translation, each.robot.rotation.inverse()),
-            ..each.clone()
-        }),
+pub(super) fn other_reading(
+    sightings: &[Sighting],
+    nominal_hand_eye: &Isometry3<f64>,
+    base_from_plate: &dyn Fn(f64) -> Isometry3<f64>,
+) -> Option<CalibrationFinding> {
+    let transposed = |pose: &Isometry3<f64>| Isometry3::from_parts(pose.translation, pose.rotation.inverse());
+    let readings: [Reading<'_>; 4] = [
+        (FindingCode::Inverted, &|each| Sighting { seen: each.seen.inverse(), ..each.clone() }),
+        (FindingCode::OtherSetup, &|each| Sighting { robot: each.robot.inverse(), ..each.clone() }),
+        (FindingCode::Transposed, &|each| Sighting { seen: transposed(&each.seen), ..each.clone() }),
+        (FindingCode::Transposed, &|each| Sighting { robot: transposed(&each.robot), ..each.clone() }),
     ];
-    let as_given_mm = misfit_mm(sightings, base_from_plate);
+    let (as_given_mm, _) = misfit(sightings, base_from_plate)?;
     if as_given_mm < POOR_MM {
         return None;
     }
-    let tried = readings.into_iter().map(|(code, read)| {
+    let tried = readings.into_iter().filter_map(|(code, read)| {
         let read: Vec<Sighting> = sightings.iter().map(read).collect();
-        (misfit_mm(&read, base_from_plate), code)
+        let (other_mm, hand_eye) = misfit(&read, base_from_plate)?;
+        let away_mm = (hand_eye.translation.vector - nominal_hand_eye.translation.vector).norm();
+        (other_mm * CLEARLY < as_given_mm).then_some((away_mm, other_mm, code))
     });
-    let (other_mm, code) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (_, other_mm, code) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let figures = Figures { length_mm: Some(as_given_mm), other_length_mm: Some(other_mm), ..Figures::default() };
-    (other_mm * CLEARLY < as_given_mm).then(|| Finding::new(code, Severity::Error).with(figures))
+    Some(CalibrationFinding::new(code, Severity::Error).with(figures))
 }
 
-/// Median distance of the boards from their mean, mm, with the closed form of the hand-eye.
-fn misfit_mm(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> f64 {
+/// Median distance of the boards from their mean, mm, with the closed form of the hand-eye, and that.
+fn misfit(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<f64>) -> Option<(f64, Isometry3<f64>)> {
     let frames: Vec<_> = sightings.iter().map(|each| base_from_plate(each.table_rad).inverse() * each.robot).collect();
     let seen: Vec<_> = sightings.iter().map(|each| each.seen).collect();
-    let Some(hand_eye) = park_martin(&frames, &seen) else { return f64::INFINITY };
+    let hand_eye = park_martin(&frames, &seen)?;
     let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * hand_eye * seen).collect();
     let mean = mean_pose(&boards);
     let mut off: Vec<f64> = boards
@@ -124,7 +126,7 @@ fn misfit_mm(sightings: &[Sighting], base_from_plate: &dyn Fn(f64) -> Isometry3<
         })
         .collect();
     off.sort_by(f64::total_cmp);
-    off.get(off.len() / 2).copied().unwrap_or(f64::INFINITY)
+    Some((off.get(off.len() / 2).copied()?, hand_eye))
 }
 
 /// Board turned by half a turn about its normal, in its middle: as one without a mark for its orientation is seen.
@@ -136,12 +138,12 @@ pub(super) fn half_turn(middle_mm: &Vector3<f64>) -> Isometry3<f64> {
 
 /// What became of the observations that were dropped: flipped, swapped, moved together, or just bad.
 #[must_use]
-pub(super) fn dropped(refined: &Refined, sightings: &[Sighting], is_used: &[bool]) -> Vec<Finding> {
+pub(super) fn dropped(refined: &Refined, sightings: &[Sighting], is_used: &[bool]) -> Vec<CalibrationFinding> {
     let mut open: Vec<usize> = (0..sightings.len()).filter(|index| !is_used[*index]).collect();
     let mut found = Vec::new();
     open.retain(|index| match flipped(&refined.estimate, &sightings[*index]) {
         true => {
-            found.push(Finding::new(FindingCode::Flipped, Severity::Warning).about([sightings[*index].id.clone()]));
+            found.push(CalibrationFinding::new(FindingCode::Flipped, Severity::Warning).about([sightings[*index].id.clone()]));
             false
         }
         false => true,
@@ -155,13 +157,15 @@ pub(super) fn dropped(refined: &Refined, sightings: &[Sighting], is_used: &[bool
             length_mm: Some(translation_of(&residual).norm()),
             ..Figures::default()
         };
-        found.push(Finding::new(FindingCode::BadPose, Severity::Warning).about([sightings[index].id.clone()]).with(figures));
+        found.push(
+            CalibrationFinding::new(FindingCode::BadPose, Severity::Warning).about([sightings[index].id.clone()]).with(figures),
+        );
     }
     found
 }
 
 /// Returns true if the residual is half a turn about the board's normal within the board's plane.
-fn flipped(at: &Estimate, sighting: &Sighting) -> bool {
+fn flipped(at: &ChainEstimate, sighting: &Sighting) -> bool {
     let off = sighting.seen.inverse() * at.predicted(sighting);
     let up = off.rotation * Vector3::z();
     let is_half_turn = (off.rotation.angle() - std::f64::consts::PI).abs() < HALF_TURN_RAD;
@@ -169,7 +173,7 @@ fn flipped(at: &Estimate, sighting: &Sighting) -> bool {
 }
 
 /// Pairs whose boards fit when they are exchanged.
-fn swapped(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Vec<Finding> {
+fn swapped(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Vec<CalibrationFinding> {
     let fits = |robot: usize, seen: usize| {
         let exchanged = Sighting { seen: sightings[seen].seen, ..sightings[robot].clone() };
         refined.chi2_of_other(&exchanged) < super::chi_squared::quantile(0.0005, 6)
@@ -179,7 +183,7 @@ fn swapped(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> 
         let partner = open.clone().into_iter().skip(place + 1).find(|b| fits(a, *b) && fits(*b, a));
         if let Some(b) = partner.filter(|_| open.contains(&a)) {
             let about = [sightings[a].id.clone(), sightings[b].id.clone()];
-            found.push(Finding::new(FindingCode::Swapped, Severity::Warning).about(about));
+            found.push(CalibrationFinding::new(FindingCode::Swapped, Severity::Warning).about(about));
             open.retain(|index| *index != a && *index != b);
         }
     }
@@ -187,7 +191,7 @@ fn swapped(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> 
 }
 
 /// Three or more that agree with each other on another place of the board.
-fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Option<Finding> {
+fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usize>) -> Option<CalibrationFinding> {
     if open.len() < 3 {
         return None;
     }
@@ -196,7 +200,7 @@ fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usiz
         let each = &sightings[*index];
         at.base_from_plate(each.table_rad).inverse() * each.robot * at.hand_eye * each.seen
     };
-    let other = Estimate { board: mean_pose(&open.iter().map(board).collect::<Vec<_>>()), ..*at };
+    let other = ChainEstimate { board: mean_pose(&open.iter().map(board).collect::<Vec<_>>()), ..*at };
     let bound = super::chi_squared::quantile(0.0005, 6);
     let of_other = Refined { estimate: other, ..refined.clone() };
     if !open.iter().all(|index| of_other.chi2_of_other(&sightings[*index]) < bound) {
@@ -206,12 +210,12 @@ fn moved_together(refined: &Refined, sightings: &[Sighting], open: &mut Vec<usiz
     let figures =
         Figures { length_mm: Some(translation_of(&by).norm()), turn_rad: Some(rotation_of(&by).norm()), ..Figures::default() };
     let about: Vec<_> = open.drain(..).map(|index| sightings[index].id.clone()).collect();
-    Some(Finding::new(FindingCode::Moved, Severity::Error).about(about).with(figures))
+    Some(CalibrationFinding::new(FindingCode::Moved, Severity::Error).about(about).with(figures))
 }
 
 /// Joint with whose angle the residuals grow: correlation of their lengths with its distance from its mean, or with itself.
 #[must_use]
-pub(super) fn arm_model(residuals_mm: &[f64], joints_rad: &[[f64; 6]]) -> Option<Finding> {
+pub(super) fn arm_model(residuals_mm: &[f64], joints_rad: &[[f64; 6]]) -> Option<CalibrationFinding> {
     if residuals_mm.len() < MIN_FOR_CORRELATION || residuals_mm.len() != joints_rad.len() {
         return None;
     }
@@ -223,7 +227,7 @@ pub(super) fn arm_model(residuals_mm: &[f64], joints_rad: &[[f64; 6]]) -> Option
     };
     let (joint, ratio) = (0..6).map(|joint| (joint, of_joint(joint))).max_by(|a, b| a.1.total_cmp(&b.1))?;
     let figures = Figures { joint: Some(joint + 1), ratio: Some(ratio), ..Figures::default() };
-    (ratio > MIN_CORRELATION).then(|| Finding::new(FindingCode::ArmModel, Severity::Note).with(figures))
+    (ratio > MIN_CORRELATION).then(|| CalibrationFinding::new(FindingCode::ArmModel, Severity::Note).with(figures))
 }
 
 /// Pearson's correlation; 0 where one of the two does not change.

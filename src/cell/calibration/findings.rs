@@ -74,7 +74,7 @@ closed_list! {
 
 /// One finding with its figures.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
+pub struct CalibrationFinding {
     /// Code.
     pub code: FindingCode,
     /// Weight.
@@ -108,8 +108,8 @@ pub struct Figures {
     pub temperatures_c: Option<[f64; 2]>,
 }
 
-impl Finding {
-    /// Finding without figures.
+impl CalibrationFinding {
+    /// CalibrationFinding without figures.
     #[must_use]
     pub fn new(code: FindingCode, severity: Severity) -> Self {
         Self { code, severity, observations: Vec::new(), figures: Figures::default() }

@@ -12,7 +12,7 @@ const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// Largest standard deviations that a calibration may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct UncertaintyLimits {
     /// Of a shift along any axis: beyond it the motion was degenerate.
     pub max_mm: f64,
     /// Of a turn about any axis.
@@ -21,7 +21,7 @@ pub struct Limits {
     pub warn_mm: f64,
 }
 
-impl Default for Limits {
+impl Default for UncertaintyLimits {
     /// Half the grade that a scan of 0.05 mm asks for is lost at 0.5 mm or 0.05°.
     fn default() -> Self {
         Self { max_mm: 0.5, max_rad: 0.05_f64.to_radians(), warn_mm: 0.2 }
@@ -84,14 +84,14 @@ impl Observability {
 
     /// Returns true if the motions leave a freedom open, by these limits.
     #[must_use]
-    pub fn is_degenerate(&self, limits: &Limits) -> bool {
+    pub fn is_degenerate(&self, limits: &UncertaintyLimits) -> bool {
         let is_known = self.turn_sd_rad <= limits.max_rad && self.shift_sd_mm <= limits.max_mm;
         self.spread_rad[1] < MIN_SPREAD_RAD || !is_known
     }
 
     /// Returns true if a warning is due.
     #[must_use]
-    pub fn is_weak(&self, limits: &Limits) -> bool {
+    pub fn is_weak(&self, limits: &UncertaintyLimits) -> bool {
         self.shift_sd_mm > limits.warn_mm
     }
 

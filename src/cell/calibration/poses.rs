@@ -7,8 +7,8 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion, Vector3};
 
-use super::data::{Estimate, Setup, Sighting, Sigma, Weighting};
-use super::refine::{Free, Problem, Refined, Square, linearised};
+use super::data::{ChainEstimate, Setup, Sighting, Sigma, Weighting};
+use super::refine::{Adjustment, Free, Refined, Square, linearised};
 use crate::cell::halton::halton;
 use crate::cell::{Cell, CollisionScene, Configuration};
 use crate::geometry::{Board, Cloud, Flange, Mesh, Plate, Pose, ScannerFrame};
@@ -70,10 +70,10 @@ pub struct PosePlanner<'a> {
 }
 
 impl PosePlanner<'_> {
-    fn nominal(&self) -> Estimate {
+    fn nominal(&self) -> ChainEstimate {
         let hand_eye: Pose<Flange, Cloud> = self.cell.flange_from_scanner * self.scanner_from_cloud;
         let table = *self.cell.base_from_table.isometry();
-        Estimate { hand_eye: *hand_eye.isometry(), table, board: self.board.plate_from_board, scale: 1.0 }
+        ChainEstimate { hand_eye: *hand_eye.isometry(), table, board: self.board.plate_from_board, scale: 1.0 }
     }
 
     fn weighting(&self) -> Weighting {
@@ -146,7 +146,7 @@ impl PosePlanner<'_> {
     }
 
     /// Information that an observation brings.
-    fn information(&self, at: &Estimate, sighting: &Sighting) -> Option<Square> {
+    fn information(&self, at: &ChainEstimate, sighting: &Sighting) -> Option<Square> {
         let (_, rows) = linearised(at, sighting);
         let weight: Matrix6<f64> = self.weighting().covariance(at, sighting).cholesky()?.inverse();
         Some(rows.transpose() * weight * rows)
@@ -183,7 +183,7 @@ impl PosePlanner<'_> {
     #[must_use]
     pub fn predicted(&self, poses: &[PlannedPose]) -> Option<Square> {
         let sightings: Vec<Sighting> = poses.iter().map(|each| each.sighting.clone()).collect();
-        let problem = Problem { sightings: &sightings, free: Free::JOINT, prior: None };
+        let problem = Adjustment { sightings: &sightings, free: Free::JOINT, prior: None };
         problem.refine(&self.nominal(), &self.weighting()).map(|Refined { covariance, .. }| covariance)
     }
 }

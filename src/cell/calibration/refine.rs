@@ -6,7 +6,7 @@
 
 use nalgebra::{Isometry3, Matrix6, SMatrix, SVector, Vector3};
 
-use super::data::{Estimate, Sighting, Sigma, Weighting};
+use super::data::{ChainEstimate, Sighting, Sigma, Weighting};
 use super::se3::{Twist, adjoint, exp, log, right_jacobian_inverse};
 
 /// Columns of the unknowns: hand-eye 6, table 4 (turns about x and y, shifts along x and y: the rest is gauge), board 6, scale.
@@ -78,7 +78,7 @@ impl Free {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
     /// Expected values.
-    pub at: Estimate,
+    pub at: ChainEstimate,
     /// Inverse of their covariance; zero where nothing is known.
     pub information: Square,
 }
@@ -87,7 +87,7 @@ pub struct Prior {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Refined {
     /// Values.
-    pub estimate: Estimate,
+    pub estimate: ChainEstimate,
     /// Covariance of body increments; zero for what was held.
     pub covariance: Square,
     /// Unknowns that were free.
@@ -108,7 +108,7 @@ pub(super) struct Linear {
 }
 
 /// Residual and its derivative by all unknowns, free or not.
-pub(super) fn linearised(at: &Estimate, sighting: &Sighting) -> (Twist, Rows) {
+pub(super) fn linearised(at: &ChainEstimate, sighting: &Sighting) -> (Twist, Rows) {
     let predicted = at.predicted(sighting);
     let residual = log(&(sighting.seen.inverse() * predicted));
     let of_body = right_jacobian_inverse(&residual);
@@ -127,10 +127,10 @@ pub(super) fn linearised(at: &Estimate, sighting: &Sighting) -> (Twist, Rows) {
 
 /// Unknowns after an increment.
 #[must_use]
-pub fn moved(at: &Estimate, by: &Increment) -> Estimate {
+pub fn moved(at: &ChainEstimate, by: &Increment) -> ChainEstimate {
     let six = |first: usize| by.fixed_rows::<6>(first).into_owned();
     let table = Twist::new(by[6], by[7], 0.0, by[8], by[9], 0.0);
-    Estimate {
+    ChainEstimate {
         hand_eye: at.hand_eye * exp(&six(0)),
         table: at.table * exp(&table),
         board: at.board * exp(&six(BOARD_COLUMN)),
@@ -140,7 +140,7 @@ pub fn moved(at: &Estimate, by: &Increment) -> Estimate {
 
 /// Increment that leads from one set of unknowns to another.
 #[must_use]
-pub fn increment(from: &Estimate, to: &Estimate) -> Increment {
+pub fn increment(from: &ChainEstimate, to: &ChainEstimate) -> Increment {
     let mut by = Increment::zeros();
     by.fixed_rows_mut::<6>(0).copy_from(&log(&(from.hand_eye.inverse() * to.hand_eye)));
     let table = log(&(from.table.inverse() * to.table));
@@ -162,7 +162,7 @@ fn increment_jacobian(by: &Increment) -> Square {
 
 /// The problem: observations, unknowns and prior.
 #[derive(Clone, Copy)]
-pub struct Problem<'a> {
+pub struct Adjustment<'a> {
     /// Observations.
     pub sightings: &'a [Sighting],
     /// Unknowns that may change.
@@ -171,13 +171,13 @@ pub struct Problem<'a> {
     pub prior: Option<&'a Prior>,
 }
 
-impl Problem<'_> {
+impl Adjustment<'_> {
     /// Inverse covariances of the residuals at these unknowns.
-    fn weights(&self, at: &Estimate, weighting: &Weighting) -> Option<Vec<Matrix6<f64>>> {
+    fn weights(&self, at: &ChainEstimate, weighting: &Weighting) -> Option<Vec<Matrix6<f64>>> {
         self.sightings.iter().map(|each| Some(weighting.covariance(at, each).cholesky()?.inverse())).collect()
     }
 
-    fn cost(&self, at: &Estimate, weights: &[Matrix6<f64>]) -> f64 {
+    fn cost(&self, at: &ChainEstimate, weights: &[Matrix6<f64>]) -> f64 {
         let of_prior = self.prior.map_or(0.0, |prior| {
             let off = increment(&prior.at, at);
             off.dot(&(prior.information * off))
@@ -187,7 +187,7 @@ impl Problem<'_> {
     }
 
     /// Normal matrix and gradient; what is held has a row of the identity.
-    fn normal(&self, at: &Estimate, weights: &[Matrix6<f64>]) -> (Square, Increment) {
+    fn normal(&self, at: &ChainEstimate, weights: &[Matrix6<f64>]) -> (Square, Increment) {
         let (mut normal, mut gradient) = (Square::zeros(), Increment::zeros());
         for (sighting, weight) in self.sightings.iter().zip(weights) {
             let (residual, rows) = linearised(at, sighting);
@@ -215,7 +215,7 @@ impl Problem<'_> {
     }
 
     /// Unknowns at which the cost is least, with these weights.
-    fn minimise(&self, start: &Estimate, weights: &[Matrix6<f64>]) -> Option<Estimate> {
+    fn minimise(&self, start: &ChainEstimate, weights: &[Matrix6<f64>]) -> Option<ChainEstimate> {
         let (mut at, mut cost, mut damping) = (*start, self.cost(start, weights), 1e-6_f64);
         for _ in 0..MAX_ITERATIONS {
             let (normal, gradient) = self.normal(&at, weights);
@@ -245,12 +245,12 @@ impl Problem<'_> {
     ///
     /// None if the observations leave an unknown open altogether.
     #[must_use]
-    pub fn refine(&self, start: &Estimate, weighting: &Weighting) -> Option<Refined> {
+    pub fn refine(&self, start: &ChainEstimate, weighting: &Weighting) -> Option<Refined> {
         self.refine_in_rounds(start, weighting, WEIGHT_ROUNDS)
     }
 
     /// Refines with the weights computed so many times.
-    pub(super) fn refine_in_rounds(&self, start: &Estimate, weighting: &Weighting, rounds: usize) -> Option<Refined> {
+    pub(super) fn refine_in_rounds(&self, start: &ChainEstimate, weighting: &Weighting, rounds: usize) -> Option<Refined> {
         let mut at = *start;
         for _ in 0..rounds {
             let weights = self.weights(&at, weighting)?;
@@ -260,7 +260,7 @@ impl Problem<'_> {
     }
 
     /// Unknowns with covariance and residuals, where they are.
-    fn refined(&self, at: Estimate, weighting: &Weighting) -> Option<Refined> {
+    fn refined(&self, at: ChainEstimate, weighting: &Weighting) -> Option<Refined> {
         let weights = self.weights(&at, weighting)?;
         let (normal, _) = self.normal(&at, &weights);
         let mut covariance = scaled_inverse(&normal)?;
@@ -272,7 +272,7 @@ impl Problem<'_> {
 
     /// Refines and estimates the deviations together: the proportions of `weighting` are where it begins.
     #[must_use]
-    pub fn refine_with_sigma(&self, start: &Estimate, weighting: &Weighting) -> Option<Refined> {
+    pub fn refine_with_sigma(&self, start: &ChainEstimate, weighting: &Weighting) -> Option<Refined> {
         let mut weighting = *weighting;
         let mut refined = self.refine(start, &weighting)?;
         let first = weighting.sigma.components().map(|sigma| sigma * sigma);

@@ -3,8 +3,8 @@
 //! three times. A loss that bounds outliers alone was measured not to be enough. Costs 60 small refinements.
 
 use super::chi_squared::quantile;
-use super::data::{Estimate, Sighting, Sigma, Weighting};
-use super::refine::{Free, Problem, Refined};
+use super::data::{ChainEstimate, Sighting, Sigma, Weighting};
+use super::refine::{Adjustment, Free, Refined};
 
 /// Sets of four that are tried: with three good observations of four, all 60 contain a bad one in 1 of 10⁹ cases.
 const DRAWS: usize = 60;
@@ -61,7 +61,7 @@ pub struct Screening<'a> {
     /// Unknowns.
     pub free: Free,
     /// Closed form of a start.
-    pub start: &'a dyn Fn(&[Sighting]) -> Option<Estimate>,
+    pub start: &'a dyn Fn(&[Sighting]) -> Option<ChainEstimate>,
     /// Deviations, or where their estimate begins.
     pub weighting: Weighting,
     /// Deviations are to be estimated.
@@ -86,7 +86,7 @@ impl Screening<'_> {
                 self.sightings.iter().zip(&is_used).filter(|(_, used)| **used).map(|(each, _)| each.clone()).collect();
             // With few observations the four deviations are not told apart.
             let estimate = self.estimate_sigma && 6 * used.len() >= self.free.count() + 12 && round > 0;
-            let problem = Problem { sightings: &used, free: self.free, prior: None };
+            let problem = Adjustment { sightings: &used, free: self.free, prior: None };
             let (at, weighting) = (&refined.estimate, &refined.weighting);
             refined = if estimate { problem.refine_with_sigma(at, weighting)? } else { problem.refine(at, weighting)? };
         }
@@ -99,7 +99,7 @@ impl Screening<'_> {
     }
 
     fn from_set(&self, set: &[Sighting], weighting: &Weighting) -> Option<Refined> {
-        Problem { sightings: set, free: self.free, prior: None }.refine_in_rounds(&(self.start)(set)?, weighting, 1)
+        Adjustment { sightings: set, free: self.free, prior: None }.refine_in_rounds(&(self.start)(set)?, weighting, 1)
     }
 
     /// Set of four that most observations agree with, and the median of all whitened squares there.

@@ -4,12 +4,12 @@
 use nalgebra::{Isometry3, Matrix6, Vector3};
 
 use super::chi_squared::{exceedance, quantile};
-use super::data::{Estimate, Setup, Sighting, Sigma, Solve, Weighting};
+use super::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
 use super::diagnosis;
-use super::findings::{Figures, Finding, FindingCode, Severity};
+use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::leave_one_out::{LeftOut, leave_one_out};
-use super::observability::{Limits, MIN_OBSERVATIONS, Observability, point_sd_mm};
-use super::refine::{Free, Problem, Refined};
+use super::observability::{MIN_OBSERVATIONS, Observability, UncertaintyLimits, point_sd_mm};
+use super::refine::{Adjustment, Free, Refined};
 use super::screening::{Screened, Screening, sigma_or_default};
 use super::se3::Twist;
 use super::start::{start_fixed, start_joint, start_table};
@@ -39,7 +39,7 @@ pub struct Task {
     /// Deviations; none: they are estimated.
     pub sigma: Option<Sigma>,
     /// The cell as it was specified: flange_from_cloud and base_from_table count.
-    pub nominal: Estimate,
+    pub nominal: ChainEstimate,
     /// Observations to hold out.
     pub hold_out: usize,
     /// Point of best focus in the cloud, mm.
@@ -47,7 +47,7 @@ pub struct Task {
     /// Middle of the board, where its size is known, mm.
     pub board_middle_mm: Option<Vector3<f64>>,
     /// Largest uncertainty.
-    pub limits: Limits,
+    pub limits: UncertaintyLimits,
 }
 
 /// Part that an observation had.
@@ -85,7 +85,7 @@ pub struct Calibration {
     /// Standard deviation of a scanned point at best focus, mm.
     pub point_sd_mm: f64,
     /// Remarks; none of them an error.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<CalibrationFinding>,
 }
 
 impl Task {
@@ -97,7 +97,7 @@ impl Task {
         }
     }
 
-    fn start(&self, sightings: &[Sighting]) -> Option<Estimate> {
+    fn start(&self, sightings: &[Sighting]) -> Option<ChainEstimate> {
         match self.solve {
             Solve::HandEye => start_fixed(sightings),
             Solve::Table => start_table(sightings, &self.nominal.hand_eye, &self.nominal.table),
@@ -124,7 +124,7 @@ impl Task {
     ///
     /// # Errors
     /// Every finding, if one of them is an error.
-    pub fn calibrate(&self) -> Result<Calibration, Vec<Finding>> {
+    pub fn calibrate(&self) -> Result<Calibration, Vec<CalibrationFinding>> {
         let mut findings = diagnosis::before(&self.sightings, self.best_in_cloud_mm.norm());
         let task = self.prepared(&mut findings)?;
         let screened = task.screened(&mut findings)?;
@@ -133,10 +133,10 @@ impl Task {
     }
 
     /// The task without duplicates, if its motions and readings allow one.
-    fn prepared(&self, findings: &mut Vec<Finding>) -> Result<Self, Vec<Finding>> {
+    fn prepared(&self, findings: &mut Vec<CalibrationFinding>) -> Result<Self, Vec<CalibrationFinding>> {
         refuse(findings)?;
         let is_duplicate = |index: usize| {
-            let of = |finding: &&Finding| finding.code == FindingCode::DuplicatePose;
+            let of = |finding: &&CalibrationFinding| finding.code == FindingCode::DuplicatePose;
             findings.iter().filter(of).any(|finding| finding.observations.first() == Some(&self.sightings[index].id))
         };
         let kept: Vec<usize> = (0..self.sightings.len()).filter(|index| !is_duplicate(*index)).collect();
@@ -146,12 +146,13 @@ impl Task {
         let count = task.sightings.len().saturating_sub(task.hold_out);
         if count < MIN_OBSERVATIONS {
             let figures = Figures { count: Some(count), ..Figures::default() };
-            findings.push(Finding::new(FindingCode::TooFew, Severity::Error).with(figures));
+            findings.push(CalibrationFinding::new(FindingCode::TooFew, Severity::Error).with(figures));
         } else {
             task.check_motion(findings);
         }
         refuse(findings)?;
-        if let Some(finding) = diagnosis::other_reading(&task.sightings, &|angle| task.nominal_plate(angle))
+        if let Some(finding) =
+            diagnosis::other_reading(&task.sightings, &task.nominal.hand_eye, &|angle| task.nominal_plate(angle))
             && task.solve != Solve::Table
         {
             findings.push(finding);
@@ -161,11 +162,11 @@ impl Task {
     }
 
     /// Motions that cannot tell the unknowns, whatever the noise.
-    fn check_motion(&self, findings: &mut Vec<Finding>) {
+    fn check_motion(&self, findings: &mut Vec<CalibrationFinding>) {
         let turned = |sign: f64| self.sightings.iter().map(|each| sign * each.table_rad).fold(f64::NEG_INFINITY, f64::max);
         if self.solve != Solve::HandEye && turned(1.0) + turned(-1.0) < MIN_TABLE_TURN_RAD {
             let figures = Figures { turn_rad: Some(turned(1.0) + turned(-1.0)), ..Figures::default() };
-            findings.push(Finding::new(FindingCode::TableStill, Severity::Error).with(figures));
+            findings.push(CalibrationFinding::new(FindingCode::TableStill, Severity::Error).with(figures));
         }
         let frames = self.frames();
         let motion = Observability::new(&frames, Some(&Matrix6::zeros()), 1.0);
@@ -175,7 +176,7 @@ impl Task {
         }
     }
 
-    fn degenerate(&self, motion: &Observability, code: FindingCode, severity: Severity) -> Finding {
+    fn degenerate(&self, motion: &Observability, code: FindingCode, severity: Severity) -> CalibrationFinding {
         let finite = |value: f64| value.is_finite().then_some(value);
         let figures = Figures {
             turn_rad: Some(motion.spread_rad[1]),
@@ -184,7 +185,7 @@ impl Task {
             vector: motion.single_axis().or(motion.weakest.map(|weakest| weakest.axis)),
             ..Figures::default()
         };
-        Finding::new(code, severity).with(figures)
+        CalibrationFinding::new(code, severity).with(figures)
     }
 
     /// Observations to use: all but those held out.
@@ -192,11 +193,11 @@ impl Task {
         &self.sightings[..self.sightings.len().saturating_sub(self.hold_out)]
     }
 
-    fn screened(&self, findings: &mut Vec<Finding>) -> Result<Screened, Vec<Finding>> {
+    fn screened(&self, findings: &mut Vec<CalibrationFinding>) -> Result<Screened, Vec<CalibrationFinding>> {
         let (sightings, free, start) = (self.fitted(), self.free(), |some: &[Sighting]| self.start(some));
         let estimate_sigma = self.sigma.is_none();
         let screened = if sightings.len() < MIN_FOR_SCREENING {
-            let problem = Problem { sightings, free, prior: None };
+            let problem = Adjustment { sightings, free, prior: None };
             let refined = self.start(sightings).and_then(|at| problem.refine(&at, &self.weighting()));
             refined.map(|refined| Screened { refined, is_used: vec![true; sightings.len()], sigma_scale: 1.0 })
         } else {
@@ -211,7 +212,11 @@ impl Task {
     }
 
     /// Boards that were seen half a turn round are turned back where the board's middle is known, and all is screened again.
-    fn flipped_back(&self, screened: Screened, findings: &mut Vec<Finding>) -> Result<(Self, Screened), Vec<Finding>> {
+    fn flipped_back(
+        &self,
+        screened: Screened,
+        findings: &mut Vec<CalibrationFinding>,
+    ) -> Result<(Self, Screened), Vec<CalibrationFinding>> {
         let found = diagnosis::dropped(&screened.refined, self.fitted(), &screened.is_used);
         let flipped: Vec<String> = found
             .iter()
@@ -226,13 +231,17 @@ impl Task {
         for each in task.sightings.iter_mut().filter(|each| flipped.contains(&each.id)) {
             each.seen *= diagnosis::half_turn(&middle_mm);
         }
-        findings.push(Finding::new(FindingCode::Flipped, Severity::Note).about(flipped));
+        findings.push(CalibrationFinding::new(FindingCode::Flipped, Severity::Note).about(flipped));
         let screened = task.screened(findings)?;
         findings.extend(diagnosis::dropped(&screened.refined, task.fitted(), &screened.is_used));
         Ok((task, screened))
     }
 
-    fn assemble(&self, screened: &Screened, mut findings: Vec<Finding>) -> Result<Calibration, Vec<Finding>> {
+    fn assemble(
+        &self,
+        screened: &Screened,
+        mut findings: Vec<CalibrationFinding>,
+    ) -> Result<Calibration, Vec<CalibrationFinding>> {
         let refined = &screened.refined;
         let used: Vec<Sighting> = self.chosen(&screened.is_used);
         let residuals: Vec<Twist> = self.sightings.iter().map(|each| refined.estimate.residual(each)).collect();
@@ -299,12 +308,12 @@ impl Task {
         residuals: &[Twist],
         whitened: &[f64],
         roles: &[Role],
-        findings: &mut Vec<Finding>,
+        findings: &mut Vec<CalibrationFinding>,
     ) {
         let agreeing = screened.is_used.iter().filter(|used| **used).count();
         if (agreeing as f64) < MIN_AGREEING * screened.is_used.len() as f64 {
             let figures = Figures { count: Some(agreeing), ..Figures::default() };
-            findings.push(Finding::new(FindingCode::NoConsensus, Severity::Error).with(figures));
+            findings.push(CalibrationFinding::new(FindingCode::NoConsensus, Severity::Error).with(figures));
         }
         let is_poor = match self.solve {
             Solve::Table => observability.shift_sd_mm > self.limits.max_mm || observability.turn_sd_rad > self.limits.max_rad,
@@ -317,7 +326,7 @@ impl Task {
         }
         if screened.sigma_scale > 1.0 {
             let figures = Figures { ratio: Some(screened.sigma_scale), ..Figures::default() };
-            findings.push(Finding::new(FindingCode::SigmaTooSmall, Severity::Warning).with(figures));
+            findings.push(CalibrationFinding::new(FindingCode::SigmaTooSmall, Severity::Warning).with(figures));
         }
         self.judge_table(screened, findings);
         let bound = quantile(HELD_OUT_FALSE_ALARM, 6);
@@ -329,7 +338,7 @@ impl Task {
                 ..Figures::default()
             };
             let about = [self.sightings[index].id.clone()];
-            findings.push(Finding::new(FindingCode::HeldOutDisagrees, Severity::Warning).about(about).with(figures));
+            findings.push(CalibrationFinding::new(FindingCode::HeldOutDisagrees, Severity::Warning).about(about).with(figures));
         }
         let of_used = |index: &usize| roles[*index] == Role::Used;
         let used: Vec<usize> = (0..roles.len()).filter(of_used).collect();
@@ -339,7 +348,7 @@ impl Task {
     }
 
     /// Sign and ratio of the table's turn.
-    fn judge_table(&self, screened: &Screened, findings: &mut Vec<Finding>) {
+    fn judge_table(&self, screened: &Screened, findings: &mut Vec<CalibrationFinding>) {
         if self.solve == Solve::HandEye {
             return;
         }
@@ -347,23 +356,23 @@ impl Task {
         if refined.estimate.scale < 0.0 {
             let asked = self.sightings.iter().map(|each| each.table_rad).fold(0.0, f64::max);
             let figures = Figures { turn_rad: Some(asked), other_turn_rad: Some(-asked), ..Figures::default() };
-            findings.push(Finding::new(FindingCode::TableSign, Severity::Warning).with(figures));
+            findings.push(CalibrationFinding::new(FindingCode::TableSign, Severity::Warning).with(figures));
         }
         let used = self.chosen(&screened.is_used);
-        let problem = Problem { sightings: &used, free: Free { scale: true, ..self.free() }, prior: None };
+        let problem = Adjustment { sightings: &used, free: Free { scale: true, ..self.free() }, prior: None };
         if let Some(with_scale) = problem.refine(&refined.estimate, &refined.weighting) {
             let off = with_scale.estimate.scale.abs() - 1.0;
             let sd = with_scale.covariance[(16, 16)].sqrt();
             if off.abs() > SCALE_TOLERANCE && off.abs() > 4.0 * sd {
                 let figures = Figures { ratio: Some(with_scale.estimate.scale), ..Figures::default() };
-                findings.push(Finding::new(FindingCode::TableScale, Severity::Warning).with(figures));
+                findings.push(CalibrationFinding::new(FindingCode::TableScale, Severity::Warning).with(figures));
             }
         }
     }
 }
 
 /// Ends with the findings if one is an error.
-fn refuse(findings: &[Finding]) -> Result<(), Vec<Finding>> {
+fn refuse(findings: &[CalibrationFinding]) -> Result<(), Vec<CalibrationFinding>> {
     let is_error = findings.iter().any(|finding| finding.severity == Severity::Error);
     if is_error { Err(findings.to_vec()) } else { Ok(()) }
 }

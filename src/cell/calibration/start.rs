@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, SMatrix, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::data::{Estimate, Sighting};
+use super::data::{ChainEstimate, Sighting};
 use super::se3::mean_pose;
 
 /// Smallest turn between two observations that tells a screw axis, rad.
@@ -178,29 +178,29 @@ pub fn table_on_axis(nominal: &Isometry3<f64>, axis: &ScrewAxis) -> Isometry3<f6
 
 /// Start of the scanner on the flange with a board that stands still.
 #[must_use]
-pub fn start_fixed(sightings: &[Sighting]) -> Option<Estimate> {
+pub fn start_fixed(sightings: &[Sighting]) -> Option<ChainEstimate> {
     let (frames, seen): (Vec<_>, Vec<_>) = sightings.iter().map(|each| (each.robot, each.seen)).unzip();
     let hand_eye = park_martin(&frames, &seen)?;
     let boards: Vec<_> = frames.iter().zip(&seen).map(|(frame, seen)| frame * hand_eye * seen).collect();
-    Some(Estimate { hand_eye, table: Isometry3::identity(), board: mean_pose(&boards), scale: 1.0 })
+    Some(ChainEstimate { hand_eye, table: Isometry3::identity(), board: mean_pose(&boards), scale: 1.0 })
 }
 
 /// Start of the table with the scanner known. The sign is that of the turns measured about the nominal +z.
 #[must_use]
-pub fn start_table(sightings: &[Sighting], hand_eye: &Isometry3<f64>, nominal: &Isometry3<f64>) -> Option<Estimate> {
+pub fn start_table(sightings: &[Sighting], hand_eye: &Isometry3<f64>, nominal: &Isometry3<f64>) -> Option<ChainEstimate> {
     let boards: Vec<_> = sightings.iter().map(|each| each.robot * hand_eye * each.seen).collect();
     let angles: Vec<f64> = sightings.iter().map(|each| each.table_rad).collect();
     let mut axis = screw_axis(&boards, &angles, &nominal.translation.vector)?;
     let scale = if axis.direction.dot(&(nominal.rotation * Vector3::z())) < 0.0 { -1.0 } else { 1.0 };
     axis.direction = Unit::new_unchecked(axis.direction.into_inner() * scale);
     let mut estimate =
-        Estimate { hand_eye: *hand_eye, table: table_on_axis(nominal, &axis), board: Isometry3::identity(), scale };
+        ChainEstimate { hand_eye: *hand_eye, table: table_on_axis(nominal, &axis), board: Isometry3::identity(), scale };
     estimate.board = mean_board(&estimate, sightings);
     Some(estimate)
 }
 
 /// Mean of the board on the plate that each observation tells.
-fn mean_board(at: &Estimate, sightings: &[Sighting]) -> Isometry3<f64> {
+fn mean_board(at: &ChainEstimate, sightings: &[Sighting]) -> Isometry3<f64> {
     let boards: Vec<_> = sightings
         .iter()
         .map(|each| at.base_from_plate(each.table_rad).inverse() * each.robot * at.hand_eye * each.seen)
@@ -210,11 +210,11 @@ fn mean_board(at: &Estimate, sightings: &[Sighting]) -> Isometry3<f64> {
 
 /// Start of both: hand-eye and axis in turn, from the nominal table, for either sign of the table; the one that fits better.
 #[must_use]
-pub fn start_joint(sightings: &[Sighting], nominal: &Isometry3<f64>) -> Option<Estimate> {
+pub fn start_joint(sightings: &[Sighting], nominal: &Isometry3<f64>) -> Option<ChainEstimate> {
     let seen: Vec<_> = sightings.iter().map(|each| each.seen).collect();
     let starts = [1.0, -1.0].into_iter().filter_map(|scale| {
         let board = Isometry3::identity();
-        let mut at = Estimate { hand_eye: Isometry3::identity(), table: *nominal, board, scale };
+        let mut at = ChainEstimate { hand_eye: Isometry3::identity(), table: *nominal, board, scale };
         for _ in 0..3 {
             let frames: Vec<_> = sightings.iter().map(|each| at.base_from_plate(each.table_rad).inverse() * each.robot).collect();
             at.hand_eye = park_martin(&frames, &seen)?;
@@ -231,7 +231,7 @@ pub fn start_joint(sightings: &[Sighting], nominal: &Isometry3<f64>) -> Option<E
 }
 
 /// Size of a residual that is robust against single bad ones: turns count by the distance of the board.
-fn cost_of(at: &Estimate, sighting: &Sighting) -> f64 {
+fn cost_of(at: &ChainEstimate, sighting: &Sighting) -> f64 {
     let residual = at.residual(sighting);
     let lever_mm = sighting.seen.translation.vector.norm().max(1.0);
     (super::se3::rotation_of(&residual) * lever_mm).norm() + super::se3::translation_of(&residual).norm()

@@ -4,7 +4,7 @@
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
-use super::data::{Estimate, Sighting};
+use super::data::{ChainEstimate, Sighting};
 
 /// Harmonics that are told.
 const ORDERS: usize = 2;
@@ -26,7 +26,7 @@ pub struct Harmonic {
 
 /// Harmonics of what is left of the board's place over the angle. Empty for fewer than fifteen observations.
 #[must_use]
-pub fn runout(at: &Estimate, sightings: &[Sighting]) -> Vec<Harmonic> {
+pub fn runout(at: &ChainEstimate, sightings: &[Sighting]) -> Vec<Harmonic> {
     if sightings.len() < MIN_OBSERVATIONS {
         return Vec::new();
     }
@@ -60,7 +60,7 @@ pub fn runout(at: &Estimate, sightings: &[Sighting]) -> Vec<Harmonic> {
 }
 
 /// Displacement of the board that was seen from the one predicted, in the table.
-fn displacement(at: &Estimate, sighting: &Sighting) -> Vector3<f64> {
+fn displacement(at: &ChainEstimate, sighting: &Sighting) -> Vector3<f64> {
     let seen = at.table.inverse() * sighting.robot * at.hand_eye * sighting.seen;
     let predicted = at.table.inverse() * at.base_from_plate(sighting.table_rad) * at.board;
     seen.translation.vector - predicted.translation.vector

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::findings::{Figures, Finding, FindingCode, Severity};
+use super::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use super::se3::{log, mean_pose, rotation_of, translation_of};
 
 /// Agreement of model and controller, of what they print: rounding to 0.01 mm and 0.01°, and an arm that its maker has calibrated.
@@ -28,7 +28,7 @@ pub type Forward<'a> = &'a dyn Fn(&[f64; 6]) -> Isometry3<f64>;
 
 /// Compares; a tool that is the same everywhere is an error as well, since the scanner would be put on the wrong frame.
 #[must_use]
-pub fn compare(witnessed: &[Witnessed<'_>], forward: Forward<'_>) -> Vec<Finding> {
+pub fn compare(witnessed: &[Witnessed<'_>], forward: Forward<'_>) -> Vec<CalibrationFinding> {
     if witnessed.is_empty() {
         return Vec::new();
     }
@@ -37,7 +37,11 @@ pub fn compare(witnessed: &[Witnessed<'_>], forward: Forward<'_>) -> Vec<Finding
         let (tool_rad, tool_mm) = (tool.rotation.angle(), tool.translation.vector.norm());
         let is_tool = tool_mm > NO_TOOL_MM.max(worst_mm) || tool_rad > NO_TOOL_RAD.max(worst_rad);
         let figures = Figures { vector: Some(tool.translation.vector), turn_rad: Some(tool_rad), ..Figures::default() };
-        return if is_tool { vec![Finding::new(FindingCode::ToolActive, Severity::Error).with(figures)] } else { Vec::new() };
+        return if is_tool {
+            vec![CalibrationFinding::new(FindingCode::ToolActive, Severity::Error).with(figures)]
+        } else {
+            Vec::new()
+        };
     }
     let fits = |change: &dyn Fn([f64; 6]) -> [f64; 6]| {
         let (_, mm, rad) = offset(witnessed, forward, change);
@@ -53,7 +57,7 @@ pub fn compare(witnessed: &[Witnessed<'_>], forward: Forward<'_>) -> Vec<Finding
         FindingCode::WrongRobotModel
     };
     let figures = Figures { length_mm: Some(worst_mm), turn_rad: Some(worst_rad), ..Figures::default() };
-    vec![Finding::new(code, Severity::Error).with(figures)]
+    vec![CalibrationFinding::new(code, Severity::Error).with(figures)]
 }
 
 /// Mean offset of the reported from the computed flange, and the largest distance of a single one from that mean.

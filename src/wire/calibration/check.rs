@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::result::{CalibrationDocument, FindingDocument};
 use crate::cell::PoseSpec;
 use crate::cell::calibration::check::{CheckLimits, CheckVerdict, Checked};
-use crate::cell::calibration::findings::{Figures, Finding, FindingCode, Severity};
+use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
 use crate::cell::calibration::se3::{rotation_of, translation_of};
 use crate::geometry::{Cloud, Flange, Pose, ScannerFrame};
 use crate::wire::UtcTime;
@@ -14,7 +14,7 @@ use crate::wire::UtcTime;
 /// Name and version of the shape.
 pub const CALIBRATION_CHECK_SCHEMA: &str = "vantage.calibration_check/1";
 /// Change of temperature beyond which a calibration is stale, K: 800 mm of aluminium arm grow by 0.09 mm.
-pub const MAX_TEMPERATURE_CHANGE_K: f64 = 5.0;
+const MAX_TEMPERATURE_CHANGE_K: f64 = 5.0;
 
 /// A check before use. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -120,9 +120,10 @@ impl CalibrationCheckDocument {
     }
 }
 
-/// Finding of a calibration that was taken at another temperature.
-fn stale(then_c: Option<f64>, now_c: Option<f64>) -> Option<Finding> {
+/// CalibrationFinding of a calibration that was taken at another temperature.
+fn stale(then_c: Option<f64>, now_c: Option<f64>) -> Option<CalibrationFinding> {
     let (then, now) = (then_c?, now_c?);
     let figures = Figures { temperatures_c: Some([now, then]), ..Figures::default() };
-    ((now - then).abs() > MAX_TEMPERATURE_CHANGE_K).then(|| Finding::new(FindingCode::Stale, Severity::Warning).with(figures))
+    ((now - then).abs() > MAX_TEMPERATURE_CHANGE_K)
+        .then(|| CalibrationFinding::new(FindingCode::Stale, Severity::Warning).with(figures))
 }

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::pose::ObservedPose;
-use crate::cell::calibration::data::{Estimate, Setup, Sighting, Sigma, Solve};
-use crate::cell::calibration::findings::Finding;
-use crate::cell::calibration::observability::Limits;
+use crate::cell::calibration::data::{ChainEstimate, Setup, Sighting, Sigma, Solve};
+use crate::cell::calibration::findings::CalibrationFinding;
+use crate::cell::calibration::observability::UncertaintyLimits;
 use crate::cell::calibration::placement::{self, Placement};
 use crate::cell::calibration::solve::Task;
 use crate::cell::calibration::witness::{self, Witnessed};
@@ -202,7 +202,7 @@ pub struct ReadObservations {
     /// Joints of those that give some; all or none.
     pub joints_rad: Vec<[f64; 6]>,
     /// Findings of the comparison.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<CalibrationFinding>,
 }
 
 impl CalibrationData {
@@ -210,7 +210,7 @@ impl CalibrationData {
     ///
     /// # Errors
     /// Every field that is out of range.
-    pub fn task(&self, cell: &Cell, solve: Solve, hold_out: usize) -> Result<(Task, Vec<Finding>), Vec<FieldError>> {
+    pub fn task(&self, cell: &Cell, solve: Solve, hold_out: usize) -> Result<(Task, Vec<CalibrationFinding>), Vec<FieldError>> {
         let read = self.read(cell, solve)?;
         let scanner_from_cloud = *self.cloud_frame(cell).scanner_from_cloud(&cell.scanner.devices).isometry();
         let best = Point3::new(0.0, 0.0, cell.scanner.best_mm);
@@ -220,7 +220,7 @@ impl CalibrationData {
             solve,
             setup: self.setup,
             sigma: self.sigma.map(Sigma::from),
-            nominal: Estimate {
+            nominal: ChainEstimate {
                 hand_eye: cell.flange_from_scanner.isometry() * scanner_from_cloud,
                 table: *cell.base_from_table.isometry(),
                 board: Isometry3::identity(),
@@ -229,7 +229,7 @@ impl CalibrationData {
             hold_out,
             best_in_cloud_mm: (scanner_from_cloud.inverse() * best).coords,
             board_middle_mm: self.board.as_ref().and_then(BoardDocument::middle_mm),
-            limits: Limits::default(),
+            limits: UncertaintyLimits::default(),
         };
         Ok((task, read.findings))
     }

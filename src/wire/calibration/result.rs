@@ -6,8 +6,8 @@ use utoipa::ToSchema;
 
 use super::data::{CalibrationData, SigmaDocument};
 use super::words::sentence;
-use crate::cell::calibration::data::{Estimate, Setup, Sigma, Solve, Weighting};
-use crate::cell::calibration::findings::{Finding, FindingCode, Severity};
+use crate::cell::calibration::data::{ChainEstimate, Setup, Sigma, Solve, Weighting};
+use crate::cell::calibration::findings::{CalibrationFinding, FindingCode, Severity};
 use crate::cell::calibration::leave_one_out::Spread;
 use crate::cell::calibration::observability::Freedom;
 use crate::cell::calibration::refine::Square;
@@ -238,8 +238,8 @@ pub struct FindingDocument {
     pub detail: String,
 }
 
-impl From<&Finding> for FindingDocument {
-    fn from(finding: &Finding) -> Self {
+impl From<&CalibrationFinding> for FindingDocument {
+    fn from(finding: &CalibrationFinding) -> Self {
         Self {
             code: finding.code,
             severity: finding.severity,
@@ -330,9 +330,9 @@ impl CalibrationDocument {
 
     /// Unknowns and their covariance, as they were found.
     #[must_use]
-    pub fn estimate(&self) -> (Estimate, Square, Weighting) {
+    pub fn estimate(&self) -> (ChainEstimate, Square, Weighting) {
         let isometry = |spec: &PoseSpec| *spec.pose::<ScannerFrame, Cloud>().isometry();
-        let estimate = Estimate {
+        let estimate = ChainEstimate {
             hand_eye: isometry(&self.flange_from_cloud),
             table: self.base_from_table.as_ref().map_or_else(Isometry3::identity, isometry),
             board: isometry(&self.plate_from_board),

@@ -1,10 +1,10 @@
 //! Sentences of the findings: what the data look like, and what to do.
 
-use crate::cell::calibration::findings::{Figures, Finding, FindingCode};
+use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode};
 
 /// The finding as a sentence.
 #[must_use]
-pub fn sentence(finding: &Finding) -> String {
+pub fn sentence(finding: &CalibrationFinding) -> String {
     let about = finding.observations.join(", ");
     let figures = &finding.figures;
     match finding.code {

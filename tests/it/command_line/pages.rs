@@ -5,7 +5,7 @@ use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 18] = [
+const COMMANDS: [&str; 19] = [
     "serve",
     "demo",
     "plan",
@@ -16,6 +16,7 @@ const COMMANDS: [&str; 18] = [
     "run",
     "params",
     "presets",
+    "calibrate",
     "part",
     "robot",
     "sim",

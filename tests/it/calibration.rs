@@ -1,0 +1,400 @@
+//! Calibration of a cell: public data, other programs' answers, planned poses, and the whole loop in simulation.
+
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde_json::json;
+use vantage::cell::calibration::check::{Check, CheckLimits};
+use vantage::cell::calibration::data::{ChainEstimate, Setup, Sighting, Sigma, Solve, Weighting};
+use vantage::cell::calibration::leave_one_out::{Spread, leave_one_out};
+use vantage::cell::calibration::poses::{PlannedBoard, PosePlanner, board_on_plate};
+use vantage::cell::calibration::refine::{Adjustment, Free, Square};
+use vantage::cell::calibration::se3::{Twist, exp, log, rotation_of, translation_of, twist};
+use vantage::cell::calibration::start::{daniilidis, park_martin, start_fixed};
+use vantage::cell::{Cell, CollisionScene, Presets, SpecLibrary};
+use vantage::geometry::Pose;
+use vantage::wire::calibration::{CalibrationData, CsvOptions, RobotPoseKind, from_csv, from_pose_samples};
+
+use crate::support::{lines_of, oracle_python, shared};
+
+/// Numbers for tests: SplitMix64, and normal ones by Box and Muller.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        let (u, v) = (1.0 - self.uniform(), self.uniform());
+        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+
+    fn vector(&mut self) -> Vector3<f64> {
+        Vector3::new(self.normal(), self.normal(), self.normal())
+    }
+
+    fn twist(&mut self, sigma_rad: f64, sigma_mm: f64) -> Twist {
+        twist(&(self.vector() * sigma_rad), &(self.vector() * sigma_mm))
+    }
+}
+
+fn demo_cell() -> Cell {
+    Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset")
+}
+
+fn moveit() -> Option<Vec<Sighting>> {
+    let text = std::fs::read_to_string(shared("calibration/handeye_moveit_50_poses.json")?).expect("readable");
+    let data = from_pose_samples(&serde_json::from_str(&text).expect("JSON"), Setup::EyeToHand).expect("pairs of poses");
+    Some(data.read(&demo_cell(), Solve::HandEye).expect("observations").sightings)
+}
+
+/// Row C3: the published poses, by variance components, within 0.1 mm of 659.27 −249.97 829.98.
+#[test]
+fn the_fifty_poses_of_moveit_give_the_known_answer() {
+    let Some(sightings) = moveit() else { return };
+    let began = Instant::now();
+    let problem = Adjustment { sightings: &sightings, free: Free::HAND_EYE, prior: None };
+    let weighting = Weighting { setup: Setup::EyeToHand, sigma: Sigma::CALIBRATED_ARM };
+    let start = start_fixed(&sightings).expect("a start");
+    let refined = problem.refine_with_sigma(&start, &weighting).expect("refines");
+    let left_out: Vec<Twist> = leave_one_out(&refined, &sightings).iter().flatten().map(|left| left.residual).collect();
+    let (found, spread) = (refined.estimate.hand_eye.translation.vector, Spread::of(left_out));
+    println!(
+        "C3 MoveIt: {found:.2?} in {:?}; left out {:.2} mm, {:.3}°",
+        began.elapsed(),
+        spread.rms_mm,
+        spread.rms_rad.to_degrees()
+    );
+    assert!((found - Vector3::new(659.27, -249.97, 829.98)).norm() < 0.1);
+    // Prediction of each from the others, as it was measured: 4.80 mm, 0.093°.
+    assert!((spread.rms_mm - 4.8).abs() < 0.3 && (spread.rms_rad.to_degrees() - 0.093).abs() < 0.005);
+}
+
+fn rows(pose: &Isometry3<f64>) -> Vec<f64> {
+    let matrix = pose.to_homogeneous();
+    (0..16).map(|index| matrix[(index / 4, index % 4)]).collect()
+}
+
+fn from_rows(numbers: &serde_json::Value) -> Isometry3<f64> {
+    let at = |row: usize, column: usize| numbers[4 * row + column].as_f64().expect("a number");
+    let rotation = Rotation3::from_matrix_eps(&Matrix3::from_fn(at), 1e-15, 1000, Rotation3::identity());
+    Isometry3::from_parts(Translation3::new(at(0, 3), at(1, 3), at(2, 3)), UnitQuaternion::from_rotation_matrix(&rotation))
+}
+
+/// Observations of a board that stands still, from random poses of the arm.
+fn random_set(noise: &mut Noise, sigma: &Sigma) -> Vec<Sighting> {
+    let hand_eye = exp(&twist(&noise.vector(), &(noise.vector() * 60.0)));
+    let board = exp(&twist(&(noise.vector() * 0.3), &(noise.vector() * 400.0)));
+    let count = 5 + (noise.uniform() * 20.0) as usize;
+    (0..count)
+        .map(|index| {
+            let seen = exp(&twist(&(noise.vector() * 0.4), &(Vector3::z() * 480.0 + noise.vector() * 30.0)));
+            let robot = board * seen.inverse() * hand_eye.inverse() * exp(&noise.twist(sigma.robot_rad, sigma.robot_mm));
+            let seen = seen * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
+            let (seen_covariance, points_mm) = (None, Vec::new());
+            Sighting { id: index.to_string(), robot, table_rad: 0.0, seen, seen_covariance, points_mm }
+        })
+        .collect()
+}
+
+fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
+    let by = log(&(a.inverse() * b));
+    (rotation_of(&by).norm(), (a.translation.vector - b.translation.vector).norm())
+}
+
+/// Rows C2 and C3: 200 noisy sets and MoveIt's, beside OpenCV, and SciPy with the same whitening.
+#[test]
+fn closed_forms_are_those_of_opencv_and_the_refinement_that_of_scipy() {
+    let Some(python) = oracle_python() else { return };
+    let (mut noise, sigma) = (Noise(1), Sigma::CALIBRATED_ARM.scaled(3.0));
+    let mut sets: Vec<(Vec<Sighting>, Setup, bool)> =
+        (0..200).map(|set| (random_set(&mut noise, &sigma), Setup::EyeInHand, set < 10)).collect();
+    sets.extend(moveit().map(|sightings| (sightings, Setup::EyeToHand, true)));
+    let ask = |(sightings, setup, refine): &(Vec<Sighting>, Setup, bool)| {
+        let frames: Vec<_> = sightings.iter().map(|each| rows(&each.robot)).collect();
+        let seen: Vec<_> = sightings.iter().map(|each| rows(&each.seen)).collect();
+        let sigma = refine.then(|| sigma.components());
+        format!("{}\n", json!({"frames": frames, "seen": seen, "setup": setup.as_str(), "sigma": sigma}))
+    };
+    let theirs = lines_of(&python, "calibration_oracle.py", &[], sets.iter().map(ask).collect());
+    let mut worst = [(0.0_f64, 0.0_f64); 3];
+    let mut meet = |place: usize, (rad, mm): (f64, f64)| worst[place] = (worst[place].0.max(rad), worst[place].1.max(mm));
+    for ((sightings, setup, _), line) in sets.iter().zip(&theirs) {
+        let answer: serde_json::Value = serde_json::from_str(line).expect("an answer");
+        let (frames, seen): (Vec<_>, Vec<_>) = sightings.iter().map(|each| (each.robot, each.seen)).unzip();
+        meet(0, apart(&park_martin(&frames, &seen).expect("found"), &from_rows(&answer["park"])));
+        meet(1, apart(&daniilidis(&frames, &seen).expect("found"), &from_rows(&answer["daniilidis"])));
+        if !answer["refined"].is_null() {
+            let problem = Adjustment { sightings, free: Free::HAND_EYE, prior: None };
+            let weighting = Weighting { setup: *setup, sigma };
+            let mut refined = problem.refine(&start_fixed(sightings).expect("a start"), &weighting).expect("refines");
+            for _ in 0..3 {
+                refined = problem.refine(&refined.estimate, &weighting).expect("refines");
+            }
+            meet(2, apart(&refined.estimate.hand_eye, &from_rows(&answer["refined"])));
+        }
+    }
+    for (name, (rad, mm)) in ["C2 Park", "C2 Daniilidis", "C3 refined"].into_iter().zip(worst) {
+        println!("{name}: at most {rad:.1e} rad and {mm:.1e} mm off over {} sets", sets.len());
+    }
+    assert!(worst[0].0 < 1e-9 && worst[0].1 < 1e-6 && worst[1].0 < 1e-6 && worst[1].1 < 1e-4, "{worst:?}");
+    assert!(worst[2].0 < 1e-8 && worst[2].1 < 1e-6, "{worst:?}");
+}
+
+fn planner(cell: &Cell) -> PosePlanner<'_> {
+    let size_mm = [90.0, 60.0];
+    PosePlanner {
+        cell,
+        board: PlannedBoard { size_mm, plate_from_board: board_on_plate(size_mm, 40.0) },
+        sigma: Sigma::CALIBRATED_ARM,
+        clearance_mm: 5.0,
+        scanner_from_cloud: Pose::identity(),
+    }
+}
+
+/// Row C12: planned poses tell more than as many random ones that the arm takes as well, and none of them collides.
+#[test]
+fn planned_poses_tell_more_than_random_ones() {
+    let cell = demo_cell();
+    let planner = planner(&cell);
+    let candidates = planner.candidates();
+    let plan = planner.choose(&candidates, 15, 2).expect("enough candidates");
+    let sd = |covariance: &Square| (3..6).map(|column| covariance[(column, column)]).sum::<f64>().sqrt();
+    let mut noise = Noise(5);
+    let mut random: Vec<f64> = (0..15)
+        .filter_map(|_| {
+            let some: Vec<_> =
+                (0..15).map(|_| candidates[(noise.uniform() * candidates.len() as f64) as usize].clone()).collect();
+            planner.predicted(&some).map(|covariance| sd(&covariance))
+        })
+        .collect();
+    random.sort_by(f64::total_cmp);
+    let (planned, random) = (sd(&plan.covariance), random[random.len() / 2]);
+    println!("C12: {:.4} mm planned, {random:.4} mm random: {:.2}; {} candidates", planned, planned / random, plan.candidates);
+    let scene = CollisionScene::without_part(&cell, planner.clearance_mm);
+    assert!(plan.poses.iter().all(|pose| scene.check(&pose.configuration).is_none() && cell.axes().allow(&pose.configuration)));
+    assert!(plan.poses.len() == 17 && planned <= 0.8 * random);
+}
+
+/// The whole loop: hidden errors of 3 mm and 1° of the hand-eye, 2 mm and 0.5° of the axis, found from planned, simulated observations.
+#[test]
+fn a_cell_with_hidden_errors_is_calibrated() {
+    let cell = demo_cell();
+    let planner = planner(&cell);
+    let plan = planner.choose(&planner.candidates(), 20, 2).expect("enough candidates");
+    let mut noise = Noise(8);
+    let mut error = |deg: f64, mm: f64| {
+        let (turn, shift) = (noise.vector().normalize() * f64::to_radians(deg), noise.vector().normalize() * mm);
+        exp(&twist(&turn, &shift))
+    };
+    let truth = ChainEstimate {
+        hand_eye: cell.flange_from_scanner.isometry() * error(1.0, 3.0),
+        table: cell.base_from_table.isometry() * error(0.5, 2.0),
+        board: planner.board.plate_from_board * error(1.0, 5.0),
+        scale: 1.0,
+    };
+    let sigma = Sigma::CALIBRATED_ARM;
+    let observations: Vec<_> = plan
+        .poses
+        .iter()
+        .enumerate()
+        .map(|(index, planned)| {
+            let configuration = &planned.configuration;
+            let flange = cell.robot.base_from_flange(&configuration.joints_rad).isometry()
+                * exp(&noise.twist(sigma.robot_rad, sigma.robot_mm));
+            let seen = truth.hand_eye.inverse() * flange.inverse() * truth.base_from_plate(configuration.table_rad) * truth.board;
+            let seen = seen * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
+            let q = seen.rotation.quaternion();
+            json!({"id": format!("p{index:02}"), "joints_deg": configuration.joints_rad.map(f64::to_degrees),
+                "table_angle_deg": configuration.table_rad.to_degrees(),
+                "cloud_from_board": {"translation_mm": <[f64; 3]>::from(seen.translation.vector), "quaternion_xyzw": [q.i, q.j, q.k, q.w]}})
+        })
+        .collect();
+    let document = json!({"schema": "vantage.calibration_data/1", "cloud_frame": "scanner", "observations": observations});
+    let data: CalibrationData = serde_json::from_value(document).expect("the shape");
+    let (task, witness) = data.task(&cell, Solve::Joint, 2).expect("within ranges");
+    let found = task.calibrate().expect("a calibration");
+    assert!(witness.is_empty() && found.findings.iter().all(|finding| finding.observations.is_empty()), "{:?}", found.findings);
+    let at = &found.refined.estimate;
+    let (mut worst_deg, mut worst_mm) = (0.0_f64, 0.0_f64);
+    for planned in &plan.poses {
+        let (joints, angle) = (&planned.configuration.joints_rad, planned.configuration.table_rad);
+        let flange = *cell.robot.base_from_flange(joints).isometry();
+        // A point of the plate at best focus, seen through the true chain and through the calibrated one.
+        let plate_from_scanner = |chain: &ChainEstimate| chain.base_from_plate(angle).inverse() * flange * chain.hand_eye;
+        let by = plate_from_scanner(&truth).inverse() * plate_from_scanner(at);
+        let axis = (by.rotation * Vector3::z()).angle(&Vector3::z());
+        worst_deg = worst_deg.max(axis.to_degrees());
+        // Height and zero of the plate are gauge: the point moves along and about the axis by the nominal ones.
+        let gauge = at.table.inverse() * truth.table;
+        let height = Vector3::new(0.0, 0.0, gauge.translation.z);
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::z() * rotation_of(&log(&gauge)).z);
+        let same = |chain: &ChainEstimate, is_true: bool| {
+            let point = plate_from_scanner(chain) * nalgebra::Point3::new(0.0, 0.0, cell.scanner.best_mm);
+            if is_true { turn * point.coords + height } else { point.coords }
+        };
+        worst_mm = worst_mm.max((same(&truth, true) - same(at, false)).norm());
+    }
+    println!("loop: optical axis {worst_deg:.4}°, point at best focus {worst_mm:.3} mm; predicted {:.3} mm", found.point_sd_mm);
+    assert!(worst_deg < 0.1 && worst_mm < 0.3, "{worst_deg} {worst_mm}");
+    let by = log(&(at.hand_eye.inverse() * truth.hand_eye));
+    assert!(translation_of(&by).norm() < 0.3 && rotation_of(&by).norm().to_degrees() < 0.03);
+}
+
+/// Four poses and no calibration: a compensation of the scanner's pose alone brings its axis within the degree that is met in practice.
+#[test]
+fn a_compensation_alone_brings_the_axis_within_a_degree() {
+    let cell = demo_cell();
+    let planner = planner(&cell);
+    let plan = planner.choose(&planner.candidates(), 4, 0).expect("enough candidates");
+    let nominal = ChainEstimate {
+        hand_eye: *cell.flange_from_scanner.isometry(),
+        table: *cell.base_from_table.isometry(),
+        board: planner.board.plate_from_board,
+        scale: 1.0,
+    };
+    // What is expected of a cell put up by hand: the scanner open, axis 0.5° and 2 mm, board 0.2° and 1 mm.
+    let sd = [[1.0_f64, 3.0], [0.5, 2.0], [0.2, 1.0]].map(|[deg, mm]| [deg.to_radians(), mm]);
+    let deviations = [[0, 0, 0, 1, 1, 1].as_slice(), &[0, 0, 1, 1], &[0, 0, 0, 1, 1, 1]];
+    let variances = deviations.iter().zip(sd).flat_map(|(kinds, sd)| kinds.iter().map(move |kind: &usize| sd[*kind].powi(2)));
+    let mut covariance = Square::zeros();
+    variances.enumerate().for_each(|(column, variance)| covariance[(column, column)] = variance);
+    let (mut before_deg, mut after_deg) = (0.0_f64, 0.0_f64);
+    for run in 0..20 {
+        let mut noise = Noise(100 + run);
+        let mut error = |deg: f64, mm: f64| {
+            let (turn, shift) = (noise.vector().normalize() * f64::to_radians(deg), noise.vector().normalize() * mm);
+            exp(&twist(&turn, &shift))
+        };
+        let truth = ChainEstimate {
+            hand_eye: nominal.hand_eye * error(1.0, 3.0),
+            table: nominal.table * error(0.5, 2.0),
+            board: nominal.board * error(0.0, 1.0),
+            scale: 1.0,
+        };
+        let sigma = Sigma::CALIBRATED_ARM;
+        let sightings: Vec<Sighting> = plan
+            .poses
+            .iter()
+            .map(|planned| {
+                let seen = truth.predicted(&planned.sighting) * exp(&noise.twist(sigma.board_rad, sigma.board_mm));
+                Sighting { seen, ..planned.sighting.clone() }
+            })
+            .collect();
+        let weighting = Weighting { setup: Setup::EyeInHand, sigma };
+        let limits = CheckLimits::default();
+        let check = Check { sightings: &sightings, calibrated: nominal, covariance: &covariance, weighting, limits };
+        let checked = check.check().expect("four poses");
+        for planned in &plan.poses {
+            let turned = |hand_eye: &Isometry3<f64>, table: &Isometry3<f64>| {
+                table.rotation.inverse() * planned.sighting.robot.rotation * hand_eye.rotation * Vector3::z()
+            };
+            let true_axis = turned(&truth.hand_eye, &truth.table);
+            let off = |hand_eye| turned(hand_eye, &nominal.table).angle(&true_axis).to_degrees();
+            before_deg = before_deg.max(off(&nominal.hand_eye));
+            after_deg = after_deg.max(off(&checked.compensated.hand_eye));
+        }
+    }
+    println!("compensation alone: {after_deg:.2}°, {before_deg:.2}° without");
+    assert!(after_deg < 1.0 && after_deg < before_deg, "{after_deg} {before_deg}");
+}
+
+/// Row C13: malformed input ends with an error that names its place, never with a panic.
+#[test]
+fn malformed_observations_are_refused_by_place() {
+    let cell = demo_cell();
+    let good = json!({"schema": "vantage.calibration_data/1", "observations": [{"id": "a", "joints_deg": [0, -30, 60, 0, 30, 0],
+        "cloud_from_board": {"translation_mm": [0, 0, 480], "quaternion_xyzw": [0, 0, 0, 1]}}]});
+    let refused = |pointer: &str, value: serde_json::Value| {
+        let mut document = good.clone();
+        *document.pointer_mut(pointer).expect("a place") = value;
+        match serde_json::from_value::<CalibrationData>(document) {
+            Err(error) => error.to_string(),
+            Ok(data) => {
+                let errors = data.read(&cell, Solve::HandEye).expect_err(pointer);
+                errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+            }
+        }
+    };
+    let pose = "/observations/0/cloud_from_board";
+    let cases = [
+        ("/schema", json!("vantage.calibration_data/9"), "this version reads"),
+        ("/observations", json!([]), "allowed are 1 to 5000"),
+        ("/observations/0/id", json!(""), "name the observation"),
+        ("/observations/0/joints_deg", json!([0, 0, 0]), "length 3"),
+        ("/observations/0/joints_deg", json!([0, 0, 0, 0, 0, 9000]), "/observations/0/joints_deg/5"),
+        ("/observations/0/joints_deg", json!(null), "no pose of the arm"),
+        (pose, json!({"translation_mm": [0, 0, 480]}), "has no rotation"),
+        (pose, json!({"translation_mm": [0, 0, 480], "quaternion_xyzw": [0, 0, 0, 2]}), "has norm 2"),
+        (
+            pose,
+            json!({"translation_mm": [0, 0, 480], "quaternion_xyzw": [0, 0, 0, 1], "rpy_deg": [0, 0, 0]}),
+            "more than one rotation",
+        ),
+        (pose, json!({"translation_mm": [0, 0, 480], "rotation_rows": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}), "left-handed"),
+        (pose, json!({"translation_mm": [0, 0, 480], "rotation_rows": [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}), "is not a rotation"),
+        (pose, json!({"translation_mm": [0, 0, 4.8e9], "rpy_deg": [0, 0, 0]}), "allowed is -100000 to 100000"),
+        (pose, json!({"translation_mm": [0, 0, 480], "rpy_deg": [0, 0, 0], "unit": "m"}), "unknown field"),
+        (pose, json!(null), "in one form"),
+        (
+            "/observations/0",
+            json!({"id": "a", "joints_deg": [0, 0, 0, 0, 0, 0], "points": [
+            {"board_mm": [0, 0, 0], "cloud_mm": [0, 0, 480]}, {"board_mm": [10, 0, 0], "cloud_mm": [10, 0, 480]},
+            {"board_mm": [20, 0, 0], "cloud_mm": [20, 0, 480]}]}),
+            "lie on a line",
+        ),
+        (
+            "/observations/0",
+            json!({"id": "a", "joints_deg": [0, 0, 0, 0, 0, 0], "points": [
+            {"board_mm": [0, 0, 0], "cloud_mm": [0, 0, 0.48]}, {"board_mm": [10, 0, 0], "cloud_mm": [0.01, 0, 0.48]},
+            {"board_mm": [0, 20, 0], "cloud_mm": [0, 0.02, 0.48]}]}),
+            "another unit",
+        ),
+    ];
+    for (pointer, value, said) in cases {
+        let error = refused(pointer, value);
+        assert!(error.contains(said), "{pointer}: {error}");
+    }
+    let transposed =
+        json!([[[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.5, 0, 0, 1], [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]]]);
+    let errors = from_pose_samples(&transposed, Setup::EyeInHand).expect_err("transposed");
+    assert!(errors[0].pointer == "/0/0" && errors[0].detail.contains("transposed"), "{errors:?}");
+    let options = CsvOptions { robot_pose: RobotPoseKind::KukaAbc, unit_mm: 1.0, setup: Setup::EyeInHand };
+    for (text, said) in [
+        ("id,j1\na,0\n", "unknown column \"j1\""),
+        ("id,board_x,board_y,board_z\na,1,NaN,3\n", "a finite number"),
+        ("id,board_x,board_y\na,1\n", "has 2 cells; the header has 3"),
+        ("", "unknown column"),
+    ] {
+        let errors = from_csv(text, &options).expect_err(text);
+        assert!(errors.iter().any(|error| error.to_string().contains(said)), "{text:?}: {errors:?}");
+    }
+}
+
+/// Conventions of controllers, each for one turn that tells it from the others.
+#[test]
+fn rotations_of_controllers_are_read_as_they_are_written() {
+    let about = |axis: Vector3<f64>, deg: f64| UnitQuaternion::from_scaled_axis(axis * deg.to_radians());
+    let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
+    let zyx = about(z, 30.0) * about(y, 20.0) * about(x, 10.0);
+    let q = zyx.quaternion();
+    let vector = zyx.scaled_axis();
+    for (kind, numbers, rotation) in [
+        (RobotPoseKind::KukaAbc, vec![30.0, 20.0, 10.0], zyx),
+        (RobotPoseKind::FanucWpr, vec![10.0, 20.0, 30.0], zyx),
+        (RobotPoseKind::HansRpy, vec![10.0, 20.0, 30.0], zyx),
+        (RobotPoseKind::Staubli, vec![10.0, 20.0, 30.0], about(x, 10.0) * about(y, 20.0) * about(z, 30.0)),
+        (RobotPoseKind::Urscript, vec![vector.x, vector.y, vector.z], zyx),
+        (RobotPoseKind::AbbQuat, vec![q.w, q.i, q.j, q.k], zyx),
+        (RobotPoseKind::Quaternion, vec![q.i, q.j, q.k, q.w], zyx),
+    ] {
+        let read = kind.rotation(&numbers).expect("a rotation");
+        assert!(read.angle_to(&rotation) < 1e-12, "{}", kind.as_str());
+    }
+    assert!(RobotPoseKind::AbbQuat.rotation(&[2.0, 0.0, 0.0, 0.0]).is_none());
+}
