@@ -5,6 +5,7 @@ mod axis;
 mod body;
 mod body_meshes;
 mod body_surface;
+pub mod calibration;
 mod closed_list;
 mod closest;
 pub mod collision;
@@ -49,8 +50,9 @@ pub use mounting::HousingFace;
 pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
-    BoardPoseSpec, BoardPosesSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume,
-    OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
+    BoardPoseSpec, BoardPosesSpec, CalibratedScannerSpec, DataSheet, DepthBound, DepthBoundSource, DepthOfField, DepthSpec,
+    DeviceName, DeviceSpec, Field, Lens, MeasurementVolume, OpticalDevice, PerDevice, PlanarConstruction, Scanner,
+    ScannerResidualsSpec, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};

@@ -1,5 +1,6 @@
 //! The structured-light scanner: two cameras and a projector, a working depth, a body ([`crate::planning::method::scanner`]).
 
+mod calibrated;
 mod data_sheet;
 mod depth_of_field;
 mod device;
@@ -7,18 +8,22 @@ mod measurement_volume;
 mod per_device;
 mod planar_construction;
 mod spec;
+mod working_depth;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::{Point3, Vector3};
 
+pub use calibrated::{CalibratedScannerSpec, ScannerResidualsSpec};
 pub use data_sheet::DataSheet;
 pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
 pub use device::{DeviceName, Lens, OpticalDevice};
 pub use measurement_volume::{Field, MeasurementVolume};
 pub use per_device::PerDevice;
 pub use planar_construction::PlanarConstruction;
+pub(in crate::cell) use spec::left_from_scanner;
 pub use spec::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceSpec, ScannerSpec};
+pub use working_depth::{DepthBound, DepthBoundSource};
 
 use super::shape_spec::BodySpec;
 
@@ -47,6 +52,8 @@ pub struct Scanner {
     pub practical_volume_mm: [f64; 3],
     /// Edge of the cube that blocks of a large part must fit in ([`crate::planning::method::candidates`]), mm.
     pub block_cube_mm: f64,
+    /// Provenance of lenses and poses, if they were calibrated.
+    pub calibrated: Option<CalibratedScannerSpec>,
 }
 
 impl Scanner {

@@ -1,0 +1,3 @@
+//! Calibration of the hardware: from raw observations to poses and lenses with their uncertainty.
+
+pub mod lens;
