@@ -16,6 +16,7 @@ use self::signals::on_signals;
 use crate::wire::{VERSION_LINE, Version};
 
 pub mod backup;
+pub mod calibrate;
 pub mod cell;
 pub mod check;
 mod completions;
@@ -88,6 +89,7 @@ enum Command {
     Part(part::PartArgs),
     Robot(robot::RobotArgs),
     Scanner(Box<scanner::ScannerArgs>),
+    Calibrate(calibrate::CalibrateArgs),
     Sim(sim::SimArgs),
     Cell(Box<cell::CellArgs>),
     Backup(backup::BackupArgs),
@@ -223,6 +225,7 @@ impl Cli {
             Command::Part(args) => part::run(&args),
             Command::Robot(args) => robot::run(&args),
             Command::Scanner(args) => scanner::run(&args),
+            Command::Calibrate(args) => calibrate::run(&args),
             Command::Sim(args) => sim::run(&args),
             Command::Cell(args) => cell::run(&args),
             Command::Backup(args) => backup::run_backup(&args),

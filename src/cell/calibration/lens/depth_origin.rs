@@ -2,9 +2,13 @@
 //! working distances s, and its depth z on the scanner's axis is measured by the calibrated cameras: z = o + s · k. o is the depth of
 //! the plane from which distances count, 0 for the cameras' optical centres; k is 1 unless a unit or a board is wrong.
 
-use crate::cell::closed_list::closed_list;
+use nalgebra::Vector3;
 
+use super::adjust::Adjusted;
 use super::fault::{LensError, LensFault};
+use super::observations::Observations;
+use crate::cell::closed_list::closed_list;
+use crate::cell::scanner::left_from_scanner;
 
 /// Fewest planes.
 pub const MIN_PLANES: usize = 3;
@@ -48,6 +52,20 @@ pub struct DepthOrigin {
     pub residuals_mm: Vec<f64>,
     /// Plane that it is.
     pub datum: DepthDatum,
+}
+
+/// Planes that observations have: boards at stated working distances, where they meet the scanner's z axis.
+#[must_use]
+pub fn stated_planes(observations: &Observations, adjusted: &Adjusted) -> Vec<StatedPlane> {
+    let scanner_from_left = left_from_scanner(&adjusted.device_from_left.right.inverse()).inverse();
+    let views = observations.views.iter().zip(&adjusted.left_from_board);
+    let planes = views.filter_map(|(view, board)| {
+        let scanner_from_board = scanner_from_left * (*board)?;
+        let normal = scanner_from_board.rotation * Vector3::z();
+        let measured_mm = normal.dot(&scanner_from_board.translation.vector) / normal.z;
+        Some(StatedPlane { stated_mm: view.stated_distance_mm?, measured_mm })
+    });
+    planes.collect()
 }
 
 /// Finds where working distances count from; `front_mm` is the depth of the housing's front, if it is known.

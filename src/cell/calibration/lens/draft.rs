@@ -8,7 +8,7 @@ use super::fault::{LensError, LensFault};
 use super::lit_rectangle::{LitRectangleSpec, lit_rectangle};
 use crate::cell::closed_list::closed_list;
 use crate::cell::scanner::left_from_scanner;
-use crate::cell::{CalibratedScannerSpec, DataSheet, DeviceName, DeviceSpec, Field, PerDevice, PoseSpec, Scanner, ScannerSpec};
+use crate::cell::{CalibratedScannerSpec, DataSheet, DeviceName, DeviceSpec, Field, PerDevice, PoseSpec, Scanner, ScannerSpec, ShapeSpec};
 use crate::geometry::Pose;
 
 /// Working depth on both sides of best focus that is assumed, as a share of it.
@@ -124,6 +124,16 @@ fn build(spec: &ScannerSpec) -> Result<Scanner, LensError> {
         let code = if pointer.ends_with("/distortion") { LensFault::Folds } else { LensFault::OutOfRange };
         LensError::new(code, pointer, detail)
     })
+}
+
+/// Depth of the front of a scanner's housing, scanner frame, mm; `None` without a box.
+#[must_use]
+pub fn housing_front_mm(spec: &ScannerSpec) -> Option<f64> {
+    let fronts = spec.body.iter().filter_map(|body| {
+        let ShapeSpec::Box { size_mm } = &body.shape else { return None };
+        Some(body.owner_from_body.translation_mm[2] + 0.5 * size_mm[2])
+    });
+    fronts.reduce(f64::max)
 }
 
 /// The specification to start from: the one given, else that of a data sheet with the rig's figures.

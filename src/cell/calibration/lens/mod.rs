@@ -24,8 +24,8 @@ mod tests;
 
 pub use adjust::{Adjusted, AdjustOptions, DeviceResiduals, Residual, adjust};
 pub use assemble::{BoardScatter, CoefficientFit, Rig, RigDevice, RigSigma, assemble};
-pub use depth_origin::{DepthDatum, DepthOrigin, MIN_PLANES, StatedPlane, depth_origin};
-pub use draft::{Assumption, DraftChecks, DraftFigures, ScannerDraft};
+pub use depth_origin::{DepthDatum, DepthOrigin, MIN_PLANES, StatedPlane, depth_origin, stated_planes};
+pub use draft::{Assumption, DraftChecks, DraftFigures, ScannerDraft, housing_front_mm};
 pub use fault::{LensError, LensFault};
 pub use import::{CalibrationFormat, ImportOptions, ImportedFile, ImportedLens, MAX_FILE_BYTES, detect, read};
 pub use lit_rectangle::{LitPlaneSpec, LitRectangleSpec, lit_rectangle};

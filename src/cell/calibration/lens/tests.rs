@@ -185,9 +185,16 @@ fn wrong_points_are_left_out_and_a_bad_view_is_named() {
     let scanner = thesis();
     let mut observations = observed(&scanner, 25, 0.1, 3);
     let mut random = Random(9);
+    let mut wrong = [0, 0];
     for view in &mut observations.views {
-        view.seen.left[17].pixel += Vector2::new(8.0, -5.0);
-        view.seen.projector[40].pixel += Vector2::new(-30.0, 4.0);
+        for sighting in view.seen.left.iter_mut().filter(|sighting| sighting.point == 17) {
+            sighting.pixel += Vector2::new(8.0, -5.0);
+            wrong[0] += 1;
+        }
+        for sighting in view.seen.projector.iter_mut().filter(|sighting| sighting.point == 40) {
+            sighting.pixel += Vector2::new(-30.0, 4.0);
+            wrong[1] += 1;
+        }
     }
     // Moved while it was taken: every point of one device is off.
     for sighting in &mut observations.views[11].seen.right {
@@ -197,7 +204,8 @@ fn wrong_points_are_left_out_and_a_bad_view_is_named() {
     let dropped = |device: DeviceName, point: u32| {
         adjusted.residuals.iter().filter(|r| r.device == device && r.point == point && !r.is_used).count()
     };
-    assert_eq!((dropped(DeviceName::Left, 17), dropped(DeviceName::Projector, 40)), (25, 25));
+    assert_eq!([dropped(DeviceName::Left, 17), dropped(DeviceName::Projector, 40)], wrong);
+    assert!(wrong.iter().all(|count| *count > 5), "{wrong:?}");
     let bad: Vec<String> =
         quality(&observations, &adjusted).views.into_iter().filter(|view| view.leave_out.is_some()).map(|view| view.id).collect();
     assert_eq!(bad, ["v012"]);
@@ -229,7 +237,10 @@ fn a_hundred_views_take_less_than_two_seconds() {
     }
     let begin = std::time::Instant::now();
     adjust(&observations, &AdjustOptions::default()).expect("a rig");
-    println!("100 views, 3 devices, 100 points: {:?}", begin.elapsed());
+    let elapsed = begin.elapsed();
+    println!("100 views, 3 devices, 100 points: {elapsed:?}");
+    // Ten times as long as on one free core, for machines that do other things too.
+    assert!(elapsed.as_secs() < 20, "{elapsed:?}");
 }
 
 #[test]
