@@ -87,7 +87,9 @@ fn header(calibration: &ScannerCalibration) -> String {
     ];
     let facts = facts.map(|(name, value)| format!("<div><dt>{name}</dt><dd>{}</dd></div>", escape(&value)));
     let facts = facts.concat();
-    format!("<header>\n<p class=\"kind\">Calibration</p>\n<h1>Lenses and poses of the scanner</h1>\n<dl class=\"facts\">{facts}</dl>\n</header>\n")
+    format!(
+        "<header>\n<p class=\"kind\">Calibration</p>\n<h1>Lenses and poses of the scanner</h1>\n<dl class=\"facts\">{facts}</dl>\n</header>\n"
+    )
 }
 
 fn with_sigma(value: f64, sigma: Option<f64>, decimals: usize) -> String {
@@ -110,11 +112,18 @@ fn optional(value: Option<f64>, decimals: usize) -> String {
 
 fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let cells = |cells: &[String], tag: &str| -> String {
-        cells.iter().enumerate().map(|(i, c)| format!("<{tag}{}>{}</{tag}>", if i > 0 { " class=\"n\"" } else { "" }, escape(c))).collect()
+        cells
+            .iter()
+            .enumerate()
+            .map(|(i, c)| format!("<{tag}{}>{}</{tag}>", if i > 0 { " class=\"n\"" } else { "" }, escape(c)))
+            .collect()
     };
     let head: Vec<String> = head.iter().map(|&name| name.to_owned()).collect();
     let rows: String = rows.iter().map(|row| format!("<tr>{}</tr>\n", cells(row, "td"))).collect();
-    format!("<div class=\"card scroll\"><table>\n<thead><tr>{}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n", cells(&head, "th"))
+    format!(
+        "<div class=\"card scroll\"><table>\n<thead><tr>{}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n",
+        cells(&head, "th")
+    )
 }
 
 fn rig(calibration: &ScannerCalibration) -> String {
@@ -137,7 +146,12 @@ fn rig(calibration: &ScannerCalibration) -> String {
         rows.push(vec!["Depths of the board, mm".to_owned(), format!("{} to {}", number(near, 0), number(far, 0))]);
     }
     if let Some(origin) = &calibration.depth_origin {
-        let said = format!("{} ± {} ({})", number(origin.origin_mm, 2), number(origin.sigma_mm, 2), origin.datum.as_str().replace('_', " "));
+        let said = format!(
+            "{} ± {} ({})",
+            number(origin.origin_mm, 2),
+            number(origin.sigma_mm, 2),
+            origin.datum.as_str().replace('_', " ")
+        );
         rows.push(vec!["Working distances count from z, mm".to_owned(), said]);
     }
     table(&["Figure", "Value"], &rows)
@@ -154,7 +168,8 @@ fn lens_table(device: &DeviceFigures) -> String {
         })
         .collect();
     let rms = device.rms_px.map_or_else(|| "reprojection error not given".to_owned(), |rms| format!("{} px rms", number(rms, 3)));
-    let counted = device.used.map_or_else(String::new, |used| format!(", {used} points, {} left out", device.left_out.unwrap_or_default()));
+    let counted =
+        device.used.map_or_else(String::new, |used| format!(", {used} points, {} left out", device.left_out.unwrap_or_default()));
     let [width, height] = device.size_px;
     let heading = format!("<h3>{}: {width} × {height} px, {rms}{counted}</h3>\n", device.name);
     heading + &table(&["Parameter", "Value", "Standard deviation"], &rows)
@@ -190,7 +205,12 @@ fn vectors_svg(device: DeviceName, pictures: &CalibrationPictures) -> String {
         let to = [from[0] + factor * arrow.off_px[0], from[1] + factor * arrow.off_px[1]];
         svg.series(usize::from(!arrow.is_used), &[from, to]);
     }
-    svg.text(20.0, height - 12.0, "", &format!("1 % are longer than {} px; left out: dashed in the second colour", significant(large)));
+    svg.text(
+        20.0,
+        height - 12.0,
+        "",
+        &format!("1 % are longer than {} px; left out: dashed in the second colour", significant(large)),
+    );
     svg.finish()
 }
 
@@ -225,7 +245,12 @@ fn views_svg(views: &[ViewFigures]) -> String {
     let (left, right, top, foot) = (64.0, WIDTH - 20.0, 60.0, HEIGHT - 44.0);
     let values = |view: &ViewFigures| [view.left_rms_px, view.right_rms_px, view.projector_rms_px];
     let max = views.iter().flat_map(values).flatten().fold(0.0, f64::max).max(1e-9);
-    let mut svg = Svg::new(WIDTH, HEIGHT, "Residual by view, px rms", &format!("Residuals of {} views, up to {} px", views.len(), significant(max)));
+    let mut svg = Svg::new(
+        WIDTH,
+        HEIGHT,
+        "Residual by view, px rms",
+        &format!("Residuals of {} views, up to {} px", views.len(), significant(max)),
+    );
     for tick in 0..=4 {
         let share = f64::from(tick) / 4.0;
         let y = foot - share * (foot - top);
@@ -239,7 +264,11 @@ fn views_svg(views: &[ViewFigures]) -> String {
         svg.text(place + 10.0, top - 12.0, "ink", name);
         for (index, view) in views.iter().enumerate() {
             let Some(rms) = values(view)[series] else { continue };
-            svg.point(series, [x(index), foot - rms / max * (foot - top)], &format!("{} {name}: {} px", view.id, significant(rms)));
+            svg.point(
+                series,
+                [x(index), foot - rms / max * (foot - top)],
+                &format!("{} {name}: {} px", view.id, significant(rms)),
+            );
         }
     }
     let every = views.len().div_ceil(20).max(1);

@@ -215,9 +215,11 @@ impl ScannerCalibration {
             rig: rig_figures(rig, draft),
             devices: listed.into_iter().filter_map(|(name, device)| Some(device_figures(name, device?, observed))).collect(),
             epipolar_rms_px: quality.and_then(|quality| quality.epipolar_rms_px),
-            board_pitch: quality
-                .and_then(|quality| quality.pitch)
-                .map(|(rms_mm, mean_mm, count)| PitchFigures { rms_mm, mean_mm, count }),
+            board_pitch: quality.and_then(|quality| quality.pitch).map(|(rms_mm, mean_mm, count)| PitchFigures {
+                rms_mm,
+                mean_mm,
+                count,
+            }),
             views: quality.map_or_else(Vec::new, view_figures),
             board_depth_mm: quality.and_then(|quality| quality.depth_mm),
             field: field_check(draft),
@@ -302,7 +304,9 @@ fn warnings(document: &ScannerCalibration) -> Vec<String> {
         out.push(format!("leave out and calibrate again: views {}", leave_out.join(", ")));
     }
     if document.rig.boards == Some(1) {
-        out.push("the pose between the cameras comes from a single board, so its error cannot be estimated; give more views".into());
+        out.push(
+            "the pose between the cameras comes from a single board, so its error cannot be estimated; give more views".into(),
+        );
     }
     if document.devices.iter().all(|device| device.parameters.iter().all(|parameter| parameter.sigma.is_none())) {
         out.push("no uncertainty is given for any parameter".to_owned());
@@ -345,7 +349,11 @@ fn assumption_words(assumption: Assumption) -> &'static str {
         Assumption::BestFocus => "best focus where the cameras' axes come closest; give --field WxH@DISTANCE",
         Assumption::Depth => "a working depth of 15 % of best focus on both sides; give --depth NEAR..FAR",
         Assumption::Field => "the field is all that both cameras see at best focus; give --field WxH@DISTANCE",
-        Assumption::Projector => "a projector at the middle of the baseline that lights exactly the field; calibrate it, or give the rectangle that it lights",
-        Assumption::Housing => "limits of incidence, mass and housing of an unknown scanner; give --like SCANNER, or edit the file",
+        Assumption::Projector => {
+            "a projector at the middle of the baseline that lights exactly the field; calibrate it, or give the rectangle that it lights"
+        }
+        Assumption::Housing => {
+            "limits of incidence, mass and housing of an unknown scanner; give --like SCANNER, or edit the file"
+        }
     }
 }

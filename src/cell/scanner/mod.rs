@@ -8,9 +8,9 @@ mod measurement_volume;
 mod per_device;
 mod planar_construction;
 mod spec;
-mod working_depth;
 #[cfg(test)]
 mod tests;
+mod working_depth;
 
 use nalgebra::{Point3, Vector3};
 

@@ -216,7 +216,10 @@ impl ScannerSpec {
             });
             let [near, far] = device.in_focus_mm;
             findings.require((near..=far).contains(&in_device.z), format!("/{name}"), || {
-                format!("is in focus from {near:.1} to {far:.1} mm along its axis, but the point of best focus is at {:.1} mm", in_device.z)
+                format!(
+                    "is in focus from {near:.1} to {far:.1} mm along its axis, but the point of best focus is at {:.1} mm",
+                    in_device.z
+                )
             });
         }
     }

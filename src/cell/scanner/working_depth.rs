@@ -52,7 +52,8 @@ impl DeviceSpec {
         if let Some([near, far]) = self.in_focus_mm {
             findings.range(format!("{pointer}/in_focus_mm/0"), near, 1.0, 1e4, "mm");
             findings.range(format!("{pointer}/in_focus_mm/1"), far, 1.0, 1e4, "mm");
-            findings.require(near < far, format!("{pointer}/in_focus_mm"), || format!("near {near}, far {far}: must be near < far"));
+            findings
+                .require(near < far, format!("{pointer}/in_focus_mm"), || format!("near {near}, far {far}: must be near < far"));
         }
         let by_lens = self.f_number.is_some() || self.circle_of_confusion_um.is_some() || self.focus_mm.is_some();
         findings.require(!(by_lens && self.in_focus_mm.is_some()), format!("{pointer}/in_focus_mm"), || {

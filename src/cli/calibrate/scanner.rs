@@ -10,7 +10,9 @@ use crate::cell::calibration::lens::{
     self, AdjustOptions, Adjusted, CalibrationFormat, DepthOrigin, DraftFigures, ImportOptions, LensError, LitRectangleSpec,
     MAX_FILE_BYTES, Observations, PARAMETER_NAMES, Quality, Rig, ScannerDraft, ScannerObservationsSpec, StatedPlane,
 };
-use crate::cell::{CalibratedScannerSpec, DeviceName, PerDevice, Presets, ScannerResidualsSpec, ScannerSpec, SpecKind, SpecLibrary};
+use crate::cell::{
+    CalibratedScannerSpec, DeviceName, PerDevice, Presets, ScannerResidualsSpec, ScannerSpec, SpecKind, SpecLibrary,
+};
 use crate::cli::scanner::{Dimensions, Span, write_or_print};
 use crate::cli::{CliError, FileFinding, files, output};
 use crate::geometry::LengthUnit;
@@ -347,20 +349,34 @@ fn summary(document: &ScannerCalibration) -> String {
         plus_minus(rig.axes_angle_sigma_deg, 4)
     );
     if let (Some(boards), Some([low, high])) = (rig.boards, rig.board_baseline_mm) {
-        let _ = writeln!(out, "         from {boards} board{}, baseline {low:.2} to {high:.2} mm", if boards == 1 { "" } else { "s" });
+        let _ = writeln!(
+            out,
+            "         from {boards} board{}, baseline {low:.2} to {high:.2} mm",
+            if boards == 1 { "" } else { "s" }
+        );
     }
     let [width, height] = document.field.common_mm;
     let stated = document.field.stated_mm.map_or_else(String::new, |[w, h]| format!(", stated {w:.0} × {h:.0}"));
-    let _ = writeln!(out, "field    {width:.0} × {height:.0} mm seen by all three devices at {:.0} mm{stated}", document.field.depth_mm);
+    let _ = writeln!(
+        out,
+        "field    {width:.0} × {height:.0} mm seen by all three devices at {:.0} mm{stated}",
+        document.field.depth_mm
+    );
     for device in &document.devices {
-        let rms = device.rms_px.map_or_else(|| "reprojection error not given".to_owned(), |rms| format!("reprojection {rms:.3} px rms"));
-        let counted = device.used.map_or_else(String::new, |used| {
-            format!(", {used} points, {} left out", device.left_out.unwrap_or_default())
-        });
+        let rms = device
+            .rms_px
+            .map_or_else(|| "reprojection error not given".to_owned(), |rms| format!("reprojection {rms:.3} px rms"));
+        let counted = device
+            .used
+            .map_or_else(String::new, |used| format!(", {used} points, {} left out", device.left_out.unwrap_or_default()));
         let _ = writeln!(out, "{:<9}{rms}{counted}", device.name);
     }
     if let (Some(epipolar), Some(pitch)) = (document.epipolar_rms_px, document.board_pitch) {
-        let _ = writeln!(out, "together epipolar {epipolar:.3} px rms, board pitch {:.4} mm rms ({:+.4} mean)", pitch.rms_mm, pitch.mean_mm);
+        let _ = writeln!(
+            out,
+            "together epipolar {epipolar:.3} px rms, board pitch {:.4} mm rms ({:+.4} mean)",
+            pitch.rms_mm, pitch.mean_mm
+        );
     }
     if let Some(origin) = &document.depth_origin {
         let datum = origin.datum.as_str().replace('_', " ");

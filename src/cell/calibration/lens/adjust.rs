@@ -156,7 +156,8 @@ fn single(
         );
         return Err(LensError::new(LensFault::TooFew, pointer, detail));
     }
-    let degenerate = || LensError::new(LensFault::Degenerate, pointer.clone(), "no lens explains the views; are the points in order?");
+    let degenerate =
+        || LensError::new(LensFault::Degenerate, pointer.clone(), "no lens explains the views; are the points in order?");
     let start = camera_matrix(&found, size_px).ok_or_else(degenerate)?;
     let poses: Vec<Option<Isometry3<f64>>> = homographies.iter().map(|h| board_pose(&start, &(*h)?)).collect();
     let kept: Vec<usize> = (0..views.len()).filter(|view| poses[*view].is_some()).collect();
@@ -262,7 +263,11 @@ fn solve(views: &[View], state: State, is_held: [bool; SHARED]) -> Result<Solved
     let problem = Problem { views, is_used: &is_used, is_held, sigma_px: sigma_px.map(|sigma| sigma * inflation) };
     let normal = problem.normal(&state).ok_or_else(not_converged)?;
     let covariance = normal.covariance().ok_or_else(|| {
-        LensError::new(LensFault::Degenerate, "/views", "the views leave a parameter open; tilt the board by 20 to 40° about both axes")
+        LensError::new(
+            LensFault::Degenerate,
+            "/views",
+            "the views leave a parameter open; tilt the board by 20 to 40° about both axes",
+        )
     })?;
     let board_covariance = (0..views.len()).map(|view| normal.board_covariance(view, &covariance)).collect();
     let sigma_px = problem.sigma_px;
@@ -270,7 +275,11 @@ fn solve(views: &[View], state: State, is_held: [bool; SHARED]) -> Result<Solved
 }
 
 fn not_converged() -> LensError {
-    LensError::new(LensFault::NotConverged, "/views", "the estimate does not converge; are the points of the board in the same order everywhere?")
+    LensError::new(
+        LensFault::NotConverged,
+        "/views",
+        "the estimate does not converge; are the points of the board in the same order everywhere?",
+    )
 }
 
 /// Alternates estimates of the unknowns and of the standard deviations.
@@ -345,13 +354,18 @@ impl Solved {
         for (device, name) in DeviceName::ALL.into_iter().enumerate() {
             let lens = &self.state.lens[device];
             for index in 0..2 {
-                let (value, sigma) = (lens.values()[index], self.covariance[(device * LENS + index, device * LENS + index)].sqrt());
+                let (value, sigma) =
+                    (lens.values()[index], self.covariance[(device * LENS + index, device * LENS + index)].sqrt());
                 if !self.is_held[device * LENS + index] && (sigma > MAX_FOCAL_SIGMA * value.abs() || sigma.is_nan()) {
                     let detail = format!(
                         "is {value:.1} ± {sigma:.1} px: the views leave it open; tilt the board by 20 to 40° about both axes, \
                          and move it in depth",
                     );
-                    return Err(LensError::new(LensFault::Degenerate, format!("/{}/{}", name.as_str(), PARAMETER_NAMES[index]), detail));
+                    return Err(LensError::new(
+                        LensFault::Degenerate,
+                        format!("/{}/{}", name.as_str(), PARAMETER_NAMES[index]),
+                        detail,
+                    ));
                 }
             }
             lens.check(&format!("/{}", name.as_str()))?;
@@ -361,7 +375,8 @@ impl Solved {
 
     fn finish(self, observations: &Observations, kept: &[usize], views: &[View], has_projector: bool) -> Adjusted {
         let residuals = self.residuals(kept, views);
-        let device = |place: usize, name: DeviceName| (place < 2 || has_projector).then(|| self.device_residuals(&residuals, place, name));
+        let device =
+            |place: usize, name: DeviceName| (place < 2 || has_projector).then(|| self.device_residuals(&residuals, place, name));
         let devices = PerDevice {
             left: device(0, DeviceName::Left),
             right: device(1, DeviceName::Right),
@@ -447,7 +462,8 @@ impl Adjusted {
         let axis = pose.rotation * nalgebra::Vector3::z();
         let slope = axis.cross(&nalgebra::Vector3::z()) / axis.xy().norm().max(1e-12);
         let block = |first: usize| self.covariance.fixed_view::<3, 3>(first, first).into_owned();
-        let spread = |direction: &nalgebra::Vector3<f64>, first: usize| direction.dot(&(block(first) * direction)).max(0.0).sqrt();
+        let spread =
+            |direction: &nalgebra::Vector3<f64>, first: usize| direction.dot(&(block(first) * direction)).max(0.0).sqrt();
         [spread(&along, POSES + 3), spread(&slope, POSES)]
     }
 }

@@ -107,7 +107,8 @@ pub fn assemble(files: &[ImportedFile]) -> Result<Rig, LensError> {
         Some(pose) => pose,
         None => {
             let (pose, found) = from_boards(files, left, right).ok_or_else(|| {
-                let detail = "no file has the pose between the cameras: R and T, om and T, T_cn_cnm1, or poses of boards that both see";
+                let detail =
+                    "no file has the pose between the cameras: R and T, om and T, T_cn_cnm1, or poses of boards that both see";
                 LensError::new(LensFault::MissingDevice, "/right", detail)
             })?;
             scatter = Some(found);
@@ -196,14 +197,16 @@ fn check_baseline(baseline_mm: f64, files: &[ImportedFile]) -> Result<(), LensEr
     let given = baseline_mm / unit_mm;
     let fits = |unit: f64| (low..=high).contains(&(given * unit));
     let guess = [("m", 1000.0), ("cm", 10.0), ("mm", 1.0)].into_iter().find(|(_, unit)| fits(*unit));
-    let advice = guess.map_or_else(String::new, |(name, unit)| format!(": in {name} it is {:.2} mm; give --unit {name}", given * unit));
+    let advice =
+        guess.map_or_else(String::new, |(name, unit)| format!(": in {name} it is {:.2} mm; give --unit {name}", given * unit));
     let detail = format!("the cameras are {baseline_mm} mm apart; allowed is {low} to {high} mm{advice}");
     Err(LensError::new(LensFault::UnitMismatch, "/right", detail))
 }
 
 fn rig_device(lens: &ImportedLens, name: DeviceName) -> Result<RigDevice, LensError> {
     let pointer = format!("/{}", name.as_str());
-    let (reduced, fit) = lens.reduced().map_err(|error| LensError { pointer: format!("{pointer}/{}", error.pointer), ..error })?;
+    let (reduced, fit) =
+        lens.reduced().map_err(|error| LensError { pointer: format!("{pointer}/{}", error.pointer), ..error })?;
     reduced.check(&pointer)?;
     check_centre(&reduced, name, &pointer)?;
     Ok(RigDevice {

@@ -87,7 +87,10 @@ pub fn depth_origin(planes: &[StatedPlane], front_mm: Option<f64>) -> Result<Dep
     let (stated, measured) = (mean(|plane| plane.stated_mm), mean(|plane| plane.measured_mm));
     let spread: f64 = planes.iter().map(|plane| (plane.stated_mm - stated).powi(2)).sum();
     if spread < 1.0 {
-        return Err(fault(LensFault::Degenerate, "the planes are at one distance; spread them over the working depth".to_owned()));
+        return Err(fault(
+            LensFault::Degenerate,
+            "the planes are at one distance; spread them over the working depth".to_owned(),
+        ));
     }
     let scale = planes.iter().map(|plane| (plane.stated_mm - stated) * (plane.measured_mm - measured)).sum::<f64>() / spread;
     if !((scale - 1.0).abs() <= MAX_SCALE_ERROR) {

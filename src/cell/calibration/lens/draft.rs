@@ -8,7 +8,9 @@ use super::fault::{LensError, LensFault};
 use super::lit_rectangle::{LitRectangleSpec, lit_rectangle};
 use crate::cell::closed_list::closed_list;
 use crate::cell::scanner::left_from_scanner;
-use crate::cell::{CalibratedScannerSpec, DataSheet, DeviceName, DeviceSpec, Field, PerDevice, PoseSpec, Scanner, ScannerSpec, ShapeSpec};
+use crate::cell::{
+    CalibratedScannerSpec, DataSheet, DeviceName, DeviceSpec, Field, PerDevice, PoseSpec, Scanner, ScannerSpec, ShapeSpec,
+};
 use crate::geometry::Pose;
 
 /// Working depth on both sides of best focus that is assumed, as a share of it.
@@ -213,7 +215,8 @@ fn seen_mm(
     };
     let both = |point: &Point3<f64>| sees(DeviceName::Left, point) && sees(DeviceName::Right, point);
     let half = |along: Vector3<f64>| {
-        let fits = |half_mm: f64| [1.0, -1.0].into_iter().all(|sign| both(&(Point3::new(0.0, 0.0, best_mm) + along * (sign * half_mm))));
+        let fits =
+            |half_mm: f64| [1.0, -1.0].into_iter().all(|sign| both(&(Point3::new(0.0, 0.0, best_mm) + along * (sign * half_mm))));
         let (mut low, mut high) = (0.0, 3.0 * best_mm);
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
@@ -225,7 +228,8 @@ fn seen_mm(
     if size_mm.iter().all(|mm| *mm >= 1.0) {
         return Ok(size_mm);
     }
-    let detail = format!("the cameras do not both see the point (0, 0, {best_mm}) of best focus: is the right one's pose inverted?");
+    let detail =
+        format!("the cameras do not both see the point (0, 0, {best_mm}) of best focus: is the right one's pose inverted?");
     Err(LensError::new(LensFault::Inconsistent, "/right", detail))
 }
 

@@ -251,7 +251,10 @@ impl ViewSums {
 
 impl Normal {
     /// The shared equations with the boards eliminated, each diagonal raised by `damping` of itself; `None` if they are singular.
-    fn reduced(&self, damping: f64) -> Option<(Cholesky<f64, Const<SHARED>>, Box<SVector<f64, SHARED>>, Vec<SMatrix<f64, 6, 6>>)> {
+    fn reduced(
+        &self,
+        damping: f64,
+    ) -> Option<(Cholesky<f64, Const<SHARED>>, Box<SVector<f64, SHARED>>, Vec<SMatrix<f64, 6, 6>>)> {
         let mut left = self.shared.clone();
         let mut right = Box::new(self.shared_side);
         for index in 0..SHARED {
@@ -274,7 +277,11 @@ impl Normal {
     pub(super) fn step(&self, damping: f64) -> Option<Step> {
         let (factor, right, inverses) = self.reduced(damping)?;
         let shared = factor.solve(&right);
-        let boards = self.boards.iter().zip(&inverses).map(|((_, side, coupling), inverse)| inverse * (side - coupling.transpose() * shared));
+        let boards = self
+            .boards
+            .iter()
+            .zip(&inverses)
+            .map(|((_, side, coupling), inverse)| inverse * (side - coupling.transpose() * shared));
         Some(Step { shared, boards: boards.collect() })
     }
 

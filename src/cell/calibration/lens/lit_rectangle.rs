@@ -107,9 +107,9 @@ pub fn lit_rectangle(spec: &LitRectangleSpec) -> Result<(RigDevice, Isometry3<f6
     let is_held = std::array::from_fn(|index| index >= 4);
     let found = resect::refine(&points, start, &is_held).ok_or_else(degenerate)?;
     found.lens.check("/projector")?;
-    let sigma = found.covariance.map(|covariance| {
-        std::array::from_fn(|index| (!is_held[index]).then(|| covariance[(index, index)].max(0.0).sqrt()))
-    });
+    let sigma = found
+        .covariance
+        .map(|covariance| std::array::from_fn(|index| (!is_held[index]).then(|| covariance[(index, index)].max(0.0).sqrt())));
     let sigma: Option<[Option<f64>; LENS]> = sigma.filter(|_| found.rms_px > 1e-6);
     let device = RigDevice { lens: found.lens, sigma, rms_px: Some(found.rms_px), fit: None };
     Ok((device, found.device_from_points))

@@ -145,7 +145,9 @@ impl LensParameters {
         }
         let radius = lens.fold_radius_px().map_or_else(
             || "inside its own image".to_owned(),
-            |[fold, corner]| format!("inside its own image, at {fold:.0} px from the principal point; the corner is at {corner:.0} px"),
+            |[fold, corner]| {
+                format!("inside its own image, at {fold:.0} px from the principal point; the corner is at {corner:.0} px")
+            },
         );
         let detail = format!(
             "the distortion {:?} folds {radius}: points beyond would be imaged twice. Calibrate with boards that reach the corners, \

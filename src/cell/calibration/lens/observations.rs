@@ -205,7 +205,8 @@ impl ScannerObservationsSpec {
     /// [`LensError`] at the first fault.
     pub fn build(&self) -> Result<Observations, LensError> {
         if self.schema != OBSERVATIONS_SCHEMA {
-            let detail = format!("is {:?}; expected is {OBSERVATIONS_SCHEMA:?}", self.schema.chars().take(60).collect::<String>());
+            let detail =
+                format!("is {:?}; expected is {OBSERVATIONS_SCHEMA:?}", self.schema.chars().take(60).collect::<String>());
             return Err(LensError::new(LensFault::UnknownFormat, "/schema", detail));
         }
         let points = self.board.points()?;
@@ -241,10 +242,12 @@ impl ViewSpec {
         let sightings = |device: DeviceName, pixels: &[Option<[f64; 2]>]| -> Result<Vec<Sighting>, LensError> {
             let pointer = format!("{pointer}/{}", device.as_str());
             if !pixels.is_empty() && pixels.len() != points.len() {
-                let detail = format!("has {} pixels; the board has {} points: null for those not found", pixels.len(), points.len());
+                let detail =
+                    format!("has {} pixels; the board has {} points: null for those not found", pixels.len(), points.len());
                 return Err(LensError::new(LensFault::WrongShape, pointer, detail));
             }
-            let found = pixels.iter().zip(points).zip(0..).filter_map(|((pixel, point), number)| Some((number, *point, (*pixel)?)));
+            let found =
+                pixels.iter().zip(points).zip(0..).filter_map(|((pixel, point), number)| Some((number, *point, (*pixel)?)));
             found
                 .map(|(point, board_mm, [u, v])| {
                     range(format!("{pointer}/{point}/0"), u, -MAX_PIXEL, MAX_PIXEL)?;
@@ -306,7 +309,8 @@ pub fn read_csv(text: &str, size_px: PerDevice<Option<[u32; 2]>>) -> Result<Obse
     let observed_projector = table.views.iter().any(|view| !view.seen.projector.is_empty());
     for (device, size) in DeviceName::ALL.iter().zip(size_px.iter()) {
         if size.is_none() && (*device != DeviceName::Projector || observed_projector) {
-            let detail = "a CSV does not give the size of the image; give it by --image-size, of the projector by --projector-size";
+            let detail =
+                "a CSV does not give the size of the image; give it by --image-size, of the projector by --projector-size";
             return Err(LensError::new(LensFault::MissingImageSize, device.as_str(), detail));
         }
     }

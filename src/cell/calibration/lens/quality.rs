@@ -124,7 +124,8 @@ fn triangulate(pair: &Pair, right_from_left: &Isometry3<f64>) -> Option<Point3<f
     let (a, b) = (pair.left, right_from_left.rotation.inverse() * pair.right);
     let (aa, bb, ab) = (a.dot(&a), b.dot(&b), a.dot(&b));
     let determinant = aa * bb - ab * ab;
-    let (s, t) = ((bb * a.dot(&centre) - ab * b.dot(&centre)) / determinant, (ab * a.dot(&centre) - aa * b.dot(&centre)) / determinant);
+    let (s, t) =
+        ((bb * a.dot(&centre) - ab * b.dot(&centre)) / determinant, (ab * a.dot(&centre) - aa * b.dot(&centre)) / determinant);
     let middle = (a * s + centre + b * t) * 0.5;
     middle.iter().all(|value| value.is_finite()).then(|| Point3::from(middle))
 }
@@ -165,7 +166,8 @@ fn views(observations: &Observations, adjusted: &Adjusted, scanner_from_left: &I
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or_default()
     };
-    let medians = PerDevice { left: median(DeviceName::Left), right: median(DeviceName::Right), projector: median(DeviceName::Projector) };
+    let medians =
+        PerDevice { left: median(DeviceName::Left), right: median(DeviceName::Right), projector: median(DeviceName::Projector) };
     let described = observations.views.iter().enumerate().zip(by_view.iter().zip(&all));
     described
         .map(|((index, view), (lists, rms_px))| {

@@ -86,7 +86,12 @@ fn rq(matrix: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
 /// Normal equations and half the sum of squares.
 type Sums = (SMatrix<f64, UNKNOWNS, UNKNOWNS>, SVector<f64, UNKNOWNS>, f64);
 
-fn sums(points: &[(Point3<f64>, Vector2<f64>)], lens: &LensParameters, pose: &Isometry3<f64>, is_held: &[bool; LENS]) -> Option<Sums> {
+fn sums(
+    points: &[(Point3<f64>, Vector2<f64>)],
+    lens: &LensParameters,
+    pose: &Isometry3<f64>,
+    is_held: &[bool; LENS],
+) -> Option<Sums> {
     let (mut square, mut side, mut cost) = (SMatrix::zeros(), SVector::zeros(), 0.0);
     for (point, pixel) in points {
         let turned = pose.rotation * point.coords;

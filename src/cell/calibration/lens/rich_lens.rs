@@ -40,7 +40,8 @@ pub(super) fn fit(lens: &LensParameters, rich: &[f64]) -> Result<(LensParameters
         }
         let scale: Vec<f64> = (0..LENS).map(|column| jacobian.column(column).norm().max(1e-300)).collect();
         let scaled = DMatrix::from_fn(jacobian.nrows(), LENS, |row, column| jacobian[(row, column)] / scale[column]);
-        let Some(step) = scaled.clone().qr().r().try_inverse().map(|r| &r * (r.transpose() * (scaled.transpose() * &residual))) else {
+        let Some(step) = scaled.clone().qr().r().try_inverse().map(|r| &r * (r.transpose() * (scaled.transpose() * &residual)))
+        else {
             break;
         };
         let mut values = found.values();

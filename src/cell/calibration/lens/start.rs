@@ -5,7 +5,9 @@
 //! 1997). Where views are too few or too parallel for five unknowns, the principal point is taken as the middle of the image and
 //! only the focal lengths are solved for.
 
-use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix2, Matrix3, Point3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3,
+};
 
 use super::model::LensParameters;
 use super::observations::Sighting;

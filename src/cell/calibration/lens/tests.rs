@@ -80,7 +80,11 @@ fn observed(scanner: &Scanner, count: usize, noise_px: f64, seed: u64) -> Observ
     });
     let size = |device| Some(parameters(scanner, device).size_px);
     Observations {
-        size_px: PerDevice { left: size(DeviceName::Left), right: size(DeviceName::Right), projector: size(DeviceName::Projector) },
+        size_px: PerDevice {
+            left: size(DeviceName::Left),
+            right: size(DeviceName::Right),
+            projector: size(DeviceName::Projector),
+        },
         views: views.collect(),
         pitch: (0..149).filter(|i| i % 15 != 14).map(|i| ([i, i + 1], square)).collect(),
         taken_at: None,
@@ -140,7 +144,10 @@ fn noise_of_a_tenth_of_a_pixel_leaves_every_parameter_within_three_standard_devi
     assert_eq!(all.len(), 42);
     let quality = quality(&observations, &adjusted);
     let (rms_mm, mean_mm, count) = quality.pitch.expect("pitch");
-    println!("epipolar {:?} px, pitch {rms_mm} ± {mean_mm} mm over {count}, coverage {:?}", quality.epipolar_rms_px, quality.coverage);
+    println!(
+        "epipolar {:?} px, pitch {rms_mm} ± {mean_mm} mm over {count}, coverage {:?}",
+        quality.epipolar_rms_px, quality.coverage
+    );
     // A perpendicular distance in two images of noise 0.1 each: their mean has about 0.1 √2 / 2 · √2.
     assert!((0.05..0.2).contains(&quality.epipolar_rms_px.expect("pairs")));
     assert!(rms_mm < 0.05 && mean_mm.abs() < 0.002 && count > 4000, "{rms_mm} {mean_mm} {count}");
@@ -299,7 +306,8 @@ fn a_projector_is_found_from_the_rectangle_that_it_lights() {
             let noise = Vector3::new(random.normal(), random.normal(), random.normal()) * 0.05;
             <[f64; 3]>::from(at + noise)
         };
-        let corners = [corner(0.0, 0.0, random), corner(2000.0, 0.0, random), corner(2000.0, 2000.0, random), corner(0.0, 2000.0, random)];
+        let corners =
+            [corner(0.0, 0.0, random), corner(2000.0, 0.0, random), corner(2000.0, 2000.0, random), corner(0.0, 2000.0, random)];
         LitPlaneSpec { z_mm: None, size_mm: None, middle_mm: None, corners_mm: Some(corners) }
     };
     let planes: Vec<LitPlaneSpec> = [400.0, 480.0, 560.0].into_iter().map(|z| lit(z, &mut random)).collect();

@@ -34,8 +34,26 @@ fn the_tables_of_the_thesis_become_a_specification_with_its_provenance_and_a_rep
     let (out, report) = (folder.path().join("mine.toml"), folder.path().join("mine.html"));
     let (out_name, report_name) = (out.display().to_string(), report.display().to_string());
     let options = [
-        left.as_str(), &right, "--image-size", "4000x3036", "--field", "300x190@480", "--depth", "410..565", "--name", "mine", "--out",
-        &out_name, "--report", &report_name, "--plane", "410=434.5", "--plane", "480=504.5", "--plane", "565=589.5",
+        left.as_str(),
+        &right,
+        "--image-size",
+        "4000x3036",
+        "--field",
+        "300x190@480",
+        "--depth",
+        "410..565",
+        "--name",
+        "mine",
+        "--out",
+        &out_name,
+        "--report",
+        &report_name,
+        "--plane",
+        "410=434.5",
+        "--plane",
+        "480=504.5",
+        "--plane",
+        "565=589.5",
     ];
     run(&args(&options).expect("options")).expect("files");
     let spec: ScannerSpec = files::from_value(files::value(&out).expect("TOML"), "mine").expect("a scanner");

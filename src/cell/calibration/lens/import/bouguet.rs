@@ -87,7 +87,9 @@ fn boards(values: &Assignments, suffix: &str) -> Result<BTreeMap<u32, Isometry3<
     let mut boards = BTreeMap::new();
     for (name, translation) in prefixed {
         let end = &name[2 + suffix.len()..];
-        let Some(number) = (if end.is_empty() { Some(1) } else { end.strip_prefix('_').and_then(|n| n.parse().ok()) }) else { continue };
+        let Some(number) = (if end.is_empty() { Some(1) } else { end.strip_prefix('_').and_then(|n| n.parse().ok()) }) else {
+            continue;
+        };
         let named = ["omc", "Rc"].into_iter().find_map(|kind| {
             let name = format!("{kind}{suffix}{end}");
             values.get(&name).map(|rotation| (name, rotation))
@@ -115,16 +117,21 @@ fn assignments(text: &str) -> Result<Assignments, LensError> {
         let name = name.split_whitespace().last().unwrap_or_default();
         let after = after.trim_start_matches([' ', '\t']);
         let (body, tail) = match after.strip_prefix('[') {
-            Some(list) => list.split_once(']').ok_or_else(|| {
-                LensError::new(LensFault::Unreadable, name, "has a bracket that is not closed")
-            })?,
+            Some(list) => list
+                .split_once(']')
+                .ok_or_else(|| LensError::new(LensFault::Unreadable, name, "has a bracket that is not closed"))?,
             None => after.split_at(after.find([';', '\n']).unwrap_or(after.len())),
         };
         rest = tail;
-        let numbers: Option<Vec<f64>> = body.split([' ', '\t', ',', ';', '\n', '\r']).filter(|word| !word.is_empty()).map(number).collect();
+        let numbers: Option<Vec<f64>> =
+            body.split([' ', '\t', ',', ';', '\n', '\r']).filter(|word| !word.is_empty()).map(number).collect();
         let Some(numbers) = numbers.filter(|numbers| !numbers.is_empty()) else { continue };
         if numbers.len() > MAX_NUMBERS {
-            return Err(LensError::new(LensFault::TooLarge, name, format!("has {} numbers; allowed are {MAX_NUMBERS}", numbers.len())));
+            return Err(LensError::new(
+                LensFault::TooLarge,
+                name,
+                format!("has {} numbers; allowed are {MAX_NUMBERS}", numbers.len()),
+            ));
         }
         if !name.is_empty() && values.insert(name.to_owned(), numbers).is_some() {
             return Err(LensError::new(LensFault::Inconsistent, name, "is given twice"));

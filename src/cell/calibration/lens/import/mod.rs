@@ -187,7 +187,12 @@ impl ImportedLens {
 }
 
 /// The lens of OpenCV's matrix and coefficients, of which those after the fifth are kept aside if they are not 0.
-fn opencv_lens(matrix: &Matrix3<f64>, distortion: &[f64], size_px: Option<[u32; 2]>, at: &str) -> Result<ImportedLens, LensError> {
+fn opencv_lens(
+    matrix: &Matrix3<f64>,
+    distortion: &[f64],
+    size_px: Option<[u32; 2]>,
+    at: &str,
+) -> Result<ImportedLens, LensError> {
     if !matches!(distortion.len(), 0 | 4 | 5 | 8 | 12 | 14) {
         let detail = format!("has {} coefficients; allowed are 4, 5, 8, 12 or 14", distortion.len());
         return Err(LensError::new(LensFault::WrongShape, format!("{at}/distortion"), detail));
@@ -200,7 +205,12 @@ fn opencv_lens(matrix: &Matrix3<f64>, distortion: &[f64], size_px: Option<[u32; 
 }
 
 /// A lens of a matrix whose pixels count from the centre of the first one, and of k1, k2, p1, p2, k3.
-fn of_matrix(matrix: &Matrix3<f64>, distortion: &[f64], size_px: Option<[u32; 2]>, at: &str) -> Result<LensParameters, LensError> {
+fn of_matrix(
+    matrix: &Matrix3<f64>,
+    distortion: &[f64],
+    size_px: Option<[u32; 2]>,
+    at: &str,
+) -> Result<LensParameters, LensError> {
     let fault = |code, detail: String| LensError::new(code, format!("{at}/matrix"), detail);
     let (lower, last) = ([matrix[(1, 0)], matrix[(2, 0)], matrix[(2, 1)]], matrix[(2, 2)]);
     if lower[1] != 0.0 || lower[2] != 0.0 {
@@ -208,7 +218,10 @@ fn of_matrix(matrix: &Matrix3<f64>, distortion: &[f64], size_px: Option<[u32; 2]
         return Err(fault(LensFault::WrongShape, detail.to_owned()));
     }
     if lower[0] != 0.0 || (last - 1.0).abs() > 1e-9 {
-        return Err(fault(LensFault::WrongShape, format!("is not [fx s cx; 0 fy cy; 0 0 1]: {:?}", matrix.transpose().as_slice())));
+        return Err(fault(
+            LensFault::WrongShape,
+            format!("is not [fx s cx; 0 fy cy; 0 0 1]: {:?}", matrix.transpose().as_slice()),
+        ));
     }
     let coefficient = |index: usize| distortion.get(index).copied().unwrap_or(0.0);
     Ok(LensParameters {
@@ -278,6 +291,7 @@ fn image_size(width: f64, height: f64, at: &str) -> Result<[u32; 2], LensError> 
 
 /// A lens model that is not the pinhole's.
 fn fisheye(model: &str) -> LensError {
-    let detail = format!("the lens model {model:?} is that of a fisheye; not supported: rectify the images, or fit k1 k2 p1 p2 k3");
+    let detail =
+        format!("the lens model {model:?} is that of a fisheye; not supported: rectify the images, or fit k1 k2 p1 p2 k3");
     LensError::new(LensFault::Fisheye, "model", detail)
 }

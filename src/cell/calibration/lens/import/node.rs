@@ -88,7 +88,8 @@ fn number_or_text(text: &str) -> Value {
 /// Reads OpenCV's XML: elements named `_` are a list, others a table, text without elements numbers.
 pub(super) fn xml(text: &str) -> Result<Value, LensError> {
     let options = roxmltree::ParsingOptions { nodes_limit: 1_000_000, ..roxmltree::ParsingOptions::default() };
-    let document = roxmltree::Document::parse_with_options(text, options).map_err(|error| unreadable(format!("not XML: {error}")))?;
+    let document =
+        roxmltree::Document::parse_with_options(text, options).map_err(|error| unreadable(format!("not XML: {error}")))?;
     element(document.root_element(), 0)
 }
 
@@ -139,7 +140,8 @@ impl Matrix {
 pub(super) fn matrix(value: &Value, at: &str) -> Result<Matrix, LensError> {
     let shape = |detail: String| LensError::new(LensFault::WrongShape, at, detail);
     if let Value::Object(table) = value {
-        let size = |name: &str| table.get(name).and_then(Value::as_f64).filter(|size| (0.0..=1e6).contains(size) && size.fract() == 0.0);
+        let size =
+            |name: &str| table.get(name).and_then(Value::as_f64).filter(|size| (0.0..=1e6).contains(size) && size.fract() == 0.0);
         let (Some(rows), Some(columns), Some(data)) = (size("rows"), size("cols"), table.get("data")) else {
             return Err(LensError::new(LensFault::MissingField, at, "is not a matrix with rows, cols and data"));
         };

@@ -20,8 +20,7 @@ const NUMBERED: [(DeviceName, [&str; 4], [&str; 4]); 3] = [
 /// Names of the matrix of a file with one device.
 const MATRIX: [&str; 4] = ["camera_matrix", "cameraMatrix", "Camera_Matrix", "K"];
 /// Names of its coefficients.
-const COEFFICIENTS: [&str; 5] =
-    ["distortion_coefficients", "distCoeffs", "dist_coeffs", "Distortion_Coefficients", "D"];
+const COEFFICIENTS: [&str; 5] = ["distortion_coefficients", "distCoeffs", "dist_coeffs", "Distortion_Coefficients", "D"];
 /// Names under which files say their lens model.
 const MODELS: [&str; 3] = ["distortion_model", "camera_model", "model"];
 
@@ -74,7 +73,8 @@ fn text_of(root: &Map<String, Value>, names: &[&'static str]) -> Option<String> 
 fn refuse_fisheye(root: &Map<String, Value>) -> Result<(), LensError> {
     let has_fisheye_name = root.keys().any(|name| name.to_lowercase().contains("fisheye"));
     let model = text_of(root, &MODELS).map(|model| model.to_lowercase());
-    let is_fisheye = |model: &String| ["fisheye", "equi", "omni", "kannala", "ds", "eucm"].iter().any(|word| model.contains(word));
+    let is_fisheye =
+        |model: &String| ["fisheye", "equi", "omni", "kannala", "ds", "eucm"].iter().any(|word| model.contains(word));
     if has_fisheye_name || model.as_ref().is_some_and(is_fisheye) {
         return Err(super::fisheye(model.as_deref().unwrap_or("fisheye")));
     }
@@ -120,7 +120,9 @@ fn relative(
     rotations: &[&'static str],
     translations: &[&'static str],
 ) -> Result<Option<nalgebra::Isometry3<f64>>, LensError> {
-    let (Some((r, rotation)), Some((t, translation))) = (first(root, rotations), first(root, translations)) else { return Ok(None) };
+    let (Some((r, rotation)), Some((t, translation))) = (first(root, rotations), first(root, translations)) else {
+        return Ok(None);
+    };
     // ROS has a rectifying rotation R of one camera, and no T.
     let rotation = any_rotation(&node::matrix(rotation, r)?.values, r)?;
     pose(rotation, &node::matrix(translation, t)?.values, t).map(Some)

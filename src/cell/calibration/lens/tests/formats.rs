@@ -126,7 +126,14 @@ fn refused(text: &str, options: &ImportOptions) -> LensError {
 fn one_rig_has_one_lens_in_every_format() {
     let wanted_left = [6668.08312, 6667.42465, 1939.53554, 1471.63556, -0.000153, -0.04359, 0.346, -0.00209, -0.00112, -0.2456];
     let wanted_right = [6667.54259, 6668.18595, 1972.47889, 1587.87192, 0.0, -0.0211, 0.06457, -0.00094, 0.00093, 1.13432];
-    let formats = [(OPENCV_YAML, "opencv"), (OPENCV_XML, "opencv"), (OPENCV_JSON, "opencv"), (BOUGUET, "bouguet"), (MATLAB, "matlab"), (KALIBR, "kalibr")];
+    let formats = [
+        (OPENCV_YAML, "opencv"),
+        (OPENCV_XML, "opencv"),
+        (OPENCV_JSON, "opencv"),
+        (BOUGUET, "bouguet"),
+        (MATLAB, "matlab"),
+        (KALIBR, "kalibr"),
+    ];
     for (text, format) in formats {
         assert_eq!(detect(text).map(CalibrationFormat::as_str), Some(format));
         let rig = rig(text);
@@ -189,7 +196,8 @@ fn the_tables_of_the_thesis_give_its_rig() {
     let rig = assemble(&files).expect("a rig");
     assert_eq!(rig.scatter.map(|scatter| (scatter.boards, scatter.max_turn_deg)), Some((1, None)), "one board has no scatter");
     assert_eq!(rig.devices.left.expect("left").sigma, None, "± 0.00000 is not an uncertainty");
-    let figures = DraftFigures { field_mm: Some([300.0, 190.0, 480.0]), depth_mm: Some([410.0, 565.0]), ..DraftFigures::default() };
+    let figures =
+        DraftFigures { field_mm: Some([300.0, 190.0, 480.0]), depth_mm: Some([410.0, 565.0]), ..DraftFigures::default() };
     let draft = ScannerDraft::new(&rig, &figures, provenance()).expect("a specification");
     let DraftChecks { baseline_mm, axes_angle_deg, common_field, .. } = draft.checks;
     let [width, height] = common_field.size_mm();
@@ -208,7 +216,8 @@ fn the_tables_of_the_thesis_give_its_rig() {
 fn several_boards_are_averaged_and_their_scatter_is_told() {
     let second = |text: &str, shift: f64| {
         let own = text.replace("Rc_1", "Rc_2").replace("558.72951", &format!("{}", 558.72951 + shift));
-        let poses: String = own.lines().skip_while(|line| !line.starts_with("Rc_2")).map(|line| line.replace("Tc_1", "Tc_2") + "\n").collect();
+        let poses: String =
+            own.lines().skip_while(|line| !line.starts_with("Rc_2")).map(|line| line.replace("Tc_1", "Tc_2") + "\n").collect();
         format!("{text}{poses}")
     };
     let [left, right] = thesis_tables();
@@ -222,7 +231,9 @@ fn several_boards_are_averaged_and_their_scatter_is_told() {
 #[test]
 fn distortion_of_more_coefficients_is_met_by_five_or_refused() {
     let with = |coefficients: &str| {
-        OPENCV_JSON.replace("-0.04359, 0.346, -0.00209, -0.00112, -0.2456, 0.0, 0.0, 0.0", coefficients).replace("\"cols\": 8", "\"cols\": 8")
+        OPENCV_JSON
+            .replace("-0.04359, 0.346, -0.00209, -0.00112, -0.2456, 0.0, 0.0, 0.0", coefficients)
+            .replace("\"cols\": 8", "\"cols\": 8")
     };
     // A mild rational model over a view of 33°.
     let mild = rig(&with("0.05, 0.12, -0.0003, 0.0002, 0.01, 0.09, 0.08, 0.002"));

@@ -13,7 +13,8 @@ fn damaged_files_are_refused_without_a_panic() {
             let damaged = damage(text, round, &mut random);
             for format in CalibrationFormat::ALL {
                 tried += 1;
-                let result = read(&damaged, format, &ImportOptions { image_size_px: Some([4000, 3036]), ..ImportOptions::default() });
+                let result =
+                    read(&damaged, format, &ImportOptions { image_size_px: Some([4000, 3036]), ..ImportOptions::default() });
                 refused += usize::from(result.and_then(|file| assemble(&[file])).is_err());
             }
         }
@@ -45,8 +46,14 @@ fn observations_that_are_wrong_are_refused_with_their_place() {
         let error = spec.build().expect_err(pointer);
         assert_eq!((error.code, error.pointer.as_str()), (code, pointer));
     }
-    for csv in ["", "view,device", "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,left,1", "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,middle,1,2,3,4,5",
-        "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,left,nan,2,3,4,5", "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,left,1,2,3,4,inf"] {
+    for csv in [
+        "",
+        "view,device",
+        "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,left,1",
+        "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,middle,1,2,3,4,5",
+        "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,left,nan,2,3,4,5",
+        "view,device,x_mm,y_mm,z_mm,u_px,v_px\na,left,1,2,3,4,inf",
+    ] {
         read_csv(csv, PerDevice { left: Some([100, 80]), right: Some([100, 80]), projector: None }).expect_err(csv);
     }
 }
