@@ -5,9 +5,10 @@ use std::process::Command;
 
 use super::{Ended, run};
 
-const COMMANDS: [&str; 18] = [
+const COMMANDS: [&str; 19] = [
     "serve",
     "demo",
+    "calibrate",
     "plan",
     "study",
     "inspect",
