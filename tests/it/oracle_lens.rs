@@ -98,7 +98,7 @@ fn the_published_stereo_pictures_are_explained_as_well_as_by_opencv() {
     let spec = ScannerObservationsSpec {
         schema: OBSERVATIONS_SCHEMA.to_owned(),
         board: BoardSpec { columns: Some(9), rows: Some(6), square_mm: Some(25.0), points_mm: None },
-        pixel_origin: PixelOrigin::PixelCentre,
+        pixel_origin: PixelOrigin::Centre,
         left: image,
         right: image,
         projector: None,

@@ -101,7 +101,7 @@ impl OpticalDevice {
         let along = axis.dot(&self.scanner_from_device.origin_mm().coords);
         let [near_mm, far_mm] = self.in_focus_mm;
         let near = near_mm.is_finite().then(|| HalfSpace { normal: -axis, offset_mm: -(near_mm + along) });
-        let far = far_mm.is_finite().then(|| HalfSpace { normal: axis, offset_mm: far_mm + along });
+        let far = far_mm.is_finite().then_some(HalfSpace { normal: axis, offset_mm: far_mm + along });
         near.into_iter().chain(far).collect()
     }
 

@@ -94,7 +94,7 @@ pub struct Adjusted {
 /// [`LensError`]: too few views or points, views that leave an unknown open, no convergence, a lens that folds.
 pub fn adjust(observations: &Observations, options: &AdjustOptions) -> Result<Adjusted, LensError> {
     let sizes = observations.size_px;
-    let camera = |device: DeviceName| -> Result<(LensParameters, Vec<Option<Isometry3<f64>>>), LensError> {
+    let camera = |device: DeviceName| -> Result<CameraStart, LensError> {
         let size_px = sizes[device].ok_or_else(|| missing(device, "its image size is not given"))?;
         single(&observations.views, device, size_px, options)
     };
@@ -139,13 +139,11 @@ fn without_projector(view: View) -> View {
     View { seen: PerDevice { projector: Vec::new(), ..view.seen }, ..view }
 }
 
+/// Lens of a camera, and the poses of the board before it by view.
+type CameraStart = (LensParameters, Vec<Option<Isometry3<f64>>>);
+
 /// One camera alone: its lens and the poses of the board before it.
-fn single(
-    views: &[View],
-    device: DeviceName,
-    size_px: [u32; 2],
-    options: &AdjustOptions,
-) -> Result<(LensParameters, Vec<Option<Isometry3<f64>>>), LensError> {
+fn single(views: &[View], device: DeviceName, size_px: [u32; 2], options: &AdjustOptions) -> Result<CameraStart, LensError> {
     let homographies: Vec<Option<nalgebra::Matrix3<f64>>> = views.iter().map(|view| homography(&view.seen[device])).collect();
     let found: Vec<nalgebra::Matrix3<f64>> = homographies.iter().flatten().copied().collect();
     let pointer = format!("/views/*/{}", device.as_str());

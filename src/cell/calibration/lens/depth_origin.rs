@@ -93,7 +93,7 @@ pub fn depth_origin(planes: &[StatedPlane], front_mm: Option<f64>) -> Result<Dep
         ));
     }
     let scale = planes.iter().map(|plane| (plane.stated_mm - stated) * (plane.measured_mm - measured)).sum::<f64>() / spread;
-    if !((scale - 1.0).abs() <= MAX_SCALE_ERROR) {
+    if scale.is_nan() || (scale - 1.0).abs() > MAX_SCALE_ERROR {
         let detail = format!(
             "1 mm of stated distance is {scale:.4} mm measured; allowed is {} to {}: is the board's pitch right, and in mm?",
             1.0 - MAX_SCALE_ERROR,

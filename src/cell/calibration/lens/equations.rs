@@ -54,11 +54,17 @@ struct ViewSums {
     cost: f64,
 }
 
+/// Sums of one board: its square, its side, and its coupling to the shared unknowns.
+type BoardSums = (SMatrix<f64, 6, 6>, SVector<f64, 6>, Box<SMatrix<f64, SHARED, 6>>);
+
+/// Shared equations with the boards eliminated: factor, right-hand side, and the inverse of each board's square.
+type Reduced = (Cholesky<f64, Const<SHARED>>, Box<SVector<f64, SHARED>>, Vec<SMatrix<f64, 6, 6>>);
+
 /// Normal equations at a state.
 pub(super) struct Normal {
     shared: Box<SMatrix<f64, SHARED, SHARED>>,
     shared_side: SVector<f64, SHARED>,
-    boards: Vec<(SMatrix<f64, 6, 6>, SVector<f64, 6>, Box<SMatrix<f64, SHARED, 6>>)>,
+    boards: Vec<BoardSums>,
     /// Half the sum of robust squares.
     pub(super) cost: f64,
 }
@@ -251,10 +257,7 @@ impl ViewSums {
 
 impl Normal {
     /// The shared equations with the boards eliminated, each diagonal raised by `damping` of itself; `None` if they are singular.
-    fn reduced(
-        &self,
-        damping: f64,
-    ) -> Option<(Cholesky<f64, Const<SHARED>>, Box<SVector<f64, SHARED>>, Vec<SMatrix<f64, 6, 6>>)> {
+    fn reduced(&self, damping: f64) -> Option<Reduced> {
         let mut left = self.shared.clone();
         let mut right = Box::new(self.shared_side);
         for index in 0..SHARED {

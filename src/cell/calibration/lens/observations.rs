@@ -31,11 +31,11 @@ closed_list! {
     pub enum PixelOrigin {
         /// Centre of the first pixel, as OpenCV, Bouguet and Kalibr have it.
         #[default]
-        PixelCentre = "pixel_centre",
+        Centre = "centre",
         /// Outer corner of the first pixel, as scanner specifications have it.
-        PixelCorner = "pixel_corner",
+        Corner = "corner",
         /// Centre of the first pixel, which is (1, 1), as MATLAB has it.
-        PixelCentreOne = "pixel_centre_one",
+        CentreOne = "centre_one",
     }
 }
 
@@ -47,7 +47,7 @@ pub struct ScannerObservationsSpec {
     pub schema: String,
     /// The board.
     pub board: BoardSpec,
-    /// Point from which pixels count. Default `pixel_centre`.
+    /// Point from which pixels count. Default `centre`.
     #[serde(default)]
     pub pixel_origin: PixelOrigin,
     /// Image of the left camera.
@@ -156,9 +156,9 @@ impl PixelOrigin {
     #[must_use]
     pub fn offset_px(self) -> f64 {
         match self {
-            Self::PixelCentre => 0.5,
-            Self::PixelCorner => 0.0,
-            Self::PixelCentreOne => -0.5,
+            Self::Centre => 0.5,
+            Self::Corner => 0.0,
+            Self::CentreOne => -0.5,
         }
     }
 }
@@ -369,7 +369,7 @@ impl CsvTable {
                 return Err(LensError::new(LensFault::OutOfRange, at, detail));
             }
         };
-        let offset = PixelOrigin::PixelCentre.offset_px();
+        let offset = PixelOrigin::Centre.offset_px();
         list.push(Sighting { point, board_mm: Point3::new(*x, *y, *z), pixel: Vector2::new(u + offset, v + offset) });
         Ok(())
     }

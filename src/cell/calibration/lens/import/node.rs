@@ -175,6 +175,8 @@ pub(super) fn numbers(value: &Value, at: &str) -> Result<Vec<f64>, LensError> {
     };
     match value {
         Value::Array(list) => list.iter().map(number).collect(),
-        other => number(other).map(|number| vec![number]),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) | Value::Object(_) => {
+            number(value).map(|number| vec![number])
+        }
     }
 }

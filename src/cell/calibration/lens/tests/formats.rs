@@ -325,7 +325,7 @@ fn observations_are_the_same_as_json_and_as_csv() {
     assert_eq!((&read.views, &read.size_px), (&json.views, &json.size_px));
     assert_eq!(read.pitch.len(), 4, "the sides of a square, not its diagonals");
     assert!((json.views[0].seen.left[0].pixel - Vector2::new(1.5, 2.5)).norm() < 1e-12, "pixels count from their outer corner");
-    let corner = ScannerObservationsSpec { pixel_origin: PixelOrigin::PixelCorner, ..spec };
+    let corner = ScannerObservationsSpec { pixel_origin: PixelOrigin::Corner, ..spec };
     assert!((corner.build().expect("valid").views[0].seen.left[0].pixel - Vector2::new(1.0, 2.0)).norm() < 1e-12);
 }
 
