@@ -13,7 +13,7 @@ pub struct CalibrateArgs {
 
 #[derive(Clone, Debug, clap::Subcommand)]
 enum CalibrateCommand {
-    Scanner(Box<scanner::ScannerArgs>),
+    Scanner(Box<scanner::CalibrateScannerArgs>),
 }
 
 /// Runs the calibration.

@@ -4,7 +4,7 @@
 use super::html::markup::{escape, number};
 use super::html::page::document;
 use super::study::svg::Svg;
-use crate::cell::calibration::lens::{Adjusted, Observations};
+use crate::cell::calibration::lens::{Adjusted, BoardObservations};
 use crate::cell::{DeviceName, PerDevice};
 use crate::wire::scanner_calibration::{DeviceFigures, ScannerCalibration, ViewFigures};
 
@@ -15,7 +15,7 @@ const VECTOR: f64 = 22.0;
 /// Width of the pictures.
 const WIDTH: f64 = 980.0;
 
-/// Residual at a pixel.
+/// PixelResidual at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Arrow {
     pixel: [f64; 2],
@@ -33,7 +33,7 @@ pub struct CalibrationPictures {
 impl CalibrationPictures {
     /// Collects the residuals of each device.
     #[must_use]
-    pub fn new(observations: &Observations, adjusted: &Adjusted) -> Self {
+    pub fn new(observations: &BoardObservations, adjusted: &Adjusted) -> Self {
         let of = |device: DeviceName| -> Vec<Arrow> {
             let own: Vec<_> = adjusted.residuals.iter().filter(|residual| residual.device == device).collect();
             let every = own.len().div_ceil(MAX_VECTORS).max(1);
@@ -248,7 +248,7 @@ fn views_svg(views: &[ViewFigures]) -> String {
     let mut svg = Svg::new(
         WIDTH,
         HEIGHT,
-        "Residual by view, px rms",
+        "PixelResidual by view, px rms",
         &format!("Residuals of {} views, up to {} px", views.len(), significant(max)),
     );
     for tick in 0..=4 {
@@ -293,6 +293,6 @@ fn views_table(views: &[ViewFigures]) -> String {
         ]
     };
     let rows: Vec<Vec<String>> = views.iter().map(row).collect();
-    let head = ["View", "Left, px", "Right, px", "Projector, px", "Left out", "Depth, mm", "Tilt, °", "Advice"];
+    let head = ["BoardView", "Left, px", "Right, px", "Projector, px", "Left out", "Depth, mm", "Tilt, °", "Advice"];
     table(&head, &rows)
 }

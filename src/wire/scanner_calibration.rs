@@ -134,11 +134,11 @@ pub struct PitchFigures {
 pub struct ViewFigures {
     /// Its name.
     pub id: String,
-    /// Residual of the left camera, root mean square; `null` where it does not see the board.
+    /// PixelResidual of the left camera, root mean square; `null` where it does not see the board.
     pub left_rms_px: Option<f64>,
-    /// Residual of the right camera.
+    /// PixelResidual of the right camera.
     pub right_rms_px: Option<f64>,
-    /// Residual of the projector.
+    /// PixelResidual of the projector.
     pub projector_rms_px: Option<f64>,
     /// Sightings left out.
     pub left_out: usize,
@@ -163,7 +163,7 @@ pub struct FieldCheck {
     pub stated_mm: Option<[f64; 2]>,
 }
 
-/// Where working distances count from.
+/// Plane from which working distances count.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct DepthOriginFigures {
     /// Depth of that plane along z of the scanner.

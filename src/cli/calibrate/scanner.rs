@@ -7,8 +7,8 @@ use std::str::FromStr;
 use sha2::{Digest, Sha256};
 
 use crate::cell::calibration::lens::{
-    self, AdjustOptions, Adjusted, CalibrationFormat, DepthOrigin, DraftFigures, ImportOptions, LensError, LitRectangleSpec,
-    MAX_FILE_BYTES, Observations, PARAMETER_NAMES, Quality, Rig, ScannerDraft, ScannerObservationsSpec, StatedPlane,
+    self, AdjustOptions, Adjusted, BoardObservations, CalibrationFormat, DepthOrigin, DraftFigures, ImportOptions, LensError,
+    LitRectangleSpec, MAX_FILE_BYTES, PARAMETER_NAMES, Quality, Rig, ScannerDraft, ScannerObservationsSpec, StatedPlane,
 };
 use crate::cell::{
     CalibratedScannerSpec, DeviceName, PerDevice, Presets, ScannerResidualsSpec, ScannerSpec, SpecKind, SpecLibrary,
@@ -33,10 +33,10 @@ const HOLDABLE: std::ops::Range<usize> = 4..10;
       --out calibrated.toml --report calibration.html
 
 A format is recognised, or given by --from. Files of results: OpenCV YAML, XML or JSON, Bouguet's .m, MATLAB's stereoParams as \
-JSON, Kalibr's camera chain, a scanner of Vantage. Observations: JSON of schema vantage.scanner_observations/1, or CSV \
+JSON, Kalibr's camera chain, a scanner of Vantage. BoardObservations: JSON of schema vantage.scanner_observations/1, or CSV \
 view,device,x_mm,y_mm,z_mm,u_px,v_px. Corners are not searched for in pictures. What is not known stays unknown: no uncertainty is \
 made up.")]
-pub struct ScannerArgs {
+pub struct CalibrateScannerArgs {
     /// Files: one of both cameras, or left, right and projector in this order; or one of observations.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -123,15 +123,15 @@ impl FromStr for PlaneAt {
 enum Data {
     /// Results of other programs.
     Results { rig: Box<Rig>, specification: Option<Box<ScannerSpec>> },
-    /// Observations, and the rectangle that the projector lights.
-    Observed(Box<Observations>, Option<LitRectangleSpec>),
+    /// BoardObservations, and the rectangle that the projector lights.
+    Observed(Box<BoardObservations>, Option<LitRectangleSpec>),
 }
 
 /// Writes the specification, and the report if one is asked for.
 ///
 /// # Errors
 /// [`CliError::Findings`] with the file and the code of a fault; [`CliError::Failed`] if a file cannot be written.
-pub fn run(args: &ScannerArgs) -> Result<(), CliError> {
+pub fn run(args: &CalibrateScannerArgs) -> Result<(), CliError> {
     let like = args.like.as_ref().map(|name| files::spec(SpecKind::Scanner, name, Presets.scanner(name))).transpose()?;
     let lit = args.lit.as_ref().map(|path| files::from_value(files::value(path)?, &path.display().to_string())).transpose()?;
     let options = args.adjust_options()?;
@@ -168,7 +168,7 @@ pub fn run(args: &ScannerArgs) -> Result<(), CliError> {
     args.write(&draft, &document, observed)
 }
 
-impl ScannerArgs {
+impl CalibrateScannerArgs {
     fn adjust_options(&self) -> Result<AdjustOptions, CliError> {
         let mut options = AdjustOptions::default();
         for name in &self.hold {
@@ -229,7 +229,7 @@ impl ScannerArgs {
         }
     }
 
-    fn observations(&self, name: &str, text: &str) -> Result<(Observations, Option<LitRectangleSpec>), CliError> {
+    fn observations(&self, name: &str, text: &str) -> Result<(BoardObservations, Option<LitRectangleSpec>), CliError> {
         if !text.trim_start_matches('\u{feff}').trim_start().starts_with('{') {
             let camera = self.image_size.map(|size| size.0);
             let size_px = PerDevice { left: camera, right: camera, projector: self.projector_size.map(|size| size.0) };
@@ -244,7 +244,7 @@ impl ScannerArgs {
     fn depth_origin(
         &self,
         figures: &DraftFigures,
-        observed: Option<(&Observations, &Adjusted, &Quality)>,
+        observed: Option<(&BoardObservations, &Adjusted, &Quality)>,
     ) -> Result<Option<DepthOrigin>, LensError> {
         let mut planes: Vec<StatedPlane> = self.plane.iter().map(|PlaneAt(plane)| *plane).collect();
         planes.extend(observed.iter().flat_map(|(observations, adjusted, _)| lens::stated_planes(observations, adjusted)));
@@ -259,7 +259,7 @@ impl ScannerArgs {
         &self,
         draft: &ScannerDraft,
         document: &ScannerCalibration,
-        observed: Option<(&Observations, &Adjusted, &Quality)>,
+        observed: Option<(&BoardObservations, &Adjusted, &Quality)>,
     ) -> Result<(), CliError> {
         if let Some(path) = &self.report {
             let pictures = observed.map(|(observations, adjusted, _)| CalibrationPictures::new(observations, adjusted));
@@ -309,7 +309,7 @@ fn fault(file: &str, error: &LensError) -> CliError {
 fn provenance(
     source: &CalibrationSource,
     rig: &Rig,
-    observed: Option<(&Observations, &Adjusted, &Quality)>,
+    observed: Option<(&BoardObservations, &Adjusted, &Quality)>,
 ) -> CalibratedScannerSpec {
     let rms = |name: DeviceName| rig.devices[name].as_ref().and_then(|device| device.rms_px);
     let residuals = ScannerResidualsSpec {

@@ -8,10 +8,10 @@
 
 use nalgebra::{DMatrix, Isometry3, Vector2};
 
-use super::equations::{HUBER, POSES, Problem, SHARED, State, seen_by};
+use super::equations::{BundleProblem, BundleState, HUBER, POSES, SHARED, seen_by};
 use super::fault::{LensError, LensFault};
 use super::model::{LENS, LensParameters, PARAMETER_NAMES};
-use super::observations::{Observations, Sighting, View};
+use super::observations::{BoardObservations, BoardView, Sighting};
 use super::resect;
 use super::start::{MIN_POINTS, board_pose, camera_matrix, homography, mean_pose, placed};
 use crate::cell::{DeviceName, PerDevice};
@@ -37,9 +37,9 @@ pub struct AdjustOptions {
     pub is_held: [bool; LENS],
 }
 
-/// Residual of one sighting.
+/// PixelResidual of one sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Residual {
+pub struct PixelResidual {
     /// Place of the view.
     pub view: usize,
     /// The device.
@@ -85,14 +85,14 @@ pub struct Adjusted {
     /// Residuals by device.
     pub devices: PerDevice<Option<DeviceResiduals>>,
     /// All residuals, in the order of the observations.
-    pub residuals: Vec<Residual>,
+    pub residuals: Vec<PixelResidual>,
 }
 
 /// Estimates lenses and poses from observations.
 ///
 /// # Errors
 /// [`LensError`]: too few views or points, views that leave an unknown open, no convergence, a lens that folds.
-pub fn adjust(observations: &Observations, options: &AdjustOptions) -> Result<Adjusted, LensError> {
+pub fn adjust(observations: &BoardObservations, options: &AdjustOptions) -> Result<Adjusted, LensError> {
     let sizes = observations.size_px;
     let camera = |device: DeviceName| -> Result<CameraStart, LensError> {
         let size_px = sizes[device].ok_or_else(|| missing(device, "its image size is not given"))?;
@@ -113,9 +113,9 @@ pub fn adjust(observations: &Observations, options: &AdjustOptions) -> Result<Ad
         .collect();
     let projector = projector_start(observations, &placed_boards, options)?;
     let kept: Vec<usize> = (0..placed_boards.len()).filter(|view| placed_boards[*view].is_some()).collect();
-    let views: Vec<View> = kept.iter().map(|view| observations.views[*view].clone()).collect();
+    let views: Vec<BoardView> = kept.iter().map(|view| observations.views[*view].clone()).collect();
     let (projector_lens, projector_from_left) = projector.unwrap_or((left, Isometry3::identity()));
-    let state = State {
+    let state = BundleState {
         lens: [left, right, projector_lens],
         device_from_left: [Isometry3::identity(), right_from_left, projector_from_left],
         left_from_board: placed_boards.iter().flatten().copied().collect(),
@@ -135,15 +135,15 @@ fn missing(device: DeviceName, detail: &str) -> LensError {
     LensError::new(LensFault::MissingDevice, format!("/{}", device.as_str()), detail)
 }
 
-fn without_projector(view: View) -> View {
-    View { seen: PerDevice { projector: Vec::new(), ..view.seen }, ..view }
+fn without_projector(view: BoardView) -> BoardView {
+    BoardView { seen: PerDevice { projector: Vec::new(), ..view.seen }, ..view }
 }
 
 /// Lens of a camera, and the poses of the board before it by view.
 type CameraStart = (LensParameters, Vec<Option<Isometry3<f64>>>);
 
 /// One camera alone: its lens and the poses of the board before it.
-fn single(views: &[View], device: DeviceName, size_px: [u32; 2], options: &AdjustOptions) -> Result<CameraStart, LensError> {
+fn single(views: &[BoardView], device: DeviceName, size_px: [u32; 2], options: &AdjustOptions) -> Result<CameraStart, LensError> {
     let homographies: Vec<Option<nalgebra::Matrix3<f64>>> = views.iter().map(|view| homography(&view.seen[device])).collect();
     let found: Vec<nalgebra::Matrix3<f64>> = homographies.iter().flatten().copied().collect();
     let pointer = format!("/views/*/{}", device.as_str());
@@ -161,10 +161,10 @@ fn single(views: &[View], device: DeviceName, size_px: [u32; 2], options: &Adjus
     let kept: Vec<usize> = (0..views.len()).filter(|view| poses[*view].is_some()).collect();
     let alone = |view: &usize| {
         let seen = PerDevice { left: views[*view].seen[device].clone(), right: Vec::new(), projector: Vec::new() };
-        View { id: String::new(), seen, stated_distance_mm: None }
+        BoardView { id: String::new(), seen, stated_distance_mm: None }
     };
-    let own: Vec<View> = kept.iter().map(alone).collect();
-    let state = State {
+    let own: Vec<BoardView> = kept.iter().map(alone).collect();
+    let state = BundleState {
         lens: [start; 3],
         device_from_left: [Isometry3::identity(); 3],
         left_from_board: poses.iter().flatten().copied().collect(),
@@ -180,7 +180,7 @@ fn single(views: &[View], device: DeviceName, size_px: [u32; 2], options: &Adjus
 
 /// The projector from the boards that the cameras place; `None` if it was not observed.
 fn projector_start(
-    observations: &Observations,
+    observations: &BoardObservations,
     boards: &[Option<Isometry3<f64>>],
     options: &AdjustOptions,
 ) -> Result<Option<(LensParameters, Isometry3<f64>)>, LensError> {
@@ -206,7 +206,7 @@ fn projector_start(
 
 /// An estimate with what it rests on.
 struct Solved {
-    state: State,
+    state: BundleState,
     is_used: Vec<[Vec<bool>; 3]>,
     is_held: [bool; SHARED],
     sigma_px: [f64; 3],
@@ -214,7 +214,7 @@ struct Solved {
     board_covariance: Vec<Option<nalgebra::Matrix6<f64>>>,
 }
 
-fn lengths(views: &[View], state: &State, is_used: &[[Vec<bool>; 3]], device: usize) -> Vec<f64> {
+fn lengths(views: &[BoardView], state: &BundleState, is_used: &[[Vec<bool>; 3]], device: usize) -> Vec<f64> {
     let of_view = |view: usize| {
         let seen = seen_by(&views[view], device).iter().zip(&is_used[view][device]).filter(|(_, used)| **used);
         seen.map(move |(sighting, _)| state.residual(view, device, sighting).map_or(f64::INFINITY, |off| off.norm()))
@@ -244,8 +244,8 @@ fn scale(mut lengths: Vec<f64>) -> f64 {
 }
 
 /// Estimates from a start, with outliers left out.
-fn solve(views: &[View], state: State, is_held: [bool; SHARED]) -> Result<Solved, LensError> {
-    let all = |view: &View| std::array::from_fn(|device| vec![true; seen_by(view, device).len()]);
+fn solve(views: &[BoardView], state: BundleState, is_held: [bool; SHARED]) -> Result<Solved, LensError> {
+    let all = |view: &BoardView| std::array::from_fn(|device| vec![true; seen_by(view, device).len()]);
     let mut is_used: Vec<[Vec<bool>; 3]> = views.iter().map(all).collect();
     let (mut state, mut sigma_px) = rounds(views, state, is_held, &is_used)?;
     if drop_outliers(views, &state, &mut is_used, sigma_px) {
@@ -258,7 +258,7 @@ fn solve(views: &[View], state: State, is_held: [bool; SHARED]) -> Result<Solved
         LensError::new(LensFault::TooFew, "/views", format!("{used} pixels for {unknowns} unknowns; give more views or points"))
     })?;
     let inflation = (2.0 * used as f64 / redundancy as f64).sqrt();
-    let problem = Problem { views, is_used: &is_used, is_held, sigma_px: sigma_px.map(|sigma| sigma * inflation) };
+    let problem = BundleProblem { views, is_used: &is_used, is_held, sigma_px: sigma_px.map(|sigma| sigma * inflation) };
     let normal = problem.normal(&state).ok_or_else(not_converged)?;
     let covariance = normal.covariance().ok_or_else(|| {
         LensError::new(
@@ -282,15 +282,16 @@ fn not_converged() -> LensError {
 
 /// Alternates estimates of the unknowns and of the standard deviations.
 fn rounds(
-    views: &[View],
-    mut state: State,
+    views: &[BoardView],
+    mut state: BundleState,
     is_held: [bool; SHARED],
     is_used: &[[Vec<bool>; 3]],
-) -> Result<(State, [f64; 3]), LensError> {
-    let scales = |state: &State| -> [f64; 3] { std::array::from_fn(|device| scale(lengths(views, state, is_used, device))) };
+) -> Result<(BundleState, [f64; 3]), LensError> {
+    let scales =
+        |state: &BundleState| -> [f64; 3] { std::array::from_fn(|device| scale(lengths(views, state, is_used, device))) };
     let mut sigma_px = scales(&state);
     for _ in 0..ROUNDS {
-        let problem = Problem { views, is_used, is_held, sigma_px };
+        let problem = BundleProblem { views, is_used, is_held, sigma_px };
         state = descend(&problem, state).ok_or_else(not_converged)?;
         let next = scales(&state);
         let change = next.iter().zip(&sigma_px).map(|(next, before)| (next / before - 1.0).abs()).fold(0.0, f64::max);
@@ -303,7 +304,7 @@ fn rounds(
 }
 
 /// Levenberg–Marquardt to the least cost.
-fn descend(problem: &Problem<'_>, mut state: State) -> Option<State> {
+fn descend(problem: &BundleProblem<'_>, mut state: BundleState) -> Option<BundleState> {
     let mut damping = 1e-4;
     let mut normal = problem.normal(&state)?;
     for _ in 0..STEPS {
@@ -331,7 +332,7 @@ fn descend(problem: &Problem<'_>, mut state: State) -> Option<State> {
 }
 
 /// Leaves out sightings beyond the limit; true if there were any.
-fn drop_outliers(views: &[View], state: &State, is_used: &mut [[Vec<bool>; 3]], sigma_px: [f64; 3]) -> bool {
+fn drop_outliers(views: &[BoardView], state: &BundleState, is_used: &mut [[Vec<bool>; 3]], sigma_px: [f64; 3]) -> bool {
     let mut dropped = false;
     for (view, used) in is_used.iter_mut().enumerate() {
         for (device, used) in used.iter_mut().enumerate() {
@@ -371,7 +372,7 @@ impl Solved {
         Ok(())
     }
 
-    fn finish(self, observations: &Observations, kept: &[usize], views: &[View], has_projector: bool) -> Adjusted {
+    fn finish(self, observations: &BoardObservations, kept: &[usize], views: &[BoardView], has_projector: bool) -> Adjusted {
         let residuals = self.residuals(kept, views);
         let device =
             |place: usize, name: DeviceName| (place < 2 || has_projector).then(|| self.device_residuals(&residuals, place, name));
@@ -400,21 +401,21 @@ impl Solved {
         }
     }
 
-    fn residuals(&self, kept: &[usize], views: &[View]) -> Vec<Residual> {
+    fn residuals(&self, kept: &[usize], views: &[BoardView]) -> Vec<PixelResidual> {
         let mut residuals = Vec::new();
         for (place, view) in kept.iter().enumerate() {
             for (device, name) in DeviceName::ALL.into_iter().enumerate() {
                 for (sighting, used) in seen_by(&views[place], device).iter().zip(&self.is_used[place][device]) {
                     let Some(off_px) = self.state.residual(place, device, sighting) else { continue };
                     let (point, pixel) = (sighting.point, sighting.pixel);
-                    residuals.push(Residual { view: *view, device: name, point, pixel, off_px, is_used: *used });
+                    residuals.push(PixelResidual { view: *view, device: name, point, pixel, off_px, is_used: *used });
                 }
             }
         }
         residuals
     }
 
-    fn device_residuals(&self, residuals: &[Residual], place: usize, name: DeviceName) -> DeviceResiduals {
+    fn device_residuals(&self, residuals: &[PixelResidual], place: usize, name: DeviceName) -> DeviceResiduals {
         let own = || residuals.iter().filter(|residual| residual.device == name);
         let used: Vec<f64> = own().filter(|residual| residual.is_used).map(|residual| residual.off_px.norm_squared()).collect();
         DeviceResiduals {

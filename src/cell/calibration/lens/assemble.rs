@@ -49,9 +49,9 @@ pub struct BoardScatter {
 /// Standard deviations of the pose between the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigSigma {
-    /// Of the baseline, mm.
+    /// Baseline, mm.
     pub baseline_mm: f64,
-    /// Of the angle between the optical axes, degrees.
+    /// Angle between the optical axes, degrees.
     pub axes_angle_deg: f64,
 }
 
@@ -138,7 +138,7 @@ fn missing(device: DeviceName) -> LensError {
     LensError::new(LensFault::MissingDevice, format!("/{}", device.as_str()), detail)
 }
 
-/// Whose each lens is: as its file says, else in the order of the files.
+/// Device of each lens: as its file says, else in the order of the files.
 fn assign(files: &[ImportedFile]) -> Result<PerDevice<Option<Place>>, LensError> {
     let mut places: PerDevice<Option<Place>> = PerDevice::default();
     let all: Vec<(Place, &ImportedLens)> = files

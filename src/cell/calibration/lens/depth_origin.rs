@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::adjust::Adjusted;
 use super::fault::{LensError, LensFault};
-use super::observations::Observations;
+use super::observations::BoardObservations;
 use crate::cell::closed_list::closed_list;
 use crate::cell::scanner::left_from_scanner;
 
@@ -56,7 +56,7 @@ pub struct DepthOrigin {
 
 /// Planes that observations have: boards at stated working distances, where they meet the scanner's z axis.
 #[must_use]
-pub fn stated_planes(observations: &Observations, adjusted: &Adjusted) -> Vec<StatedPlane> {
+pub fn stated_planes(observations: &BoardObservations, adjusted: &Adjusted) -> Vec<StatedPlane> {
     let scanner_from_left = left_from_scanner(&adjusted.device_from_left.right.inverse()).inverse();
     let views = observations.views.iter().zip(&adjusted.left_from_board);
     let planes = views.filter_map(|(view, board)| {

@@ -9,7 +9,7 @@
 use nalgebra::{Cholesky, Const, Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::model::{LENS, LensParameters};
-use super::observations::{Sighting, View};
+use super::observations::{BoardView, Sighting};
 use super::parallel::each;
 use crate::cell::DeviceName;
 
@@ -27,15 +27,15 @@ const NEAREST_MM: f64 = 1e-3;
 
 /// Values of all unknowns.
 #[derive(Clone, Debug)]
-pub(super) struct State {
+pub(super) struct BundleState {
     pub(super) lens: [LensParameters; 3],
     pub(super) device_from_left: [Isometry3<f64>; 3],
     pub(super) left_from_board: Vec<Isometry3<f64>>,
 }
 
-/// Observations with what is held and how they weigh.
-pub(super) struct Problem<'a> {
-    pub(super) views: &'a [View],
+/// BoardObservations with what is held and how they weigh.
+pub(super) struct BundleProblem<'a> {
+    pub(super) views: &'a [BoardView],
     /// Sightings that count, as `views` has them: by view, by device.
     pub(super) is_used: &'a [[Vec<bool>; 3]],
     /// Unknowns that keep their values.
@@ -70,13 +70,13 @@ pub(super) struct Normal {
 }
 
 /// Increments of all unknowns.
-pub(super) struct Step {
+pub(super) struct BundleStep {
     shared: SVector<f64, SHARED>,
     boards: Vec<SVector<f64, 6>>,
 }
 
 /// Sightings of a device in a view.
-pub(super) fn seen_by(view: &View, device: usize) -> &[Sighting] {
+pub(super) fn seen_by(view: &BoardView, device: usize) -> &[Sighting] {
     &view.seen[DeviceName::ALL[device]]
 }
 
@@ -96,9 +96,9 @@ fn huber(length: f64) -> (f64, f64) {
     if length <= HUBER { (0.5 * length * length, 1.0) } else { (HUBER * (length - 0.5 * HUBER), HUBER / length) }
 }
 
-impl State {
+impl BundleState {
     /// The state after a step.
-    pub(super) fn after(&self, step: &Step) -> Self {
+    pub(super) fn after(&self, step: &BundleStep) -> Self {
         let lens = std::array::from_fn(|device| {
             let mut values = self.lens[device].values();
             values.iter_mut().enumerate().for_each(|(index, value)| *value += step.shared[device * LENS + index]);
@@ -113,16 +113,16 @@ impl State {
         Self { lens, device_from_left, left_from_board }
     }
 
-    /// Residual of a sighting, observed minus computed, px; `None` behind the device.
+    /// PixelResidual of a sighting, observed minus computed, px; `None` behind the device.
     pub(super) fn residual(&self, view: usize, device: usize, sighting: &Sighting) -> Option<Vector2<f64>> {
         let point = self.device_from_left[device] * (self.left_from_board[view] * sighting.board_mm);
         (point.z > NEAREST_MM).then(|| sighting.pixel - self.lens[device].project(&point))
     }
 }
 
-impl Problem<'_> {
+impl BundleProblem<'_> {
     /// Half the sum of robust squares at a state; infinite where a point is behind a device.
-    pub(super) fn cost(&self, state: &State) -> f64 {
+    pub(super) fn cost(&self, state: &BundleState) -> f64 {
         let costs = each(self.views.len(), |view| {
             let mut sum = 0.0;
             for device in 0..3 {
@@ -139,7 +139,7 @@ impl Problem<'_> {
     }
 
     /// Normal equations at a state; `None` where a point is behind a device.
-    pub(super) fn normal(&self, state: &State) -> Option<Normal> {
+    pub(super) fn normal(&self, state: &BundleState) -> Option<Normal> {
         let sums = each(self.views.len(), |view| self.view_sums(state, view));
         let mut normal = Normal {
             shared: Box::new(SMatrix::zeros()),
@@ -164,7 +164,7 @@ impl Problem<'_> {
         Some(normal)
     }
 
-    fn view_sums(&self, state: &State, view: usize) -> Option<ViewSums> {
+    fn view_sums(&self, state: &BundleState, view: usize) -> Option<ViewSums> {
         let mut sums = ViewSums {
             shared: Box::new(SMatrix::zeros()),
             shared_side: SVector::zeros(),
@@ -188,7 +188,7 @@ impl Problem<'_> {
     /// Sums over the sightings of one device in one view, by the unknowns that they depend on.
     fn device_sums(
         &self,
-        state: &State,
+        state: &BundleState,
         view: usize,
         device: usize,
     ) -> Option<(Box<SMatrix<f64, LOCAL, LOCAL>>, SVector<f64, LOCAL>, f64)> {
@@ -277,7 +277,7 @@ impl Normal {
     }
 
     /// The damped step; `None` if the equations are singular.
-    pub(super) fn step(&self, damping: f64) -> Option<Step> {
+    pub(super) fn step(&self, damping: f64) -> Option<BundleStep> {
         let (factor, right, inverses) = self.reduced(damping)?;
         let shared = factor.solve(&right);
         let boards = self
@@ -285,7 +285,7 @@ impl Normal {
             .iter()
             .zip(&inverses)
             .map(|((_, side, coupling), inverse)| inverse * (side - coupling.transpose() * shared));
-        Some(Step { shared, boards: boards.collect() })
+        Some(BundleStep { shared, boards: boards.collect() })
     }
 
     /// Covariance of the shared unknowns; `None` if the observations leave some open.

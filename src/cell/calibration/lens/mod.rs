@@ -22,7 +22,7 @@ mod start;
 #[cfg(test)]
 mod tests;
 
-pub use adjust::{AdjustOptions, Adjusted, DeviceResiduals, Residual, adjust};
+pub use adjust::{AdjustOptions, Adjusted, DeviceResiduals, PixelResidual, adjust};
 pub use assemble::{BoardScatter, CoefficientFit, Rig, RigDevice, RigSigma, assemble};
 pub use depth_origin::{DepthDatum, DepthOrigin, MIN_PLANES, StatedPlane, depth_origin, stated_planes};
 pub use draft::{Assumption, DraftChecks, DraftFigures, ScannerDraft, housing_front_mm};
@@ -31,7 +31,7 @@ pub use import::{CalibrationFormat, ImportOptions, ImportedFile, ImportedLens, M
 pub use lit_rectangle::{LitPlaneSpec, LitRectangleSpec, lit_rectangle};
 pub use model::{LensParameters, PARAMETER_NAMES};
 pub use observations::{
-    BoardSpec, DeviceImageSpec, OBSERVATIONS_SCHEMA, Observations, PixelOrigin, ScannerObservationsSpec, Sighting, View,
-    ViewSpec, read_csv,
+    BoardObservations, BoardSpec, BoardView, DeviceImageSpec, OBSERVATIONS_SCHEMA, PixelOrigin, ScannerObservationsSpec,
+    Sighting, ViewSpec, read_csv,
 };
 pub use quality::{DeviceCoverage, Quality, ViewQuality, quality};

@@ -1,4 +1,4 @@
-//! Observations of a board: where its points are imaged by the left camera, the right camera, and, from phase maps, by the
+//! BoardObservations of a board: where its points are imaged by the left camera, the right camera, and, from phase maps, by the
 //! projector as an inverse camera. As JSON (`vantage.scanner_observations/1`) and as CSV, a point a line.
 
 use std::collections::BTreeMap;
@@ -39,7 +39,7 @@ closed_list! {
     }
 }
 
-/// Observations of a board by a scanner's devices. Unknown fields are refused.
+/// BoardObservations of a board by a scanner's devices. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object")]
 pub struct ScannerObservationsSpec {
@@ -129,7 +129,7 @@ pub struct Sighting {
 
 /// One pose of the board.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub struct BoardView {
     /// Its name.
     pub id: String,
     /// Sightings of each device.
@@ -138,13 +138,13 @@ pub struct View {
     pub stated_distance_mm: Option<f64>,
 }
 
-/// Observations, checked.
+/// BoardObservations, checked.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Observations {
+pub struct BoardObservations {
     /// Sizes of the images; `None` for a projector that was not observed.
     pub size_px: PerDevice<Option<[u32; 2]>>,
     /// The views.
-    pub views: Vec<View>,
+    pub views: Vec<BoardView>,
     /// Neighbours on the board at its smallest distance, by their numbers, and that distance, mm.
     pub pitch: Vec<([u32; 2], f64)>,
     /// Time of the measurements.
@@ -203,7 +203,7 @@ impl ScannerObservationsSpec {
     ///
     /// # Errors
     /// [`LensError`] at the first fault.
-    pub fn build(&self) -> Result<Observations, LensError> {
+    pub fn build(&self) -> Result<BoardObservations, LensError> {
         if self.schema != OBSERVATIONS_SCHEMA {
             let detail =
                 format!("is {:?}; expected is {OBSERVATIONS_SCHEMA:?}", self.schema.chars().take(60).collect::<String>());
@@ -219,12 +219,12 @@ impl ScannerObservationsSpec {
         range("/views", self.views.len() as f64, 1.0, MAX_VIEWS as f64)?;
         let offset = self.pixel_origin.offset_px();
         let views = self.views.iter().enumerate().map(|(index, view)| view.build(index, &points, offset));
-        let views: Vec<View> = views.collect::<Result<_, _>>()?;
+        let views: Vec<BoardView> = views.collect::<Result<_, _>>()?;
         if self.projector.is_none() && views.iter().any(|view| !view.seen.projector.is_empty()) {
             let detail = "is missing, but views have pixels of the projector; give its width_px and height_px";
             return Err(LensError::new(LensFault::MissingImageSize, "/projector", detail));
         }
-        Ok(Observations {
+        Ok(BoardObservations {
             size_px: images.map(|image| image.map(|image| [image.width_px, image.height_px])),
             pitch: neighbours(&points),
             views,
@@ -234,7 +234,7 @@ impl ScannerObservationsSpec {
 }
 
 impl ViewSpec {
-    fn build(&self, index: usize, points: &[Point3<f64>], offset: f64) -> Result<View, LensError> {
+    fn build(&self, index: usize, points: &[Point3<f64>], offset: f64) -> Result<BoardView, LensError> {
         let pointer = format!("/views/{index}");
         if let Some(distance_mm) = self.stated_distance_mm {
             range(format!("{pointer}/stated_distance_mm"), distance_mm, 1.0, 1e4)?;
@@ -256,7 +256,7 @@ impl ViewSpec {
                 })
                 .collect()
         };
-        Ok(View {
+        Ok(BoardView {
             id: self.id.chars().take(100).collect(),
             seen: PerDevice {
                 left: sightings(DeviceName::Left, &self.left)?,
@@ -292,7 +292,7 @@ const CSV_HEADER: &str = "view,device,x_mm,y_mm,z_mm,u_px,v_px";
 ///
 /// # Errors
 /// [`LensError`] with the line.
-pub fn read_csv(text: &str, size_px: PerDevice<Option<[u32; 2]>>) -> Result<Observations, LensError> {
+pub fn read_csv(text: &str, size_px: PerDevice<Option<[u32; 2]>>) -> Result<BoardObservations, LensError> {
     let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let header = lines.next().map(|(_, line)| line.replace(' ', "")).unwrap_or_default();
     if header != CSV_HEADER {
@@ -315,13 +315,13 @@ pub fn read_csv(text: &str, size_px: PerDevice<Option<[u32; 2]>>) -> Result<Obse
         }
     }
     let size_px = PerDevice { projector: size_px.projector.filter(|_| observed_projector), ..size_px };
-    Ok(Observations { size_px, pitch: neighbours(&table.points), views: table.views, taken_at: None })
+    Ok(BoardObservations { size_px, pitch: neighbours(&table.points), views: table.views, taken_at: None })
 }
 
 /// Views and points of a CSV, as far as it is read.
 #[derive(Default)]
 struct CsvTable {
-    views: Vec<View>,
+    views: Vec<BoardView>,
     places: BTreeMap<String, usize>,
     points: Vec<Point3<f64>>,
     numbers: BTreeMap<[u64; 3], u32>,
@@ -354,7 +354,7 @@ impl CsvTable {
             None => {
                 range(at, self.views.len() as f64, 0.0, MAX_VIEWS as f64 - 1.0)?;
                 let seen = PerDevice { left: Vec::new(), right: Vec::new(), projector: Vec::new() };
-                self.views.push(View { id: id.chars().take(100).collect(), seen, stated_distance_mm: None });
+                self.views.push(BoardView { id: id.chars().take(100).collect(), seen, stated_distance_mm: None });
                 self.places.insert((*id).to_owned(), self.views.len() - 1);
                 self.views.len() - 1
             }

@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::adjust::{Adjusted, Residual};
-use super::observations::{Observations, View};
+use super::adjust::{Adjusted, PixelResidual};
+use super::observations::{BoardObservations, BoardView};
 use crate::cell::scanner::left_from_scanner;
 use crate::cell::{DeviceName, PerDevice};
 
@@ -28,7 +28,7 @@ const MAX_LEFT_OUT: f64 = 0.2;
 pub struct ViewQuality {
     /// Its name.
     pub id: String,
-    /// Residual of each device, root mean square of all sightings, px; `None` where the device does not see the board.
+    /// PixelResidual of each device, root mean square of all sightings, px; `None` where the device does not see the board.
     pub rms_px: PerDevice<Option<f64>>,
     /// Sightings left out.
     pub left_out: usize,
@@ -66,7 +66,7 @@ pub struct Quality {
 
 /// Judges observations by the calibration that was made of them.
 #[must_use]
-pub fn quality(observations: &Observations, adjusted: &Adjusted) -> Quality {
+pub fn quality(observations: &BoardObservations, adjusted: &Adjusted) -> Quality {
     let pairs: Vec<Vec<Pair>> = observations.views.iter().map(|view| pairs(view, adjusted)).collect();
     let scanner_from_left = left_from_scanner(&adjusted.device_from_left.right.inverse()).inverse();
     let depths = observations.views.iter().zip(&adjusted.left_from_board).filter_map(|(view, board)| Some((view, (*board)?)));
@@ -91,7 +91,7 @@ struct Pair {
     right: Vector3<f64>,
 }
 
-fn pairs(view: &View, adjusted: &Adjusted) -> Vec<Pair> {
+fn pairs(view: &BoardView, adjusted: &Adjusted) -> Vec<Pair> {
     let (Some(left_lens), Some(right_lens)) = (adjusted.lens.left, adjusted.lens.right) else { return Vec::new() };
     let right: BTreeMap<u32, Vector3<f64>> =
         view.seen.right.iter().filter_map(|sighting| Some((sighting.point, right_lens.ray(&sighting.pixel)?))).collect();
@@ -130,7 +130,7 @@ fn triangulate(pair: &Pair, right_from_left: &Isometry3<f64>) -> Option<Point3<f
     middle.iter().all(|value| value.is_finite()).then(|| Point3::from(middle))
 }
 
-fn pitch(observations: &Observations, pairs: &[Vec<Pair>], adjusted: &Adjusted) -> Option<(f64, f64, usize)> {
+fn pitch(observations: &BoardObservations, pairs: &[Vec<Pair>], adjusted: &Adjusted) -> Option<(f64, f64, usize)> {
     let right_from_left = &adjusted.device_from_left.right;
     let (mut squares, mut sum, mut count) = (0.0, 0.0, 0_usize);
     for pairs in pairs {
@@ -145,8 +145,8 @@ fn pitch(observations: &Observations, pairs: &[Vec<Pair>], adjusted: &Adjusted) 
     (count > 0).then(|| ((squares / count as f64).sqrt(), sum / count as f64, count))
 }
 
-fn views(observations: &Observations, adjusted: &Adjusted, scanner_from_left: &Isometry3<f64>) -> Vec<ViewQuality> {
-    let mut by_view: Vec<PerDevice<Vec<&Residual>>> =
+fn views(observations: &BoardObservations, adjusted: &Adjusted, scanner_from_left: &Isometry3<f64>) -> Vec<ViewQuality> {
+    let mut by_view: Vec<PerDevice<Vec<&PixelResidual>>> =
         observations.views.iter().map(|_| PerDevice { left: Vec::new(), right: Vec::new(), projector: Vec::new() }).collect();
     for residual in &adjusted.residuals {
         let lists = &mut by_view[residual.view];
@@ -156,7 +156,7 @@ fn views(observations: &Observations, adjusted: &Adjusted, scanner_from_left: &I
             DeviceName::Projector => lists.projector.push(residual),
         }
     }
-    let rms = |list: &Vec<&Residual>| {
+    let rms = |list: &Vec<&PixelResidual>| {
         let sum: f64 = list.iter().map(|residual| residual.off_px.norm_squared()).sum();
         (!list.is_empty()).then(|| (sum / list.len() as f64).sqrt())
     };
@@ -195,12 +195,12 @@ fn views(observations: &Observations, adjusted: &Adjusted, scanner_from_left: &I
 }
 
 /// Mean of the points that a view shows, board frame.
-fn middle(view: &View) -> Point3<f64> {
+fn middle(view: &BoardView) -> Point3<f64> {
     let points: Vec<Vector3<f64>> = view.seen.iter().flatten().map(|sighting| sighting.board_mm.coords).collect();
     Point3::from(points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64)
 }
 
-fn coverage(observations: &Observations) -> PerDevice<Option<DeviceCoverage>> {
+fn coverage(observations: &BoardObservations) -> PerDevice<Option<DeviceCoverage>> {
     let of = |device: DeviceName| {
         let [width, height] = observations.size_px[device]?.map(f64::from);
         let mut cells = [false; CELLS[0] * CELLS[1]];

@@ -1,4 +1,4 @@
-//! A device from points whose places are known: by the direct linear transformation (Hartley and Zisserman, *Multiple View
+//! A device from points whose places are known: by the direct linear transformation (Hartley and Zisserman, *Multiple BoardView
 //! Geometry*, 2nd edition, section 7.1), then by Levenberg–Marquardt over lens and pose.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3};

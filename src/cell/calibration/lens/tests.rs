@@ -52,7 +52,7 @@ fn provenance() -> CalibratedScannerSpec {
 }
 
 /// Pixels of a board of 15 × 10 points, 16 mm apart, in `count` poses before the rig, with noise.
-fn observed(scanner: &Scanner, count: usize, noise_px: f64, seed: u64) -> Observations {
+fn observed(scanner: &Scanner, count: usize, noise_px: f64, seed: u64) -> BoardObservations {
     let mut random = Random(seed);
     let (columns, rows, square) = (15_u32, 10_u32, 16.0);
     let spec = BoardSpec { columns: Some(columns), rows: Some(rows), square_mm: Some(square), points_mm: None };
@@ -76,10 +76,10 @@ fn observed(scanner: &Scanner, count: usize, noise_px: f64, seed: u64) -> Observ
         };
         let seen =
             PerDevice { left: seen(DeviceName::Left), right: seen(DeviceName::Right), projector: seen(DeviceName::Projector) };
-        View { id: format!("v{:03}", index + 1), seen, stated_distance_mm: None }
+        BoardView { id: format!("v{:03}", index + 1), seen, stated_distance_mm: None }
     });
     let size = |device| Some(parameters(scanner, device).size_px);
-    Observations {
+    BoardObservations {
         size_px: PerDevice {
             left: size(DeviceName::Left),
             right: size(DeviceName::Right),
@@ -224,7 +224,7 @@ fn wrong_points_are_left_out_and_a_bad_view_is_named() {
 #[test]
 fn views_that_leave_a_parameter_open_are_refused() {
     let scanner = thesis();
-    let few = Observations { views: observed(&scanner, 2, 0.1, 5).views, ..observed(&scanner, 2, 0.1, 5) };
+    let few = BoardObservations { views: observed(&scanner, 2, 0.1, 5).views, ..observed(&scanner, 2, 0.1, 5) };
     assert_eq!(adjust(&few, &AdjustOptions::default()).expect_err("two views").code, LensFault::TooFew);
     // One pose of the board, taken ten times.
     let mut same = observed(&scanner, 1, 0.0, 5);

@@ -5,10 +5,10 @@ use super::*;
 #[derive(Parser)]
 struct Line {
     #[command(flatten)]
-    args: ScannerArgs,
+    args: CalibrateScannerArgs,
 }
 
-fn args(options: &[&str]) -> Result<ScannerArgs, String> {
+fn args(options: &[&str]) -> Result<CalibrateScannerArgs, String> {
     Line::try_parse_from([&["scanner"], options].concat()).map(|line| line.args).map_err(|error| error.to_string())
 }
 
@@ -64,7 +64,7 @@ fn the_tables_of_the_thesis_become_a_specification_with_its_provenance_and_a_rep
     assert_eq!(calibrated.data_sha256.len(), 64);
     assert!((spec.depth_origin_mm.expect("planes were given") - 24.5).abs() < 1e-9 && (scanner.best_mm - 504.5).abs() < 1e-9);
     let page = std::fs::read_to_string(report).expect("the report");
-    assert!(page.contains("209.940") && page.contains("single board") && page.contains("uncertainty not known"), "{page}");
+    assert!(page.contains("209.941") && page.contains("single board") && page.contains("uncertainty not known"), "{page}");
 }
 
 #[test]
