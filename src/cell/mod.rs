@@ -52,8 +52,9 @@ pub use pose_spec::{EulerPoseSpec, PoseInput, PoseSpec};
 pub use provenance::CalibrationProvenance;
 pub use robot::{LinkCapsule, LinkSpec, Robot, RobotSpec};
 pub use scanner::{
-    BoardPoseSpec, BoardPosesSpec, CloudFrame, CloudFrameSpec, DataSheet, DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field,
-    Lens, MeasurementVolume, OpticalDevice, PerDevice, PlanarConstruction, Scanner, ScannerSpec, hyperfocal_distance_mm,
+    BoardPoseSpec, BoardPosesSpec, CalibratedScannerSpec, CloudFrame, CloudFrameSpec, DataSheet, DepthBound, DepthBoundSource,
+    DepthOfField, DepthSpec, DeviceName, DeviceSpec, Field, Lens, MeasurementVolume, OpticalDevice, PerDevice,
+    PlanarConstruction, Scanner, ScannerResidualsSpec, ScannerSpec, hyperfocal_distance_mm,
 };
 pub use shape_spec::{BodySpec, LinkBodySpec, ShapeSpec};
 pub use turntable::{RotationSpec, Turntable, TurntableSpec};

@@ -4,6 +4,7 @@ mod cell;
 mod check;
 mod part;
 mod poses;
+pub mod scanner;
 
 use std::path::Path;
 
@@ -21,9 +22,10 @@ use crate::wire::json_file_bytes;
 /// Largest file of observations, bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// Calibrate a cell from observations of a board, check it before use, plan the poses for it, place the part.
+/// Calibrate a scanner and a cell from observations of a board, check it before use, plan the poses for it, place the part.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
+  vantage calibrate scanner stereo.yml --out my-scanner.toml
   vantage calibrate poses --cell my-cell.toml --count 15 --board 11x8x15 --out poses.json
   vantage calibrate cell data.json --cell my-cell.toml --hold-out 2 \\
       --out calibration.json --write-cell calibrated.toml
@@ -42,6 +44,7 @@ enum CalibrateCommand {
     Check(check::CheckArgs),
     Poses(poses::PosesArgs),
     Part(part::PartArgs),
+    Scanner(Box<scanner::CalibrateScannerArgs>),
 }
 
 /// Runs the command.
@@ -54,6 +57,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), CliError> {
         CalibrateCommand::Check(args) => check::run(args),
         CalibrateCommand::Poses(args) => poses::run(args),
         CalibrateCommand::Part(args) => part::run(args),
+        CalibrateCommand::Scanner(args) => scanner::run(args),
     }
 }
 

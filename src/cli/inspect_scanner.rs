@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use serde_json::Value;
 
 use super::CliError;
-use crate::cell::{FieldError, ScannerSpec};
+use crate::cell::{DepthBoundSource, FieldError, ScannerSpec};
 use crate::check::kind_of;
 use crate::wire::scanner_facts::{DepthOfFieldFacts, Excess, FieldFacts, PlanarFacts, ScannerFacts, StatedBox, VolumeFacts};
 use crate::wire::{DocumentKind, from_value};
@@ -51,6 +51,7 @@ fn describe(facts: &ScannerFacts) -> String {
         );
     }
     describe_fields(&mut out, &facts.fields);
+    describe_depth_bounds(&mut out, facts);
     if let Some(field) = &facts.depth_of_field {
         describe_depth_of_field(&mut out, field);
     }
@@ -94,6 +95,26 @@ fn describe_fields(out: &mut String, fields: &[FieldFacts]) {
             format_args!("at {:<6.0} {columns} {:.1} × {:.1}", field.depth_mm, size(field.common.x_mm), size(field.common.y_mm)),
         );
     }
+}
+
+/// Limits of the working depth, where devices state a depth of field.
+fn describe_depth_bounds(out: &mut String, facts: &ScannerFacts) {
+    if facts.depth_bounds.len() < 2 {
+        return;
+    }
+    *out += "\nworking depth mm, on the axis and over the whole field at best focus\n";
+    for bound in &facts.depth_bounds {
+        let end = |mm: Option<f64>| mm.map_or_else(|| "infinite".to_owned(), |mm| format!("{mm:.1}"));
+        let [near, far, field_near, field_far] = [bound.near_mm, bound.far_mm, bound.field_near_mm, bound.field_far_mm].map(end);
+        line(out, format_args!("{:<10} {near:>8} … {far:<9} {field_near:>8} … {field_far}", bound.source.as_str()));
+    }
+    let words = |source: DepthBoundSource| match source {
+        DepthBoundSource::Practical => "the practical depth",
+        DepthBoundSource::Left => "the left camera's depth of field",
+        DepthBoundSource::Right => "the right camera's depth of field",
+        DepthBoundSource::Projector => "the projector's depth of field",
+    };
+    line(out, format_args!("limited    near by {}, far by {}", words(facts.near_bound), words(facts.far_bound)));
 }
 
 fn describe_depth_of_field(out: &mut String, facts: &DepthOfFieldFacts) {

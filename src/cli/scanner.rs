@@ -72,7 +72,7 @@ pub struct ScannerArgs {
 
 /// Two values, as in `300x200`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Dimensions<T>([T; 2]);
+pub(super) struct Dimensions<T>(pub(super) [T; 2]);
 
 /// Three numbers, as in `900,0,300` or `300x130x110`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,7 +80,7 @@ pub(super) struct Triple(pub(super) [f64; 3]);
 
 /// Range of numbers, as in `440..560`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Span([f64; 2]);
+pub(super) struct Span(pub(super) [f64; 2]);
 
 impl<T: FromStr + Copy> FromStr for Dimensions<T> {
     type Err = String;

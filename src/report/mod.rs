@@ -3,6 +3,7 @@
 pub mod calibration;
 pub mod html;
 mod no_plan_text;
+pub mod scanner_calibration;
 pub mod sketch;
 pub mod study;
 pub mod text;

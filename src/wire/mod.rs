@@ -29,6 +29,7 @@ mod problem;
 pub mod program;
 pub mod regions;
 pub mod run;
+pub mod scanner_calibration;
 pub mod scanner_facts;
 mod shape;
 mod spec;

@@ -28,7 +28,7 @@ pub use registration::{SetupLinkDocument, StabilityDocument, ViewLinkDocument};
 use super::angle::degrees;
 use super::echo::Echo;
 use super::warnings::{self, FieldWarning};
-use crate::cell::{CalibrationProvenance, OpticalDevice, PoseSpec, Scanner};
+use crate::cell::{CalibratedScannerSpec, CalibrationProvenance, OpticalDevice, PoseSpec, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
 use crate::planning::plan::{Bound, Cause, ChosenOn, Outcome, Plan, PlannedView, SetupId, SetupPlan};
 
@@ -132,6 +132,9 @@ pub struct ScannerDocument {
     pub depth_mm: DepthDocument,
     /// Left camera, right camera and projector, in this order.
     pub devices: Vec<DeviceDocument>,
+    /// Provenance of lenses and poses; present if they were calibrated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<CalibratedScannerSpec>,
 }
 
 /// Working depth along +z of the scanner frame, mm.
@@ -175,6 +178,12 @@ pub struct DeviceDocument {
     /// Max angle of incidence of the device itself; present if the job's is tighter. Grades refer to that of the projector.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub incidence_own_deg: Option<f64>,
+    /// Nearest distance in focus along the optical axis, mm; present if depth of field limits it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_focus_from_mm: Option<f64>,
+    /// Farthest distance in focus along the optical axis, mm; present if depth of field limits it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_focus_to_mm: Option<f64>,
 }
 
 /// The cell.
@@ -387,11 +396,13 @@ fn scanner_document(scanner: &Scanner, params: &PlanParams) -> ScannerDocument {
         name: scanner.name.clone(),
         depth_mm: DepthDocument { near: scanner.near_mm, best: scanner.best_mm, far: scanner.far_mm },
         devices: scanner.devices.iter().map(|device| device_document(device, &params.limits)).collect(),
+        calibrated: scanner.calibrated.clone(),
     }
 }
 
 fn device_document(device: &OpticalDevice, limits: &LimitParams) -> DeviceDocument {
     let (lens, own_deg, tightened_deg) = (&device.lens, degrees(device.incidence_max_rad), limits.tightened_deg(device));
+    let [in_focus_from_mm, in_focus_to_mm] = device.in_focus_mm.map(|mm| mm.is_finite().then_some(mm));
     DeviceDocument {
         name: device.name.as_str().to_owned(),
         scanner_from_device: PoseSpec::from(&device.scanner_from_device),
@@ -405,6 +416,8 @@ fn device_document(device: &OpticalDevice, limits: &LimitParams) -> DeviceDocume
         distortion: lens.distortion,
         incidence_max_deg: tightened_deg.unwrap_or(own_deg),
         incidence_own_deg: tightened_deg.map(|_| own_deg),
+        in_focus_from_mm,
+        in_focus_to_mm,
     }
 }
 

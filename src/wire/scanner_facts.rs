@@ -5,7 +5,10 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::cell::{DepthOfField, Field, MeasurementVolume, OpticalDevice, PlanarConstruction, Scanner, hyperfocal_distance_mm};
+use crate::cell::{
+    DepthBound, DepthBoundSource, DepthOfField, Field, MeasurementVolume, OpticalDevice, PlanarConstruction, Scanner,
+    hyperfocal_distance_mm,
+};
 use crate::geometry::box_half_spaces;
 
 /// Schema name in the document.
@@ -30,6 +33,12 @@ pub struct ScannerFacts {
     pub devices: Vec<DeviceFacts>,
     /// Fields of view at the nearest, the best and the farthest working depth.
     pub fields: Vec<FieldFacts>,
+    /// Limits of the working depth: the practical one, then depth of field of devices that state one.
+    pub depth_bounds: Vec<DepthBoundFacts>,
+    /// Limit that ends the working depth on the axis towards the scanner.
+    pub near_bound: DepthBoundSource,
+    /// Limit that ends the working depth on the axis away from the scanner.
+    pub far_bound: DepthBoundSource,
     /// Depth of field of the left camera's lens; `null` if its pixel pitch is not given.
     pub depth_of_field: Option<DepthOfFieldFacts>,
     /// Measurement volume; `null` if the devices share none around best focus.
@@ -73,6 +82,21 @@ pub struct DeviceFacts {
     pub field_of_view_deg: [f64; 2],
     /// Max angle of incidence.
     pub incidence_max_deg: f64,
+}
+
+/// Depths that one limit leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
+pub struct DepthBoundFacts {
+    /// The limit.
+    pub source: DepthBoundSource,
+    /// Nearest depth on the scanner's axis; `null` without an end.
+    pub near_mm: Option<f64>,
+    /// Farthest depth on the scanner's axis; `null` without an end.
+    pub far_mm: Option<f64>,
+    /// Nearest depth from which all of the common field at best focus is within the limit; `null` without an end.
+    pub field_near_mm: Option<f64>,
+    /// Farthest depth to which all of the common field at best focus is within the limit; `null` without an end.
+    pub field_far_mm: Option<f64>,
 }
 
 /// Fields of view at one depth.
@@ -169,7 +193,12 @@ impl ScannerFacts {
     #[must_use]
     pub fn new(scanner: &Scanner) -> Self {
         let depths = [scanner.near_mm, scanner.best_mm, scanner.far_mm];
+        let bounds = scanner.depth_bounds();
+        let [near_bound, far_bound] = binding(&bounds);
         Self {
+            depth_bounds: bounds.into_iter().map(DepthBoundFacts::from).collect(),
+            near_bound,
+            far_bound,
             schema: SCANNER_FACTS_SCHEMA,
             name: scanner.name.clone(),
             baseline_mm: scanner.baseline_mm(),
@@ -193,6 +222,23 @@ impl From<&OpticalDevice> for DeviceFacts {
             incidence_max_deg: device.incidence_max_rad.to_degrees(),
         }
     }
+}
+
+impl From<DepthBound> for DepthBoundFacts {
+    fn from(bound: DepthBound) -> Self {
+        let finite = |[near, far]: [f64; 2]| [near, far].map(|mm| mm.is_finite().then_some(mm));
+        let ([near_mm, far_mm], [field_near_mm, field_far_mm]) = (finite(bound.on_axis_mm), finite(bound.over_field_mm));
+        Self { source: bound.source, near_mm, far_mm, field_near_mm, field_far_mm }
+    }
+}
+
+/// Limits with the farthest near end and with the nearest far end on the axis; the first of equal ones.
+fn binding(bounds: &[DepthBound]) -> [DepthBoundSource; 2] {
+    let start = (f64::NEG_INFINITY, DepthBoundSource::Practical);
+    let near = bounds.iter().map(|bound| (bound.on_axis_mm[0], bound.source));
+    let far = bounds.iter().map(|bound| (-bound.on_axis_mm[1], bound.source));
+    let tightest = |best: (f64, DepthBoundSource), next: (f64, DepthBoundSource)| if next.0 > best.0 { next } else { best };
+    [near.fold(start, tightest).1, far.fold(start, tightest).1]
 }
 
 impl From<Field> for IntervalFacts {

@@ -88,6 +88,22 @@ fn the_planar_construction_stands_beside_the_stated_box() {
 }
 
 #[test]
+fn the_limit_that_binds_the_working_depth_is_named() {
+    let plain: serde_json::Value = serde_json::from_str(&render(NOMINAL, true).expect("the preset is valid")).expect("JSON");
+    assert_eq!((&plain["near_bound"], &plain["far_bound"]), (&"practical".into(), &"practical".into()));
+    assert!(!render(NOMINAL, false).expect("the preset is valid").contains("limited    near by"));
+    // The thesis's projector: 480 ± 100, and a shorter one, beyond which the practical depth reaches.
+    for (range, far_bound) in [("[380.0, 580.0]", "practical"), ("[380.0, 540.0]", "projector")] {
+        let text = NOMINAL.replace("[projector]\n", &format!("[projector]\nin_focus_mm = {range}\n"));
+        let document: serde_json::Value = serde_json::from_str(&render(&text, true).expect("valid")).expect("JSON");
+        assert_eq!((&document["near_bound"], &document["far_bound"]), (&"practical".into(), &far_bound.into()), "{document}");
+        let words = render(&text, false).expect("valid");
+        let said = if far_bound == "practical" { "far by the practical depth" } else { "far by the projector's depth of field" };
+        assert!(words.contains(said), "{words}");
+    }
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     let wrong = NOMINAL.replace("mass_kg = 2.7", "mass_kg = -2.7").replace("near = 410.0", "near = 490.0");
     let Err(CliError::BadInput(message)) = render(&wrong, false) else { panic!("must be refused") };

@@ -1,5 +1,6 @@
 //! Calibration of the cell: scanner on the flange, axis of the table, where the part lies; from observations to poses with their
-//! covariance, and a check before use. Pure: no files, no clock. Equation of the chain: [`data`].
+//! covariance, and a check before use. Pure: no files, no clock. Equation of the chain: [`data`]. Calibration of the scanner itself:
+//! [`lens`].
 
 pub mod check;
 pub mod chi_squared;
@@ -7,6 +8,7 @@ pub mod data;
 mod diagnosis;
 pub mod findings;
 pub mod leave_one_out;
+pub mod lens;
 pub mod observability;
 pub mod placement;
 pub mod poses;

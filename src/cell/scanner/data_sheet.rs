@@ -112,6 +112,8 @@ impl DataSheet {
             stated_volume_mm: None,
             practical_volume_mm: [width, height, far - near],
             block_cube_mm: None,
+            depth_origin_mm: None,
+            calibrated: None,
         };
         spec.build().map(|_| spec)
     }
@@ -153,6 +155,10 @@ impl DataSheet {
             distortion: [0.0; 5],
             incidence_max_deg,
             pixel_pitch_um,
+            f_number: None,
+            circle_of_confusion_um: None,
+            focus_mm: None,
+            in_focus_mm: None,
         }
     }
 

@@ -73,16 +73,39 @@ pub struct OpticalDevice {
     pub incidence_max_rad: f64,
     /// Distance between pixels on the sensor, where known.
     pub pixel_pitch_mm: Option<f64>,
+    /// Nearest and farthest distance in focus along the optical axis, from the optical centre; both infinite where the
+    /// specification gives none.
+    pub in_focus_mm: [f64; 2],
 }
 
 /// Newton steps allowed when distortion is inverted; six reach 1e-15 for lenses of this kind.
 const UNDISTORT_STEPS: usize = 50;
 /// Points looked at on each edge of the image.
 const EDGE_SAMPLES: u32 = 64;
+/// Radius, in normalised coordinates, at which the search for a fold ends: 78° off the axis.
+const FOLD_SEARCH_END: f64 = 5.0;
+/// Step of the search for a fold, in normalised coordinates.
+const FOLD_SEARCH_STEP: f64 = 0.002;
 /// Factor by which the field's radius exceeds the largest one seen on the image's edge, whose samples may miss the maximum.
 const FIELD_MARGIN: f64 = 1.01;
 
 impl Lens {
+    /// A lens without its field, which images directions that its image does not hold too.
+    pub(in crate::cell) fn without_field(size_px: [f64; 2], focal_and_centre: [f64; 4], skew: f64, distortion: [f64; 5]) -> Self {
+        let ([width_px, height_px], [fx, fy, cx, cy]) = (size_px, focal_and_centre);
+        Self { width_px, height_px, fx, fy, cx, cy, skew, distortion, field_radius_squared: f64::INFINITY }
+    }
+
+    /// Returns true if the distortion is one-to-one on the image.
+    pub(in crate::cell) fn is_foldless(&self) -> bool {
+        self.with_field().is_some()
+    }
+
+    /// Undistorted normalised coordinates of a pixel; `None` beyond a fold.
+    pub(in crate::cell) fn undistorted(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
+        self.undistort(self.normalised(pixel))
+    }
+
     /// Derives the field; `None` when the distortion folds over inside it.
     pub(super) fn with_field(mut self) -> Option<Self> {
         let mut radius_squared = 0.0_f64;
@@ -91,6 +114,35 @@ impl Lens {
         }
         self.field_radius_squared = radius_squared * FIELD_MARGIN * FIELD_MARGIN;
         self.is_one_to_one().then_some(self)
+    }
+
+    /// Smallest distance from the principal point, in the image, at which the distortion stops to grow with the radius, and the
+    /// distance of the image's farthest corner, px; `None` where it grows up to there. Symbols as for
+    /// [`Lens::is_one_to_one`]: h = d(r g)/dr vanishes; decentring, which shifts the radius by less than its own size, aside.
+    #[must_use]
+    pub fn fold_radius_px(&self) -> Option<[f64; 2]> {
+        let [k1, k2, _, _, k3] = self.distortion;
+        let focal = (self.fx * self.fy).abs().sqrt();
+        let (w, h) = (self.width_px, self.height_px);
+        let corners = [[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]].map(|[u, v]| (u - self.cx).hypot(v - self.cy));
+        let corner = corners.into_iter().fold(0.0, f64::max);
+        let slope = |s: f64| 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * 7.0 * k3));
+        let imaged = |r: f64| focal * r * (1.0 + r * r * (k1 + r * r * (k2 + r * r * k3)));
+        let mut r = 0.0;
+        while r < FOLD_SEARCH_END && imaged(r) <= corner {
+            let next = r + FOLD_SEARCH_STEP;
+            if slope(next * next) <= 0.0 {
+                // Halved until only rounding is left.
+                let (mut low, mut high) = (r, next);
+                for _ in 0..60 {
+                    let middle = 0.5 * (low + high);
+                    if slope(middle * middle) <= 0.0 { high = middle } else { low = middle }
+                }
+                return (imaged(low) < corner).then_some([imaged(low), corner]);
+            }
+            r = next;
+        }
+        None
     }
 
     /// Returns true if the distortion is one-to-one on the disk of the field: its Jacobian is symmetric, hence the map is the

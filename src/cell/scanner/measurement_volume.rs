@@ -122,9 +122,10 @@ impl Scanner {
             HalfSpace { normal: -Vector3::z(), offset_mm: -self.near_mm },
             HalfSpace { normal: Vector3::z(), offset_mm: self.far_mm },
         ];
+        let focus = self.devices.iter().flat_map(OpticalDevice::focus_slab);
         let bounds = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y()];
         let bounds = bounds.map(|normal| HalfSpace { normal, offset_mm: reach_mm });
-        let half_spaces = sides.iter().flatten().map(|(half_space, _)| *half_space).chain(slab).chain(bounds);
+        let half_spaces = sides.iter().flatten().map(|(half_space, _)| *half_space).chain(slab).chain(focus).chain(bounds);
         let polytope = ConvexPolytope::intersection(half_spaces)?;
         let best = self.best_focus_mm();
         let largest_cube_mm = polytope.half_spaces.iter().map(|h| 2.0 * h.depth_mm(&best) / h.normal.lp_norm(1));

@@ -1,5 +1,6 @@
 //! The structured-light scanner: two cameras and a projector, a working depth, a body ([`crate::planning::method::scanner`]).
 
+mod calibrated;
 mod cloud_frame;
 mod data_sheet;
 mod depth_of_field;
@@ -10,9 +11,11 @@ mod planar_construction;
 mod spec;
 #[cfg(test)]
 mod tests;
+mod working_depth;
 
 use nalgebra::{Point3, Vector3};
 
+pub use calibrated::{CalibratedScannerSpec, ScannerResidualsSpec};
 pub use cloud_frame::{CloudFrame, CloudFrameSpec};
 pub use data_sheet::DataSheet;
 pub use depth_of_field::{DepthOfField, hyperfocal_distance_mm};
@@ -20,7 +23,9 @@ pub use device::{DeviceName, Lens, OpticalDevice};
 pub use measurement_volume::{Field, MeasurementVolume};
 pub use per_device::PerDevice;
 pub use planar_construction::PlanarConstruction;
+pub(in crate::cell) use spec::left_from_scanner;
 pub use spec::{BoardPoseSpec, BoardPosesSpec, DepthSpec, DeviceSpec, ScannerSpec};
+pub use working_depth::{DepthBound, DepthBoundSource};
 
 use super::shape_spec::BodySpec;
 
@@ -51,6 +56,8 @@ pub struct Scanner {
     pub practical_volume_mm: [f64; 3],
     /// Edge of the cube that blocks of a large part must fit in ([`crate::planning::method::candidates`]), mm.
     pub block_cube_mm: f64,
+    /// Provenance of lenses and poses, if they were calibrated.
+    pub calibrated: Option<CalibratedScannerSpec>,
 }
 
 impl Scanner {

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::calibrated::CalibratedScannerSpec;
 use super::cloud_frame::CloudFrameSpec;
 use super::device::{DeviceName, Lens, OpticalDevice};
 use super::per_device::PerDevice;
@@ -62,6 +63,13 @@ pub struct ScannerSpec {
     /// measurement volume, which is the shortest of its three edges.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub block_cube_mm: Option<f64>,
+    /// Depth along z of the scanner at which `depth_mm` counts 0, mm, -1000 to 1000: 0 for distances from the cameras' optical
+    /// centres, that of the housing's front for distances from there. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_origin_mm: Option<f64>,
+    /// Origin of lenses and poses, where they were calibrated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated: Option<CalibratedScannerSpec>,
 }
 
 /// Working depth along +z of the scanner: 1 ≤ near < best < far ≤ 10000 mm.
@@ -94,7 +102,8 @@ pub struct DeviceSpec {
     pub fy: f64,
     /// Principal point, u, pixels, inside the image: 0 to `width_px`.
     pub cx: f64,
-    /// Principal point, v, pixels, inside the image: 0 to `height_px`.
+    /// Principal point, v, pixels, inside the image: 0 to `height_px`; of a projector, whose lens is often shifted, -2 to 3 times
+    /// `height_px`.
     pub cy: f64,
     /// Bouguet's α, -0.1 to 0.1. Default 0.
     #[serde(default)]
@@ -108,6 +117,21 @@ pub struct DeviceSpec {
     /// Distance between pixels on the sensor, µm, 0.1 to 100; only depth of field asks for it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixel_pitch_um: Option<f64>,
+    /// Effective f-number, 0.5 to 64; with `circle_of_confusion_um` and `pixel_pitch_um` it limits the working depth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub f_number: Option<f64>,
+    /// Largest circle of confusion that can still be decoded, µm, 0.1 to 1000; given with `f_number`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub circle_of_confusion_um: Option<f64>,
+    /// Distance in focus along the optical axis from the optical centre, mm, 10 to 10000; given with `f_number`. Default: that of
+    /// the point of best focus.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
+    /// Nearest and farthest distance in focus along the optical axis from the optical centre, mm, 1 to 10000, as [380, 580] for a
+    /// projector of 480 ± 100; instead of `f_number`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 2, max_items = 2)]
+    pub in_focus_mm: Option<[f64; 2]>,
 }
 
 /// One board, seen by both cameras at the same time.
@@ -144,18 +168,20 @@ impl ScannerSpec {
         let mut findings = Findings::default();
         let (scanner_from_left, scanner_from_right) = self.camera_poses();
         let projector = self.projector.scanner_from_device.unwrap_or_default().pose();
+        let origin_mm = self.depth_origin_mm.unwrap_or(0.0);
+        let best = Point3::new(0.0, 0.0, self.depth_mm.best + origin_mm);
         let devices = PerDevice {
-            left: self.left.build(DeviceName::Left, scanner_from_left, &mut findings),
-            right: self.right.build(DeviceName::Right, scanner_from_right, &mut findings),
-            projector: self.projector.build(DeviceName::Projector, projector, &mut findings),
+            left: self.left.build(DeviceName::Left, scanner_from_left, &best, &mut findings),
+            right: self.right.build(DeviceName::Right, scanner_from_right, &best, &mut findings),
+            projector: self.projector.build(DeviceName::Projector, projector, &best, &mut findings),
         };
-        self.check_rig(&devices, &mut findings);
+        self.check_rig(&devices, &best, &mut findings);
         findings.into_result()?;
         Ok(super::Scanner {
             name: self.name.clone(),
-            near_mm: self.depth_mm.near,
-            best_mm: self.depth_mm.best,
-            far_mm: self.depth_mm.far,
+            near_mm: self.depth_mm.near + origin_mm,
+            best_mm: self.depth_mm.best + origin_mm,
+            far_mm: self.depth_mm.far + origin_mm,
             devices,
             cloud_frame: self.scanner_from_cloud,
             mass_kg: self.mass_kg,
@@ -164,6 +190,7 @@ impl ScannerSpec {
             stated_volume_mm: self.stated_volume_mm,
             practical_volume_mm: self.practical_volume_mm,
             block_cube_mm: self.block_cube_mm(),
+            calibrated: self.calibrated.clone(),
         })
     }
 
@@ -178,7 +205,7 @@ impl ScannerSpec {
     }
 
     /// The left camera is at −x of the right one, and all three devices see (0, 0, best).
-    fn check_rig(&self, devices: &PerDevice<OpticalDevice>, findings: &mut Findings) {
+    fn check_rig(&self, devices: &PerDevice<OpticalDevice>, best: &Point3<f64>, findings: &mut Findings) {
         let [left_mm, right_mm] = devices.cameras().map(|camera| camera.scanner_from_device.origin_mm().x);
         let baseline_mm = right_mm - left_mm;
         // Two equal board poses leave no baseline to lay x along: what comes out is not a number.
@@ -187,11 +214,18 @@ impl ScannerSpec {
             let detail = "put the right camera less than 1 mm beyond the left one along +x of the scanner";
             return findings.push(pointer, format!("{detail}: left x = {left_mm} mm, right x = {right_mm} mm"));
         }
-        let best = Point3::new(0.0, 0.0, self.depth_mm.best);
         for device in devices {
-            let seen = device.lens.project(&device.scanner_from_device.inverse().point(&best)).is_some();
-            findings.require(seen, format!("/{}", device.name.as_str()), || {
-                format!("does not see the point (0, 0, {}) of best focus in the scanner frame", self.depth_mm.best)
+            let in_device = device.scanner_from_device.inverse().point(best);
+            let name = device.name.as_str();
+            findings.require(device.lens.project(&in_device).is_some(), format!("/{name}"), || {
+                format!("does not see the point (0, 0, {}) of best focus in the scanner frame", best.z)
+            });
+            let [near, far] = device.in_focus_mm;
+            findings.require((near..=far).contains(&in_device.z), format!("/{name}"), || {
+                format!(
+                    "is in focus from {near:.1} to {far:.1} mm along its axis, but the point of best focus is at {:.1} mm",
+                    in_device.z
+                )
             });
         }
     }
@@ -208,8 +242,8 @@ impl ScannerSpec {
         let devices = PerDevice { left: &self.left, right: &self.right, projector: &self.projector };
         for (device, name) in devices.into_iter().zip(DeviceName::ALL) {
             let from_board = self.board_poses.is_some() && name != DeviceName::Projector;
+            device.check(name, findings);
             let name = name.as_str();
-            device.check(&format!("/{name}"), findings);
             findings.require(from_board != device.scanner_from_device.is_some(), format!("/{name}/scanner_from_device"), || {
                 if from_board {
                     "is given beside board_poses; give one of the two".into()
@@ -240,6 +274,12 @@ impl ScannerSpec {
         if let Some(edge_mm) = self.block_cube_mm {
             findings.range("/block_cube_mm", edge_mm, 1.0, 1e4, "mm");
         }
+        if let Some(origin_mm) = self.depth_origin_mm {
+            findings.range("/depth_origin_mm", origin_mm, -1000.0, 1000.0, "mm");
+        }
+        if let Some(calibrated) = &self.calibrated {
+            calibrated.check(findings);
+        }
     }
 
     /// Edge of the block cube: as given, else the shortest edge of the practical volume.
@@ -249,7 +289,8 @@ impl ScannerSpec {
 }
 
 impl DeviceSpec {
-    fn check(&self, pointer: &str, findings: &mut Findings) {
+    fn check(&self, name: DeviceName, findings: &mut Findings) {
+        let pointer = &format!("/{}", name.as_str());
         if let Some(pose) = &self.scanner_from_device {
             pose.check(&format!("{pointer}/scanner_from_device"), findings);
         }
@@ -259,7 +300,9 @@ impl DeviceSpec {
         self.check_focal_length(&format!("{pointer}/fx"), self.fx, width, findings);
         self.check_focal_length(&format!("{pointer}/fy"), self.fy, height, findings);
         findings.range(format!("{pointer}/cx"), self.cx, 0.0, width, "px");
-        findings.range(format!("{pointer}/cy"), self.cy, 0.0, height, "px");
+        // The lens of a projector is often shifted, so that its picture lies above or below its axis.
+        let [low, high] = if name == DeviceName::Projector { [-2.0 * height, 3.0 * height] } else { [0.0, height] };
+        findings.range(format!("{pointer}/cy"), self.cy, low, high, "px");
         findings.range(format!("{pointer}/skew"), self.skew, -0.1, 0.1, "");
         for (index, k) in self.distortion.iter().enumerate() {
             findings.range(format!("{pointer}/distortion/{index}"), *k, -10.0, 10.0, "");
@@ -268,6 +311,7 @@ impl DeviceSpec {
         if let Some(pitch_um) = self.pixel_pitch_um {
             findings.range(format!("{pointer}/pixel_pitch_um"), pitch_um, 0.1, 100.0, "µm");
         }
+        self.check_focus(pointer, findings);
     }
 
     /// Records a focal length that is out of range, or with which the image shows more than [`MAX_VIEW_DEG`]: 2·atan(size / 2f).
@@ -297,21 +341,22 @@ impl DeviceSpec {
         );
     }
 
-    fn build(&self, name: DeviceName, pose: Pose<ScannerFrame, Device>, findings: &mut Findings) -> OpticalDevice {
-        let flat = Lens {
-            width_px: f64::from(self.width_px),
-            height_px: f64::from(self.height_px),
-            fx: self.fx,
-            fy: self.fy,
-            cx: self.cx,
-            cy: self.cy,
-            skew: self.skew,
-            distortion: self.distortion,
-            field_radius_squared: f64::INFINITY,
-        };
+    fn build(
+        &self,
+        name: DeviceName,
+        pose: Pose<ScannerFrame, Device>,
+        best: &Point3<f64>,
+        findings: &mut Findings,
+    ) -> OpticalDevice {
+        let size_px = [self.width_px, self.height_px].map(f64::from);
+        let flat = Lens::without_field(size_px, [self.fx, self.fy, self.cx, self.cy], self.skew, self.distortion);
         let lens = flat.with_field();
         findings.require(lens.is_some(), format!("/{}/distortion", name.as_str()), || {
-            format!("{:?} folds the image over itself; a lens images every direction of its field once", self.distortion)
+            let radius = flat.fold_radius_px();
+            let at = radius.map_or_else(String::new, |[fold, corner]| {
+                format!(" at {fold:.0} px from the principal point; the image reaches {corner:.0} px")
+            });
+            format!("{:?} folds the image over itself{at}; a lens images every direction of its field once", self.distortion)
         });
         OpticalDevice {
             name,
@@ -319,6 +364,7 @@ impl DeviceSpec {
             lens: lens.unwrap_or(flat),
             incidence_max_rad: self.incidence_max_deg.to_radians(),
             pixel_pitch_mm: self.pixel_pitch_um.map(|um| um / 1000.0),
+            in_focus_mm: self.in_focus_mm(pose.inverse().point(best).z),
         }
     }
 }
@@ -367,18 +413,21 @@ impl BoardPosesSpec {
         self.right.check("/board_poses/right", findings);
     }
 
-    /// Camera poses in the scanner frame: origin = middle of the baseline, x along it, z = mean optical axis made
-    /// perpendicular to x ([`crate::planning::method::scanner`]).
+    /// Camera poses in the scanner frame.
     fn rig(&self) -> (Pose<ScannerFrame, Device>, Pose<ScannerFrame, Device>) {
         let left_from_right = self.left.camera_from_board() * self.right.camera_from_board().inverse();
-        let baseline = left_from_right.translation.vector;
-        let x = baseline.normalize();
-        let mean_axis = Vector3::z() + left_from_right.rotation * Vector3::z();
-        let z = (mean_axis - x * x.dot(&mean_axis)).normalize();
-        let axes = Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
-        let left_from_scanner =
-            Isometry3::from_parts(Translation3::from(baseline * 0.5), UnitQuaternion::from_rotation_matrix(&axes));
-        let scanner_from_left = left_from_scanner.inverse();
+        let scanner_from_left = left_from_scanner(&left_from_right).inverse();
         (Pose::claim(scanner_from_left), Pose::claim(scanner_from_left * left_from_right))
     }
+}
+
+/// The scanner frame in the left camera: origin = middle of the baseline, x along it, z = mean optical axis made perpendicular to
+/// x ([`crate::planning::method::scanner`]).
+pub(in crate::cell) fn left_from_scanner(left_from_right: &Isometry3<f64>) -> Isometry3<f64> {
+    let baseline = left_from_right.translation.vector;
+    let x = baseline.normalize();
+    let mean_axis = Vector3::z() + left_from_right.rotation * Vector3::z();
+    let z = (mean_axis - x * x.dot(&mean_axis)).normalize();
+    let axes = Rotation3::from_basis_unchecked(&[x, z.cross(&x), z]);
+    Isometry3::from_parts(Translation3::from(baseline * 0.5), UnitQuaternion::from_rotation_matrix(&axes))
 }

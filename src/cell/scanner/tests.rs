@@ -453,3 +453,105 @@ mod refusals {
         assert!(error.to_string().contains("colour"), "{error}");
     }
 }
+
+mod working_depth {
+    use nalgebra::{Point3, Vector3};
+
+    use super::super::{DepthBoundSource, ScannerSpec};
+    use super::{CALIBRATED, NOMINAL, close, rigs, scanner, spec};
+
+    fn pointers(spec: &ScannerSpec) -> Vec<String> {
+        spec.build().expect_err("must be refused").into_iter().map(|error| error.pointer).collect()
+    }
+
+    #[test]
+    fn presets_have_the_practical_limit_alone() {
+        for rig in rigs() {
+            let bounds = rig.depth_bounds();
+            assert_eq!(bounds.len(), 1);
+            assert_eq!((bounds[0].source, bounds[0].on_axis_mm), (DepthBoundSource::Practical, [410.0, 565.0]));
+            assert!(rig.devices.iter().all(|device| !device.has_focus_limit()));
+        }
+    }
+
+    #[test]
+    fn a_projector_in_focus_over_less_depth_cuts_the_volume() {
+        let mut wanted = spec(NOMINAL);
+        wanted.projector.in_focus_mm = Some([430.0, 540.0]);
+        let rig = wanted.build().expect("valid");
+        let bounds = rig.depth_bounds();
+        assert_eq!((bounds[1].source, bounds[1].on_axis_mm), (DepthBoundSource::Projector, [430.0, 540.0]));
+        let volume = rig.measurement_volume().expect("a volume");
+        let depths = || volume.polytope.vertices_mm.iter().map(|vertex| vertex.z);
+        close(depths().fold(f64::INFINITY, f64::min), 430.0, 1e-6);
+        close(depths().fold(0.0, f64::max), 540.0, 1e-6);
+    }
+
+    #[test]
+    fn the_slab_of_a_camera_is_square_to_its_own_axis() {
+        let mut wanted = spec(CALIBRATED);
+        (wanted.left.f_number, wanted.left.circle_of_confusion_um) = (Some(8.0), Some(9.0));
+        let rig = wanted.build().expect("valid");
+        let left = &rig.devices.left;
+        let device_from_scanner = left.scanner_from_device.inverse();
+        let at = |z: f64| device_from_scanner.point(&Point3::new(0.0, 0.0, z)).z;
+        // By the formulas: b = δ·Fe, f = fx·pitch.
+        let (focus, focal, b) = (at(480.0), (wanted.left.fx * wanted.left.fy).sqrt() * 0.00185, 0.009 * 8.0);
+        close(left.in_focus_mm[0], focus - b * focus * focus / (focal * focal + b * focus), 1e-9);
+        close(left.in_focus_mm[1], focus + b * focus * focus / (focal * focal - b * focus), 1e-9);
+        let bound = rig.depth_bounds()[1];
+        close(at(bound.on_axis_mm[0]), left.in_focus_mm[0], 1e-9);
+        close(at(bound.on_axis_mm[1]), left.in_focus_mm[1], 1e-9);
+        // The slab is tilted against the scanner's, so that less depth is sharp over the whole field.
+        let lost = bound.over_field_mm[0] - bound.on_axis_mm[0] + bound.on_axis_mm[1] - bound.over_field_mm[1];
+        let slope = left.scanner_from_device.direction(&Vector3::z());
+        let [width, height] = rig.common_field_at(480.0).size_mm();
+        close(lost, width * (slope.x / slope.z).abs() + height * (slope.y / slope.z).abs(), 1e-6);
+        let volume = rig.measurement_volume().expect("a volume");
+        let off = |vertex: &Point3<f64>| {
+            let depth = device_from_scanner.point(vertex).z;
+            (left.in_focus_mm[0] - depth).max(depth - left.in_focus_mm[1])
+        };
+        assert!(volume.polytope.vertices_mm.iter().map(off).fold(f64::NEG_INFINITY, f64::max) < 1e-6);
+    }
+
+    #[test]
+    fn working_distances_may_count_from_the_front_of_the_housing() {
+        let mut wanted = spec(NOMINAL);
+        wanted.depth_origin_mm = Some(20.0);
+        let rig = wanted.build().expect("valid");
+        assert_eq!((rig.near_mm, rig.best_mm, rig.far_mm), (430.0, 500.0, 585.0));
+        assert_eq!(scanner(NOMINAL).best_mm, 480.0);
+    }
+
+    #[test]
+    fn what_contradicts_itself_is_named() {
+        let mut wanted = spec(NOMINAL);
+        wanted.left.f_number = Some(8.0);
+        assert_eq!(pointers(&wanted), ["/left/circle_of_confusion_um"]);
+        wanted.left.circle_of_confusion_um = Some(9.0);
+        wanted.left.in_focus_mm = Some([400.0, 500.0]);
+        assert_eq!(pointers(&wanted), ["/left/in_focus_mm"]);
+        let mut wanted = spec(NOMINAL);
+        wanted.projector.in_focus_mm = Some([500.0, 600.0]);
+        assert_eq!(pointers(&wanted), ["/projector"], "best focus is not in it");
+        wanted.projector.in_focus_mm = Some([600.0, 500.0]);
+        assert_eq!(pointers(&wanted), ["/projector/in_focus_mm"]);
+        let mut wanted = spec(NOMINAL);
+        (wanted.left.cy, wanted.projector.cy, wanted.depth_origin_mm) = (-1.0, -4001.0, Some(1e4));
+        assert_eq!(pointers(&wanted), ["/left/cy", "/projector/cy", "/depth_origin_mm"]);
+    }
+
+    #[test]
+    fn a_projector_with_a_shifted_lens_is_accepted() {
+        let mut wanted = spec(NOMINAL);
+        // Its picture is above its axis: turned down by as much, it still lights the middle of the field.
+        wanted.projector.cy = -500.0;
+        let tilt = ((1000.0_f64 + 500.0) / wanted.projector.fy).atan();
+        let pose = wanted.projector.scanner_from_device.as_mut().expect("a pose");
+        let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), tilt);
+        pose.quaternion_xyzw = [turn.i, turn.j, turn.k, turn.w];
+        let rig = wanted.build().expect("valid");
+        assert!(rig.common_field_at(480.0).size_mm()[1] > 100.0);
+    }
+}

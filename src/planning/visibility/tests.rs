@@ -120,6 +120,29 @@ fn the_furthest_view_names_the_cause() {
 }
 
 #[test]
+fn a_device_that_is_out_of_focus_fails_by_depth() {
+    let mesh = box_mesh([-20.0, -20.0, 0.0], [20.0, 20.0, 20.0]);
+    let surface = sampled(&mesh, 1.0);
+    let mut scanner = nominal_scanner();
+    // From the projector, at the scanner's origin; the practical depth is 410 to 565 mm.
+    scanner.devices.projector.in_focus_mm = [450.0, 520.0];
+    let top = |sample: &SampleId| surface.patch_of(*sample).normal.z > 0.9;
+    let count = surface.samples().filter(top).count();
+    for (height_mm, in_focus) in [(460.0, false), (480.0, true), (530.0, true), (550.0, false)] {
+        let limited = table_by(&scanner, &mesh, &surface, &[looking_down(height_mm)], &PlanParams::default());
+        let free = table(&mesh, &surface, &[looking_down(height_mm)], &PlanParams::default());
+        let measured = |table: &VisibilityMatrix| table.rows[0].samples().filter(top).count();
+        assert_eq!(measured(&free), count, "at {height_mm} mm");
+        assert_eq!(measured(&limited), if in_focus { count } else { 0 }, "at {height_mm} mm");
+        if !in_focus {
+            let causes: BTreeSet<Cause> =
+                surface.samples().filter(top).map(|sample| limited.furthest_cause[sample.index()]).collect();
+            assert_eq!(causes, BTreeSet::from([Cause::Depth]), "at {height_mm} mm");
+        }
+    }
+}
+
+#[test]
 fn moving_part_and_scanner_together_changes_nothing() {
     let mesh = box_mesh([-20.0, -30.0, 0.0], [20.0, 30.0, 25.0]);
     let motion = Isometry3::from_parts(Translation3::new(310.0, -77.0, 12.5), UnitQuaternion::from_euler_angles(0.4, -1.1, 2.3));

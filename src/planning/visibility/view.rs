@@ -49,6 +49,7 @@ struct DeviceOptics {
     /// Optical centre, scanner frame.
     centre_mm: Point3<f64>,
     lens: Lens,
+    in_focus_mm: [f64; 2],
 }
 
 /// Minimum cosines of the incidence against each device.
@@ -64,6 +65,7 @@ impl Optics {
             device_from_scanner: *device.scanner_from_device.inverse().isometry(),
             centre_mm: device.scanner_from_device.origin_mm(),
             lens: device.lens,
+            in_focus_mm: device.in_focus_mm,
         });
         let limits = |requirement: &Requirement| {
             let required_rad = PerDevice::of_cameras(requirement.camera_max_rad, requirement.projector_max_rad);
@@ -159,6 +161,7 @@ struct Seen {
     /// Incidence within the limit.
     within: bool,
     in_frame: bool,
+    in_focus: bool,
 }
 
 #[inline(always)]
@@ -184,7 +187,8 @@ impl View<'_> {
         let right = self.seen_by(DeviceName::Right, p, normal, in_scanner, min_cos.right);
         let projector = self.seen_by(DeviceName::Projector, p, normal, in_scanner, min_cos.projector);
         let faces = left.faces & right.faces & projector.faces;
-        let in_depth = (optics.near_mm <= in_scanner[2]) & (in_scanner[2] <= optics.far_mm);
+        let in_slab = (optics.near_mm <= in_scanner[2]) & (in_scanner[2] <= optics.far_mm);
+        let in_depth = in_slab & left.in_focus & right.in_focus & projector.in_focus;
         let mut cause = u64::from(PASSES);
         cause = if projector.within { cause } else { number(Cause::IncidenceProjector) };
         cause = if right.within { cause } else { number(Cause::IncidenceRight) };
@@ -204,10 +208,12 @@ impl View<'_> {
         let towards = [centre.x - p[0], centre.y - p[1], centre.z - p[2]];
         let along_normal = dot(normal, towards);
         let [x, y, z] = self.devices[device].apply(in_scanner);
+        let [near_mm, far_mm] = self.optics.devices[device].in_focus_mm;
         Seen {
             faces: along_normal > 0.0,
             within: along_normal >= min_cos * dot(towards, towards).sqrt(),
             in_frame: lens.image(x, y, z).2,
+            in_focus: (near_mm <= z) & (z <= far_mm),
         }
     }
 

@@ -8,6 +8,7 @@ use super::{Ended, run};
 const COMMANDS: [&str; 19] = [
     "serve",
     "demo",
+    "calibrate",
     "plan",
     "study",
     "inspect",

@@ -1,0 +1,85 @@
+use clap::Parser;
+
+use super::*;
+
+#[derive(Parser)]
+struct Line {
+    #[command(flatten)]
+    args: CalibrateScannerArgs,
+}
+
+fn args(options: &[&str]) -> Result<CalibrateScannerArgs, String> {
+    Line::try_parse_from([&["scanner"], options].concat()).map(|line| line.args).map_err(|error| error.to_string())
+}
+
+const LEFT: &str = "fc = [ 6668.08312 ; 6667.42465 ];\ncc = [ 1939.53554 ; 1471.63556 ];\nalpha_c = -0.000153;\n\
+    kc = [ -0.04359 ; 0.34600 ; -0.00209 ; -0.00112 ; -0.24560 ];\nfc_error = [ 0.00000 ; 0.00000 ];\n\
+    Rc_1 = [ 0.98495 -0.01265 0.17236\n -0.00608 -0.99923 -0.03854\n 0.17272 0.03691 -0.98427 ];\n\
+    Tc_1 = [ 0.42910 ; 1.40557 ; 558.72951 ];\n";
+const RIGHT: &str = "fc = [ 6667.54259 ; 6668.18595 ];\ncc = [ 1972.47889 ; 1587.87192 ];\nalpha_c = 0.000093;\n\
+    kc = [ -0.02110 ; 0.06457 ; -0.00094 ; 0.00093 ; 1.13432 ];\n\
+    Rc_1 = [ 0.98034 -0.00948 -0.19708 ; -0.01441 -0.99961 -0.02360 ; -0.19678 0.02598 -0.98010 ];\n\
+    Tc_1 = [ -1.69264 ; -7.15918 ; 566.12879 ];\n";
+
+fn file(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    std::fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+#[test]
+fn the_tables_of_the_thesis_become_a_specification_with_its_provenance_and_a_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (left, right) = (file(folder.path(), "left.m", LEFT), file(folder.path(), "right.m", RIGHT));
+    let (out, report) = (folder.path().join("mine.toml"), folder.path().join("mine.html"));
+    let (out_name, report_name) = (out.display().to_string(), report.display().to_string());
+    let options = [
+        left.as_str(),
+        &right,
+        "--image-size",
+        "4000x3036",
+        "--field",
+        "300x190@480",
+        "--depth",
+        "410..565",
+        "--name",
+        "mine",
+        "--out",
+        &out_name,
+        "--report",
+        &report_name,
+        "--plane",
+        "410=434.5",
+        "--plane",
+        "480=504.5",
+        "--plane",
+        "565=589.5",
+    ];
+    run(&args(&options).expect("options")).expect("files");
+    let spec: ScannerSpec = files::from_value(files::value(&out).expect("TOML"), "mine").expect("a scanner");
+    let scanner = spec.build().expect("valid");
+    assert!((scanner.baseline_mm() - 209.94).abs() < 0.005 && (scanner.axes_angle_rad().to_degrees() - 21.30).abs() < 0.01);
+    let calibrated = spec.calibrated.as_ref().expect("provenance");
+    assert_eq!((calibrated.by.as_str(), &calibrated.at, calibrated.residuals), ("import from bouguet", &None, None));
+    assert_eq!(calibrated.data_sha256.len(), 64);
+    assert!((spec.depth_origin_mm.expect("planes were given") - 24.5).abs() < 1e-9 && (scanner.best_mm - 504.5).abs() < 1e-9);
+    let page = std::fs::read_to_string(report).expect("the report");
+    assert!(page.contains("209.941") && page.contains("single board") && page.contains("uncertainty not known"), "{page}");
+}
+
+#[test]
+fn what_cannot_be_used_is_told_with_file_and_code() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (left, right) = (file(folder.path(), "left.m", LEFT), file(folder.path(), "right.m", RIGHT));
+    let error = run(&args(&[&left, &right]).expect("options")).expect_err("no size");
+    assert!(error.exit_code() == 2 && error.to_string().contains("(missing_image_size)"), "{error}");
+    let error = run(&args(&[&left, "--image-size", "4000x3036"]).expect("options")).expect_err("one camera");
+    assert!(error.to_string().contains("(missing_device)"), "{error}");
+    let strange = file(folder.path(), "strange.txt", "hello");
+    let error = run(&args(&[&strange]).expect("options")).expect_err("strange");
+    assert!(error.to_string().contains("unknown_format"), "{error}");
+    let error = run(&args(&[&left, "--hold", "fx"]).expect("options")).expect_err("not held");
+    assert!(error.to_string().contains("skew, k1, k2, p1, p2, k3"), "{error}");
+    assert!(args(&[&left, "--field", "300x190"]).expect_err("no distance").contains("as in 300x190@480"));
+    assert!(args(&[&left, "--from", "word"]).expect_err("no format").contains("opencv, bouguet"));
+}
