@@ -96,9 +96,9 @@ function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
           tools={<Button aria-pressed={beams.value} onClick={() => { beams.value = !beams.value; }}>{text.plan.frustums}</Button>} />
         <div class="player">
           <span class="actions">
-            <Button onClick={() => jump(-1)} aria-label={words.previous}>⏮</Button>
+            <Button onClick={() => jump(-1)} aria-label={words.previous}>‹</Button>
             <Button kind="primary" onClick={play}>{playing.value ? words.pause : words.play}</Button>
-            <Button onClick={() => jump(1)} aria-label={words.nextStep}>⏭</Button>
+            <Button onClick={() => jump(1)} aria-label={words.nextStep}>›</Button>
           </span>
           <input type="range" aria-label={words.time} min={0} max={timeline.total} step={0.01} value={now} aria-valuetext={seconds(now)} onInput={(event) => seek(event.currentTarget.valueAsNumber)} />
           <output class="number">{now.toFixed(1)} / {timeline.total.toFixed(1)} s</output>

@@ -90,11 +90,13 @@ function Head({ job, tab }: { job: Job; tab: string }) {
           <JobActions job={job} onLabels={() => { labels.value = true; }} />
         </span>
       </div>
-      {job.summary && <p class="verdict">{job.summary.title}</p>}
       {action && <p class="next"><span>{text.job.next}: {action.text}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
       <Progress job={job} /><JobProblem job={job} />
       {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
-      <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name]))} />
+      <div class="headrow">
+        <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name]))} />
+        {job.summary && <p class="verdict" title={job.summary.title}>{job.summary.title}</p>}
+      </div>
     </div>
   );
 }

@@ -285,7 +285,7 @@ function Bars({ title, rows }: { title: string; rows: { name: string; value: num
     <figure class="bars">
       <figcaption>{title}</figcaption>
       <table><tbody>{rows.map((row) => (
-        <tr key={row.name}><th scope="row">{row.name}</th><td class="bar"><span style={{ width: `${(100 * row.value) / most}%`, ...(row.colour && { background: row.colour }) }} /></td>
+        <tr key={row.name}><th scope="row">{row.name}</th><td class="share"><span style={{ width: `${(100 * row.value) / most}%`, ...(row.colour && { background: row.colour }) }} /></td>
           <td class="number">{row.show}</td></tr>
       ))}</tbody></table>
     </figure>

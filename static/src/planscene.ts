@@ -57,6 +57,7 @@ export class PlanScene {
   private readonly pins = new Group();
   private glyphs: InstancedMesh | null = null;
   private shownViews: EditedView[] = [];
+  private framed: number | null = null;
   private readonly size: number;
   marked = new Set<number>();
   section: { axis: SectionAxis; at: number } = { axis: "off", at: 0 };
@@ -109,6 +110,9 @@ export class PlanScene {
   showFrustum(view: EditedView | null): void {
     this.stage.clear(this.frustum);
     if (view) this.frustum.add(place(frustums(this.model.plan.scanner), matrixOf(view.pose)));
+    // The camera goes back far enough to show from where the chosen view looks; while that is moved by hand it stays.
+    if (view && view.id !== this.framed) this.stage.fit(this.part.box.clone().expandByPoint(new Vector3(...view.pose.translation_mm)));
+    this.framed = view?.id ?? null;
     this.stage.invalidate();
   }
 

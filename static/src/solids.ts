@@ -127,7 +127,7 @@ export function frustums(scanner: Scanner): Group {
     const geometry = new BufferGeometry().setAttribute("position",
       new Float32BufferAttribute(sides.flatMap((point) => point.toArray()), 3));
     const shade = new Color(`rgb(${DEVICES[device.name]!.join(",")})`);
-    group.add(new Mesh(geometry, new MeshBasicMaterial({ color: shade, transparent: true, opacity: 0.07, side: DoubleSide,
+    group.add(new Mesh(geometry, new MeshBasicMaterial({ color: shade, transparent: true, opacity: 0.03, side: DoubleSide,
       depthWrite: false })));
   }
   return group;

@@ -133,10 +133,10 @@ function Source({ value, onChange }: { value: Record<string, unknown>; onChange:
   );
 }
 
-/** Devices of a specification as a plan has them: poses of cameras come from the calibration board where they are not given. */
-async function devicesOf(spec: ScannerSpec & Record<string, unknown>): Promise<Scanner | null> {
-  const devices = ["left", "right", "projector"].map((name) => ({ ...(spec[name] as Device), name }));
-  return devices.every((device) => device.scanner_from_device) ? { name: spec.name, depth_mm: spec.depth_mm, devices } : null;
+/** Devices whose poses the specification gives; those of cameras may follow from the calibration board instead. */
+function posedDevices(spec: ScannerSpec & Record<string, unknown>): Scanner {
+  const devices = ["left", "right", "projector"].map((name) => ({ ...(spec[name] as Device), name })).filter((device) => device.scanner_from_device);
+  return { name: spec.name, depth_mm: spec.depth_mm, devices };
 }
 
 function boxOf(size: [number, number, number], at: number, colour: number): LineSegments {
@@ -145,18 +145,17 @@ function boxOf(size: [number, number, number], at: number, colour: number): Line
   return made;
 }
 
-async function drawScanner(group: Group, spec: ScannerSpec & Record<string, unknown>): Promise<void> {
+function drawScanner(group: Group, spec: ScannerSpec & Record<string, unknown>): void {
   const { near, best, far } = spec.depth_mm;
   (spec.body ?? []).forEach((body) => group.add(bodyMesh(body, { colour: 0x56616d })));
-  const scanner = await devicesOf(spec);
-  if (scanner) group.add(frustums(scanner));
+  group.add(frustums(posedDevices(spec)));
   group.add(boxOf([spec.practical_volume_mm[0], spec.practical_volume_mm[1], Math.min(spec.practical_volume_mm[2], far - near)], best, 0xe69f00));
   if (spec.stated_volume_mm) group.add(boxOf(spec.stated_volume_mm, best, 0x009e73));
   for (const depth of [near, best, far]) group.add(boxOf([spec.practical_volume_mm[0], spec.practical_volume_mm[1], 0.1], depth, depth === best ? 0xd55e00 : 0x8a94a0));
 }
 
 async function draw(stage: Stage, group: Group, kind: string, spec: Record<string, unknown>): Promise<void> {
-  if (kind === "scanners") await drawScanner(group, spec as unknown as ScannerSpec & Record<string, unknown>);
+  if (kind === "scanners") drawScanner(group, spec as unknown as ScannerSpec & Record<string, unknown>);
   if (kind === "robots") {
     const robot = spec as unknown as Robot;
     const arm = new Arm(robot);

@@ -1,7 +1,7 @@
 // A view in three dimensions: camera, light, picks, labels and pictures. It draws when something changed and not otherwise.
 import {
   AmbientLight, Box3, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, type Material, Mesh, MeshLambertMaterial,
-  Object3D, PerspectiveCamera, Plane, Raycaster, Scene, Sphere, Vector2, Vector3, WebGLRenderer,
+  Object3D, PerspectiveCamera, Plane, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { effect } from "@preact/signals";
@@ -19,6 +19,19 @@ export interface PointerPick { origin: number[]; direction: number[]; isExtended
 /** Stages that are drawn, for the tests. */
 export const stages = new Set<Stage>();
 window.vantage.stages = stages;
+
+let software: boolean | undefined;
+
+/** True where the browser draws 3D without a graphics card: smooth edges would cost four times the pixels there. */
+function isSoftwareGl(): boolean {
+  if (software === undefined) {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    software = /swiftshader|llvmpipe|software/i.test(String(gl && info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : ""));
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+  return software;
+}
 
 const CLICK_PX = 5;
 const KEY_STEP_RAD = Math.PI / 24;
@@ -42,7 +55,7 @@ export class Stage {
   frames = 0;
 
   constructor(private readonly container: HTMLElement, label: string) {
-    this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: true, powerPreference: "low-power" });
+    this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: !isSoftwareGl(), powerPreference: "low-power" });
     this.renderer.localClippingEnabled = true;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
@@ -191,18 +204,31 @@ export class Stage {
 
   /** Turns the camera to a standard view and lets `box` fill the picture. */
   look(box: Box3, direction: [number, number, number]): void {
-    const ball = box.getBoundingSphere(new Sphere());
-    const half = (this.camera.fov * Math.PI) / 360;
-    const narrow = Math.min(half, Math.atan(Math.tan(half) * Math.max(0.5, this.camera.aspect)));
-    const distance = (ball.radius * 1.05) / Math.sin(narrow);
+    const centre = box.getCenter(new Vector3());
+    const back = new Vector3(...direction).normalize();
+    const distance = 1.12 * this.distanceFor(box, centre, back);
     this.camera.near = Math.max(0.1, distance / 200);
     this.camera.far = distance * 50;
     this.camera.updateProjectionMatrix();
-    this.controls.target.copy(ball.center);
-    this.camera.position.copy(ball.center).addScaledVector(new Vector3(...direction).normalize(), distance);
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(back, distance);
     this.controls.update();
     this.invalidate();
     this.followers.forEach((follow) => follow(this));
+  }
+
+  /** Smallest distance from which every corner of a box is in the picture. */
+  private distanceFor(box: Box3, centre: Vector3, back: Vector3): number {
+    const sideways = new Vector3().crossVectors(this.camera.up, back).normalize();
+    const upwards = new Vector3().crossVectors(back, sideways);
+    const tangent = Math.tan((this.camera.fov * Math.PI) / 360);
+    let distance = 1;
+    for (let i = 0; i < 8; i += 1) {
+      const corner = new Vector3(i & 1 ? box.max.x : box.min.x, i & 2 ? box.max.y : box.min.y, i & 4 ? box.max.z : box.min.z).sub(centre);
+      const across = Math.max(Math.abs(corner.dot(upwards)), Math.abs(corner.dot(sideways)) / Math.max(0.3, this.camera.aspect));
+      distance = Math.max(distance, across / tangent + corner.dot(back));
+    }
+    return distance;
   }
 
   /** Keeps the direction and lets `box` fill the picture. */

@@ -67,7 +67,7 @@ function load(given: Float32Array): { faces: number; secs: number } {
   geometry.computeBoundingSphere();
   lift = 1e-5 * (geometry.boundingSphere?.radius ?? 100);
   // `indirect` leaves the faces in their order, by which coverage is given.
-  tree = new MeshBVH(geometry, { indirect: true, maxLeafSize: 8 });
+  tree = new MeshBVH(geometry, { indirect: true, targetLeafSize: 8 });
   return { faces: positions.length / 9, secs: (performance.now() - began) / 1000 };
 }
 

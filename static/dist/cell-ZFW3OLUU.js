@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-WJCNIP5F.js";import"./chunk-5K2FC3Y7.js";import"./chunk-RKN5YFXZ.js";import"./chunk-T2CE4DTN.js";import"./chunk-3NII6QV3.js";import"./chunk-MUXE7JI5.js";import"./chunk-APL7CDHP.js";import"./chunk-5Z734VSL.js";import"./chunk-YSZMC7RV.js";import"./chunk-PWMXAQ6I.js";import"./chunk-VMOTANUS.js";export{b as CellView,a as programsOf};
