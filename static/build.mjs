@@ -25,6 +25,8 @@ const { metafile } = await build({
   metafile: true,
   target: "es2022",
   charset: "utf8",
+  // The folder of packages may be linked; what it is called then is not to change a byte.
+  preserveSymlinks: true,
   jsx: "automatic",
   jsxImportSource: "preact",
   chunkNames: "[name]-[hash]",

@@ -2,7 +2,7 @@
 import { render } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { isSignedIn, keyRequest, signOut } from "./api";
-import { seen, stream } from "./jobs";
+import { applyEvent, seen, stream } from "./jobs";
 import { JobList } from "./joblist";
 import { JobView } from "./job";
 import { hrefOf, place, theme, unit, type Theme, type Unit } from "./settings";
@@ -134,5 +134,5 @@ function App() {
 
 // What tests hold the page against: events handled, and through the views what is drawn.
 declare global { interface Window { vantage: Record<string, unknown> } }
-window.vantage = { seen, stream };
+window.vantage = { seen, stream, applyEvent };
 render(<App />, document.getElementById("root")!);

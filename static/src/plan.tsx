@@ -24,7 +24,7 @@ export interface Plan3d {
   model: Model; tracer: Tracer; views: Signal<EditedView[]>; chosen: Signal<number | null>; scores: Signal<Scores | null>;
   plannedScores: Signal<Scores | null>; computing: Signal<number | null>; spot: Signal<SpotState | null>; marked: Signal<Set<number>>;
   tool: Signal<RegionTool>; sharp: Signal<number>; radius: Signal<number>; box: Signal<{ min: number[]; max: number[] } | null>;
-  chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot) => void;
+  chooseView: (id: number | null) => void; askAt: (hit: Hit | null) => Promise<void>; addView: () => void; showSpot: (spot: Spot, reason: string) => void;
   score: () => Promise<void>; apply: (set: Record<string, unknown>) => Promise<void>;
 }
 
@@ -71,9 +71,13 @@ function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
     state.spot.value = { hit, judgements, meaning: meaningOf(model.bytes[hit.face]!), spot: missed?.spot ?? null, reason: missed?.reason ?? null };
     setQuery({ spot: String(hit.face) });
   };
-  const showSpot = (spot: Spot): void => {
-    const face = spot.faces.map((source) => model.mesh.faceOf(source)).find((face) => face >= 0);
-    if (face !== undefined) void askAt(hitOf(model, face));
+  const showSpot = (spot: Spot, reason: string): void => {
+    const faces = spot.faces.map((source) => model.mesh.faceOf(source)).filter((face) => face >= 0);
+    // A face may lie in the spot with a small part only; the one to be shown is missed for this cause, near the spot's middle.
+    const own = faces.filter((face) => meaningOf(model.bytes[face]!) === reason);
+    const away = (face: number): number => Math.hypot(...hitOf(model, face).point.map((value, i) => value - spot.centre_mm[i]!));
+    const nearest = (own.length ? own : faces).reduce<number | null>((best, face) => (best === null || away(face) < away(best) ? face : best), null);
+    if (nearest !== null) void askAt(hitOf(model, nearest));
   };
   const addView = (): void => {
     const hit = state.spot.peek()?.hit;

@@ -23,7 +23,7 @@ export function Legend({ state, mode, areas }: { state: Plan3d; mode: Colouring;
   }), [mode, scores, areas]);
   const total = [...areas.values()].reduce((sum, value) => sum + value, 0);
   return (
-    <div class="legend">
+    <div class="legend" tabIndex={0} role="group" aria-label={words.legend}>
       <table aria-label={words.legend}>
         <tbody>
           {rows.map((row) => (
@@ -209,7 +209,7 @@ export function MissesPanel({ state }: { state: Plan3d }) {
       <h3>{words.misses}</h3>
       <ul class="spots">
         {spots.map(({ reason, spot }, i) => (
-          <li key={i}><button type="button" class="row" onClick={() => state.showSpot(spot)}>
+          <li key={i}><button type="button" class="row" onClick={() => state.showSpot(spot, reason)}>
             <span><Swatch colour={css(causeColour(reason))} /> {causeName(reason)}</span><span class="number">{area(spot.area_mm2)}</span>
             <span class="soft">{spot.remedy?.text ?? ""}</span></button></li>
         ))}
@@ -259,7 +259,7 @@ export function RegionsPanel({ state }: { state: Plan3d }) {
       <p><strong id="marked-area">{words.drawn(area(markedArea))}</strong> <Button onClick={clear}>{words.clear}</Button></p>
       <RegionUse draft={draft} />
       <p class="actions"><Button kind="primary" disabled={marked.size === 0} onClick={() => planWithRegion(state, draft.value)}>{words.regionPlan}</Button></p>
-      {Boolean(job.regions?.length) && <><h3>{words.regionList}</h3><div class="scroll"><RegionTable regions={job.regions!} /></div></>}
+      {Boolean(job.regions?.length) && <><h3>{words.regionList}</h3><div class="scroll" tabIndex={0} role="group" aria-label={text.results.regions}><RegionTable regions={job.regions!} /></div></>}
     </div>
   );
 }

@@ -44,7 +44,7 @@ export function Results({ job }: { job: Job }) {
         {changes.length === 0 ? <p class="soft">{text.results.allDefault}</p> : (
           <table><tbody>{changes.map(([name, value]) => <tr key={name}><th scope="row"><code>{name}</code></th><td><code>{JSON.stringify(value)}</code></td></tr>)}</tbody></table>
         )}
-        {Boolean(job.regions?.length) && <><h2>{text.results.regions}</h2><div class="scroll"><RegionTable regions={job.regions!} /></div></>}
+        {Boolean(job.regions?.length) && <><h2>{text.results.regions}</h2><div class="scroll" tabIndex={0} role="group" aria-label={text.results.regions}><RegionTable regions={job.regions!} /></div></>}
       </section>
     </div>
   );

@@ -156,7 +156,7 @@ function Live({ loaded }: { loaded: Loaded }) {
         <RunFacts run={run.value} />
         <Plots samples={samples} />
         <h3>{words.log}</h3>
-        <ol class="log">{log.value.map((entry, i) => (
+        <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (
           <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
         ))}</ol>
         <Files run={run.value} />
