@@ -1,6 +1,6 @@
 // The list of jobs: live rows with picture, verdict and figures, filters that the address holds, and what can be done with each.
 import { useSignal } from "@preact/signals";
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { ask, idempotencyKey, post, put, remove, type Job } from "./api";
 import {
   cellName, ENDED, isListed, jobIds, jobSignal, keepJob, listJobs, listToken, partName, readJob, scannerName, secondsLeft, forgetJob,
@@ -29,17 +29,25 @@ export function StateMark({ job }: { job: Job }) {
   return <span class={`state ${level ?? job.state}`}>{name}</span>;
 }
 
+/** Time for which a row rests in view before its picture is drawn. */
+const REST_MS = 150;
+
 function Thumbnail({ job }: { job: Job }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   useEffect(() => {
     const element = canvas.current!;
+    let waiting: ReturnType<typeof setTimeout> | undefined;
+    // Rows that only pass by while the list is scrolled are not drawn.
     const watching = new IntersectionObserver((entries) => {
-      if (!entries.some((entry) => entry.isIntersecting)) return;
-      watching.disconnect();
-      void import("./thumbnail").then((room) => room.drawThumbnail(element, job.mesh_id, job.state === "succeeded" ? job.id : null));
+      clearTimeout(waiting);
+      if (!entries.at(-1)!.isIntersecting) return;
+      waiting = setTimeout(() => {
+        watching.disconnect();
+        void import("./thumbnail").then((room) => room.drawThumbnail(element, job.mesh_id, job.state === "succeeded" ? job.id : null));
+      }, REST_MS);
     });
     watching.observe(element);
-    return () => watching.disconnect();
+    return () => { clearTimeout(waiting); watching.disconnect(); };
   }, [job.id, job.state === "succeeded"]);
   return <canvas ref={canvas} class="thumb" width={144} height={108} role="img" aria-label={text.jobs.thumbnail(partName(job))} />;
 }
@@ -236,7 +244,11 @@ export function JobList() {
   const chosen = useSignal<string[]>([]);
   const { query } = place.value;
   const [state, words] = [query.get("state") ?? "", query.get("q") ?? ""];
-  const fits = (job: Job): boolean => (!state || job.state === state) && (!words || hasWords(job, words));
+  // Rows whose properties stay the same are not drawn anew when another row changes.
+  const fits = useMemo(() => (job: Job): boolean => (!state || job.state === state) && (!words || hasWords(job, words)), [state, words]);
+  const choose = useMemo(() => (id: string, isChosen: boolean): void => {
+    chosen.value = isChosen ? [...chosen.peek(), id] : chosen.peek().filter((other) => other !== id);
+  }, []);
   const ids = jobIds.value;
   const shown = ids.filter((id) => { const job = jobSignal(id)?.value; return job && fits(job); });
   return (
@@ -255,9 +267,7 @@ export function JobList() {
       {ids.length > 0 && shown.length === 0 && <p class="empty">{text.jobs.noneFit}</p>}
       <ul id="jobs">
         {shown.map((id) => (
-          <Row key={id} id={id} fits={fits} chosen={chosen.value.includes(id)} onChoose={(id, isChosen) => {
-            chosen.value = isChosen ? [...chosen.value, id] : chosen.value.filter((other) => other !== id);
-          }} />
+          <Row key={id} id={id} fits={fits} chosen={chosen.value.includes(id)} onChoose={choose} />
         ))}
       </ul>
       <p class="soft" role="status">{text.jobs.listed(shown.length, ids.length)}</p>

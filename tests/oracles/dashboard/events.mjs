@@ -103,21 +103,25 @@ const many = Array.from({ length: 500 }, (_, i) => ({ ...whole, id: `01a20000-00
 await page.route("**/api/v1/jobs?page_size=*", (route) => route.fulfill({ json: { items: many, next_page_token: null } }));
 await page.reload();
 await page.waitForFunction(() => document.querySelectorAll(".job").length >= 500);
-const frames = await page.evaluate(async () => {
+// The machine may be busy with other things: the pace of a page that stands still is the measure.
+const frames = (isMoving) => page.evaluate(async (isMoving) => {
   const times = [];
   const main = document.getElementById("main");
   let last = performance.now();
   for (let i = 0; i < 120; i += 1) {
-    main.scrollTop = (main.scrollHeight * i) / 120;
+    if (isMoving) main.scrollTop = (main.scrollHeight * i) / 120;
+    else main.style.outlineWidth = `${i % 2}px`;
     await new Promise(requestAnimationFrame);
     times.push(performance.now() - last);
     last = performance.now();
   }
   return times.sort((a, b) => a - b);
-});
-const [median, p95] = [frames[60], frames[114]];
-assert.ok(median < 100, `a frame of the list of 500 takes ${median} ms`);
+}, isMoving);
+await pause(2000);
+const [still, moving] = [await frames(false), await frames(true)];
+const [median, p95] = [moving[60], moving[114]];
+assert.ok(median < Math.max(50, 6 * still[60]), `a frame of the list of 500 takes ${median} ms, of a page that stands still ${still[60]} ms`);
 await browser.close();
 proxy.close();
 proxy.closeAllConnections();
-console.log(JSON.stringify({ drops: dropped, events: seen.length, heap_growth_bytes: grown, frame_ms: { median, p95 } }));
+console.log(JSON.stringify({ drops: dropped, events: seen.length, heap_growth_bytes: grown, frame_ms: { still: still[60], median, p95 } }));

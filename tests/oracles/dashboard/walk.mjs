@@ -199,7 +199,7 @@ for (const part of parts) {
   const off = await play(id);
   const samples = await run();
   const report = await fetch(`${base}api/v1/jobs/${id}/report`);
-  assert.ok(report.ok && (await report.text()).startsWith("<!doctype html>"));
+  assert.ok(report.ok && /^<!doctype html>/i.test(await report.text()));
   figures.parts.push({ file, views: job.summary.views, agreement, dropped, off_mm: off, samples });
 }
 for (const [name, hash] of Object.entries({ jobs: "#/jobs", runs: "#/runs", specs: "#/specs/scanners/transcan-c", robot: "#/specs/robots/ur5e" })) {
