@@ -4,7 +4,7 @@ import { useEffect } from "preact/hooks";
 import { apiPath, post, type Job, type Region, type Run } from "./api";
 import { jobSignal, partName, readJob } from "./jobs";
 import { facts, JobActions, JobProblem, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
-import { area, goTo, hrefOf, percent, place, setQuery } from "./settings";
+import { area, goTo, hrefOf, percent, place, setQuery, withoutOptions } from "./settings";
 import { text } from "./text";
 import { Button, Lazy, Tabs } from "./widgets";
 
@@ -90,7 +90,7 @@ function Head({ job, tab }: { job: Job; tab: string }) {
           <JobActions job={job} onLabels={() => { labels.value = true; }} />
         </span>
       </div>
-      {action && <p class="next"><span>{text.job.next}: {action.text}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
+      {action && <p class="next"><span>{text.job.next}: {withoutOptions(action.text)}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
       <Progress job={job} /><JobProblem job={job} />
       {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
       <div class="headrow">

@@ -5,7 +5,7 @@ import { ask, idempotencyKey, post, put, remove, type Job } from "./api";
 import {
   cellName, ENDED, isListed, jobIds, jobSignal, keepJob, listJobs, listToken, partName, readJob, scannerName, secondsLeft, forgetJob,
 } from "./jobs";
-import { hrefOf, percent, place, seconds, setQuery, when, goTo } from "./settings";
+import { hrefOf, percent, place, seconds, setQuery, when, withoutOptions, goTo } from "./settings";
 import { text } from "./text";
 import { Button, Dialog, guarded, Select } from "./widgets";
 import { dropped } from "./dropped";
@@ -187,7 +187,7 @@ function Row({ id, fits, chosen, onChoose }: {
         </p>
         <p class="soft">{facts(job)} · <time dateTime={job.created_at}>{when(job.created_at)}</time></p>
         {job.summary && <p class="verdict">{job.summary.title}</p>}
-        {job.summary?.action && <p class="soft">{text.job.next}: {job.summary.action.text}</p>}
+        {job.summary?.action && <p class="soft">{text.job.next}: {withoutOptions(job.summary.action.text)}</p>}
         <Progress job={job} />
         <JobProblem job={job} />
       </div>

@@ -68,10 +68,13 @@ export function SpotPanel({ state, spot }: { state: Plan3d; spot: SpotState }) {
   rows.filter((row) => row.judgement.cause).forEach(({ judgement, view }) => {
     groups.set(judgement.cause!, [...(groups.get(judgement.cause!) ?? []), view!.id]);
   });
+  const panel = useRef<HTMLElement>(null);
+  // The answer to a click is shown, wherever the list beside was scrolled to.
+  useEffect(() => panel.current?.scrollIntoView({ block: "nearest" }), [spot]);
   const verdict = isGrade(spot.meaning) ? words.gradeNames[spot.meaning]! : causeName(spot.meaning);
   return (
-    <section class="spot" aria-label={words.spot}>
-      <p class="head"><h3>{seen.length ? words.seenBy(seen.length) : words.unseen}</h3><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></p>
+    <section class="spot" aria-label={words.spot} ref={panel}>
+      <div class="head"><h3>{seen.length ? words.seenBy(seen.length) : words.unseen}</h3><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></div>
       <p>{words.planCause}: <strong data-spot={spot.meaning}>{verdict}</strong> <span class="soft">({spot.hit.point.map((value) => lengthIn(value).toFixed(1)).join(", ")}) {lengthUnit()}</span></p>
       {seen.length > 0 && (
         <table>

@@ -111,7 +111,7 @@ function useRun(loaded: Loaded) {
         // Half of the samples goes when there are too many, so that an hour takes no more memory than a minute.
         const kept = samples.peek().length >= MAX_SAMPLES ? samples.peek().filter((_, i) => i % 2 === 0) : samples.peek();
         samples.value = [...kept, sample];
-        run.value = { ...run.peek(), step: sample.step, state: sample.state, elapsed_secs: sample.elapsed_secs };
+        run.value = { ...run.peek(), step: sample.step, state: sample.state, elapsed_secs: sample.elapsed_secs * run.peek().time_factor };
         return;
       }
       log.value = [...log.peek().slice(-MAX_LOG), { ...(data as LogEntry), kind }];
@@ -154,7 +154,7 @@ function Live({ loaded }: { loaded: Loaded }) {
         {stream.connection.value === "lost" && !OVER.includes(run.value.state) && <p class="problem" role="alert">{text.connection.lostLong}</p>}
         <Controls run={run} onDone={read} />
         <RunFacts run={run.value} />
-        <Plots samples={samples} />
+        <Plots samples={samples} factor={run.value.time_factor} />
         <h3>{words.log}</h3>
         <ol class="log" tabIndex={0} aria-label={words.log}>{log.value.map((entry, i) => (
           <li key={i}>{new Date(entry.at).toLocaleTimeString()} {entry.kind} {stateName(entry.state)}, {words.progress.toLowerCase()} {entry.step}{entry.detail ? `: ${entry.detail}` : ""}</li>
@@ -248,13 +248,13 @@ function RunFacts({ run }: { run: Run }) {
 
 const PLOTTED = 600;
 
-function Plots({ samples }: { samples: Signal<RunSample[]> }) {
+function Plots({ samples, factor }: { samples: Signal<RunSample[]>; factor: number }) {
   const all = samples.value;
   const { x, deviation, joints } = useMemo(() => {
     const every = Math.max(1, Math.ceil(all.length / PLOTTED));
     const some = all.filter((_, i) => i % every === 0 || i === all.length - 1);
     return {
-      x: some.map((sample) => sample.elapsed_secs),
+      x: some.map((sample) => sample.elapsed_secs * factor),
       deviation: [{ label: words.deviation, values: some.map((sample) => sample.deviation_deg) }],
       joints: [0, 1, 2, 3, 4, 5, 6].map((i) => ({ label: i < 6 ? `J${i + 1}` : text.cell.table, colour: LINES[i]!,
         values: some.map((sample) => (i < 6 ? sample.measured.joints_deg[i]! : sample.measured.table_angle_deg)) })),

@@ -69,3 +69,6 @@ export const seconds = (secs: number): string => {
 };
 export const degrees = (deg: number): string => `${deg.toFixed(1)}°`;
 export const when = (time: string): string => new Date(time).toLocaleString();
+
+/** A sentence of the server without the options of the command line, which a button stands for here. */
+export const withoutOptions = (sentence: string): string => sentence.replace(/:?(?: --set (?:'[^']*'|[^\s;]+))+/g, "");

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-IZSNQ4D7.js";import"./chunk-HOCJYS57.js";import"./chunk-5MD6KIB2.js";import"./chunk-6YKTQZXS.js";import"./chunk-DVD6J6VY.js";import"./chunk-JH2VQAYB.js";import"./chunk-APL7CDHP.js";import"./chunk-KP53ZSYK.js";import"./chunk-YSZMC7RV.js";import"./chunk-PWMXAQ6I.js";import"./chunk-VMOTANUS.js";export{b as CellView,a as programsOf};
