@@ -140,7 +140,10 @@ fn inspect_shows_a_mesh_in_all_units() {
 #[test]
 fn the_page_has_no_unit_chosen() {
     let page = include_str!("../../static/src/create.tsx");
-    assert!(page.contains("const unit = useSignal(\"\");") && page.contains("[\"\", text.create.unitChoose]"), "the first choice is none");
+    assert!(
+        page.contains("const unit = useSignal(\"\");") && page.contains("[\"\", text.create.unitChoose]"),
+        "the first choice is none"
+    );
     assert!(page.contains("const canStart = Boolean(base ?? (first && unit.value))"), "nothing begins without a unit");
     let uses = page.matches("unit.value = ").count();
     assert_eq!(uses, 1, "only the reader chooses it");

@@ -18,7 +18,7 @@ fn sources(folder: &str) -> PathBuf {
 /// The line of JSON that a script prints at its end; it must end well.
 fn figures(script: &str, modules: &Path, browser: &Path, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().expect("a folder");
-    for file in ["browser.mjs", "walk.mjs", "events.mjs"] {
+    for file in ["browser.mjs", "walk.mjs", "events.mjs", "signin.mjs"] {
         std::fs::copy(sources("tests/oracles/dashboard").join(file), folder.path().join(file)).expect("copied");
     }
     std::os::unix::fs::symlink(modules, folder.path().join("node_modules")).expect("linked");
@@ -72,6 +72,16 @@ fn no_event_is_lost_or_doubled_while_connections_drop() {
     let reached = figures("events.mjs", &modules, &browser, &[&server.url("/"), &DROPS.to_string()]);
     println!("{reached}");
     assert!(reached["drops"].as_u64() >= Some(DROPS) && reached["events"].as_u64() > Some(DROPS / 2), "{reached}");
+}
+
+#[test]
+fn the_key_is_exchanged_for_a_session() {
+    const KEY: &str = "0123456789abcdef-dashboard";
+    let (Some(browser), Some(modules)) = (chromium(), dashboard_node()) else { return };
+    let data = tempfile::tempdir().expect("a folder");
+    let server = Server::start(data.path(), &[("VANTAGE_SERVER__API_KEY", KEY)]);
+    let reached = figures("signin.mjs", &modules, &browser, &[&server.url("/"), KEY]);
+    assert_eq!(reached["cookies"], 1, "{reached}");
 }
 
 /// Files of a folder by name.
