@@ -101,7 +101,8 @@ function useRun(loaded: Loaded) {
   const run = useSignal(loaded.run);
   const samples = useSignal<RunSample[]>([]);
   const log = useSignal<LogEntry[]>([]);
-  const read = (): Promise<void> => ask<Run>(`/runs/${loaded.run.id}`).then((fresh) => { run.value = fresh; }, () => {});
+  // The end is told before the record with the coverage is stored; the server answers when it is.
+  const read = (isEnd = false): Promise<void> => ask<Run>(`/runs/${loaded.run.id}${isEnd ? "?wait=20s" : ""}`).then((fresh) => { run.value = fresh; }, () => {});
   const stream = useMemo(() => new Stream({
     path: `/runs/${loaded.run.id}/events`, numbered: false, onReset: () => void read(),
     onEvent: ({ kind, data }: LiveEvent) => {
@@ -115,7 +116,7 @@ function useRun(loaded: Loaded) {
         return;
       }
       log.value = [...log.peek().slice(-MAX_LOG), { ...(data as LogEntry), kind }];
-      void read();
+      void read(OVER.includes((data as LogEntry).state));
     },
   }), [loaded.run.id]);
   useEffect(() => () => stream.close(), [stream]);
@@ -152,7 +153,7 @@ function Live({ loaded }: { loaded: Loaded }) {
         <h1>{loaded.job ? <a href={hrefOf(["jobs", loaded.job.id])}>{partName(loaded.job)}</a> : run.value.id.slice(0, 8)} <span id="run-state" class={`state ${run.value.state}`}>{stateName(run.value.state)}</span></h1>
         <p class="safety">{words.safety}</p>
         {stream.connection.value === "lost" && !OVER.includes(run.value.state) && <p class="problem" role="alert">{text.connection.lostLong}</p>}
-        <Controls run={run} onDone={read} />
+        <Controls run={run} onDone={() => read()} />
         <RunFacts run={run.value} />
         <Plots samples={samples} factor={run.value.time_factor} />
         <h3>{words.log}</h3>

@@ -183,7 +183,7 @@ async function run() {
   await check("run");
   await page.locator("#run-state.done").waitFor();
   const id = (await page.evaluate(() => location.hash)).split("/")[2];
-  const [{ coverage, steps, step }, samples] = [await api(`/runs/${id}`), await page.evaluate(() => window.vantage.run.samples.value.length)];
+  const [{ coverage, steps, step }, samples] = [await api(`/runs/${id}?wait=60s`), await page.evaluate(() => window.vantage.run.samples.value.length)];
   assert.equal(step, steps);
   assert.ok(Math.abs(coverage.measured_of_asked - coverage.planned_of_asked) < 0.01);
   return samples;
